@@ -1,0 +1,186 @@
+"""Settings: frozen dataclasses whose fields know unit, bounds and source; a strict JSON loader.
+
+Nothing is merged and nothing is guessed: an unknown key, a wrong type or a value out of bounds is
+an error that names the place, the value and what was expected.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import types
+import typing
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, TypeVar, dataclass_transform
+
+T = TypeVar("T")
+
+
+class InputError(ValueError):
+    """Something a person gave is wrong; its message is one line that says what and where."""
+
+
+def setting(
+    default: Any,
+    unit: str = "",
+    source: str = "",
+    *,
+    low: float | None = None,
+    high: float | None = None,
+) -> Any:
+    """A field of a settings class: default, unit, source of the default, inclusive bounds."""
+    metadata = {"unit": unit, "source": source, "low": low, "high": high}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(setting, dataclasses.field))
+def settings(cls: type[T]) -> type[T]:
+    """Make a frozen dataclass whose values are checked whenever one is made."""
+    own = getattr(cls, "__post_init__", None)
+
+    def check(self: Any) -> None:
+        hints = typing.get_type_hints(type(self))
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            where = f"{type(self).__name__}.{field.name}"
+            value = _convert(value, hints[field.name], where)
+            _bounded(value, field.metadata, where)
+            object.__setattr__(self, field.name, value)
+        if own is not None:
+            own(self)
+
+    cls.__post_init__ = check  # type: ignore[attr-defined]
+    return dataclasses.dataclass(frozen=True)(cls)
+
+
+def _bounded(value: Any, metadata: Mapping[str, Any], where: str) -> None:
+    low, high = metadata.get("low"), metadata.get("high")
+    for number in value if isinstance(value, tuple) else (value,):
+        if isinstance(number, bool) or not isinstance(number, int | float):
+            continue
+        if (low is not None and number < low) or (high is not None and number > high):
+            bounds = " and ".join(
+                ([f"at least {low}"] if low is not None else [])
+                + ([f"at most {high}"] if high is not None else [])
+            )
+            raise InputError(f"{where} is {number}; it must be {bounds}")
+
+
+def _name(hint: Any) -> str:
+    return "null" if hint is type(None) else getattr(hint, "__name__", str(hint))
+
+
+def _convert(value: Any, hint: Any, where: str) -> Any:
+    """The value as the type that the hint asks for, or an error that names the place."""
+    origin, args = typing.get_origin(hint), typing.get_args(hint)
+    if origin is Literal:
+        if value not in args:
+            raise InputError(f"{where} is {value!r}; it must be one of {', '.join(map(str, args))}")
+        return value
+    if origin in (types.UnionType, typing.Union):
+        for option in args:
+            try:
+                return _convert(value, option, where)
+            except InputError:
+                if dataclasses.is_dataclass(option) and isinstance(value, Mapping):
+                    raise
+        expected = " or ".join(_name(option) for option in args)
+        raise InputError(f"{where} is {value!r}; expected {expected}")
+    if origin is tuple:
+        if not isinstance(value, Sequence) or isinstance(value, str):
+            raise InputError(f"{where} is {value!r}; expected a list")
+        if args[-1] is Ellipsis:
+            return tuple(_convert(v, args[0], f"{where}[{i}]") for i, v in enumerate(value))
+        if len(value) != len(args):
+            raise InputError(f"{where} has {len(value)} values; expected {len(args)}")
+        pairs = zip(value, args, strict=True)
+        return tuple(_convert(v, a, f"{where}[{i}]") for i, (v, a) in enumerate(pairs))
+    if origin in (dict, Mapping) or (origin is not None and issubclass(origin, Mapping)):
+        if not isinstance(value, Mapping):
+            raise InputError(f"{where} is {value!r}; expected an object")
+        return {k: _convert(v, args[1], f"{where}.{k}") for k, v in value.items()}
+    if dataclasses.is_dataclass(hint):
+        if isinstance(value, Mapping):
+            return load(typing.cast(type, hint), value, where)
+        if isinstance(value, typing.cast(type, hint)):
+            return value
+        raise InputError(f"{where} is {value!r}; expected an object ({_name(hint)})")
+    if hint is Any:
+        return value
+    if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
+        if math.isnan(value):
+            raise InputError(f"{where} is NaN; expected a number")
+        return float(value)
+    if hint is int and hasattr(value, "__index__") and not isinstance(value, bool):
+        return int(value)
+    if isinstance(value, hint) and not (isinstance(value, bool) and hint is not bool):
+        return value
+    raise InputError(f"{where} is {value!r}; expected {_name(hint)}")
+
+
+def load(cls: type[T], data: Mapping[str, Any], where: str) -> T:
+    """Make settings from a mapping (JSON content).
+
+    Args:
+        cls: a settings class.
+        data: its keys and values; missing keys keep their defaults.
+        where: how errors call this mapping, such as a file's name.
+
+    Raises:
+        InputError: an unknown key, a wrong type or a value out of bounds.
+    """
+    if not isinstance(data, Mapping):
+        raise InputError(f"{where}: expected an object with keys, got {type(data).__name__}")
+    fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    for key in data:
+        if key not in fields:
+            raise InputError(f"{where}.{key} is not a setting; it has {', '.join(sorted(fields))}")
+    hints = typing.get_type_hints(cls)
+    values = {}
+    for key, value in data.items():
+        values[key] = _convert(value, hints[key], f"{where}.{key}")
+        _bounded(values[key], fields[key].metadata, f"{where}.{key}")
+    try:
+        return cls(**values)
+    except InputError as error:  # a rule between several settings
+        raise InputError(f"{where}: {error}") from None
+
+
+def read_json(path: str | Path) -> Any:
+    """The content of a JSON file.
+
+    Raises:
+        InputError: the file is missing, unreadable or not JSON.
+    """
+    path = Path(path)
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file; expected JSON in UTF-8") from None
+    except json.JSONDecodeError as error:
+        message = f"{path}: line {error.lineno}, column {error.colno}: not JSON: {error.msg}"
+        raise InputError(message) from None
+
+
+def read(cls: type[T], path: str | Path) -> T:
+    """Make settings from a JSON file.
+
+    Raises:
+        InputError: the file cannot be read, or its content is not what the class expects.
+    """
+    return load(cls, read_json(path), Path(path).name)
+
+
+def dump(value: Any) -> Any:
+    """Settings as plain JSON-able values; `load` reads them back to an equal object."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: dump(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {key: dump(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [dump(item) for item in value]
+    return value

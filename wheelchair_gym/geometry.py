@@ -1,0 +1,219 @@
+"""Angles, frames, segments and footprints: pure functions, used by every room.
+
+Frames follow REP-103: x forward, y left, angles counter-clockwise [rad]; lengths in metres.
+Scalar kernels serve compiled loops; functions on arrays accept any batch axes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wheelchair_gym.config import setting, settings
+from wheelchair_gym.kernel import kernel
+
+Array = NDArray[np.float64]
+
+
+@settings
+class Footprint:
+    """The chair's outline: a rectangle; the origin of its frame is the drive axle's centre."""
+
+    front: float = setting(0.70, "m", "1.00 m long, as powered chairs of 0.81-1.02 m", low=0.01)
+    rear: float = setting(0.30, "m", "drive axle 0.30 m before the rear edge", low=0.01)
+    half_width: float = setting(0.31, "m", "powered chairs are 0.61-0.65 m wide", low=0.01)
+
+    @property
+    def corners(self) -> Array:
+        """Corners (4, 2) [m] in the chair's frame, counter-clockwise from rear right."""
+        f, r, h = self.front, self.rear, self.half_width
+        return np.array([(-r, -h), (f, -h), (f, h), (-r, h)])
+
+    @property
+    def reach(self) -> float:
+        """Distance from the axle's centre to the farthest corner [m]."""
+        return math.hypot(max(self.front, self.rear), self.half_width)
+
+    @property
+    def array(self) -> Array:
+        """(front, rear, half width) [m], as kernels take it."""
+        return np.array([self.front, self.rear, self.half_width])
+
+
+def wrap_angle(angle: ArrayLike) -> Array:
+    """Angles [rad] brought into [-pi, pi)."""
+    return (np.asarray(angle, dtype=np.float64) + math.pi) % (2 * math.pi) - math.pi
+
+
+@kernel
+def wrap(angle: float) -> float:
+    """One angle [rad] brought into [-pi, pi)."""
+    return (angle + math.pi) % (2 * math.pi) - math.pi
+
+
+def to_frame(points: ArrayLike, pose: ArrayLike) -> Array:
+    """Points (..., 2) [m] of the world, seen from a pose (3,) (x, y, yaw)."""
+    x, y, yaw = np.asarray(pose, dtype=np.float64)
+    c, s = math.cos(yaw), math.sin(yaw)
+    return (np.asarray(points, dtype=np.float64) - (x, y)) @ np.array([(c, -s), (s, c)])
+
+
+def to_world(points: ArrayLike, pose: ArrayLike) -> Array:
+    """Points (..., 2) [m] of a frame at pose (3,) (x, y, yaw), in the world."""
+    x, y, yaw = np.asarray(pose, dtype=np.float64)
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.asarray(points, dtype=np.float64) @ np.array([(c, s), (-s, c)]) + (x, y)
+
+
+def path_length(path: ArrayLike) -> float:
+    """Euclidean length [m] of a polyline (n, 2 or 3); a third column (yaw) does not count."""
+    points = np.asarray(path, dtype=np.float64)[:, :2]
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def polygon_edges(polygon: ArrayLike) -> Array:
+    """The closed outline of a polygon (k, 2) as segments (k, 4) [m]: x0, y0, x1, y1."""
+    points = np.asarray(polygon, dtype=np.float64)
+    return np.hstack([points, np.roll(points, -1, axis=0)])  # (k, 4)
+
+
+@kernel
+def point_segment_distance(
+    px: float, py: float, ax: float, ay: float, bx: float, by: float
+) -> float:
+    """Distance [m] from a point to the segment a-b."""
+    ex, ey = bx - ax, by - ay
+    square = ex * ex + ey * ey
+    t = 0.0
+    if square > 0.0:
+        t = min(1.0, max(0.0, ((px - ax) * ex + (py - ay) * ey) / square))
+    return math.hypot(px - ax - t * ex, py - ay - t * ey)
+
+
+@kernel
+def segments_cross(
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float
+) -> bool:
+    """Whether a-b and c-d cross at a point inside both: touching ends and overlaps do not count."""
+    abc = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    abd = (bx - ax) * (dy - ay) - (by - ay) * (dx - ax)
+    cda = (dx - cx) * (ay - cy) - (dy - cy) * (ax - cx)
+    cdb = (dx - cx) * (by - cy) - (dy - cy) * (bx - cx)
+    return abc * abd < 0.0 and cda * cdb < 0.0
+
+
+@kernel
+def segment_segment_distance(
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float
+) -> float:
+    """Distance [m] between the segments a-b and c-d; 0 where they cross."""
+    if segments_cross(ax, ay, bx, by, cx, cy, dx, dy):
+        return 0.0
+    return min(
+        point_segment_distance(ax, ay, cx, cy, dx, dy),
+        point_segment_distance(bx, by, cx, cy, dx, dy),
+        point_segment_distance(cx, cy, ax, ay, bx, by),
+        point_segment_distance(dx, dy, ax, ay, bx, by),
+    )
+
+
+@kernel
+def rectangle_point_gap(px: float, py: float, footprint: Array) -> float:
+    """Distance [m] from a point in the footprint's own frame to the footprint; 0 inside."""
+    dx = max(max(px - footprint[0], -footprint[1] - px), 0.0)
+    dy = max(abs(py) - footprint[2], 0.0)
+    return math.hypot(dx, dy)
+
+
+@kernel
+def rectangle_segment_gap(
+    x: float,
+    y: float,
+    yaw: float,
+    footprint: Array,
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+) -> float:
+    """Distance [m] between a footprint at a pose and the segment a-b; 0 where they overlap.
+
+    Args:
+        x: the pose's x [m]; then y [m] and yaw [rad].
+        y: see x.
+        yaw: see x.
+        footprint: (front, rear, half width) [m], `Footprint.array`.
+        ax: the segment's ends [m], in the world.
+        ay: see ax.
+        bx: see ax.
+        by: see ax.
+    """
+    c, s = math.cos(yaw), math.sin(yaw)
+    front, back, half = footprint[0], -footprint[1], footprint[2]
+    px, py = c * (ax - x) + s * (ay - y), c * (ay - y) - s * (ax - x)
+    qx, qy = c * (bx - x) + s * (by - y), c * (by - y) - s * (bx - x)
+    # Liang and Barsky: the part of the segment inside the rectangle is t0..t1.
+    t0, t1 = 0.0, 1.0
+    ex, ey = qx - px, qy - py
+    overlap = True
+    for k in range(4):
+        if k == 0:
+            step, room = -ex, px - back
+        elif k == 1:
+            step, room = ex, front - px
+        elif k == 2:
+            step, room = -ey, py + half
+        else:
+            step, room = ey, half - py
+        if step == 0.0:
+            if room < 0.0:
+                overlap = False
+        elif step < 0.0:
+            t0 = max(t0, room / step)
+        else:
+            t1 = min(t1, room / step)
+    if overlap and t0 <= t1:
+        return 0.0
+    # Apart: the nearest pair has an end of the segment, or a corner of the rectangle.
+    gap = min(rectangle_point_gap(px, py, footprint), rectangle_point_gap(qx, qy, footprint))
+    for k in range(4):
+        corner_x = front if k < 2 else back
+        corner_y = half if k % 2 == 0 else -half
+        gap = min(gap, point_segment_distance(corner_x, corner_y, px, py, qx, qy))
+    return gap
+
+
+@kernel
+def footprint_clearance(
+    x: float, y: float, yaw: float, footprint: Array, walls: Array, discs: Array, reach: float
+) -> float:
+    """Distance [m] from a footprint at a pose to the nearest wall or disc, at most `reach`.
+
+    Args:
+        x: the pose's x [m]; then y [m] and yaw [rad].
+        y: see x.
+        yaw: see x.
+        footprint: (front, rear, half width) [m].
+        walls: segments (n, 4) [m].
+        discs: discs (m, 3) [m]: x, y, radius.
+        reach: distances beyond this are not looked for [m].
+    """
+    gap = reach
+    far = reach + math.hypot(max(footprint[0], footprint[1]), footprint[2])
+    for k in range(walls.shape[0]):
+        ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
+        if min(ax, bx) - x > far or x - max(ax, bx) > far:
+            continue
+        if min(ay, by) - y > far or y - max(ay, by) > far:
+            continue
+        gap = min(gap, rectangle_segment_gap(x, y, yaw, footprint, ax, ay, bx, by))
+    c, s = math.cos(yaw), math.sin(yaw)
+    for k in range(discs.shape[0]):
+        dx, dy, radius = discs[k, 0] - x, discs[k, 1] - y, discs[k, 2]
+        if abs(dx) - radius > far or abs(dy) - radius > far:
+            continue
+        distance = rectangle_point_gap(c * dx + s * dy, c * dy - s * dx, footprint)
+        gap = min(gap, max(0.0, distance - radius))
+    return gap

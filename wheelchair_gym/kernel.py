@@ -1,0 +1,64 @@
+"""Compiled functions: one decorator, so that options and cache live in one place.
+
+numba's own cache looks at the file of a function only: a kernel in one file keeps running an old
+copy of a kernel that it calls in another. Here the stamp covers every kernel called, and every
+constant frozen in, so an edit anywhere recompiles what depends on it and nothing else.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar, cast
+
+import numba
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+# No fast-math anywhere: results may not depend on how a loop was vectorised or inlined, since one
+# chair and a batch of chairs must agree bit for bit. The numpy error model drops the check for
+# division by zero, which is what stops vectorisation.
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "cache": True}
+
+
+@cache
+def _file_digest(path: str) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def _digest(function: Callable[..., Any]) -> str:
+    """Digest of the function's file, of the kernels it calls and of the constants it freezes."""
+    code = function.__code__
+    parts = [_file_digest(code.co_filename)]
+    for name in code.co_names:
+        value = function.__globals__.get(name)
+        if hasattr(value, "source_digest"):
+            parts.append(value.source_digest)
+        elif value is not None and not callable(value) and not isinstance(value, ModuleType):
+            parts.append(f"{name}={value!r}")
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def _compiled(function: F, **options: Any) -> F:
+    dispatcher = numba.njit(**_OPTIONS, **options)(function)
+    dispatcher.source_digest = _digest(function)
+    dispatcher._cache._cache_file._source_stamp = dispatcher.source_digest
+    return cast(F, dispatcher)
+
+
+def kernel(function: F) -> F:
+    """Compile a pure function of numbers and arrays; import the kernels it calls by name."""
+    return _compiled(function)
+
+
+def inlined(function: F) -> F:
+    """Compile a small function that its callers absorb; for arithmetic inside the hottest loops."""
+    return _compiled(function, inline="always")
+
+
+def parallel_kernel(function: F) -> F:
+    """Compile a function whose prange loops run on several threads."""
+    return _compiled(function, parallel=True)

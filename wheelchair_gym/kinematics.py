@@ -1,0 +1,147 @@
+"""Twist and wheels, the odometric model and the chair's limits.
+
+A differential drive: v = (v_R + v_L) / 2 and w = (v_R - v_L) / track.
+A twist is (v, w) [m/s, rad/s].
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.kernel import kernel
+
+Array = NDArray[np.float64]
+
+
+@settings
+class Limits:
+    """What the chair may be asked to do; protective braking is exempt from comfort limits."""
+
+    forward: float = setting(
+        0.8, "m/s", "people drive indoors far below the maximum", low=0.05, high=2.0
+    )
+    backward: float = setting(0.3, "m/s", "nothing looks back", low=0.0, high=2.0)
+    turn: float = setting(1.0, "rad/s", "indoor powered chairs", low=0.05, high=4.0)
+    acceleration: float = setting(0.5, "m/s2", "comfort", low=0.05, high=5.0)
+    deceleration: float = setting(0.8, "m/s2", "comfort", low=0.05, high=5.0)
+    protective: float = setting(1.5, "m/s2", "emergency stop, exempt from jerk", low=0.05, high=5.0)
+    turn_acceleration: float = setting(1.5, "rad/s2", "comfort", low=0.05, high=10.0)
+    jerk: float = setting(1.0, "m/s3", "comfort grows worse with jerk", low=0.1, high=100.0)
+    turn_jerk: float = setting(
+        6.0, "rad/s3", "full turn acceleration in 0.25 s", low=0.1, high=100.0
+    )
+
+    @property
+    def array(self) -> Array:
+        """The nine limits in the order above, as kernels take them."""
+        return np.array(
+            [
+                self.forward,
+                self.backward,
+                self.turn,
+                self.acceleration,
+                self.deceleration,
+                self.protective,
+                self.turn_acceleration,
+                self.jerk,
+                self.turn_jerk,
+            ]
+        )
+
+    def twist(self, action: NDArray[np.floating]) -> Array:
+        """The target twist (2,) [m/s, rad/s] that an action (2,) in [-1, 1] asks for.
+
+        Raises:
+            InputError: the action is not two finite numbers.
+        """
+        a = np.asarray(action, dtype=np.float64)
+        if a.shape != (2,) or not np.isfinite(a).all():
+            raise InputError(f"action is {action!r}; expected two finite numbers in [-1, 1]")
+        v, w = np.clip(a, -1.0, 1.0)
+        return np.array([v * (self.forward if v > 0 else self.backward), w * self.turn])
+
+    def action(self, twist: NDArray[np.floating]) -> Array:
+        """The action (2,) in [-1, 1] that asks for a twist (2,), clipped to the limits."""
+        v, w = float(twist[0]), float(twist[1])
+        a = v / self.forward if v > 0 else (v / self.backward if self.backward > 0 else 0.0)
+        return np.clip(np.array([a, w / self.turn]), -1.0, 1.0)
+
+
+@settings
+class DriveGeometry:
+    """The two drive wheels, as the chair's own computer believes them to be."""
+
+    track: float = setting(0.54, "m", "common hub motors", low=0.1)
+    wheel_radius: float = setting(0.165, "m", "common hub motors", low=0.02)
+    counts_per_metre: float = setting(4346.0, "1/m", "encoder of the prototype", low=1.0)
+
+
+@kernel
+def wheels_of_twist(v: float, w: float, track: float) -> tuple[float, float]:
+    """Rim speeds (left, right) [m/s] of a twist."""
+    return v - 0.5 * track * w, v + 0.5 * track * w
+
+
+@kernel
+def twist_of_wheels(left: float, right: float, track: float) -> tuple[float, float]:
+    """Twist (v, w) of the rim speeds [m/s]."""
+    return 0.5 * (left + right), (right - left) / track
+
+
+@kernel
+def odometric_step(
+    x: float, y: float, yaw: float, distance: float, turn: float
+) -> tuple[float, float, float]:
+    """The pose after a way [m] driven while turning [rad]: the thesis's model (2.15)-(2.17).
+
+    Heading from +x, counter-clockwise; the way lies along the mean heading, which is exact to
+    second order in the turn.
+    """
+    middle = yaw + 0.5 * turn
+    return x + distance * math.cos(middle), y + distance * math.sin(middle), yaw + turn
+
+
+@kernel
+def arc_step(
+    x: float, y: float, yaw: float, v: float, w: float, t: float
+) -> tuple[float, float, float]:
+    """The pose after driving a twist for t seconds: the exact arc."""
+    half = 0.5 * w * t
+    chord = v * t * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
+    return x + chord * math.cos(yaw + half), y + chord * math.sin(yaw + half), yaw + w * t
+
+
+@kernel
+def approach(
+    speed: float, slope: float, target: float, up: float, down: float, jerk: float, dt: float
+) -> tuple[float, float]:
+    """Move a speed towards its target within limits of acceleration and jerk.
+
+    Args:
+        speed: now [m/s or rad/s].
+        slope: its present rate of change.
+        target: where it shall end.
+        up: largest rate away from zero.
+        down: largest rate towards zero.
+        jerk: largest change of the rate per second.
+        dt: time step [s].
+
+    Returns:
+        The speed and its rate of change after the step.
+    """
+    gap = target - speed
+    braking = speed != 0.0 and (speed > 0.0) != (gap > 0.0)
+    limit = down if braking else up
+    # The rate from which jerk can still bring the slope to zero when the target is reached.
+    final = math.sqrt(2.0 * jerk * abs(gap) + 0.25 * jerk * jerk * dt * dt) - 0.5 * jerk * dt
+    wanted = math.copysign(min(limit, final, abs(gap) / dt), gap)
+    change = min(jerk * dt, max(-jerk * dt, wanted - slope))
+    slope = slope + change
+    after = speed + slope * dt
+    if (target - after) * gap <= 0.0 and abs(slope) <= 2.0 * jerk * dt:
+        return target, 0.0
+    return after, slope

@@ -1,0 +1,79 @@
+"""The words that everyone speaks: what a chair can know, where it is, and what drives it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from wheelchair_gym.maps import OccupancyGrid
+
+Array = NDArray[np.float64]
+
+
+class Reading(NamedTuple):
+    """All that a chair can know at one instant; never changed in place.
+
+    No echo is +inf, too near -inf, invalid NaN (REP-117).
+    """
+
+    pose: Array  # (3,) m, m, rad: where the chair believes it is, in the map frame
+    twist: Array  # (2,) m/s, rad/s: from the encoders
+    laser: NDArray[np.float32]  # (beams,) m
+    ultrasonic: NDArray[np.float32]  # (8,) m
+    age: NDArray[np.float32]  # (8,) s since each ultrasonic fired
+    bumped: bool  # a bumper strip is pressed
+    battery: float  # V
+    stamp: float  # s since reset
+
+
+def no_walls() -> Array:
+    """Walls (0, 4) of an empty world."""
+    return np.empty((0, 4))
+
+
+def no_discs() -> Array:
+    """Discs (0, 3) of a world without any."""
+    return np.empty((0, 3))
+
+
+@dataclass(frozen=True)
+class Episode:
+    """Where and what: a world, a start and a goal.
+
+    Walls form closed loops that do not cross: a point is inside something solid exactly if a ray
+    from it crosses walls an odd number of times. The map is what the chair is told about the world.
+    """
+
+    map: OccupancyGrid
+    start: Array  # (3,) m, m, rad
+    goal: Array  # (3,) m, m, rad; the heading counts only where the task asks for it
+    walls: Array = field(default_factory=no_walls)  # (n, 4) m: x0, y0, x1, y1
+    discs: Array = field(default_factory=no_discs)  # (m, 3) m: x, y, radius
+    tolerance: float | None = None  # m: how near the goal counts, where the world says so
+    time_limit: float | None = None  # s: where the world says so
+    name: str = ""
+
+
+class Chair(Protocol):
+    """Something that drives and senses. Time belongs to it: `drive` takes one control period."""
+
+    def reset(self, episode: Episode, key: int) -> Reading:
+        """Stand at the episode's start (a real chair stays where it is) and sense.
+
+        Args:
+            episode: the world, where the chair is simulated.
+            key: seeds every random draw until the next reset.
+        """
+        ...
+
+    def drive(self, twist: Array) -> Reading:
+        """Drive towards a target twist (2,) [m/s, rad/s] for one control period, then sense."""
+        ...
+
+    def close(self) -> None:
+        """Stop, and let go of everything held."""
+        ...
