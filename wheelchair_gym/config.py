@@ -23,10 +23,10 @@ class InputError(ValueError):
 
 
 def setting(
+    *,
     default: Any,
     unit: str = "",
     source: str = "",
-    *,
     low: float | None = None,
     high: float | None = None,
 ) -> Any:

@@ -21,9 +21,15 @@ Array = NDArray[np.float64]
 class Footprint:
     """The chair's outline: a rectangle; the origin of its frame is the drive axle's centre."""
 
-    front: float = setting(0.70, "m", "1.00 m long, as powered chairs of 0.81-1.02 m", low=0.01)
-    rear: float = setting(0.30, "m", "drive axle 0.30 m before the rear edge", low=0.01)
-    half_width: float = setting(0.31, "m", "powered chairs are 0.61-0.65 m wide", low=0.01)
+    front: float = setting(
+        default=0.70, unit="m", source="1.00 m long, as powered chairs of 0.81-1.02 m", low=0.01
+    )
+    rear: float = setting(
+        default=0.30, unit="m", source="drive axle 0.30 m before the rear edge", low=0.01
+    )
+    half_width: float = setting(
+        default=0.31, unit="m", source="powered chairs are 0.61-0.65 m wide", low=0.01
+    )
 
     @property
     def corners(self) -> Array:
@@ -57,14 +63,16 @@ def to_frame(points: ArrayLike, pose: ArrayLike) -> Array:
     """Points (..., 2) [m] of the world, seen from a pose (3,) (x, y, yaw)."""
     x, y, yaw = np.asarray(pose, dtype=np.float64)
     c, s = math.cos(yaw), math.sin(yaw)
-    return (np.asarray(points, dtype=np.float64) - (x, y)) @ np.array([(c, -s), (s, c)])
+    seen: Array = (np.asarray(points, dtype=np.float64) - (x, y)) @ np.array([(c, -s), (s, c)])
+    return seen
 
 
 def to_world(points: ArrayLike, pose: ArrayLike) -> Array:
     """Points (..., 2) [m] of a frame at pose (3,) (x, y, yaw), in the world."""
     x, y, yaw = np.asarray(pose, dtype=np.float64)
     c, s = math.cos(yaw), math.sin(yaw)
-    return np.asarray(points, dtype=np.float64) @ np.array([(c, s), (-s, c)]) + (x, y)
+    placed: Array = np.asarray(points, dtype=np.float64) @ np.array([(c, s), (-s, c)]) + (x, y)
+    return placed
 
 
 def path_length(path: ArrayLike) -> float:

@@ -36,7 +36,7 @@ def _digest(function: Callable[..., Any]) -> str:
     for name in code.co_names:
         value = function.__globals__.get(name)
         if hasattr(value, "source_digest"):
-            parts.append(value.source_digest)
+            parts.append(str(vars(value)["source_digest"]))
         elif value is not None and not callable(value) and not isinstance(value, ModuleType):
             parts.append(f"{name}={value!r}")
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()

@@ -22,17 +22,31 @@ class Limits:
     """What the chair may be asked to do; protective braking is exempt from comfort limits."""
 
     forward: float = setting(
-        0.8, "m/s", "people drive indoors far below the maximum", low=0.05, high=2.0
+        default=0.8,
+        unit="m/s",
+        source="people drive indoors far below the maximum",
+        low=0.05,
+        high=2.0,
     )
-    backward: float = setting(0.3, "m/s", "nothing looks back", low=0.0, high=2.0)
-    turn: float = setting(1.0, "rad/s", "indoor powered chairs", low=0.05, high=4.0)
-    acceleration: float = setting(0.5, "m/s2", "comfort", low=0.05, high=5.0)
-    deceleration: float = setting(0.8, "m/s2", "comfort", low=0.05, high=5.0)
-    protective: float = setting(1.5, "m/s2", "emergency stop, exempt from jerk", low=0.05, high=5.0)
-    turn_acceleration: float = setting(1.5, "rad/s2", "comfort", low=0.05, high=10.0)
-    jerk: float = setting(1.0, "m/s3", "comfort grows worse with jerk", low=0.1, high=100.0)
+    backward: float = setting(
+        default=0.3, unit="m/s", source="nothing looks back", low=0.0, high=2.0
+    )
+    turn: float = setting(
+        default=1.0, unit="rad/s", source="indoor powered chairs", low=0.05, high=4.0
+    )
+    acceleration: float = setting(default=0.5, unit="m/s2", source="comfort", low=0.05, high=5.0)
+    deceleration: float = setting(default=0.8, unit="m/s2", source="comfort", low=0.05, high=5.0)
+    protective: float = setting(
+        default=1.5, unit="m/s2", source="emergency stop, exempt from jerk", low=0.05, high=5.0
+    )
+    turn_acceleration: float = setting(
+        default=1.5, unit="rad/s2", source="comfort", low=0.05, high=10.0
+    )
+    jerk: float = setting(
+        default=1.0, unit="m/s3", source="comfort grows worse with jerk", low=0.1, high=100.0
+    )
     turn_jerk: float = setting(
-        6.0, "rad/s3", "full turn acceleration in 0.25 s", low=0.1, high=100.0
+        default=6.0, unit="rad/s3", source="full turn acceleration in 0.25 s", low=0.1, high=100.0
     )
 
     @property
@@ -68,16 +82,19 @@ class Limits:
         """The action (2,) in [-1, 1] that asks for a twist (2,), clipped to the limits."""
         v, w = float(twist[0]), float(twist[1])
         a = v / self.forward if v > 0 else (v / self.backward if self.backward > 0 else 0.0)
-        return np.clip(np.array([a, w / self.turn]), -1.0, 1.0)
+        action: Array = np.clip(np.array([a, w / self.turn]), -1.0, 1.0)
+        return action
 
 
 @settings
 class DriveGeometry:
     """The two drive wheels, as the chair's own computer believes them to be."""
 
-    track: float = setting(0.54, "m", "common hub motors", low=0.1)
-    wheel_radius: float = setting(0.165, "m", "common hub motors", low=0.02)
-    counts_per_metre: float = setting(4346.0, "1/m", "encoder of the prototype", low=1.0)
+    track: float = setting(default=0.54, unit="m", source="common hub motors", low=0.1)
+    wheel_radius: float = setting(default=0.165, unit="m", source="common hub motors", low=0.02)
+    counts_per_metre: float = setting(
+        default=4346.0, unit="1/m", source="encoder of the prototype", low=1.0
+    )
 
 
 @kernel
