@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.geometry import footprint_clearance
+from wheelchair_gym.geometry import footprint_clearance, wrap
 from wheelchair_gym.sensing.laser import LaserArrays
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.sensing.ultrasonic import UltrasonicArrays
@@ -14,10 +14,11 @@ from wheelchair_gym.simulation.engine import STEP
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.simulation.state import STATE, parameters
 from wheelchair_gym.simulation.world import World
-from wheelchair_gym.types import Episode, Reading
+from wheelchair_gym.types import Episode, Reading, Truth
 
 Array = NDArray[np.float64]
 
+JOULES_PER_WH = 3600.0
 CLEARANCE_REACH = 2.0  # m: clearances beyond this are reported as this
 
 
@@ -116,36 +117,44 @@ class SimulatedChair:
         """Let the world go."""
         self._world = self._episode = None
 
-    # The truth: for info, scores and tests; never for an observation or a decision.
-
     @property
-    def pose(self) -> Array:
-        """True pose (3,) [m, m, rad] of the drive axle's centre."""
-        return np.array(self._state["pose"][0])
+    def truth(self) -> Truth:
+        """How things really are; see `Chair.truth`.
 
-    @property
-    def twist(self) -> Array:
-        """True twist (2,) [m/s, rad/s]."""
-        return np.array(self._state["twist"][0])
+        Raises:
+            ValueError: the chair was never reset.
+        """
+        if self._episode is None:
+            raise ValueError("the chair was never reset, or it was closed")
+        s = self._state[0]
+        x, y, yaw = s["pose"]
+        clearance = footprint_clearance(
+            x,
+            y,
+            yaw,
+            self.settings.footprint.array,
+            self._episode.walls,
+            self._episode.discs,
+            CLEARANCE_REACH,
+        )
+        return Truth(
+            pose=np.array((x, y, wrap(yaw))),
+            twist=np.array(s["twist"]),
+            clearance=clearance,
+            contact=bool(s["contact"]),
+            way=float(s["way"]),
+            energy=float(s["energy"]) / JOULES_PER_WH,
+        )
 
     @property
     def state(self) -> NDArray[np.void]:
         """The whole state (1,), a record; see `simulation.state.STATE`."""
-        return self._state.copy()
+        return np.array(self._state)
 
     @property
     def parameters(self) -> NDArray[np.void]:
         """The parameters (1,) of this episode, a record; see `simulation.state.PARAMETER`."""
-        return self._parameters.copy()
-
-    def clearance(self) -> float:
-        """True distance from the outline to the nearest wall or disc [m], at most 2 m."""
-        if self._episode is None:
-            raise ValueError("the chair was never reset")
-        x, y, yaw = self._state["pose"][0]
-        outline = self.settings.footprint.array
-        walls, discs = self._episode.walls, self._episode.discs
-        return footprint_clearance(x, y, yaw, outline, walls, discs, CLEARANCE_REACH)
+        return np.array(self._parameters)
 
     def _running(self) -> World:
         if self._world is None:

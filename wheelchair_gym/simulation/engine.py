@@ -11,13 +11,13 @@ import ctypes
 from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
-import numba
 import numpy as np
 import pymunk
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
+from numba.np.numpy_support import carray
 from numpy.typing import NDArray
 from pymunk._chipmunk_cffi import ffi, lib
 
@@ -111,7 +111,7 @@ def _call(typingctx: Any, function: Any, space: Any, dt: Any) -> Any:
 # numba gives these the arguments that their callers see; mypy knows only how they are declared.
 _to_pointer = cast("Callable[..., Any]", _as_pointer)
 _call_step = cast("Callable[..., None]", _call)
-_view = cast("Callable[..., NDArray[np.float64]]", numba.carray)
+_view = cast("Callable[..., NDArray[np.float64]]", carray)
 
 OFFSETS = _find_offsets()
 STEP = pointer(ffi.addressof(lib, "cpSpaceStep"))
