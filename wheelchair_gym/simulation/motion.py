@@ -66,7 +66,9 @@ def control_speed(state: Any, p: Any, dt: float) -> None:
         measured = (counts - state.counts[i]) / (p.counts_per_metre * dt)
         state.counts[i] = counts
         state.speed[i] += share * (measured - state.speed[i])
-        error = target - state.speed[i]
+        # The target passes the same low-pass, so that its delay does not wind up the integral.
+        state.aim[i] += share * (target - state.aim[i])
+        error = state.aim[i] - state.speed[i]
         slope = (error - state.error[i]) / dt
         state.error[i] = error
         rate = state.v_rate + (i - 0.5) * p.nominal_track * state.w_rate
