@@ -130,6 +130,7 @@ def step_once(state: Any, p: Any, space: np.uint64, body: np.uint64, engine: np.
     bring = (0.0, 0.0)
     for i in range(2):
         spin = state.spin[i]
+        state.turned[i] += spin * dt  # as the body moves in this step: by its velocity before
         amperes = (state.duty[i] * state.voltage - p.constant * spin) / p.resistance
         amperes = min(p.current, max(-p.current, amperes))
         drawn += state.duty[i] * amperes
@@ -195,7 +196,6 @@ def step_once(state: Any, p: Any, space: np.uint64, body: np.uint64, engine: np.
         hold = bring[i] - p.wheel_inertia * ground / radii[i] ** 2
         hold = min(bound, max(-bound, hold))
         state.spin[i] = (bring[i] - hold) * radii[i] / p.wheel_inertia
-        state.turned[i] += state.spin[i] * dt
 
     # Battery: the drivers are ideal choppers; braking gives a share back.
     power = drawn * state.voltage
