@@ -238,12 +238,10 @@ def geodesic(grid: OccupancyGrid, goal: ArrayLike, radius: float) -> Geodesic:
     """
     target = np.asarray(goal, dtype=np.float64)[:2]
     free = grid.traversable(radius)
-    room = np.asarray(
-        cv2.distanceTransform(free.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    )
+    spread = cv2.distanceTransform(free.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    room = np.asarray(spread, dtype=np.float32)
     band = radius / grid.resolution + _MARGIN
     x, y = grid.to_lattice(target) - 0.5
-    rows, cols = free.shape
     seed = _nearest(free, x, y, band)
     if seed < 0:
         length = np.full(free.shape, np.inf, dtype=np.float32)

@@ -79,8 +79,8 @@ class OccupancyGrid:
 
     def inside(self, points: ArrayLike) -> Mask:
         """Which of the points (..., 2) [m] lie on the grid."""
-        inside: Mask = ((cell := self.to_cell(points)) >= 0).all(-1) & (cell < self.shape).all(-1)
-        return inside
+        cell = self.to_cell(points)
+        return np.asarray(((cell >= 0) & (cell < self.shape)).all(axis=-1))
 
     def solid(self, unknown_is_solid: bool = False) -> Mask:
         """Cells (rows, cols) that are occupied; if asked, also those not known to be free."""
