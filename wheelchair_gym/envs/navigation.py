@@ -51,7 +51,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     | ultrasonic | (8,) | 0 to 4 or 6 m | latest range of each |
     | twist | (2,) | 1.5 x the limits | speed [m/s] and turn [rad/s] by the encoders |
     | goal | (3,) | 0 to 100 m, -1 to 1 | distance, cosine and sine of its bearing |
-    | path | (5, 2) | -10 to 10 m | guided only: points ahead on a path, in the chair's frame |
+    | path | (10,) | -10 to 10 m | guided only: x, y of points ahead, in the chair's frame |
 
     ## Reward
     The sum of `info["reward_terms"]`: progress towards the goal (0.125 per metre of way to go),
@@ -254,7 +254,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         return None
 
     def _points_ahead(self, reading: Reading) -> NDArray[np.float32] | None:
-        return self.task.observe(reading).get("path")
+        ahead = self.task.observe(reading).get("path")
+        return None if ahead is None else ahead.reshape(-1, 2)
 
     def _caption(self, reading: Reading) -> str:
         v, w = reading.twist
