@@ -113,6 +113,11 @@ class Canvas:
         p = np.asarray(points, dtype=np.float64)
         if len(p) < 2:
             return
+        if len(p) > 50:  # a long trail: points closer than two pixels cost time and show nothing
+            way = np.cumsum(np.hypot(*np.diff(p[:, :2], axis=0).T)) * self.frame.scale
+            kept = np.diff(np.floor(way / (2.0 * self.unit)), prepend=0.0) > 0.0
+            kept[-1] = True
+            p = p[np.concatenate([[True], kept])]
         stroke = self._width(width)
         cv2.polylines(self.image, [self._fixed(p)], closed, colour, stroke, cv2.LINE_AA, _SHIFT)
 

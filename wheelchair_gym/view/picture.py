@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.geometry import Footprint, polygon_edges, to_world, wrap_angle
 from wheelchair_gym.kinematics import DriveGeometry
-from wheelchair_gym.sensing.settings import SensorSettings
+from wheelchair_gym.sensing.settings import SensorSettings, UltrasonicSettings
 from wheelchair_gym.types import Episode, Reading, no_discs, no_walls
 from wheelchair_gym.view import floor, palette
 from wheelchair_gym.view.canvas import Canvas, Image
@@ -59,6 +59,7 @@ class TopView:
             ]
             ends += [episode.walls.reshape(-1, 2), *_disc_corners(episode.discs)]
             bounds = floor.extent(np.concatenate(ends), 0.1)
+        self._cones = _cones(self.sensors.ultrasonic)
         self._wheels = _wheels(self.footprint, self.drive)
         front, half = self.footprint.front, self.footprint.half_width
         self._mark = _HEADING * (front, half)
@@ -122,28 +123,22 @@ class TopView:
         rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)  # (beams, 2)
         seen = np.clip(np.nan_to_num(ranges, nan=0.0, posinf=laser.reach), 0.0, laser.reach)
         # A lone beam without echo would stand out of the fan as a spike.
-        seen[1:-1] = np.minimum(seen[1:-1], np.maximum(seen[:-2], seen[2:]))
+        beside = np.pad(seen, 1)
+        seen = np.minimum(seen, np.maximum(beside[:-2], beside[2:]))
         mount = (laser.x, laser.y)
         fan = to_world(np.vstack([[mount], mount + seen[:, None] * rays]), pose)
         canvas.fill([fan], palette.LASER, _LASER_ALPHA)
         canvas.specks(fan[1:][np.isfinite(ranges)], palette.LASER)
 
     def _ultrasonics(self, canvas: Canvas, pose: Array, reading: Reading) -> None:
-        settings = self.sensors.ultrasonic
-        echoes = zip(settings.mounted, reading.ultrasonic, reading.age, strict=True)
-        for mounted, echo, age in echoes:
-            if not np.isfinite(echo):
-                continue
-            narrow = mounted.model == "narrow"
-            cone = (settings.narrow if narrow else settings.wide).cone
-            colour = palette.NARROW if narrow else palette.WIDE
-            angles = mounted.yaw + np.linspace(-0.5 * cone, 0.5 * cone, 13)
-            arc = float(echo) * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-            mount = (mounted.x, mounted.y)
-            wedge = to_world(np.vstack([[mount], mount + arc]), pose)
-            fresh = min(1.0, max(0.25, 1.0 - float(age) / _FADE))
-            canvas.fill([wedge], colour, _CONE_ALPHA * fresh)
-            canvas.line(wedge[1:], colour, 1.5)
+        mounts, sectors, colours = self._cones
+        echoes = np.asarray(reading.ultrasonic, dtype=np.float64)
+        heard = np.flatnonzero(np.isfinite(echoes))
+        reach = mounts[heard, None] + echoes[heard, None, None] * sectors[heard]
+        fresh = np.clip(1.0 - np.asarray(reading.age)[heard] / _FADE, 0.25, 1.0)
+        for k, wedge, strength in zip(heard, to_world(reach, pose), fresh, strict=True):
+            canvas.fill([wedge], colours[k], _CONE_ALPHA * float(strength))
+            canvas.line(wedge[1:], colours[k], 1.5)
 
     def _chair(self, canvas: Canvas, pose: Array) -> None:
         body = to_world(self.footprint.corners, pose)
@@ -214,6 +209,22 @@ def draw_plan(
     image = fine.shrunk(floor.FINE).image
     floor.write_caption(image, caption)
     return image
+
+
+def _cones(settings: UltrasonicSettings) -> tuple[Array, Array, list[palette.Colour]]:
+    """Where each ranger sits (8, 2) [m], its cone as a sector of radius one (8, 14, 2), its colour.
+
+    A sector's first point is the ranger, the others its arc; turned as in the chair's frame.
+    """
+    sectors = []
+    for mounted in settings.mounted:
+        cone = (settings.narrow if mounted.model == "narrow" else settings.wide).cone
+        angles = mounted.yaw + np.linspace(-0.5 * cone, 0.5 * cone, 13)
+        arc = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        sectors.append(np.vstack([np.zeros((1, 2)), arc]))
+    mounts = np.array([(mounted.x, mounted.y) for mounted in settings.mounted])
+    colours = {"narrow": palette.NARROW, "wide": palette.WIDE}
+    return mounts, np.array(sectors), [colours[m.model] for m in settings.mounted]
 
 
 def _wheels(footprint: Footprint, drive: DriveGeometry) -> list[Array]:

@@ -25,7 +25,7 @@ _MISSING = 'video files need moviepy: pip install "wheelchair_gym[view]" (or ask
 
 
 @contextmanager
-def _whole(path: Path) -> Iterator[Path]:
+def whole(path: Path) -> Iterator[Path]:
     """A name to write to; renamed to `path` at the end, removed after an error."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=".", dir=path.parent)
@@ -45,7 +45,7 @@ def write_png(path: str | Path, image: Image) -> None:
     done, data = cv2.imencode(".png", bgr)
     if not done:
         raise ValueError(f"{path}: a picture of shape {image.shape} cannot be written as PNG")
-    with _whole(Path(path)) as part:
+    with whole(Path(path)) as part:
         part.write_bytes(data.tobytes())
 
 
@@ -83,7 +83,7 @@ def _write_mp4(path: Path, frames: Iterable[Image], rate: float, shape: tuple[in
     except ImportError:
         raise InputError(_MISSING) from None
     height, width = shape[0] // 2 * 2, shape[1] // 2 * 2  # 4:2:0 colour asks for even sides
-    with _whole(path) as part:
+    with whole(path) as part:
         writer: Any = write_frames(
             str(part), (width, height), fps=rate, codec="libx264", quality=None,
             pix_fmt_out="yuv420p", macro_block_size=1,
@@ -100,7 +100,7 @@ def _write_mp4(path: Path, frames: Iterable[Image], rate: float, shape: tuple[in
 def _write_gif(path: Path, frames: Iterable[Image], rate: float, shape: tuple[int, ...]) -> None:
     pictures = (Pillow.fromarray(frame).quantize(64) for frame in frames)
     first = next(pictures)
-    with _whole(path) as part:
+    with whole(path) as part:
         # A GIF counts hundredths of a second; browsers slow down anything under two.
         first.save(
             part, save_all=True, append_images=list(pictures), loop=0,
