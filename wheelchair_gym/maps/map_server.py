@@ -83,11 +83,11 @@ def _pixels(path: Path) -> tuple[Bytes, NDArray[np.bool_]]:
     if image is None or image.size == 0:
         raise InputError(f"{path}: not an image that can be decoded; expected PGM or PNG")
     if image.dtype == np.uint16:
-        image = image // 257
+        image = np.asarray(image // 257, dtype=np.uint8)
     if image.dtype != np.uint8:
         raise InputError(f"{path}: pixels are {image.dtype}; expected 8 or 16 bits each")
     if image.ndim == 2:
-        return image, np.zeros(image.shape, dtype=bool)
+        return np.asarray(image, dtype=np.uint8), np.zeros(image.shape, dtype=np.bool_)
     clear = image[..., 3] < 255 if image.shape[2] == 4 else np.zeros(image.shape[:2], dtype=bool)
     return np.rint(image[..., :3].mean(axis=-1)).astype(np.uint8), clear
 
