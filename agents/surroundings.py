@@ -1,0 +1,117 @@
+"""Where the chair is and what stands round it, from what the chair itself can know.
+
+The laser sees 270 degrees from the front: what slips out of its view is remembered while the chair
+drives by. Wheel counts carry that memory, and they steady a pose estimate whose error wanders.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.geometry import to_frame, to_world
+from wheelchair_gym.kinematics import odometric_step
+from wheelchair_gym.types import Reading
+
+Array = NDArray[np.float64]
+
+REACH = 2.6  # m: a chair at 0.8 m/s sweeps less than this before it can rest
+VOXEL = 0.04  # m: hits within one voxel become their mean, which also averages noise
+MEMORY = 15.0  # s for which a hit is remembered out of sight
+SETTLE = 3.0  # s over which the pose estimate corrects the wheel counts; beyond its 2 s of wander
+
+
+def sampled_walls(walls: Array, spacing: float = 0.05) -> Array:
+    """Points (k, 2) [m] along walls (n, 4), ends included, at most `spacing` apart."""
+    parts = [np.empty((0, 2))]
+    for x0, y0, x1, y1 in walls:
+        count = max(2, math.ceil(math.hypot(x1 - x0, y1 - y0) / spacing) + 1)
+        share = np.linspace(0.0, 1.0, count)[:, None]
+        parts.append((1 - share) * (x0, y0) + share * (x1, y1))
+    return np.concatenate(parts)
+
+
+def voxel_means(points: Array) -> Array:
+    """One mean (k, 2) for each voxel that holds any of the points (n, 2)."""
+    if not len(points):
+        return points
+    cells = np.floor(points / VOXEL).astype(np.int64)
+    _, index, counts = np.unique(
+        cells[:, 0] * 100_003 + cells[:, 1], return_inverse=True, return_counts=True
+    )
+    sums = [np.bincount(index, points[:, axis]) / counts for axis in (0, 1)]
+    return np.stack(sums, axis=-1)
+
+
+class Surroundings:
+    """The chair's pose and the obstacles near it, brought up to date by every reading.
+
+    Attributes:
+        pose: (3,) [m, m, rad] in the map's frame.
+        hits: obstacles (k, 2) [m] in the chair's frame that the laser saw, now or lately.
+        mapped: obstacles (k, 2) [m] in the chair's frame that only the map knows of.
+    """
+
+    def __init__(self, task: Any) -> None:
+        reading: Reading = task.reading
+        self._laser = task.sensors.laser
+        self._walls = sampled_walls(task.map.walls(unknown_is_solid=False))
+        self._counted = np.zeros(3)  # dead reckoning, the frame of the memory
+        self._memory = np.empty((0, 3))  # x, y, stamp
+        self._stamp = reading.stamp
+        self.pose: Array = np.array(reading.pose, dtype=np.float64)
+        self.hits: Array = np.empty((0, 2))
+        self.mapped: Array = np.empty((0, 2))
+        self._look(reading)
+
+    @property
+    def points(self) -> Array:
+        """All obstacles (k, 2) [m] in the chair's frame."""
+        return np.concatenate([self.hits, self.mapped])
+
+    def update(self, reading: Reading) -> None:
+        """Take in the next reading."""
+        period = reading.stamp - self._stamp
+        if period <= 0.0:
+            return
+        self._stamp = reading.stamp
+        way, turn = float(reading.twist[0]) * period, float(reading.twist[1]) * period
+        self._counted = np.array(odometric_step(*self._counted, way, turn))
+        pose = np.array(odometric_step(*self.pose, way, turn))
+        off = np.asarray(reading.pose, dtype=np.float64) - pose
+        off[2] = math.remainder(off[2], 2 * math.pi)
+        self.pose = pose + off * min(1.0, period / SETTLE)
+        self._look(reading)
+
+    def _look(self, reading: Reading) -> None:
+        laser = self._laser
+        ranges = np.asarray(reading.laser, dtype=np.float64)
+        angles = laser.yaw + np.linspace(-0.5 * laser.fov, 0.5 * laser.fov, len(ranges))
+        near = np.isfinite(ranges) & (ranges < REACH + laser.x) & (ranges > laser.nearest)
+        seen = np.stack([np.cos(angles[near]), np.sin(angles[near])], axis=-1)
+        seen = voxel_means(seen * ranges[near, None] + (laser.x, laser.y))
+        recent = self._memory[self._memory[:, 2] > reading.stamp - MEMORY]
+        old = to_frame(recent[:, :2], self._counted)
+        hidden = (np.abs(self._bearing(old)) > 0.5 * laser.fov) & self._within(old)
+        stamped = np.column_stack([seen, np.full(len(seen), reading.stamp)])
+        kept = np.column_stack([old, recent[:, 2]])[hidden]
+        local = np.concatenate([stamped, kept])  # (k, 3)
+        self.hits = local[:, :2]
+        self._memory = np.column_stack([to_world(self.hits, self._counted), local[:, 2]])
+        mapped = self._walls[(np.abs(self._walls - self.pose[:2]) < REACH).all(axis=1)]
+        mapped = to_frame(mapped, self.pose)
+        # Where the laser looks it knows better than a map seen from an uncertain pose.
+        self.mapped = mapped[np.abs(self._bearing(mapped)) > 0.5 * laser.fov]
+
+    def _bearing(self, points: Array) -> Array:
+        laser = self._laser
+        bearing = np.arctan2(points[:, 1] - laser.y, points[:, 0] - laser.x) - laser.yaw
+        wrapped: Array = np.remainder(bearing + math.pi, 2 * math.pi) - math.pi
+        return wrapped
+
+    def _within(self, points: Array) -> NDArray[np.bool_]:
+        near: NDArray[np.bool_] = (np.abs(points) < REACH).all(axis=1)
+        return near
