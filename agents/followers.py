@@ -138,7 +138,7 @@ class PurePursuitFollower:
     def twist(self, around: Surroundings, reference: Reference, chair: Motion) -> Array | None:
         """See `Follower.twist`."""
         own, limits = self.own, chair.limits
-        rows = reference.ahead(around.pose, 200)
+        rows = reference.ahead(around.pose, 4.0)
         far = np.hypot(rows[:, 0], rows[:, 1])
         ahead = own.lookahead + own.lookahead_time * max(0.0, chair.state[0])
         nearest = int(np.argmin(far))

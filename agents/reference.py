@@ -65,8 +65,8 @@ class Reference:
 
     def advance(self, pose: Array) -> float:
         """Move along to where the pose is; the distance [m] between pose and reference."""
-        first, last = max(0, self.at - 10), min(len(self.rows), self.at + 40)
-        self.at, off = match(pose[0], pose[1], pose[2], self.rows, first, last)
+        first = int(np.searchsorted(self.rows[:, 3], self.way - 0.2))
+        self.at, off = match(pose[0], pose[1], pose[2], self.rows, first, self.way + 0.4)
         return float(off)
 
     @property
@@ -74,9 +74,15 @@ class Reference:
         """How far along the chair has come [m]."""
         return float(self.rows[self.at, 3])
 
-    def ahead(self, pose: Array, rows: int = 60) -> Array:
-        """The next reference poses (m, 4) in the chair's frame, from just behind it."""
-        part = self.rows[max(0, self.at - 3) : self.at + rows].copy()
+    @property
+    def ended(self) -> bool:
+        """Whether the chair has come to the end."""
+        return float(self.rows[-1, 3]) - self.way < 0.1
+
+    def ahead(self, pose: Array, far: float = 2.5) -> Array:
+        """The reference poses (m, 4) of the next `far` metres, in the chair's frame."""
+        ends = np.searchsorted(self.rows[:, 3], [self.way - 0.1, self.way + far])
+        part = self.rows[min(ends[0], self.at) : ends[1] + 1].copy()
         c, s = math.cos(pose[2]), math.sin(pose[2])
         part[:, :2] = (part[:, :2] - pose[:2]) @ np.array([(c, -s), (s, c)])
         part[:, 2] -= pose[2]

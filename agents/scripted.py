@@ -133,6 +133,7 @@ class PlannedDriver:
         self._around = Surroundings(task)
         self._chair = Motion(task.limits, task.footprint.array, task.period)
         self._backing = 0.0  # s left to back out
+        self._tries = 0  # plans made since there was progress
         self._obstructed = task.map
         self.plan: Plan | None = None
         self._replan()
@@ -163,16 +164,21 @@ class PlannedDriver:
         self._chair.measured(self._task.reading.twist)
         off = self._reference.advance(self._around.pose)
         if self._reference.way > self._best + 0.1:
-            self._best, self._since = self._reference.way, 0.0
+            self._best, self._since, self._tries = self._reference.way, 0.0, 0
         self._since += period
+        patience = 0.4 * self.own.patience if self._reference.ended else self.own.patience
         if self._backing > 0.0:
             self._backing -= period
             if self._backing <= 0.0:
                 self._replan()
         elif off > self.own.astray:
             self._replan()
-        elif self._since > self.own.patience:
-            self._backing, self._since = self.own.backing, 0.0
+        elif self._since > patience:
+            self._tries += 1
+            if self._tries % 2:
+                self._replan()
+            else:
+                self._backing, self._since = self.own.backing, 0.0
         twist = self._back_out() if self._backing > 0.0 else None
         if twist is None:
             twist = self._follower.twist(self._around, self._reference, self._chair)

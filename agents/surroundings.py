@@ -52,25 +52,24 @@ class Surroundings:
     Attributes:
         pose: (3,) [m, m, rad] in the map's frame.
         hits: obstacles (k, 2) [m] in the chair's frame that the laser saw, now or lately.
-        mapped: obstacles (k, 2) [m] in the chair's frame that only the map knows of.
+        points: hits, and obstacles that only the map knows of, (k, 3): x, y, distance from the
+            axle's centre [m], the nearest first.
     """
 
     def __init__(self, task: Any) -> None:
         reading: Reading = task.reading
         self._laser = task.sensors.laser
         self._walls = sampled_walls(task.map.walls(unknown_is_solid=False))
+        self._near_walls, self._near = self._walls, np.full(2, np.inf)  # those near a point
+        angles = self._laser.yaw + np.linspace(-0.5, 0.5, len(reading.laser)) * self._laser.fov
+        self._beams = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         self._counted = np.zeros(3)  # dead reckoning, the frame of the memory
         self._memory = np.empty((0, 3))  # x, y, stamp
         self._stamp = reading.stamp
         self.pose: Array = np.array(reading.pose, dtype=np.float64)
         self.hits: Array = np.empty((0, 2))
-        self.mapped: Array = np.empty((0, 2))
+        self.points: Array = np.empty((0, 3))
         self._look(reading)
-
-    @property
-    def points(self) -> Array:
-        """All obstacles (k, 2) [m] in the chair's frame."""
-        return np.concatenate([self.hits, self.mapped])
 
     def update(self, reading: Reading) -> None:
         """Take in the next reading."""
@@ -89,10 +88,8 @@ class Surroundings:
     def _look(self, reading: Reading) -> None:
         laser = self._laser
         ranges = np.asarray(reading.laser, dtype=np.float64)
-        angles = laser.yaw + np.linspace(-0.5 * laser.fov, 0.5 * laser.fov, len(ranges))
         near = np.isfinite(ranges) & (ranges < REACH + laser.x) & (ranges > laser.nearest)
-        seen = np.stack([np.cos(angles[near]), np.sin(angles[near])], axis=-1)
-        seen = voxel_means(seen * ranges[near, None] + (laser.x, laser.y))
+        seen = voxel_means(self._beams[near] * ranges[near, None] + (laser.x, laser.y))
         recent = self._memory[self._memory[:, 2] > reading.stamp - MEMORY]
         old = to_frame(recent[:, :2], self._counted)
         hidden = (np.abs(self._bearing(old)) > 0.5 * laser.fov) & self._within(old)
@@ -101,10 +98,22 @@ class Surroundings:
         local = np.concatenate([stamped, kept])  # (k, 3)
         self.hits = local[:, :2]
         self._memory = np.column_stack([to_world(self.hits, self._counted), local[:, 2]])
-        mapped = self._walls[(np.abs(self._walls - self.pose[:2]) < REACH).all(axis=1)]
-        mapped = to_frame(mapped, self.pose)
+        mapped = to_frame(self._walls_near(), self.pose)
         # Where the laser looks it knows better than a map seen from an uncertain pose.
-        self.mapped = mapped[np.abs(self._bearing(mapped)) > 0.5 * laser.fov]
+        mapped = mapped[np.abs(self._bearing(mapped)) > 0.5 * laser.fov]
+        points = np.concatenate([self.hits, mapped])
+        far = np.hypot(points[:, 0], points[:, 1])
+        nearest = np.argsort(far)
+        self.points = np.column_stack([points, far])[nearest]
+
+    def _walls_near(self) -> Array:
+        """Points of mapped walls within reach; looked for anew every half metre of way."""
+        if np.abs(self.pose[:2] - self._near).max() > 0.5:
+            self._near = self.pose[:2].copy()
+            self._near_walls = self._walls[
+                (np.abs(self._walls - self._near) < REACH + 0.5).all(axis=1)
+            ]
+        return self._near_walls
 
     def _bearing(self, points: Array) -> Array:
         laser = self._laser
