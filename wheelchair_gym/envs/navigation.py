@@ -61,7 +61,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     ## Start and end
     A scene places walls, start and goal from the seed: episode k of seed s is always the same.
     Terminated when the chair believes to be within 0.30 m of the goal (0.20 m if its pose is an
-    estimate, which may err by 0.10 m), or when a bumper strip is pressed; truncated at the time limit, 30 s + 3 x geodesic / 0.8 m/s.
+    estimate, which may err by 0.10 m), or when a bumper strip is pressed; truncated at the time
+    limit, 30 s + 3 x geodesic / 0.8 m/s.
     `info["is_success"]` is by truth.
 
     ## Arguments

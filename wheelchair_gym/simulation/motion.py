@@ -66,7 +66,9 @@ def control_speed(state: Any, p: Any, dt: float) -> None:
         measured = (counts - state.counts[i]) / (p.counts_per_metre * dt)
         state.counts[i] = counts
         state.speed[i] += share * (measured - state.speed[i])
-        error = target - state.speed[i]
+        # The target passes the same low-pass, so that its delay does not wind up the integral.
+        state.aim[i] += share * (target - state.aim[i])
+        error = state.aim[i] - state.speed[i]
         slope = (error - state.error[i]) / dt
         state.error[i] = error
         rate = state.v_rate + (i - 0.5) * p.nominal_track * state.w_rate
@@ -128,6 +130,7 @@ def step_once(state: Any, p: Any, space: np.uint64, body: np.uint64, engine: np.
     bring = (0.0, 0.0)
     for i in range(2):
         spin = state.spin[i]
+        state.turned[i] += spin * dt  # as the body moves in this step: by its velocity before
         amperes = (state.duty[i] * state.voltage - p.constant * spin) / p.resistance
         amperes = min(p.current, max(-p.current, amperes))
         drawn += state.duty[i] * amperes
@@ -193,7 +196,6 @@ def step_once(state: Any, p: Any, space: np.uint64, body: np.uint64, engine: np.
         hold = bring[i] - p.wheel_inertia * ground / radii[i] ** 2
         hold = min(bound, max(-bound, hold))
         state.spin[i] = (bring[i] - hold) * radii[i] / p.wheel_inertia
-        state.turned[i] += state.spin[i] * dt
 
     # Battery: the drivers are ideal choppers; braking gives a share back.
     power = drawn * state.voltage

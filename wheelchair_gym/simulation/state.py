@@ -82,6 +82,7 @@ STATE = np.dtype(
         ("turned", "f8", (2,)),  # rad since reset
         ("counts", "i8", (2,)),  # encoder at the last run of the speed control
         ("speed", "f8", (2,)),  # m/s, smoothed measurement
+        ("aim", "f8", (2,)),  # m/s, smoothed target
         ("sum", "f8", (2,)),  # V, integral part
         ("error", "f8", (2,)),  # m/s, of the last run
         ("duty", "f8", (2,)),

@@ -176,7 +176,6 @@ class Task:
             previous: the action before it.
             steps_left: control periods left after this one.
         """
-        s = self.settings
         arrived = self.believes_arrived(after.pose)
         timeout = steps_left <= 0 and not arrived and not after.bumped
         progress = self._to_go(before.pose) - self._to_go(after.pose)
