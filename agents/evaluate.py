@@ -268,9 +268,7 @@ def _finished(
     try:
         with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
             pool = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
-            yield from pool(
-                delayed(_job)(key, *job, env, folder) for key, job in missing.items()
-            )
+            yield from pool(delayed(_job)(key, *job, env, folder) for key, job in missing.items())
     except (KeyboardInterrupt, GeneratorExit):
         get_reusable_executor().shutdown(wait=False, kill_workers=True)
         raise

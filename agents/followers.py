@@ -155,9 +155,7 @@ class PurePursuitFollower:
         v = max(own.slowest, min(v, 0.9 * limits.turn / max(abs(curvature), 1e-6)))
         return self._first_clear(v, v * curvature, around, chair)
 
-    def _first_clear(
-        self, v: float, w: float, around: Surroundings, chair: Motion
-    ) -> Array | None:
+    def _first_clear(self, v: float, w: float, around: Surroundings, chair: Motion) -> Array | None:
         """The twist, or the same arc at the first slower pace that leaves room to stop."""
         points = around.points
         for share in (1.0, 0.7, 0.45, 0.25, 0.12):

@@ -35,7 +35,11 @@ def poses_of(path: Array, heading: float) -> Array:
     wide = round(SMOOTHING / SPACING)
     if len(points) > 2 * wide + 1:
         padded = np.concatenate(
-            [2 * points[0] - points[wide:0:-1], points, 2 * points[-1] - points[-2 : -wide - 2 : -1]]
+            [
+                2 * points[0] - points[wide:0:-1],
+                points,
+                2 * points[-1] - points[-2 : -wide - 2 : -1],
+            ]
         )
         window = np.ones(2 * wide + 1) / (2 * wide + 1)
         points = np.column_stack([np.convolve(padded[:, k], window, "valid") for k in (0, 1)])

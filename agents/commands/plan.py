@@ -86,8 +86,7 @@ def _run_map(given: argparse.Namespace, planner: Any) -> int:
     plan, answer = _answer(planner, problem, given.seed)
     if plan.status is Status.SOLVED:
         text = (
-            f"solved: {plan.length:.3f} m, {len(plan.path)} points, "
-            f"{1e3 * answer['time_s']:.1f} ms"
+            f"solved: {plan.length:.3f} m, {len(plan.path)} points, {1e3 * answer['time_s']:.1f} ms"
         )
         if given.picture:
             _draw(problem, plan, given.picture)

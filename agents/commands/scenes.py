@@ -71,7 +71,5 @@ def _describe(given: argparse.Namespace) -> int:
     }
     lines = [f"{given.name}: {given.samples} samples (5 %, median, 95 %)"]
     lines += [f"{k:<16} {r['p5']:8.2f} {r['p50']:8.2f} {r['p95']:8.2f}" for k, r in rows.items()]
-    report(
-        given, {"name": given.name, "samples": given.samples, "figures": rows}, "\n".join(lines)
-    )
+    report(given, {"name": given.name, "samples": given.samples, "figures": rows}, "\n".join(lines))
     return 0

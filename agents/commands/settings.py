@@ -64,7 +64,9 @@ def rows_of(cls: type, prefix: str = "") -> list[dict[str, Any]]:
         rows.append(
             {
                 "name": prefix + field.name,
-                "type": getattr(hint, "__name__", str(hint)) if isinstance(hint, type) else str(hint),
+                "type": getattr(hint, "__name__", str(hint))
+                if isinstance(hint, type)
+                else str(hint),
                 "default": dump(default),
                 **{key: field.metadata.get(key) for key in ("unit", "low", "high", "source")},
             }

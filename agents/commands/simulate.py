@@ -23,7 +23,9 @@ def add(parts: Any) -> None:
     parser.add_argument("--scene", default="floor_plan", help="see: wheelchair scenes")
     parser.add_argument("--policy", default="lattice+window", help="PLANNER+FOLLOWER, random, ...")
     parser.add_argument("--seed", type=whole, default=0, help="of the episode (default 0)")
-    parser.add_argument("--pose", choices=POSES, default="modelled", help="the chair's own estimate")
+    parser.add_argument(
+        "--pose", choices=POSES, default="modelled", help="the chair's own estimate"
+    )
     parser.add_argument("--config", metavar="FILE.json", help="settings of the environment")
     shown = parser.add_mutually_exclusive_group()
     shown.add_argument("--window", action="store_true", help="show it live")

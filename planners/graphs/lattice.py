@@ -290,7 +290,10 @@ class Lattice:
             x, y, yaw = pose[parent[node]]
             path.append(
                 np.array(
-                    [arc_step(x, y, yaw, way, way * curvature + turn, t) for t in (1, 0.75, 0.5, 0.25)]
+                    [
+                        arc_step(x, y, yaw, way, way * curvature + turn, t)
+                        for t in (1, 0.75, 0.5, 0.25)
+                    ]
                 )
             )
             node = parent[node]
