@@ -1,0 +1,116 @@
+"""What is solid, as shapely geometry: unions, even-odd loops, and growth that is never too small.
+
+Used once per map, never in a loop of a planner.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+GRID = 1e-9  # m: grown outlines are rounded to this; far below what any map knows
+ARC = math.pi / 8  # rad: at most this much of a round corner per side of its circumscribed polygon
+DISC_SIDES = 32  # of the polygon round a disc: 0.5 % of the radius too large at its corners
+
+
+def union(polygons: Iterable[ArrayLike]) -> Any:
+    """Union of simple polygons (k, 2) [m], which may overlap.
+
+    Raises:
+        ValueError: a polygon with fewer than three corners, or a corner that is not finite.
+    """
+    solids = []
+    for index, polygon in enumerate(polygons):
+        corners = np.asarray(polygon, dtype=np.float64)
+        if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
+            raise ValueError(f"polygon {index} has shape {corners.shape}; expected (3 or more, 2)")
+        if not np.isfinite(corners).all():
+            raise ValueError(f"polygon {index} has a corner that is not finite")
+        solids.append(shapely.make_valid(shapely.Polygon(corners)))
+    return shapely.union_all(solids) if solids else shapely.MultiPolygon()
+
+
+def disc(x: float, y: float, radius: float) -> Array:
+    """The regular polygon (DISC_SIDES, 2) round a disc, whose sides touch it."""
+    angles = np.arange(DISC_SIDES) * (2 * math.pi / DISC_SIDES)
+    reach = radius / math.cos(math.pi / DISC_SIDES)
+    return np.stack([x + reach * np.cos(angles), y + reach * np.sin(angles)], axis=1)
+
+
+def even_odd(walls: ArrayLike) -> Any:
+    """What lies inside an odd number of closed loops of walls (n, 4) [m], as a geometry."""
+    segments = np.asarray(walls, dtype=np.float64).reshape(-1, 4)
+    if not len(segments):
+        return shapely.MultiPolygon()
+    lines = shapely.union_all(shapely.linestrings(segments.reshape(-1, 2, 2)))
+    faces = np.asarray(shapely.get_parts(shapely.polygonize(shapely.get_parts(lines))))
+    inside = shapely.get_coordinates(shapely.point_on_surface(faces))
+    x0, y0, x1, y1 = segments.T
+    solid = []
+    for face, (x, y) in zip(faces, inside, strict=True):
+        straddles = (y0 <= y) != (y1 <= y)
+        ax, ay, bx, by = x0[straddles], y0[straddles], x1[straddles], y1[straddles]
+        right = ax + (y - ay) / (by - ay) * (bx - ax) > x
+        if np.count_nonzero(right) % 2:
+            solid.append(face)
+    return shapely.union_all(solid) if solid else shapely.MultiPolygon()
+
+
+def rings(geometry: Any, solid_inside: bool) -> list[Array]:
+    """Rings (k, 2) of a polygonal geometry, without the repeated end, the solid on their left."""
+    oriented = shapely.orient_polygons(geometry, exterior_cw=not solid_inside)
+    polygons = [part for part in shapely.get_parts(oriented) if part.geom_type == "Polygon"]
+    loops = [shapely.get_coordinates(r)[:-1] for p in polygons for r in shapely.get_rings(p)]
+    return [loop[np.any(loop != np.roll(loop, 1, axis=0), axis=1)] for loop in loops]
+
+
+def polygonal(geometry: Any) -> Any:
+    """The polygons of a geometry, without the points and lines that an overlay may leave."""
+    parts = shapely.get_parts(geometry)
+    if any(part.geom_type == "GeometryCollection" for part in parts):
+        parts = shapely.get_parts(parts)
+    return shapely.MultiPolygon([part for part in parts if part.geom_type == "Polygon"])
+
+
+def grown(solid: Any, radius: float) -> Any:
+    """A geometry that holds every point nearer than the radius [m] to a solid.
+
+    Straight sides move out by the radius; round corners become polygons whose sides touch the arc
+    (shapely's own buffer cuts corners: its arcs lie inside).
+    """
+    radius += 2 * GRID  # rounding below may not bring anything nearer
+    pieces = [solid]
+    for ring in rings(solid, solid_inside=True):
+        into = ring - np.roll(ring, 1, axis=0)  # (k, 2) edge that ends at each corner
+        out = np.roll(ring, -1, axis=0) - ring
+        ends = np.roll(ring, -1, axis=0)
+        turns = np.arctan2(
+            into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0], np.sum(into * out, axis=1)
+        )
+        normals = np.stack([out[:, 1], -out[:, 0]], axis=1) * (
+            radius / np.hypot(out[:, 0], out[:, 1])[:, None]
+        )
+        for corner, end, normal, turn in zip(ring, ends, normals, turns, strict=True):
+            arc = []
+            if turn > 0.0:
+                sides = math.ceil(turn / ARC)
+                angles = -turn + (np.arange(sides) + 0.5) * (turn / sides)
+                c, s = np.cos(angles), np.sin(angles)
+                round_corner = np.stack(
+                    [c * normal[0] - s * normal[1], s * normal[0] + c * normal[1]], axis=1
+                ) / math.cos(0.5 * turn / sides)
+                start = np.array([math.cos(-turn), math.sin(-turn)])
+                first = (
+                    start[0] * normal[0] - start[1] * normal[1],
+                    start[1] * normal[0] + start[0] * normal[1],
+                )
+                arc = [corner + first, *(corner + round_corner)]
+            pieces.append(shapely.Polygon([corner, *arc, corner + normal, end + normal, end]))
+    return polygonal(shapely.union_all(pieces, grid_size=GRID))
