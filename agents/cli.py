@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from agents.commands import compare, plan, scenes, settings, simulate
-from wheelchair_gym.config import InputError
 
 COMMANDS = (plan, simulate, compare, scenes, settings)
 
@@ -54,6 +53,8 @@ def _joined(arguments: Sequence[str]) -> list[str]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code."""
     given = parser().parse_args(_joined(sys.argv[1:] if arguments is None else arguments))
+    from wheelchair_gym.config import InputError  # not before: --help is to answer at once
+
     try:
         code: int = given.run(given)
         sys.stdout.flush()

@@ -72,7 +72,7 @@ def compare(
 
     Raises:
         InputError: a name in the suite or the folder is wrong.
-        Interrupted: Ctrl-C; the same call computes only what is missing.
+        StoppedError: Ctrl-C; the same call computes only what is missing.
     """
     begun = time.perf_counter()
     folder = Path(folder)

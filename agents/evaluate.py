@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ STORE = "episodes.jsonl"
 Spec = str | Mapping[str, Any]
 
 
-class Interrupted(Exception):
+class StoppedError(Exception):
     """A person stopped an evaluation; what was finished is in the store."""
 
 
@@ -204,7 +204,7 @@ def evaluate(
 
     Raises:
         InputError: a spec or the folder is wrong.
-        Interrupted: Ctrl-C; the same call computes only what is missing.
+        StoppedError: Ctrl-C; the same call computes only what is missing.
     """
     from wheelchair_gym.scenes import make_scene
 
@@ -232,7 +232,7 @@ def evaluate(
                 store.write(line.encode() + b"\n")
                 store.flush()
         except KeyboardInterrupt:
-            raise Interrupted(f"{len(known)} of {len(wanted)} episodes are stored") from None
+            raise StoppedError(f"{len(known)} of {len(wanted)} episodes are stored") from None
         finally:
             finished.close()
     return [known[key] for key in wanted]
@@ -253,7 +253,7 @@ def _job(key: str, *arguments: Any) -> tuple[str, Record]:
 
 def _finished(
     missing: Mapping[str, tuple[Spec, Spec, int]], env: Mapping[str, Any], folder: str, jobs: int
-) -> Iterator[tuple[str, Record]]:
+) -> Generator[tuple[str, Record]]:
     """Records of the missing episodes, in the order in which they end."""
     if jobs == 1 or len(missing) < 2:
         for key, job in missing.items():

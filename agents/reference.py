@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ SMOOTHING = 0.25  # m: half of the stretch over which corners of a plain polylin
 def _resampled(path: Array, spacing: float) -> Array:
     """A polyline (n, 2) with points at most `spacing` apart, its own vertices kept."""
     parts = [path[:1]]
-    for a, b in zip(path[:-1], path[1:], strict=True):
+    for a, b in pairwise(path):
         count = max(1, math.ceil(float(np.hypot(*(b - a))) / spacing))
         parts.append(a + (b - a) * (np.arange(1, count + 1) / count)[:, None])
     return np.concatenate(parts)

@@ -134,13 +134,13 @@ class PlannedDriver:
         self._chair = Motion(task.limits, task.footprint.array, task.period)
         self._backing = 0.0  # s left to back out
         self._tries = 0  # plans made since there was progress
-        self._obstructed = task.map
         self.plan: Plan | None = None
+        self._reference: Reference | None = None
         self._replan()
 
     def _replan(self) -> None:
         """Plan at the widest clearance that leads to the goal, and begin the new path."""
-        space = Space.from_grid(self._obstructed)
+        space = Space.from_grid(self._task.map)
         start, goal = self._around.pose, np.asarray(self._task.goal, dtype=np.float64)
         clearance = self.own.clearance
         while True:
@@ -150,18 +150,22 @@ class PlannedDriver:
             if self.plan.status is Status.SOLVED or clearance < self.own.least:
                 break
         path = self.plan.path
+        self._since = 0.0
         if self.plan.status is not Status.SOLVED:
+            if self._reference is not None:
+                return  # the old path is better than none
             path = np.stack([start[:2], goal[:2]])
         self._task.path = path[:, :2]
         self._reference = Reference(np.asarray(path, dtype=np.float64), start)
         self._follower = self._follower_settings.make()
-        self._best, self._since = 0.0, 0.0
+        self._best = 0.0
 
     def act(self, observation: Observation) -> Array:
         """See `Policy.act`."""
         period = self._task.period
         self._around.update(self._task.reading)
         self._chair.measured(self._task.reading.twist)
+        assert self._reference is not None  # reset made one
         off = self._reference.advance(self._around.pose)
         if self._reference.way > self._best + 0.1:
             self._best, self._since, self._tries = self._reference.way, 0.0, 0

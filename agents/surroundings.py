@@ -46,6 +46,11 @@ def voxel_means(points: Array) -> Array:
     return np.stack(sums, axis=-1)
 
 
+def _moved(pose: Array, way: float, turn: float) -> Array:
+    x, y, yaw = pose
+    return np.array(odometric_step(x, y, yaw, way, turn))
+
+
 class Surroundings:
     """The chair's pose and the obstacles near it, brought up to date by every reading.
 
@@ -78,8 +83,8 @@ class Surroundings:
             return
         self._stamp = reading.stamp
         way, turn = float(reading.twist[0]) * period, float(reading.twist[1]) * period
-        self._counted = np.array(odometric_step(*self._counted, way, turn))
-        pose = np.array(odometric_step(*self.pose, way, turn))
+        self._counted = _moved(self._counted, way, turn)
+        pose = _moved(self.pose, way, turn)
         off = np.asarray(reading.pose, dtype=np.float64) - pose
         off[2] = math.remainder(off[2], 2 * math.pi)
         self.pose = pose + off * min(1.0, period / SETTLE)
@@ -122,5 +127,5 @@ class Surroundings:
         return wrapped
 
     def _within(self, points: Array) -> NDArray[np.bool_]:
-        near: NDArray[np.bool_] = (np.abs(points) < REACH).all(axis=1)
+        near: NDArray[np.bool_] = np.all(np.abs(points) < REACH, axis=1)
         return near

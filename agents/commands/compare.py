@@ -40,7 +40,7 @@ def run(given: argparse.Namespace) -> int:
     import dataclasses
 
     from agents.compare import compare, suite, table
-    from agents.evaluate import Interrupted
+    from agents.evaluate import StoppedError
     from agents.provenance import command_line, cores
 
     what = suite(given.suite)
@@ -63,7 +63,7 @@ def run(given: argparse.Namespace) -> int:
         evaluation = compare(
             what, folder, jobs=given.jobs or cores(), progress=not given.quiet, seeds=seeds
         )
-    except Interrupted as stopped:
+    except StoppedError as stopped:
         print(f"wheelchair: stopped; {stopped}; resume with: {command_line()}", file=sys.stderr)
         return 130
     report(given, evaluation, f"{table(evaluation)}\n{folder / 'report.html'}")

@@ -20,7 +20,7 @@ def add(parts: Any) -> None:
         "plan",
         help="plan a path in a map_server map, or in each problem of a JSON file",
         description="Plan a path. Exit code 0: solved; 1: no path was found; 2: wrong input.",
-        epilog="example: wheelchair plan --map depot.yaml --planner a_star --start -10,2 --goal 9,4",
+        epilog="example: wheelchair plan --map hall.yaml --planner a_star --start 1,2 --goal 9,4",
     )
     parser.add_argument("--planner", required=True, metavar="NAME", help="see: wheelchair settings")
     parser.add_argument("--map", metavar="FILE.yaml", help="a map_server map")

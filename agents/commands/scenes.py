@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import inspect
 from typing import Any
 
@@ -26,7 +25,6 @@ def add(parts: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """List or describe."""
-    from wheelchair_gym.config import dump
     from wheelchair_gym.scenes import SCENES
 
     if given.name is not None:
@@ -34,12 +32,7 @@ def run(given: argparse.Namespace) -> int:
     found = []
     for name, scene in sorted(SCENES.items()):
         what = (inspect.getdoc(scene) or "").split("\n")[0]
-        defaults = {
-            field.name: dump(field.default)
-            for field in dataclasses.fields(scene)
-            if field.default is not dataclasses.MISSING
-        }
-        found.append({"name": name, "what": what, "settings": defaults})
+        found.append({"name": name, "what": what})
     report(given, found, "\n".join(f"{scene['name']:<16} {scene['what']}" for scene in found))
     return 0
 

@@ -43,7 +43,9 @@ def known() -> dict[str, type]:
     for name, place in OWN.items():
         module, _, attribute = place.partition(":")
         classes[name] = getattr(importlib.import_module(module), attribute)
-    return classes | PLANNERS | FOLLOWERS | policy_settings() | SCENES
+    for registry in (PLANNERS, FOLLOWERS, policy_settings(), SCENES):
+        classes.update(registry)
+    return classes
 
 
 def rows_of(cls: type, prefix: str = "") -> list[dict[str, Any]]:

@@ -62,8 +62,8 @@ def run(given: argparse.Namespace) -> int:
     least = record["clearance_min"]
     text = (
         f"{given.policy} on {given.scene}, seed {given.seed}: {record['outcome']} after "
-        f"{record['time']:.1f} s and {record['length']:.2f} m (shortest {record['geodesic']:.2f} m),"
-        f" least clearance {'-' if least is None else f'{least:.3f}'} m"
+        f"{record['time']:.1f} s and {record['length']:.2f} m (shortest {record['geodesic']:.2f}"
+        f" m), least clearance {'-' if least is None else f'{least:.3f}'} m"
     )
     report(given, record, text)
     return 0

@@ -72,7 +72,8 @@ def _read(field: Array, origin: Array, x: float, y: float) -> float:
     a, b = u - j, v - i
     low = (1.0 - a) * field[i, j] + a * field[i, j + 1]
     high = (1.0 - a) * field[i + 1, j] + a * field[i + 1, j + 1]
-    return (1.0 - b) * low + b * high
+    reading: float = (1.0 - b) * low + b * high
+    return reading
 
 
 @kernel
@@ -187,7 +188,7 @@ def search_lattice(
             j = int((ax - origin[0]) / search.cell)
             if i < 0 or j < 0 or i >= rows or j >= columns:
                 continue
-            sector = int(math.floor(ayaw / (2.0 * math.pi) * search.headings + 0.5))
+            sector = math.floor(ayaw / (2.0 * math.pi) * search.headings + 0.5)
             slot = (i * columns + j) * search.headings + sector % search.headings
             before = move[node]
             if before >= 0 and (
@@ -275,11 +276,13 @@ class Lattice:
             math.hypot(margin, 0.5 * SAMPLE), self.wish, self.dear, self.switch, self.nodes,
             self.near,
         )  # fmt: skip
-        least = float(_least(search, *start, self.wish))
+        bare = search._replace(margin=0.0)  # no early end: the least reading itself
+        least = float(_least(bare, start[0], start[1], start[2], self.wish))
         if least <= 0.0:
             return Plan(Status.START_OCCUPIED)
         # A start nearer to a wall than the margin may leave, at the clearance that it has.
-        search = search._replace(margin=min(search.margin, 0.98 * least))
+        if least < search.margin:
+            search = search._replace(margin=0.98 * least)
         node, count, pose, parent, move = search_lattice(search, MOVES, start, goal)
         spent = {"time_s": time.perf_counter() - begun}
         if node < 0:
