@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.kernel import kernel
+from wheelchair_gym.maps.distance import chessboard
 from wheelchair_gym.maps.grid import OccupancyGrid
 
 Array = NDArray[np.float64]
 Field = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+Steps = NDArray[np.int16]
 
 _GOAL = -1  # the parent of cells that see the goal itself
 _NONE = -2
@@ -25,30 +26,56 @@ _MARGIN = 1.5  # cells beyond the radius in which a point still counts as beside
 
 
 @kernel
-def sees(free: Mask, room: Field, x0: float, y0: float, x1: float, y1: float) -> bool:
+def sees(free: Mask, room: Steps, x0: float, y0: float, x1: float, y1: float) -> bool:
     """Whether the straight line between two points [cell centres] stays on free cells.
 
-    It steps by the room round each point (`room`: distance to the nearest cell that is not free),
-    so open ground costs a few steps only; a corner may be cut by less than half a cell.
+    It steps by the room round each point (`room`: king's steps to the nearest cell that is not
+    free), so open ground costs a few steps only; a corner may be cut by less than half a cell.
     """
     length = math.hypot(x1 - x0, y1 - y0)
     if length == 0.0:
         return True
     ux, uy = (x1 - x0) / length, (y1 - y0) / length
+    fastest = max(abs(ux), abs(uy))
     t = 0.0
     while t < length:
         x, y = x0 + t * ux, y0 + t * uy
         col, row = np.uint32(x + 0.5), np.uint32(y + 0.5)  # unsigned: no wrap-around test
         if not free[row, col]:
             return False
-        dx, dy = x - col, y - row
-        t += max(0.5, room[row, col] - math.sqrt(dx * dx + dy * dy) - 0.7072)
+        t += max(0.5, (room[row, col] - 0.5 - max(abs(x - col), abs(y - row))) / fastest)
     return bool(free[np.uint32(y1 + 0.5), np.uint32(x1 + 0.5)])
 
 
 @kernel
+def _inherits(
+    parent: NDArray[np.int32], cols: int, p: int, px: float, py: float, row: int, col: int
+) -> bool:
+    """Whether the two cells that the line to a parent enters next both see that parent.
+
+    Then so does the cell itself: between two lines of sight a cell apart, nothing fits.
+    """
+    ex, ey = px - col, py - row
+    if abs(ex) >= abs(ey):
+        if abs(ex) < 2.0:
+            return False
+        step = 1 if ex > 0.0 else -1
+        y = row + ey / abs(ex)
+        below = math.floor(y)
+        first = below * cols + col + step
+        return bool(parent[first] == p and (y == below or parent[first + cols] == p))
+    if abs(ey) < 2.0:
+        return False
+    step = 1 if ey > 0.0 else -1
+    x = col + ex / abs(ey)
+    below = math.floor(x)
+    first = (row + step) * cols + below
+    return bool(parent[first] == p and (x == below or parent[first + 1] == p))
+
+
+@kernel
 def _spread(
-    free: Mask, room: Field, goal_x: float, goal_y: float, seed: int
+    free: Mask, room: Steps, goal_x: float, goal_y: float, seed: int
 ) -> tuple[Field, NDArray[np.int32]]:
     """Any-angle distances [cells] to the goal, and where each cell's way bends first.
 
@@ -103,7 +130,10 @@ def _spread(
             if way >= length[v] - 1e-2:
                 continue
             via = p
-            if not sees(free, room, float(c), float(r), px, py):
+            if not (
+                _inherits(parent, cols, p, px, py, r, c)
+                or sees(free, room, float(c), float(r), px, py)
+            ):
                 way = length[u] + (math.sqrt(2.0) if k > 3 else 1.0)
                 via = u
                 if way >= length[v] - 1e-2:
@@ -121,38 +151,39 @@ def _spread(
 
 @kernel
 def _extended(length: Field, band: float) -> tuple[Field, NDArray[np.int32]]:
-    """Distances carried on into cells within `band` [cells] of reachable ones, and from which."""
+    """Distances carried on into cells within `band` [cells] of reachable ones, and from which.
+
+    Two sweeps hand the nearest reachable cell on from neighbour to neighbour.
+    """
     rows, cols = length.shape
     out = length.copy()
-    source = np.full(rows * cols, -1, np.int32)
-    queue = np.empty(rows * cols, np.int32)
-    done, waiting = 0, 0
-    for cell in range(rows * cols):
-        if length[cell // cols, cell % cols] < np.inf:
-            source[cell] = cell
-            row, col = cell // cols, cell % cols
-            edge = False
-            for r, c in ((row - 1, col), (row + 1, col), (row, col - 1), (row, col + 1)):
-                edge |= 0 <= r < rows and 0 <= c < cols and not length[r, c] < np.inf
-            if edge:
-                queue[waiting] = cell
-                waiting += 1
-    while done < waiting:
-        cell = queue[done]
-        done += 1
-        near = source[cell]
-        for dr in range(-1, 2):
-            for dc in range(-1, 2):
-                r, c = cell // cols + dr, cell % cols + dc
-                if not (0 <= r < rows and 0 <= c < cols) or source[r * cols + c] >= 0:
+    source = np.full((rows, cols), -1, np.int32)
+    gaps = np.full((rows, cols), np.float32(band), np.float32)
+    for row in range(rows):
+        for col in range(cols):
+            if length[row, col] < np.inf:
+                source[row, col] = row * cols + col
+                gaps[row, col] = 0.0
+    for turn in range(2):
+        way = 1 if turn == 0 else -1
+        for i in range(rows):
+            row = i if turn == 0 else rows - 1 - i
+            for j in range(cols):
+                col = j if turn == 0 else cols - 1 - j
+                if gaps[row, col] == 0.0:
                     continue
-                gap = math.hypot(r - near // cols, c - near % cols)
-                if gap <= band:
-                    source[r * cols + c] = near
-                    out[r, c] = length[near // cols, near % cols] + gap
-                    queue[waiting] = r * cols + c
-                    waiting += 1
-    return out, source
+                for k in range(4):
+                    r, c = row - way * (k < 3), col - way if k == 3 else col + k - 1
+                    if not (0 <= r < rows and 0 <= c < cols) or source[r, c] < 0:
+                        continue
+                    y = source[r, c] // cols
+                    x = source[r, c] - y * cols
+                    gap = np.float32(math.sqrt(float((y - row) ** 2 + (x - col) ** 2)))
+                    if gap < gaps[row, col]:
+                        gaps[row, col] = gap
+                        source[row, col] = source[r, c]
+                        out[row, col] = length[y, x] + gap
+    return out, source.ravel()
 
 
 @kernel
@@ -192,7 +223,7 @@ class Geodesic:
     field: Field  # (rows, cols) m; infinite where the goal cannot be reached
     extended: Field  # the same, carried on a radius and a cell into what is too near obstacles
     _free: Mask
-    _room: Field
+    _room: Steps
     _parent: NDArray[np.int32]  # (rows * cols,): where each cell's way bends first
     _source: NDArray[np.int32]  # (rows * cols,): the nearest reachable cell, -1 if none is near
 
@@ -238,16 +269,17 @@ def geodesic(grid: OccupancyGrid, goal: ArrayLike, radius: float) -> Geodesic:
     """
     target = np.asarray(goal, dtype=np.float64)[:2]
     free = grid.traversable(radius)
-    spread = cv2.distanceTransform(free.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    room = np.asarray(spread, dtype=np.float32)
+    room = chessboard(free)
     band = radius / grid.resolution + _MARGIN
-    x, y = grid.to_lattice(target) - 0.5
-    seed = _nearest(free, x, y, band)
+    lattice = grid.to_lattice(target) - 0.5
+    rows, cols = free.shape
+    x, y = np.clip(lattice, 0.0, (cols - 1, rows - 1))
+    seed = _nearest(free, x, y, band) if grid.inside(target) else -1
     if seed < 0:
         length = np.full(free.shape, np.inf, dtype=np.float32)
         parent = np.full(free.size, _NONE, dtype=np.int32)
     else:
-        length, parent = _spread(free, room, x, y, seed)
+        length, parent = _spread(free, room, float(x), float(y), seed)
     extended, source = _extended(length, band)
     scale = np.float32(grid.resolution)
     return Geodesic(
@@ -257,11 +289,11 @@ def geodesic(grid: OccupancyGrid, goal: ArrayLike, radius: float) -> Geodesic:
 
 def _nearest(free: Mask, x: float, y: float, band: float) -> int:
     """Index of the free cell nearest to a point [cell centres] and within `band` of it, or -1."""
-    rows, cols = free.shape
+    cols = free.shape[1]
     r0, c0 = max(0, math.floor(y - band)), max(0, math.floor(x - band))
     window = free[r0 : max(0, math.ceil(y + band) + 1), c0 : max(0, math.ceil(x + band) + 1)]
     row, col = np.nonzero(window)
-    if not (-0.5 <= x < cols - 0.5 and -0.5 <= y < rows - 0.5) or len(row) == 0:
+    if len(row) == 0:
         return -1
     gap = np.hypot(row + r0 - y, col + c0 - x)
     best = int(gap.argmin())

@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.geometry import to_frame
 from wheelchair_gym.geometry import to_world as placed
+from wheelchair_gym.maps.distance import distance_to_squares
 from wheelchair_gym.maps.edges import boundary
 
 Array = NDArray[np.float64]
@@ -101,27 +101,12 @@ class OccupancyGrid:
 
         Exact; 0 in solid cells, infinite where nothing is solid.
         """
-        return self.resolution * distance_to_squares(self.solid(unknown_is_solid))
+        spread = distance_to_squares(self.solid(unknown_is_solid), math.inf)
+        return spread * np.float32(self.resolution)
 
     def traversable(self, radius: float) -> Mask:
         """Free cells (rows, cols) at whose centre a disc of this radius [m] meets nothing solid."""
-        free: Mask = self.cells == FREE
         # A corridor exactly as wide as the disc is passable: the slack is float32's rounding.
-        return free & (self.distance() >= radius - 1e-5)
-
-
-def distance_to_squares(solid: Mask) -> NDArray[np.float32]:
-    """Exact distance (rows, cols) [cells] from cell centres to the nearest solid cell's square.
-
-    On a lattice of half cells, the nearest point of a square is always a lattice point: its centre
-    line or its corner. So the exact transform to lattice points gives the distance to squares.
-    """
-    if not solid.any():
-        return np.full(solid.shape, np.inf, dtype=np.float32)
-    rows, cols = solid.shape
-    lattice = np.ones((2 * rows + 1, 2 * cols + 1), dtype=np.uint8)
-    for row in range(3):
-        for col in range(3):
-            lattice[row : row + 2 * rows - 1 : 2, col : col + 2 * cols - 1 : 2][solid] = 0
-    spread = cv2.distanceTransform(lattice, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(spread[1::2, 1::2] * np.float32(0.5), dtype=np.float32)
+        least = (radius - 1e-5) / self.resolution
+        gap = distance_to_squares(self.solid(), least)
+        return np.asarray((self.cells == FREE) & (gap >= least))

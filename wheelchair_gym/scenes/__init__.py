@@ -8,10 +8,27 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from wheelchair_gym.config import InputError, load
+from wheelchair_gym.scenes.barn import Barn
+from wheelchair_gym.scenes.clutter import Clutter
 from wheelchair_gym.scenes.floor_plan import FloorPlan
+from wheelchair_gym.scenes.map_file import MapFile
+from wheelchair_gym.scenes.papers import ChaoticPso, GreyWolf
+from wheelchair_gym.scenes.room import EmptyRoom
+from wheelchair_gym.scenes.thesis import THESIS_MAPS
 from wheelchair_gym.types import Episode
 
-__all__ = ["SCENES", "FloorPlan", "Scene", "make_scene"]
+__all__ = [
+    "SCENES",
+    "Barn",
+    "ChaoticPso",
+    "Clutter",
+    "EmptyRoom",
+    "FloorPlan",
+    "GreyWolf",
+    "MapFile",
+    "Scene",
+    "make_scene",
+]
 
 
 class Scene(Protocol):
@@ -24,6 +41,13 @@ class Scene(Protocol):
 
 SCENES: Final[dict[str, type[Scene]]] = {
     "floor_plan": FloorPlan,
+    "clutter": Clutter,
+    "empty": EmptyRoom,
+    "map_file": MapFile,
+    "barn": Barn,
+    "chaotic_pso": ChaoticPso,
+    "grey_wolf": GreyWolf,
+    **THESIS_MAPS,
 }
 
 

@@ -93,6 +93,14 @@ class FloorPlan:
         Raises:
             InputError: fifty storeys had none.
         """
+        return self.storey(rng)[1]
+
+    def storey(self, rng: np.random.Generator) -> tuple[Layout, Episode]:
+        """The same, with the rooms, corridors and doors of the building.
+
+        Raises:
+            InputError: fifty storeys had none.
+        """
         for _ in range(_TRIES):
             layout, things = self.draw(rng)
             grid, walls, discs = build(layout, things)
@@ -100,7 +108,8 @@ class FloorPlan:
                 found = self._ends(rng, layout.rooms, grid, walls, discs)
                 if found is not None:
                     start, goal = found
-                    return Episode(grid, start, goal, walls, discs, name="floor_plan")
+                    episode = Episode(grid, start, goal, walls, discs, name="floor_plan")
+                    return layout, episode
         raise InputError(f"FloorPlan: {_TRIES} storeys had no start and goal that fit {self}")
 
     def _ends(

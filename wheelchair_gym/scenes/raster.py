@@ -62,8 +62,9 @@ def turned_rectangle(x: float, y: float, length: float, width: float, yaw: float
     """Corners (4, 2) [m], counter-clockwise, of a rectangle about (x, y) turned by yaw [rad]."""
     along = np.array([math.cos(yaw), math.sin(yaw)]) * length / 2
     across = np.array([-math.sin(yaw), math.cos(yaw)]) * width / 2
-    corners = np.array([-along - across, along - across, along + across, across - along])
-    return corners + np.array([x, y])
+    corners: Array = np.array([-along - across, along - across, along + across, across - along])
+    corners += (x, y)
+    return corners
 
 
 @kernel
