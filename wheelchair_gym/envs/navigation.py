@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -69,7 +69,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     See `__init__`. Version 0: first release.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012
 
     def __init__(
         self,
@@ -126,7 +126,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.scene = make_scene(s.scene)
         self.chair: Chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, make_guidance(s.guidance))
-        self.observation_space = self.task.space
+        self.observation_space = cast("gym.Space[Observation]", self.task.space)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(s.rate)}
@@ -163,13 +163,13 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._steps_left = self.task.steps
         self._geodesic = self.task.way_to_go(episode.start)
         self._previous: Array = np.zeros(2)
-        self._trail = [self.chair.truth.pose]
+        self._trail = []
         self._view = None
         self._touched = False
-        observation = self.task.observe(reading)
+        observation, info = self.task.observe(reading), self._info(np.zeros(len(TERMS)))
         if self.render_mode == "human":
             self.render()
-        return observation, self._info(np.zeros(len(TERMS)))
+        return observation, info
 
     def step(
         self, action: NDArray[np.float32]
@@ -196,15 +196,16 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         truncated = self._steps_left == 0 and not terminated
         if terminated:
             self._steps_left = 0
-        self._trail.append(self.chair.truth.pose)
+        info = self._info(verdict.terms)
         if self.render_mode == "human":
             self.render()
-        return observation, verdict.reward, terminated, truncated, self._info(verdict.terms)
+        return observation, verdict.reward, terminated, truncated, info
 
     def _info(self, terms: Array) -> dict[str, Any]:
         truth, reading = self.chair.truth, self.task.reading
         at_goal = self.task.at_goal(truth.pose)
         self._touched |= truth.contact
+        self._trail.append(truth.pose)
         return {
             "pose": truth.pose,
             "twist": truth.twist,
@@ -222,7 +223,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             "reward_terms": dict(zip(TERMS, terms.tolist(), strict=True)),
         }
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """The world from above: an RGB picture (h, w, 3), or None when it goes to a window."""
         if self.render_mode is None:
             gym.logger.warn("render() needs render_mode='rgb_array' or 'human' in gymnasium.make")
@@ -252,8 +253,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._window.show(frame)
         return None
 
-    def _points_ahead(self, reading: Reading) -> Array | None:
-        return self.task.observe(reading)["path"] if self.task.guidance is not None else None
+    def _points_ahead(self, reading: Reading) -> NDArray[np.float32] | None:
+        return self.task.observe(reading).get("path")
 
     def _caption(self, reading: Reading) -> str:
         v, w = reading.twist

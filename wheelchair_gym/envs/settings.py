@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, load, read, setting, settings
 from wheelchair_gym.sensing.settings import SensorSettings
@@ -64,7 +68,7 @@ def env_settings(
     return dataclasses.replace(base, **given)
 
 
-def geodesic_path(task: Task) -> Any:
+def geodesic_path(task: Task) -> NDArray[np.float64]:
     """The geodesic from the chair to the goal (n, 2) [m]."""
     return task.geodesic.path(task.reading.pose[:2])
 
@@ -75,14 +79,16 @@ def make_guidance(spec: Any) -> Guidance | None:
     Raises:
         InputError: it names nothing that can be imported and called.
     """
-    if spec is None or callable(spec):
-        return spec  # type: ignore[no-any-return]
+    if spec is None:
+        return None
+    if callable(spec):
+        return cast("Guidance", spec)
     if isinstance(spec, Mapping):
         options = dict(spec)
         call = make_guidance(options.pop("call", None))
         if call is None:
             raise InputError("guidance: a mapping needs the key 'call'")
-        return lambda task: call(task, **options)  # type: ignore[call-arg]
+        return partial(call, **options)
     if spec == "geodesic":
         return geodesic_path
     module, _, name = str(spec).partition(":")
