@@ -14,6 +14,7 @@ from agents.evaluate import Spec, drive_episode, env_settings, evaluate, label, 
 from agents.metrics import Record, summarise
 from agents.policy import make_policy
 from agents.provenance import command_line, commit, machine, versions, write_json, write_text
+from agents.tables import markdown, overall
 from wheelchair_gym.config import InputError, dump
 
 Evaluation = dict[str, Any]
@@ -36,7 +37,7 @@ SUITES: dict[str, Suite] = {
     "demo": Suite(
         "Scripted policies on several scenes",
         ("random", "straight", "a_star+pure_pursuit", BEST),
-        ("floor_plan", "clutter", "corridor", "map_file"),
+        ("floor_plan", "clutter", "thesis_3", "map_file"),
         3,
     ),
     "homes": Suite("Floor plans never seen before", (BEST,), ("floor_plan",), 200),
@@ -103,26 +104,20 @@ def compare(
         evaluation["video"] = film(what, summary, records, folder)
     evaluation["provenance"]["wall_time_s"] = round(time.perf_counter() - begun, 2)
     write_json(folder / "results.json", evaluation)
-    write_text(folder / "table.md", table(evaluation))
+    write_text(folder / "table.md", markdown(evaluation))
     from agents.report import write_report
 
     write_report(evaluation, folder)
     return evaluation
 
 
-def best_policy(summary: Sequence[Record]) -> str:
-    """The policy with the most successes on all scenes, then the best SPL."""
-    rows = [row for row in summary if row["scene"] == "all"]
-    return str(max(rows, key=lambda row: (row["success"], row["spl"]))["policy"])
-
-
 def film(
     what: Suite, summary: Sequence[Record], records: Sequence[Record], folder: Path
 ) -> str | None:
     """Film the best policy on its first good episode; the video's name, or None if none is."""
-    from wheelchair_gym.view.video import write_video
+    from wheelchair_gym.view.video import video_suffix, write_video
 
-    best = best_policy(summary)
+    best = str(overall(summary)[0]["policy"])
     of = [record for record in records if record["policy"] == best]
     shown = next((record for record in of if record["success"]), of[0])
     policy = next(spec for spec in what.policies if label(spec) == best)
@@ -134,42 +129,6 @@ def film(
         period = env.unwrapped.task.period
     finally:
         env.close()
-    path = folder / "episode.mp4"
+    path = folder / f"episode{video_suffix()}"
     write_video(path, frames, round(1.0 / period))
     return path.name
-
-
-def _percent(row: Record, key: str) -> str:
-    low, high = 100 * row[f"{key}_low"], 100 * row[f"{key}_high"]
-    return f"{100 * row[key]:.1f} ({low:.1f}-{high:.1f})"
-
-
-def _number(value: float | None, digits: int = 2) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
-COLUMNS = (
-    "policy", "scene", "n", "success % (95 %)", "collision %", "timeout %", "SPL", "time s",
-    "length m", "clearance min m", "jerk m/s3", "rough %", "Wh/m", "plan ms p50 / p95",
-    "act ms p50 / p95",
-)  # fmt: skip
-
-
-def table(evaluation: Evaluation) -> str:
-    """The summary as a table in Markdown, with the command that made it."""
-    lines = [
-        f"# {evaluation['title']}", "", f"`{evaluation['command']}`", "",
-        "| " + " | ".join(COLUMNS) + " |", "|" + " --- |" * len(COLUMNS),
-    ]  # fmt: skip
-    for row in evaluation["summary"]:
-        cells = [
-            row["policy"], row["scene"], str(row["episodes"]), _percent(row, "success"),
-            _percent(row, "collision"), _percent(row, "timeout"), _number(row["spl"], 3),
-            _number(row["time"], 1), _number(row["length"]), _number(row["clearance_min"], 3),
-            _number(row["jerk_rms"]), _number(100 * row["rough_share"], 1),
-            _number(row["energy_per_m"]),
-            f"{row['plan_ms_p50']:.1f} / {row['plan_ms_p95']:.1f}",
-            f"{row['act_ms_p50']:.2f} / {row['act_ms_p95']:.2f}",
-        ]  # fmt: skip
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"

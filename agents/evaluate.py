@@ -146,14 +146,17 @@ def run_episode(
 
 
 def save_picture(frame: Any, path: Path) -> None:
-    """Write a frame (rows, cols, 3) as a picture."""
-    from matplotlib.image import imsave
+    """Write a frame (rows, cols, 3) as a picture (PNG).
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    from wheelchair_gym.view.video import write_png
 
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        imsave(path, frame)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be written ({error})") from None
+        write_png(path, frame)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
 
 
 def read_store(path: Path) -> dict[str, Record]:

@@ -39,9 +39,10 @@ def run(given: argparse.Namespace) -> int:
     """Compare, report, and write everything to the folder."""
     import dataclasses
 
-    from agents.compare import compare, suite, table
+    from agents.compare import compare, suite
     from agents.evaluate import StoppedError
     from agents.provenance import command_line, cores
+    from agents.tables import markdown
 
     what = suite(given.suite)
     env = dict(what.env)
@@ -66,5 +67,5 @@ def run(given: argparse.Namespace) -> int:
     except StoppedError as stopped:
         print(f"wheelchair: stopped; {stopped}; resume with: {command_line()}", file=sys.stderr)
         return 130
-    report(given, evaluation, f"{table(evaluation)}\n{folder / 'report.html'}")
+    report(given, evaluation, f"{markdown(evaluation)}\n{folder / 'report.html'}")
     return 0

@@ -41,28 +41,23 @@ def _describe(given: argparse.Namespace) -> int:
     import numpy as np
 
     from wheelchair_gym.scenes import make_scene
+    from wheelchair_gym.scenes.describe import measure
 
-    scene = make_scene(given.name)
-    values: dict[str, list[float]] = {"way_straight_m": [], "width_m": [], "height_m": []}
-    solid = []
-    for seed in range(given.samples):
-        episode = scene.sample(np.random.default_rng(seed))
-        x0, y0, x1, y1 = episode.map.bounds
-        way = np.hypot(*(np.asarray(episode.goal)[:2] - np.asarray(episode.start)[:2]))
-        values["way_straight_m"].append(float(way))
-        values["width_m"].append(x1 - x0)
-        values["height_m"].append(y1 - y0)
-        solid.append(float(np.mean(episode.map.solid(False))))
-    values["solid_share"] = solid
-    rows = {
-        key: {
-            "p5": float(np.percentile(of, 5)),
-            "p50": float(np.percentile(of, 50)),
-            "p95": float(np.percentile(of, 95)),
-        }
-        for key, of in values.items()
-    }
-    lines = [f"{given.name}: {given.samples} samples (5 %, median, 95 %)"]
-    lines += [f"{k:<16} {r['p5']:8.2f} {r['p50']:8.2f} {r['p95']:8.2f}" for k, r in rows.items()]
-    report(given, {"name": given.name, "samples": given.samples, "figures": rows}, "\n".join(lines))
+    drawn = measure(make_scene(given.name), range(given.samples))
+    rows = []
+    for name, values in drawn.items():
+        least, low, middle, high, most = np.quantile(values, (0.0, 0.05, 0.5, 0.95, 1.0)).tolist()
+        rows.append(
+            {"figure": name, "n": len(values), "least": least, "p5": low, "p50": middle}
+            | {"p95": high, "most": most}
+        )
+    columns = ("n", "least", "p5", "p50", "p95", "most")
+    lines = [f"{given.name}, seeds 0 to {given.samples - 1}".ljust(32)]
+    lines[0] += "".join(f"{column:>9}" for column in columns)
+    lines += [
+        f"{row['figure']:<32}" + "".join(f"{row[column]:>9.4g}" for column in columns)
+        for row in rows
+    ]
+    value = {"scene": given.name, "samples": given.samples, "figures": rows}
+    report(given, value, "\n".join(lines))
     return 0

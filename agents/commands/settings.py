@@ -15,6 +15,9 @@ OWN = {
     "limits": "wheelchair_gym.kinematics:Limits",
     "drive": "wheelchair_gym.kinematics:DriveGeometry",
     "sensors": "wheelchair_gym.sensing.settings:SensorSettings",
+    "chair": "wheelchair_gym.simulation.settings:ChairSettings",
+    "physics": "wheelchair_gym.simulation.settings:PhysicsSettings",
+    "task": "wheelchair_gym.task.settings:TaskSettings",
 }
 
 

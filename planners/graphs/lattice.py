@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.space import SpaceArrays, clearance, point_free
+from planners.exact import SpaceArrays, clearance, point_free
 from planners.types import Plan, Problem, Status
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
