@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import point_segment_distance
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.kernel import borrowing_kernel, inlined
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class SpaceArrays(NamedTuple):
     corner_free: NDArray[np.bool_]  # (rows, columns): is each bucket's lower left corner free
 
 
-@kernel
+@borrowing_kernel
 def _product(a: float, b: float) -> tuple[float, float]:
     """Product of a and b as the sum of two doubles, exactly (Dekker 1971)."""
     p = a * b
@@ -43,7 +43,7 @@ def _product(a: float, b: float) -> tuple[float, float]:
     return p, ((ah * bh - p) + ah * bl + al * bh) + al * bl
 
 
-@kernel
+@borrowing_kernel
 def _difference(a: float, b: float) -> tuple[float, float]:
     """Difference a - b as the sum of two doubles, exactly (Knuth)."""
     d = a - b
@@ -51,7 +51,7 @@ def _difference(a: float, b: float) -> tuple[float, float]:
     return d, (a - (d - t)) - (b + t)
 
 
-@kernel
+@borrowing_kernel
 def _side_of_doubt(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """`side` with twice the digits."""
     ux, ux_low = _difference(bx, ax)
@@ -64,7 +64,7 @@ def _side_of_doubt(ax: float, ay: float, bx: float, by: float, cx: float, cy: fl
     return (p - q) + low
 
 
-@kernel
+@inlined
 def side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Positive if c lies left of the line from a to b, negative if right, 0 if exactly on it."""
     p, q = (bx - ax) * (cy - ay), (by - ay) * (cx - ax)
@@ -74,7 +74,7 @@ def side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> fl
     return _side_of_doubt(ax, ay, bx, by, cx, cy)
 
 
-@kernel
+@borrowing_kernel
 def into_solid(
     px: float, py: float, cx: float, cy: float, dx: float, dy: float, tx: float, ty: float
 ) -> bool:
@@ -88,7 +88,7 @@ def into_solid(
     return turn < 0.0 and (left > 0.0 or side(cx, cy, px, py, tx, ty) < 0.0)
 
 
-@kernel
+@borrowing_kernel
 def _left_of(segments: Array, k: int, x: float, y: float) -> bool:
     """Whether (x, y) lies left of a segment, moved right and, by far less, up: never on it."""
     ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
@@ -96,35 +96,26 @@ def _left_of(segments: Array, k: int, x: float, y: float) -> bool:
     return area > 0.0 or (area == 0.0 and (by < ay or (by == ay and bx > ax)))
 
 
-@kernel
-def _free_inside(arrays: SpaceArrays, bucket: int, x: float, y: float, free: bool) -> bool:
+@borrowing_kernel
+def _free_inside(
+    segments: Array, near: NDArray[np.int32], x0: float, y0: float, x: float, y: float, free: bool
+) -> bool:
     """Whether (x, y) of a bucket is free, from its lower left corner: up first, then right.
 
     All points are moved right and, by far less, up, so that none lies on a boundary or in line
     with a corner; then the answer changes exactly where a leg crosses a segment.
     """
-    segments = arrays.segments
-    columns = arrays.corner_free.shape[1]
-    x0 = arrays.grid[0] + (bucket % columns) * arrays.grid[2]
-    y0 = arrays.grid[1] + (bucket // columns) * arrays.grid[2]
-    for m in range(arrays.first[bucket], arrays.first[bucket + 1]):
-        k = arrays.members[m]
-        if (segments[k, 0] <= x0) != (segments[k, 2] <= x0) and (
-            _left_of(segments, k, x0, y0) != _left_of(segments, k, x0, y)
-        ):
-            free = not free
-        if (segments[k, 1] <= y) != (segments[k, 3] <= y) and (
-            _left_of(segments, k, x0, y) != _left_of(segments, k, x, y)
-        ):
-            free = not free
+    for k in near:
+        if (segments[k, 0] <= x0) != (segments[k, 2] <= x0):
+            free ^= _left_of(segments, k, x0, y0) != _left_of(segments, k, x0, y)
+        if (segments[k, 1] <= y) != (segments[k, 3] <= y):
+            free ^= _left_of(segments, k, x0, y) != _left_of(segments, k, x, y)
     return free
 
 
-@kernel
-def _on_boundary(arrays: SpaceArrays, bucket: int, x: float, y: float) -> bool:
-    segments = arrays.segments
-    for m in range(arrays.first[bucket], arrays.first[bucket + 1]):
-        k = arrays.members[m]
+@borrowing_kernel
+def _on_boundary(segments: Array, near: NDArray[np.int32], x: float, y: float) -> bool:
+    for k in near:
         ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
         if (
             min(ax, bx) <= x <= max(ax, bx)
@@ -135,30 +126,36 @@ def _on_boundary(arrays: SpaceArrays, bucket: int, x: float, y: float) -> bool:
     return False
 
 
-@kernel
+@borrowing_kernel
 def point_free(arrays: SpaceArrays, x: float, y: float) -> bool:
     """Whether a point [m] is free; on a boundary it is. NaN is not."""
     bounds, grid = arrays.bounds, arrays.grid
     if not (bounds[0] <= x <= bounds[2] and bounds[1] <= y <= bounds[3]):
         return False
+    left, low, size = grid[0], grid[1], grid[2]
     rows, columns = arrays.corner_free.shape
-    i = min(rows - 1, int((y - grid[1]) / grid[2]))
-    j = min(columns - 1, int((x - grid[0]) / grid[2]))
+    i, j = min(rows - 1, int((y - low) / size)), min(columns - 1, int((x - left) / size))
     bucket = i * columns + j
-    return _free_inside(arrays, bucket, x, y, arrays.corner_free[i, j]) or _on_boundary(
-        arrays, bucket, x, y
-    )
+    near = arrays.members[arrays.first[bucket] : arrays.first[bucket + 1]]
+    x0, y0 = left + j * size, low + i * size
+    if _free_inside(arrays.segments, near, x0, y0, x, y, arrays.corner_free[i, j]):
+        return True
+    return _on_boundary(arrays.segments, near, x, y)
 
 
-@kernel
-def _blocked_in(
-    arrays: SpaceArrays, bucket: int, ax: float, ay: float, bx: float, by: float
+@borrowing_kernel
+def _blocked_by(
+    segments: Array,
+    before: Array,
+    near: NDArray[np.int32],
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
 ) -> bool:
-    """Whether a segment of a bucket stops the edge from a to b."""
-    segments, before = arrays.segments, arrays.before
+    """Whether one of the segments `near` stops the edge from a to b."""
     low_x, high_x, low_y, high_y = min(ax, bx), max(ax, bx), min(ay, by), max(ay, by)
-    for m in range(arrays.first[bucket], arrays.first[bucket + 1]):
-        k = arrays.members[m]
+    for k in near:
         cx, cy, dx, dy = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
         if max(cx, dx) < low_x or min(cx, dx) > high_x:
             continue
@@ -167,11 +164,9 @@ def _blocked_in(
         c, d = side(ax, ay, bx, by, cx, cy), side(ax, ay, bx, by, dx, dy)
         if (c > 0.0 and d > 0.0) or (c < 0.0 and d < 0.0):
             continue
-        a, b = side(cx, cy, dx, dy, ax, ay), side(cx, cy, dx, dy, bx, by)
-        if (a > 0.0 and b > 0.0) or (a < 0.0 and b < 0.0):
-            continue
-        if c != 0.0 and d != 0.0:  # they meet between c and d: from or to the solid side?
-            if a > 0.0 or b > 0.0:
+        if c != 0.0 and d != 0.0:  # a and b on one side, or do they meet, from or to the solid?
+            a, b = side(cx, cy, dx, dy, ax, ay), side(cx, cy, dx, dy, bx, by)
+            if (a > 0.0 and b <= 0.0) or (b > 0.0 and a <= 0.0):
                 return True
         elif c == 0.0 and low_x <= cx <= high_x and low_y <= cy <= high_y:
             px, py = before[k, 0], before[k, 1]
@@ -182,7 +177,7 @@ def _blocked_in(
     return False
 
 
-@kernel
+@borrowing_kernel
 def edge_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> bool:
     """Whether the straight way from a to b [m] stays in what is free; touching is allowed."""
     bounds, grid = arrays.bounds, arrays.grid
@@ -190,39 +185,36 @@ def edge_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -
         return False
     if not point_free(arrays, ax, ay):
         return False
+    segments, before, first, members = arrays.segments, arrays.before, arrays.first, arrays.members
     rows, columns = arrays.corner_free.shape
-    size = grid[2]
-    i = min(rows - 1, int((ay - grid[1]) / size))
-    j = min(columns - 1, int((ax - grid[0]) / size))
-    last_i = min(rows - 1, int((by - grid[1]) / size))
-    last_j = min(columns - 1, int((bx - grid[0]) / size))
-    if _blocked_in(arrays, i * columns + j, ax, ay, bx, by):
-        return False
-    if i == last_i and j == last_j:
-        return True
+    left, low, size = grid[0], grid[1], grid[2]
+    i, j = min(rows - 1, int((ay - low) / size)), min(columns - 1, int((ax - left) / size))
+    last_i, last_j = (
+        min(rows - 1, int((by - low) / size)),
+        min(columns - 1, int((bx - left) / size)),
+    )
     # From bucket to bucket (Amanatides and Woo 1987). Buckets hold what comes near them, so that
     # rounding may choose either way round a corner.
     step_i, step_j = (1 if last_i > i else -1), (1 if last_j > j else -1)
-    per_x = size / abs(bx - ax) if bx != ax else math.inf
-    per_y = size / abs(by - ay) if by != ay else math.inf
-    next_x, next_y = math.inf, math.inf
-    if j != last_j:
-        next_x = (grid[0] + (j + (step_j > 0)) * size - ax) / (bx - ax)
-    if i != last_i:
-        next_y = (grid[1] + (i + (step_i > 0)) * size - ay) / (by - ay)
-    while i != last_i or j != last_j:
+    per_x = size / abs(bx - ax) if j != last_j else math.inf
+    per_y = size / abs(by - ay) if i != last_i else math.inf
+    next_x = (left + (j + (step_j > 0)) * size - ax) / (bx - ax) if j != last_j else math.inf
+    next_y = (low + (i + (step_i > 0)) * size - ay) / (by - ay) if i != last_i else math.inf
+    while True:
+        begin, end = first[i * columns + j], first[i * columns + j + 1]
+        if begin < end and _blocked_by(segments, before, members[begin:end], ax, ay, bx, by):
+            return False
+        if i == last_i and j == last_j:
+            return True
         if i == last_i or (j != last_j and next_x < next_y):
             j += step_j
             next_x += per_x
         else:
             i += step_i
             next_y += per_y
-        if _blocked_in(arrays, i * columns + j, ax, ay, bx, by):
-            return False
-    return True
 
 
-@kernel
+@borrowing_kernel
 def clearance(arrays: SpaceArrays, x: float, y: float) -> float:
     """Distance [m] from a point to the nearest boundary, the map's border too; 0 if not free."""
     if not point_free(arrays, x, y):
@@ -251,7 +243,7 @@ def clearance(arrays: SpaceArrays, x: float, y: float) -> float:
     return best
 
 
-@kernel
+@borrowing_kernel
 def fill_buckets(
     segments: Array,
     grid: Array,
@@ -284,16 +276,22 @@ def fill_buckets(
                     first[bucket] += 1
 
 
-@kernel
+@borrowing_kernel
 def mark_corners(arrays: SpaceArrays) -> None:
     """Set `corner_free`: the first corner lies outside the map, each other follows from one."""
-    free, grid = arrays.corner_free, arrays.grid
+    free, grid, segments = arrays.corner_free, arrays.grid, arrays.segments
     rows, columns = free.shape
-    size = grid[2]
     for i in range(rows):
-        if i > 0:
-            below = (i - 1) * columns
-            free[i, 0] = _free_inside(arrays, below, grid[0], grid[1] + i * size, free[i - 1, 0])
-        for j in range(1, columns):
-            x, y = grid[0] + j * size, grid[1] + i * size
-            free[i, j] = _free_inside(arrays, i * columns + j - 1, x, y, free[i, j - 1])
+        y = grid[1] + i * grid[2]
+        for j in range(columns):
+            x = grid[0] + j * grid[2]
+            if j > 0:  # from the left
+                bucket, known = i * columns + j - 1, free[i, j - 1]
+                x0, y0 = grid[0] + (j - 1) * grid[2], y
+            elif i > 0:  # from below
+                bucket, known = (i - 1) * columns, free[i - 1, 0]
+                x0, y0 = x, grid[1] + (i - 1) * grid[2]
+            else:
+                continue
+            near = arrays.members[arrays.first[bucket] : arrays.first[bucket + 1]]
+            free[i, j] = _free_inside(segments, near, x0, y0, x, y, known)
