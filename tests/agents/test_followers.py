@@ -13,7 +13,7 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, footprint_clearance
 from wheelchair_gym.kinematics import Limits
 
-PLANNER = "a_star"
+PLANNER = "lattice"
 
 
 @pytest.mark.parametrize("follower", sorted(FOLLOWERS))
