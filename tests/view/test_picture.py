@@ -224,3 +224,13 @@ def test_a_frame_is_quick(view):
         view.draw(pose, seen, trail, trail, [(5, 4)], "12.0 s   0.50 m/s")
         times.append(time.process_time() - begun)
     assert min(times) < 8e-3
+
+
+@pytest.mark.parametrize("beam", [0, 135, 270])
+def test_a_lone_beam_without_echo_is_no_spike(view, beam):
+    pose = (4.0, 3.0, 0.0)
+    scan = np.full(271, 1.0)
+    scan[beam] = np.inf
+    angle = math.radians(beam - 135)
+    beyond = (4.66 + 1.3 * math.cos(angle), 3.0 + 1.3 * math.sin(angle))
+    assert colour_at(view.draw(pose, reading(pose, scan)), view.frame, beyond) == palette.FREE

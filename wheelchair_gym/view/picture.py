@@ -123,7 +123,8 @@ class TopView:
         rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)  # (beams, 2)
         seen = np.clip(np.nan_to_num(ranges, nan=0.0, posinf=laser.reach), 0.0, laser.reach)
         # A lone beam without echo would stand out of the fan as a spike.
-        seen[1:-1] = np.minimum(seen[1:-1], np.maximum(seen[:-2], seen[2:]))
+        beside = np.pad(seen, 1)
+        seen = np.minimum(seen, np.maximum(beside[:-2], beside[2:]))
         mount = (laser.x, laser.y)
         fan = to_world(np.vstack([[mount], mount + seen[:, None] * rays]), pose)
         canvas.fill([fan], palette.LASER, _LASER_ALPHA)

@@ -1,0 +1,227 @@
+"""A tree of points in the plane, with a bucket grid that answers 'nearest' and 'within a radius'.
+
+The grid refines itself as the tree grows, so that a cell holds about two points: a sparse tree is
+searched over few cells, and a dense one over few points.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.kernel import borrowing_kernel
+
+Array = NDArray[np.float64]
+NONE = -1  # no node
+
+NODE = np.dtype(
+    [
+        ("x", np.float64),  # m
+        ("y", np.float64),
+        ("cost", np.float64),  # m, along the tree from its root
+        ("edge", np.float64),  # m, from the parent
+        ("parent", np.int32),
+        ("child", np.int32),  # the first of the children,
+        ("sibling", np.int32),  # and the next child of the same parent
+        ("following", np.int32),  # the next node in the same cell
+    ]
+)
+GRID = np.dtype(
+    [
+        ("x", np.float64),  # m, lower left corner
+        ("y", np.float64),
+        ("width", np.float64),
+        ("height", np.float64),
+        ("cell", np.float64),  # m
+        ("cols", np.int64),
+        ("rows", np.int64),
+        ("count", np.int64),  # nodes in the tree
+    ]
+)
+
+
+class Tree(NamedTuple):
+    """Nodes, the buckets that they lie in, and the shape of the grid."""
+
+    nodes: NDArray[Any]  # (capacity,) NODE
+    heads: NDArray[np.int32]  # the first node of each cell
+    grid: NDArray[Any]  # (1,) GRID
+
+
+def new_tree(bounds: Array, capacity: int) -> Tree:
+    """An empty tree.
+
+    Args:
+        bounds: where its nodes may lie (4,) [m]: xmin, ymin, xmax, ymax.
+        capacity: most nodes that it can hold.
+    """
+    width, height = float(bounds[2] - bounds[0]), float(bounds[3] - bounds[1])
+    cell = max(width, height) / 4.0
+    grid = np.zeros(1, GRID)
+    cols, rows = int(width / cell) + 1, int(height / cell) + 1
+    grid[0] = (bounds[0], bounds[1], width, height, cell, cols, rows, 0)
+    # Cells double in each direction while nodes are twice as many as cells: at most this many.
+    heads = np.empty(4 * (cols + 1) * (rows + 1) + 8 * capacity, np.int32)
+    heads[: cols * rows] = NONE
+    return Tree(np.empty(capacity, NODE), heads, grid)
+
+
+@borrowing_kernel
+def cell_of(grid: Any, x: float, y: float) -> tuple[int, int]:
+    """Column and row of a point's cell; points outside belong to the cells at the border."""
+    col = min(max(int((x - grid.x) / grid.cell), 0), grid.cols - 1)
+    row = min(max(int((y - grid.y) / grid.cell), 0), grid.rows - 1)
+    return col, row
+
+
+@borrowing_kernel
+def refine_grid(tree: Tree) -> None:
+    """Halve the cells and sort every node into them anew."""
+    nodes, heads, grid = tree.nodes, tree.heads, tree.grid[0]
+    grid.cell = 0.5 * grid.cell
+    grid.cols = int(grid.width / grid.cell) + 1
+    grid.rows = int(grid.height / grid.cell) + 1
+    heads[: grid.cols * grid.rows] = NONE
+    for i in range(grid.count):
+        col, row = cell_of(grid, nodes[i].x, nodes[i].y)
+        k = row * grid.cols + col
+        nodes[i].following = heads[k]
+        heads[k] = i
+
+
+@borrowing_kernel
+def adopt(tree: Tree, i: int, parent: int, edge: float) -> None:
+    """Make node i a child of a parent, an edge [m] away; i has no parent before."""
+    nodes = tree.nodes
+    nodes[i].parent = parent
+    nodes[i].edge = edge
+    nodes[i].cost = nodes[parent].cost + edge
+    nodes[i].sibling = nodes[parent].child
+    nodes[parent].child = i
+
+
+@borrowing_kernel
+def insert(tree: Tree, x: float, y: float, parent: int, edge: float) -> int:
+    """Add a point [m] below a parent (NONE for the root); returns its index."""
+    nodes, heads, grid = tree.nodes, tree.heads, tree.grid[0]
+    if grid.count >= 6 * grid.cols * grid.rows:
+        refine_grid(tree)
+    i = grid.count
+    grid.count = i + 1
+    nodes[i].x = x
+    nodes[i].y = y
+    nodes[i].child = NONE
+    nodes[i].sibling = NONE
+    nodes[i].parent = NONE
+    nodes[i].edge = 0.0
+    nodes[i].cost = 0.0
+    if parent != NONE:
+        adopt(tree, i, parent, edge)
+    col, row = cell_of(grid, x, y)
+    k = row * grid.cols + col
+    nodes[i].following = heads[k]
+    heads[k] = i
+    return int(i)
+
+
+@borrowing_kernel
+def nearest(tree: Tree, x: float, y: float) -> int:
+    """The node nearest to a point [m]: rings of cells, until no nearer one can lie outside."""
+    nodes, heads, grid = tree.nodes, tree.heads, tree.grid[0]
+    cell, cols, rows = grid.cell, grid.cols, grid.rows
+    col, row = cell_of(grid, x, y)
+    u, v = x - grid.x - col * cell, y - grid.y - row * cell
+    inside = max(0.0, min(min(u, cell - u), min(v, cell - v)))
+    best, found = np.inf, NONE
+    for ring in range(max(cols, rows)):
+        for r in range(max(0, row - ring), min(rows - 1, row + ring) + 1):
+            stride = 1 if abs(r - row) == ring else 2 * ring
+            for c in range(col - ring, col + ring + 1, max(stride, 1)):
+                if c < 0 or c >= cols:
+                    continue
+                i = heads[r * cols + c]
+                while i != NONE:
+                    square = (nodes[i].x - x) ** 2 + (nodes[i].y - y) ** 2
+                    if square < best:
+                        best, found = square, i
+                    i = nodes[i].following
+        if best <= (inside + ring * cell) ** 2:
+            break
+    return int(found)
+
+
+@borrowing_kernel
+def within(
+    tree: Tree, x: float, y: float, radius: float, found: NDArray[np.int32], distances: Array
+) -> int:
+    """Nodes within a radius [m] of a point; writes them and their distances, returns their number.
+
+    Neighbours beyond the length of `found` are left out.
+    """
+    nodes, heads, grid = tree.nodes, tree.heads, tree.grid[0]
+    left, low = cell_of(grid, x - radius, y - radius)
+    right, high = cell_of(grid, x + radius, y + radius)
+    n = 0
+    for r in range(low, high + 1):
+        for c in range(left, right + 1):
+            i = heads[r * grid.cols + c]
+            while i != NONE:
+                square = (nodes[i].x - x) ** 2 + (nodes[i].y - y) ** 2
+                if square <= radius * radius and n < len(found):
+                    found[n] = i
+                    distances[n] = math.sqrt(square)
+                    n += 1
+                i = nodes[i].following
+    return n
+
+
+@borrowing_kernel
+def rewire(tree: Tree, i: int, parent: int, edge: float, stack: NDArray[np.int32]) -> None:
+    """Move node i, with all that hangs from it, below a new parent; costs follow at once.
+
+    Args:
+        tree: the tree.
+        i: the node that moves.
+        parent: its new parent, which does not hang from it.
+        edge: length of the new edge [m].
+        stack: room for as many indices as the tree has nodes.
+    """
+    nodes = tree.nodes
+    before = nodes[i].parent
+    if nodes[before].child == i:
+        nodes[before].child = nodes[i].sibling
+    else:
+        k = nodes[before].child
+        while nodes[k].sibling != i:
+            k = nodes[k].sibling
+        nodes[k].sibling = nodes[i].sibling
+    adopt(tree, i, parent, edge)
+    stack[0], height = i, 1
+    while height > 0:
+        height -= 1
+        k = stack[height]
+        child = nodes[k].child
+        while child != NONE:
+            nodes[child].cost = nodes[k].cost + nodes[child].edge
+            stack[height] = child
+            height += 1
+            child = nodes[child].sibling
+
+
+def edges(nodes: NDArray[Any]) -> Array:
+    """The edges (k, 4) [m] of a tree's nodes, parent first."""
+    below = nodes[nodes["parent"] != NONE]
+    above = nodes[below["parent"]]
+    return np.column_stack([above["x"], above["y"], below["x"], below["y"]])
+
+
+def branch(nodes: NDArray[Any], i: int) -> Array:
+    """The points (n, 2) [m] from the root to node i."""
+    chain = []
+    while i != NONE:
+        chain.append((nodes["x"][i], nodes["y"][i]))
+        i = int(nodes["parent"][i])
+    return np.array(chain[::-1])
