@@ -9,11 +9,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.controls_follower import ControlsFollower
+from agents.motion import Motion
 from agents.reference import Reference
 from agents.rollout import Weights, choose, stops_clear
 from agents.surroundings import Surroundings
 from wheelchair_gym.config import InputError, load, setting, settings
-from wheelchair_gym.kinematics import Limits, approach
+from wheelchair_gym.kinematics import Limits
 
 Array = NDArray[np.float64]
 
@@ -24,31 +26,6 @@ class Follower(Protocol):
     def twist(self, around: Surroundings, reference: Reference, chair: Motion) -> Array | None:
         """The next target twist (2,) [m/s, rad/s], or None where nothing safe leads on."""
         ...
-
-
-class Motion:
-    """How the chair moves now: what it was told, as its ramps will have carried it out."""
-
-    def __init__(self, limits: Limits, footprint: Array, period: float) -> None:
-        self.limits = limits
-        self.array = limits.array
-        self.footprint = footprint
-        self.period = period
-        self.state = np.zeros(4)  # v, its slope, w, its slope
-        self.last = np.zeros(2)  # the target twist commanded last
-
-    def measured(self, twist: Array) -> None:
-        """Believe the encoders where the ramps must be wrong: a bump, a slip, a shield."""
-        for k, far in ((0, 0.10), (1, 0.20)):
-            if abs(self.state[2 * k] - twist[k]) > far:
-                self.state[2 * k], self.state[2 * k + 1] = twist[k], 0.0
-
-    def command(self, twist: Array) -> None:
-        """Note what is commanded for the next period."""
-        a, s = self.array, self.state
-        s[:2] = approach(s[0], s[1], twist[0], a[3], a[4], a[7], self.period)
-        s[2:] = approach(s[2], s[3], twist[1], a[6], a[6], a[8], self.period)
-        self.last = np.array(twist)
 
 
 @settings
@@ -168,7 +145,11 @@ class PurePursuitFollower:
         return None
 
 
-FOLLOWERS: dict[str, type] = {"window": Window, "pure_pursuit": PurePursuit}
+FOLLOWERS: dict[str, type] = {
+    "controls": ControlsFollower,
+    "pure_pursuit": PurePursuit,
+    "window": Window,
+}
 
 
 def make_follower(spec: Mapping[str, Any]) -> Any:

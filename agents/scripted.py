@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.followers import Motion, make_follower
+from agents.followers import make_follower
+from agents.motion import Motion
 from agents.reference import Reference
 from agents.rollout import stops_clear
 from agents.surroundings import Surroundings
@@ -131,7 +132,7 @@ class PlannedDriver:
         self._task = task
         self._rng = episode_rng(task, self.own.seed)
         self._around = Surroundings(task)
-        self._chair = Motion(task.limits, task.footprint.array, task.period)
+        self._chair = Motion(task.limits, task.footprint, task.period)
         self._backing = 0.0  # s left to back out
         self._tries = 0  # plans made since there was progress
         self.plan: Plan | None = None

@@ -6,10 +6,19 @@ from collections.abc import Mapping
 from typing import Any
 
 from planners.graphs.lattice import Lattice
+from planners.trees.connect import RrtConnect
+from planners.trees.rrt import Rrt, RrtStar, RrtStarWoaGlobal, RrtStarWoaLocal
 from planners.types import Planner
 from wheelchair_gym.config import InputError, load
 
-PLANNERS: dict[str, type] = {"lattice": Lattice}
+PLANNERS: dict[str, type] = {
+    "lattice": Lattice,
+    "rrt": Rrt,
+    "rrt_connect": RrtConnect,
+    "rrt_star": RrtStar,
+    "rrt_star_woa_global": RrtStarWoaGlobal,
+    "rrt_star_woa_local": RrtStarWoaLocal,
+}
 
 
 def make_planner(spec: str | Mapping[str, Any] | Planner) -> Planner:
