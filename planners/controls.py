@@ -37,7 +37,7 @@ class Controls:
     times: Array  # (n,) s
     collision_free: bool  # the outline touches nothing on the way
     arrived: bool  # at the end of the path, or of the part within the horizon
-    error: float  # m, from that end
+    error: float  # m, from that end: of the last pose, or of the nearest where a horizon ends it
 
     def twist_at(self, time: float) -> Array:
         """The twist (2,) to ask for at a time [s] since the start; at rest after the end."""
@@ -183,6 +183,9 @@ class ControlGenerator:
     margin: float = setting(default=0.02, unit="m", source="step between looks", low=0.0)
     comfortable: float = setting(default=0.15, unit="m", source="clearance", low=1e-3, high=0.5)
     end_weight: float = setting(default=10.0, unit="s/m", source="5 cm are half a second", low=0.0)
+    arrival_weight: float = setting(
+        default=50.0, unit="s/m", source="2 cm from the goal are a second", low=0.0
+    )
     heading_weight: float = setting(
         default=1.5, unit="s/rad", source="turning in place, with its ramps", low=0.0
     )
@@ -250,6 +253,7 @@ class ControlGenerator:
         targets, to_rest = self.targets(points, pose)
         aims = Aims(
             end=self.end_weight,
+            arrival=self.arrival_weight,
             heading=self.heading_weight,
             time=self.time_weight,
             clearance=self.clearance_weight,
@@ -259,6 +263,7 @@ class ControlGenerator:
             targets, start, world, self.roam, to_rest, aims, self.whales.values, stream(rng)
         )
         poses, twists, times = rollout(commands, pose, twist, world.limits)
-        error = float(math.hypot(*(poses[-1, :2] - targets[-1])))
-        arrived = reached == len(targets) and (not to_rest or error <= self.arrival)
+        gaps = np.hypot(*(poses[:, :2] - targets[-1]).T)
+        error = float(gaps[-1] if to_rest else gaps.min())
+        arrived = reached == len(targets) and error <= self.arrival
         return Controls(commands, poses, twists, times, free, arrived, error)

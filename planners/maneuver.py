@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.draws import Stream, uniform
-from planners.rollout import MOTION, Motion, World, brake, drive, time_to_cover
+from planners.rollout import MOTION, STEP, Motion, World, brake, drive, time_to_cover
 from planners.swarm.woa import Whales, move
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kernel import borrowing_kernel, kernel
@@ -32,6 +32,7 @@ class Aims(NamedTuple):
     """What a segment's commands are worth: each term counts in seconds."""
 
     end: float  # s/m from the segment's end
+    arrival: float  # s/m from the path's end
     heading: float  # s/rad from the direction of the next segment, at rest; more in motion
     time: float  # of the time it takes
     clearance: float  # s where the outline touches, falling to 0 at the comfortable clearance
@@ -59,13 +60,14 @@ def cost_of(
     particle: Array, now: Motion, leg: Leg, world: World, aims: Aims, trial: Motion
 ) -> float:
     """The cost [s] of a particle that begins with the motion `now`; `trial` is room to drive in."""
-    trial[:] = now
+    trial[0] = now[0]
     motion = trial[0]
     perform(motion, particle, world)
     if leg.last:
         brake(motion, world)
     gap = math.hypot(leg.x - motion.x, leg.y - motion.y)
-    cost: float = aims.end * gap + aims.time * (motion.time - now[0].time)
+    end = aims.arrival if leg.last else aims.end
+    cost: float = end * gap + aims.time * (motion.time - now[0].time)
     if not leg.last:
         error = abs(wrap(leg.onward - motion.yaw))
         cost += aims.heading * error * (1.0 + 2.0 * abs(motion.v))
@@ -77,72 +79,95 @@ def cost_of(
 
 
 @borrowing_kernel
-def turn_command(angle: float, limits: Array) -> tuple[float, float]:
-    """The command (w, t) that, from rest to rest, turns by an angle [rad]."""
-    if abs(angle) < 2e-3:
-        return 0.0, 0.0
-    # Small angles are turned slowly, so that the speed asked for is reached.
-    speed = min(limits[2], math.sqrt(0.5 * abs(angle) * limits[6]))
-    t = time_to_cover(abs(angle), speed, limits[6], limits[6], limits[8], True)
-    return math.copysign(speed, angle), t
+def stopping_time(speed: float, rate: float, jerk: float) -> float:
+    """Time [s] to come to rest from a speed, within a deceleration and a jerk."""
+    speed = abs(speed)
+    if speed == 0.0:
+        return 0.0
+    if speed > rate * rate / jerk:
+        return speed / rate + rate / jerk + STEP
+    return 2.0 * math.sqrt(speed / jerk) + STEP
 
 
 @borrowing_kernel
-def seed(kind: int, now: Motion, leg: Leg, world: World, particle: Array, trial: Motion) -> None:
-    """Write a manoeuvre that is known to be good where there is room.
+def arc(now: Any, leg: Leg, limits: Array, rest: bool, particle: Array) -> None:
+    """Write commands that drive an arc to the segment's end, from the present motion."""
+    dx, dy = leg.x - now.x, leg.y - now.y
+    gap = max(1e-6, math.hypot(dx, dy))
+    angle = wrap(math.atan2(dy, dx) - now.yaw)
+    sine = math.sin(angle)
+    bend = 2.0 * sine / gap
+    speed = min(limits[0], limits[2] / max(abs(bend), 1e-6))
+    way = gap * angle / sine if abs(sine) > 1e-3 else gap
+    particle[0], particle[1] = speed, speed * bend
+    gain = max(0.0, speed - now.v)
+    slow = 0.5 * gain * stopping_time(gain, limits[3], limits[7])  # m, lost while speeding up
+    particle[_SIZE - 1] = 1.0
+    if rest:
+        halt = stopping_time(speed, limits[4], limits[7])
+        slow -= 0.5 * speed * (halt - STEP)
+        particle[5] = halt
+        particle[_SIZE - 1] = 2.0
+    particle[2] = max(0.0, (way + slow) / speed)
 
-    0: come to rest, turn to the segment, drive it straight, come to rest.
-    1: the same without the last rest.
-    2: one arc to the segment's end, from the present motion.
-    3: come to rest, turn the back to the end, drive backward, come to rest.
-    4: as 0, and then turn to the next segment.
+
+@borrowing_kernel
+def straight(
+    now: Any, leg: Leg, limits: Array, backward: bool, rest: bool, particle: Array
+) -> None:
+    """Write commands that come to rest, turn towards the segment's end, and drive straight there.
+
+    Args:
+        now: the present motion.
+        leg: the segment.
+        limits: the chair's limits.
+        backward: drive with the back first.
+        rest: come to rest at the end, too.
+        particle: where the commands are written.
     """
-    limits = world.limits
-    particle[:] = 0.0
-    trial[:] = now
-    motion = trial[0]
-    if kind == 2:
-        angle = wrap(math.atan2(leg.y - motion.y, leg.x - motion.x) - motion.yaw)
-        gap = math.hypot(leg.x - motion.x, leg.y - motion.y)
-        speed = limits[0]
-        bend = 2.0 * math.sin(angle) / max(gap, 1e-6)
-        if abs(bend) * speed > limits[2]:
-            speed = limits[2] / abs(bend)
-        half = max(1e-3, abs(math.sin(angle)))
-        way = gap * (abs(angle) / half if half > 1e-3 else 1.0)
-        particle[0], particle[1] = speed, speed * bend
-        particle[2] = way / speed + 0.5 * max(0.0, speed - motion.v) / limits[3]
-        particle[_SIZE - 1] = 1.0
-        return
+    halt = max(
+        stopping_time(now.v, limits[4], limits[7]), stopping_time(now.w, limits[6], limits[8])
+    )
+    # Where the chair will rest: speeds fall in curves that are symmetric in time.
+    run = 0.5 * now.v * max(0.0, stopping_time(now.v, limits[4], limits[7]) - STEP)
+    yaw = now.yaw + 0.5 * now.w * max(0.0, stopping_time(now.w, limits[6], limits[8]) - STEP)
+    x, y = now.x + run * math.cos(now.yaw), now.y + run * math.sin(now.yaw)
     k = 0
-    if motion.v != 0.0 or motion.w != 0.0:
-        particle[2] = brake(motion, world)
+    if halt > 0.0:
+        particle[2] = halt
         k = 1
-    dx, dy = leg.x - motion.x, leg.y - motion.y
-    way = math.hypot(dx, dy)
-    facing = math.atan2(dy, dx) + (math.pi if kind == 3 else 0.0)
-    w, t = turn_command(wrap(facing - motion.yaw), limits)
-    if t > 0.0:
-        particle[3 * k + 1], particle[3 * k + 2] = w, t
-        drive(motion, 0.0, w, t, world)
-        particle[3 * k + 5] = brake(motion, world)
+    way = math.hypot(leg.x - x, leg.y - y)
+    facing = math.atan2(leg.y - y, leg.x - x) + (math.pi if backward else 0.0)
+    angle = wrap(facing - yaw)
+    if abs(angle) > 2e-3:
+        # Small angles are turned slowly, so that the speed asked for is reached.
+        speed = min(limits[2], math.sqrt(0.5 * abs(angle) * limits[6]))
+        particle[3 * k + 1] = math.copysign(speed, angle)
+        particle[3 * k + 2] = time_to_cover(
+            abs(angle), speed, limits[6], limits[6], limits[8], True
+        )
+        particle[3 * k + 5] = stopping_time(speed, limits[6], limits[8])
         k += 2
-    limit = limits[1] if kind == 3 else limits[0]
+    limit = limits[1] if backward else limits[0]
     if way > 5e-3 and limit > 0.0:
-        speed = min(limit, math.sqrt(0.5 * way * limits[3]))
-        t = time_to_cover(way, speed, limits[3], limits[4], limits[7], kind != 1)
-        particle[3 * k] = -speed if kind == 3 else speed
-        particle[3 * k + 2] = t
-        drive(motion, particle[3 * k], 0.0, t, world)
+        speed = min(limit, math.sqrt(0.5 * way * limits[3])) if rest else limit
+        particle[3 * k] = -speed if backward else speed
+        particle[3 * k + 2] = time_to_cover(way, speed, limits[3], limits[4], limits[7], rest)
         k += 1
-        if kind != 1:
-            particle[3 * k + 2] = brake(motion, world)
+        if rest:
+            particle[3 * k + 2] = stopping_time(speed, limits[4], limits[7])
             k += 1
-    if kind == 4 and k < TRIPLES:
-        w, t = turn_command(wrap(leg.onward - motion.yaw), limits)
-        particle[3 * k + 1], particle[3 * k + 2] = w, t
-        k += 1
     particle[_SIZE - 1] = max(1, k)
+
+
+@borrowing_kernel
+def seed(kind: int, now: Any, leg: Leg, limits: Array, particle: Array) -> None:
+    """Write one of the manoeuvres that serve well where there is room."""
+    particle[:] = 0.0
+    if kind <= 1:
+        arc(now, leg, limits, kind == 1, particle)
+    else:
+        straight(now, leg, limits, kind == 4, kind != 2, particle)
 
 
 @kernel
@@ -171,7 +196,7 @@ def bridge(
     for i in range(population.shape[0]):
         X = population[i]
         if i < _SEEDS:
-            seed(i, now, leg, world, X, trial)
+            seed(i, now[0], leg, limits, X)
             continue
         X[:] = population[i % _SEEDS]
         for j in range(_SIZE):
