@@ -18,13 +18,20 @@ from planners.graphs.heap import pop, push
 from planners.refine import shortcut, way_cost
 from planners.types import Plan, Problem, Status, trivial
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
 
 MOST_NODES = 8_000_000  # of one lattice: some 300 MB
 NEAR = 2  # lattice steps within which the start and the goal are joined to the lattice
 TIE = 1.0 + 1e-9  # on the way ahead: of paths that are equal but for rounding, the deepest first
+
+
+@borrowing_kernel
+def _lattice_way(dx: float, dy: float, diagonal: bool) -> float:
+    """Length of the shortest way along lattice directions: octile, or Manhattan distance."""
+    dx, dy = abs(dx), abs(dy)
+    return max(dx, dy) + (math.sqrt(2.0) - 1.0 if diagonal else 1.0) * min(dx, dy)
 
 
 @kernel
@@ -52,9 +59,6 @@ def _search(
     keys, items = np.empty(4096), np.empty(4096, dtype=np.int64)
     size, expanded = 1, 0
     keys[0], items[0], cost[n] = 0.0, n, 0.0
-    # The last step to the goal follows no lattice direction: there octile distance may be 8.3 %
-    # more than the way.
-    slack = 0.083 * math.sqrt(2.0) * (NEAR + 1) * step if diagonal else 0.6 * (NEAR + 1) * step
     while size > 0:
         u = pop(keys, items, size)
         size -= 1
@@ -105,15 +109,13 @@ def _search(
                         far *= 1.0 + 0.5 * weight * (crowding[u] + crowding[v])
                 if cost[u] + far < cost[v]:
                     cost[v], parent[v] = cost[u] + far, u
-                    ax, ay = abs(gx - vx), abs(gy - vy)
-                    ahead = ax + ay
-                    if diagonal:
-                        ahead = max(ax, ay) + (math.sqrt(2.0) - 1.0) * min(ax, ay)
-                    ahead = max(math.hypot(ax, ay), ahead - slack) * TIE
+                    ahead = _lattice_way(gx - vx, gy - vy, diagonal) * TIE
                     push(keys, items, size, cost[v] + ahead, v)
                     size += 1
         if (abs(gx - x) <= NEAR * step and abs(gy - y) <= NEAR * step) or u == n:
             far = way_cost(arrays, x, y, gx, gy, weight, comfort)
+            if u != n and far > 0.0:  # counted as by the lattice, or the estimate were no bound
+                far *= _lattice_way(gx - x, gy - y, diagonal) / math.hypot(gx - x, gy - y)
             if cost[u] + far < cost[n + 1] and edge_free(arrays, x, y, gx, gy):
                 cost[n + 1], parent[n + 1] = cost[u] + far, u
                 push(keys, items, size, cost[n + 1], n + 1)

@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 @kernel
-def _runs(solid: NDArray[np.uint8], upright: bool, out: Array, count: int) -> int:
+def _runs(solid: NDArray[np.int8], upright: bool, out: Array, count: int) -> int:
     """Write the segments along the rows of padded cells while there is room; count them all.
 
     A run goes on while the same side is solid. Where solid cells touch only at a corner the side
@@ -46,7 +46,7 @@ def boundary(solid: NDArray[np.bool_]) -> Array:
     Returns:
         (n, 4) [cells], x0, y0, x1, y1 from the lower-left corner; solid cells on the left.
     """
-    flat = np.pad(solid.view(np.uint8), 1)
+    flat = np.pad(solid.view(np.int8), 1)  # signed: differences count
     upright = np.ascontiguousarray(flat.T)
     out = np.empty((1024, 4))
     count = _runs(upright, True, out, _runs(flat, False, out, 0))

@@ -30,7 +30,7 @@ def sees(free: Mask, room: Steps, x0: float, y0: float, x1: float, y1: float) ->
     """Whether the straight line between two points [cell centres] stays on free cells.
 
     It steps by the room round each point (`room`: king's steps to the nearest cell that is not
-    free), so open ground costs a few steps only; a corner may be cut by less than half a cell.
+    free), so open ground costs a few steps only; a corner may be cut by a tenth of a cell.
     """
     length = math.hypot(x1 - x0, y1 - y0)
     if length == 0.0:
@@ -43,7 +43,7 @@ def sees(free: Mask, room: Steps, x0: float, y0: float, x1: float, y1: float) ->
         col, row = np.uint32(x + 0.5), np.uint32(y + 0.5)  # unsigned: no wrap-around test
         if not free[row, col]:
             return False
-        t += max(0.5, (room[row, col] - 0.5 - max(abs(x - col), abs(y - row))) / fastest)
+        t += max(0.2, (room[row, col] - 0.5 - max(abs(x - col), abs(y - row))) / fastest)
     return bool(free[np.uint32(y1 + 0.5), np.uint32(x1 + 0.5)])
 
 

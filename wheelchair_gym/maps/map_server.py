@@ -38,7 +38,7 @@ def _meaning(mode: Mode, negate: bool, occupied: float, free: float) -> Cells:
     p = (grey if negate else 255 - grey) / 255
     between = np.full(256, UNKNOWN)
     if mode == "scale":
-        between = np.rint(1 + 98 * (p - free) / (occupied - free)).astype(int)
+        between = np.rint(100 * (p - free) / (occupied - free)).astype(int)
     value = np.where(p >= occupied, OCCUPIED, np.where(p <= free, FREE, between))
     return value.astype(np.int8)
 

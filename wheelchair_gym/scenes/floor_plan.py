@@ -73,6 +73,12 @@ class FloorPlan:
         least, most = self.size
         width = rng.uniform(least, most)
         height = rng.uniform(least, (least + most) / 2 if home else most)
+        return self.building(rng, home, width, height)
+
+    def building(
+        self, rng: np.random.Generator, home: bool, width: float, height: float
+    ) -> tuple[Layout, Furniture]:
+        """One storey of a given kind and size [m]; which side is which is drawn."""
         layout = lay_out(rng, home, width, height, self.doors, self.corridors)
         zones = [door.zone for door in layout.doors]
         things = Furniture()

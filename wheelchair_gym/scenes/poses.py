@@ -21,7 +21,7 @@ def stands(pose: Array, walls: Array, discs: Array, clearance: float) -> bool:
     """Whether the chair's footprint at a pose (3,) is at least `clearance` [m] from everything."""
     x, y, yaw = pose
     gap = footprint_clearance(x, y, yaw, FOOTPRINT.array, walls, discs, clearance + 0.01)
-    return bool(gap >= clearance)
+    return bool(gap >= clearance and gap > 0.0)
 
 
 def draw_pose(

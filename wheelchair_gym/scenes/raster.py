@@ -86,7 +86,7 @@ def paint_discs(cells: Cells, discs: Array, x0: float, y0: float, size: float, v
             dy = max(abs(y - row - 0.5) - 0.5, 0.0)
             for col in range(max(0, int(x - radius)), min(cols, int(x + radius) + 1)):
                 dx = max(abs(x - col - 0.5) - 0.5, 0.0)
-                if dx * dx + dy * dy <= radius * radius:
+                if dx * dx + dy * dy < radius * radius - 1e-6:  # touching is not reaching
                     cells[row, col] = value
 
 
