@@ -13,6 +13,10 @@ from wheelchair_gym.config import InputError, load
 Array = NDArray[np.float64]
 
 
+# Planners whose defaults seek the shortest path are told to keep away from walls when driving.
+DRIVING: dict[str, dict[str, Any]] = {"a_star": {"weight": 4.0, "comfort": 0.7}}
+
+
 class Policy(Protocol):
     """Something that drives: it knows its task and its observations, never the truth."""
 
@@ -83,5 +87,6 @@ def _named(name: str, values: dict[str, Any]) -> Any:
         if not isinstance(part, Mapping):
             raise InputError(f"policy {name}.{key} is {part!r}; expected an object of settings")
         if own or part:
+            part = {**DRIVING.get(own, {}), **part}
             values[key] = {**part, "name": own or part.get("name", "window")}
     return load(families["planned"], values, f"policy {name}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from agents.commands.arguments import add_json, distance, pose, report, whole
 
 if TYPE_CHECKING:
-    from planners.types import Plan, Problem
+    from planners import Plan, Problem
 
 CLEARANCE = 0.36  # m: the chair's half width of 0.31 m and a margin of 0.05 m
 
@@ -73,8 +73,7 @@ def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, 
 def _run_map(given: argparse.Namespace, planner: Any) -> int:
     import numpy as np
 
-    from planners.space import Space
-    from planners.types import Problem, Status
+    from planners import Problem, Space, Status
     from wheelchair_gym.config import InputError
     from wheelchair_gym.maps import read_map
 
@@ -112,54 +111,17 @@ def _at(point: list[float]) -> str:
     return "(" + ", ".join(f"{value:g}" for value in point) + ")"
 
 
-def read_problems(path: str, clearance: float) -> list[tuple[Problem, float | None]]:
-    """Problems of a JSON file, and the optimum of each where the file gives it.
-
-    Raises:
-        InputError: the file is not a list of objects with name, size, rects, start and goal.
-    """
-    import numpy as np
-
-    from planners.space import Space
-    from planners.types import Problem
-    from wheelchair_gym.config import InputError, read_json
-
-    entries = read_json(path)
-    if not isinstance(entries, list):
-        raise InputError(f"{path}: expected a list of problems")
-    problems = []
-    for index, entry in enumerate(entries):
-        where = f"{path}: problem {index}"
-        if not isinstance(entry, dict):
-            raise InputError(f"{where}: expected an object")
-        for key in ("size", "rects", "start", "goal"):
-            if key not in entry:
-                raise InputError(f"{where}: the key {key} is missing")
-        try:
-            size = float(entry["size"])
-            rects = np.array(entry["rects"], dtype=np.float64).reshape(-1, 4)
-            start, goal = (np.array(entry[key], dtype=np.float64) for key in ("start", "goal"))
-            optimum = None if entry.get("optimum") is None else float(entry["optimum"])
-        except (TypeError, ValueError):
-            raise InputError(f"{where}: size, rects, start and goal must be numbers") from None
-        numbers = np.concatenate([[size], rects.ravel(), start.ravel(), goal.ravel()])
-        if start.shape not in ((2,), (3,)) or goal.shape not in ((2,), (3,)):
-            raise InputError(f"{where}: start and goal must have two or three numbers")
-        if not np.isfinite(numbers).all() or size <= 0:
-            raise InputError(f"{where}: numbers must be finite, and the size above 0")
-        corners = [np.array([(a, b), (c, b), (c, d), (a, d)]) for a, b, c, d in rects]
-        space = Space.from_polygons(corners, (0.0, 0.0, size, size))
-        name = str(entry.get("name", index))
-        problems.append((Problem(space, start, goal, clearance, name), optimum))
-    return problems
-
-
 def _run_problems(given: argparse.Namespace, planner: Any) -> int:
-    problems = read_problems(given.problems, given.clearance or 0.0)
+    import dataclasses
+
+    from planners.problems import read_problems
+
+    problems = read_problems(given.problems)
     answers = []
     if problems:
         _answer(planner, problems[0][0], given.seed)  # so that no time holds compilation
     for problem, optimum in problems:
+        problem = dataclasses.replace(problem, clearance=given.clearance or 0.0)
         _, answer = _answer(planner, problem, given.seed)
         answers.append(answer | {"optimum": optimum})
     lines = []

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.exact import SpaceArrays, clearance, point_free
+from planners.graphs.heap import pop, push
 from planners.types import Plan, Problem, Status
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
@@ -92,39 +93,6 @@ def _least(search: Search, x: float, y: float, yaw: float, enough: float) -> flo
 
 
 @kernel
-def _push(heap: NDArray[np.int64], keys: Array, size: int, key: float, item: int) -> int:
-    k = size
-    while k > 0:
-        parent = (k - 1) // 2
-        if keys[parent] <= key:
-            break
-        keys[k], heap[k] = keys[parent], heap[parent]
-        k = parent
-    keys[k], heap[k] = key, item
-    return size + 1
-
-
-@kernel
-def _pop(heap: NDArray[np.int64], keys: Array, size: int) -> int:
-    """Take the least (at index 0 before) out of a heap; the new size."""
-    size -= 1
-    key, item = keys[size], heap[size]
-    k = 0
-    while True:
-        child = 2 * k + 1
-        if child >= size:
-            break
-        if child + 1 < size and keys[child + 1] < keys[child]:
-            child += 1
-        if keys[child] >= key:
-            break
-        keys[k], heap[k] = keys[child], heap[child]
-        k = child
-    keys[k], heap[k] = key, item
-    return size
-
-
-@kernel
 def ways_left(field: Array, radius: float, row: int, column: int, left: Array) -> None:
     """Fill `left` with the way [m] over grid corners from a goal, for a disc of a radius."""
     left[:] = np.inf
@@ -132,10 +100,12 @@ def ways_left(field: Array, radius: float, row: int, column: int, left: Array) -
     heap = np.empty(8 * rows * columns, np.int64)
     keys = np.empty(8 * rows * columns)
     left[row, column] = 0.0
-    size = _push(heap, keys, 0, 0.0, row * columns + column)
+    push(keys, heap, 0, 0.0, row * columns + column)
+    size = 1
     while size > 0:
-        key, item = keys[0], heap[0]
-        size = _pop(heap, keys, size)
+        key = keys[0]
+        item = pop(keys, heap, size)
+        size -= 1
         i, j = item // columns, item % columns
         if key > left[i, j]:
             continue
@@ -146,7 +116,8 @@ def ways_left(field: Array, radius: float, row: int, column: int, left: Array) -
                     way = key + FIELD * math.hypot(di, dj)
                     if way < left[r, c] - 1e-12:
                         left[r, c] = way
-                        size = _push(heap, keys, size, way, r * columns + c)
+                        push(keys, heap, size, way, r * columns + c)
+                        size += 1
 
 
 @kernel
@@ -172,10 +143,11 @@ def search_lattice(
     keys = np.empty(most)
     pose[0] = start
     cost[0] = 0.0
-    count, size = 1, _push(heap, keys, 0, 0.0, 0)
+    push(keys, heap, 0, 0.0, 0)
+    count, size = 1, 1
     while size > 0:
-        node = heap[0]
-        size = _pop(heap, keys, size)
+        node = pop(keys, heap, size)
+        size -= 1
         x, y, yaw = pose[node, 0], pose[node, 1], pose[node, 2]
         if math.hypot(x - goal[0], y - goal[1]) <= search.near and (
             _least(search, goal[0], goal[1], yaw, search.wish) >= search.margin
@@ -219,7 +191,8 @@ def search_lattice(
             best[slot] = total
             pose[count, 0], pose[count, 1], pose[count, 2] = ax, ay, ayaw
             cost[count], parent[count], move[count] = total, node, m
-            size = _push(heap, keys, size, total + search.left[hi, hj] / TOP, count)
+            push(keys, heap, size, total + search.left[hi, hj] / TOP, count)
+            size += 1
             count += 1
     return -1, count, pose, parent, move
 
