@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.exact import point_free
+from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import path_length
 
 if TYPE_CHECKING:
@@ -74,3 +76,37 @@ class Planner(Protocol):
     def plan(self, problem: Problem, rng: np.random.Generator) -> Plan:
         """Answer a problem; what the world makes impossible is a status, not an exception."""
         ...
+
+
+def check(problem: Problem) -> Status | None:
+    """Why no path can start or end where the problem says; None if nothing is wrong.
+
+    Raises:
+        InputError: the start, the goal or the clearance is not made of finite numbers.
+    """
+    ends = {"start": np.asarray(problem.start), "goal": np.asarray(problem.goal)}
+    where = f"problem {problem.name}".rstrip()
+    for name, point in ends.items():
+        if point.shape not in ((2,), (3,)) or not np.isfinite(point).all():
+            raise InputError(f"{where}: {name} is {point.tolist()}; expected finite x, y (and yaw)")
+    if not 0.0 <= problem.clearance < np.inf:
+        raise InputError(f"{where}: clearance is {problem.clearance}; expected metres, at least 0")
+    xmin, ymin, xmax, ymax = problem.space.bounds
+    for name, point in ends.items():
+        x, y = float(point[0]), float(point[1])
+        if not (xmin <= x <= xmax and ymin <= y <= ymax):
+            return Status(f"{name}_outside")
+        if not point_free(problem.free.arrays, x, y):
+            return Status(f"{name}_occupied")
+    return None
+
+
+def trivial(problem: Problem) -> Plan | None:
+    """The plan where there is nothing to search: a bad end, or a goal that is the start."""
+    status = check(problem)
+    if status is not None:
+        return Plan(status)
+    start, goal = np.asarray(problem.start)[:2], np.asarray(problem.goal)[:2]
+    if np.array_equal(start, goal):
+        return Plan(Status.SOLVED, np.array([start, goal], dtype=np.float64))
+    return None

@@ -1,0 +1,141 @@
+"""Laws of every planner, judged by geometry that is not theirs."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from planners import PLANNERS, Problem, Space, Status, make_planner
+from planners.problems import read_problems
+from tests.planners.judge import TOLERANCE, faults
+from wheelchair_gym.config import InputError
+
+PROVE = {"visibility"}  # planners that prove it where there is no path
+WAYS = [(1.0, 1.0), (9.0, 9.0)]
+BOX = [(6, 6, 6.5, 10), (6, 6, 10, 6.5)]  # closes a corner of the map round (9, 9)
+
+
+def quick(name, iterations=300):
+    """A planner that gives up early, as far as it has a setting for that."""
+    fields = {field.name for field in dataclasses.fields(PLANNERS[name])}
+    limits = {"iterations": iterations, "refinements": 1}
+    return make_planner({"name": name, **{k: v for k, v in limits.items() if k in fields}})
+
+
+def on(rectangles, start=WAYS[0], goal=WAYS[1], clearance=0.0, size=10.0):
+    space = Space.from_rectangles(rectangles, (0.0, 0.0, size, size))
+    return Problem(space, np.array(start), np.array(goal), clearance)
+
+
+def assert_valid(plan, problem):
+    assert plan.status == Status.SOLVED
+    np.testing.assert_allclose(plan.path[0, :2], problem.start[:2], atol=1e-9)
+    np.testing.assert_allclose(plan.path[-1, :2], problem.goal[:2], atol=1e-9)
+    space = problem.space
+    assert not faults(plan.path[:, :2], space.solid, space.bounds, problem.clearance)
+
+
+@pytest.fixture(scope="module")
+def stored(shared):
+    return read_problems(shared / "problems" / "planning.json")
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_paths_are_valid_and_never_shorter_than_the_optimum(name, stored):
+    for problem, optimum in stored:
+        plan = make_planner(name).plan(problem, np.random.default_rng(1))
+        if plan.status != Status.SOLVED:  # a sampler may run out; it may not claim a proof
+            assert plan.status == Status.EXHAUSTED
+            assert name not in {"visibility", "a_star"}
+            continue
+        assert_valid(plan, problem)
+        assert plan.length >= optimum - TOLERANCE
+
+
+def test_visibility_finds_every_stored_optimum(stored):
+    for problem, optimum in stored:
+        plan = make_planner("visibility").plan(problem, np.random.default_rng(0))
+        assert plan.length == pytest.approx(optimum, abs=TOLERANCE), problem.name
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_paths_keep_the_clearance_and_the_optimum_bounds_them(name):
+    problem = on([(2, 3, 6, 5), (5, 6, 8, 7.5), (0, 7, 3, 8)], clearance=0.4)
+    best = make_planner("visibility").plan(problem, np.random.default_rng(0))
+    plan = make_planner(name).plan(problem, np.random.default_rng(3))
+    assert_valid(plan, problem)
+    assert plan.length >= best.length - TOLERANCE
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+@pytest.mark.parametrize(
+    ("problem", "status"),
+    [
+        (on([(0.5, 0.5, 2, 2)]), Status.START_OCCUPIED),
+        (on([(8, 8, 9.5, 9.5)]), Status.GOAL_OCCUPIED),
+        (on([], start=(0.2, 5), clearance=0.3), Status.START_OCCUPIED),
+        (on([(1.2, 0, 2, 3)], clearance=0.3), Status.START_OCCUPIED),
+        (on([], start=(-0.1, 5)), Status.START_OUTSIDE),
+        (on([], goal=(5, 10.1)), Status.GOAL_OUTSIDE),
+        (on([], clearance=6.0), Status.START_OCCUPIED),
+    ],
+)
+def test_bad_ends_have_names(name, problem, status):
+    plan = quick(name).plan(problem, np.random.default_rng(0))
+    assert plan.status == status
+    assert len(plan.path) == 0
+    assert plan.length == np.inf
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_a_closed_box_has_no_path(name):
+    plan = quick(name).plan(on(BOX), np.random.default_rng(0))
+    assert plan.status == (Status.NO_PATH if name in PROVE else Status.EXHAUSTED)
+    assert len(plan.path) == 0
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_a_goal_that_is_the_start_is_reached(name):
+    problem = on([(3, 3, 4, 4)], goal=WAYS[0])
+    plan = quick(name).plan(problem, np.random.default_rng(0))
+    assert_valid(plan, problem)
+    assert plan.length == 0.0
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_same_rng_same_plan(name):
+    problem = on([(2, 3, 6, 5), (5, 6, 8, 7.5)])
+    first, second = (make_planner(name).plan(problem, np.random.default_rng(5)) for _ in range(2))
+    assert first.status == second.status
+    np.testing.assert_array_equal(first.path, second.path)
+    np.testing.assert_array_equal(first.tree, second.tree)
+    counters = [{k: v for k, v in p.counters.items() if k[-2:] != "_s"} for p in (first, second)]
+    assert counters[0] == counters[1]
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_ends_that_are_no_numbers_are_input_errors(name, bad):
+    for ends, what in (({"start": (bad, 1.0)}, "start"), ({"goal": (1.0, bad)}, "goal")):
+        with pytest.raises(InputError, match=what):
+            quick(name).plan(on([], **ends), np.random.default_rng(0))
+    with pytest.raises(InputError, match="clearance"):
+        quick(name).plan(on([], clearance=np.nan), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_a_heading_at_an_end_is_no_obstacle(name):
+    plan = quick(name).plan(on([], (1, 1, 0.5), (9, 8, 2.0)), np.random.default_rng(0))
+    assert plan.status == Status.SOLVED
+
+
+def test_unknown_planners_are_named():
+    with pytest.raises(InputError, match=r"'teleport' is unknown; there are a_star, .*visibility"):
+        make_planner("teleport")
+    with pytest.raises(InputError, match=r"planner a_star.speed is not a setting"):
+        make_planner({"name": "a_star", "speed": 3})
+    with pytest.raises(InputError, match="expected a name"):
+        make_planner(3)
+    planner = make_planner({"name": "a_star", "resolution": 0.2})
+    assert make_planner(planner) is planner
+    assert planner.resolution == 0.2

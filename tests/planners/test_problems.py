@@ -1,0 +1,63 @@
+import json
+
+import numpy as np
+import pytest
+
+from planners.problems import read_problems
+from wheelchair_gym.config import InputError
+
+GOOD = {"name": "a", "size": 5.0, "rects": [[1, 1, 2, 2]], "start": [0.5, 0.5], "goal": [4, 4]}
+
+
+def write(folder, content):
+    path = folder / "problems.json"
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def test_a_file_reads_back(tmp_path):
+    (problem, optimum), (_, none) = read_problems(
+        write(tmp_path, [{**GOOD, "optimum": 5.1}, {**GOOD, "optimum": None}])
+    )
+    assert (problem.name, optimum, none) == ("a", 5.1, None)
+    assert problem.space.bounds == (0, 0, 5, 5)
+    assert problem.space.solid.area == 1.0
+    np.testing.assert_array_equal(problem.goal, (4, 4))
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ({"name": 3}, "name"),
+        ({"size": 0}, "size"),
+        ({"size": "big"}, "size"),
+        ({"size": True}, "size"),
+        ({"rects": {}}, "rects"),
+        ({"rects": [[1, 1, 2]]}, "rects[0]"),
+        ({"rects": [[1, 1, 2, 2], [2, 2, 1, 1]]}, "rects[1]"),
+        ({"rects": [[1, 1, float("nan"), 2]]}, "rects[0]"),
+        ({"start": [1]}, "start"),
+        ({"start": [float("nan"), 1]}, "start"),
+        ({"goal": "here"}, "goal"),
+        ({"optimum": -1}, "optimum"),
+        ({"gaol": [1, 1]}, "gaol"),
+    ],
+)
+def test_errors_name_file_index_and_key(tmp_path, change, key):
+    with pytest.raises(InputError) as caught:
+        read_problems(write(tmp_path, [GOOD, {**GOOD, **change}]))
+    message = str(caught.value)
+    assert message.startswith(f"problems.json: [1].{key} ")
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("key", sorted(GOOD))
+def test_a_missing_key_is_named(tmp_path, key):
+    with pytest.raises(InputError, match=rf"problems.json: \[0\].{key} is missing"):
+        read_problems(write(tmp_path, [{k: v for k, v in GOOD.items() if k != key}]))
+
+
+@pytest.mark.parametrize("content", ["{", "{}", "[3]", "null"])
+def test_other_files_are_refused(tmp_path, content):
+    with pytest.raises(InputError, match=r"problems.json"):
+        read_problems(write(tmp_path, content))

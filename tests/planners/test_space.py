@@ -1,0 +1,208 @@
+"""The exact kernels against shapely, degenerate maps included."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planners.space import Space, clearance, edge_free, point_free
+
+BOUNDS = (0.0, 0.0, 8.0, 8.0)
+LATTICE = st.integers(-1, 9).map(float)
+FINE = st.integers(-64, 9 * 64).map(lambda k: k / 64)
+
+
+@st.composite
+def solids(draw, coordinate):
+    """A few overlapping, touching, nested rectangles and triangles."""
+    found = []
+    for _ in range(draw(st.integers(0, 6))):
+        if draw(st.booleans()):
+            x, y = draw(coordinate), draw(coordinate)
+            w, h = draw(st.integers(1, 4)), draw(st.integers(1, 4))
+            found.append([(x, y), (x + w, y), (x + w, y + h), (x, y + h)])
+        else:
+            corners = draw(st.lists(st.tuples(coordinate, coordinate), min_size=3, max_size=3))
+            (ax, ay), (bx, by), (cx, cy) = corners
+            if (bx - ax) * (cy - ay) != (by - ay) * (cx - ax):
+                found.append(corners)
+    return found
+
+
+def agrees(space, points, edges):
+    """Compare with shapely's answers on the same free polygons."""
+    arrays, free = space.arrays, space.free
+    for point in points:
+        at = shapely.Point(point)
+        covered = free.covers(at)
+        assert point_free(arrays, *point) == covered, (point, free.wkt)
+        expected = at.distance(free.boundary) if covered else 0.0
+        assert clearance(arrays, *point) == pytest.approx(expected, abs=1e-9)
+    for a, b in edges:
+        way = shapely.LineString([a, b]) if a != b else shapely.Point(a)
+        assert edge_free(arrays, *a, *b) == free.covers(way), (a, b, free.wkt)
+        assert edge_free(arrays, *b, *a) == edge_free(arrays, *a, *b)
+
+
+@settings(max_examples=120, deadline=None)
+@given(solids(LATTICE), st.lists(st.tuples(LATTICE, LATTICE), min_size=4, max_size=8))
+def test_lattice_maps_agree_with_shapely(polygons, points):
+    # Unions of lattice rectangles have lattice corners, where shapely's answers are exact too;
+    # of slanted sides only the first is kept, for where two cross, shapely rounds.
+    straight = [p for p in polygons if len(p) == 4]
+    slanted = [p for p in polygons if len(p) == 3][:1]
+    space = Space.from_polygons(straight or slanted, BOUNDS)
+    agrees(space, points, [(a, b) for a in points for b in points])
+
+
+@settings(max_examples=60, deadline=None)
+@given(solids(FINE), st.lists(st.tuples(FINE, FINE), min_size=4, max_size=6))
+def test_any_maps_agree_with_shapely(polygons, points):
+    space = Space.from_polygons(polygons, BOUNDS)
+    # Clear of doubt: shapely rounds where sides cross, so leave what only nearly touches to it.
+    edges = [(a, b) for a in points for b in points]
+    arrays, free = space.arrays, space.free
+    for a, b in edges:
+        way = shapely.LineString([a, b]) if a != b else shapely.Point(a)
+        if edge_free(arrays, *a, *b):
+            assert shapely.difference(way, free.buffer(1e-9)).length == 0.0
+        else:
+            assert not free.buffer(-1e-9).covers(way)
+
+
+@settings(max_examples=40, deadline=None)
+@given(solids(FINE), st.lists(st.tuples(FINE, FINE), min_size=4, max_size=4), st.floats(0.01, 1.5))
+def test_inflation_is_never_too_small_and_hardly_too_large(polygons, points, radius):
+    space = Space.from_polygons(polygons, BOUNDS)
+    grown = space.inflated(radius)
+    assert grown is space.inflated(radius)
+    if not grown.free.is_empty:
+        corners = shapely.points(shapely.get_coordinates(grown.free))
+        assert (shapely.distance(corners, space.solid) >= radius).all() or space.solid.is_empty
+        boundary = shapely.distance(grown.free.boundary, space.solid)
+        assert space.solid.is_empty or boundary >= radius
+    for point in points:
+        gap = clearance(space.arrays, *point)
+        if point_free(grown.arrays, *point):
+            assert gap >= radius - 1e-12
+        elif point_free(space.arrays, *point):  # too large by at most the corners of its arcs
+            assert gap <= radius / math.cos(math.pi / 16) + 1e-8
+
+
+SQUARES = [[(2, 2), (4, 2), (4, 4), (2, 4)], [(4, 4), (6, 4), (6, 6), (4, 6)]]
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "free"),
+    [
+        ((1, 2), (7, 2), True),  # along a side
+        ((2, 6), (6, 2), True),  # through the point where two squares meet
+        ((1, 1), (7, 7), False),  # through four corners, along both diagonals
+        ((2, 2), (4, 4), False),  # from corner to corner of one square
+        ((2, 2), (2, 4), True),  # its side
+        ((2, 3), (1, 3), True),  # away from a side
+        ((2, 3), (3, 3), False),  # into it
+        ((1, 3), (2, 3), True),  # up to it
+        ((3, 3), (3.5, 3.5), False),  # inside
+        ((0, 0), (8, 0), True),  # along the free border
+        ((1, 1), (1, 8.5), False),  # out of the map
+        ((4, 4), (4, 4), True),
+        ((3, 3), (3, 3), False),
+    ],
+)
+def test_touching_is_allowed_and_entering_is_not(a, b, free):
+    arrays = Space.from_polygons(SQUARES, BOUNDS).arrays
+    assert edge_free(arrays, *map(float, a + b)) == free
+    assert edge_free(arrays, *map(float, b + a)) == free
+
+
+def test_what_touches_the_border_closes_it():
+    arrays = Space.from_rectangles([(0, 3, 7, 5)], BOUNDS).arrays
+    assert not edge_free(arrays, 0.0, 2.0, 0.0, 6.0)
+    assert edge_free(arrays, 8.0, 2.0, 8.0, 6.0)
+
+
+def test_nan_is_not_free():
+    arrays = Space.from_polygons(SQUARES, BOUNDS).arrays
+    assert not point_free(arrays, math.nan, 1.0)
+    assert not edge_free(arrays, 1.0, 1.0, math.nan, 1.0)
+
+
+class Cells:
+    """An occupancy grid of unit cells, as far as a space needs one; walls of each cell apart."""
+
+    def __init__(self, cells):
+        self.cells = np.asarray(cells)
+        self.bounds = (0.0, 0.0, float(self.cells.shape[1]), float(self.cells.shape[0]))
+
+    def walls(self):
+        """Sides between a solid and another cell, longest straight runs merged."""
+        padded = np.pad(self.cells, 1).astype(bool)
+        walls = []
+        for transpose in (False, True):
+            grid = padded.T if transpose else padded
+            for i in range(1, grid.shape[0]):
+                edge = grid[i] != grid[i - 1]
+                steps = np.flatnonzero(np.diff(np.concatenate([[False], edge, [False]])))
+                for begin, end in steps.reshape(-1, 2):
+                    run = (begin - 1, i - 1, end - 1, i - 1)
+                    walls.append((run[1], run[0], run[3], run[2]) if transpose else run)
+        return np.array(walls, dtype=float).reshape(-1, 4)
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        np.indices((6, 6)).sum(axis=0) % 2,  # checkerboard
+        np.eye(6, dtype=int),  # touching diagonally
+        np.zeros((5, 7), dtype=int),
+        np.ones((4, 4), dtype=int),
+        np.pad(np.ones((1, 1), dtype=int), 2),  # a single cell
+        np.pad(np.zeros((2, 2), dtype=int), 1, constant_values=1),  # a closed box
+        np.random.default_rng(0).integers(0, 2, (9, 9)),
+        (np.random.default_rng(1).random((20, 20)) < 0.3).astype(int),
+    ],
+)
+def test_grids_are_what_their_cells_say(cells):
+    space = Space.from_grid(Cells(cells))
+    arrays = space.arrays
+    rows, columns = cells.shape
+    for i in range(rows):
+        for j in range(columns):
+            assert point_free(arrays, j + 0.5, i + 0.5) == (cells[i, j] == 0)
+    rng = np.random.default_rng(2)
+    points = [tuple(map(float, p)) for p in rng.integers(0, 2 * columns + 1, (40, 2)) / 2]
+    agrees(space, points, list(itertools.pairwise(points)))
+
+
+def test_discs_are_wholly_solid():
+    space = Space.from_walls(np.empty((0, 4)), [(4.0, 4.0, 1.5)], BOUNDS)
+    angles = np.linspace(0, 2 * math.pi, 400)
+    for angle in angles:
+        x, y = 4 + 1.4999 * math.cos(angle), 4 + 1.4999 * math.sin(angle)
+        assert not point_free(space.arrays, x, y)
+        assert point_free(space.arrays, 4 + (x - 4) * 1.01, 4 + (y - 4) * 1.01)
+
+
+def test_walls_within_walls_alternate():
+    def loop(low, high):
+        return [
+            (low, low, high, low),
+            (high, low, high, high),
+            (high, high, low, high),
+            (low, high, low, low),
+        ]
+
+    walls = loop(1, 7) + loop(2, 6) + loop(3, 5)
+    arrays = Space.from_walls(walls, np.empty((0, 3)), BOUNDS).arrays
+    assert [point_free(arrays, x, 4.0) for x in (0.5, 1.5, 2.5, 4.0)] == [True, False, True, False]
+
+
+@pytest.mark.parametrize("radius", [-0.1, math.nan, math.inf])
+def test_impossible_radius_is_an_error(radius):
+    with pytest.raises(ValueError, match="radius"):
+        Space.from_polygons(SQUARES, BOUNDS).inflated(radius)
