@@ -42,7 +42,7 @@ class Grid(Protocol):
         """(xmin, ymin, xmax, ymax) [m]."""
         ...
 
-    def walls(self) -> Array:
+    def walls(self, unknown_is_solid: bool = False) -> Array:
         """The boundary of what is solid, (n, 4) [m]."""
         ...
 
@@ -86,9 +86,9 @@ class Space:
         return cls(shapely.union(solids.even_odd(walls), solid), bounds)
 
     @classmethod
-    def from_grid(cls, grid: Grid) -> Space:
+    def from_grid(cls, grid: Grid, unknown_is_solid: bool = False) -> Space:
         """The map of an occupancy grid; its walls say what is solid."""
-        return cls(solids.even_odd(grid.walls()), grid.bounds)
+        return cls(solids.even_odd(grid.walls(unknown_is_solid)), grid.bounds)
 
     def inflated(self, radius: float) -> Space:
         """Where a disc of a radius [m] may have its centre: never nearer to anything than that.

@@ -1,1 +1,72 @@
-"""."""
+"""Scenes: settings that draw worlds, each a pure function of a random generator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final, Protocol
+
+import numpy as np
+
+from wheelchair_gym.config import InputError, load
+from wheelchair_gym.scenes.barn import Barn
+from wheelchair_gym.scenes.clutter import Clutter
+from wheelchair_gym.scenes.floor_plan import FloorPlan
+from wheelchair_gym.scenes.map_file import MapFile
+from wheelchair_gym.scenes.papers import ChaoticPso, GreyWolf
+from wheelchair_gym.scenes.room import EmptyRoom
+from wheelchair_gym.scenes.thesis import THESIS_MAPS
+from wheelchair_gym.types import Episode
+
+__all__ = [
+    "SCENES",
+    "Barn",
+    "ChaoticPso",
+    "Clutter",
+    "EmptyRoom",
+    "FloorPlan",
+    "GreyWolf",
+    "MapFile",
+    "Scene",
+    "make_scene",
+]
+
+
+class Scene(Protocol):
+    """A frozen settings object that draws worlds: same rng state, same episode."""
+
+    def sample(self, rng: np.random.Generator) -> Episode:
+        """Draw a world, a start and a goal."""
+        ...
+
+
+SCENES: Final[dict[str, type[Scene]]] = {
+    "floor_plan": FloorPlan,
+    "clutter": Clutter,
+    "empty": EmptyRoom,
+    "map_file": MapFile,
+    "barn": Barn,
+    "chaotic_pso": ChaoticPso,
+    "grey_wolf": GreyWolf,
+    **THESIS_MAPS,
+}
+
+
+def make_scene(spec: str | Mapping[str, Any] | Scene) -> Scene:
+    """A scene from its name, from a mapping {"name": ..., settings}, or as it is.
+
+    Raises:
+        InputError: the name is unknown, or a setting is not what it should be.
+    """
+    if isinstance(spec, str):
+        spec = {"name": spec}
+    if not isinstance(spec, Mapping):
+        if not hasattr(spec, "sample"):
+            raise InputError(
+                f"scene is {spec!r}; expected a name, an object with a name or a scene"
+            )
+        return spec
+    name = spec.get("name")
+    if name not in SCENES:
+        raise InputError(f"scene.name is {name!r}; it must be one of {', '.join(SCENES)}")
+    given = {key: value for key, value in spec.items() if key != "name"}
+    return load(SCENES[name], given, f"scene {name}")

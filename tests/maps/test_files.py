@@ -1,0 +1,171 @@
+"""map_server files, and polygons from pixels."""
+
+import cv2
+import numpy as np
+import pytest
+
+from wheelchair_gym.config import InputError
+from wheelchair_gym.maps import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    OccupancyGrid,
+    binarise,
+    polygons,
+    read_map,
+    write_map,
+)
+
+KEYS = {
+    "image": "map.pgm",
+    "resolution": 0.05,
+    "origin": "[1.0, 2.0, 0.5]",
+    "negate": 0,
+    "occupied_thresh": 0.65,
+    "free_thresh": 0.196,
+}
+
+
+def put(folder, pixels=((254, 205), (0, 100)), **changes):
+    keys = {key: value for key, value in (KEYS | changes).items() if value is not None}
+    (folder / "map.yaml").write_text("".join(f"{k}: {v}\n" for k, v in keys.items()))
+    if pixels is not None:
+        cv2.imwrite(str(folder / "map.pgm"), np.array(pixels, dtype=np.uint8))
+    return folder / "map.yaml"
+
+
+@pytest.mark.parametrize("suffix", [".pgm", ".png"])
+@pytest.mark.parametrize("negate", [False, True])
+@pytest.mark.parametrize(
+    ("mode", "values"),
+    [
+        ("trinary", [FREE, OCCUPIED, UNKNOWN]),
+        ("scale", list(range(101))),
+        ("raw", [*range(101), UNKNOWN]),
+    ],
+)
+def test_what_is_written_is_read(tmp_path, mode, values, negate, suffix):
+    rng = np.random.default_rng(0)
+    values = [*values, UNKNOWN] if mode == "scale" and suffix == ".png" else values
+    grid = OccupancyGrid(rng.choice(values, (23, 17)), 0.07, (-1.5, 2.25, 0.3))
+    write_map(grid, tmp_path / "some.yaml", mode=mode, negate=negate, suffix=suffix)
+    again = read_map(tmp_path / "some.yaml")
+    assert (again.cells == grid.cells).all()
+    assert (again.resolution, again.origin) == (grid.resolution, grid.origin)
+
+
+@pytest.mark.parametrize(("mode", "value"), [("trinary", 37), ("scale", UNKNOWN)])
+def test_a_value_that_a_mode_cannot_hold_is_refused(tmp_path, mode, value):
+    with pytest.raises(InputError, match=f"some.yaml: mode {mode} cannot hold .* {value}"):
+        write_map(OccupancyGrid(np.array([[value]]), 0.1), tmp_path / "some.yaml", mode=mode)
+
+
+@pytest.mark.parametrize(("free_thresh", "grey_205"), [(0.25, FREE), (0.196, UNKNOWN)])
+def test_grey_205_is_free_or_unknown_by_the_threshold(tmp_path, free_thresh, grey_205):
+    grid = read_map(put(tmp_path, free_thresh=free_thresh))
+    assert grid.cells[1].tolist() == [FREE, grey_205]  # the top row of the image is the last
+    assert grid.cells[0].tolist() == [OCCUPIED, UNKNOWN]
+    assert grid.origin == (1.0, 2.0, 0.5)
+
+
+def test_negate_raw_and_scale(tmp_path):
+    assert read_map(put(tmp_path, negate=1)).cells.tolist() == [
+        [FREE, UNKNOWN],
+        [OCCUPIED, OCCUPIED],
+    ]
+    assert read_map(put(tmp_path, mode="raw")).cells.tolist() == [[0, 100], [UNKNOWN, UNKNOWN]]
+    scale = read_map(put(tmp_path, mode="scale")).cells
+    assert scale[0].tolist() == [OCCUPIED, 91]  # 100 (0.6078 - 0.196) / 0.454
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        *(({key: None}, f"{key} is missing") for key in KEYS),
+        ({"resolution": 0}, "resolution is 0"),
+        ({"resolution": ".nan"}, "resolution is nan"),
+        ({"resolution": "fine"}, "resolution is 'fine'"),
+        ({"origin": "[1.0]"}, "origin is"),
+        ({"origin": "[1.0, .inf, 0]"}, "origin is"),
+        ({"origin": "here"}, "origin is 'here'"),
+        ({"negate": 3}, "negate is 3"),
+        ({"mode": "fuzzy"}, "mode is 'fuzzy'"),
+        ({"free_thresh": 0.7}, "free_thresh is 0.7"),
+        ({"occupied_thresh": 65}, "occupied_thresh is 65"),
+        ({"image": 7}, "image is 7"),
+        ({"image": "none.pgm"}, "none.pgm: cannot be read"),
+        ({"image": "[a"}, "line 2: not YAML"),
+    ],
+)
+def test_nonsense_is_one_line_that_names_file_and_key(tmp_path, changes, says):
+    with pytest.raises(InputError) as caught:
+        read_map(put(tmp_path, **changes))
+    assert says in str(caught.value)
+    assert str(tmp_path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"P5\n", b"P5\n4 4\n255\nab", b"\x89PNG\r\n\x1a\nrubbish", b"hello", b"P5\n-3 2\n255\n"],
+)
+def test_a_corrupt_image_is_refused(tmp_path, content):
+    path = put(tmp_path, pixels=None)
+    (tmp_path / "map.pgm").write_bytes(content)
+    with pytest.raises(InputError, match=r"map\.pgm: not an image"):
+        read_map(path)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"- 1\n", b"\xff\xfe\x00", b"a: [", b"a: \x00", b"a: &x [*x]\n"]
+)
+def test_a_broken_description_is_refused(tmp_path, content):
+    (tmp_path / "map.yaml").write_bytes(content)
+    with pytest.raises(InputError, match=r"map\.yaml: [^\n]*$"):
+        read_map(tmp_path / "map.yaml")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_map(tmp_path / "none.yaml")
+
+
+@pytest.mark.parametrize(("name", "shape"), [("depot", (307, 604)), ("tb3_sandbox", (384, 384))])
+def test_maps_of_others(shared, name, shape):
+    grid = read_map(shared / "maps" / f"{name}.yaml")
+    assert grid.shape == shape
+    assert {FREE, OCCUPIED} <= set(np.unique(grid.cells).tolist())
+
+
+def drawn(found, shape, scale=20):
+    """The polygons painted on a fine raster: cells' centres that are solid."""
+    canvas = np.zeros((shape[0] * scale, shape[1] * scale), dtype=np.uint8)
+    rings = [ring for outline in found for ring in (outline.outer, *outline.holes)]
+    cv2.fillPoly(canvas, [np.rint(ring * scale).astype(np.int32) for ring in rings], 1)
+    return canvas[scale // 2 :: scale, scale // 2 :: scale] > 0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_polygons_without_tolerance_are_the_cells(seed):
+    rng = np.random.default_rng(seed)
+    image = np.where(rng.random((9, 12)) < 0.35, 0, 255).astype(np.uint8)
+    image[:, 0] = image[:, -1] = image[0] = image[-1] = 255
+    found = polygons(image, unit="pixel")
+    solid = binarise(image).solid()
+    assert (drawn(found, image.shape) >= solid).all()
+    assert (drawn(found, image.shape) == solid).mean() > 0.95
+
+
+def test_polygons_keep_holes_grow_and_simplify():
+    cells = np.full((60, 60), FREE)
+    cells[10:50, 10:50] = OCCUPIED
+    cells[20:40, 20:40] = FREE
+    cells[30, 10] = FREE  # a notch
+    grid = OccupancyGrid(cells, 0.05, (1.0, 0.0, 0.0))
+    exact = polygons(grid)
+    rough = polygons(grid, epsilon=0.12)
+    assert len(exact) == len(rough) == 1
+    assert len(rough[0].outer) == 4 < len(exact[0].outer)
+    assert len(rough[0].holes) == 1
+    for grown in (polygons(grid, dilate=0.1), polygons(grid, dilate=2, unit="pixel")):
+        assert grown[0].outer.min(axis=0) == pytest.approx((1.4, 0.4), abs=0.03)
+        assert grown[0].outer.max(axis=0) == pytest.approx((3.6, 2.6), abs=0.03)
+        assert np.ptp(grown[0].holes[0], axis=0) == pytest.approx((0.8, 0.8), abs=0.06)
+    assert len(polygons(grid, dilate=0.6)[0].holes) == 0

@@ -1,0 +1,181 @@
+"""Shortest ways: against exact ones, near walls, and from nowhere."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from wheelchair_gym.geometry import path_length
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, bottleneck, geodesic
+
+
+def boxes(seed: int, side: int = 40, count: int = 9, resolution: float = 0.1) -> OccupancyGrid:
+    rng = np.random.default_rng(seed)
+    cells = np.full((side, side), OCCUPIED)
+    cells[1:-1, 1:-1] = FREE
+    for _ in range(count):
+        row, col = rng.integers(1, side - 4, 2)
+        cells[row : row + rng.integers(1, 4), col : col + rng.integers(3, 14)] = OCCUPIED
+    return OccupancyGrid(cells, resolution)
+
+
+def crosses_blocked(blocked: np.ndarray, a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether a segment [cells, from the lower-left corner] enters the inside of a square."""
+    shrink = 1e-6
+    rows, cols = np.nonzero(blocked)
+    low = np.stack([cols, rows], axis=1) + shrink
+    high = low + 1 - 2 * shrink
+    way = b - a
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t0, t1 = (low - a) / way, (high - a) / way
+    first, last = np.minimum(t0, t1), np.maximum(t0, t1)
+    still = way == 0
+    within = (a > low) & (a < high)
+    first = np.where(still, np.where(within, -np.inf, np.inf), first)
+    last = np.where(still, np.where(within, np.inf, -np.inf), last)
+    return bool((np.maximum(first.max(axis=1), 0) < np.minimum(last.min(axis=1), 1)).any())
+
+
+def exact_lengths(free: np.ndarray, goal: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Shortest ways among squares, bending at cell centres, from a visibility graph [cells].
+
+    A shortest way bends only beside an outer corner of what is blocked.
+    """
+    padded = np.pad(free, 1)  # off the grid is blocked
+    corner = [
+        (x + side_x + 0.5 - 1, y + side_y + 0.5 - 1)
+        for y in range(free.shape[0] + 1)
+        for x in range(free.shape[1] + 1)
+        for side_y, side_x in ((0, 0), (0, 1), (1, 0), (1, 1))
+        if padded[y : y + 2, x : x + 2].sum() == 3 and not padded[y + 1 - side_y, x + 1 - side_x]
+    ]
+    nodes = np.vstack([goal, starts, np.array(corner, dtype=float).reshape(-1, 2)])
+    blocked = ~free
+    n = len(nodes)
+    weights = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i):
+            if not crosses_blocked(blocked, nodes[i], nodes[j]):
+                weights[i, j] = weights[j, i] = max(1e-9, math.dist(nodes[i], nodes[j]))
+    return dijkstra(csr_matrix(weights), indices=0)[1 : 1 + len(starts)]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_lengths_are_within_one_percent_of_the_shortest(seed):
+    grid = boxes(seed)
+    free = grid.traversable(0.12)
+    rng = np.random.default_rng(seed)
+    cells = np.argwhere(free)
+    picked = cells[rng.permutation(len(cells))[:25]]
+    goal, starts = picked[0], picked[1:]
+    ways = geodesic(grid, grid.to_world(goal), 0.12)
+    exact = exact_lengths(free, goal[::-1] + 0.5, starts[:, ::-1] + 0.5) * grid.resolution
+    found = ways.at(grid.to_world(starts))
+    assert (np.isinf(found) == np.isinf(exact)).all()
+    reached = np.isfinite(exact)
+    # Cutting a corner by less than half a cell may save as much.
+    assert (found <= exact * 1.01 + 1e-6)[reached].all()
+    assert (found >= exact - 0.5 * grid.resolution)[reached].all()
+
+
+def test_the_way_round_a_disc_is_tangents_and_an_arc():
+    size, resolution, big, radius = 10.0, 0.05, 2.0, 0.36
+    centres = (np.indices((200, 200)) + 0.5) * resolution
+    cells = np.where(np.hypot(centres[0] - 5, centres[1] - 5) < big, OCCUPIED, FREE)
+    start, goal = np.array([0.6, 5.0]), np.array([9.4, 5.0])
+    reach, far = big + radius, size / 2 - 0.6
+    angle = math.pi - 2 * math.acos(reach / far)
+    exact = 2 * math.sqrt(far**2 - reach**2) + reach * angle
+    ways = geodesic(OccupancyGrid(cells, resolution), goal, radius)
+    assert float(ways.at(start)) == pytest.approx(exact, rel=0.01)
+    assert path_length(ways.path(start)) == pytest.approx(exact, rel=0.01)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_ways_keep_their_radius_and_their_length(seed):
+    radius = 0.25
+    grid = boxes(seed, side=80, count=10)
+    cells = np.argwhere(grid.traversable(radius))
+    rng = np.random.default_rng(seed)
+    goal, *starts = grid.to_world(cells[rng.integers(len(cells), size=12)])
+    ways = geodesic(grid, goal, radius)
+    gap = grid.distance()
+    for start in starts:
+        way = ways.path(start)
+        if len(way) == 0:
+            assert np.isinf(ways.at(start))
+            continue
+        assert way[0] == pytest.approx(start)
+        assert way[-1] == pytest.approx(goal)
+        dense = np.concatenate(
+            [np.linspace(a, b, 2 + int(math.dist(a, b) / 0.01)) for a, b in itertools.pairwise(way)]
+        )
+        row, col = grid.to_cell(dense).T
+        assert (gap[row, col] >= radius - grid.resolution).all()
+        assert path_length(way) == pytest.approx(float(ways.at(start)), abs=0.02)
+
+
+def corridor() -> OccupancyGrid:
+    cells = np.full((40, 100), OCCUPIED)
+    cells[10:30, 5:95] = FREE
+    return OccupancyGrid(cells, 0.05)
+
+
+def test_a_point_too_near_a_wall_has_a_way_and_one_beyond_it_has_none():
+    grid = corridor()
+    ways = geodesic(grid, (4.0, 1.0), 0.36)
+    beside = np.array([(1.0, y) for y in np.linspace(0.5, 1.5, 41)])
+    assert np.isfinite(ways.at(beside)).all()
+    assert all(len(ways.path(point)) for point in beside)
+    assert (ways.at(beside) < 3.6).all()
+    assert np.isinf(ways.at([(1.0, 0.02), (-9.0, 0.0), (2.0, 90.0)])).all()
+    assert len(ways.path((1.0, 0.02))) == 0
+
+
+def test_off_centre_points_change_smoothly():
+    ways = geodesic(corridor(), (4.0, 1.0), 0.36)
+    line = np.stack([np.linspace(0.7, 3.9, 641), np.full(641, 1.013)], axis=1)
+    assert np.diff(ways.at(line)) == pytest.approx(-0.005, abs=0.002)
+
+
+def test_a_goal_too_near_a_wall_is_reached_from_the_nearest_cell():
+    ways = geodesic(corridor(), (4.0, 0.6), 0.36)
+    assert float(ways.at((1.0, 1.0))) == pytest.approx(3.0 + 0.26, abs=0.03)
+
+
+@pytest.mark.parametrize("goal", [(0.1, 0.1), (-4.0, 1.0)])
+def test_a_goal_that_is_not_free_has_no_ways(goal):
+    ways = geodesic(corridor(), goal, 0.36)
+    assert np.isinf(ways.field).all()
+    assert np.isinf(ways.at((1.0, 1.0)))
+    assert ways.path((1.0, 1.0)).shape == (0, 2)
+
+
+def test_an_origin_turns_and_moves_everything():
+    plain = boxes(2)
+    turned = OccupancyGrid(plain.cells, plain.resolution, (4.0, -1.0, 0.8))
+    cells = np.argwhere(plain.traversable(0.1))[::50]
+    first, second = (geodesic(g, g.to_world(cells[0]), 0.1) for g in (plain, turned))
+    assert first.at(plain.to_world(cells)) == pytest.approx(second.at(turned.to_world(cells)))
+
+
+def test_the_same_map_gives_the_same_field():
+    grid = boxes(5)
+    first, second = (geodesic(grid, (2.0, 2.0), 0.1).field for _ in range(2))
+    assert (first == second).all()
+
+
+@pytest.mark.parametrize("wide", [6, 9, 20])
+def test_the_bottleneck_is_half_the_narrowest_gap(wide):
+    cells = np.full((60, 100), FREE)
+    cells[:, 50:52] = OCCUPIED
+    cells[20 : 20 + wide, 50:52] = FREE
+    grid = OccupancyGrid(cells, 0.05)
+    half = wide / 2 * 0.05
+    found = bottleneck(grid, (1.0, 1.5), (4.0, 1.5))
+    assert half - 0.026 <= found <= half + 1e-6
+    cells[:, 50:52] = OCCUPIED
+    assert bottleneck(OccupancyGrid(cells, 0.05), (1.0, 1.5), (4.0, 1.5)) == -math.inf

@@ -1,0 +1,290 @@
+"""Laws of every scene, over the whole registry."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from wheelchair_gym.config import InputError
+from wheelchair_gym.geometry import footprint_clearance, polygon_edges
+from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, geodesic, read_map
+from wheelchair_gym.scenes import SCENES, make_scene
+from wheelchair_gym.scenes.describe import measure
+from wheelchair_gym.scenes.example import draw
+from wheelchair_gym.scenes.map_file import example_map
+from wheelchair_gym.scenes.papers import GREY_WOLF_GOALS
+from wheelchair_gym.scenes.poses import FOOTPRINT, RADIUS
+
+WORLDS = [
+    {"world": 3, "start": [-2.0, 1.0, 1.57], "goal": [-2.0, 6.0], "circles": [[-2.0, 3.0, 0.2]]},
+    {"world": 8, "start": [0.0, 1.0, 1.57], "goal": [0.0, 6.0], "circles": [[0.5, 3.0, 0.075]]},
+]
+
+
+@pytest.fixture(scope="session")
+def worlds(tmp_path_factory):
+    path = tmp_path_factory.mktemp("barn") / "worlds.json"
+    path.write_text(json.dumps(WORLDS))
+    return path
+
+
+@pytest.fixture(params=sorted(SCENES))
+def scene(request, worlds):
+    extra = {"path": str(worlds)} if request.param == "barn" else {}
+    return make_scene({"name": request.param, **extra})
+
+
+def episodes(scene, count=4):
+    return [scene.sample(np.random.default_rng(seed)) for seed in range(count)]
+
+
+def inside(points, walls):
+    """Even-odd over walls (n, 4), for points (k, 2), along rays to +x."""
+    hits = np.zeros(len(points), dtype=int)
+    for ax, ay, bx, by in walls:
+        crosses = (ay > points[:, 1]) != (by > points[:, 1])
+        if ay != by:
+            hits += crosses & (ax + (points[:, 1] - ay) / (by - ay) * (bx - ax) > points[:, 0])
+    return hits % 2 == 1
+
+
+def test_start_and_goal_stand_free(scene):
+    for episode in episodes(scene):
+        for pose in (episode.start, episode.goal):
+            gap = footprint_clearance(*pose, FOOTPRINT.array, episode.walls, episode.discs, 1.0)
+            assert gap > 0.05
+            assert pose.shape == (3,)
+            assert episode.map.inside(pose[:2])
+
+
+def test_the_goal_can_be_reached(scene):
+    for episode in episodes(scene):
+        length = geodesic(episode.map, episode.goal, RADIUS).at(episode.start[:2])
+        direct = math.dist(episode.start[:2], episode.goal[:2])
+        assert direct - 0.1 <= length < math.inf
+
+
+def test_the_same_generator_state_gives_the_same_episode(scene):
+    for first, second in zip(episodes(scene, 2), episodes(scene, 2), strict=True):
+        for name in ("start", "goal", "walls", "discs"):
+            assert (getattr(first, name) == getattr(second, name)).all()
+        assert (first.map.cells == second.map.cells).all()
+        assert (first.name, first.tolerance) == (second.name, second.tolerance)
+
+
+def test_walls_form_closed_loops(scene):
+    for episode in episodes(scene, 2):
+        begins, ends = (np.rint(episode.walls[:, k : k + 2] * 1e6) for k in (0, 2))
+        assert sorted(map(tuple, begins)) == sorted(map(tuple, ends))
+
+
+def test_the_map_is_what_the_walls_and_discs_say(scene):
+    for episode in episodes(scene, 2):
+        grid = episode.map
+        centres = grid.to_world(np.argwhere(np.ones(grid.shape, dtype=bool)))
+        solid = inside(centres, episode.walls)
+        for x, y, radius in episode.discs:
+            solid |= np.hypot(centres[:, 0] - x, centres[:, 1] - y) < radius
+        occupied = (grid.cells == OCCUPIED).ravel()
+        assert (occupied >= solid).all()  # nothing solid is missing
+        # Round and turned things may take a cell more at their rims, never farther out.
+        near = inside(centres, episode.walls)
+        extra = centres[occupied & ~near]
+        turned = episode.walls[
+            (episode.walls[:, 0] != episode.walls[:, 2])
+            & (episode.walls[:, 1] != episode.walls[:, 3])
+        ]
+        for point in extra:
+            a, b = turned[:, :2], turned[:, 2:]
+            way = b - a
+            t = np.clip(((point - a) * way).sum(1) / (way**2).sum(1), 0, 1)[:, None]
+            rims = np.hypot(*(a + t * way - point).T)
+            discs = np.hypot(*(episode.discs[:, :2] - point).T) - episode.discs[:, 2]
+            assert min([*rims, *discs], default=math.inf) < 1.5 * grid.resolution
+
+
+def test_every_setting_is_json(scene):
+    plain = json.loads(json.dumps(dataclasses.asdict(scene)))
+    name = next(name for name, cls in SCENES.items() if type(scene) is cls)
+    assert make_scene({"name": name, **plain}) == scene
+    assert make_scene(scene) is scene
+
+
+@pytest.mark.parametrize(
+    ("spec", "says"),
+    [
+        ("castle", "castle.*floor_plan"),
+        ({"kind": "home"}, "None"),
+        ({"name": "floor_plan", "rooms": 3}, "rooms is not a setting"),
+        ({"name": "floor_plan", "doors": [1.2, 1.0]}, "doors"),
+        ({"name": "thesis_2", "number": 3}, "number"),
+        (7, "7"),
+    ],
+)
+def test_an_unknown_scene_or_setting_is_named(spec, says):
+    with pytest.raises(InputError, match=says):
+        make_scene(spec)
+
+
+@pytest.mark.parametrize("kind", ["home", "clinic"])
+def test_floor_plans_are_as_wide_as_they_say(kind):
+    scene = make_scene({"name": "floor_plan", "kind": kind})
+    walls = []
+    for seed in range(6):
+        layout, episode = scene.storey(np.random.default_rng(seed))
+        assert all(1.0 - 1e-9 <= d.width <= 1.2 + 1e-9 for d in layout.doors if d.leaf)
+        assert all(1.2 - 1e-9 <= width <= 1.8 + 1e-9 for width in layout.corridor_widths)
+        # The way is as wide as the narrowest door; half a cell is lost to centres.
+        assert bottleneck(episode.map, episode.start[:2], episode.goal[:2]) >= 0.46
+        for door in layout.doors:
+            x0, y0, x1, y1 = door.zone if not door.leaf else door.opening
+            assert (episode.map.cells[y0:y1, x0:x1] != OCCUPIED).any()
+        ways = geodesic(episode.map, episode.goal, RADIUS)
+        for room in layout.rooms:  # no room is shut
+            part = ways.field[room.y0 : room.y1, room.x0 : room.x1]
+            assert np.isfinite(part).any()
+        walls.append(len(episode.walls))
+    assert 60 < np.mean(walls) < 180
+
+
+def test_furniture_leaves_a_passage_between_door_and_room():
+    scene = make_scene({"name": "floor_plan", "furniture": 0.6})
+    for seed in range(4):
+        layout, episode = scene.storey(np.random.default_rng(seed))
+        gap = episode.map.distance()
+        for door in layout.doors:
+            if not door.leaf:
+                continue
+            zone = door.zone
+            for room in layout.rooms:
+                if not zone.meets(room):
+                    continue
+                x0, y0, x1, y1 = (
+                    max(zone.x0, room.x0),
+                    max(zone.y0, room.y0),
+                    min(zone.x1, room.x1),
+                    min(zone.y1, room.y1),
+                )
+                assert (episode.map.cells[y0:y1, x0:x1] == FREE).all()
+        assert gap.max() > 0.6
+
+
+def test_floor_plan_that_cannot_be_is_refused():
+    scene = make_scene({"name": "floor_plan", "way": [200.0, 300.0]})
+    with pytest.raises(InputError, match="no start and goal"):
+        scene.sample(np.random.default_rng(0))
+
+
+def test_papers_worlds_are_exact():
+    rng = np.random.default_rng(0)
+    world = make_scene("chaotic_pso").sample(rng)
+    assert world.discs.sum() == pytest.approx(41.5 + 41.5 + 3.86)
+    assert world.start[:2].tolist() == [1.0, 1.0]
+    assert world.goal[:2].tolist() == [9.0, 9.0]
+    for name, goal in GREY_WOLF_GOALS.items():
+        world = make_scene({"name": "grey_wolf", "goal": name}).sample(rng)
+        assert tuple(world.goal[:2]) == goal
+        assert tuple(world.start[:2]) == (0.0, 0.0)
+        assert world.discs[:, 2].tolist() == [5.5, 3.33, 3.0]
+
+
+@pytest.mark.parametrize("number", range(1, 6))
+def test_thesis_maps_have_ways_of_about_35_m_and_gaps_as_set(number):
+    for gap in (1.2, 1.6):
+        scene = make_scene({"name": f"thesis_{number}", "gap": gap})
+        world = scene.sample(np.random.default_rng(0))
+        assert 31.0 < geodesic(world.map, world.goal, RADIUS).at(world.start[:2]) < 42.0
+        assert bottleneck(world.map, world.start[:2], world.goal[:2]) >= gap / 2 - 0.08
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"start": [1, 2]}, r"\[0\].start is \[1, 2\]"),
+        ({"goal": "far"}, r"\[0\].goal is far"),
+        ({"circles": None}, r"\[0\].circles is None"),
+        ({"circles": [[1, 2, -1]]}, r"\[0\].circles\[0\] has radius -1"),
+        ({"circles": [[1, 2, "x"]]}, r"\[0\].circles\[0\] is"),
+    ],
+)
+def test_malformed_barn_worlds_are_named(tmp_path, change, says):
+    path = tmp_path / "worlds.json"
+    path.write_text(json.dumps([WORLDS[0] | change]))
+    with pytest.raises(InputError, match=f"worlds.json: {says}"):
+        make_scene({"name": "barn", "path": str(path)}).sample(np.random.default_rng(0))
+
+
+def test_barn_files_that_are_no_worlds(tmp_path, worlds):
+    rng = np.random.default_rng(0)
+    with pytest.raises(InputError, match=r"Barn\.path is not given"):
+        make_scene("barn").sample(rng)
+    with pytest.raises(InputError, match="has no world 5"):
+        make_scene({"name": "barn", "path": str(worlds), "world": 5}).sample(rng)
+    for content, says in (
+        ("{}", "list"),
+        ("[3]", r"\[0\] is 3"),
+        ("[", "not JSON"),
+        ("[{}]", "missing"),
+    ):
+        path = tmp_path / "bad.json"
+        path.write_text(content)
+        with pytest.raises(InputError, match=says):
+            make_scene({"name": "barn", "path": str(path)}).sample(rng)
+        path.unlink()
+    with pytest.raises(InputError, match="cannot be read"):
+        make_scene({"name": "barn", "path": str(tmp_path / "none.json")}).sample(rng)
+
+
+def test_published_barn_worlds_can_be_passed(shared):
+    for world in (0, 100, 295):
+        scene = make_scene(
+            {"name": "barn", "path": str(shared / "maps" / "barn_60.json"), "world": world}
+        )
+        episode = scene.sample(np.random.default_rng(0))
+        assert (episode.tolerance, episode.time_limit) == (1.0, 100.0)
+        assert 9.9 < geodesic(episode.map, episode.goal, RADIUS).at(episode.start[:2]) < 20.0
+
+
+def test_the_example_map_is_what_its_command_writes():
+    shipped, drawn = read_map(example_map()), draw()
+    assert (shipped.cells == drawn.cells).all()
+    assert shipped.bounds == pytest.approx(drawn.bounds)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"start": [0.0, 0.0, 0.0]}, "MapFile.start"),
+        ({"goal": [-50.0, 0.0, 0.0]}, "MapFile.goal"),
+        ({"apart": 900.0}, "no start and goal"),
+        ({"path": "none.yaml"}, "cannot be read"),
+    ],
+)
+def test_map_files_refuse_what_cannot_be(change, says):
+    with pytest.raises(InputError, match=says):
+        make_scene({"name": "map_file", **change}).sample(np.random.default_rng(0))
+
+
+def test_given_poses_are_taken(worlds):
+    drawn = make_scene("map_file").sample(np.random.default_rng(0))
+    poses = {"start": tuple(drawn.start), "goal": tuple(drawn.goal)}
+    for seed in range(2):
+        again = make_scene({"name": "map_file", **poses}).sample(np.random.default_rng(seed))
+        assert (again.start == drawn.start).all()
+        assert (again.goal == drawn.goal).all()
+    room = {"name": "empty", "start": (1.0, 1.0, 0.0), "goal": (5.0, 2.0, 1.0)}
+    assert make_scene(room).sample(np.random.default_rng(0)).start.tolist() == [1.0, 1.0, 0.0]
+    with pytest.raises(InputError, match=r"EmptyRoom\.start"):
+        make_scene(room | {"start": (0.1, 1.0, 0.0)}).sample(np.random.default_rng(0))
+
+
+def test_description_covers_doors_corridors_and_margins():
+    table = measure(make_scene("floor_plan"), range(3))
+    assert {"door width [m]", "corridor width [m]", "bottleneck margin [m]", "density"} <= set(
+        table
+    )
+    assert min(table["bottleneck margin [m]"]) > 0.1
+    edges = polygon_edges([(0, 0), (1, 0), (0, 1)])
+    assert edges.shape == (3, 4)

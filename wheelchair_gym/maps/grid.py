@@ -1,0 +1,112 @@
+"""The occupancy grid: what is known of a place, cell by cell, and exact geometry from it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wheelchair_gym.geometry import to_frame
+from wheelchair_gym.geometry import to_world as placed
+from wheelchair_gym.maps.distance import distance_to_squares
+from wheelchair_gym.maps.edges import boundary
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FREE: Final = 0
+OCCUPIED: Final = 100
+UNKNOWN: Final = -1
+
+
+@dataclass(frozen=True, eq=False)
+class OccupancyGrid:
+    """Square cells, row 0 lowest: free, occupied, unknown, or a degree between 1 and 99.
+
+    Only OCCUPIED is solid and only FREE may be driven on; what lies between is neither, unless it
+    is asked to count as solid.
+    """
+
+    cells: NDArray[np.int8]  # (rows, cols)
+    resolution: float  # m
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # lower-left corner: x, y [m], yaw [rad]
+
+    def __post_init__(self) -> None:
+        cells = np.ascontiguousarray(self.cells, dtype=np.int8)
+        if cells.ndim != 2 or cells.size == 0:
+            raise ValueError(
+                f"cells have shape {cells.shape}; expected (rows, cols), none of them 0"
+            )
+        if not 0.0 < self.resolution < math.inf:
+            raise ValueError(f"resolution is {self.resolution}; expected more than 0 m")
+        x, y, yaw = (float(value) for value in self.origin)
+        object.__setattr__(self, "cells", cells)
+        object.__setattr__(self, "origin", (x, y, yaw))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.cells.shape[0], self.cells.shape[1]
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """The smallest upright rectangle round the grid [m]: xmin, ymin, xmax, ymax."""
+        rows, cols = self.shape
+        corners = self.from_lattice(np.array([(0, 0), (cols, 0), (cols, rows), (0, rows)]))
+        (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
+        return float(x0), float(y0), float(x1), float(y1)
+
+    def to_lattice(self, points: ArrayLike) -> Array:
+        """Points (..., 2) [m] as (x, y) in cells from the lower-left corner of cell (0, 0)."""
+        lattice: Array = to_frame(points, self.origin) / self.resolution
+        return lattice
+
+    def from_lattice(self, points: ArrayLike) -> Array:
+        """The inverse of `to_lattice`: points (..., 2) [m]."""
+        scaled = np.asarray(points, dtype=np.float64) * self.resolution
+        return placed(scaled, self.origin)
+
+    def to_cell(self, points: ArrayLike) -> NDArray[np.int64]:
+        """Cells (..., 2) (row, col) that hold the points (..., 2) [m]; they may lie outside."""
+        return np.floor(self.to_lattice(points))[..., ::-1].astype(np.int64)
+
+    def to_world(self, cells: ArrayLike) -> Array:
+        """Centres (..., 2) [m] of cells (..., 2) (row, col)."""
+        return self.from_lattice(np.asarray(cells, dtype=np.float64)[..., ::-1] + 0.5)
+
+    def inside(self, points: ArrayLike) -> Mask:
+        """Which of the points (..., 2) [m] lie on the grid."""
+        cell = self.to_cell(points)
+        return np.asarray(((cell >= 0) & (cell < self.shape)).all(axis=-1))
+
+    def solid(self, unknown_is_solid: bool = False) -> Mask:
+        """Cells (rows, cols) that are occupied; if asked, also those not known to be free."""
+        solid: Mask = self.cells != FREE if unknown_is_solid else self.cells == OCCUPIED
+        return solid
+
+    def walls(self, unknown_is_solid: bool = False) -> Array:
+        """The exact outline of what is solid, as longest straight segments (n, 4) [m].
+
+        The segments form closed loops that touch at most at corners; what is solid lies on their
+        left. What lies off the grid is not solid.
+        """
+        lattice = boundary(self.solid(unknown_is_solid))
+        return self.from_lattice(lattice.reshape(-1, 2)).reshape(-1, 4)
+
+    def distance(self, unknown_is_solid: bool = False) -> NDArray[np.float32]:
+        """Distance (rows, cols) [m] from each cell's centre to the nearest solid cell's square.
+
+        Exact; 0 in solid cells, infinite where nothing is solid.
+        """
+        spread = distance_to_squares(self.solid(unknown_is_solid), math.inf)
+        return spread * np.float32(self.resolution)
+
+    def traversable(self, radius: float) -> Mask:
+        """Free cells (rows, cols) at whose centre a disc of this radius [m] meets nothing solid."""
+        # A corridor exactly as wide as the disc is passable: the slack is float32's rounding.
+        least = (radius - 1e-5) / self.resolution
+        gap = distance_to_squares(self.solid(), least)
+        return np.asarray((self.cells == FREE) & (gap >= least))

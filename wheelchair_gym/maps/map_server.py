@@ -1,0 +1,186 @@
+"""map_server files: a YAML file that describes an image of what is occupied.
+
+Whiteness g is occupancy p = (255 - g) / 255, or g / 255 where the file says negate. The image is
+flipped: its lowest row is row 0 of the grid. Mode trinary knows occupied, free and unknown; scale
+keeps degrees between the thresholds, and takes transparent pixels for unknown; raw takes values
+up to 100 as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final, Literal, get_args
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError
+from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+
+Mode = Literal["trinary", "scale", "raw"]
+Bytes = NDArray[np.uint8]
+Cells = NDArray[np.int8]
+
+_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
+# What map_saver writes, where more than one grey would do: free, occupied, unknown, invalid raw.
+_USUAL: Final = (254, 0, 205, 255)
+
+
+def _meaning(mode: Mode, negate: bool, occupied: float, free: float) -> Cells:
+    """The cell value of each of the 256 greys."""
+    grey = np.arange(256)
+    if mode == "raw":
+        return np.where(grey <= OCCUPIED, grey, UNKNOWN).astype(np.int8)
+    p = (grey if negate else 255 - grey) / 255
+    between = np.full(256, UNKNOWN)
+    if mode == "scale":
+        between = np.rint(100 * (p - free) / (occupied - free)).astype(int)
+    value = np.where(p >= occupied, OCCUPIED, np.where(p <= free, FREE, between))
+    return value.astype(np.int8)
+
+
+def _number(data: Mapping[str, Any], key: str, path: Path, low: float, high: float) -> float:
+    value = data[key]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise InputError(f"{path}: {key} is {value!r}; expected a number from {low:g} to {high:g}")
+    return float(value)
+
+
+def _description(path: Path) -> dict[str, Any]:
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file; expected YAML in UTF-8") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f"line {mark.line + 1}: " if mark else ""
+        problem = getattr(error, "problem", None) or "broken"
+        raise InputError(f"{path}: {place}not YAML: {problem}") from None
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: expected keys {', '.join(_KEYS)}")
+    for key in _KEYS:
+        if key not in data:
+            raise InputError(f"{path}: {key} is missing; expected {', '.join(_KEYS)}")
+    return data
+
+
+def _pixels(path: Path) -> tuple[Bytes, NDArray[np.bool_]]:
+    """Greys (rows, cols), top row first, and where the image is transparent."""
+    try:
+        content = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    try:
+        image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+    except cv2.error:
+        image = None
+    if image is None or image.size == 0:
+        raise InputError(f"{path}: not an image that can be decoded; expected PGM or PNG")
+    if image.dtype == np.uint16:
+        image = np.asarray(image // 257, dtype=np.uint8)
+    if image.dtype != np.uint8:
+        raise InputError(f"{path}: pixels are {image.dtype}; expected 8 or 16 bits each")
+    if image.ndim == 2:
+        return np.asarray(image, dtype=np.uint8), np.zeros(image.shape, dtype=np.bool_)
+    clear = image[..., 3] < 255 if image.shape[2] == 4 else np.zeros(image.shape[:2], dtype=bool)
+    return np.rint(image[..., :3].mean(axis=-1)).astype(np.uint8), clear
+
+
+def read_map(path: str | Path) -> OccupancyGrid:
+    """The grid that a map_server YAML file and its image describe.
+
+    Raises:
+        InputError: a file is missing or broken, a key is missing or its value makes no sense.
+    """
+    path = Path(path)
+    data = _description(path)
+    if not isinstance(data["image"], str) or not data["image"]:
+        raise InputError(f"{path}: image is {data['image']!r}; expected a file name")
+    mode = data.get("mode", "trinary")
+    if mode not in get_args(Mode):
+        raise InputError(f"{path}: mode is {mode!r}; it must be one of trinary, scale, raw")
+    negate = data["negate"]
+    if negate not in (0, 1):
+        raise InputError(f"{path}: negate is {negate!r}; expected 0 or 1")
+    resolution = _number(data, "resolution", path, 1e-4, 1e3)
+    occupied = _number(data, "occupied_thresh", path, 0.0, 1.0)
+    free = _number(data, "free_thresh", path, 0.0, 1.0)
+    if free >= occupied:
+        raise InputError(f"{path}: free_thresh is {free}; expected less than occupied_thresh")
+    origin = data["origin"]
+    if (
+        not isinstance(origin, list)
+        or len(origin) not in (2, 3)
+        or not all(isinstance(v, int | float) and math.isfinite(v) for v in origin)
+    ):
+        raise InputError(f"{path}: origin is {origin!r}; expected [x, y, yaw]")
+    x, y, yaw = (float(value) for value in (*origin, 0.0)[:3])
+    grey, clear = _pixels(path.parent / data["image"])
+    cells = _meaning(mode, bool(negate), occupied, free)[grey]
+    if mode == "scale":
+        cells[clear] = UNKNOWN
+    return OccupancyGrid(np.flipud(cells), resolution, (x, y, yaw))
+
+
+def write_map(
+    grid: OccupancyGrid,
+    path: str | Path,
+    *,
+    mode: Mode = "trinary",
+    suffix: Literal[".pgm", ".png"] = ".pgm",
+    negate: bool = False,
+    occupied_thresh: float = 0.65,
+    free_thresh: float = 0.196,
+) -> None:
+    """Write a map_server YAML file, and its image beside it; `read_map` gives the same grid.
+
+    Args:
+        grid: the map.
+        path: of the YAML file.
+        mode: trinary, scale or raw.
+        suffix: of the image.
+        negate: white is occupied.
+        occupied_thresh: occupancy from which a cell counts as occupied.
+        free_thresh: occupancy up to which it counts as free.
+
+    Raises:
+        InputError: the mode cannot hold a cell's value, or a file cannot be written.
+    """
+    path = Path(path)
+    meaning = _meaning(mode, negate, occupied_thresh, free_thresh)
+    grey_of = np.full(256, -1)
+    usual = [255 - g for g in _USUAL] if negate and mode != "raw" else list(_USUAL)
+    for grey in [*range(256), *usual]:  # the last one stays
+        if mode != "raw" or grey in (*range(OCCUPIED + 1), 255):
+            grey_of[int(meaning[grey])] = grey
+    transparent = mode == "scale" and suffix == ".png"
+    if transparent:
+        grey_of[UNKNOWN] = 205
+    greys = grey_of[np.flipud(grid.cells)]
+    if (greys < 0).any():
+        value = int(np.flipud(grid.cells)[greys < 0][0])
+        raise InputError(f"{path}: mode {mode} cannot hold the cell value {value} as {suffix}")
+    image = greys.astype(np.uint8)
+    if transparent:
+        alpha = np.where(np.flipud(grid.cells) == UNKNOWN, 0, 255).astype(np.uint8)
+        image = np.dstack([image, image, image, alpha])
+    data = {
+        "image": path.with_suffix(suffix).name,
+        "mode": mode,
+        "resolution": float(grid.resolution),
+        "origin": list(grid.origin),
+        "negate": int(negate),
+        "occupied_thresh": occupied_thresh,
+        "free_thresh": free_thresh,
+    }
+    try:
+        path.with_suffix(suffix).write_bytes(cv2.imencode(suffix, image)[1].tobytes())
+        path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None

@@ -1,0 +1,95 @@
+"""From pixels to polygons: binarise, dilate, follow contours, simplify."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
+
+Array = NDArray[np.float64]
+
+
+class Outline(NamedTuple):
+    """A solid region: its outer polygon (k, 2) and the polygons of its holes."""
+
+    outer: Array
+    holes: tuple[Array, ...] = ()
+
+
+def binarise(image: NDArray[np.uint8], threshold: int = 128) -> OccupancyGrid:
+    """A drawn map as a grid of one unit a pixel: what is darker than the threshold is occupied.
+
+    Args:
+        image: (rows, cols) greys or (rows, cols, 3) colours, top row first.
+        threshold: grey from which a pixel is free.
+    """
+    grey = image if image.ndim == 2 else cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2GRAY)
+    cells = np.where(np.flipud(grey) < threshold, OCCUPIED, FREE).astype(np.int8)
+    return OccupancyGrid(cells, 1.0)
+
+
+def polygons(
+    source: OccupancyGrid | NDArray[np.uint8],
+    *,
+    dilate: float = 0.0,
+    epsilon: float = 0.0,
+    unit: Literal["metre", "pixel"] = "metre",
+) -> list[Outline]:
+    """Outlines of all that is occupied, grown and simplified.
+
+    The outline follows cell edges, and cuts inner corners by half a cell: with epsilon 0 no solid
+    point is lost. Regions that touch at a corner are one.
+
+    Args:
+        source: a grid, or an image (see `binarise`), which counts one unit a pixel.
+        dilate: how far solid regions grow.
+        epsilon: how far a simplified outline may leave the exact one (Douglas and Peucker).
+        unit: of dilate and epsilon.
+
+    Returns:
+        outlines in the grid's frame [m], outer polygons counter-clockwise, holes clockwise.
+    """
+    grid = source if isinstance(source, OccupancyGrid) else binarise(source)
+    scale = 1.0 if unit == "pixel" else 1.0 / grid.resolution
+    reach = max(0.0, dilate * scale)
+    edge = math.ceil(reach) + 1  # room for growth beyond the grid
+    rows, cols = grid.shape
+    # On half cells, closed squares have lattice points as corners, so contours are cell edges.
+    lattice = np.zeros((2 * (rows + 2 * edge) + 1, 2 * (cols + 2 * edge) + 1), dtype=np.uint8)
+    lattice[2 * edge + 1 : -2 * edge : 2, 2 * edge + 1 : -2 * edge : 2] = grid.solid()
+    lattice = np.asarray(cv2.dilate(lattice, np.ones((3, 3), dtype=np.uint8)), dtype=np.uint8)
+    if reach > 0.0 and lattice.any():
+        gap = cv2.distanceTransform(1 - lattice, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        lattice = np.asarray(gap <= 2.0 * reach + 1e-4, dtype=np.uint8)
+    contours, tree = cv2.findContours(lattice, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+
+    def placed(k: int) -> Array:
+        line = cv2.approxPolyDP(contours[k], 2.0 * epsilon * scale, True)[:, 0]
+        return grid.from_lattice(line / 2.0 - edge)
+
+    found = []
+    for k in range(len(contours)):
+        if tree[0, k, 3] >= 0:  # a hole: taken with the region round it
+            continue
+        holes, hole = [], int(tree[0, k, 2])
+        while hole >= 0:
+            polygon = placed(hole)
+            if len(polygon) > 2:
+                holes.append(_turned(polygon, -1))
+            hole = int(tree[0, hole, 0])
+        outer = placed(k)
+        if len(outer) > 2:
+            found.append(Outline(_turned(outer, 1), tuple(holes)))
+    return found
+
+
+def _turned(polygon: Array, sense: int) -> Array:
+    """The polygon counter-clockwise (1) or clockwise (-1)."""
+    x, y = polygon.T
+    area = float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    return polygon if area * sense > 0.0 else polygon[::-1].copy()

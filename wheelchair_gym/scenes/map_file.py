@@ -1,0 +1,104 @@
+"""Any map_server map as a world."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic, read_map
+from wheelchair_gym.scenes.poses import RADIUS, stands
+from wheelchair_gym.types import Episode, no_discs
+
+Array = NDArray[np.float64]
+Pose = tuple[float, float, float]
+
+_TRIES = 200
+
+
+def example_map() -> Path:
+    """The map that comes with the package: a small clinic."""
+    return Path(str(resources.files("wheelchair_gym.maps") / "data" / "clinic.yaml"))
+
+
+@lru_cache(maxsize=8)
+def _ground(path: Path, stamp: int, unknown_is_solid: bool) -> tuple[OccupancyGrid, Array]:
+    """Map and walls; the stamp makes an edited file be read again."""
+    grid = read_map(path)
+    return grid, grid.walls(unknown_is_solid)
+
+
+@settings
+class MapFile:
+    """A map_server map; start and goal are given, or drawn from where the chair can stand."""
+
+    path: str = setting(default="", source="YAML; empty: the clinic that comes with the package")
+    start: Pose | None = setting(default=None, unit="m, m, rad", source="none: drawn at random")
+    goal: Pose | None = setting(default=None, unit="m, m, rad", source="none: drawn at random")
+    apart: float = setting(
+        default=3.0, unit="m", source="least way from a drawn start to a drawn goal", low=0.0
+    )
+    clearance: float = setting(
+        default=0.15, unit="m", source="round the footprint where drawn", low=0.0, high=0.5
+    )
+    unknown_is_solid: bool = setting(default=False, source="walls also round unknown cells")
+
+    def sample(self, rng: np.random.Generator) -> Episode:
+        """Draw what is not given.
+
+        Raises:
+            InputError: the map cannot be read; a given pose is not free; there is no way.
+        """
+        path = Path(self.path) if self.path else example_map()
+        stamp = path.stat().st_mtime_ns if path.exists() else 0
+        grid, walls = _ground(path, stamp, self.unknown_is_solid)
+        for name, pose in (("start", self.start), ("goal", self.goal)):
+            if pose is not None and not self._free(grid, walls, pose):
+                raise InputError(f"MapFile.{name} is {list(pose)}; the chair cannot stand there")
+        free = np.argwhere(grid.traversable(RADIUS))
+        for _ in range(_TRIES):
+            goal = self._draw(rng, grid, walls, free) if self.goal is None else np.array(self.goal)
+            if goal is None:
+                break
+            start = self._begin(rng, grid, walls, geodesic(grid, goal, RADIUS))
+            if start is not None:
+                return Episode(grid, start, goal, walls, name=path.stem)
+            if self.goal is not None:
+                break
+        raise InputError(f"{path}: no start and goal with a way of {self.apart} m between them")
+
+    def _free(self, grid: OccupancyGrid, walls: Array, pose: Pose) -> bool:
+        inside = bool(grid.inside(pose[:2]))
+        row, col = grid.to_cell(pose[:2])
+        return (
+            inside and grid.cells[row, col] == 0 and stands(np.array(pose), walls, no_discs(), 0.0)
+        )
+
+    def _begin(
+        self, rng: np.random.Generator, grid: OccupancyGrid, walls: Array, ways: Geodesic
+    ) -> Array | None:
+        """A start from which the goal can be reached."""
+        if self.start is not None:
+            return np.array(self.start) if np.isfinite(ways.at(self.start[:2])) else None
+        far = np.argwhere(np.isfinite(ways.field) & (ways.field >= self.apart))
+        return self._draw(rng, grid, walls, far)
+
+    def _draw(
+        self,
+        rng: np.random.Generator,
+        grid: OccupancyGrid,
+        walls: Array,
+        cells: NDArray[np.int64],
+    ) -> Array | None:
+        """A pose on one of the cells where the chair stands free."""
+        for _ in range(_TRIES if len(cells) else 0):
+            x, y = grid.to_world(cells[rng.integers(len(cells))])
+            pose = np.array([x, y, rng.uniform(-math.pi, math.pi)])
+            if stands(pose, walls, no_discs(), self.clearance):
+                return pose
+        return None

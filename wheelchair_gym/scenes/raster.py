@@ -1,0 +1,108 @@
+"""Drawing on a 5 cm raster: rectangles of cells, turned rectangles, discs."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.kernel import kernel
+
+Array = NDArray[np.float64]
+Cells = NDArray[np.int8]
+
+CELL: Final = 0.05  # m: the raster of every generated map
+
+
+class Rect(NamedTuple):
+    """A rectangle of whole cells: from (x0, y0) up to, not including, (x1, y1)."""
+
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+
+    @property
+    def width(self) -> int:
+        """Along x [cells]."""
+        return self.x1 - self.x0
+
+    @property
+    def height(self) -> int:
+        """Along y [cells]."""
+        return self.y1 - self.y0
+
+    def grown(self, by: int) -> Rect:
+        """The rectangle with every side moved out."""
+        return Rect(self.x0 - by, self.y0 - by, self.x1 + by, self.y1 + by)
+
+    def meets(self, other: Rect) -> bool:
+        """Whether the two share a cell."""
+        return (
+            self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
+        )
+
+    def swapped(self) -> Rect:
+        """Mirrored in the diagonal: x for y."""
+        return Rect(self.y0, self.x0, self.y1, self.x1)
+
+    def paint(self, cells: Cells, value: int) -> None:
+        """Set its cells."""
+        cells[self.y0 : self.y1, self.x0 : self.x1] = value
+
+
+def to_cells(metres: float) -> int:
+    """A length [m] as a whole number of cells, rounded."""
+    return round(metres / CELL)
+
+
+def turned_rectangle(x: float, y: float, length: float, width: float, yaw: float) -> Array:
+    """Corners (4, 2) [m], counter-clockwise, of a rectangle about (x, y) turned by yaw [rad]."""
+    along = np.array([math.cos(yaw), math.sin(yaw)]) * length / 2
+    across = np.array([-math.sin(yaw), math.cos(yaw)]) * width / 2
+    corners: Array = np.array([-along - across, along - across, along + across, across - along])
+    corners += (x, y)
+    return corners
+
+
+@kernel
+def paint_discs(cells: Cells, discs: Array, x0: float, y0: float, size: float, value: int) -> None:
+    """Set each cell whose square a disc reaches.
+
+    Args:
+        cells: (rows, cols), changed in place.
+        discs: (m, 3) [m]: x, y, radius.
+        x0: the lower-left corner of cell (0, 0) [m].
+        y0: see x0.
+        size: of a cell [m].
+        value: to set.
+    """
+    rows, cols = cells.shape
+    for k in range(discs.shape[0]):
+        x, y, radius = (discs[k, 0] - x0) / size, (discs[k, 1] - y0) / size, discs[k, 2] / size
+        for row in range(max(0, int(y - radius)), min(rows, int(y + radius) + 1)):
+            dy = max(abs(y - row - 0.5) - 0.5, 0.0)
+            for col in range(max(0, int(x - radius)), min(cols, int(x + radius) + 1)):
+                dx = max(abs(x - col - 0.5) - 0.5, 0.0)
+                if dx * dx + dy * dy < radius * radius - 1e-6:  # touching is not reaching
+                    cells[row, col] = value
+
+
+def paint_polygon(cells: Cells, polygon: Array, value: int) -> None:
+    """Set each cell whose square a convex polygon (k, 2) [m], counter-clockwise, may reach.
+
+    The grid's lower-left corner is (0, 0). Near a corner of the polygon a cell that it misses by
+    less than its own diagonal may be set too.
+    """
+    low = np.maximum(np.floor(polygon.min(axis=0) / CELL).astype(int) - 1, 0)
+    high = np.ceil(polygon.max(axis=0) / CELL).astype(int) + 1
+    xs = (np.arange(low[0], min(high[0], cells.shape[1])) + 0.5) * CELL
+    ys = (np.arange(low[1], min(high[1], cells.shape[0])) + 0.5) * CELL
+    inside = np.ones((len(ys), len(xs)), dtype=bool)
+    for (ax, ay), (bx, by) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        ex, ey = bx - ax, by - ay
+        reach = CELL / 2 * (abs(ex) + abs(ey))  # of a square across the edge's direction
+        inside &= ex * (ys[:, None] - ay) - ey * (xs[None, :] - ax) >= -reach
+    cells[low[1] : low[1] + len(ys), low[0] : low[0] + len(xs)][inside] = value
