@@ -6,9 +6,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from planners.graphs.a_star import AStar
+from planners.graphs.lattice import Lattice
 from planners.graphs.visibility import Visibility
 from planners.space import Space
 from planners.trees.connect import RrtConnect
@@ -18,8 +19,14 @@ from wheelchair_gym.config import InputError, load
 
 __all__ = ["PLANNERS", "Plan", "Planner", "Problem", "Space", "Status", "make_planner"]
 
-PLANNERS: dict[str, type] = {
+PLANNERS: Final[dict[str, type]] = {
     "a_star": AStar,
+    "lattice": Lattice,
+    "rrt": Rrt,
+    "rrt_connect": RrtConnect,
+    "rrt_star": RrtStar,
+    "rrt_star_woa_global": RrtStarWoaGlobal,
+    "rrt_star_woa_local": RrtStarWoaLocal,
     "visibility": Visibility,
     "rrt": Rrt,
     "rrt_star": RrtStar,

@@ -30,6 +30,20 @@ class Reading(NamedTuple):
     stamp: float  # s since reset
 
 
+class Truth(NamedTuple):
+    """How things really are: for info and scores, never for an observation or a decision.
+
+    A real chair fills it with the best it knows.
+    """
+
+    pose: Array  # (3,) m, m, rad
+    twist: Array  # (2,) m/s, rad/s
+    clearance: float  # m from the outline to the nearest obstacle, at most 2 m
+    contact: bool  # touched anything during the last control period
+    way: float  # m driven since reset, forward and backward
+    energy: float  # Wh drawn from the battery since reset
+
+
 def no_walls() -> Array:
     """Walls (0, 4) of an empty world."""
     return np.empty((0, 4))
@@ -72,6 +86,11 @@ class Chair(Protocol):
 
     def drive(self, twist: Array) -> Reading:
         """Drive towards a target twist (2,) [m/s, rad/s] for one control period, then sense."""
+        ...
+
+    @property
+    def truth(self) -> Truth:
+        """How things really are, as far as this chair can tell."""
         ...
 
     def close(self) -> None:

@@ -1,1 +1,8 @@
-"""."""
+"""Gymnasium environments and their registered ids."""
+
+from __future__ import annotations
+
+from wheelchair_gym.envs.navigation import NavigationEnv
+from wheelchair_gym.envs.settings import EnvSettings
+
+__all__ = ["EnvSettings", "NavigationEnv"]

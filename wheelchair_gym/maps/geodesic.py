@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.geometry import path_length
 from wheelchair_gym.kernel import kernel
 from wheelchair_gym.maps.distance import chessboard
 from wheelchair_gym.maps.grid import OccupancyGrid
@@ -240,21 +242,29 @@ class Geodesic:
         """The shortest way (n, 2) [m] from a start (2,) [m] to the goal, empty if there is none."""
         begin = self.grid.to_lattice(start)[:2] - 0.5  # (x, y) from the centre of cell (0, 0)
         rows, cols = self.grid.shape
-        col, row = np.floor(begin + 0.5).astype(int)
-        inside = 0 <= row < rows and 0 <= col < cols
-        cell = int(self._source[row * cols + col]) if inside else -1
-        if cell < 0:
+        col, row = math.floor(begin[0]), math.floor(begin[1])
+        around = [(r, c) for r in (row, row + 1) for c in (col, col + 1)]
+        near = {
+            int(self._source[r * cols + c]) for r, c in around if 0 <= r < rows and 0 <= c < cols
+        }
+        if near <= {-1} or not self.grid.inside(np.asarray(start)[:2]):
             return np.empty((0, 2))
-        bends = [begin, np.array([cell % cols, cell // cols], dtype=np.float64)]
-        while (cell := int(self._parent[cell])) >= 0:
+        ways = [self._way(begin, cell) for cell in sorted(near - {-1})]
+        return self.grid.from_lattice(min(ways, key=path_length) + 0.5)
+
+    def _way(self, begin: Array, cell: int) -> Array:
+        """The way (n, 2) [cell centres] from a point by a cell beside it, needless bends out."""
+        cols = self.grid.shape[1]
+        bends = [begin]
+        while cell >= 0:
             bends.append(np.array([cell % cols, cell // cols], dtype=np.float64))
+            cell = int(self._parent[cell])
         bends.append(self.grid.to_lattice(self.goal) - 0.5)
-        way = [bends[0]]
-        for k in range(1, len(bends) - 1):  # leave out bends that need not be
-            if not sees(self._free, self._room, *way[-1], *bends[k + 1]):
-                way.append(bends[k])
-        way.append(bends[-1])
-        return self.grid.from_lattice(np.array(way) + 0.5)
+        way = [begin]
+        for bend, after in itertools.pairwise(bends[1:]):
+            if not sees(self._free, self._room, *way[-1], *after):
+                way.append(bend)
+        return np.array([*way, bends[-1]])
 
 
 def geodesic(grid: OccupancyGrid, goal: ArrayLike, radius: float) -> Geodesic:

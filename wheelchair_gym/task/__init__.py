@@ -1,1 +1,7 @@
-"""."""
+"""The task: observe and judge, pure functions of readings; rewards are named terms."""
+
+from wheelchair_gym.task.judge import TERMS, Verdict
+from wheelchair_gym.task.settings import RewardWeights, TaskSettings
+from wheelchair_gym.task.task import Guidance, Observation, Task
+
+__all__ = ["TERMS", "Guidance", "Observation", "RewardWeights", "Task", "TaskSettings", "Verdict"]

@@ -1,0 +1,1 @@
+"""Subcommands of `wheelchair`: each module adds its parser and runs."""

@@ -1,0 +1,71 @@
+"""`wheelchair compare`: policies against each other on many episodes."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from agents.commands.arguments import add_json, count, names, report, whole
+from agents.commands.simulate import POSES
+
+
+def add(parts: Any) -> None:
+    """Add the subcommand's parser."""
+    parser: argparse.ArgumentParser = parts.add_parser(
+        "compare",
+        help="compare policies on scenes, and write a report",
+        description="Run a suite of episodes, each policy on each scene and seed. Finished "
+        "episodes are stored: the same command after Ctrl-C computes only what is missing.",
+        epilog="example: wheelchair compare --suite demo --jobs 2 --out runs/demo",
+    )
+    parser.add_argument("--suite", default="demo", help="demo, homes or followers (default demo)")
+    parser.add_argument("--policies", type=names, metavar="A,B", help="in place of the suite's")
+    parser.add_argument("--scenes", type=names, metavar="A,B", help="in place of the suite's")
+    parser.add_argument("--episodes", type=count, metavar="N", help="per policy and scene")
+    parser.add_argument("--first-seed", type=whole, default=0, metavar="S", help="default 0")
+    parser.add_argument("--pose", choices=POSES, help="the chair's own estimate")
+    parser.add_argument("--config", metavar="FILE.json", help="settings of the environment")
+    parser.add_argument("--jobs", type=count, metavar="N", help="worker processes (default: cores)")
+    parser.add_argument("--out", metavar="DIR", help="default runs/SUITE")
+    parser.add_argument("--no-video", action="store_true", help="film nothing")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(given: argparse.Namespace) -> int:
+    """Compare, report, and write everything to the folder."""
+    import dataclasses
+
+    from agents.compare import compare, suite
+    from agents.evaluate import StoppedError
+    from agents.provenance import command_line, cores
+    from agents.tables import markdown
+
+    what = suite(given.suite)
+    env = dict(what.env)
+    if given.pose is not None:
+        env["pose_source"] = given.pose
+    if given.config is not None:
+        env["config"] = given.config
+    what = dataclasses.replace(
+        what,
+        policies=tuple(given.policies or what.policies),
+        scenes=tuple(given.scenes or what.scenes),
+        episodes=given.episodes or what.episodes,
+        env=env,
+        video=what.video and not given.no_video,
+    )
+    folder = Path(given.out or Path("runs") / given.suite)
+    seeds = range(given.first_seed, given.first_seed + what.episodes)
+    try:
+        evaluation = compare(
+            what, folder, jobs=given.jobs or cores(), progress=not given.quiet, seeds=seeds
+        )
+    except StoppedError as stopped:
+        print(f"wheelchair: stopped; {stopped}; resume with: {command_line()}", file=sys.stderr)
+        return 130
+    report(given, evaluation, f"{markdown(evaluation)}\n{folder / 'report.html'}")
+    return 0

@@ -1,0 +1,134 @@
+"""Comparisons: suites of policies and scenes, and all that is written about one."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from agents.evaluate import Spec, drive_episode, env_settings, evaluate, label, make_env
+from agents.metrics import Record, summarise
+from agents.policy import make_policy
+from agents.provenance import command_line, commit, machine, versions, write_json, write_text
+from agents.tables import markdown, overall
+from wheelchair_gym.config import InputError, dump
+
+Evaluation = dict[str, Any]
+BEST = "lattice+window"  # chosen on training seeds; test seeds are 0 to n-1
+
+
+@dataclass(frozen=True)
+class Suite:
+    """What is compared with what, on which episodes."""
+
+    title: str
+    policies: tuple[Spec, ...]
+    scenes: tuple[Spec, ...]
+    episodes: int  # seeds 0 to episodes - 1
+    env: Mapping[str, Any] = field(default_factory=lambda: {"pose_source": "modelled"})
+    video: bool = True
+
+
+SUITES: dict[str, Suite] = {
+    "demo": Suite(
+        "Scripted policies on several scenes",
+        ("random", "straight", "a_star+pure_pursuit", BEST),
+        ("floor_plan", "clutter", "thesis_3", "map_file"),
+        3,
+    ),
+    "homes": Suite("Floor plans never seen before", (BEST,), ("floor_plan",), 200),
+    "followers": Suite(
+        "One planner, each follower",
+        ("a_star+pure_pursuit", "a_star+window", "lattice+pure_pursuit", "lattice+window"),
+        ("floor_plan",),
+        40,
+    ),
+}
+
+
+def suite(name: str) -> Suite:
+    """A suite by name.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    if name not in SUITES:
+        raise InputError(f"suite {name!r} is unknown; known: {', '.join(sorted(SUITES))}")
+    return SUITES[name]
+
+
+def compare(
+    what: Suite,
+    folder: str | Path,
+    *,
+    jobs: int = 1,
+    progress: bool = True,
+    seeds: Sequence[int] | None = None,
+) -> Evaluation:
+    """Evaluate a suite and write results.json, table.md, a video and report.html to a folder.
+
+    Raises:
+        InputError: a name in the suite or the folder is wrong.
+        StoppedError: Ctrl-C; the same call computes only what is missing.
+    """
+    begun = time.perf_counter()
+    folder = Path(folder)
+    seeds = list(range(what.episodes)) if seeds is None else list(seeds)
+    records = evaluate(
+        what.policies, what.scenes, seeds, env=what.env, folder=folder, jobs=jobs,
+        progress=progress,
+    )  # fmt: skip
+    summary = summarise(records)
+    evaluation: Evaluation = {
+        "title": what.title,
+        "command": command_line(),
+        "provenance": {
+            "config": dump(dataclasses.asdict(what)),
+            "seeds": seeds,
+            "commit": commit(),
+            "machine": machine() | {"jobs": jobs},
+            "versions": versions(),
+            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+        },
+        "policies": [label(policy) for policy in what.policies],
+        "scenes": [label(scene) for scene in what.scenes],
+        "records": records,
+        "summary": summary,
+        "video": None,
+    }
+    if what.video and records:
+        evaluation["video"] = film(what, summary, records, folder)
+    evaluation["provenance"]["wall_time_s"] = round(time.perf_counter() - begun, 2)
+    write_json(folder / "results.json", evaluation)
+    write_text(folder / "table.md", markdown(evaluation))
+    from agents.report import write_report
+
+    write_report(evaluation, folder)
+    return evaluation
+
+
+def film(
+    what: Suite, summary: Sequence[Record], records: Sequence[Record], folder: Path
+) -> str | None:
+    """Film the best policy on its first good episode; the video's name, or None if none is."""
+    from wheelchair_gym.view.video import video_suffix, write_video
+
+    best = str(overall(summary)[0]["policy"])
+    of = [record for record in records if record["policy"] == best]
+    shown = next((record for record in of if record["success"]), of[0])
+    policy = next(spec for spec in what.policies if label(spec) == best)
+    scene = next(spec for spec in what.scenes if label(spec) == shown["scene"])
+    env = make_env(scene, env_settings(**what.env))
+    frames: list[Any] = []
+    try:
+        drive_episode(env, make_policy(policy), shown["seed"], lambda e: frames.append(e.render()))
+        period = env.unwrapped.task.period
+    finally:
+        env.close()
+    path = folder / f"episode{video_suffix()}"
+    write_video(path, frames, round(1.0 / period))
+    return path.name

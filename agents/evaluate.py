@@ -1,0 +1,279 @@
+"""Episodes by seed, in parallel and resumable: what is stored once is never computed twice."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from agents.metrics import Record, Trace, measure
+from agents.policy import make_policy
+from wheelchair_gym.config import InputError, dump, read_json
+
+ENV = "wheelchair_gym/Navigation-v0"
+STORE = "episodes.jsonl"
+Spec = str | Mapping[str, Any]
+
+
+class StoppedError(Exception):
+    """A person stopped an evaluation; what was finished is in the store."""
+
+
+def label(spec: Spec) -> str:
+    """How records call a policy or a scene: its `label`, else its name."""
+    if isinstance(spec, str):
+        return spec
+    return str(spec.get("label", spec.get("name", spec)))
+
+
+def _plain(spec: Spec) -> Spec:
+    return spec if isinstance(spec, str) else {k: v for k, v in spec.items() if k != "label"}
+
+
+@cache
+def source_digest() -> str:
+    """Digest of this project's own code: records of other code are not reused."""
+    root = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha256()
+    for package in ("wheelchair_gym", "planners", "agents"):
+        for path in sorted((root / package).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def episode_key(policy: Spec, scene: Spec, seed: int, env: Mapping[str, Any]) -> str:
+    """What makes two episodes the same: code, settings, policy, scene and seed."""
+    parts = [source_digest(), dump(_plain(policy)), dump(_plain(scene)), seed, dump(dict(env))]
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def env_settings(**values: Any) -> dict[str, Any]:
+    """Keyword settings of the environment, a config file read in; what is None is left out."""
+    if isinstance(values.get("config"), str | Path):
+        values["config"] = read_json(values["config"])
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def make_env(scene: Spec, env: Mapping[str, Any], render_mode: str | None = "rgb_array") -> Any:
+    """A fresh environment of one scene."""
+    import gymnasium
+
+    import wheelchair_gym  # registers the ids
+
+    assert wheelchair_gym.__name__ in sys.modules
+    return gymnasium.make(ENV, scene=_plain(scene), render_mode=render_mode, **env)
+
+
+def drive_episode(env: Any, policy: Any, seed: int, frames: Any = None) -> Record:
+    """Drive one episode to its end.
+
+    Args:
+        env: an environment.
+        policy: a policy.
+        seed: of the episode.
+        frames: called with the environment after reset and each step, to film it.
+
+    Returns:
+        Its figures, see `agents.metrics.measure`.
+    """
+    observation, info = env.reset(seed=seed)
+    task = env.unwrapped.task
+    trace = Trace(task.period)
+    trace.add(info)
+    begun = time.perf_counter()
+    policy.reset(task)
+    trace.plan_s = time.perf_counter() - begun
+    ended = truncated = False
+    while not (ended or truncated):
+        if frames is not None:
+            frames(env)
+        begun = time.perf_counter()
+        action = policy.act(observation)
+        trace.acts_s.append(time.perf_counter() - begun)
+        observation, _, ended, truncated, info = env.step(action)
+        trace.add(info)
+    if frames is not None:
+        frames(env)
+    return measure(trace, info, truncated)
+
+
+def warm(policy: Spec, scene: Spec, env: Mapping[str, Any]) -> None:
+    """Compile (or load from the cache) all that an episode needs, outside its timings."""
+    world = make_env(scene, env)
+    observation, _ = world.reset(seed=0)
+    driver = make_policy(_plain(policy))
+    driver.reset(world.unwrapped.task)
+    for _ in range(3):
+        observation, _, ended, truncated, _ = world.step(driver.act(observation))
+        if ended or truncated:
+            break
+    world.close()
+
+
+_warmed: set[str] = set()
+
+
+def run_episode(
+    policy: Spec, scene: Spec, seed: int, env: Mapping[str, Any], folder: str | None
+) -> Record:
+    """One episode in this process; a failed one leaves a picture in the folder."""
+    if os.environ.get("WHEELCHAIR_WORKER") == str(os.getppid()):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to stop
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
+    if label(policy) not in _warmed:
+        warm(policy, scene, env)
+        _warmed.add(label(policy))
+    world = make_env(scene, env)
+    try:
+        record = drive_episode(world, make_policy(_plain(policy)), seed)
+        picture = None
+        if folder is not None and not record["success"]:
+            picture = f"pictures/{label(policy)}-{label(scene)}-{seed}.png".replace(" ", "_")
+            save_picture(world.render(), Path(folder) / picture)
+    finally:
+        world.close()
+    record |= {"policy": label(policy), "scene": label(scene), "seed": seed, "picture": picture}
+    return record
+
+
+def save_picture(frame: Any, path: Path) -> None:
+    """Write a frame (rows, cols, 3) as a picture (PNG).
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    from wheelchair_gym.view.video import write_png
+
+    try:
+        write_png(path, frame)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+def read_store(path: Path) -> dict[str, Record]:
+    """Records by key; a line cut short by a crash is left out."""
+    records: dict[str, Record] = {}
+    if path.exists():
+        for line in path.read_text(encoding="utf-8").splitlines():
+            with contextlib.suppress(json.JSONDecodeError, KeyError, TypeError):
+                stored = json.loads(line)
+                records[stored["key"]] = stored["record"]
+    return records
+
+
+def _open_store(folder: Path) -> Any:
+    path = folder / STORE
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        store = path.open("a+b")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    if store.tell():
+        store.seek(-1, os.SEEK_END)
+        if store.read(1) != b"\n":  # a line cut short: what follows begins a new one
+            store.write(b"\n")
+    return store
+
+
+def evaluate(
+    policies: Sequence[Spec],
+    scenes: Sequence[Spec],
+    seeds: Sequence[int],
+    *,
+    env: Mapping[str, Any] | None = None,
+    folder: str | Path,
+    jobs: int = 1,
+    progress: bool = True,
+) -> list[Record]:
+    """Records of every policy on every scene and seed, in that order.
+
+    Args:
+        policies: specs for `make_policy`; a `label` in a mapping names it in the records.
+        scenes: specs for `make_scene`, likewise.
+        seeds: of the episodes.
+        env: further settings of the environment (pose_source, beams, rate, config).
+        folder: where the store and the pictures of failed episodes go.
+        jobs: worker processes; 1 stays in this one.
+        progress: show a bar on stderr.
+
+    Raises:
+        InputError: a spec or the folder is wrong.
+        StoppedError: Ctrl-C; the same call computes only what is missing.
+    """
+    from wheelchair_gym.scenes import make_scene
+
+    env, folder = env_settings(**(env or {})), Path(folder)
+    for policy in policies:
+        make_policy(_plain(policy))
+    for scene in scenes:
+        make_scene(_plain(scene))
+    if jobs < 1:
+        raise InputError(f"jobs is {jobs}; it must be at least 1")
+    wanted = {
+        episode_key(policy, scene, seed, env): (policy, scene, seed)
+        for policy in policies
+        for scene in scenes
+        for seed in seeds
+    }
+    with _open_store(folder) as store:
+        known = {k: r for k, r in read_store(folder / STORE).items() if k in wanted}
+        missing = {key: job for key, job in wanted.items() if key not in known}
+        finished = _finished(missing, env, str(folder), jobs)
+        try:
+            for key, record in _bar(finished, len(wanted), len(known), progress):
+                known[key] = record
+                line = json.dumps({"key": key, "record": record}, allow_nan=False)
+                store.write(line.encode() + b"\n")
+                store.flush()
+        except KeyboardInterrupt:
+            raise StoppedError(f"{len(known)} of {len(wanted)} episodes are stored") from None
+        finally:
+            finished.close()
+    return [known[key] for key in wanted]
+
+
+def _bar(
+    finished: Iterator[tuple[str, Record]], total: int, done: int, progress: bool
+) -> Iterator[tuple[str, Record]]:
+    from tqdm import tqdm
+
+    bar = tqdm(finished, total=total, initial=done, unit="episode", disable=not progress)
+    yield from bar
+
+
+def _job(key: str, *arguments: Any) -> tuple[str, Record]:
+    return key, run_episode(*arguments)
+
+
+def _finished(
+    missing: Mapping[str, tuple[Spec, Spec, int]], env: Mapping[str, Any], folder: str, jobs: int
+) -> Generator[tuple[str, Record]]:
+    """Records of the missing episodes, in the order in which they end."""
+    if jobs == 1 or len(missing) < 2:
+        for key, job in missing.items():
+            yield _job(key, *job, env, folder)
+        return
+    from joblib import Parallel, delayed, parallel_config
+    from joblib.externals.loky import get_reusable_executor
+
+    for policy, scene in {label(p): (p, s) for p, s, _ in missing.values()}.values():
+        warm(policy, scene, env)  # workers then find every kernel in the cache
+    os.environ["WHEELCHAIR_WORKER"] = str(os.getpid())
+    try:
+        with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
+            pool = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
+            yield from pool(delayed(_job)(key, *job, env, folder) for key, job in missing.items())
+    except (KeyboardInterrupt, GeneratorExit):
+        get_reusable_executor().shutdown(wait=False, kill_workers=True)
+        raise
+    finally:
+        del os.environ["WHEELCHAIR_WORKER"]

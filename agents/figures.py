@@ -1,0 +1,149 @@
+"""Figures of an evaluation, as SVG: the same records give the same bytes."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from agents.tables import known
+from wheelchair_gym.view import palette
+
+Record = Mapping[str, Any]
+
+_COLOURS = tuple(palette.css(colour) for colour in palette.SERIES)
+_MARKS = "osD^vPX*"  # shape tells policies apart where colour cannot
+_DASHES = ("-", "--", "-.", ":")
+_WIDTH = 4.4  # inches: on a phone, letters then keep the size of the text around them
+_LOOK: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": palette.css(palette.INK),
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e3e6e9",
+    "grid.linewidth": 0.7,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "svg.hashsalt": "wheelchair_gym",
+}
+
+
+def figures(evaluation: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
+    """Every figure: name -> what it shows, in words, and its SVG."""
+    policies, records = evaluation["policies"], evaluation["records"]
+    drawn: dict[str, tuple[str, Callable[[], Figure]]] = {
+        "success": (
+            "Success by scene and policy, with 95 % Wilson intervals.",
+            lambda: _success(policies, evaluation["scenes"], evaluation["summary"]),
+        ),
+        "time": (
+            "Time of each successful episode against its geodesic length; a crossed mark is an "
+            "episode that failed, at the time it ended.",
+            lambda: _time(policies, records),
+        ),
+        "clearance": (
+            "Share of episodes whose least clearance was below a value; further right is safer.",
+            lambda: _clearance(policies, records),
+        ),
+    }
+    with mpl.rc_context(_LOOK):
+        return {name: (words, _svg(make())) for name, (words, make) in drawn.items()}
+
+
+def _svg(figure: Figure) -> bytes:
+    out = io.BytesIO()
+    figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
+    return out.getvalue()
+
+
+def _axes(height: float) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(_WIDTH, height), layout="constrained")
+    return figure, figure.add_subplot()
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    """One legend above the axes: nothing is hidden by it."""
+    handles, labels = axes.get_legend_handles_labels()
+    longest = max(map(len, labels), default=1)
+    columns = max(1, min(len(labels), 56 // (longest + 6)))
+    figure.legend(handles, labels, loc="outside upper left", ncols=columns)
+
+
+def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[Record]) -> Figure:
+    places = ["all", *scenes] if len(scenes) > 1 else list(scenes)
+    found = {(row["policy"], row["scene"]): row for row in summary}
+    step = 0.72 / len(policies)
+    figure, axes = _axes(1.0 + 0.2 * len(places) * max(2, len(policies)))
+    for i, policy in enumerate(policies):
+        rows = [
+            (k, found[policy, place]) for k, place in enumerate(places) if (policy, place) in found
+        ]
+        rows = [(k, row) for k, row in rows if known(row["success"])]
+        y = [k + (i - 0.5 * (len(policies) - 1)) * step for k, _ in rows]
+        share = 100.0 * np.array([row["success"] for _, row in rows], dtype=float)
+        low, high = (
+            100.0 * np.array([row[f"success_{end}"] for _, row in rows], dtype=float)
+            for end in ("low", "high")
+        )
+        # Rounding may put a bound a hair inside the share.
+        error = np.maximum([share - low, high - share], 0.0)
+        axes.errorbar(
+            share, y, xerr=error, fmt=_MARKS[i % 8], color=_COLOURS[i % 8], label=policy,
+            markersize=5, capsize=2.5, linewidth=1.3,
+        )  # fmt: skip
+    axes.set_yticks(range(len(places)), ["all scenes" if p == "all" else p for p in places])
+    axes.set_ylim(len(places) - 0.5, -0.5)
+    for edge in range(1, len(places)):
+        axes.axhline(edge - 0.5, color="#c9ced3", linewidth=0.6)
+    axes.grid(axis="y", visible=False)
+    axes.set_xlim(-2, 102)
+    axes.set_xlabel("success [% of episodes]")
+    _legend(figure, axes)
+    return figure
+
+
+def _time(policies: Sequence[str], records: Sequence[Record]) -> Figure:
+    figure, axes = _axes(3.3)
+    for i, policy in enumerate(policies):
+        of = [r for r in records if r["policy"] == policy and known(r["geodesic"])]
+        of = [r for r in of if known(r["time"])]
+        for good in (True, False):
+            some = [r for r in of if bool(r["success"]) == good]
+            axes.scatter(
+                [r["geodesic"] for r in some], [r["time"] for r in some], s=20 if good else 26,
+                marker=_MARKS[i % 8] if good else "x", color=_COLOURS[i % 8], alpha=0.75,
+                linewidths=0.0 if good else 1.2, label=policy if good else None,
+            )  # fmt: skip
+    axes.set_xlim(left=0.0)
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("geodesic from start to goal [m]")
+    axes.set_ylabel("time [s]")
+    _legend(figure, axes)
+    return figure
+
+
+def _clearance(policies: Sequence[str], records: Sequence[Record]) -> Figure:
+    figure, axes = _axes(3.3)
+    for i, policy in enumerate(policies):
+        of = [r["clearance_min"] for r in records if r["policy"] == policy]
+        values = np.sort(np.array([v for v in of if known(v)], dtype=float))
+        if len(values):
+            share = 100.0 * np.arange(1, len(values) + 1) / len(values)
+            axes.step(
+                np.concatenate([[0.0], values]), np.concatenate([[0.0], share]), where="post",
+                color=_COLOURS[i % 8], linestyle=_DASHES[i % 4], linewidth=1.6, label=policy,
+            )  # fmt: skip
+    axes.set_xlim(left=0.0)
+    axes.set_ylim(0, 102)
+    axes.set_xlabel("least clearance of the episode [m]")
+    axes.set_ylabel("episodes at or below [%]")
+    _legend(figure, axes)
+    return figure

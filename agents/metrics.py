@@ -1,0 +1,173 @@
+"""What an episode was worth: one definition of every figure that a report shows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Record = dict[str, Any]
+
+ROUGH = 0.9  # m/s2: standing passengers of public transport begin to complain about here
+Z95 = 1.959963984540054  # two-sided 95 % quantile of the normal distribution
+TIMING = ("plan_ms", "act_ms_p50", "act_ms_p95")  # the only fields in which equal runs may differ
+
+
+def wilson(successes: int, trials: int) -> tuple[float, float]:
+    """Wilson's 95 % interval of a share (Wilson 1927); (0, 1) without any trial.
+
+    Raises:
+        ValueError: the counts are impossible.
+    """
+    if not 0 <= successes <= trials:
+        raise ValueError(f"{successes} successes of {trials} trials")
+    if trials == 0:
+        return 0.0, 1.0
+    share, square = successes / trials, Z95 * Z95
+    centre = (share + square / (2 * trials)) / (1 + square / trials)
+    spread = math.sqrt(share * (1 - share) / trials + square / (4 * trials * trials))
+    spread *= Z95 / (1 + square / trials)
+    return max(0.0, centre - spread), min(1.0, centre + spread)
+
+
+def jerk_rms(speeds: Array, period: float) -> float:
+    """Root mean square of the second difference of speeds (n,) [m/s] over time [m/s3]."""
+    if len(speeds) < 3:
+        return 0.0
+    return float(np.sqrt(np.mean((np.diff(speeds, 2) / period**2) ** 2)))
+
+
+def rough_share(twists: Array, period: float) -> float:
+    """Share of time that the axle's centre feels more than `ROUGH`, ahead and sideways together.
+
+    Args:
+        twists: (n, 2) [m/s, rad/s], one a control period.
+        period: [s].
+    """
+    if len(twists) < 2:
+        return 0.0
+    ahead = np.diff(twists[:, 0]) / period
+    middle = 0.5 * (twists[1:] + twists[:-1])
+    return float(np.mean(np.hypot(ahead, middle[:, 0] * middle[:, 1]) > ROUGH))
+
+
+@dataclass
+class Trace:
+    """What the evaluator saw of one episode, by truth; one entry for reset and each step."""
+
+    period: float  # s
+    poses: list[Array] = field(default_factory=list)
+    twists: list[Array] = field(default_factory=list)
+    clearances: list[float] = field(default_factory=list)
+    contact: bool = False
+    acts_s: list[float] = field(default_factory=list)
+    plan_s: float = 0.0
+
+    def add(self, info: Mapping[str, Any]) -> None:
+        """Take in one info of the environment."""
+        self.poses.append(np.array(info["pose"], dtype=np.float64))
+        self.twists.append(np.array(info["twist"], dtype=np.float64))
+        self.clearances.append(float(info["clearance"]))
+        self.contact = self.contact or bool(info["contact"]) or bool(info["bumped"])
+
+
+def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
+    """The figures of a finished episode.
+
+    Args:
+        trace: of the whole episode.
+        info: of its last step.
+        truncated: it ended by its time limit.
+
+    Returns:
+        A record without the policy, scene and seed. Success means by truth and without contact;
+        `missed` means that the chair believed to have arrived and had not.
+    """
+    success = bool(info["is_success"]) and not trace.contact
+    if success:
+        outcome = "success"
+    elif trace.contact:
+        outcome = "collision"
+    else:
+        outcome = "timeout" if truncated else "missed"
+    poses, twists = np.array(trace.poses), np.array(trace.twists)
+    length = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
+    geodesic = float(info["geodesic"])
+    spl = geodesic / max(length, geodesic, 1e-9) if success else 0.0
+    acts = 1e3 * np.array(trace.acts_s or [0.0])
+    record: Record = {
+        "outcome": outcome,
+        "success": success,
+        "arrived": bool(info["arrived"]),
+        "contact": trace.contact,
+        "time": float(info["time"]),
+        "length": length,
+        "geodesic": geodesic,
+        "spl": spl,
+        "clearance_min": min(trace.clearances),
+        "clearance_mean": float(np.mean(trace.clearances)),
+        "jerk_rms": jerk_rms(twists[:, 0], trace.period),
+        "rough_share": rough_share(twists, trace.period),
+        "energy_per_m": float(info["energy"]) / length if length > 0.1 else None,  # Wh/m
+        "plan_ms": 1e3 * trace.plan_s,
+        "act_ms_p50": float(np.percentile(acts, 50)),
+        "act_ms_p95": float(np.percentile(acts, 95)),
+    }
+    for key, value in record.items():  # JSON knows no infinity
+        if isinstance(value, float) and not math.isfinite(value):
+            record[key] = None
+    return record
+
+
+def _mean(records: Sequence[Record], key: str) -> float | None:
+    values = [record[key] for record in records if record[key] is not None]
+    return float(np.mean(values)) if values else None
+
+
+def _share(records: Sequence[Record], outcome: str, name: str) -> Record:
+    hits = sum(record["outcome"] == outcome for record in records)
+    low, high = wilson(hits, len(records))
+    share = hits / len(records) if records else 0.0
+    return {name: share, f"{name}_low": low, f"{name}_high": high}
+
+
+def summarise(records: Sequence[Record]) -> list[Record]:
+    """One row for each policy on each scene, and one on `all` scenes together.
+
+    Time and length are of successful episodes only; the rest is of all.
+    """
+    rows = []
+    policies = list(dict.fromkeys(record["policy"] for record in records))
+    scenes = list(dict.fromkeys(record["scene"] for record in records))
+    for policy in policies:
+        for scene in [*scenes, "all"]:
+            of = [r for r in records if r["policy"] == policy and scene in ("all", r["scene"])]
+            if not of:
+                continue
+            done = [record for record in of if record["success"]]
+            row: Record = {"policy": policy, "scene": scene, "episodes": len(of)}
+            for outcome, name in (
+                ("success", "success"), ("collision", "collision"), ("timeout", "timeout"),
+            ):  # fmt: skip
+                row |= _share(of, outcome, name)
+            row["arrived"] = sum(record["arrived"] for record in of) / len(of)
+            row["missed"] = sum(record["outcome"] == "missed" for record in of) / len(of)
+            row |= {"spl": _mean(of, "spl")}
+            row |= {key: _mean(done, key) for key in ("time", "length")}
+            row["clearance_min"] = min(
+                (r["clearance_min"] for r in of if r["clearance_min"] is not None), default=None
+            )
+            for key in ("clearance_mean", "jerk_rms", "rough_share", "energy_per_m"):
+                row[key] = _mean(of, key)
+            plans = [record["plan_ms"] for record in of]
+            row["plan_ms_p50"] = float(np.percentile(plans, 50))
+            row["plan_ms_p95"] = float(np.percentile(plans, 95))
+            row["act_ms_p50"] = float(np.median([record["act_ms_p50"] for record in of]))
+            row["act_ms_p95"] = float(np.percentile([record["act_ms_p95"] for record in of], 95))
+            rows.append(row)
+    return rows

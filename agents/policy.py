@@ -1,0 +1,87 @@
+"""Policies: what every one answers, and how one is made from a name or from settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError, load
+
+Array = NDArray[np.float64]
+
+
+class Policy(Protocol):
+    """Something that drives: it knows its task and its observations, never the truth."""
+
+    def reset(self, task: Any) -> None:
+        """Begin an episode; the task (map, start, goal, limits, latest reading) stays alive."""
+        ...
+
+    def act(self, observation: Mapping[str, NDArray[np.float32]]) -> Array:
+        """The next action (2,) in [-1, 1]^2."""
+        ...
+
+
+def policy_settings() -> dict[str, type]:
+    """Settings class of every family of policies by name; each has `make() -> Policy`."""
+    from agents.scripted import Planned, RandomPolicy, StraightPolicy
+
+    return {"random": RandomPolicy, "straight": StraightPolicy, "planned": Planned}
+
+
+def policy_names() -> str:
+    """The names that `make_policy` takes, as one line for a person."""
+    from agents.followers import FOLLOWERS
+    from planners import PLANNERS
+
+    simple = ", ".join(sorted(name for name in policy_settings() if name != "planned"))
+    return (
+        f"{simple}, or PLANNER or PLANNER+FOLLOWER with PLANNER one of "
+        f"{', '.join(sorted(PLANNERS))} and FOLLOWER one of {', '.join(sorted(FOLLOWERS))}"
+    )
+
+
+def make_policy(spec: str | Mapping[str, Any] | Any) -> Policy:
+    """A fresh policy.
+
+    Args:
+        spec: a name (`straight`, `a_star`, `a_star+window`), a mapping `{"name": name, **settings}`
+            or a settings object that has `make()`.
+
+    Raises:
+        InputError: the name is unknown (the message lists those known) or a setting is wrong.
+    """
+    if isinstance(spec, str):
+        spec = {"name": spec}
+    if isinstance(spec, Mapping):
+        values = dict(spec)
+        name = values.pop("name", None)
+        if not isinstance(name, str):
+            raise InputError("policy: expected a name, or an object with the key 'name'")
+        spec = _named(name, values)
+    if not hasattr(spec, "make"):
+        raise InputError(f"policy is {spec!r}; expected a name, an object or policy settings")
+    policy: Policy = spec.make()
+    return policy
+
+
+def _named(name: str, values: dict[str, Any]) -> Any:
+    from agents.followers import FOLLOWERS
+    from planners import PLANNERS
+
+    families = policy_settings()
+    if name in families:
+        return load(families[name], values, f"policy {name}")
+    planner, plus, follower = name.partition("+")
+    if planner not in PLANNERS or (plus and follower not in FOLLOWERS):
+        raise InputError(f"policy {name!r} is unknown; known: {policy_names()}")
+    for key, own in (("planner", planner), ("follower", follower)):
+        part = values.get(key, {})
+        if not isinstance(part, Mapping):
+            raise InputError(f"policy {name}.{key} is {part!r}; expected an object of settings")
+        if own or part:
+            values[key] = {**part, "name": own or part.get("name", "window")}
+    return load(families["planned"], values, f"policy {name}")

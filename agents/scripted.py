@@ -1,0 +1,206 @@
+"""Policies without learning: random, straight, and any planner with any follower."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.followers import make_follower
+from agents.motion import Motion
+from agents.reference import Reference
+from agents.rollout import stops_clear
+from agents.surroundings import Surroundings
+from planners import make_planner
+from planners.space import Space
+from planners.types import Plan, Problem, Status
+from wheelchair_gym.config import setting, settings
+
+Array = NDArray[np.float64]
+Observation = Mapping[str, NDArray[np.float32]]
+
+
+def episode_rng(task: Any, seed: int) -> np.random.Generator:
+    """Random draws of an episode: the same for the same start, goal and seed."""
+    where = np.concatenate([task.start, task.goal]).astype(np.float64)
+    return np.random.default_rng([seed, *where.view(np.uint64).tolist()])
+
+
+@settings
+class RandomPolicy:
+    """Twists drawn evenly, each held for a while."""
+
+    seed: int = setting(default=0, low=0)
+    hold: float = setting(default=0.5, unit="s", source="else inertia averages all out", low=0.0)
+
+    def make(self) -> RandomDriver:
+        """A fresh policy."""
+        return RandomDriver(self)
+
+
+class RandomDriver:
+    """Holds one random action after another."""
+
+    def __init__(self, own: RandomPolicy) -> None:
+        self.own = own
+
+    def reset(self, task: Any) -> None:
+        """See `Policy.reset`."""
+        self._rng = episode_rng(task, self.own.seed)
+        self._held = max(1, round(self.own.hold / task.period))
+        self._count = 0
+
+    def act(self, observation: Observation) -> Array:
+        """See `Policy.act`."""
+        if self._count % self._held == 0:
+            self._action: Array = self._rng.uniform(-1.0, 1.0, 2)
+        self._count += 1
+        return self._action
+
+
+@settings
+class StraightPolicy:
+    """Turns to the goal and drives there, whatever stands between."""
+
+    gain: float = setting(default=1.5, unit="1/s", source="turn per heading error", low=0.0)
+    pivot: float = setting(default=0.5, unit="rad", source="turn in place above this", low=0.0)
+
+    def make(self) -> StraightDriver:
+        """A fresh policy."""
+        return StraightDriver(self)
+
+
+class StraightDriver:
+    """Steers for the goal."""
+
+    def __init__(self, own: StraightPolicy) -> None:
+        self.own = own
+
+    def reset(self, task: Any) -> None:
+        """See `Policy.reset`."""
+        self._task = task
+
+    def act(self, observation: Observation) -> Array:
+        """See `Policy.act`."""
+        x, y, yaw = self._task.reading.pose
+        goal = self._task.goal
+        error = math.remainder(math.atan2(goal[1] - y, goal[0] - x) - yaw, 2 * math.pi)
+        v = self._task.limits.forward * max(0.0, 1.0 - abs(error) / self.own.pivot)
+        action: Array = self._task.limits.action(np.array([v, self.own.gain * error]))
+        return action
+
+
+@settings
+class Planned:
+    """A planner in the known map, and a follower along its path; replans, and backs out."""
+
+    planner: Mapping[str, Any] = field(default_factory=lambda: {"name": "a_star"})
+    follower: Mapping[str, Any] = field(default_factory=lambda: {"name": "window"})
+    seed: int = setting(default=0, source="of the planner's draws", low=0)
+    clearance: float = setting(
+        default=0.40, unit="m", source="half width, pose error and a margin; less where none leads",
+        low=0.0,
+    )  # fmt: skip
+    least: float = setting(default=0.28, unit="m", source="a cell under the half width", low=0.0)
+    astray: float = setting(default=0.8, unit="m", source="farther off the path: replan", low=0.05)
+    patience: float = setting(default=4.0, unit="s", source="without progress: act", low=0.5)
+    backing: float = setting(default=2.5, unit="s", source="about half a chair's length", low=0.1)
+
+    def __post_init__(self) -> None:
+        make_planner(dict(self.planner))
+        make_follower(self.follower)
+
+    def make(self) -> PlannedDriver:
+        """A fresh policy."""
+        return PlannedDriver(self)
+
+
+class PlannedDriver:
+    """Plans from where the chair believes it is, follows, and finds its way out when stuck."""
+
+    def __init__(self, own: Planned) -> None:
+        self.own = own
+        self._planner = make_planner(dict(own.planner))
+        self._follower_settings = make_follower(own.follower)
+
+    def reset(self, task: Any) -> None:
+        """See `Policy.reset`."""
+        self._task = task
+        self._rng = episode_rng(task, self.own.seed)
+        self._around = Surroundings(task)
+        self._chair = Motion(task.limits, task.footprint, task.period)
+        self._backing = 0.0  # s left to back out
+        self._tries = 0  # plans made since there was progress
+        self.plan: Plan | None = None
+        self._reference: Reference | None = None
+        self._replan()
+
+    def _replan(self) -> None:
+        """Plan at the widest clearance that leads to the goal, and begin the new path."""
+        space = Space.from_grid(self._task.map)
+        start, goal = self._around.pose, np.asarray(self._task.goal, dtype=np.float64)
+        clearance = self.own.clearance
+        while True:
+            problem = Problem(space, start, goal, clearance)
+            self.plan = self._planner.plan(problem, self._rng)
+            clearance -= 0.04
+            if self.plan.status is Status.SOLVED or clearance < self.own.least:
+                break
+        path = self.plan.path
+        self._since = 0.0
+        if self.plan.status is not Status.SOLVED:
+            if self._reference is not None:
+                return  # the old path is better than none
+            path = np.stack([start[:2], goal[:2]])
+        self._task.path = path[:, :2]
+        self._reference = Reference(np.asarray(path, dtype=np.float64), start)
+        self._follower = self._follower_settings.make()
+        self._best = 0.0
+
+    def act(self, observation: Observation) -> Array:
+        """See `Policy.act`."""
+        period = self._task.period
+        self._around.update(self._task.reading)
+        self._chair.measured(self._task.reading.twist)
+        assert self._reference is not None  # reset made one
+        off = self._reference.advance(self._around.pose)
+        if self._reference.way > self._best + 0.1:
+            self._best, self._since, self._tries = self._reference.way, 0.0, 0
+        self._since += period
+        patience = 0.4 * self.own.patience if self._reference.ended else self.own.patience
+        if self._backing > 0.0:
+            self._backing -= period
+            if self._backing <= 0.0:
+                self._replan()
+        elif off > self.own.astray:
+            self._replan()
+        elif self._since > patience:
+            self._tries += 1
+            if self._tries % 2:
+                self._replan()
+            else:
+                self._backing, self._since = self.own.backing, 0.0
+        twist = self._back_out() if self._backing > 0.0 else None
+        if twist is None:
+            twist = self._follower.twist(self._around, self._reference, self._chair)
+        if twist is None:
+            twist = np.zeros(2)
+        self._chair.command(twist)
+        action: Array = self._task.limits.action(twist)
+        return action
+
+    def _back_out(self) -> Array | None:
+        """The straightest slow way back that leaves room to stop."""
+        chair, points = self._chair, self._around.points
+        for turn in (0.0, 0.3, -0.3, 0.7, -0.7):
+            back = -min(0.15, self._task.limits.backward)
+            for v, w in ((back, turn), (0.0, turn)):
+                if (v or w) and stops_clear(
+                    v, w, chair.state, chair.array, chair.footprint, points, 0.4, 0.03
+                ):
+                    return np.array([v, w])
+        return None

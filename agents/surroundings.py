@@ -1,0 +1,131 @@
+"""Where the chair is and what stands round it, from what the chair itself can know.
+
+The laser sees 270 degrees from the front: what slips out of its view is remembered while the chair
+drives by. Wheel counts carry that memory, and they steady a pose estimate whose error wanders.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.geometry import to_frame, to_world
+from wheelchair_gym.kinematics import odometric_step
+from wheelchair_gym.types import Reading
+
+Array = NDArray[np.float64]
+
+REACH = 2.6  # m: a chair at 0.8 m/s sweeps less than this before it can rest
+VOXEL = 0.04  # m: hits within one voxel become their mean, which also averages noise
+MEMORY = 15.0  # s for which a hit is remembered out of sight
+SETTLE = 3.0  # s over which the pose estimate corrects the wheel counts; beyond its 2 s of wander
+
+
+def sampled_walls(walls: Array, spacing: float = 0.05) -> Array:
+    """Points (k, 2) [m] along walls (n, 4), ends included, at most `spacing` apart."""
+    parts = [np.empty((0, 2))]
+    for x0, y0, x1, y1 in walls:
+        count = max(2, math.ceil(math.hypot(x1 - x0, y1 - y0) / spacing) + 1)
+        share = np.linspace(0.0, 1.0, count)[:, None]
+        parts.append((1 - share) * (x0, y0) + share * (x1, y1))
+    return np.concatenate(parts)
+
+
+def voxel_means(points: Array) -> Array:
+    """One mean (k, 2) for each voxel that holds any of the points (n, 2)."""
+    if not len(points):
+        return points
+    cells = np.floor(points / VOXEL).astype(np.int64)
+    _, index, counts = np.unique(
+        cells[:, 0] * 100_003 + cells[:, 1], return_inverse=True, return_counts=True
+    )
+    sums = [np.bincount(index, points[:, axis]) / counts for axis in (0, 1)]
+    return np.stack(sums, axis=-1)
+
+
+def _moved(pose: Array, way: float, turn: float) -> Array:
+    x, y, yaw = pose
+    return np.array(odometric_step(x, y, yaw, way, turn))
+
+
+class Surroundings:
+    """The chair's pose and the obstacles near it, brought up to date by every reading.
+
+    Attributes:
+        pose: (3,) [m, m, rad] in the map's frame.
+        hits: obstacles (k, 2) [m] in the chair's frame that the laser saw, now or lately.
+        points: hits, and obstacles that only the map knows of, (k, 3): x, y, distance from the
+            axle's centre [m], the nearest first.
+    """
+
+    def __init__(self, task: Any) -> None:
+        reading: Reading = task.reading
+        self._laser = task.sensors.laser
+        self._walls = sampled_walls(task.map.walls(unknown_is_solid=False))
+        self._near_walls, self._near = self._walls, np.full(2, np.inf)  # those near a point
+        angles = self._laser.yaw + np.linspace(-0.5, 0.5, len(reading.laser)) * self._laser.fov
+        self._beams = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        self._counted = np.zeros(3)  # dead reckoning, the frame of the memory
+        self._memory = np.empty((0, 3))  # x, y, stamp
+        self._stamp = reading.stamp
+        self.pose: Array = np.array(reading.pose, dtype=np.float64)
+        self.hits: Array = np.empty((0, 2))
+        self.points: Array = np.empty((0, 3))
+        self._look(reading)
+
+    def update(self, reading: Reading) -> None:
+        """Take in the next reading."""
+        period = reading.stamp - self._stamp
+        if period <= 0.0:
+            return
+        self._stamp = reading.stamp
+        way, turn = float(reading.twist[0]) * period, float(reading.twist[1]) * period
+        self._counted = _moved(self._counted, way, turn)
+        pose = _moved(self.pose, way, turn)
+        off = np.asarray(reading.pose, dtype=np.float64) - pose
+        off[2] = math.remainder(off[2], 2 * math.pi)
+        self.pose = pose + off * min(1.0, period / SETTLE)
+        self._look(reading)
+
+    def _look(self, reading: Reading) -> None:
+        laser = self._laser
+        ranges = np.asarray(reading.laser, dtype=np.float64)
+        near = np.isfinite(ranges) & (ranges < REACH + laser.x) & (ranges > laser.nearest)
+        seen = voxel_means(self._beams[near] * ranges[near, None] + (laser.x, laser.y))
+        recent = self._memory[self._memory[:, 2] > reading.stamp - MEMORY]
+        old = to_frame(recent[:, :2], self._counted)
+        hidden = (np.abs(self._bearing(old)) > 0.5 * laser.fov) & self._within(old)
+        stamped = np.column_stack([seen, np.full(len(seen), reading.stamp)])
+        kept = np.column_stack([old, recent[:, 2]])[hidden]
+        local = np.concatenate([stamped, kept])  # (k, 3)
+        self.hits = local[:, :2]
+        self._memory = np.column_stack([to_world(self.hits, self._counted), local[:, 2]])
+        mapped = to_frame(self._walls_near(), self.pose)
+        # Where the laser looks it knows better than a map seen from an uncertain pose.
+        mapped = mapped[np.abs(self._bearing(mapped)) > 0.5 * laser.fov]
+        points = np.concatenate([self.hits, mapped])
+        far = np.hypot(points[:, 0], points[:, 1])
+        nearest = np.argsort(far)
+        self.points = np.column_stack([points, far])[nearest]
+
+    def _walls_near(self) -> Array:
+        """Points of mapped walls within reach; looked for anew every half metre of way."""
+        if np.abs(self.pose[:2] - self._near).max() > 0.5:
+            self._near = self.pose[:2].copy()
+            self._near_walls = self._walls[
+                (np.abs(self._walls - self._near) < REACH + 0.5).all(axis=1)
+            ]
+        return self._near_walls
+
+    def _bearing(self, points: Array) -> Array:
+        laser = self._laser
+        bearing = np.arctan2(points[:, 1] - laser.y, points[:, 0] - laser.x) - laser.yaw
+        wrapped: Array = np.remainder(bearing + math.pi, 2 * math.pi) - math.pi
+        return wrapped
+
+    def _within(self, points: Array) -> NDArray[np.bool_]:
+        near: NDArray[np.bool_] = np.all(np.abs(points) < REACH, axis=1)
+        return near

@@ -1,0 +1,79 @@
+"""A chair on paper: it drives exactly as its ramps say, and sees exactly."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.kinematics import Limits, approach, arc_step
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
+from wheelchair_gym.sensing.settings import LaserSettings, SensorSettings
+from wheelchair_gym.types import Reading
+
+BEAMS = 181
+
+
+def corridor(length=8.0, width=1.6):
+    """A map of a straight corridor along x, its middle at y = 0."""
+    rows, cols = round((width + 0.4) / 0.05), round(length / 0.05)
+    cells = np.full((rows, cols), FREE, np.int8)
+    cells[:4], cells[-4:] = OCCUPIED, OCCUPIED
+    return OccupancyGrid(cells, 0.05, (0.0, -0.5 * rows * 0.05, 0.0))
+
+
+def scan(pose, walls, laser):
+    """Exact ranges of a laser at a pose, by crossing each beam with each wall."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    x, y = pose[0] + c * laser.x, pose[1] + s * laser.x
+    angles = pose[2] + np.linspace(-0.5, 0.5, BEAMS) * laser.fov
+    dx, dy = np.cos(angles)[:, None], np.sin(angles)[:, None]
+    ax, ay = walls[:, 0] - x, walls[:, 1] - y
+    ex, ey = walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        det = dx * ey - dy * ex
+        t = (ax * ey - ay * ex) / det
+        u = (ax * dy - ay * dx) / det
+        hit = (t > 0) & (u >= 0) & (u <= 1)
+    ranges = np.where(hit, t, np.inf).min(axis=1)
+    return np.where(ranges < laser.reach, ranges, np.inf).astype(np.float32)
+
+
+class PaperWorld:
+    """A task whose readings follow the actions of a policy."""
+
+    def __init__(self, grid, start, goal, period=0.1):
+        self.task = SimpleNamespace(
+            map=grid, start=np.array(start, float), goal=np.array(goal, float), period=period,
+            footprint=Footprint(), limits=Limits(), sensors=SensorSettings(laser=LaserSettings()),
+            path=None, tolerance=0.3, time_limit=60.0, key=7,
+        )  # fmt: skip
+        self.walls = grid.walls()
+        self.pose, self.state, self.time = np.array(start, float), np.zeros(4), 0.0
+        self.task.reading = self.reading()
+
+    def reading(self):
+        return Reading(
+            self.pose.copy(), self.state[[0, 2]].copy(),
+            scan(self.pose, self.walls, self.task.sensors.laser), np.full(8, np.inf, np.float32),
+            np.zeros(8, np.float32), False, 36.0, self.time,
+        )  # fmt: skip
+
+    def drive(self, action):
+        v, w = self.task.limits.twist(action)
+        a, s, dt = self.task.limits.array, self.state, self.task.period
+        s[:2] = approach(s[0], s[1], v, a[3], a[4], a[7], dt)
+        s[2:] = approach(s[2], s[3], w, a[6], a[6], a[8], dt)
+        self.pose = np.array(arc_step(*self.pose, s[0], s[2], dt))
+        self.time += dt
+        self.task.reading = self.reading()
+
+    def run(self, policy, seconds):
+        """Poses (n, 3) and actions (n, 2) until the goal or for so long."""
+        policy.reset(self.task)
+        poses, actions = [], []
+        while self.time < seconds and np.hypot(*(self.pose - self.task.goal)[:2]) > 0.2:
+            action = policy.act({})
+            self.drive(action)
+            poses.append(self.pose)
+            actions.append(action)
+        return np.array(poses), np.array(actions)

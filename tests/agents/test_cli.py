@@ -1,0 +1,191 @@
+"""The command: wrong input is one line and code 2; JSON on stdout stands alone."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from agents.cli import main
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, write_map
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory):
+    """A map of a hall of 5 m x 4 m with a block in the middle, and files that are broken."""
+    folder = tmp_path_factory.mktemp("maps")
+    cells = np.full((40, 50), FREE, np.int8)
+    cells[15:25, 20:30] = OCCUPIED
+    write_map(OccupancyGrid(cells, 0.1), folder / "hall.yaml")
+    (folder / "broken.yaml").write_text("image: [")
+    (folder / "keyless.yaml").write_text("image: hall.pgm\n")
+    (folder / "noimage.yaml").write_text((folder / "hall.yaml").read_text())
+    text = (folder / "hall.yaml").read_text()
+    image = next(line.split()[1] for line in text.splitlines() if line.startswith("image"))
+    (folder / "noimage.yaml").write_text(text.replace(image, "nothing.pgm"))
+    (folder / "corrupt.pgm").write_bytes(b"P5\n50 40")
+    (folder / "corrupt.yaml").write_text(text.replace(image, "corrupt.pgm"))
+    rects = [[2.0, 1.5, 3.0, 2.5]]
+    problem = {"name": "hall", "size": 5, "rects": rects, "start": [1, 2], "goal": [4, 2]}
+    (folder / "problems.json").write_text(json.dumps([problem | {"optimum": 3.2361}]))
+    (folder / "keyless.json").write_text('[{"size": 5}]')
+    (folder / "nan.json").write_text(json.dumps([problem | {"start": [float("nan"), 2]}]))
+    (folder / "broken.json").write_text("[{")
+    return folder
+
+
+def run(*arguments):
+    """The exit code, whether the parser or the command gave it."""
+    try:
+        return main([str(a) for a in arguments])
+    except SystemExit as left:
+        return left.code
+
+
+def plan(hall, name, start="1,2", goal="4,2", planner="rrt_connect"):
+    return ["plan", "--map", hall / name, "--planner", planner, "--start", start, "--goal", goal]
+
+
+WRONG = {
+    "no command": lambda hall: [],
+    "unknown command": lambda hall: ["fly"],
+    "unknown option": lambda hall: ["scenes", "--fast"],
+    "unknown planner": lambda hall: plan(hall, "hall.yaml", planner="magic"),
+    "missing map": lambda hall: plan(hall, "nothing.yaml"),
+    "broken yaml": lambda hall: plan(hall, "broken.yaml"),
+    "yaml without keys": lambda hall: plan(hall, "keyless.yaml"),
+    "missing image": lambda hall: plan(hall, "noimage.yaml"),
+    "corrupt image": lambda hall: plan(hall, "corrupt.yaml"),
+    "start is not a number": lambda hall: plan(hall, "hall.yaml", start="nan,2"),
+    "start is no pose": lambda hall: plan(hall, "hall.yaml", start="1;2"),
+    "start in a wall": lambda hall: plan(hall, "hall.yaml", start="2.5,2"),
+    "goal in a wall": lambda hall: plan(hall, "hall.yaml", goal="2.5,2"),
+    "start outside": lambda hall: plan(hall, "hall.yaml", start="-1,2"),
+    "goal outside": lambda hall: plan(hall, "hall.yaml", goal="9,2"),
+    "negative clearance": lambda hall: [*plan(hall, "hall.yaml"), "--clearance", "-1"],
+    "neither map nor problems": lambda hall: ["plan", "--planner", "rrt"],
+    "map without start": lambda hall: ["plan", "--planner", "rrt", "--map", hall / "hall.yaml"],
+    "unwritable json": lambda hall: [
+        *plan(hall, "hall.yaml"), "--json", hall / "hall.yaml" / "x",
+    ],
+    "unwritable picture": lambda hall: [
+        *plan(hall, "hall.yaml"), "--picture", hall / "none" / "x.png",
+    ],
+    "missing problems": lambda hall: ["plan", "--planner", "rrt", "--problems", hall / "no.json"],
+    "broken problems": lambda hall: [
+        "plan", "--planner", "rrt", "--problems", hall / "broken.json",
+    ],
+    "problems lack keys": lambda hall: [
+        "plan", "--planner", "rrt", "--problems", hall / "keyless.json",
+    ],
+    "problems with NaN": lambda hall: ["plan", "--planner", "rrt", "--problems", hall / "nan.json"],
+    "unknown policy": lambda hall: ["simulate", "--policy", "nobody"],
+    "unknown follower": lambda hall: ["simulate", "--policy", "rrt+nobody"],
+    "unknown scene": lambda hall: ["simulate", "--policy", "random", "--scene", "moon"],
+    "negative seed": lambda hall: ["simulate", "--seed", "-1"],
+    "missing config": lambda hall: ["simulate", "--policy", "random", "--config", hall / "no.json"],
+    "unknown suite": lambda hall: ["compare", "--suite", "everything"],
+    "negative episodes": lambda hall: ["compare", "--episodes", "-3"],
+    "no episodes": lambda hall: ["compare", "--episodes", "0"],
+    "unknown policy in a suite": lambda hall: [
+        "compare", "--policies", "nobody", "--out", hall / "r",
+    ],
+    "unknown scene in a suite": lambda hall: ["compare", "--scenes", "moon", "--out", hall / "r"],
+    "unwritable folder": lambda hall: ["compare", "--out", hall / "hall.yaml" / "x"],
+    "unknown pose": lambda hall: ["compare", "--pose", "gps"],
+    "unknown settings": lambda hall: ["settings", "wings"],
+    "unknown scene to describe": lambda hall: ["scenes", "moon"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", sorted(WRONG))
+def test_wrong_input_is_one_line_and_code_2(hall, capsys, case):
+    assert run(*WRONG[case](hall)) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("wheelchair: ")
+    assert said.err.count("\n") == 1
+    assert "Traceback" not in said.err
+
+
+@pytest.mark.parametrize(
+    ("change", "status"),
+    [({"start": "2.5,2"}, "start_occupied"), ({"goal": "9,9"}, "goal_outside")],
+)
+def test_a_failure_of_the_world_has_its_name(hall, capsys, change, status):
+    assert run(*plan(hall, "hall.yaml", **change)) == 2
+    assert status in capsys.readouterr().err
+
+
+def test_a_plan_is_json_and_a_picture(hall, capsys, tmp_path):
+    picture = tmp_path / "plan.png"
+    assert run(*plan(hall, "hall.yaml"), "--json", "-", "--picture", picture) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["status"] == "solved"
+    assert answer["path"][0] == [1, 2]
+    assert answer["path"][-1] == [4, 2]
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_problems_are_answered_one_by_one(hall, capsys):
+    arguments = ["plan", "--problems", hall / "problems.json", "--planner", "rrt_star"]
+    assert run(*arguments, "--json", "-") == 0
+    (answer,) = json.loads(capsys.readouterr().out)
+    assert set(answer) == {"name", "status", "length", "optimum", "time_s", "nodes", "path"}
+    assert answer["length"] >= answer["optimum"] - 1e-3
+
+
+@pytest.mark.parametrize(
+    "arguments", [["scenes"], ["scenes", "clutter", "--samples", "2"], ["settings", "limits"]]
+)
+def test_json_stands_alone_on_stdout(capsys, arguments):
+    assert run(*arguments, "--json", "-") == 0
+    json.loads(capsys.readouterr().out)
+    assert run(*arguments) == 0
+    assert capsys.readouterr().out.strip()
+
+
+@pytest.mark.parametrize("command", ["", "plan", "simulate", "compare", "scenes", "settings"])
+def test_help_has_an_example(capsys, command):
+    assert run(*command.split(), "--help") == 0
+    assert "example: wheelchair" in capsys.readouterr().out
+
+
+def test_an_episode_is_driven_and_drawn(capsys, tmp_path):
+    config = tmp_path / "short.json"
+    config.write_text('{"task": {"time_base": 1.0, "time_factor": 0.0}}')
+    picture = tmp_path / "end.png"
+    arguments = ["simulate", "--policy", "straight", "--config", config, "--picture", picture]
+    assert run(*arguments, "--json", "-") == 0
+    assert json.loads(capsys.readouterr().out)["outcome"] == "timeout"
+    assert picture.exists()
+
+
+def test_a_comparison_leaves_everything_in_its_folder(capsys, tmp_path):
+    config = tmp_path / "short.json"
+    config.write_text('{"task": {"time_base": 1.0, "time_factor": 0.0}}')
+    out = tmp_path / "out"
+    arguments = [
+        "compare", "--policies", "random,straight", "--scenes", "floor_plan", "--episodes", "1",
+        "--jobs", "1", "--out", out, "--config", config, "--quiet", "--no-video",
+    ]  # fmt: skip
+    assert run(*arguments) == 0
+    assert "straight" in capsys.readouterr().out
+    results = json.loads((out / "results.json").read_text())
+    assert set(results) == {
+        "title", "command", "provenance", "policies", "scenes", "records", "summary", "video",
+    }  # fmt: skip
+    assert (out / "table.md").exists()
+    assert (out / "report.html").exists()
+    first = (out / "episodes.jsonl").read_bytes()
+    assert run(*arguments, "--json", "-") == 0
+    assert json.loads(capsys.readouterr().out)["records"] == results["records"]
+    assert (out / "episodes.jsonl").read_bytes() == first
+
+
+def test_a_reader_that_leaves_is_no_error():
+    pipe = f"{sys.executable} -m agents.cli settings sensors chair lattice --json - | head -1"
+    done = subprocess.run(["bash", "-c", pipe], capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout.count("\n") == 1

@@ -1,0 +1,204 @@
+"""A report stands alone, shows every failure, and repeats the numbers it was given."""
+
+import base64
+import json
+import math
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from agents.report import write_report
+from agents.tables import COLUMNS, finite, markdown, overall
+from wheelchair_gym.view import write_png
+
+VOID = {"meta", "link", "img", "br", "wbr", "hr", "input"}
+POLICIES, SCENES = ["dwa", "a|b <i>&"], ["clutter", "office"]
+
+
+def evaluation():
+    """Two policies on two scenes, three episodes each: one good, one hit, one late."""
+    outcomes = ["success", "collision", "timeout"]
+    records = [
+        {
+            "policy": policy, "scene": scene, "seed": seed, "outcome": outcome,
+            "success": outcome == "success", "arrived": outcome == "success",
+            "contact": outcome == "collision", "time": 10.5 + seed, "length": 6.0 + seed,
+            "geodesic": 5.5, "spl": 0.9, "clearance_min": 0.1 * seed, "clearance_mean": 0.5,
+            "jerk_rms": 0.4, "rough_share": 0.01, "energy_per_m": None, "plan_ms": None,
+            "act_ms_p50": 0.3, "act_ms_p95": 0.6,
+            "picture": None if outcome == "success" else f"pictures/{p}{s}{seed}.png",
+        }
+        for p, policy in enumerate(POLICIES)
+        for s, scene in enumerate(SCENES)
+        for seed, outcome in enumerate(outcomes)
+    ]  # fmt: skip
+    summary = [
+        {
+            "policy": policy, "scene": scene, "episodes": 6 if scene == "all" else 3,
+            "success": 1 / 3 + 0.1 * p, "success_low": 0.097, "success_high": 0.7,
+            "collision": 1 / 3, "collision_low": 0.0968, "collision_high": 0.7,
+            "timeout": 1 / 3, "timeout_low": 0.0968, "timeout_high": 0.7, "arrived": 1 / 3,
+            "spl": 0.31 + p, "time": 11.5, "length": 7.03, "clearance_min": 0.123,
+            "clearance_mean": 0.5, "jerk_rms": 0.456, "rough_share": 0.017, "energy_per_m": None,
+            "plan_ms_p50": None, "plan_ms_p95": None, "act_ms_p50": 0.321, "act_ms_p95": 0.654,
+        }
+        for p, policy in enumerate(POLICIES)
+        for scene in ["all", *SCENES]
+    ]  # fmt: skip
+    return {
+        "title": "Two < three & more", "command": "wheelchair compare --out 'runs/a b'",
+        "provenance": {"commit": "0123abc", "seeds": [0, 1, 2, 3], "machine": {"cores": 2}},
+        "policies": POLICIES, "scenes": SCENES, "records": records, "summary": summary,
+        "video": None,
+    }  # fmt: skip
+
+
+class Page(HTMLParser):
+    """Checks that tags close in order, and collects what they carry."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.rows, self.cell = [], [], [], False
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        assert len({name for name, _ in attrs}) == len(attrs)
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if {"td", "th"} & set(self.open):
+            self.rows[-1][-1] += " " + data
+
+    def of(self, tag):
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    what = evaluation()
+    rng = np.random.default_rng(0)
+    for record in what["records"]:
+        if record["picture"]:
+            image = rng.integers(0, 256, (8, 8, 3)).astype(np.uint8)
+            write_png(folder / record["picture"], image)
+    text = write_report(what, folder).read_text(encoding="utf-8")
+    return what, folder, text, Page(text)
+
+
+def test_nothing_outside_is_needed(made):
+    _, _, text, page = made
+    for _, attributes in page.tags:
+        for name in ("src", "href"):
+            assert attributes.get(name, "data:").startswith("data:")
+    assert not re.search(r"https?:|//[a-z]|@import|url\(", re.sub(r"data:[^'\"]*", "", text))
+
+
+def test_every_image_has_an_alternative_text(made):
+    images = made[3].of("img")
+    assert len(images) > 3
+    assert all(image["alt"].strip() for image in images)
+
+
+def test_every_failure_is_shown_with_its_own_picture_and_words(made):
+    what, folder, _, page = made
+    shown = {image["src"]: image["alt"] for image in page.of("img")}
+    failed = [record for record in what["records"] if not record["success"]]
+    assert len(failed) == 8
+    for record in failed:
+        data = base64.b64encode((folder / record["picture"]).read_bytes()).decode()
+        said = shown[f"data:image/png;base64,{data}"]
+        assert f"{record['policy']}, {record['scene']}, seed {record['seed']}" in said
+        assert ("hit something" if record["contact"] else "out of time") in said
+        assert f"{record['time']:.1f} s" in said
+
+
+def test_a_failure_without_its_picture_is_still_told(tmp_path):
+    text = write_report(evaluation(), tmp_path).read_text(encoding="utf-8")
+    assert text.count("no picture") == 8
+    assert text.count("seed 1</strong>") == 4
+
+
+def test_tables_repeat_the_summary(made):
+    what, _, _, page = made
+    rows = {}
+    for row in page.rows:
+        cells = [" ".join(cell.split()) for cell in row]
+        if len(cells) == len(COLUMNS) + 1:
+            cells.insert(1, "all")
+        rows[cells[0].replace(" ", ""), cells[1]] = cells[2:]
+    for given in what["summary"]:
+        cells = rows[given["policy"].replace(" ", ""), given["scene"]]
+        assert len(cells) == len(COLUMNS)
+        for cell, column in zip(cells, COLUMNS, strict=True):
+            value = given[column.key]
+            figure, *interval = cell.split()
+            if value is None:
+                assert cell == "-"
+                continue
+            unit = 0.5 * 10.0**-column.digits + 1e-9
+            assert float(figure) == pytest.approx(column.factor * value, abs=unit)
+            if column.interval:
+                low, high = map(float, interval[0].split("-"))
+                assert low == pytest.approx(100 * given[f"{column.key}_low"], abs=unit)
+                assert high == pytest.approx(100 * given[f"{column.key}_high"], abs=unit)
+
+
+def test_markdown_has_a_row_for_each_row_and_as_many_cells_as_headings():
+    what = evaluation()
+    lines = [line for line in markdown(what).splitlines() if line.startswith("|")]
+    cells = [re.split(r"(?<!\\)\|", line)[1:-1] for line in lines]
+    assert len(lines) == 2 + len(what["summary"])
+    assert {len(row) for row in cells} == {len(COLUMNS) + 2}
+    assert "33.3 (9.7-70.0)" in lines[-1] or "43.3 (9.7-70.0)" in lines[-1]
+
+
+def test_the_best_comes_first_and_is_named_first(made):
+    what, _, text, _ = made
+    assert [row["policy"] for row in overall(what["summary"])] == ["a|b <i>&", "dwa"]
+    lead = text[text.index("class='lead'") :]
+    assert lead.index("a|b &lt;i&gt;&amp;") < lead.index("43.3 %") < lead.index("Next is dwa")
+    assert "the intervals overlap" in lead
+
+
+def test_provenance_and_command_are_there(made):
+    _, _, text, _ = made
+    for word in ("0123abc", "machine.cores", "0 to 3", "--out &#x27;runs/a b&#x27;"):
+        assert word in text
+
+
+def test_same_evaluation_same_bytes(made, tmp_path):
+    what, folder, text, _ = made
+    assert write_report(what, folder).read_text(encoding="utf-8") == text
+
+
+def test_nothing_to_report_is_said(tmp_path):
+    empty = evaluation() | {"records": [], "summary": []}
+    assert "No episodes were recorded" in write_report(empty, tmp_path).read_text(encoding="utf-8")
+
+
+def test_video_is_embedded(tmp_path):
+    (tmp_path / "episode.mp4").write_bytes(b"\0\1film")
+    text = write_report(evaluation() | {"video": "episode.mp4"}, tmp_path).read_text("utf-8")
+    source = base64.b64encode(b"\0\1film").decode()
+    assert Page(text).of("video")[0]["src"] == f"data:video/mp4;base64,{source}"
+
+
+def test_finite_turns_what_json_cannot_say_into_null():
+    value = {"a": math.nan, "b": [np.float32(np.inf), 1.5], "c": np.array([1.0, np.nan]), "d": "x"}
+    assert json.dumps(finite(value), allow_nan=False) == (
+        '{"a": null, "b": [null, 1.5], "c": [1.0, null], "d": "x"}'
+    )

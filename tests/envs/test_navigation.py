@@ -1,0 +1,221 @@
+"""Laws of the environments: Gymnasium's and SB3's contracts, repeatability, settings, ends."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import subprocess
+import sys
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from stable_baselines3.common.env_checker import check_env as sb3_check_env
+
+import wheelchair_gym
+from tests.simulation.worlds import box
+from wheelchair_gym.config import dump
+from wheelchair_gym.envs import EnvSettings
+from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.types import Episode
+
+IDS = ["wheelchair_gym/Navigation-v0", "wheelchair_gym/GuidedNavigation-v0"]
+
+
+def room(start, goal, half=4.0):
+    """An empty square room with its map."""
+    plain = box(half)
+    n = round(2 * half / 0.05) + 2
+    cells = np.full((n, n), 100, np.int8)
+    cells[1:-1, 1:-1] = 0
+    grid = OccupancyGrid(cells, 0.05, (-half - 0.05, -half - 0.05, 0.0))
+    return Episode(map=grid, start=np.array(start), goal=np.array(goal), walls=plain.walls)
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_gymnasium_and_sb3_find_nothing_to_say(env_id):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gym.make(env_id)
+        check_env(env.unwrapped)
+        sb3_check_env(gym.make(env_id))
+
+
+def digest_of(env_id, seed, steps):
+    """A fingerprint of everything that a run returns."""
+    import hashlib
+
+    env = gym.make(env_id, pose_source="modelled", randomise=True)
+    h = hashlib.sha256()
+
+    def take(observation, info):
+        for value in observation.values():
+            h.update(value.tobytes())
+        for key in sorted(info):
+            h.update(repr(info[key]).encode())
+
+    take(*env.reset(seed=seed))
+    rng = np.random.default_rng(seed)
+    for _ in range(steps):
+        observation, reward, terminated, truncated, info = env.step(rng.uniform(-1, 1, 2))
+        h.update(repr((reward, terminated, truncated)).encode())
+        take(observation, info)
+        if terminated or truncated:
+            take(*env.reset())
+    return h.hexdigest()
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_same_seed_same_run_bit_for_bit_in_a_second_process_too(env_id):
+    here = [digest_of(env_id, seed, 500) for seed in (0, 1, 2)]
+    again = [digest_of(env_id, seed, 500) for seed in (0, 1, 2)]
+    code = (
+        "from tests.envs.test_navigation import digest_of; "
+        f"print([digest_of({env_id!r}, seed, 500) for seed in (0, 1, 2)])"
+    )
+    there = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
+    assert here == again
+    assert repr(here) == there.strip()
+    assert len(set(here)) == 3
+
+
+def test_an_unseeded_reset_continues_with_the_next_episode_of_the_same_seed():
+    env = gym.make(IDS[0])
+    starts = []
+    for _ in range(2):
+        env.reset(seed=4)
+        starts.append([env.unwrapped.episode.start])
+        for _ in range(2):
+            env.reset()
+            starts[-1].append(env.unwrapped.episode.start)
+    assert np.array_equal(starts[0], starts[1])
+    assert not np.array_equal(starts[0][0], starts[0][1])
+
+
+def test_arriving_bumping_and_running_out_of_time_end_an_episode():
+    env = gym.make(IDS[0], noise=False).unwrapped
+    ends = {}
+    for name, start, goal, action in (
+        ("arrived", (-2.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.0)),
+        ("bumped", (-2.0, 0.0, 0.0), (-3.0, 2.0, 0.0), (1.0, 0.0)),
+        ("timeout", (-2.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0)),
+    ):
+        env.reset(seed=0, options={"episode": room(start, goal)})
+        steps = 0
+        while True:
+            _, reward, terminated, truncated, info = env.step(np.array(action))
+            steps += 1
+            assert reward == pytest.approx(sum(info["reward_terms"].values()))
+            if terminated or truncated:
+                break
+        ends[name] = (terminated, truncated, info["is_success"], info["reward_terms"][name])
+        if name == "timeout":
+            limit = 30 + 3 * 3.0 / 0.8
+            assert steps * 0.1 == pytest.approx(limit, abs=0.2)
+        with pytest.raises(gym.error.ResetNeeded):
+            env.step(np.array(action))
+    assert ends["arrived"] == (True, False, True, 1.0)
+    assert ends["bumped"] == (True, False, False, -2.0)
+    assert ends["timeout"] == (False, True, False, -0.5)
+
+
+def test_an_estimated_pose_must_be_nearer_before_it_says_arrived():
+    """Where the pose errs, 'arrived' by estimate is arrival by truth."""
+    truths = []
+    env = gym.make(IDS[0], pose_source="modelled").unwrapped
+    episode = room((-2.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    for seed in range(20):
+        env.reset(seed=seed, options={"episode": episode})
+        terminated = False
+        while not terminated:
+            *_, terminated, _, info = env.step(np.array([0.6, 0.0]))
+        truths.append(info["is_success"])
+    assert all(truths)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"beamz": 3}, "beamz: not an argument of this env; it has scene, config, beams"),
+        ({"beams": 2000}, r"task.beams is 2000; the laser has only 1081"),
+        ({"beams": "many"}, r"TaskSettings.beams is 'many'; expected int"),
+        ({"scene": "moon"}, r"moon"),
+        ({"rate": 7.0}, r"0\.142857 s is not a whole multiple of 0\.01 s"),
+        ({"pose_source": "gps"}, r"pose_source is 'gps'; it must be one of truth, odometry, mod"),
+        ({"guidance": "nowhere:path"}, r"guidance is 'nowhere:path'; expected 'geodesic'"),
+        (
+            {"config": {"chair": {"body": {"mas": 3}}}},
+            r"config.chair.body.mas is not a setting; it",
+        ),
+        ({"config": "missing.json"}, r"missing.json: cannot be read"),
+        ({"render_mode": "ascii"}, r"render_mode"),
+    ],
+)
+def test_wrong_settings_are_refused_by_name(arguments, message):
+    with pytest.raises((wheelchair_gym.InputError, gym.error.Error), match=message):
+        gym.make(IDS[0], **arguments).reset(seed=0)
+
+
+def test_a_config_file_makes_the_same_env_as_its_content(tmp_path):
+    content = {"task": {"beams": 64}, "rate": 5.0, "sensors": {"pose_source": "odometry"}}
+    path = tmp_path / "env.json"
+    path.write_text(json.dumps(content))
+    a = gym.make(IDS[0], config=str(path)).unwrapped.settings
+    b = gym.make(IDS[0], config=content).unwrapped.settings
+    c = gym.make(IDS[0], beams=64, rate=5.0, pose_source="odometry").unwrapped.settings
+    assert a == b == c
+    assert a.task.beams == 64
+    everything = gym.make(IDS[0], config=json.loads(json.dumps(dump(EnvSettings()))))
+    assert everything.unwrapped.settings == EnvSettings()
+
+
+def test_fewer_beams_are_the_minimum_of_their_group():
+    wide, narrow = gym.make(IDS[0]), gym.make(IDS[0], beams=64)
+    full, few = wide.reset(seed=3)[0]["laser"], narrow.reset(seed=3)[0]["laser"]
+    bounds = [j * 1081 // 64 for j in range(65)]
+    assert few.tolist() == [full[a:b].min() for a, b in itertools.pairwise(bounds)]
+
+
+def test_observations_stay_in_their_space_and_are_never_written_again():
+    env = gym.make(IDS[1], pose_source="modelled")
+    observation, _ = env.reset(seed=1)
+    kept = [(observation, {k: v.copy() for k, v in observation.items()})]
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        observation, _, terminated, truncated, _ = env.step(rng.uniform(-1, 1, 2))
+        assert env.observation_space.contains(observation)
+        kept.append((observation, {k: v.copy() for k, v in observation.items()}))
+        if terminated or truncated:
+            env.reset()
+    for then, copy in kept:
+        assert all(np.array_equal(then[k], copy[k]) for k in copy)
+
+
+def test_guidance_looks_along_its_path():
+    """Points ahead lie on the path, at their distances, in the chair's frame."""
+
+    def straight(task):
+        return np.array([task.reading.pose[:2], task.goal[:2]])
+
+    env = gym.make(IDS[1], guidance=straight, noise=False).unwrapped
+    episode = room((-2.0, 1.0, np.pi / 2), (2.0, 1.0, 0.0))
+    observation, _ = env.reset(seed=0, options={"episode": episode})
+    ahead = np.array(env.settings.task.look_ahead)
+    # The goal lies to the right of a chair that looks along +y.
+    points = observation["path"].reshape(-1, 2)
+    assert points == pytest.approx(np.column_stack([0 * ahead, -ahead]), abs=1e-6)
+    assert observation["goal"] == pytest.approx([4.0, 0.0, -1.0], abs=1e-6)
+
+
+def test_progress_sums_to_the_way_that_was_covered():
+    env = gym.make(IDS[0], noise=False).unwrapped
+    env.reset(seed=0, options={"episode": room((-2.0, 0.0, 0.0), (2.0, 0.0, 0.0))})
+    total = 0.0
+    for _ in range(40):
+        *_, info = env.step(np.array([1.0, 0.0]))
+        total += info["reward_terms"]["progress"]
+    assert total == pytest.approx(0.125 * (info["pose"][0] + 2.0), rel=0.02)

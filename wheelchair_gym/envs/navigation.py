@@ -1,0 +1,277 @@
+"""The navigation environment: a chair, a task, and the loop between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError
+from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_guidance
+from wheelchair_gym.geometry import to_world
+from wheelchair_gym.scenes import make_scene
+from wheelchair_gym.sensing.noise import episode_key
+from wheelchair_gym.simulation.chair import SimulatedChair
+from wheelchair_gym.task.judge import TERMS
+from wheelchair_gym.task.task import Observation, Task
+from wheelchair_gym.types import Chair, Episode, Reading
+
+if TYPE_CHECKING:
+    from wheelchair_gym.view.picture import TopView
+    from wheelchair_gym.view.window import Window
+
+Array = NDArray[np.float64]
+
+
+class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
+    """Drive a wheelchair to a goal, seeing with a laser and eight ultrasonics.
+
+    ## Description
+    A differential-drive wheelchair (1.00 m x 0.62 m) stands in a world of walls and round obstacles
+    and shall bring its drive axle to the goal without touching anything. Motors, tyres, battery and
+    contact are simulated; sensors err as real ones do.
+
+    ## Action
+    `Box(-1, 1, (2,), float32)`: target speed and turn; 0 stands still.
+
+    | index | meaning | -1 | 1 |
+    | --- | --- | --- | --- |
+    | 0 | forward speed | -0.3 m/s | 0.8 m/s |
+    | 1 | turn, counter-clockwise | -1 rad/s | 1 rad/s |
+
+    ## Observation
+    A `Dict` of float32 boxes.
+
+    | key | shape | range | meaning |
+    | --- | --- | --- | --- |
+    | laser | (beams,) | 0 to 10 m | right to left; no echo is 10 m; pooled by minimum if fewer |
+    | ultrasonic | (8,) | 0 to 4 or 6 m | latest range of each |
+    | twist | (2,) | 1.5 x the limits | speed [m/s] and turn [rad/s] by the encoders |
+    | goal | (3,) | 0 to 100 m, -1 to 1 | distance, cosine and sine of its bearing |
+    | path | (10,) | -10 to 10 m | guided only: x, y of points ahead, in the chair's frame |
+
+    ## Reward
+    The sum of `info["reward_terms"]`: progress towards the goal (0.125 per metre of way to go),
+    time (-0.05 per second), arrived (+1), bumped (-2), timeout (-0.5), change of action
+    (-0.003 x squared change). Weights are settings.
+
+    ## Start and end
+    A scene places walls, start and goal from the seed: episode k of seed s is always the same.
+    Terminated when the chair believes to be within 0.30 m of the goal (0.20 m if its pose is an
+    estimate, which may err by 0.10 m), or when a bumper strip is pressed; truncated at the time
+    limit, 30 s + 3 x geodesic / 0.8 m/s.
+    `info["is_success"]` is by truth.
+
+    ## Arguments
+    See `__init__`. Version 0: first release.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012
+
+    def __init__(
+        self,
+        scene: Any = None,
+        config: str | Path | Mapping[str, Any] | EnvSettings | None = None,
+        *,
+        beams: int | None = None,
+        rate: float | None = None,
+        pose_source: str | None = None,
+        guidance: Any = None,
+        noise: bool | None = None,
+        randomise: bool | None = None,
+        chair: Chair | None = None,
+        render_mode: str | None = None,
+        **unknown: Any,
+    ) -> None:
+        """Make the environment.
+
+        Args:
+            scene: name of a scene, or a mapping of its name and settings.
+            config: JSON file, or its content, with any of the sections scene, rate, guidance,
+                chair, sensors, physics, task; the other arguments go before it.
+            beams: observed laser beams; fewer than the laser has are pooled by their minimum.
+            rate: of control [Hz]; a period is a whole number of physics steps.
+            pose_source: what the chair believes about its pose: truth, odometry or modelled.
+            guidance: 'geodesic', 'module:function' or a callable that gives a path from a task.
+            noise: false makes every sensor exact.
+            randomise: true draws mass, friction and motor gain anew each episode.
+            chair: drives instead of the simulated chair.
+            render_mode: 'human' (a window), 'rgb_array', or None.
+            unknown: nothing else is taken.
+
+        Raises:
+            InputError: an argument or a setting is unknown or out of bounds.
+        """
+        if unknown:
+            known = (
+                "scene, config, beams, rate, pose_source, guidance, noise, randomise, render_mode"
+            )
+            raise InputError(f"{', '.join(unknown)}: not an argument of this env; it has {known}")
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise InputError(f"render_mode is {render_mode!r}; expected human, rgb_array or None")
+        self.settings = env_settings(
+            config,
+            scene=scene,
+            beams=beams,
+            rate=rate,
+            pose_source=pose_source,
+            guidance=guidance,
+            noise=noise,
+            randomise=randomise,
+        )
+        s = self.settings
+        self.scene = make_scene(s.scene)
+        self.chair: Chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
+        self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, make_guidance(s.guidance))
+        self.observation_space = cast("gym.Space[Observation]", self.task.space)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": round(s.rate)}
+        self.episode: Episode | None = None
+        self._seed: int | None = None
+        self._count = 0  # episodes of the present seed
+        self._steps_left = 0
+        self._trail: list[Array] = []
+        self._view: TopView | None = None
+        self._window: Window | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode: number 0 of a seed, or the next one of the present seed.
+
+        Args:
+            seed: starts the sequence of episodes of this seed.
+            options: {"episode": Episode} drives in this world instead of the scene's.
+        """
+        super().reset(seed=seed)
+        if seed is not None or self._seed is None:
+            drawn = int(self.np_random.integers(2**32)) if seed is None else seed
+            self._seed, self._count = drawn, 0
+        else:
+            self._count += 1
+        episode: Episode | None = (options or {}).get("episode")
+        if episode is None:
+            episode = self.scene.sample(np.random.default_rng((self._seed, self._count)))
+        self.episode = episode
+        key = episode_key(self._seed, self._count)
+        reading = self.chair.reset(episode, key)
+        self.task.begin(episode, reading, key)
+        self._steps_left = self.task.steps
+        self._geodesic = self.task.way_to_go(episode.start)
+        self._previous: Array = np.zeros(2)
+        self._trail = []
+        self._view = None
+        self._touched = False
+        observation, info = self.task.observe(reading), self._info(np.zeros(len(TERMS)))
+        if self.render_mode == "human":
+            self.render()
+        return observation, info
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Drive for one control period.
+
+        Args:
+            action: (2,) in [-1, 1]; beyond is clipped.
+
+        Raises:
+            InputError: the action is not two finite numbers.
+            gymnasium.error.ResetNeeded: the episode is over, or there was none yet.
+        """
+        if self._steps_left <= 0:
+            raise gym.error.ResetNeeded("the episode is over; call reset() before step()")
+        before = self.task.reading
+        after = self.chair.drive(self.task.limits.twist(action))
+        self._steps_left -= 1
+        chosen: Array = np.clip(np.asarray(action, np.float64), -1.0, 1.0)
+        verdict = self.task.judge(before, after, chosen, self._previous, self._steps_left)
+        self.task.reading, self._previous = after, chosen
+        observation = self.task.observe(after)
+        terminated = verdict.arrived or verdict.bumped
+        truncated = self._steps_left == 0 and not terminated
+        if terminated:
+            self._steps_left = 0
+        info = self._info(verdict.terms)
+        if self.render_mode == "human":
+            self.render()
+        return observation, verdict.reward, terminated, truncated, info
+
+    def _info(self, terms: Array) -> dict[str, Any]:
+        truth, reading = self.chair.truth, self.task.reading
+        at_goal = self.task.at_goal(truth.pose)
+        self._touched |= truth.contact
+        self._trail.append(truth.pose)
+        return {
+            "pose": truth.pose,
+            "twist": truth.twist,
+            "pose_estimate": reading.pose,
+            "is_success": at_goal and not self._touched,
+            "arrived": self.task.believes_arrived(reading.pose),
+            "bumped": reading.bumped,
+            "contact": truth.contact,
+            "clearance": truth.clearance,
+            "energy": truth.energy,
+            "distance": truth.way,
+            "time": reading.stamp,
+            "valid_beams": int(np.isfinite(reading.laser).sum()),
+            "geodesic": self._geodesic,
+            "reward_terms": dict(zip(TERMS, terms.tolist(), strict=True)),
+        }
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The world from above: an RGB picture (h, w, 3), or None when it goes to a window."""
+        if self.render_mode is None:
+            gym.logger.warn("render() needs render_mode='rgb_array' or 'human' in gymnasium.make")
+            return None
+        if self.episode is None:
+            raise gym.error.ResetNeeded("call reset() before render()")
+        if self._view is None:
+            from wheelchair_gym.view.picture import TopView
+
+            s = self.settings
+            self._view = TopView(
+                self.episode,
+                s.chair.footprint,
+                s.chair.drive,
+                s.sensors,
+                tolerance=self.task.tolerance,
+            )
+        truth, task = self.chair.truth, self.task
+        frame = self._view.draw(
+            truth.pose,
+            reading=task.reading,
+            trail=np.array(self._trail)[:, :2],
+            path=task.path,
+            look_ahead=self._points_ahead(task.reading),
+            caption=self._caption(task.reading),
+        )
+        if self.render_mode == "rgb_array":
+            return frame
+        if self._window is None:
+            from wheelchair_gym.view.window import Window
+
+            self._window = Window("wheelchair_gym", self.settings.rate)
+        self._window.show(frame)
+        return None
+
+    def _points_ahead(self, reading: Reading) -> Array | None:
+        ahead = self.task.observe(reading).get("path")
+        return None if ahead is None else to_world(ahead.reshape(-1, 2), reading.pose)
+
+    def _caption(self, reading: Reading) -> str:
+        v, w = reading.twist
+        rest = self.task.way_to_go(reading.pose)
+        return f"{reading.stamp:6.1f} s   {v:5.2f} m/s  {w:5.2f} rad/s   {rest:5.1f} m to go"
+
+    def close(self) -> None:
+        """Stop the chair and close the window; may be called again."""
+        self.chair.close()
+        if self._window is not None:
+            self._window.close()
+            self._window = None

@@ -1,0 +1,101 @@
+"""Settings of an environment, and how a person's words become them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError, load, read, setting, settings
+from wheelchair_gym.sensing.settings import SensorSettings
+from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
+from wheelchair_gym.task.settings import TaskSettings
+from wheelchair_gym.task.task import Guidance, Task
+
+
+@settings
+class EnvSettings:
+    """Everything that makes an environment."""
+
+    scene: Any = setting(default="floor_plan", source="a name, or a mapping with a name")
+    rate: float = setting(default=10.0, unit="Hz", source="of control", low=0.5, high=200.0)
+    guidance: Any = setting(
+        default=None, source="none, 'geodesic', 'module:function', or a mapping with 'call'"
+    )
+    chair: ChairSettings = ChairSettings()
+    sensors: SensorSettings = SensorSettings()
+    physics: PhysicsSettings = PhysicsSettings()
+    task: TaskSettings = TaskSettings()
+
+
+def env_settings(
+    config: str | Path | Mapping[str, Any] | EnvSettings | None, **changes: Any
+) -> EnvSettings:
+    """Settings from a file, its content or defaults, with the changes that are not None.
+
+    Args:
+        config: path of a JSON file, its content, ready settings, or None for the defaults.
+        changes: scene, rate, guidance, beams, pose_source, noise, randomise.
+
+    Raises:
+        InputError: the file or a value is wrong.
+    """
+    if config is None:
+        base = EnvSettings()
+    elif isinstance(config, EnvSettings):
+        base = config
+    elif isinstance(config, Mapping):
+        base = load(EnvSettings, config, "config")
+    else:
+        base = read(EnvSettings, config)
+    given = {name: value for name, value in changes.items() if value is not None}
+    places = {
+        "beams": ("task", "beams"),
+        "pose_source": ("sensors", "pose_source"),
+        "noise": ("sensors", "noise"),
+        "randomise": ("chair", "randomise"),
+    }
+    for name, (section, key) in places.items():
+        if name in given:
+            part = dataclasses.replace(getattr(base, section), **{key: given.pop(name)})
+            base = dataclasses.replace(base, **{section: part})
+    return dataclasses.replace(base, **given)
+
+
+def geodesic_path(task: Task) -> NDArray[np.float64]:
+    """The geodesic from the chair to the goal (n, 2) [m]."""
+    return task.geodesic.path(task.reading.pose[:2])
+
+
+def make_guidance(spec: Any) -> Guidance | None:
+    """What a guidance setting stands for.
+
+    Raises:
+        InputError: it names nothing that can be imported and called.
+    """
+    if spec is None:
+        return None
+    if callable(spec):
+        return cast("Guidance", spec)
+    if isinstance(spec, Mapping):
+        options = dict(spec)
+        call = make_guidance(options.pop("call", None))
+        if call is None:
+            raise InputError("guidance: a mapping needs the key 'call'")
+        return partial(call, **options)
+    if spec == "geodesic":
+        return geodesic_path
+    module, _, name = str(spec).partition(":")
+    try:
+        found = getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError):
+        raise InputError(
+            f"guidance is {spec!r}; expected 'geodesic' or 'module:function'"
+        ) from None
+    return make_guidance(found)

@@ -1,0 +1,265 @@
+"""How a chair moves: set point, speed control, motors, tyres, battery, and Munk2D's step.
+
+Tyres hold by friction: the forces are those that let both wheels roll and the axle not slide, found
+exactly for the coming step, as long as each wheel stays inside its friction circle; beyond it, the
+wheels slip and the forces come from projected Gauss-Seidel sweeps. Velocities are staggered by half
+a step (leapfrog): the velocity after a step points along the heading in the middle of the next one,
+so an arc is driven to second order.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from wheelchair_gym.kernel import kernel
+from wheelchair_gym.kinematics import approach, wheels_of_twist
+from wheelchair_gym.simulation.engine import (
+    ANGLE,
+    FX,
+    FY,
+    TORQUE,
+    VX,
+    VY,
+    W,
+    X,
+    Y,
+    body_view,
+    step_space,
+)
+from wheelchair_gym.simulation.state import GRAVITY
+
+_SWEEPS = 20  # of Gauss-Seidel, when a wheel slips
+_CREEP = 0.05  # m/s: drag rises linearly below this speed, so that it never reverses a motion
+_TOUCH = 1e-6  # N s: smaller impulses are rounding
+
+
+@kernel
+def track_set_point(state: Any, p: Any, v: float, w: float, protective: bool, dt: float) -> None:
+    """Move the set point towards the target twist within the limits of comfort.
+
+    A protective stop falls at its own rate at once, exempt from jerk.
+    """
+    limits = p.limits
+    if protective:
+        state.v = math.copysign(max(0.0, abs(state.v) - limits[5] * dt), state.v)
+        ratio = limits[5] / max(p.nominal_track, 0.1)
+        state.w = math.copysign(max(0.0, abs(state.w) - ratio * dt), state.w)
+        state.v_rate, state.w_rate = 0.0, 0.0
+        return
+    v = min(limits[0], max(-limits[1], v))
+    w = min(limits[2], max(-limits[2], w))
+    state.v, state.v_rate = approach(state.v, state.v_rate, v, limits[3], limits[4], limits[7], dt)
+    state.w, state.w_rate = approach(state.w, state.w_rate, w, limits[6], limits[6], limits[8], dt)
+
+
+@kernel
+def control_speed(state: Any, p: Any, dt: float) -> None:
+    """One run of the two wheels' PID with feed-forward, on quantised encoder counts."""
+    left, right = wheels_of_twist(state.v, state.w, p.nominal_track)
+    share = dt / (p.smoothing + dt)
+    for i in range(2):
+        target = left if i == 0 else right
+        counts = math.floor(state.turned[i] * p.nominal_radius * p.counts_per_metre)
+        measured = (counts - state.counts[i]) / (p.counts_per_metre * dt)
+        state.counts[i] = counts
+        state.speed[i] += share * (measured - state.speed[i])
+        # The target passes the same low-pass, so that its delay does not wind up the integral.
+        state.aim[i] += share * (target - state.aim[i])
+        error = state.aim[i] - state.speed[i]
+        slope = (error - state.error[i]) / dt
+        state.error[i] = error
+        rate = state.v_rate + (i - 0.5) * p.nominal_track * state.w_rate
+        forward = p.constant * target / p.nominal_radius + p.ka * rate
+        volts = forward + p.kp * error + state.sum[i] + p.kd * slope
+        if target == 0.0 and abs(state.speed[i]) < 0.5 / (p.counts_per_metre * dt):
+            # At rest both ends of the motor are joined: it holds without drawing current.
+            state.sum[i], volts = 0.0, 0.0
+        elif abs(volts) < state.voltage:
+            state.sum[i] += p.ki * error * dt
+        state.duty[i] = min(1.0, max(-1.0, volts / state.voltage))
+
+
+@kernel
+def _resist(speed: float) -> float:
+    """Sign of a speed, smooth about rest."""
+    return speed / math.sqrt(speed * speed + _CREEP * _CREEP)
+
+
+@kernel
+def step_once(state: Any, p: Any, space: np.uint64, body: np.uint64, engine: np.uint64) -> float:
+    """One physics step: motors push, tyres hold, Munk2D moves.
+
+    Args:
+        state: of the chair.
+        p: its parameters.
+        space: address of the cpSpace.
+        body: address of the chair's cpBody.
+        engine: address of cpSpaceStep.
+
+    Returns:
+        The impulse of contact [N s]; 0 but for rounding where nothing is touched.
+    """
+    fields = body_view(body)
+    dt, mass, moment, arm = p.dt, p.mass, p.moment, p.centre
+    turning = fields[W]
+    middle = fields[ANGLE] + 1.5 * turning * dt  # heading half-way through the next step
+    c, s = math.cos(middle), math.sin(middle)
+    ahead = c * fields[VX] + s * fields[VY]
+    aside = c * fields[VY] - s * fields[VX]
+
+    # Drag of two casters, at their places.
+    load = mass * GRAVITY
+    on_casters = load * arm / p.casters
+    push, shove, twist = 0.0, 0.0, 0.0
+    lever = p.casters - arm
+    for side in range(2):
+        across = (0.5 - side) * p.caster_track
+        vx, vy = ahead - turning * across, aside + turning * lever
+        drag = -0.5 * p.caster_drag * on_casters / math.sqrt(vx * vx + vy * vy + _CREEP * _CREEP)
+        push += drag * vx * dt
+        shove += drag * vy * dt
+        twist += (lever * drag * vy - across * drag * vx) * dt
+
+    # Motors: what each wheel brings along, and what its driver draws.
+    grip = 0.5 * (load - on_casters)
+    drawn = 0.0
+    radii = (p.radius_left, p.radius_right)
+    bring = (0.0, 0.0)
+    for i in range(2):
+        spin = state.spin[i]
+        state.turned[i] += spin * dt  # as the body moves in this step: by its velocity before
+        amperes = (state.duty[i] * state.voltage - p.constant * spin) / p.resistance
+        amperes = min(p.current, max(-p.current, amperes))
+        drawn += state.duty[i] * amperes
+        rolling = p.rolling * grip * radii[i] * _resist(spin * radii[i])
+        torque = p.gain * p.constant * amperes - rolling
+        impulse = (torque * dt + p.wheel_inertia * spin) / radii[i]
+        bring = (impulse, bring[1]) if i == 0 else (bring[0], impulse)
+
+    # Both wheels roll, the axle does not slide: two equations for speed and turn.
+    half = 0.5 * p.track
+    gl, gr = p.wheel_inertia / radii[0] ** 2, p.wheel_inertia / radii[1] ** 2
+    a11, a12 = mass + gl + gr, half * (gr - gl)
+    a22 = moment + mass * arm * arm + half * half * (gl + gr)
+    b1 = mass * ahead + bring[0] + bring[1] + push
+    b2 = moment * turning + mass * arm * aside + half * (bring[1] - bring[0]) + arm * shove + twist
+    det = a11 * a22 - a12 * a12
+    u, w = (b1 * a22 - a12 * b2) / det, (a11 * b2 - a12 * b1) / det
+    jl = bring[0] - gl * (u - half * w)
+    jr = bring[1] - gr * (u + half * w)
+    jy = mass * (arm * w - aside) - shove
+    bound = p.friction * grip * dt
+    if max(jl * jl, jr * jr) + 0.25 * jy * jy > bound * bound:
+        u, w, side_speed = ahead + push / mass, turning + twist / moment, aside + shove / mass
+        sl = (bring[0] * radii[0]) / p.wheel_inertia
+        sr = (bring[1] * radii[1]) / p.wheel_inertia
+        jl, jr, jy = 0.0, 0.0, 0.0
+        ease_l = 1.0 / (1.0 / mass + half * half / moment + 1.0 / gl)
+        ease_r = 1.0 / (1.0 / mass + half * half / moment + 1.0 / gr)
+        ease_y = 1.0 / (1.0 / mass + arm * arm / moment)
+        for _ in range(_SWEEPS):
+            change = -(u - half * w - radii[0] * sl) * ease_l
+            change = min(bound, max(-bound, jl + change)) - jl
+            jl += change
+            u, w = u + change / mass, w - half * change / moment
+            sl -= radii[0] * change / p.wheel_inertia
+            change = -(u + half * w - radii[1] * sr) * ease_r
+            change = min(bound, max(-bound, jr + change)) - jr
+            jr += change
+            u, w = u + change / mass, w + half * change / moment
+            sr -= radii[1] * change / p.wheel_inertia
+            left = max(0.0, bound * bound - jl * jl)
+            right = max(0.0, bound * bound - jr * jr)
+            most = math.sqrt(left) + math.sqrt(right)
+            change = -(side_speed - arm * w) * ease_y
+            change = min(most, max(-most, jy + change)) - jy
+            jy += change
+            side_speed, w = side_speed + change / mass, w - arm * change / moment
+
+    px, py = jl + jr + push, jy + shove
+    fx, fy = (c * px - s * py) / dt, (s * px + c * py) / dt
+    torque = (half * (jr - jl) - arm * jy + twist) / dt
+    vx, vy = fields[VX], fields[VY]
+    fields[FX], fields[FY], fields[TORQUE] = fx, fy, torque
+    step_space(engine, space, dt)
+    hit_x = mass * (fields[VX] - vx) - fx * dt
+    hit_y = mass * (fields[VY] - vy) - fy * dt
+    hit_w = moment * (fields[W] - turning) - torque * dt
+
+    # Each wheel rolls at the ground speed that came out, as far as its tyre can hold it there.
+    ahead = c * fields[VX] + s * fields[VY]
+    for i in range(2):
+        ground = ahead + (2 * i - 1) * half * fields[W]
+        hold = bring[i] - p.wheel_inertia * ground / radii[i] ** 2
+        hold = min(bound, max(-bound, hold))
+        state.spin[i] = (bring[i] - hold) * radii[i] / p.wheel_inertia
+
+    # Battery: the drivers are ideal choppers; braking gives a share back.
+    power = drawn * state.voltage
+    power = (power if power > 0.0 else power * p.regeneration) + p.idle
+    state.energy += power * dt
+    state.charge = min(p.capacity, max(0.0, state.charge - power * dt))
+    rest = p.empty + (p.full - p.empty) * state.charge / p.capacity
+    state.voltage = rest - p.battery_resistance * power / rest
+    return float(math.hypot(hit_x, hit_y) + abs(hit_w) / p.casters)
+
+
+@kernel
+def drive(
+    state: Any,
+    p: Any,
+    space: np.uint64,
+    body: np.uint64,
+    engine: np.uint64,
+    v: float,
+    w: float,
+    order: Any,
+) -> None:
+    """Drive towards a target twist for one control period.
+
+    Args:
+        state: of the chair; its truth, set point, wheels and battery move on.
+        p: its parameters.
+        space: address of the cpSpace.
+        body: address of the chair's cpBody.
+        engine: address of cpSpaceStep.
+        v: target speed [m/s].
+        w: target turn [rad/s].
+        order: (n,) which ranger fires k-th.
+    """
+    dt = p.dt
+    state.contact, state.bumped = False, False
+    fields = body_view(body)
+    for _ in range(p.substeps):
+        if state.tick % p.speed_every == 0:
+            run = dt * p.speed_every
+            track_set_point(state, p, v, w, state.bumped, run)
+            control_speed(state, p, run)
+        hit = step_once(state, p, space, body, engine)
+        state.tick += 1
+        if hit > _TOUCH:
+            state.contact = True
+            state.bumped |= hit > p.bumper * dt
+        locate(state, p, fields)
+        state.way += abs(state.twist[0]) * dt
+        if state.tick % p.fire_every == 0:
+            which = order[state.firings % order.shape[0]]
+            state.fired[which] = state.tick
+            state.fire_pose[which, :] = state.pose
+            state.firings += 1
+    state.step += 1
+
+
+@kernel
+def locate(state: Any, p: Any, fields: Any) -> None:
+    """Read the true pose and twist of the axle's centre from the body."""
+    angle = fields[ANGLE]
+    c, s = math.cos(angle), math.sin(angle)
+    state.pose[0] = fields[X] - c * p.centre
+    state.pose[1] = fields[Y] - s * p.centre
+    state.pose[2] = angle
+    state.twist[0] = c * fields[VX] + s * fields[VY]
+    state.twist[1] = fields[W]

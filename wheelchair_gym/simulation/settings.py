@@ -1,0 +1,124 @@
+"""Settings of the chair's body, motors and battery, and of the physics that moves them."""
+
+from __future__ import annotations
+
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.kinematics import DriveGeometry, Limits
+
+
+@settings
+class BodySettings:
+    """Mass and what it stands on."""
+
+    mass: float = setting(
+        default=135.0, unit="kg", source="60 kg chair + 75 kg person", low=20.0, high=400.0
+    )
+    centre: float = setting(
+        default=0.15, unit="m", source="centre of mass ahead of the axle", low=0.0, high=0.5
+    )
+    gyration: float = setting(
+        default=0.33,
+        unit="m",
+        source="radius of gyration: 1.00 m x 0.62 m plate",
+        low=0.05,
+        high=1.0,
+    )
+    casters: float = setting(default=0.48, unit="m", source="ahead of the axle", low=0.1, high=1.5)
+    caster_track: float = setting(default=0.46, unit="m", source="between them", low=0.0, high=1.0)
+    caster_drag: float = setting(
+        default=0.03, source="rolling and swivelling, share of their load", low=0.0, high=1.0
+    )
+    rolling: float = setting(
+        default=0.015, source="rolling resistance of pneumatic tyres", low=0.0, high=1.0
+    )
+    friction: float = setting(default=0.7, source="tyre on floor", low=0.05, high=2.0)
+    wall_friction: float = setting(default=0.3, source="outline on wall", low=0.0, high=2.0)
+    bumper: float = setting(default=20.0, unit="N", source="strip switches", low=0.0)
+
+    def __post_init__(self) -> None:
+        if self.centre >= self.casters:
+            raise InputError("BodySettings.centre must lie behind casters")
+
+
+@settings
+class MotorSettings:
+    """Two equal hub motors with their drivers, as brushed direct-current machines."""
+
+    constant: float = setting(
+        default=3.7, unit="V s/rad", source="1.6 m/s at 36 V without load", low=0.01
+    )
+    resistance: float = setting(default=1.0, unit="ohm", low=0.01)
+    current: float = setting(default=12.0, unit="A", source="driver's limit: 44 N m", low=0.1)
+    inertia: float = setting(default=0.15, unit="kg m2", source="rotor and wheel", low=0.001)
+    kp: float = setting(default=40.0, unit="V s/m", source="closed loop of about 50 ms", low=0.0)
+    ki: float = setting(default=120.0, unit="V/m", low=0.0)
+    kd: float = setting(default=0.0, unit="V s2/m", low=0.0)
+    ka: float = setting(
+        default=3.0, unit="V s2/m", source="feed-forward of acceleration: 135 kg", low=0.0
+    )
+    smoothing: float = setting(
+        default=0.02, unit="s", source="low-pass of the encoder's speed", low=0.0, high=1.0
+    )
+    rate: float = setting(default=100.0, unit="Hz", source="speed control", low=10.0, high=2000.0)
+
+
+@settings
+class BatterySettings:
+    """Two 36 V, 4 Ah packs in parallel."""
+
+    capacity: float = setting(default=288.0, unit="Wh", source="2 x 36 V x 4 Ah", low=1.0)
+    full: float = setting(default=42.0, unit="V", source="10 lithium cells at 4.2 V", low=1.0)
+    empty: float = setting(default=30.0, unit="V", source="10 lithium cells at 3.0 V", low=1.0)
+    charge: float = setting(default=0.9, source="share at reset", low=0.0, high=1.0)
+    resistance: float = setting(default=0.1, unit="ohm", low=0.0)
+    idle: float = setting(default=15.0, unit="W", source="computer and sensors", low=0.0)
+    regeneration: float = setting(
+        default=0.5, source="share of braking energy stored", low=0.0, high=0.95
+    )
+
+
+@settings
+class RandomSettings:
+    """Chair parameters drawn anew each episode, uniform within these bounds."""
+
+    mass: tuple[float, float] = setting(
+        default=(100.0, 180.0), unit="kg", source="ISO 7176-11 dummies", low=20.0
+    )
+    friction: tuple[float, float] = setting(default=(0.5, 0.9), source="wet to rubber", low=0.05)
+    gain: tuple[float, float] = setting(default=(0.9, 1.1), source="of the motors", low=0.1)
+
+
+@settings
+class ChairSettings:
+    """The chair: outline, drive, limits, body, motors, battery."""
+
+    footprint: Footprint = Footprint()
+    drive: DriveGeometry = DriveGeometry()
+    limits: Limits = Limits()
+    body: BodySettings = BodySettings()
+    motor: MotorSettings = MotorSettings()
+    battery: BatterySettings = BatterySettings()
+    random: RandomSettings = RandomSettings()
+    randomise: bool = setting(
+        default=False, source="true: draw mass, friction and motor gain anew each episode"
+    )
+
+
+@settings
+class PhysicsSettings:
+    """How finely time is cut."""
+
+    step: float = setting(default=0.01, unit="s", source="ten in a period", low=0.0005, high=0.05)
+
+
+def whole_ratio(long: float, short: float, names: str) -> int:
+    """How many short periods fit into a long one.
+
+    Raises:
+        InputError: the ratio is not a whole number of at least 1.
+    """
+    ratio = long / short
+    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6:
+        raise InputError(f"{names}: {long:g} s is not a whole multiple of {short:g} s")
+    return round(ratio)

@@ -1,0 +1,101 @@
+"""What a policy sees: pure functions of a reading, a goal and a path."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.kernel import kernel
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+GOAL_REACH = 100.0  # m: farther goals are seen at this distance
+PATH_REACH = 10.0  # m: look-ahead points farther off than this on an axis are clipped
+
+
+@kernel
+def see(value: float, reach: float) -> float:
+    """A range as it is observed: no echo is the reach, too near and invalid are 0 (REP-117)."""
+    if not value > 0.0:  # NaN too
+        return 0.0
+    return reach if value > reach else value
+
+
+@kernel
+def pool(scan: Floats, reach: float, out: Floats) -> int:
+    """Nearest range of each of out's equal groups of beams; returns how many beams are finite."""
+    beams, groups = scan.shape[0], out.shape[0]
+    valid = 0
+    for j in range(groups):
+        nearest = reach
+        for i in range(j * beams // groups, (j + 1) * beams // groups):
+            valid += math.isfinite(scan[i])
+            nearest = min(nearest, see(scan[i], reach))
+        out[j] = np.float32(nearest)
+    return valid
+
+
+@kernel
+def bearing_to(pose: Array, goal: Array, out: Floats) -> None:
+    """The goal (3,) in the chair's frame: distance [m], cosine and sine of its bearing.
+
+    If `out` has five places, cosine and sine of the goal's heading follow.
+    """
+    dx, dy = goal[0] - pose[0], goal[1] - pose[1]
+    distance = math.hypot(dx, dy)
+    bearing = math.atan2(dy, dx) - pose[2] if distance > 0.0 else 0.0
+    out[0] = np.float32(min(distance, GOAL_REACH))
+    out[1], out[2] = np.float32(math.cos(bearing)), np.float32(math.sin(bearing))
+    if out.shape[0] == 5:
+        turn = goal[2] - pose[2]
+        out[3], out[4] = np.float32(math.cos(turn)), np.float32(math.sin(turn))
+
+
+@kernel
+def project(path: Array, x: float, y: float) -> tuple[int, float, float]:
+    """The point of a path (n, 2) [m] nearest to (x, y): segment, share of it, and distance [m]."""
+    best, where, share = math.inf, 0, 0.0
+    for k in range(path.shape[0] - 1):
+        ex, ey = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1]
+        square = ex * ex + ey * ey
+        t = 0.0
+        if square > 0.0:
+            t = ((x - path[k, 0]) * ex + (y - path[k, 1]) * ey) / square
+            t = min(1.0, max(0.0, t))
+        gap = math.hypot(x - path[k, 0] - t * ex, y - path[k, 1] - t * ey)
+        if gap < best:
+            best, where, share = gap, k, t
+    return where, share, best
+
+
+@kernel
+def look_ahead(path: Array, pose: Array, distances: Array, out: Floats) -> None:
+    """Points of a path (n, 2) at distances (k,) [m] beyond the nearest one, in the chair's frame.
+
+    Args:
+        path: what to follow; beyond its end the end itself is seen.
+        pose: of the chair (3,) [m, m, rad].
+        distances: rising [m].
+        out: (k, 2) [m].
+    """
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    segment, share, _ = project(path, pose[0], pose[1])
+    last = path.shape[0] - 2
+    walked = 0.0  # m from the nearest point to the end of the segments passed
+    for j in range(distances.shape[0]):
+        while True:
+            ex = path[segment + 1, 0] - path[segment, 0]
+            ey = path[segment + 1, 1] - path[segment, 1]
+            length = math.hypot(ex, ey)
+            rest = (1.0 - share) * length
+            if walked + rest >= distances[j] or segment == last:
+                break
+            walked, segment, share = walked + rest, segment + 1, 0.0
+        t = min(1.0, share + (distances[j] - walked) / length) if length > 0.0 else 1.0
+        dx = path[segment, 0] + t * ex - pose[0]
+        dy = path[segment, 1] + t * ey - pose[1]
+        out[j, 0] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * dx + s * dy)))
+        out[j, 1] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * dy - s * dx)))

@@ -1,0 +1,54 @@
+"""Settings of the task: what is observed, when it ends, what is rewarded."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+from wheelchair_gym.config import setting, settings
+
+
+@settings
+class RewardWeights:
+    """Weights of the named reward terms; the reward is their weighted sum."""
+
+    progress: float = setting(default=0.125, unit="1/m", source="way to go that was covered")
+    time: float = setting(default=-0.05, unit="1/s", source="each second costs")
+    arrived: float = setting(default=1.0, source="by the chair's own estimate")
+    bumped: float = setting(default=-2.0, source="a bumper strip was pressed")
+    timeout: float = setting(default=-0.5, source="the time limit was reached")
+    change: float = setting(default=-0.003, source="squared change of the action")
+
+
+@settings
+class TaskSettings:
+    """Navigation to a goal."""
+
+    beams: int = setting(
+        default=1081, source="observed; fewer than the laser has: pooled by their minimum", low=1
+    )
+    tolerance: float = setting(default=0.30, unit="m", source="goal counts as reached", low=0.01)
+    doubt: float = setting(
+        default=0.10,
+        unit="m",
+        source="most that an estimated pose errs: so much nearer it must be to say 'arrived'",
+        low=0.0,
+    )
+    heading: bool = setting(default=False, source="true: the goal's heading counts, too")
+    heading_tolerance: float = setting(
+        default=math.radians(15.0), unit="rad", source="of the goal's heading", low=0.01
+    )
+    time_base: float = setting(default=30.0, unit="s", source="time limit of no way", low=0.1)
+    time_factor: float = setting(
+        default=3.0, source="time limit per time at full speed along the geodesic", low=0.0
+    )
+    look_ahead: tuple[float, ...] = setting(
+        default=(0.5, 1.0, 1.5, 2.0, 3.0), unit="m", source="along the guidance path", low=0.0
+    )
+    aim: Literal["goal", "path", "field"] = setting(
+        default="field", source="progress is measured towards the goal, along path or geodesic"
+    )
+    margin: float = setting(
+        default=0.05, unit="m", source="kept by the geodesic beyond half the width", low=0.0
+    )
+    reward: RewardWeights = RewardWeights()

@@ -1,0 +1,129 @@
+"""Picture and video files; each appears under its name only when it is whole."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from importlib.util import find_spec
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as Pillow
+
+from wheelchair_gym.config import InputError
+
+Image = NDArray[np.uint8]
+
+_MISSING = 'video files need moviepy: pip install "wheelchair_gym[view]" (or ask for a .gif)'
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A name to write to; renamed to `path` at the end, removed after an error."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=".", dir=path.parent)
+    os.close(handle)
+    part = Path(name)
+    try:
+        yield part
+        part.chmod(0o644)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_png(path: str | Path, image: Image) -> None:
+    """Write a picture (h, w, 3) RGB as a PNG file."""
+    bgr = np.ascontiguousarray(image[..., ::-1])
+    done, data = cv2.imencode(".png", bgr)
+    if not done:
+        raise ValueError(f"{path}: a picture of shape {image.shape} cannot be written as PNG")
+    with whole(Path(path)) as part:
+        part.write_bytes(data.tobytes())
+
+
+def video_suffix() -> str:
+    """The best kind of video that can be written here: .mp4, or .gif where moviepy is missing."""
+    return ".mp4" if find_spec("moviepy") and find_spec("imageio_ffmpeg") else ".gif"
+
+
+def write_video(path: str | Path, frames: Iterable[Image], rate: float) -> None:
+    """Write pictures of one size as a video; the name's ending says which kind.
+
+    Args:
+        path: ends in .mp4 (H.264, plays in browsers), .gif (animated, loops) or .png (a contact
+            sheet of some of the pictures).
+        frames: pictures (h, w, 3) RGB; may be a generator, which an .mp4 never holds whole.
+        rate: pictures a second [1/s].
+
+    Raises:
+        InputError: another ending, no frames, or an .mp4 where moviepy is missing.
+    """
+    path = Path(path)
+    writers = {".mp4": _write_mp4, ".gif": _write_gif, ".png": _write_sheet}
+    if path.suffix not in writers:
+        raise InputError(f"{path}: expected a name that ends in {', '.join(writers)}")
+    source = iter(frames)
+    first = next(source, None)
+    if first is None:
+        raise InputError(f"{path}: no pictures to write")
+    writers[path.suffix](path, chain([first], source), rate, first.shape)
+
+
+def _write_mp4(path: Path, frames: Iterable[Image], rate: float, shape: tuple[int, ...]) -> None:
+    try:
+        write_frames = import_module("imageio_ffmpeg").write_frames
+    except ImportError:
+        raise InputError(_MISSING) from None
+    height, width = shape[0] // 2 * 2, shape[1] // 2 * 2  # 4:2:0 colour asks for even sides
+    with whole(path) as part:
+        writer: Any = write_frames(
+            str(part), (width, height), fps=rate, codec="libx264", quality=None,
+            pix_fmt_out="yuv420p", macro_block_size=1,
+            output_params=["-crf", "20", "-preset", "medium", "-movflags", "+faststart"],
+        )  # fmt: skip
+        writer.send(None)
+        try:
+            for frame in frames:
+                writer.send(np.ascontiguousarray(frame[:height, :width]))
+        finally:
+            writer.close()
+
+
+def _write_gif(path: Path, frames: Iterable[Image], rate: float, shape: tuple[int, ...]) -> None:
+    pictures = (Pillow.fromarray(frame).quantize(64) for frame in frames)
+    first = next(pictures)
+    with whole(path) as part:
+        # A GIF counts hundredths of a second; browsers slow down anything under two.
+        first.save(
+            part, save_all=True, append_images=list(pictures), loop=0,
+            duration=max(20, round(100.0 / rate) * 10),
+        )  # fmt: skip
+
+
+def _write_sheet(path: Path, frames: Iterable[Image], rate: float, shape: tuple[int, ...]) -> None:
+    write_png(path, contact_sheet(list(frames)))
+
+
+def contact_sheet(frames: list[Image], columns: int = 4, most: int = 16) -> Image:
+    """One picture of up to `most` pictures in rows, evenly spaced in time, at half their size."""
+    count = min(most, len(frames))
+    chosen = [
+        frames[k][::2, ::2] for k in np.linspace(0, len(frames) - 1, count).round().astype(int)
+    ]
+    h, w = chosen[0].shape[:2]
+    columns = min(columns, count)
+    gap = 4  # pixels
+    rows = -(-count // columns)
+    sheet = np.full((rows * (h + gap) - gap, columns * (w + gap) - gap, 3), 255, dtype=np.uint8)
+    for k, picture in enumerate(chosen):
+        r, c = divmod(k, columns)
+        sheet[r * (h + gap) : r * (h + gap) + h, c * (w + gap) : c * (w + gap) + w] = picture
+    return sheet
