@@ -28,11 +28,6 @@ PLANNERS: Final[dict[str, type]] = {
     "rrt_star_woa_global": RrtStarWoaGlobal,
     "rrt_star_woa_local": RrtStarWoaLocal,
     "visibility": Visibility,
-    "rrt": Rrt,
-    "rrt_star": RrtStar,
-    "rrt_star_woa_local": RrtStarWoaLocal,
-    "rrt_star_woa_global": RrtStarWoaGlobal,
-    "rrt_connect": RrtConnect,
 }
 
 
