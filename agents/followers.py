@@ -70,10 +70,9 @@ class WindowFollower:
         own = self.own
         points = around.points
         rows = reference.ahead(around.pose)
-        # An outline already nearer than the margin may leave, at full margin where it can.
-        for share in (1.0, 0.5, 0.2):
+        for margin in around.margins(chair.footprint, own.margin):
             weights = Weights(
-                own.hold, own.horizon, share * own.margin, own.wish, own.clearance, own.error,
+                own.hold, own.horizon, margin, own.wish, own.clearance, own.error,
                 own.change, own.reverse,
             )  # fmt: skip
             fan = self._candidates(chair.limits)
@@ -136,7 +135,7 @@ class PurePursuitFollower:
         """The twist, or the same arc at the first slower pace that leaves room to stop."""
         points = around.points
         for share in (1.0, 0.7, 0.45, 0.25, 0.12):
-            for margin in (self.own.margin, 0.3 * self.own.margin):
+            for margin in around.margins(chair.footprint, self.own.margin):
                 if stops_clear(
                     share * v, share * w, chair.state, chair.array, chair.footprint, points,
                     0.4, margin,

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.rollout import outline_gap
 from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.types import Reading
@@ -75,6 +76,15 @@ class Surroundings:
         self.hits: Array = np.empty((0, 2))
         self.points: Array = np.empty((0, 3))
         self._look(reading)
+
+    def margins(self, footprint: Array, margin: float) -> tuple[float, float, float]:
+        """Margins [m] to ask for, one after another where nothing leads on.
+
+        The last is nearly what is left: an outline already nearer may leave, not come nearer.
+        """
+        less = 0.6 * margin
+        gap = float(outline_gap(0.0, 0.0, 0.0, footprint, self.points, margin))
+        return margin, less, min(less, 0.95 * gap)
 
     def update(self, reading: Reading) -> None:
         """Take in the next reading."""
