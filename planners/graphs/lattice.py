@@ -51,6 +51,7 @@ class Search(NamedTuple):
     dear: float  # how many times dearer a move is at no clearance
     switch: float  # s: stopping and starting the other way
     nodes: int  # most states to make
+    greed: float  # multiple of the time left that is believed
     near: float  # m: from where the goal is taken without a move
 
 
@@ -191,7 +192,7 @@ def search_lattice(
             best[slot] = total
             pose[count, 0], pose[count, 1], pose[count, 2] = ax, ay, ayaw
             cost[count], parent[count], move[count] = total, node, m
-            push(keys, heap, size, total + search.left[hi, hj] / TOP, count)
+            push(keys, heap, size, total + search.greed * search.left[hi, hj] / TOP, count)
             size += 1
             count += 1
     return -1, count, pose, parent, move
@@ -221,6 +222,7 @@ class Lattice:
     wish: float = setting(default=0.25, unit="m", source="play beside the chair in a 1.1 m door")
     dear: float = setting(default=3.0, source="tuned on training floor plans", low=0.0)
     switch: float = setting(default=0.8, unit="s", source="to stop and start again", low=0.0)
+    greed: float = setting(default=1.3, source="more is faster and less good", low=1.0, high=10.0)
     nodes: int = setting(default=600_000, source="40 MB", low=1000)
     near: float = setting(default=0.06, unit="m", source="a fraction of any tolerance", low=0.01)
 
@@ -247,7 +249,7 @@ class Lattice:
         search = Search(
             field, low, left, outline_points(self.footprint), self.headings, self.cell,
             math.hypot(margin, 0.5 * SAMPLE), self.wish, self.dear, self.switch, self.nodes,
-            self.near,
+            self.greed, self.near,
         )  # fmt: skip
         bare = search._replace(margin=0.0)  # no early end: the least reading itself
         least = float(_least(bare, start[0], start[1], start[2], self.wish))
