@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from planners.graphs.a_star import AStar
 from planners.graphs.lattice import Lattice
@@ -19,7 +19,7 @@ from wheelchair_gym.config import InputError, load
 
 __all__ = ["PLANNERS", "Plan", "Planner", "Problem", "Space", "Status", "make_planner"]
 
-PLANNERS: dict[str, type] = {
+PLANNERS: Final[dict[str, type]] = {
     "a_star": AStar,
     "lattice": Lattice,
     "rrt": Rrt,

@@ -36,7 +36,7 @@ class Controls:
     twists: Array  # (n, 2) m/s, rad/s
     times: Array  # (n,) s
     collision_free: bool  # the outline touches nothing on the way
-    arrived: bool  # at the end of the path, or of the part within the horizon
+    arrived: bool  # at rest at the path's end, or led on as far as the horizon
     error: float  # m, from that end: of the last pose, or of the nearest where a horizon ends it
 
     def twist_at(self, time: float) -> Array:
@@ -265,5 +265,5 @@ class ControlGenerator:
         poses, twists, times = rollout(commands, pose, twist, world.limits)
         gaps = np.hypot(*(poses[:, :2] - targets[-1]).T)
         error = float(gaps[-1] if to_rest else gaps.min())
-        arrived = reached == len(targets) and error <= self.arrival
+        arrived = reached == len(targets) and (not to_rest or error <= self.arrival)
         return Controls(commands, poses, twists, times, free, arrived, error)

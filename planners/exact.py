@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import point_segment_distance
-from wheelchair_gym.kernel import borrowing_kernel, inlined
+from wheelchair_gym.kernel import borrowing_kernel
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def _side_of_doubt(ax: float, ay: float, bx: float, by: float, cx: float, cy: fl
     return (p - q) + low
 
 
-@inlined
+@borrowing_kernel
 def side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Positive if c lies left of the line from a to b, negative if right, 0 if exactly on it."""
     p, q = (bx - ax) * (cy - ay), (by - ay) * (cx - ax)

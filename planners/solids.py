@@ -113,4 +113,4 @@ def grown(solid: Any, radius: float) -> Any:
                 )
                 arc = [corner + first, *(corner + round_corner)]
             pieces.append(shapely.Polygon([corner, *arc, corner + normal, end + normal, end]))
-    return polygonal(shapely.union_all(pieces, grid_size=GRID))
+    return polygonal(shapely.set_precision(shapely.union_all(pieces), GRID))

@@ -136,7 +136,9 @@ def load(cls: type[T], data: Mapping[str, Any], where: str) -> T:
     fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
     for key in data:
         if key not in fields:
-            raise InputError(f"{where}.{key} is not a setting; it has {', '.join(sorted(fields))}")
+            named = key if str(key).isidentifier() else repr(key)  # one line, whatever the key
+            known = ", ".join(sorted(fields))
+            raise InputError(f"{where}.{named} is not a setting; it has {known}")
     hints = typing.get_type_hints(cls)
     values = {}
     for key, value in data.items():

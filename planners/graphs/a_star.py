@@ -77,7 +77,8 @@ def _search(
         if keys.shape[0] < size + (2 * NEAR + 2) ** 2:
             old_keys, old_items = keys, items
             keys, items = np.empty(2 * size + 64), np.empty(2 * size + 64, dtype=np.int64)
-            keys[:size], items[:size] = old_keys[:size], old_items[:size]
+            for k in range(size):
+                keys[k], items[k] = old_keys[k], old_items[k]
         reach = NEAR if u == n else 1
         for di in range(-reach, reach + 1 + (u == n)):
             for dj in range(-reach, reach + 1 + (u == n)):

@@ -223,7 +223,7 @@ class Lattice:
     dear: float = setting(default=3.0, source="tuned on training floor plans", low=0.0)
     switch: float = setting(default=0.8, unit="s", source="to stop and start again", low=0.0)
     greed: float = setting(default=1.3, source="more is faster and less good", low=1.0, high=10.0)
-    nodes: int = setting(default=600_000, source="40 MB", low=1000)
+    nodes: int = setting(default=600_000, source="40 MB", low=10)
     near: float = setting(default=0.06, unit="m", source="a fraction of any tolerance", low=0.01)
 
     def plan(self, problem: Problem, rng: np.random.Generator) -> Plan:

@@ -53,7 +53,7 @@ def _search(
     n = nodes.shape[0]
     parent = np.full(n, -1, dtype=np.int64)
     cost = np.full(n, math.inf)
-    ahead = np.hypot(nodes[:, 0] - nodes[1, 0], nodes[:, 1] - nodes[1, 1])  # (n,)
+    gx, gy = nodes[1, 0], nodes[1, 1]
     keys, items = np.empty(8 * n + 64), np.empty(8 * n + 64, dtype=np.int64)
     size, expanded, tested = 1, 0, 0
     keys[0], items[0] = 0.0, 0  # from the start to itself
@@ -78,7 +78,8 @@ def _search(
             more = max(2 * keys.shape[0], size + n)
             old_keys, old_items = keys, items
             keys, items = np.empty(more), np.empty(more, dtype=np.int64)
-            keys[:size], items[:size] = old_keys[:size], old_items[:size]
+            for k in range(size):
+                keys[k], items[k] = old_keys[k], old_items[k]
         for v in range(1, n):
             if parent[v] >= 0:
                 continue
@@ -96,7 +97,7 @@ def _search(
             d = side(ux, uy, vx, vy, after[v, 0], after[v, 1])
             if (p < 0.0 and d > 0.0) or (p > 0.0 and d < 0.0):
                 continue
-            key = cost[u] + math.hypot(vx - ux, vy - uy) + ahead[v]
+            key = cost[u] + math.hypot(vx - ux, vy - uy) + math.hypot(gx - vx, gy - vy)
             push(keys, items, size, key, u * n + v)
             size += 1
     return parent, expanded, tested

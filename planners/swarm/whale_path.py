@@ -10,16 +10,17 @@ from numpy.typing import NDArray
 from planners.draws import Stream, in_disc
 from planners.exact import SpaceArrays, edge_free
 from planners.swarm.woa import Whales, move
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
 
 
-@kernel
+@borrowing_kernel
 def shifted_length(path: Array, shift: Array, out: Array) -> float:
     """Write a path (n, 2) whose inner points are shifted (2 (n - 2),); returns its length [m]."""
     n = path.shape[0]
-    out[:] = path
+    for i in range(n):
+        out[i, 0], out[i, 1] = path[i, 0], path[i, 1]
     for i in range(1, n - 1):
         out[i, 0] += shift[2 * i - 2]
         out[i, 1] += shift[2 * i - 1]
@@ -58,21 +59,18 @@ def shorten(
     """
     n = path.shape[0]
     d = 2 * max(n - 2, 0)
-    shortest = path.copy()
-    if d == 0:
-        return shortest
     population = np.zeros((swarm.population, d))
-    upper = np.empty(d)
-    upper[0::2] = width
-    upper[1::2] = height
-    lower, span, best = -upper, np.full(d, 2.0), np.zeros(d)
-    for i in range(1, swarm.population):
-        for j in range(n - 2):
+    lower, upper, span, best = np.empty(d), np.empty(d), np.empty(d), np.zeros(d)
+    for j in range(n - 2):
+        upper[2 * j], upper[2 * j + 1] = width, height
+        lower[2 * j], lower[2 * j + 1] = -width, -height
+        span[2 * j], span[2 * j + 1] = 2.0, 2.0
+        for i in range(1, swarm.population):
             u, v = in_disc(state)
             population[i, 2 * j] = u * width
             population[i, 2 * j + 1] = v * height
-    trial = np.empty((n, 2))
-    least_length = shifted_length(path, best, trial)
+    trial, shortest = np.empty((n, 2)), np.empty((n, 2))
+    least_length = shifted_length(path, best, shortest)
     least = shortness * least_length
     for t in range(swarm.iterations + 1):
         for i in range(swarm.population):
@@ -88,10 +86,11 @@ def shorten(
             else:
                 if cost < least:
                     least = cost
-                    best[:] = population[i]
+                    for j in range(d):
+                        best[j] = population[i, j]
                 if blocked == 0 and length < least_length:
                     least_length = length
-                    shortest[:] = trial
+                    shifted_length(path, population[i], shortest)
         if t < swarm.iterations:
             a = swarm.a * (1.0 - t / swarm.iterations)
             move(population, best, a, swarm.b, swarm.mu, swarm.lam, span, lower, upper, state)

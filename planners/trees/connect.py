@@ -8,9 +8,8 @@ import numpy as np
 
 from planners.draws import stream
 from planners.trees.bidirectional import connect
-from planners.trees.endpoints import endpoint_status
 from planners.trees.tree import NONE, branch, edges, new_tree
-from planners.types import Plan, Problem, Status
+from planners.types import Plan, Problem, Status, trivial
 from wheelchair_gym.config import setting, settings
 
 
@@ -25,9 +24,9 @@ class RrtConnect:
     def plan(self, problem: Problem, rng: np.random.Generator) -> Plan:
         """Answer a problem with the first path found."""
         began = perf_counter()
-        status = endpoint_status(problem)
-        if status is not None:
-            return Plan(status, timings={"time_s": perf_counter() - began})
+        answer = trivial(problem)
+        if answer is not None:
+            return answer
         arrays = problem.free.arrays
         start, goal = (np.array(end[:2], dtype=np.float64) for end in (problem.start, problem.goal))
         ahead, back = new_tree(arrays.bounds, self.nodes), new_tree(arrays.bounds, self.nodes)

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from planners.draws import stream
 from planners.swarm.whale_path import shorten
 from planners.swarm.woa import WhaleSettings
-from planners.trees.endpoints import endpoint_status
 from planners.trees.growth import Growth, grow, new_room
 from planners.trees.steering import Pull, new_school
 from planners.trees.tree import NONE, branch, edges, new_tree
-from planners.types import Plan, Problem, Status
+from planners.types import Plan, Problem, Status, trivial
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]
@@ -37,9 +36,9 @@ def _grown(
 ) -> Plan:
     """The plan that one growing tree of at most so many nodes makes."""
     began = perf_counter()
-    status = endpoint_status(problem)
-    if status is not None:
-        return Plan(status, timings={"time_s": perf_counter() - began})
+    answer = trivial(problem)
+    if answer is not None:
+        return answer
     arrays = problem.free.arrays
     start, goal = (np.array(end[:2], dtype=np.float64) for end in (problem.start, problem.goal))
     tree = new_tree(arrays.bounds, min(nodes, growth.iterations + 1))
@@ -62,7 +61,7 @@ def _grown(
     if last != NONE:
         counters["first_path_iterations"] = first
         path = branch(grown, last)
-        if (path[-1] != goal).any() or len(path) == 1:
+        if (path[-1] != goal).any():
             path = np.vstack([path, goal])
     return Plan(
         Status.EXHAUSTED if last == NONE else Status.SOLVED,

@@ -139,7 +139,7 @@ class Cells:
         self.cells = np.asarray(cells)
         self.bounds = (0.0, 0.0, float(self.cells.shape[1]), float(self.cells.shape[0]))
 
-    def walls(self):
+    def walls(self, unknown_is_solid=False):
         """Sides between a solid and another cell, longest straight runs merged."""
         padded = np.pad(self.cells, 1).astype(bool)
         walls = []

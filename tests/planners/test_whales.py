@@ -6,6 +6,8 @@ import pytest
 from planners.draws import stream, uniform
 from planners.swarm.woa import WhaleSettings, move
 
+# Written for compiled integers, which wrap without a word.
+pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
 D = 4
 WIDE = np.full(D, 1e9)
 TWICE = np.full(D, 2.0)
@@ -82,9 +84,8 @@ def test_whales_find_the_minimum_of_a_bowl(centre):
 
 def test_streams_are_uniform_and_repeat():
     state, again = (stream(np.random.default_rng(1)) for _ in range(2))
-    with np.errstate(over="ignore"):
-        draws = np.array([uniform.py_func(state) for _ in range(4000)])
-        assert draws[0] == uniform.py_func(again)
+    draws = np.array([uniform.py_func(state) for _ in range(4000)])
+    assert draws[0] == uniform.py_func(again)
     counts = np.histogram(draws, bins=10, range=(0, 1))[0]
     assert ((counts - 400) ** 2 / 400).sum() < 30  # chi square, 9 degrees: p = 0.0004
     assert abs(np.corrcoef(draws[:-1], draws[1:])[0, 1]) < 0.06

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_guidance
+from wheelchair_gym.geometry import to_world
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensing.noise import episode_key
 from wheelchair_gym.simulation.chair import SimulatedChair
@@ -51,7 +52,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     | ultrasonic | (8,) | 0 to 4 or 6 m | latest range of each |
     | twist | (2,) | 1.5 x the limits | speed [m/s] and turn [rad/s] by the encoders |
     | goal | (3,) | 0 to 100 m, -1 to 1 | distance, cosine and sine of its bearing |
-    | path | (5, 2) | -10 to 10 m | guided only: points ahead on a path, in the chair's frame |
+    | path | (10,) | -10 to 10 m | guided only: x, y of points ahead, in the chair's frame |
 
     ## Reward
     The sum of `info["reward_terms"]`: progress towards the goal (0.125 per metre of way to go),
@@ -234,7 +235,13 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             from wheelchair_gym.view.picture import TopView
 
             s = self.settings
-            self._view = TopView(self.episode, s.chair.footprint, s.chair.drive, s.sensors)
+            self._view = TopView(
+                self.episode,
+                s.chair.footprint,
+                s.chair.drive,
+                s.sensors,
+                tolerance=self.task.tolerance,
+            )
         truth, task = self.chair.truth, self.task
         frame = self._view.draw(
             truth.pose,
@@ -253,8 +260,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._window.show(frame)
         return None
 
-    def _points_ahead(self, reading: Reading) -> NDArray[np.float32] | None:
-        return self.task.observe(reading).get("path")
+    def _points_ahead(self, reading: Reading) -> Array | None:
+        ahead = self.task.observe(reading).get("path")
+        return None if ahead is None else to_world(ahead.reshape(-1, 2), reading.pose)
 
     def _caption(self, reading: Reading) -> str:
         v, w = reading.twist

@@ -173,7 +173,9 @@ class SensorSettings:
     ultrasonic: UltrasonicSettings = UltrasonicSettings()
     odometry: OdometrySettings = OdometrySettings()
     modelled: ModelledPose = ModelledPose()
-    pose_source: Literal["truth", "odometry", "modelled"] = "truth"
+    pose_source: Literal["truth", "odometry", "modelled"] = setting(
+        default="truth", source="what the chair believes about where it is"
+    )
     noise: bool = setting(
         default=True,
         source="false: exact ranges, no drop-outs, no ghosts, exact odometry parameters",

@@ -109,7 +109,7 @@ class Task:
             "goal": gym.spaces.Box(low, high),
         }
         if self.guidance is not None:
-            shape = (len(self._look_ahead), 2)
+            shape = (2 * len(self._look_ahead),)
             spaces["path"] = gym.spaces.Box(-PATH_REACH, PATH_REACH, shape, np.float32)
         return gym.spaces.Dict(spaces)
 
@@ -161,7 +161,7 @@ class Task:
         if self.guidance is not None and self.path is not None:
             ahead = np.empty((len(self._look_ahead), 2), np.float32)
             look_ahead(self.path, reading.pose, self._look_ahead, ahead)
-            observation["path"] = ahead
+            observation["path"] = ahead.ravel()
         return observation
 
     def judge(

@@ -1,0 +1,104 @@
+"""Laws of settings: strict, bounded, named in errors, and back again from JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.configs import DEFAULTS
+from wheelchair_gym.config import InputError, dump, load, read
+from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.sensing import SensorSettings
+from wheelchair_gym.simulation import ChairSettings
+
+
+@pytest.mark.parametrize("name", DEFAULTS)
+def test_defaults_survive_json(name):
+    default = DEFAULTS[name]
+    if dataclasses.is_dataclass(default):
+        again = json.loads(json.dumps(dump(default)))
+        assert load(type(default), again, name) == default
+
+
+@pytest.mark.parametrize(
+    ("cls", "data", "message"),
+    [
+        (
+            SensorSettings,
+            {"laser": {"beamz": 3}},
+            "chair.json.laser.beamz is not a setting; it has be",
+        ),
+        (Limits, {"forward": "fast"}, "chair.json.forward is 'fast'; expected float"),
+        (Limits, {"forward": True}, "chair.json.forward is True; expected float"),
+        (
+            Limits,
+            {"forward": -1},
+            "chair.json.forward is -1.0; it must be at least 0.05 and at most",
+        ),
+        (Limits, {"forward": math.nan}, "chair.json.forward is NaN"),
+        (
+            SensorSettings,
+            {"pose_source": "gps"},
+            "chair.json.pose_source is 'gps'; it must be one of",
+        ),
+        (SensorSettings, {"laser": 3}, r"chair.json.laser is 3; expected an object"),
+        (SensorSettings, {"ultrasonic": {"order": [0, 1]}}, "order must name each mounted ranger"),
+        (
+            ChairSettings,
+            {"random": {"mass": [1]}},
+            "chair.json.random.mass has 1 values; expected 2",
+        ),
+        (ChairSettings, {"body": {"centre": 0.49}}, "centre must lie behind casters"),
+        (ChairSettings, [1], "chair.json: expected an object with keys, got list"),
+    ],
+)
+def test_what_is_wrong_is_named_in_one_line(cls, data, message):
+    with pytest.raises(InputError, match=message) as caught:
+        load(cls, data, "chair.json")
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_cannot_be_read_are_named(tmp_path):
+    for content, message in (
+        (b"{", "line 1, column 2: not JSON"),
+        (b"\xff\xfe", "not a text file"),
+    ):
+        path = tmp_path / "chair.json"
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=message):
+            read(ChairSettings, path)
+    with pytest.raises(InputError, match=r"nothing\.json: cannot be read"):
+        read(ChairSettings, tmp_path / "nothing.json")
+
+
+@given(
+    st.dictionaries(st.text(max_size=8), st.floats() | st.text(max_size=3) | st.none(), max_size=3)
+)
+def test_any_mapping_is_taken_or_refused_in_one_line(data):
+    known = {f.name for f in dataclasses.fields(Limits)}
+    if not set(data) <= known:
+        with pytest.raises(InputError, match="is not a setting") as caught:
+            load(Limits, data, "x")
+        assert len(str(caught.value).splitlines()) == 1
+
+
+def test_every_number_has_a_unit_or_is_a_plain_ratio():
+    """Each setting says where its default comes from or in what it is measured."""
+
+    def walk(value, where):
+        for field in dataclasses.fields(value):
+            item = getattr(value, field.name)
+            if dataclasses.is_dataclass(item):
+                walk(item, f"{where}.{field.name}")
+            elif isinstance(item, float | int | str | bool):
+                told = field.metadata.get("unit") or field.metadata.get("source")
+                assert told, f"{where}.{field.name} has neither unit nor source"
+
+    for name, default in DEFAULTS.items():
+        if dataclasses.is_dataclass(default):
+            walk(default, name)

@@ -1,0 +1,124 @@
+"""The house: who may import whom, settings and their files, kernels and their cache."""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+
+PACKAGES = ("wheelchair_gym", "planners", "agents")
+# What each package may import of ours, beside itself.
+ARROW = {
+    "wheelchair_gym": set(),
+    "planners": {"wheelchair_gym"},
+    "agents": {"wheelchair_gym", "planners"},
+}
+# What planners may know of the chair: words, settings, geometry and maps, and how to compile.
+FOR_PLANNERS = {"types", "geometry", "kinematics", "maps", "config", "kernel"}
+# Third-party packages that live in one room each.
+ROOMS = {
+    "pymunk": ("wheelchair_gym/simulation/",),
+    "cv2": ("wheelchair_gym/maps/", "wheelchair_gym/view/"),
+    "serial": ("wheelchair_gym/hardware/",),
+    "torch": ("agents/",),
+    "stable_baselines3": ("agents/",),
+}
+
+
+def modules():
+    return [p for package in PACKAGES for p in sorted((ROOT / package).rglob("*.py"))]
+
+
+def imports_of(path: Path):
+    """Dotted names that a file imports, anywhere in it."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def test_imports_point_right_only():
+    for path in modules():
+        package = path.relative_to(ROOT).parts[0]
+        for name in imports_of(path):
+            top = name.split(".")[0]
+            if top in PACKAGES and top != package:
+                assert top in ARROW[package], f"{path} imports {name}"
+            if package == "planners" and name.startswith("wheelchair_gym."):
+                assert name.split(".")[1] in FOR_PLANNERS, f"{path} imports {name}"
+
+
+def test_each_engine_lives_in_its_room():
+    for path in modules():
+        where = path.relative_to(ROOT).as_posix()
+        for name in imports_of(path):
+            rooms = ROOMS.get(name.split(".")[0])
+            assert rooms is None or where.startswith(rooms), f"{where} imports {name}"
+
+
+def test_importing_the_env_loads_neither_torch_nor_planners():
+    code = (
+        "import sys, gymnasium, wheelchair_gym; "
+        "gymnasium.make('wheelchair_gym/Navigation-v0'); "
+        "print([m for m in ('torch', 'stable_baselines3', 'planners', 'agents', 'matplotlib') "
+        "if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
+
+
+def test_nothing_speaks_of_where_it_was_made():
+    """No absolute path of a machine in anything that is committed."""
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout.split()
+    assert not listed or "README.md" in listed
+    for name in listed:
+        path = ROOT / name
+        if (
+            path.suffix in {".py", ".md", ".toml", ".json", ".yaml", ".c", ".h", ""}
+            and path.is_file()
+        ):
+            found = re.search(r"(?<![\w.])/(?:work|home|root|Users)/\w+", path.read_text())
+            assert found is None, f"{name}: {found.group()}"
+
+
+def test_kernels_know_what_they_depend_on(tmp_path, monkeypatch):
+    """An edit of a kernel, or of a constant it freezes, changes the stamp of those that call it."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    head = "from wheelchair_gym.kernel import kernel\n"
+    low = head + "SCALE = {}\n@kernel\ndef low(x):\n    return {}\n"
+    high = head + "from {0} import low, SCALE\n@kernel\ndef high(x):\n    return low(x) * SCALE\n"
+    digests = set()
+    for k, (scale, body) in enumerate(itertools.product((1.0, 2.0), ("x", "x + 1.0"))):
+        (tmp_path / f"low{k}.py").write_text(low.format(scale, body))
+        (tmp_path / f"high{k}.py").write_text(high.format(f"low{k}"))
+        module = __import__(f"high{k}")
+        assert module.high(3.0) == (3.0 if body == "x" else 4.0) * scale
+        digests.add(module.high.source_digest)
+    assert len(digests) == 4
+
+
+@pytest.mark.parametrize("name", sorted(p.stem for p in (ROOT / "configs").glob("*.json")))
+def test_shipped_configs_are_the_defaults(name):
+    """configs/*.json are the values that the dataclasses have, for people to copy and change."""
+    from tests.configs import DEFAULTS
+    from wheelchair_gym.config import dump, read_json
+
+    assert read_json(ROOT / "configs" / f"{name}.json") == dump(DEFAULTS[name])
+
+
+def test_every_default_has_its_file():
+    from tests.configs import DEFAULTS
+
+    assert set(DEFAULTS) == {p.stem for p in (ROOT / "configs").glob("*.json")}
