@@ -119,13 +119,17 @@ def _spread(
         if p != _GOAL:
             py = float(p // cols)
             px, base = p - py * cols, float(length[p])
+        tight = room[row, col] < 2  # else all eight neighbours are free
         for k in range(8):
             dr, dc = _ROWS[k], _COLS[k]
             r, c = row + dr, col + dc
-            if r < 0 or c < 0 or r >= rows or c >= cols or not free[r, c]:
-                continue
-            v = r * cols + c
-            if parent[v] == p or (k > 3 and not (free[row, c] and free[r, col])):
+            v = u + dr * cols + dc
+            if tight:
+                if r < 0 or c < 0 or r >= rows or c >= cols or not free[r, c]:
+                    continue
+                if k > 3 and not (free[row, c] and free[r, col]):
+                    continue
+            if parent[np.uint32(v)] == p:
                 continue
             ex, ey = c - px, r - py
             way = base + math.sqrt(ex * ex + ey * ey)
@@ -155,36 +159,39 @@ def _spread(
 def _extended(length: Field, band: float) -> tuple[Field, NDArray[np.int32]]:
     """Distances carried on into cells within `band` [cells] of reachable ones, and from which.
 
-    Two sweeps hand the nearest reachable cell on from neighbour to neighbour.
+    Two sweeps, down and up, hand the nearest reachable cell on from neighbour to neighbour.
     """
     rows, cols = length.shape
     out = length.copy()
     source = np.full((rows, cols), -1, np.int32)
-    gaps = np.full((rows, cols), np.float32(band), np.float32)
     for row in range(rows):
         for col in range(cols):
             if length[row, col] < np.inf:
                 source[row, col] = row * cols + col
-                gaps[row, col] = 0.0
+    limit = band * band
     for turn in range(2):
         way = 1 if turn == 0 else -1
         for i in range(rows):
             row = i if turn == 0 else rows - 1 - i
             for j in range(cols):
                 col = j if turn == 0 else cols - 1 - j
-                if gaps[row, col] == 0.0:
+                if length[row, col] < np.inf:
                     continue
-                for k in range(4):
-                    r, c = row - way * (k < 3), col - way if k == 3 else col + k - 1
-                    if not (0 <= r < rows and 0 <= c < cols) or source[r, c] < 0:
+                best, least = -1, limit
+                for k in range(5):  # its own source so far, then four neighbours
+                    r, c = row - way * (k > 1), col - way if k == 1 else col
+                    if k > 1:
+                        c = col + k - 3
+                    if r < 0 or c < 0 or r >= rows or c >= cols or source[r, c] < 0:
                         continue
                     y = source[r, c] // cols
                     x = source[r, c] - y * cols
-                    gap = np.float32(math.sqrt(float((y - row) ** 2 + (x - col) ** 2)))
-                    if gap < gaps[row, col]:
-                        gaps[row, col] = gap
-                        source[row, col] = source[r, c]
-                        out[row, col] = length[y, x] + gap
+                    gap = float((y - row) ** 2 + (x - col) ** 2)
+                    if gap <= least:
+                        best, least = source[r, c], gap
+                if best >= 0:
+                    source[row, col] = best
+                    out[row, col] = length[best // cols, best % cols] + math.sqrt(least)
     return out, source.ravel()
 
 

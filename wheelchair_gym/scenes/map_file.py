@@ -18,7 +18,8 @@ from wheelchair_gym.types import Episode, no_discs
 Array = NDArray[np.float64]
 Pose = tuple[float, float, float]
 
-_TRIES = 200
+_TRIES = 200  # places drawn for one pose
+_GOALS = 20  # goals drawn before the map is called impossible
 
 
 def example_map() -> Path:
@@ -61,7 +62,7 @@ class MapFile:
             if pose is not None and not self._free(grid, walls, pose):
                 raise InputError(f"MapFile.{name} is {list(pose)}; the chair cannot stand there")
         free = np.argwhere(grid.traversable(RADIUS))
-        for _ in range(_TRIES):
+        for _ in range(_GOALS):
             goal = self._draw(rng, grid, walls, free) if self.goal is None else np.array(self.goal)
             if goal is None:
                 break
