@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.exact import SpaceArrays, clearance, point_free
+from planners.exact import SpaceArrays, clearance
 from planners.graphs.heap import pop, push
-from planners.types import Plan, Problem, Status
+from planners.types import Plan, Problem, Status, trivial
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kernel import kernel
@@ -229,22 +230,24 @@ class Lattice:
     def plan(self, problem: Problem, rng: np.random.Generator) -> Plan:
         """See `Planner.plan`; nothing is drawn."""
         begun = time.perf_counter()
+        # Points may come as near as they like; what is no number stays none.
+        plan = trivial(replace(problem, clearance=0.0 * problem.clearance))
+        if plan is not None:
+            return plan
         arrays = problem.space.arrays
+        margin = max(0.0, problem.clearance - self.footprint.half_width)
         start = np.zeros(3)
         start[: len(problem.start)] = problem.start
         goal = np.asarray(problem.goal, dtype=np.float64)[:2]
         low, high = arrays.bounds[:2], arrays.bounds[2:]
-        if (start[:2] < low).any() or (start[:2] > high).any():
-            return Plan(Status.START_OUTSIDE)
-        if (goal < low).any() or (goal > high).any():
-            return Plan(Status.GOAL_OUTSIDE)
+        # What no outline could do: its axle's centre alone is nearer than the margin.
+        for end, status in ((start, Status.START_OCCUPIED), (goal, Status.GOAL_OCCUPIED)):
+            if clearance(arrays, end[0], end[1]) < margin:
+                return Plan(status)
         columns, rows = (np.ceil((high - low) / FIELD) + 1).astype(int)
         field, left = np.empty((rows, columns)), np.empty((rows, columns))
         fill_field(arrays, low, field)
         row, column = np.round((goal - low) / FIELD).astype(int)[::-1]
-        if not point_free(arrays, goal[0], goal[1]):
-            return Plan(Status.GOAL_OCCUPIED)
-        margin = max(0.0, problem.clearance - self.footprint.half_width)
         ways_left(field, self.footprint.half_width - FIELD, row, column, left)
         search = Search(
             field, low, left, outline_points(self.footprint), self.headings, self.cell,
