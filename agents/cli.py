@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from agents.commands import compare, plan, scenes, settings, simulate
+from agents.interrupt import by_hand
 
 COMMANDS = (plan, simulate, compare, scenes, settings)
 
@@ -61,7 +62,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         print("wheelchair: " + " ".join(str(error).split()), file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        if not by_hand(error):
+            raise
         print("wheelchair: stopped", file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader has gone: nothing more to say

@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from agents.interrupt import by_hand
 from agents.metrics import Record, Trace, measure
 from agents.policy import make_policy
 from wheelchair_gym.config import InputError, dump, read_json
@@ -234,7 +235,9 @@ def evaluate(
                 line = json.dumps({"key": key, "record": record}, allow_nan=False)
                 store.write(line.encode() + b"\n")
                 store.flush()
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, SystemError) as error:
+            if not by_hand(error):
+                raise
             raise StoppedError(f"{len(known)} of {len(wanted)} episodes are stored") from None
         finally:
             finished.close()

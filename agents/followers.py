@@ -20,6 +20,10 @@ from wheelchair_gym.kinematics import Limits
 Array = NDArray[np.float64]
 
 
+SLOW = 0.5  # below this share of the margin
+CREEP = 0.1  # m/s: the chair goes no faster than walking-stick speed
+
+
 class Follower(Protocol):
     """Drives along one reference; made anew for every path."""
 
@@ -70,13 +74,14 @@ class WindowFollower:
         own = self.own
         points = around.points
         rows = reference.ahead(around.pose)
-        # An outline already nearer than the margin may leave, at full margin where it can.
-        for share in (1.0, 0.5, 0.2):
+        for margin in around.margins(chair.footprint, own.margin):
             weights = Weights(
-                own.hold, own.horizon, share * own.margin, own.wish, own.clearance, own.error,
+                own.hold, own.horizon, margin, own.wish, own.clearance, own.error,
                 own.change, own.reverse,
             )  # fmt: skip
             fan = self._candidates(chair.limits)
+            if margin < SLOW * own.margin:
+                fan = fan[np.abs(fan[:, 0]) <= CREEP]
             best = choose(
                 fan, chair.state, chair.last, chair.array, chair.footprint, points, rows, weights
             )
@@ -135,8 +140,10 @@ class PurePursuitFollower:
     def _first_clear(self, v: float, w: float, around: Surroundings, chair: Motion) -> Array | None:
         """The twist, or the same arc at the first slower pace that leaves room to stop."""
         points = around.points
-        for share in (1.0, 0.7, 0.45, 0.25, 0.12):
-            for margin in (self.own.margin, 0.3 * self.own.margin):
+        for margin in around.margins(chair.footprint, self.own.margin):
+            for share in (1.0, 0.7, 0.45, 0.25, 0.12):
+                if margin < SLOW * self.own.margin and abs(share * v) > CREEP:
+                    continue
                 if stops_clear(
                     share * v, share * w, chair.state, chair.array, chair.footprint, points,
                     0.4, margin,

@@ -195,12 +195,13 @@ class PlannedDriver:
 
     def _back_out(self) -> Array | None:
         """The straightest slow way back that leaves room to stop."""
-        chair, points = self._chair, self._around.points
-        for turn in (0.0, 0.3, -0.3, 0.7, -0.7):
-            back = -min(0.15, self._task.limits.backward)
-            for v, w in ((back, turn), (0.0, turn)):
-                if (v or w) and stops_clear(
-                    v, w, chair.state, chair.array, chair.footprint, points, 0.4, 0.03
-                ):
-                    return np.array([v, w])
+        chair, around = self._chair, self._around
+        back = -min(0.15, self._task.limits.backward)
+        for margin in around.margins(chair.footprint, 0.05):
+            for turn in (0.0, 0.3, -0.3, 0.7, -0.7):
+                for v, w in ((back, turn), (0.0, turn)):
+                    if (v or w) and stops_clear(
+                        v, w, chair.state, chair.array, chair.footprint, around.points, 0.4, margin
+                    ):
+                        return np.array([v, w])
         return None

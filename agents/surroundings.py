@@ -12,14 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.rollout import outline_gap
 from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.types import Reading
 
 Array = NDArray[np.float64]
 
-REACH = 2.6  # m: a chair at 0.8 m/s sweeps less than this before it can rest
+REACH = 2.4  # m: a chair at 0.8 m/s sweeps less than this before it can rest
 VOXEL = 0.04  # m: hits within one voxel become their mean, which also averages noise
+CLOSE = 1.3  # m: beyond, voxels are twice as large
 MEMORY = 15.0  # s for which a hit is remembered out of sight
 SETTLE = 3.0  # s over which the pose estimate corrects the wheel counts; beyond its 2 s of wander
 
@@ -34,11 +36,11 @@ def sampled_walls(walls: Array, spacing: float = 0.05) -> Array:
     return np.concatenate(parts)
 
 
-def voxel_means(points: Array) -> Array:
-    """One mean (k, 2) for each voxel that holds any of the points (n, 2)."""
+def voxel_means(points: Array, size: float) -> Array:
+    """One mean (k, 2) for each voxel [m] that holds any of the points (n, 2)."""
     if not len(points):
         return points
-    cells = np.floor(points / VOXEL).astype(np.int64)
+    cells = np.floor(points / size).astype(np.int64)
     _, index, counts = np.unique(
         cells[:, 0] * 100_003 + cells[:, 1], return_inverse=True, return_counts=True
     )
@@ -76,6 +78,15 @@ class Surroundings:
         self.points: Array = np.empty((0, 3))
         self._look(reading)
 
+    def margins(self, footprint: Array, margin: float) -> tuple[float, float, float]:
+        """Margins [m] to ask for, one after another where nothing leads on.
+
+        The last is nearly what is left: an outline already nearer may leave, not come nearer.
+        """
+        less = 0.6 * margin
+        gap = float(outline_gap(0.0, 0.0, 0.0, footprint, self.points, margin))
+        return margin, less, min(less, 0.95 * gap)
+
     def update(self, reading: Reading) -> None:
         """Take in the next reading."""
         period = reading.stamp - self._stamp
@@ -94,7 +105,11 @@ class Surroundings:
         laser = self._laser
         ranges = np.asarray(reading.laser, dtype=np.float64)
         near = np.isfinite(ranges) & (ranges < REACH + laser.x) & (ranges > laser.nearest)
-        seen = voxel_means(self._beams[near] * ranges[near, None] + (laser.x, laser.y))
+        seen = self._beams[near] * ranges[near, None] + (laser.x, laser.y)
+        close = np.all(np.abs(seen) < CLOSE, axis=1)
+        seen = np.concatenate(
+            [voxel_means(seen[close], VOXEL), voxel_means(seen[~close], 2 * VOXEL)]
+        )
         recent = self._memory[self._memory[:, 2] > reading.stamp - MEMORY]
         old = to_frame(recent[:, :2], self._counted)
         hidden = (np.abs(self._bearing(old)) > 0.5 * laser.fov) & self._within(old)

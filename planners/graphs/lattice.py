@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.exact import SpaceArrays, clearance, point_free
+from planners.exact import SpaceArrays, clearance
 from planners.graphs.heap import pop, push
-from planners.types import Plan, Problem, Status
+from planners.types import Plan, Problem, Status, trivial
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kernel import kernel
@@ -51,6 +52,7 @@ class Search(NamedTuple):
     dear: float  # how many times dearer a move is at no clearance
     switch: float  # s: stopping and starting the other way
     nodes: int  # most states to make
+    greed: float  # multiple of the time left that is believed
     near: float  # m: from where the goal is taken without a move
 
 
@@ -191,7 +193,7 @@ def search_lattice(
             best[slot] = total
             pose[count, 0], pose[count, 1], pose[count, 2] = ax, ay, ayaw
             cost[count], parent[count], move[count] = total, node, m
-            push(keys, heap, size, total + search.left[hi, hj] / TOP, count)
+            push(keys, heap, size, total + search.greed * search.left[hi, hj] / TOP, count)
             size += 1
             count += 1
     return -1, count, pose, parent, move
@@ -221,33 +223,36 @@ class Lattice:
     wish: float = setting(default=0.25, unit="m", source="play beside the chair in a 1.1 m door")
     dear: float = setting(default=3.0, source="tuned on training floor plans", low=0.0)
     switch: float = setting(default=0.8, unit="s", source="to stop and start again", low=0.0)
-    nodes: int = setting(default=600_000, source="40 MB", low=1000)
+    greed: float = setting(default=1.3, source="more is faster and less good", low=1.0, high=10.0)
+    nodes: int = setting(default=600_000, source="40 MB", low=10)
     near: float = setting(default=0.06, unit="m", source="a fraction of any tolerance", low=0.01)
 
     def plan(self, problem: Problem, rng: np.random.Generator) -> Plan:
         """See `Planner.plan`; nothing is drawn."""
         begun = time.perf_counter()
+        # Points may come as near as they like; what is no number stays none.
+        plan = trivial(replace(problem, clearance=0.0 * problem.clearance))
+        if plan is not None:
+            return plan
         arrays = problem.space.arrays
+        margin = max(0.0, problem.clearance - self.footprint.half_width)
         start = np.zeros(3)
         start[: len(problem.start)] = problem.start
         goal = np.asarray(problem.goal, dtype=np.float64)[:2]
         low, high = arrays.bounds[:2], arrays.bounds[2:]
-        if (start[:2] < low).any() or (start[:2] > high).any():
-            return Plan(Status.START_OUTSIDE)
-        if (goal < low).any() or (goal > high).any():
-            return Plan(Status.GOAL_OUTSIDE)
+        # What no outline could do: its axle's centre alone is nearer than the margin.
+        for end, status in ((start, Status.START_OCCUPIED), (goal, Status.GOAL_OCCUPIED)):
+            if clearance(arrays, end[0], end[1]) < margin:
+                return Plan(status)
         columns, rows = (np.ceil((high - low) / FIELD) + 1).astype(int)
         field, left = np.empty((rows, columns)), np.empty((rows, columns))
         fill_field(arrays, low, field)
         row, column = np.round((goal - low) / FIELD).astype(int)[::-1]
-        if not point_free(arrays, goal[0], goal[1]):
-            return Plan(Status.GOAL_OCCUPIED)
-        margin = max(0.0, problem.clearance - self.footprint.half_width)
         ways_left(field, self.footprint.half_width - FIELD, row, column, left)
         search = Search(
             field, low, left, outline_points(self.footprint), self.headings, self.cell,
             math.hypot(margin, 0.5 * SAMPLE), self.wish, self.dear, self.switch, self.nodes,
-            self.near,
+            self.greed, self.near,
         )  # fmt: skip
         bare = search._replace(margin=0.0)  # no early end: the least reading itself
         least = float(_least(bare, start[0], start[1], start[2], self.wish))

@@ -33,14 +33,23 @@ def test_records_come_in_order_with_pictures_of_failures(whole):
         assert (folder / record["picture"]).read_bytes()[:4] == b"\x89PNG"
 
 
-@pytest.mark.parametrize("finished", [0, 1, 3])
-def test_only_what_is_missing_is_computed(whole, tmp_path, monkeypatch, finished):
+def ctrl_c():
+    raise KeyboardInterrupt
+
+
+def ctrl_c_in_compiled_code():
+    raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+
+@pytest.mark.parametrize("stop", [ctrl_c, ctrl_c_in_compiled_code])
+@pytest.mark.parametrize("finished", [0, 3])
+def test_only_what_is_missing_is_computed(whole, tmp_path, monkeypatch, finished, stop):
     calls = []
     real = module.run_episode
 
     def counted(*arguments):
         if len(calls) == finished:
-            raise KeyboardInterrupt
+            stop()
         calls.append(arguments)
         return real(*arguments)
 

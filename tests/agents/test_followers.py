@@ -106,7 +106,7 @@ def test_a_reference_begins_where_the_chair_looks_and_ends_at_the_goal():
 
 def test_voxels_hold_means_and_walls_hold_their_ends():
     points = np.array([(0.01, 0.01), (0.03, 0.01), (1.0, 1.0)])
-    means = voxel_means(points)
+    means = voxel_means(points, 0.04)
     assert sorted(map(tuple, np.round(means, 6))) == [(0.02, 0.01), (1.0, 1.0)]
     walls = sampled_walls(np.array([[0.0, 0.0, 0.12, 0.0]]))
     assert walls[0] == pytest.approx((0, 0))

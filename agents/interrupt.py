@@ -1,0 +1,10 @@
+"""Ctrl-C, also where it falls into compiled code."""
+
+from __future__ import annotations
+
+
+def by_hand(error: BaseException) -> bool:
+    """Whether an exception is Ctrl-C, or what a compiled function makes of it."""
+    if isinstance(error, SystemError):  # 'returned a result with an exception set'
+        return isinstance(error.__cause__ or error.__context__, KeyboardInterrupt)
+    return isinstance(error, KeyboardInterrupt)
