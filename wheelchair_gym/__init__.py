@@ -12,5 +12,7 @@ __all__ = ["InputError", "__version__"]
 
 _ENTRY = "wheelchair_gym.envs.navigation:NavigationEnv"
 
-gym.register("wheelchair_gym/Navigation-v0", _ENTRY)
-gym.register("wheelchair_gym/GuidedNavigation-v0", _ENTRY, kwargs={"guidance": "geodesic"})
+_VECTOR_ENTRY = "wheelchair_gym.envs.vector:NavigationVectorEnv"
+
+for _id, _kwargs in (("Navigation-v0", {}), ("GuidedNavigation-v0", {"guidance": "geodesic"})):
+    gym.register(f"wheelchair_gym/{_id}", _ENTRY, vector_entry_point=_VECTOR_ENTRY, kwargs=_kwargs)

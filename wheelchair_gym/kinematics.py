@@ -12,9 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
+
+
+@borrowing_kernel
+def asked_twist(
+    a_v: float, a_w: float, forward: float, backward: float, turn: float
+) -> tuple[float, float]:
+    """The twist [m/s, rad/s] that an action asks for; beyond [-1, 1] it is clipped."""
+    a_v, a_w = min(1.0, max(-1.0, a_v)), min(1.0, max(-1.0, a_w))
+    return a_v * (forward if a_v > 0.0 else backward), a_w * turn
 
 
 @settings
@@ -75,8 +84,7 @@ class Limits:
         a = np.asarray(action, dtype=np.float64)
         if a.shape != (2,) or not np.isfinite(a).all():
             raise InputError(f"action is {action!r}; expected two finite numbers in [-1, 1]")
-        v, w = np.clip(a, -1.0, 1.0)
-        return np.array([v * (self.forward if v > 0 else self.backward), w * self.turn])
+        return np.array(asked_twist(a[0], a[1], self.forward, self.backward, self.turn))
 
     def action(self, twist: NDArray[np.floating]) -> Array:
         """The action (2,) in [-1, 1] that asks for a twist (2,), clipped to the limits."""

@@ -40,6 +40,7 @@ class Truth(NamedTuple):
     twist: Array  # (2,) m/s, rad/s
     clearance: float  # m from the outline to the nearest obstacle, at most 2 m
     contact: bool  # touched anything during the last control period
+    touched: bool  # touched anything since reset
     way: float  # m driven since reset, forward and backward
     energy: float  # Wh drawn from the battery since reset
 

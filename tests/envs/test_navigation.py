@@ -140,7 +140,7 @@ def test_an_estimated_pose_must_be_nearer_before_it_says_arrived():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"beamz": 3}, "beamz: not an argument of this env; it has scene, config, beams"),
+        ({"beamz": 3}, "beamz: not an argument of this env; it has scene, config, rate"),
         ({"beams": 2000}, r"task.beams is 2000; the laser has only 1081"),
         ({"beams": "many"}, r"TaskSettings.beams is 'many'; expected int"),
         ({"scene": "moon"}, r"moon"),
@@ -199,7 +199,7 @@ def test_guidance_looks_along_its_path():
     """Points ahead lie on the path, at their distances, in the chair's frame."""
 
     def straight(task):
-        return np.array([task.reading.pose[:2], task.goal[:2]])
+        return np.array([task.start[:2], task.goal[:2]])
 
     env = gym.make(IDS[1], guidance=straight, noise=False).unwrapped
     episode = room((-2.0, 1.0, np.pi / 2), (2.0, 1.0, 0.0))

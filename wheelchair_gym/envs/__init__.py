@@ -4,5 +4,6 @@ from __future__ import annotations
 
 from wheelchair_gym.envs.navigation import NavigationEnv
 from wheelchair_gym.envs.settings import EnvSettings
+from wheelchair_gym.envs.vector import NavigationVectorEnv
 
-__all__ = ["EnvSettings", "NavigationEnv"]
+__all__ = ["EnvSettings", "NavigationEnv", "NavigationVectorEnv"]

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_guidance
+from wheelchair_gym.envs.worlds import Worlds
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensing.noise import episode_key
 from wheelchair_gym.simulation.chair import SimulatedChair
+from wheelchair_gym.task.course import Course
 from wheelchair_gym.task.judge import TERMS
 from wheelchair_gym.task.task import Observation, Task
 from wheelchair_gym.types import Chair, Episode, Reading
@@ -83,6 +85,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         guidance: Any = None,
         noise: bool | None = None,
         randomise: bool | None = None,
+        bank: Any = None,
         chair: Chair | None = None,
         render_mode: str | None = None,
         **unknown: Any,
@@ -92,13 +95,15 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         Args:
             scene: name of a scene, or a mapping of its name and settings.
             config: JSON file, or its content, with any of the sections scene, rate, guidance,
-                chair, sensors, physics, task; the other arguments go before it.
+                bank, chair, sensors, physics, task; the other arguments go before it.
             beams: observed laser beams; fewer than the laser has are pooled by their minimum.
             rate: of control [Hz]; a period is a whole number of physics steps.
             pose_source: what the chair believes about its pose: truth, odometry or modelled.
             guidance: 'geodesic', 'module:function' or a callable that gives a path from a task.
             noise: false makes every sensor exact.
             randomise: true draws mass, friction and motor gain anew each episode.
+            bank: of how many worlds episodes draw, or a mapping of size, turnover and seed; 0:
+                each episode has a world of its own.
             chair: drives instead of the simulated chair.
             render_mode: 'human' (a window), 'rgb_array', or None.
             unknown: nothing else is taken.
@@ -106,14 +111,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         Raises:
             InputError: an argument or a setting is unknown or out of bounds.
         """
-        if unknown:
-            known = (
-                "scene, config, beams, rate, pose_source, guidance, noise, randomise, render_mode"
-            )
-            raise InputError(f"{', '.join(unknown)}: not an argument of this env; it has {known}")
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"render_mode is {render_mode!r}; expected human, rgb_array or None")
-        self.settings = env_settings(
+        self.settings = s = env_settings(
             config,
             scene=scene,
             beams=beams,
@@ -122,19 +122,21 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             guidance=guidance,
             noise=noise,
             randomise=randomise,
+            bank=bank,
+            **unknown,
         )
-        s = self.settings
-        self.scene = make_scene(s.scene)
         self.chair: Chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, make_guidance(s.guidance))
+        self.worlds = Worlds(make_scene(s.scene), self.task, s.bank)
         self.observation_space = cast("gym.Space[Observation]", self.task.space)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(s.rate)}
         self.episode: Episode | None = None
+        self._course: Course | None = None
         self._seed: int | None = None
         self._count = 0  # episodes of the present seed
-        self._steps_left = 0
+        self._running = False
         self._trail: list[Array] = []
         self._view: TopView | None = None
         self._window: Window | None = None
@@ -154,20 +156,19 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             self._seed, self._count = drawn, 0
         else:
             self._count += 1
-        episode: Episode | None = (options or {}).get("episode")
-        if episode is None:
-            episode = self.scene.sample(np.random.default_rng((self._seed, self._count)))
-        self.episode = episode
+        given: Episode | None = (options or {}).get("episode")
+        if given is None:
+            self._course = self.worlds.course(self._seed, self._count)
+            self.worlds.forget(self._count)
+        elif self._course is None or given is not self._course.episode:
+            self._course = self.worlds.prepare(given)
+        self.episode = self._course.episode
         key = episode_key(self._seed, self._count)
-        reading = self.chair.reset(episode, key)
-        self.task.begin(episode, reading, key)
-        self._steps_left = self.task.steps
-        self._geodesic = self.task.way_to_go(episode.start)
-        self._previous: Array = np.zeros(2)
+        observation = self.task.begin(self._course, self.chair.reset(self.episode, key), key)
+        self._running = True
         self._trail = []
         self._view = None
-        self._touched = False
-        observation, info = self.task.observe(reading), self._info(np.zeros(len(TERMS)))
+        info = self._info()
         if self.render_mode == "human":
             self.render()
         return observation, info
@@ -184,44 +185,36 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             InputError: the action is not two finite numbers.
             gymnasium.error.ResetNeeded: the episode is over, or there was none yet.
         """
-        if self._steps_left <= 0:
+        if not self._running:
             raise gym.error.ResetNeeded("the episode is over; call reset() before step()")
-        before = self.task.reading
-        after = self.chair.drive(self.task.limits.twist(action))
-        self._steps_left -= 1
-        chosen: Array = np.clip(np.asarray(action, np.float64), -1.0, 1.0)
-        verdict = self.task.judge(before, after, chosen, self._previous, self._steps_left)
-        self.task.reading, self._previous = after, chosen
-        observation = self.task.observe(after)
-        terminated = verdict.arrived or verdict.bumped
-        truncated = self._steps_left == 0 and not terminated
-        if terminated:
-            self._steps_left = 0
-        info = self._info(verdict.terms)
+        chosen = np.asarray(action, np.float64)
+        reading = self.chair.drive(self.task.limits.twist(chosen))
+        observation = self.task.assess(reading, chosen)
+        verdict = self.task.verdict
+        self._running = not (verdict.terminated or verdict.truncated)
+        info = self._info()
         if self.render_mode == "human":
             self.render()
-        return observation, verdict.reward, terminated, truncated, info
+        return observation, verdict.reward, verdict.terminated, verdict.truncated, info
 
-    def _info(self, terms: Array) -> dict[str, Any]:
-        truth, reading = self.chair.truth, self.task.reading
-        at_goal = self.task.at_goal(truth.pose)
-        self._touched |= truth.contact
+    def _info(self) -> dict[str, Any]:
+        truth, reading, verdict = self.chair.truth, self.task.reading, self.task.verdict
         self._trail.append(truth.pose)
         return {
             "pose": truth.pose,
             "twist": truth.twist,
             "pose_estimate": reading.pose,
-            "is_success": at_goal and not self._touched,
-            "arrived": self.task.believes_arrived(reading.pose),
+            "is_success": not truth.touched and self.task.at_goal(truth.pose),
+            "arrived": verdict.arrived,
             "bumped": reading.bumped,
             "contact": truth.contact,
             "clearance": truth.clearance,
             "energy": truth.energy,
             "distance": truth.way,
             "time": reading.stamp,
-            "valid_beams": int(np.isfinite(reading.laser).sum()),
-            "geodesic": self._geodesic,
-            "reward_terms": dict(zip(TERMS, terms.tolist(), strict=True)),
+            "valid_beams": verdict.valid_beams,
+            "geodesic": verdict.geodesic,
+            "reward_terms": dict(zip(TERMS, verdict.terms.tolist(), strict=True)),
         }
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -248,7 +241,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             reading=task.reading,
             trail=np.array(self._trail)[:, :2],
             path=task.path,
-            look_ahead=self._points_ahead(task.reading),
+            look_ahead=self._points_ahead(),
             caption=self._caption(task.reading),
         )
         if self.render_mode == "rgb_array":
@@ -260,9 +253,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._window.show(frame)
         return None
 
-    def _points_ahead(self, reading: Reading) -> Array | None:
-        ahead = self.task.observe(reading).get("path")
-        return None if ahead is None else to_world(ahead.reshape(-1, 2), reading.pose)
+    def _points_ahead(self) -> Array | None:
+        ahead = self.task.observation.get("path")
+        return None if ahead is None else to_world(ahead.reshape(-1, 2), self.task.reading.pose)
 
     def _caption(self, reading: Reading) -> str:
         v, w = reading.twist

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, load, read, setting, settings
+from wheelchair_gym.envs.worlds import BankSettings
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.task.settings import TaskSettings
@@ -28,10 +29,19 @@ class EnvSettings:
     guidance: Any = setting(
         default=None, source="none, 'geodesic', 'module:function', or a mapping with 'call'"
     )
+    bank: BankSettings = BankSettings()
     chair: ChairSettings = ChairSettings()
     sensors: SensorSettings = SensorSettings()
     physics: PhysicsSettings = PhysicsSettings()
     task: TaskSettings = TaskSettings()
+
+
+_PLACES = {
+    "beams": ("task", "beams"),
+    "pose_source": ("sensors", "pose_source"),
+    "noise": ("sensors", "noise"),
+    "randomise": ("chair", "randomise"),
+}
 
 
 def env_settings(
@@ -41,7 +51,7 @@ def env_settings(
 
     Args:
         config: path of a JSON file, its content, ready settings, or None for the defaults.
-        changes: scene, rate, guidance, beams, pose_source, noise, randomise.
+        changes: scene, rate, guidance, bank, beams, pose_source, noise, randomise.
 
     Raises:
         InputError: the file or a value is wrong.
@@ -54,14 +64,17 @@ def env_settings(
         base = load(EnvSettings, config, "config")
     else:
         base = read(EnvSettings, config)
+    own = ("scene", "config", "rate", "guidance", "bank")
+    unknown = [name for name in changes if name not in (*own, *_PLACES)]
+    if unknown:
+        known = ", ".join((*own, *_PLACES))
+        raise InputError(f"{', '.join(unknown)}: not an argument of this env; it has {known}")
     given = {name: value for name, value in changes.items() if value is not None}
-    places = {
-        "beams": ("task", "beams"),
-        "pose_source": ("sensors", "pose_source"),
-        "noise": ("sensors", "noise"),
-        "randomise": ("chair", "randomise"),
-    }
-    for name, (section, key) in places.items():
+    if isinstance(given.get("bank"), int):
+        given["bank"] = BankSettings(size=given["bank"])
+    elif isinstance(given.get("bank"), Mapping):
+        given["bank"] = load(BankSettings, given["bank"], "bank")
+    for name, (section, key) in _PLACES.items():
         if name in given:
             part = dataclasses.replace(getattr(base, section), **{key: given.pop(name)})
             base = dataclasses.replace(base, **{section: part})
@@ -69,8 +82,8 @@ def env_settings(
 
 
 def geodesic_path(task: Task) -> NDArray[np.float64]:
-    """The geodesic from the chair to the goal (n, 2) [m]."""
-    return task.geodesic.path(task.reading.pose[:2])
+    """The geodesic from the start to the goal (n, 2) [m]."""
+    return task.geodesic.path(task.start[:2])
 
 
 def make_guidance(spec: Any) -> Guidance | None:

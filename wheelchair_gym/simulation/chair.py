@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.geometry import footprint_clearance, wrap
-from wheelchair_gym.sensing.laser import LaserArrays
+from wheelchair_gym.address import address_of
 from wheelchair_gym.sensing.settings import SensorSettings
-from wheelchair_gym.sensing.ultrasonic import UltrasonicArrays
-from wheelchair_gym.simulation.advance import advance, begin
-from wheelchair_gym.simulation.engine import STEP
+from wheelchair_gym.simulation.advance import advance_row, begin_row
+from wheelchair_gym.simulation.rig import Rig
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
-from wheelchair_gym.simulation.state import STATE, parameters
-from wheelchair_gym.simulation.world import World
+from wheelchair_gym.simulation.state import SENSED, STATE, parameters
+from wheelchair_gym.simulation.world import WORLD, World
 from wheelchair_gym.types import Episode, Reading, Truth
 
 Array = NDArray[np.float64]
-
-JOULES_PER_WH = 3600.0
-CLEARANCE_REACH = 2.0  # m: clearances beyond this are reported as this
+Rows = NDArray[np.void]
 
 
 class SimulatedChair:
@@ -42,49 +40,46 @@ class SimulatedChair:
         physics: PhysicsSettings | None = None,
         period: float = 0.1,
     ) -> None:
-        self.settings = chair or ChairSettings()
-        self.sensors = sensors or SensorSettings()
-        self.physics = physics or PhysicsSettings()
-        self.period = period
-        self._laser = LaserArrays.of(self.sensors.laser, self.sensors.noise)
-        self._rangers = UltrasonicArrays.of(self.sensors.ultrasonic, self.sensors.noise)
-        self._parameters = parameters(self.settings, self.sensors, self.physics, period, 0)
-        self._state = np.zeros(1, STATE)
-        self._world: World | None = None
+        chair = chair or ChairSettings()
+        sensors = sensors or SensorSettings()
+        self._rig = Rig(sensors)
+        self._base = parameters(chair, sensors, physics or PhysicsSettings(), period)
+        self._chair = self._base.copy()
+        self._blank = np.zeros(1, STATE)
+        self._state = self._blank.copy()
+        self._place = np.zeros(1, WORLD)
+        body = chair.body
+        self._world = World(chair.footprint, body.centre, body.wall_friction, self._place)
+        self._scratch = np.zeros(1, np.float32)
+        self._beams = sensors.laser.beams
         self._episode: Episode | None = None
+        self._truth: Truth | None = None
 
     def reset(self, episode: Episode, key: int) -> Reading:
         """Stand at the episode's start and sense; see `Chair.reset`."""
-        if episode is not self._episode:
-            body = self.settings.body
-            self._world = World(
-                episode.walls,
-                episode.discs,
-                self.settings.footprint,
-                body.centre,
-                body.wall_friction,
-            )
-            self._episode = episode
-        world = self._running()
-        self._parameters = parameters(self.settings, self.sensors, self.physics, self.period, key)
-        p = self._parameters[0]
-        world.enter(episode.start, p["mass"], p["moment"], p["dt"])
-        self._state = np.zeros(1, STATE)
-        scan = self._blank()
-        share = self.settings.battery.charge
-        begin(
+        walls = np.ascontiguousarray(episode.walls, np.float64)
+        discs = np.ascontiguousarray(episode.discs, np.float64)
+        self._world.make_room(len(walls), len(discs))
+        place = self._place
+        place["walls"], place["n_walls"] = address_of(walls), len(walls)
+        place["discs"], place["n_discs"] = address_of(discs), len(discs)
+        self._solid = walls, discs  # kept alive
+        ranges, sensed = self._blank_reading()
+        begin_row(
+            self._rig.record,
+            self._base,
+            self._chair,
             self._state,
-            self._parameters,
-            world.addresses[1],
+            self._blank,
+            place,
+            np.ascontiguousarray(episode.start, np.float64),
             np.uint64(key),
-            share,
-            self._laser,
-            self._rangers,
-            episode.walls,
-            episode.discs,
-            scan,
+            self._scratch,
+            ranges,
+            sensed,
         )
-        return self._reading(scan)
+        self._episode = episode
+        return self._reading(ranges, sensed)
 
     def drive(self, twist: Array) -> Reading:
         """Drive towards a target twist (2,) [m/s, rad/s] for one control period, then sense.
@@ -93,29 +88,27 @@ class SimulatedChair:
             ValueError: the twist is not two finite numbers, or the chair was never reset.
         """
         v, w = float(twist[0]), float(twist[1])
-        if not np.isfinite(v + w):
+        if not math.isfinite(v + w):
             raise ValueError(f"twist is ({v}, {w}); expected two finite numbers")
-        world = self._running()
-        assert self._episode is not None
-        scan = self._blank()
-        advance(
+        if self._episode is None:
+            raise ValueError("the chair was never reset, or it was closed")
+        ranges, sensed = self._blank_reading()
+        advance_row(
+            self._rig.record,
+            self._chair,
             self._state,
-            self._parameters,
-            *world.addresses,
-            STEP,
+            self._place,
             v,
             w,
-            self._laser,
-            self._rangers,
-            self._episode.walls,
-            self._episode.discs,
-            scan,
+            self._scratch,
+            ranges,
+            sensed,
         )
-        return self._reading(scan)
+        return self._reading(ranges, sensed)
 
     def close(self) -> None:
-        """Let the world go."""
-        self._world = self._episode = None
+        """Let the episode go."""
+        self._episode = self._truth = None
 
     @property
     def truth(self) -> Truth:
@@ -124,57 +117,25 @@ class SimulatedChair:
         Raises:
             ValueError: the chair was never reset.
         """
-        if self._episode is None:
+        if self._truth is None:
             raise ValueError("the chair was never reset, or it was closed")
-        s = self._state[0]
-        x, y, yaw = s["pose"]
-        clearance = footprint_clearance(
-            x,
-            y,
-            yaw,
-            self.settings.footprint.array,
-            self._episode.walls,
-            self._episode.discs,
-            CLEARANCE_REACH,
-        )
-        return Truth(
-            pose=np.array((x, y, wrap(yaw))),
-            twist=np.array(s["twist"]),
-            clearance=clearance,
-            contact=bool(s["contact"]),
-            way=float(s["way"]),
-            energy=float(s["energy"]) / JOULES_PER_WH,
-        )
+        return self._truth
 
     @property
-    def state(self) -> NDArray[np.void]:
+    def state(self) -> Rows:
         """The whole state (1,), a record; see `simulation.state.STATE`."""
         return np.array(self._state)
 
     @property
-    def parameters(self) -> NDArray[np.void]:
+    def parameters(self) -> Rows:
         """The parameters (1,) of this episode, a record; see `simulation.state.PARAMETER`."""
-        return np.array(self._parameters)
+        return np.array(self._chair)
 
-    def _running(self) -> World:
-        if self._world is None:
-            raise ValueError("the chair was never reset, or it was closed")
-        return self._world
+    def _blank_reading(self) -> tuple[NDArray[np.float32], Rows]:
+        # Fresh arrays for each reading: what was handed out is never written again.
+        return np.empty(self._beams, np.float32), np.empty(1, SENSED)
 
-    def _blank(self) -> NDArray[np.float32]:
-        # A fresh array for each reading: what was handed out is never written again.
-        return np.empty(self.sensors.laser.beams, np.float32)
-
-    def _reading(self, scan: NDArray[np.float32]) -> Reading:
-        s = self._state[0]
-        dt = self.physics.step
-        return Reading(
-            pose=s["seen_pose"].copy(),
-            twist=s["seen_twist"].copy(),
-            laser=scan,
-            ultrasonic=s["ranges"].astype(np.float32),
-            age=((s["tick"] - s["fired"]) * dt).astype(np.float32),
-            bumped=bool(s["bumped"]),
-            battery=float(s["voltage"]),
-            stamp=float(s["tick"] * dt),
-        )
+    def _reading(self, ranges: NDArray[np.float32], sensed: Rows) -> Reading:
+        pose, twist, ultrasonic, age, bumped, battery, stamp, *truth = sensed.item()
+        self._truth = Truth(*truth)
+        return Reading(pose, twist, ranges, ultrasonic, age, bumped, battery, stamp)

@@ -1,13 +1,14 @@
-"""Munk2D by address: its step, called from compiled code, on bodies read and written in place.
+"""Munk2D by address: its functions called from compiled code, its structs written in place.
 
 Nothing of this reaches into what pymunk computes: it is the same library, the same structs and the
-same function, without the way through Python. Offsets are found at import by writing marker values
+same functions, without the way through Python. Offsets are found at import by writing marker values
 through pymunk's API; a self-test then compares the two ways, and a failure refuses to import.
 """
 
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
@@ -17,14 +18,17 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
-from numba.np.numpy_support import carray
 from numpy.typing import NDArray
 from pymunk._chipmunk_cffi import ffi, lib
 
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.address import doubles_at
+from wheelchair_gym.kernel import borrowing_kernel, inlined
 
 PIN = ">=7.3,<7.4"
 BODY_DOUBLES = 40  # of cpBody, which hold everything looked for
+SEGMENT_DOUBLES = 40  # of cpSegmentShape
+CIRCLE_DOUBLES = 29  # of cpCircleShape
+TINY = 2.2250738585072014e-308  # what Munk2D adds to a length before it divides by it
 
 _MARKS = {
     "mass": 7.5,
@@ -61,9 +65,39 @@ class Offsets(NamedTuple):
     torque: int
 
 
+class ShapeOffsets(NamedTuple):
+    """Where the fields of cpSegmentShape (ends, normal) and cpCircleShape stand, in doubles."""
+
+    ax: int
+    ay: int
+    bx: int
+    by: int
+    nx: int
+    ny: int
+    cx: int
+    cy: int
+    radius: int
+
+
 def pointer(thing: Any) -> np.uint64:
     """The address of a cffi pointer."""
     return np.uint64(int(ffi.cast("uintptr_t", thing)))
+
+
+def _places(thing: Any, doubles: int, marks: dict[str, float], begin: int = 0) -> dict[str, int]:
+    """Where the marks stand in a struct, counted in doubles: the first place of each.
+
+    Copies that Munk2D keeps of a value stand behind it, but for what it begins with.
+    """
+    raw = np.frombuffer(ctypes.string_at(int(pointer(thing)), 8 * doubles))
+    found = {name: begin + np.flatnonzero(raw[begin:] == value) for name, value in marks.items()}
+    missing = [name for name, places in found.items() if not len(places)]
+    if missing:
+        raise ImportError(
+            f"pymunk {pymunk.version}: Munk2D has no {', '.join(missing)} where expected; "
+            f"this release reads pymunk {PIN}"
+        )
+    return {name: int(places[0]) for name, places in found.items()}
 
 
 def _find_offsets() -> Offsets:
@@ -75,24 +109,19 @@ def _find_offsets() -> Offsets:
         (m["fx"], m["fy"]),
     )
     body.angle, body.angular_velocity, body.torque = m["angle"], m["w"], m["torque"]
-    raw = np.frombuffer(ctypes.string_at(int(pointer(body._body)), 8 * BODY_DOUBLES))
-    found = {name: np.flatnonzero(raw == value) for name, value in m.items()}
-    missing = [name for name, places in found.items() if not len(places)]
-    if missing:
-        raise ImportError(
-            f"pymunk {pymunk.version}: cpBody has no {', '.join(missing)} where expected; "
-            f"this release reads pymunk {PIN}"
-        )
-    # The position stands twice: the second copy is the cached transform.
-    return Offsets(**{name: int(places[0]) for name, places in found.items()})
+    return Offsets(**_places(body._body, BODY_DOUBLES, m))
 
 
-@intrinsic
-def _as_pointer(typingctx: Any, address: Any) -> Any:
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.inttoptr(args[0], cgutils.voidptr_t)
-
-    return types.voidptr(address), codegen
+def _find_shape_offsets() -> ShapeOffsets:
+    static = pymunk.Body(body_type=pymunk.Body.STATIC)
+    ends = {"ax": 1234.5, "ay": -777.25, "bx": 1237.5, "by": -773.25}  # 3, 4, 5: an exact normal
+    segment = pymunk.Segment(static, (ends["ax"], ends["ay"]), (ends["bx"], ends["by"]), 0.0)
+    normal = segment.normal
+    disc = {"cx": 55.5, "cy": -66.25, "radius": 8.8125}
+    circle = pymunk.Circle(static, disc["radius"], (disc["cx"], disc["cy"]))
+    own = _places(segment._shape, SEGMENT_DOUBLES, {**ends, "nx": normal.x, "ny": normal.y})
+    # What all shapes have comes first, a copy of the disc's place among it.
+    return ShapeOffsets(**own, **_places(circle._shape, CIRCLE_DOUBLES, disc, own["ax"]))
 
 
 @intrinsic
@@ -108,13 +137,37 @@ def _call(typingctx: Any, function: Any, space: Any, dt: Any) -> Any:
     return types.void(types.uint64, types.uint64, types.float64), codegen
 
 
+@intrinsic
+def _call_with(typingctx: Any, function: Any, one: Any, other: Any) -> Any:
+    """Call f(void*, void*) at an address; what it returns is dropped."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t, cgutils.voidptr_t])
+        target = builder.inttoptr(args[0], kind.as_pointer())
+        things = [builder.inttoptr(arg, cgutils.voidptr_t) for arg in args[1:]]
+        builder.call(target, things)
+        return context.get_dummy_value()
+
+    return types.void(types.uint64, types.uint64, types.uint64), codegen
+
+
 # numba gives these the arguments that their callers see; mypy knows only how they are declared.
-_to_pointer = cast("Callable[..., Any]", _as_pointer)
 _call_step = cast("Callable[..., None]", _call)
-_view = cast("Callable[..., NDArray[np.float64]]", carray)
+_call_pair = cast("Callable[..., None]", _call_with)
 
 OFFSETS = _find_offsets()
-STEP = pointer(ffi.addressof(lib, "cpSpaceStep"))
+SHAPE = _find_shape_offsets()
+STEP, ADD, REMOVE, REINDEX, TURN = (
+    pointer(ffi.addressof(lib, name))
+    for name in (
+        "cpSpaceStep",
+        "cpSpaceAddShape",
+        "cpSpaceRemoveShape",
+        "cpSpaceReindexShapesForBody",
+        "cpBodySetAngle",
+    )
+)
+ENGINE = np.dtype([(name, "u8") for name in ("step", "add", "remove", "reindex", "turn")])
 X, Y, VX, VY, FX, FY = (
     OFFSETS.x,
     OFFSETS.y,
@@ -126,42 +179,119 @@ X, Y, VX, VY, FX, FY = (
 ANGLE, W, TORQUE = OFFSETS.angle, OFFSETS.w, OFFSETS.torque
 
 
-@kernel
+@inlined
 def body_view(address: np.uint64) -> NDArray[np.float64]:
     """The fields of a cpBody at an address, to read and write in place."""
-    return _view(_to_pointer(address), (BODY_DOUBLES,), np.float64)
+    return doubles_at(address, BODY_DOUBLES)
 
 
-@kernel
+@borrowing_kernel
 def step_space(step: np.uint64, space: np.uint64, dt: float) -> None:
     """Advance a cpSpace by dt seconds: pymunk's own `Space.step`."""
     _call_step(step, space, dt)
 
 
-@kernel
-def _push(step: np.uint64, space: np.uint64, body: np.uint64, n: int) -> float:
+@borrowing_kernel
+def add_shape(add: np.uint64, space: np.uint64, shape: np.uint64) -> None:
+    """Add a shape: what `Space.add` of pymunk does."""
+    _call_pair(add, space, shape)
+
+
+@borrowing_kernel
+def remove_shape(remove: np.uint64, space: np.uint64, shape: np.uint64) -> None:
+    """Remove a shape: what `Space.remove` of pymunk does."""
+    _call_pair(remove, space, shape)
+
+
+@borrowing_kernel
+def set_segment(shape: np.uint64, x0: float, y0: float, x1: float, y1: float) -> None:
+    """Give a cpSegmentShape other ends [m], as if it had been made with them.
+
+    Munk2D's own cpSegmentShapeSetEndpoints turns the normal round, which its contacts then miss.
+    """
+    fields = doubles_at(shape, SEGMENT_DOUBLES)
+    fields[SHAPE.ax], fields[SHAPE.ay] = x0, y0
+    fields[SHAPE.bx], fields[SHAPE.by] = x1, y1
+    ex, ey = x1 - x0, y1 - y0
+    scale = 1.0 / (math.sqrt(ex * ex + ey * ey) + TINY)
+    fields[SHAPE.nx], fields[SHAPE.ny] = ey * scale, -ex * scale
+
+
+@borrowing_kernel
+def set_circle(shape: np.uint64, x: float, y: float, radius: float) -> None:
+    """Give a cpCircleShape of a static body another place and radius [m]."""
+    fields = doubles_at(shape, CIRCLE_DOUBLES)
+    fields[SHAPE.cx], fields[SHAPE.cy], fields[SHAPE.radius] = x, y, radius
+
+
+@borrowing_kernel
+def place(engine: Any, space: np.uint64, body: np.uint64, x: float, y: float, angle: float) -> None:
+    """Put a body at rest at (x, y) [m] and an angle [rad], with no force on it."""
     fields = body_view(body)
+    fields[X], fields[Y] = x, y
+    fields[VX], fields[VY], fields[W] = 0.0, 0.0, 0.0
+    fields[FX], fields[FY], fields[TORQUE] = 0.0, 0.0, 0.0
+    _call_step(engine.turn, body, angle)
+    _call_pair(engine.reindex, space, body)
+
+
+@borrowing_kernel
+def weigh(body: np.uint64, mass: float, moment: float) -> None:
+    """Give a body its mass [kg] and its moment of inertia [kg m2]."""
+    fields = body_view(body)
+    fields[OFFSETS.mass], fields[OFFSETS.mass_inverse] = mass, 1.0 / mass
+    fields[OFFSETS.moment], fields[OFFSETS.moment_inverse] = moment, 1.0 / moment
+
+
+@borrowing_kernel
+def _push(
+    engine: Any, space: np.uint64, body: np.uint64, wall: np.uint64, disc: np.uint64, n: int
+) -> float:
+    fields = body_view(body)
+    weigh(body, 10.0, 2.0)
+    set_segment(wall, 1.0, -5.0, 1.0, 5.0)
+    set_circle(disc, 0.8, 0.45, 0.2)
+    for shape in (wall, disc):
+        add_shape(engine.add, space, shape)
+        remove_shape(engine.remove, space, shape)
+        add_shape(engine.add, space, shape)
+    place(engine, space, body, 0.1, -0.05, 0.2)
     for k in range(n):
         fields[FX] = 40.0
         fields[TORQUE] = 3.0 * (k % 3)
-        step_space(step, space, 0.01)
+        step_space(engine.step, space, 0.01)
     return float(fields[X] + fields[Y] + fields[ANGLE])
 
 
+def engine_record() -> NDArray[np.void]:
+    """The addresses of Munk2D's functions (1,), a record of ENGINE."""
+    return np.array([(STEP, ADD, REMOVE, REINDEX, TURN)], ENGINE)
+
+
 def self_test() -> None:
-    """Push a box into a wall both ways and compare.
+    """Push a box against a wall and a disc both ways and compare.
 
     Raises:
         ImportError: compiled code and pymunk's API disagree.
     """
     ends = []
     for by_address in (True, False):
-        space, body = pymunk.Space(), pymunk.Body(10.0, 2.0)
-        wall = pymunk.Segment(space.static_body, (1.0, -5.0), (1.0, 5.0), 0.0)
-        space.add(body, pymunk.Poly.create_box(body, (1.0, 0.6)), wall)
+        space = pymunk.Space()
+        static = space.static_body
         if by_address:
-            ends.append(_push(STEP, pointer(space._space), pointer(body._body), 60))
+            body = pymunk.Body(1.0, 1.0)
+            space.add(body, pymunk.Poly.create_box(body, (1.0, 0.6)))
+            shapes = pymunk.Segment(static, (0, 0), (1, 1), 0.0), pymunk.Circle(static, 1.0)
+            addresses = [pointer(shape._shape) for shape in shapes]
+            space_, body_ = pointer(space._space), pointer(body._body)
+            ends.append(_push(engine_record()[0], space_, body_, *addresses, 60))
         else:
+            body = pymunk.Body(10.0, 2.0)
+            space.add(body, pymunk.Poly.create_box(body, (1.0, 0.6)))
+            space.add(pymunk.Segment(static, (1.0, -5.0), (1.0, 5.0), 0.0))
+            space.add(pymunk.Circle(static, 0.2, (0.8, 0.45)))
+            body.position, body.angle = (0.1, -0.05), 0.2
+            space.reindex_shapes_for_body(body)
             for k in range(60):
                 body.force, body.torque = (40.0, 0.0), 3.0 * (k % 3)
                 space.step(0.01)

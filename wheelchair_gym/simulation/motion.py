@@ -248,7 +248,8 @@ def drive(
         if state.tick % p.fire_every == 0:
             which = order[state.firings % order.shape[0]]
             state.fired[which] = state.tick
-            state.fire_pose[which, :] = state.pose
+            for i in range(3):
+                state.fire_pose[which, i] = state.pose[i]
             state.firings += 1
     state.step += 1
 

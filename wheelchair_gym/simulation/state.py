@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.sensing.noise import PARAMETERS, uniform
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings, whole_ratio
@@ -18,6 +20,7 @@ PARAMETER = np.dtype(
         # the body, as it truly is this episode
         ("mass", "f8"),  # kg
         ("moment", "f8"),  # kg m2, about the centre of mass
+        ("gyration", "f8"),  # m
         ("centre", "f8"),  # m, of mass, ahead of the axle
         ("friction", "f8"),
         ("rolling", "f8"),
@@ -52,7 +55,16 @@ PARAMETER = np.dtype(
         ("battery_resistance", "f8"),  # ohm
         ("idle", "f8"),  # W
         ("regeneration", "f8"),
+        # what is drawn anew each episode, uniform from, to; errors from minus to plus
+        ("masses", "f8", (2,)),  # kg
+        ("frictions", "f8", (2,)),
+        ("gains", "f8", (2,)),
+        ("diameter_error", "f8"),
+        ("track_error", "f8"),
+        # outline, and how it is hurt
+        ("outline", "f8", (3,)),  # front, rear, half width [m]
         # sensing
+        ("charge", "f8"),  # share at reset
         ("wheel_variance", "f8"),  # m2/m
         ("pose_source", "i8"),  # index into POSE_SOURCES
         ("pose_sigma", "f8", (3,)),  # m, m, rad
@@ -95,6 +107,7 @@ STATE = np.dtype(
         ("twist", "f8", (2,)),  # m/s, rad/s
         ("way", "f8"),  # m driven since reset, forward or backward
         ("contact", "b1"),  # touched anything in this period
+        ("touched", "b1"),  # and since reset
         ("bumped", "b1"),  # a bumper strip was pressed in this period
         # what the chair knows
         ("seen_counts", "i8", (2,)),  # encoder at the last reading
@@ -112,35 +125,50 @@ STATE = np.dtype(
 
 POSE_SOURCES = ("truth", "odometry", "modelled")
 
+# What a control period gives, in the order of the fields of Reading (but for the scan) and Truth.
+SENSED = np.dtype(
+    [
+        ("pose", "f8", (3,)),
+        ("twist", "f8", (2,)),
+        ("ultrasonic", "f4", (RANGERS,)),
+        ("age", "f4", (RANGERS,)),
+        ("bumped", "b1"),
+        ("battery", "f8"),
+        ("stamp", "f8"),
+        ("true_pose", "f8", (3,)),
+        ("true_twist", "f8", (2,)),
+        ("clearance", "f8"),
+        ("contact", "b1"),
+        ("touched", "b1"),
+        ("way", "f8"),
+        ("energy", "f8"),
+    ],
+    align=True,
+)
+
 
 def parameters(
-    chair: ChairSettings, sensors: SensorSettings, physics: PhysicsSettings, period: float, key: int
-) -> Any:
-    """The parameters (1,) of one episode; what is random is drawn from the key.
+    chair: ChairSettings, sensors: SensorSettings, physics: PhysicsSettings, period: float
+) -> NDArray[np.void]:
+    """The parameters (1,) of a chair before an episode's own are drawn.
 
     Raises:
         InputError: control period, speed control and physics step are not whole multiples.
     """
-
-    def draw(index: int, low: float, high: float) -> float:
-        return low + (high - low) * uniform(np.uint64(key), 0, PARAMETERS, index)
-
     rows = np.zeros(1, PARAMETER)
-    p = rows[0]
+    p: Any = rows[0]
     body, motor, battery = chair.body, chair.motor, chair.battery
     drive, odometry = chair.drive, sensors.odometry
     random, errors = chair.random, 1.0 if sensors.noise else 0.0
-    p["mass"] = draw(0, *random.mass) if chair.randomise else body.mass
-    p["friction"] = draw(1, *random.friction) if chair.randomise else body.friction
-    p["gain"] = draw(2, *random.gain) if chair.randomise else 1.0
-    p["moment"] = p["mass"] * body.gyration**2
-    for name in ("centre", "rolling", "casters", "caster_track", "caster_drag", "bumper"):
+    names = "centre", "rolling", "casters", "caster_track", "caster_drag", "bumper", "gyration"
+    for name in names:
         p[name] = getattr(body, name)
-    e_d = errors * odometry.diameter_error * draw(3, -1.0, 1.0)
-    e_b = errors * odometry.track_error * draw(4, -1.0, 1.0)
-    p["track"] = drive.track * (1.0 + e_b)
-    p["radius_left"] = drive.wheel_radius * (1.0 - 0.5 * e_d)
-    p["radius_right"] = drive.wheel_radius * (1.0 + 0.5 * e_d)
+    p["masses"] = random.mass if chair.randomise else (body.mass, body.mass)
+    p["frictions"] = random.friction if chair.randomise else (body.friction, body.friction)
+    p["gains"] = random.gain if chair.randomise else (1.0, 1.0)
+    p["diameter_error"] = errors * odometry.diameter_error
+    p["track_error"] = errors * odometry.track_error
+    p["outline"] = chair.footprint.array
     p["wheel_inertia"] = motor.inertia
     for name in ("constant", "resistance", "current", "kp", "ki", "kd", "ka", "smoothing"):
         p[name] = getattr(motor, name)
@@ -150,7 +178,7 @@ def parameters(
     p["capacity"] = battery.capacity * 3600.0
     p["full"], p["empty"] = battery.full, battery.empty
     p["battery_resistance"], p["idle"] = battery.resistance, battery.idle
-    p["regeneration"] = battery.regeneration
+    p["regeneration"], p["charge"] = battery.regeneration, battery.charge
     p["wheel_variance"] = errors * odometry.variance
     p["pose_source"] = POSE_SOURCES.index(sensors.pose_source)
     modelled = sensors.modelled
@@ -163,3 +191,23 @@ def parameters(
     interval = sensors.ultrasonic.interval
     p["fire_every"] = whole_ratio(interval, physics.step, "ultrasonic.interval and physics.step")
     return rows
+
+
+@borrowing_kernel
+def between(low: float, high: float, key: np.uint64, index: int) -> float:
+    """A number between two bounds, drawn from an episode's key."""
+    return low + (high - low) * uniform(key, 0, PARAMETERS, index)
+
+
+@borrowing_kernel
+def vary(p: Any, key: np.uint64) -> None:
+    """Draw what is random about the chair of one episode."""
+    p.mass = between(p.masses[0], p.masses[1], key, 0)
+    p.friction = between(p.frictions[0], p.frictions[1], key, 1)
+    p.gain = between(p.gains[0], p.gains[1], key, 2)
+    p.moment = p.mass * p.gyration**2
+    e_d = p.diameter_error * between(-1.0, 1.0, key, 3)
+    e_b = p.track_error * between(-1.0, 1.0, key, 4)
+    p.track = p.nominal_track * (1.0 + e_b)
+    p.radius_left = p.nominal_radius * (1.0 - 0.5 * e_d)
+    p.radius_right = p.nominal_radius * (1.0 + 0.5 * e_d)

@@ -20,13 +20,12 @@ class Verdict(NamedTuple):
     """Named reward terms, weighted; the reward is their sum."""
 
     terms: Array  # (6,) in the order of TERMS
+    reward: float
     arrived: bool  # by the chair's own estimate
-    bumped: bool
-
-    @property
-    def reward(self) -> float:
-        """Sum of the weighted terms."""
-        return float(self.terms.sum())
+    terminated: bool  # arrived or bumped
+    truncated: bool  # out of time, and neither of the two
+    valid_beams: int  # of the reading's scan
+    geodesic: float  # m, from the episode's start
 
 
 @kernel

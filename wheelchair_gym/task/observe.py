@@ -79,7 +79,7 @@ def look_ahead(path: Array, pose: Array, distances: Array, out: Floats) -> None:
         path: what to follow; beyond its end the end itself is seen.
         pose: of the chair (3,) [m, m, rad].
         distances: rising [m].
-        out: (k, 2) [m].
+        out: (2 k,) x and y of each [m].
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     segment, share, _ = project(path, pose[0], pose[1])
@@ -97,5 +97,5 @@ def look_ahead(path: Array, pose: Array, distances: Array, out: Floats) -> None:
         t = min(1.0, share + (distances[j] - walked) / length) if length > 0.0 else 1.0
         dx = path[segment, 0] + t * ex - pose[0]
         dy = path[segment, 1] + t * ey - pose[1]
-        out[j, 0] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * dx + s * dy)))
-        out[j, 1] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * dy - s * dx)))
+        out[2 * j] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * dx + s * dy)))
+        out[2 * j + 1] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * dy - s * dx)))

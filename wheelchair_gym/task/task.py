@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.address import address_of
 from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import path_length
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
-from wheelchair_gym.task.judge import TERMS, Verdict, reached, weigh
-from wheelchair_gym.task.observe import (
-    GOAL_REACH,
-    PATH_REACH,
-    bearing_to,
-    look_ahead,
-    pool,
-    project,
-    see,
-)
+from wheelchair_gym.task.assess import PROGRESS, RULES, VERDICT, assess_row, start_row
+from wheelchair_gym.task.course import AIMS, Course, way_from
+from wheelchair_gym.task.judge import Verdict, reached
+from wheelchair_gym.task.observe import GOAL_REACH, PATH_REACH
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.types import Episode, Reading
 
 Array = NDArray[np.float64]
-Observation = dict[str, NDArray[np.float32]]
-Guidance = Callable[["Task"], Array]  # a path (n, 2) [m] from the chair to the goal
+Floats = NDArray[np.float32]
+Rows = NDArray[np.void]
+Observation = dict[str, Floats]
+Guidance = Callable[["Task"], Array]  # a path (n, 2) [m] from the start to the goal
 
 TWIST_ROOM = 1.5  # a chair pushed or overshooting is seen up to this multiple of its limits
 
@@ -39,21 +35,27 @@ class Task:
 
     Attributes:
         map: what the chair is told about the world.
-        start: where the chair believed to be at the beginning (3,) [m, m, rad].
+        start: where the episode begins (3,) [m, m, rad].
         goal: (3,) [m, m, rad].
+        geodesic: the shortest ways to the goal.
         tolerance: [m].
         time_limit: [s].
         period: control period [s].
         footprint, limits, drive, sensors: settings of the chair.
         reading: the latest; its pose is the chair's own estimate.
+        observation, verdict: of that reading.
         path: guidance (n, 2) [m], or None; a policy may set it, so that it is drawn.
         key: of the episode's randomness; seeds whatever a policy draws.
+        rules: what kernels need to know of all this (1,), a record of RULES.
     """
 
     map: OccupancyGrid
     start: Array
     goal: Array
+    geodesic: Geodesic
     reading: Reading
+    observation: Observation
+    verdict: Verdict
     key: int
 
     def __init__(
@@ -76,142 +78,146 @@ class Task:
         self.tolerance = settings.tolerance
         self.time_limit = settings.time_base
         self.path: Array | None = None
-        self._episode: Episode | None = None
-        self._reach = np.array(
+        rangers = sensors.ultrasonic
+        self._reaches = np.array(
             [
-                (
-                    sensors.ultrasonic.narrow if m.model == "narrow" else sensors.ultrasonic.wide
-                ).reach
-                for m in sensors.ultrasonic.mounted
+                (rangers.narrow if m.model == "narrow" else rangers.wide).reach
+                for m in rangers.mounted
             ]
         )
-        limits = self.limits
-        self._twist_most = TWIST_ROOM * np.array(
-            [max(limits.forward, limits.backward), limits.turn], np.float32
-        )
-        self._look_ahead = np.array(settings.look_ahead)
-        r = settings.reward
-        self._weights = np.array([r.progress, r.time, r.arrived, r.bumped, r.timeout, r.change])
+        self._ahead = np.array(settings.look_ahead)
+        self.rules: Rows = np.zeros(1, RULES)
+        self._set_rules()
+        self._progress = np.zeros(1, PROGRESS)
+        self._places = self._lay_out()
+
+    def _set_rules(self) -> None:
+        r, s, limits = cast("Any", self.rules[0]), self.settings, self.limits
+        r["period"] = self.period
+        r["forward"], r["backward"], r["turn"] = limits.forward, limits.backward, limits.turn
+        r["beams"], r["laser_reach"] = s.beams, self.sensors.laser.reach
+        r["rangers"], r["reaches"] = len(self._reaches), address_of(self._reaches)
+        most = max(limits.forward, limits.backward), limits.turn
+        r["twist_most"] = np.float32(TWIST_ROOM) * np.array(most, np.float32)
+        r["goal_room"] = 5 if s.heading else 3
+        r["points"] = 0 if self.guidance is None else len(self._ahead)
+        r["ahead"] = address_of(self._ahead)
+        r["doubt"] = 0.0 if self.sensors.pose_source == "truth" else s.doubt
+        r["heading"], r["heading_tolerance"] = s.heading, s.heading_tolerance
+        r["aim"] = AIMS.index(s.aim)
+        w = s.reward
+        r["weights"] = w.progress, w.time, w.arrived, w.bumped, w.timeout, w.change
+        r["time_base"], r["time_factor"] = s.time_base, s.time_factor
+
+    def _lay_out(self) -> dict[str, slice]:
+        """Where each key stands in an observation written in one piece."""
+        places, begin = {}, 0
+        for key, box in self._boxes().items():
+            places[key] = slice(begin, begin + box.shape[0])
+            begin += box.shape[0]
+        self.room = begin  # numbers in an observation
+        return places
 
     @property
     def space(self) -> gym.spaces.Dict:
         """The space of observations."""
-        room = 5 if self.settings.heading else 3
+        return gym.spaces.Dict(cast("dict[str, gym.Space[Floats]]", self._boxes()))
+
+    def _boxes(self) -> dict[str, gym.spaces.Box]:
+        """The space of each key, in the order in which kernels write them."""
+        room = int(self.rules["goal_room"][0])
         high = np.array([GOAL_REACH, 1.0, 1.0, 1.0, 1.0][:room], np.float32)
         low = np.array([0.0, -1.0, -1.0, -1.0, -1.0][:room], np.float32)
-        beams = self.settings.beams
-        spaces: dict[str, gym.Space[NDArray[np.float32]]] = {
-            "laser": gym.spaces.Box(0.0, self.sensors.laser.reach, (beams,), np.float32),
-            "ultrasonic": gym.spaces.Box(
-                np.zeros_like(self._reach, np.float32), self._reach.astype(np.float32)
-            ),
-            "twist": gym.spaces.Box(-self._twist_most, self._twist_most),
+        reaches = self._reaches.astype(np.float32)
+        twist = self.rules["twist_most"][0].astype(np.float32)
+        laser = self.sensors.laser.reach
+        boxes = {
+            "laser": gym.spaces.Box(0.0, laser, (self.settings.beams,), np.float32),
+            "ultrasonic": gym.spaces.Box(np.zeros_like(reaches), reaches),
+            "twist": gym.spaces.Box(-twist, twist),
             "goal": gym.spaces.Box(low, high),
         }
         if self.guidance is not None:
-            shape = (2 * len(self._look_ahead),)
-            spaces["path"] = gym.spaces.Box(-PATH_REACH, PATH_REACH, shape, np.float32)
-        return gym.spaces.Dict(spaces)
+            shape = (2 * len(self._ahead),)
+            boxes["path"] = gym.spaces.Box(-PATH_REACH, PATH_REACH, shape, np.float32)
+        return boxes
 
-    def begin(self, episode: Episode, reading: Reading, key: int) -> None:
-        """Take up a new episode with its first reading."""
-        if episode is not self._episode:
-            radius = self.footprint.half_width + self.settings.margin
-            self.geodesic: Geodesic = geodesic(episode.map, episode.goal[:2], radius)
-            self._episode = episode
-        self.map, self.goal = episode.map, episode.goal
-        self.start, self.reading, self.key = reading.pose, reading, key
-        s = self.settings
-        self.tolerance = s.tolerance if episode.tolerance is None else episode.tolerance
-        way = self.way_to_go(reading.pose)
-        limit = s.time_base + s.time_factor * way / self.limits.forward
-        self.time_limit = limit if episode.time_limit is None else episode.time_limit
-        self.path = None
+    def prepare(self, episode: Episode) -> Course:
+        """What an episode is driven on: the ways to its goal, and the guidance.
+
+        Raises:
+            ValueError: the guidance gave no path.
+        """
+        radius = self.footprint.half_width + self.settings.margin
+        ways = geodesic(episode.map, episode.goal[:2], radius)
+        path = None
         if self.guidance is not None:
-            self.path = np.ascontiguousarray(self.guidance(self), dtype=np.float64)
-            if self.path.ndim != 2 or len(self.path) < 2 or self.path.shape[1] < 2:
-                raise ValueError(
-                    f"guidance gave a path of shape {self.path.shape}; expected (n, 2)"
-                )
+            self._take(episode, ways)
+            path = np.ascontiguousarray(self.guidance(self), dtype=np.float64)
+            if path.ndim != 2 or len(path) < 2 or path.shape[1] < 2:
+                raise ValueError(f"guidance gave a path of shape {path.shape}; expected (n, 2)")
+        return Course.of(episode, ways, path, self.settings.tolerance)
+
+    def _take(self, episode: Episode, ways: Geodesic) -> None:
+        self.map, self.start, self.goal = episode.map, episode.start, episode.goal
+        self.geodesic = ways
+
+    def begin(self, course: Course, reading: Reading, key: int) -> Observation:
+        """Take up a new episode with its first reading."""
+        self._take(course.episode, course.geodesic)
+        self._course, self.path = course, course.path
+        self.reading, self.key = reading, key
+        out, verdict = np.empty(self.room, np.float32), np.empty(1, VERDICT)
+        start_row(
+            self.rules,
+            course.record,
+            self._progress,
+            verdict,
+            reading.pose,
+            reading.twist,
+            reading.laser,
+            reading.ultrasonic,
+            out,
+        )
+        self.tolerance = float(course.record["tolerance"][0])
+        self.time_limit = float(self._progress["time_limit"][0])
+        self.verdict = Verdict(*verdict.item())
+        self.observation = self.unpack(out)
+        return self.observation
+
+    def assess(self, reading: Reading, action: Array) -> Observation:
+        """Judge the step that an action (2,) in [-1, 1] led to, and observe where it led.
+
+        `verdict` then holds what it was worth, `reading` where it led.
+        """
+        out, verdict = np.empty(self.room, np.float32), np.empty(1, VERDICT)
+        assess_row(
+            self.rules,
+            self._course.record,
+            self._progress,
+            verdict,
+            action,
+            reading.pose,
+            reading.twist,
+            reading.laser,
+            reading.ultrasonic,
+            reading.bumped,
+            out,
+        )
+        self.reading = reading
+        self.verdict = Verdict(*verdict.item())
+        self.observation = self.unpack(out)
+        return self.observation
+
+    def unpack(self, out: Floats) -> Observation:
+        """An observation (..., room) written in one piece, by key."""
+        return {key: out[..., place] for key, place in self._places.items()}
 
     def way_to_go(self, pose: Array) -> float:
         """Length of the geodesic from a pose to the goal [m]; straight if none is known."""
-        way = float(self.geodesic.at(pose[:2]))
-        return way if math.isfinite(way) else float(np.hypot(*(self.goal - pose)[:2]))
-
-    @property
-    def steps(self) -> int:
-        """Control periods within the time limit."""
-        return max(1, round(self.time_limit / self.period))
-
-    def observe(self, reading: Reading) -> Observation:
-        """What a policy sees of a reading; fresh arrays, bounded, float32."""
-        laser = np.empty(self.settings.beams, np.float32)
-        pool(reading.laser, self.sensors.laser.reach, laser)
-        heard = [see(r, reach) for r, reach in zip(reading.ultrasonic, self._reach, strict=True)]
-        goal = np.empty(5 if self.settings.heading else 3, np.float32)
-        bearing_to(reading.pose, self.goal, goal)
-        twist = np.clip(reading.twist.astype(np.float32), -self._twist_most, self._twist_most)
-        observation = {
-            "laser": laser,
-            "ultrasonic": np.array(heard, np.float32),
-            "twist": twist,
-            "goal": goal,
-        }
-        if self.guidance is not None and self.path is not None:
-            ahead = np.empty((len(self._look_ahead), 2), np.float32)
-            look_ahead(self.path, reading.pose, self._look_ahead, ahead)
-            observation["path"] = ahead.ravel()
-        return observation
-
-    def judge(
-        self, before: Reading, after: Reading, action: Array, previous: Array, steps_left: int
-    ) -> Verdict:
-        """What a step was worth, and whether it ended the episode.
-
-        Args:
-            before: the reading that the action was chosen on.
-            after: the reading that it led to.
-            action: (2,) in [-1, 1].
-            previous: the action before it.
-            steps_left: control periods left after this one.
-        """
-        arrived = self.believes_arrived(after.pose)
-        timeout = steps_left <= 0 and not arrived and not after.bumped
-        progress = self._to_go(before.pose) - self._to_go(after.pose)
-        terms = np.empty(len(TERMS))
-        weigh(
-            self._weights,
-            progress,
-            self.period,
-            arrived,
-            after.bumped,
-            timeout,
-            action,
-            previous,
-            terms,
-        )
-        return Verdict(terms, bool(arrived), after.bumped)
+        return way_from(self._course.record, float(pose[0]), float(pose[1]))
 
     def at_goal(self, pose: Array) -> bool:
         """Whether a true pose (3,) is at the goal."""
-        return self._reached(pose, 0.0)
-
-    def believes_arrived(self, pose: Array) -> bool:
-        """Whether a chair that believes to be at a pose (3,) may say that it has arrived."""
-        known = self.sensors.pose_source == "truth"
-        return self._reached(pose, 0.0 if known else self.settings.doubt)
-
-    def _reached(self, pose: Array, doubt: float) -> bool:
-        s, tolerance = self.settings, max(self.tolerance - doubt, 0.5 * self.tolerance)
-        return bool(reached(pose, self.goal, tolerance, s.heading, s.heading_tolerance))
-
-    def _to_go(self, pose: Array) -> float:
-        """Way to go [m], as the aim setting measures it."""
-        if self.settings.aim == "field":
-            return self.way_to_go(pose)
-        if self.settings.aim == "path" and self.path is not None:
-            segment, share, gap = project(self.path, pose[0], pose[1])
-            rest = path_length(self.path[segment:])
-            return gap + rest - share * path_length(self.path[segment : segment + 2])
-        return float(np.hypot(*(self.goal - pose)[:2]))
+        s = self.settings
+        return bool(reached(pose, self.goal, self.tolerance, s.heading, s.heading_tolerance))

@@ -1,0 +1,72 @@
+"""Arrays by address: how a record points to the arrays that belong to it.
+
+A compiled function takes a record of addresses in a microsecond, a tuple of arrays in ten; and a
+row of a batch can point to arrays whose lengths differ from row to row. Whoever writes an address
+keeps the array alive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import numpy as np
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numba.np.arrayobj import make_array, populate_array
+from numpy.typing import NDArray
+
+
+def address_of(array: NDArray[Any]) -> int:
+    """The address of a contiguous array's first element.
+
+    Raises:
+        ValueError: the array is not contiguous.
+    """
+    if not array.flags.c_contiguous:
+        raise ValueError(f"an array of shape {array.shape} is not contiguous")
+    return int(array.ctypes.data)
+
+
+def _viewer(item: Any, ndim: int) -> Any:
+    """An intrinsic (address, *shape) -> array that owns nothing, so that nothing is counted."""
+    array_type = types.Array(item, ndim, "C")
+
+    def lower(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        array = make_array(array_type)(context, builder)
+        size = context.get_abi_sizeof(context.get_data_type(item))
+        itemsize = context.get_constant(types.intp, size)
+        shape = [builder.sext(arg, itemsize.type) for arg in args[1:]]
+        strides = [itemsize]
+        for length in reversed(shape[1:]):
+            strides.insert(0, builder.mul(strides[0], length))
+        populate_array(
+            array,
+            data=builder.inttoptr(args[0], context.get_data_type(item).as_pointer()),
+            shape=cgutils.pack_array(builder, shape),
+            strides=cgutils.pack_array(builder, strides),
+            itemsize=itemsize,
+            meminfo=None,
+        )
+        return array._getvalue()
+
+    if ndim == 1:
+
+        def view(typingctx: Any, address: Any, n: Any) -> Any:
+            return array_type(types.uint64, types.int64), lower
+
+    else:
+
+        def view(typingctx: Any, address: Any, n: Any, m: Any) -> Any:
+            return array_type(types.uint64, types.int64, types.int64), lower
+
+    return intrinsic(view)
+
+
+# numba gives these the arguments that their callers see; mypy knows only how they are declared.
+doubles_at = cast("Callable[[int, int], NDArray[np.float64]]", _viewer(types.float64, 1))
+floats_at = cast("Callable[[int, int], NDArray[np.float32]]", _viewer(types.float32, 1))
+integers_at = cast("Callable[[int, int], NDArray[np.int64]]", _viewer(types.int64, 1))
+table_at = cast("Callable[[int, int, int], NDArray[np.float64]]", _viewer(types.float64, 2))
+field_at = cast("Callable[[int, int, int], NDArray[np.float32]]", _viewer(types.float32, 2))

@@ -1,0 +1,309 @@
+"""Many chairs at once: the same step as one chair's, looped by a compiled function."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError
+from wheelchair_gym.envs.batch import begin_chairs, step_chairs
+from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_guidance
+from wheelchair_gym.envs.worlds import Worlds
+from wheelchair_gym.scenes import make_scene
+from wheelchair_gym.sensing.noise import episode_key
+from wheelchair_gym.simulation.rig import Rig
+from wheelchair_gym.simulation.state import PARAMETER, SENSED, STATE, parameters
+from wheelchair_gym.simulation.world import WORLD, World
+from wheelchair_gym.task.assess import PROGRESS, VERDICT
+from wheelchair_gym.task.course import COURSE, Course
+from wheelchair_gym.task.judge import TERMS
+from wheelchair_gym.task.task import Observation, Task
+
+Floats = NDArray[np.float32]
+Rows = NDArray[np.void]
+Info = dict[str, Any]
+
+_ROWS_A_THREAD = 64  # fewer are done sooner than a second thread has woken up
+
+
+class Spare:
+    """Arrays to write results to, none of which anyone still holds.
+
+    An array is used again once nothing outside refers to it or to a part of it, so that large
+    results need no fresh memory at each step and yet are never overwritten.
+    """
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self._shape = shape
+        self._arrays: list[Floats] = []
+
+    def take(self) -> Floats:
+        """An array that only this store knows."""
+        for array in self._arrays:
+            if sys.getrefcount(array) == 3:  # by the list, by the loop and by the question
+                return array
+        self._arrays.append(np.empty(self._shape, np.float32))
+        return self._arrays[-1]
+
+
+class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
+    """`NavigationEnv` for many chairs: row i is the single env seeded with seed + i, to the bit.
+
+    What is observed, done, rewarded and told is as there, with a first axis of `num_envs`; infos
+    are arrays with their masks. An episode's end begins the next one by itself: in the step after
+    (NEXT_STEP, its action is ignored) or in the same step (SAME_STEP, with `final_obs` and
+    `final_info`). Arrays that were handed out are never written again.
+
+    Args:
+        num_envs: how many.
+        config: as of the single env.
+        autoreset_mode: NEXT_STEP or SAME_STEP.
+        num_threads: that share the work; None: as many as are of use.
+        render_mode: None; pictures are for the single env.
+        settings: as of the single env.
+
+    Raises:
+        InputError: an argument or a setting is unknown or out of bounds.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        config: str | Path | Mapping[str, Any] | EnvSettings | None = None,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        num_threads: int | None = None,
+        render_mode: str | None = None,
+        **settings: Any,
+    ) -> None:
+        if num_envs < 1:
+            raise InputError(f"num_envs is {num_envs}; expected at least 1")
+        if render_mode is not None:
+            raise InputError(f"render_mode is {render_mode!r}; many chairs at once draw no picture")
+        if num_threads is not None and num_threads < 1:
+            raise InputError(f"num_threads is {num_threads}; expected at least 1, or None")
+        modes = {m.value: m for m in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)}
+        mode = modes.get(getattr(autoreset_mode, "value", autoreset_mode))
+        if mode is None:
+            raise InputError(f"autoreset_mode is {autoreset_mode}; expected {' or '.join(modes)}")
+        self.settings = s = env_settings(config, **settings)
+        self.num_envs = n = num_envs
+        self.metadata = {"autoreset_mode": mode, "render_modes": [], "render_fps": round(s.rate)}
+        self.render_mode = None
+        self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, make_guidance(s.guidance))
+        self.worlds = Worlds(make_scene(s.scene), self.task, s.bank)
+        self.single_observation_space = self.task.space
+        self.single_action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.observation_space = batch_space(self.single_observation_space, n)
+        self.action_space = batch_space(self.single_action_space, n)
+        threads = num_threads or min(len(os.sched_getaffinity(0)), n // _ROWS_A_THREAD)
+        self.num_threads = max(1, min(n, threads))
+        bounds = np.linspace(0, n, self.num_threads + 1).astype(int)
+        self._shares = list(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True))
+        self._pool: ThreadPoolExecutor | None = None
+
+        self._rig = Rig(s.sensors)
+        self._base = parameters(s.chair, s.sensors, s.physics, 1.0 / s.rate)
+        self._blank = np.zeros(1, STATE)
+        self._chairs, self._states = np.zeros(n, PARAMETER), np.zeros(n, STATE)
+        self._places, self._progress = np.zeros(n, WORLD), np.zeros(n, PROGRESS)
+        self._courses, self._coming = np.zeros(n, COURSE), np.zeros(n, COURSE)
+        body = s.chair.body
+        self._spaces = [
+            World(s.chair.footprint, body.centre, body.wall_friction, self._places[i : i + 1])
+            for i in range(n)
+        ]
+        self._held: list[Course | None] = [None] * n  # courses driven on now, kept alive
+        self._next: list[Course | None] = [None] * n
+        self._keys = np.zeros(n, np.uint64)
+        self._seeds = [0] * n
+        self._counts = np.zeros(n, np.int64)  # episodes begun of the present seeds
+        self._over, self._begun = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+        beams = s.sensors.laser.beams
+        self._ranges = [np.zeros(beams, np.float32) for _ in self._shares]
+        self._scratch = [np.zeros(1, np.float32) for _ in self._shares]
+        self._out = Spare((n, self.task.room))
+        self._final = Spare((n, self.task.room))
+        self._seeded = False
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, Info]:
+        """Begin an episode in every row, or in those of a mask.
+
+        Args:
+            seed: row i takes up the sequence of seed + i; a list names the seed of each row.
+            options: {"reset_mask": (n,) bool} leaves the other rows as they are.
+
+        Raises:
+            InputError: the seeds are not as many as the rows.
+        """
+        n = self.num_envs
+        super().reset(seed=seed if isinstance(seed, int) else None)
+        if seed is None and not self._seeded:
+            seed = int(self.np_random.integers(2**32))
+        seeds = [seed + i for i in range(n)] if isinstance(seed, int) else seed
+        if seeds is not None and len(seeds) != n:
+            raise InputError(f"{len(seeds)} seeds were given for {n} environments")
+        chosen = np.ones(n, np.bool_)
+        if options is not None and "reset_mask" in options:
+            chosen = np.asarray(options["reset_mask"], np.bool_)
+        for i in np.flatnonzero(chosen).tolist():
+            given = None if seeds is None else seeds[i]
+            if given is not None:
+                self._seeds[i], self._counts[i] = given, 0
+                self._draw(i)
+        self._seeded = True
+        if not chosen.all():
+            out, sensed, verdicts = self._last
+            out, sensed, verdicts = out.copy(), sensed.copy(), verdicts.copy()
+        else:
+            out, sensed, verdicts = self._out.take(), self._blank_sensed(), self._blank_verdicts()
+        success = np.zeros(n, np.bool_)
+        for t, (low, high) in enumerate(self._shares):
+            begin_chairs(
+                low, high, chosen,
+                self._rig.record, self.task.rules, self._base, self._blank,
+                self._chairs, self._states, self._places, self._courses, self._coming,
+                self._keys, self._progress, self._scratch[t], self._ranges[t],
+                sensed, verdicts, success, out,
+            )  # fmt: skip
+        self._over[chosen] = False
+        self._taken_up(np.flatnonzero(chosen))
+        self._last = out, sensed, verdicts
+        return self.task.unpack(out), self._info(sensed, verdicts, success, chosen)
+
+    def step(
+        self, actions: Any
+    ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Info]:
+        """Drive every chair for one control period.
+
+        Args:
+            actions: (n, 2) in [-1, 1]; beyond is clipped.
+
+        Raises:
+            InputError: the actions are not finite, or not (n, 2).
+            gymnasium.error.ResetNeeded: there was no reset yet.
+        """
+        n = self.num_envs
+        if not self._seeded:
+            raise gym.error.ResetNeeded("call reset() before step()")
+        chosen = np.ascontiguousarray(actions, np.float64)
+        if chosen.shape != (n, 2) or not np.isfinite(chosen).all():
+            raise InputError(f"actions have shape {chosen.shape}; expected finite ({n}, 2)")
+        same_step = self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+        out, sensed, verdicts = self._out.take(), self._blank_sensed(), self._blank_verdicts()
+        success, final_success = np.zeros((2, n), np.bool_)
+        finals = (out, sensed, verdicts)
+        if same_step:
+            finals = self._final.take(), self._blank_sensed(), self._blank_verdicts()
+        final_out, final_sensed, final_verdicts = finals
+
+        def work(t: int) -> None:
+            step_chairs(
+                *self._shares[t], same_step, self._over, self._begun, chosen,
+                self._rig.record, self.task.rules, self._base, self._blank,
+                self._chairs, self._states, self._places, self._courses, self._coming,
+                self._keys, self._progress, self._scratch[t], self._ranges[t],
+                sensed, verdicts, success, out,
+                final_sensed, final_verdicts, final_success, final_out,
+            )  # fmt: skip
+
+        self._share(work)
+        begun = self._begun.copy()
+        rewards = verdicts["reward"].copy()
+        terminated, truncated = verdicts["terminated"].copy(), verdicts["truncated"].copy()
+        infos = self._info(sensed, verdicts, success, np.ones(n, np.bool_))
+        if begun.any():
+            self._taken_up(np.flatnonzero(begun))
+            if same_step:
+                rewards[begun] = final_verdicts["reward"][begun]
+                terminated[begun] = final_verdicts["terminated"][begun]
+                truncated[begun] = final_verdicts["truncated"][begun]
+                infos["final_obs"] = self.task.unpack(final_out)
+                infos["final_info"] = self._info(final_sensed, final_verdicts, final_success, begun)
+                infos["_final_obs"] = infos["_final_info"] = begun
+        self._last = out, sensed, verdicts
+        return self.task.unpack(out), rewards, terminated, truncated, infos
+
+    def _share(self, work: Any) -> None:
+        """Let every thread do its share; the calling one does the first."""
+        if self.num_threads == 1:
+            work(0)
+            return
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.num_threads - 1)
+        others = [self._pool.submit(work, t) for t in range(1, self.num_threads)]
+        work(0)
+        for other in others:
+            other.result()
+
+    def _draw(self, i: int) -> None:
+        """Make row i's next episode ready: its course, its key, and shapes for its walls."""
+        seed, count = self._seeds[i], int(self._counts[i])
+        course = self.worlds.course(seed, count)
+        self._next[i] = course
+        self._coming[i] = course.record[0]
+        self._keys[i] = episode_key(seed, count)
+        self._spaces[i].make_room(*course.size)
+
+    def _taken_up(self, rows: NDArray[np.intp]) -> None:
+        """Rows have begun what was coming: draw what comes after."""
+        for i in rows.tolist():
+            self._held[i] = self._next[i]
+            self._counts[i] += 1
+            self._draw(i)
+        self.worlds.forget(int(self._counts.min()))
+
+    def _blank_sensed(self) -> Rows:
+        return np.empty(self.num_envs, SENSED)
+
+    def _blank_verdicts(self) -> Rows:
+        return np.empty(self.num_envs, VERDICT)
+
+    def _info(
+        self,
+        sensed: Rows,
+        verdicts: Rows,
+        success: NDArray[np.bool_],
+        mask: NDArray[np.bool_],
+    ) -> Info:
+        """The single env's info, as arrays with their masks."""
+        terms = verdicts["terms"]
+        values: Info = {
+            "pose": sensed["true_pose"],
+            "twist": sensed["true_twist"],
+            "pose_estimate": sensed["pose"],
+            "is_success": success,
+            "arrived": verdicts["arrived"],
+            "bumped": sensed["bumped"],
+            "contact": sensed["contact"],
+            "clearance": sensed["clearance"],
+            "energy": sensed["energy"],
+            "distance": sensed["way"],
+            "time": sensed["stamp"],
+            "valid_beams": verdicts["valid_beams"],
+            "geodesic": verdicts["geodesic"],
+            "reward_terms": {name: terms[:, k] for k, name in enumerate(TERMS)}
+            | {f"_{name}": mask for name in TERMS},
+        }
+        return values | {f"_{name}": mask for name in values}
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Let the threads go."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None

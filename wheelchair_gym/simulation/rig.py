@@ -1,0 +1,82 @@
+"""The rig: what all chairs of a kind share, as one record that kernels take in one piece."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.address import address_of, doubles_at, floats_at, integers_at, table_at
+from wheelchair_gym.kernel import inlined
+from wheelchair_gym.sensing.laser import LaserArrays
+from wheelchair_gym.sensing.settings import SensorSettings
+from wheelchair_gym.sensing.ultrasonic import UltrasonicArrays
+from wheelchair_gym.simulation.engine import ENGINE, engine_record
+
+_LASER_FIELDS = ("first", "per_angle", "reach", "nearest", "sigma", "no_echo", "bias")
+_RANGER_FIELDS = ("half", "reach", "blind", "sigma", "ghosts", "loss_from", "loss_at")
+
+RIG = np.dtype(
+    [("beams", "i8"), ("cosine", "u8"), ("sine", "u8"), ("laser_mount", "u8")]
+    + [(f"laser_{name}", "f8") for name in _LASER_FIELDS]
+    + [("rangers", "i8"), ("ranger_mount", "u8"), ("order", "u8")]
+    + [(f"ranger_{name}", "u8") for name in _RANGER_FIELDS]
+    + [(name, "u8") for name in ENGINE.names or ()],
+    align=True,
+)
+
+
+class Rig:
+    """Sensors and engine of a kind of chair; `record` (1,) points to what it keeps alive."""
+
+    def __init__(self, sensors: SensorSettings) -> None:
+        self.laser = LaserArrays.of(sensors.laser, sensors.noise)
+        self.rangers = UltrasonicArrays.of(sensors.ultrasonic, sensors.noise)
+        self.record: NDArray[np.void] = np.zeros(1, RIG)
+        r: Any = self.record[0]
+        for name in ENGINE.names or ():
+            r[name] = engine_record()[name][0]
+        r["beams"] = sensors.laser.beams
+        r["cosine"], r["sine"] = address_of(self.laser.cosine), address_of(self.laser.sine)
+        r["laser_mount"] = address_of(self.laser.mount)
+        for name in _LASER_FIELDS:
+            r[f"laser_{name}"] = getattr(self.laser, name)
+        r["rangers"] = len(self.rangers.order)
+        r["ranger_mount"] = address_of(self.rangers.mount)
+        r["order"] = address_of(self.rangers.order)
+        for name in _RANGER_FIELDS:
+            r[f"ranger_{name}"] = address_of(getattr(self.rangers, name))
+
+
+@inlined
+def laser_of(rig: Any) -> LaserArrays:
+    """The laser of a rig's record."""
+    return LaserArrays(
+        floats_at(rig.cosine, rig.beams),
+        floats_at(rig.sine, rig.beams),
+        rig.laser_first,
+        rig.laser_per_angle,
+        doubles_at(rig.laser_mount, 3),
+        rig.laser_reach,
+        rig.laser_nearest,
+        rig.laser_sigma,
+        rig.laser_no_echo,
+        rig.laser_bias,
+    )
+
+
+@inlined
+def rangers_of(rig: Any) -> UltrasonicArrays:
+    """The ultrasonics of a rig's record."""
+    return UltrasonicArrays(
+        table_at(rig.ranger_mount, rig.rangers, 3),
+        doubles_at(rig.ranger_half, rig.rangers),
+        doubles_at(rig.ranger_reach, rig.rangers),
+        doubles_at(rig.ranger_blind, rig.rangers),
+        doubles_at(rig.ranger_sigma, rig.rangers),
+        doubles_at(rig.ranger_ghosts, rig.rangers),
+        doubles_at(rig.ranger_loss_from, rig.rangers),
+        doubles_at(rig.ranger_loss_at, rig.rangers),
+        integers_at(rig.order, rig.rangers),
+    )

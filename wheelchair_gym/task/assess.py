@@ -1,0 +1,250 @@
+"""One assessment: what a reading looks like to a policy, and what the step to it was worth."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.address import doubles_at, table_at
+from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.task.course import to_go, way_to_go
+from wheelchair_gym.task.judge import TERMS, reached, weigh
+from wheelchair_gym.task.observe import bearing_to, look_ahead, pool, see
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+RULES = np.dtype(
+    [
+        ("period", "f8"),  # s
+        ("forward", "f8"),  # m/s
+        ("backward", "f8"),
+        ("turn", "f8"),  # rad/s
+        ("beams", "i8"),  # observed
+        ("laser_reach", "f8"),  # m
+        ("rangers", "i8"),
+        ("reaches", "u8"),  # address of the ultrasonics' reaches (rangers,) [m]
+        ("twist_most", "f8", (2,)),  # m/s, rad/s
+        ("goal_room", "i8"),  # numbers that tell the goal: 3, or 5 with its heading
+        ("points", "i8"),  # of the guidance looked at; 0: none
+        ("ahead", "u8"),  # address of their distances (points,) [m]
+        ("doubt", "f8"),  # m
+        ("heading", "b1"),
+        ("heading_tolerance", "f8"),  # rad
+        ("aim", "i8"),  # index into AIMS
+        ("weights", "f8", (len(TERMS),)),
+        ("time_base", "f8"),  # s
+        ("time_factor", "f8"),
+    ],
+    align=True,
+)
+
+PROGRESS = np.dtype(
+    [
+        ("steps_left", "i8"),  # control periods
+        ("to_go", "f8"),  # m, at the last reading
+        ("geodesic", "f8"),  # m, from the start
+        ("time_limit", "f8"),  # s
+        ("action", "f8", (2,)),  # the last one, clipped
+        ("previous", "f8", (2,)),  # the one before
+    ],
+    align=True,
+)
+
+VERDICT = np.dtype(
+    [
+        ("terms", "f8", (len(TERMS),)),
+        ("reward", "f8"),
+        ("arrived", "b1"),  # by the chair's own estimate
+        ("terminated", "b1"),
+        ("truncated", "b1"),
+        ("valid_beams", "i8"),
+        ("geodesic", "f8"),  # m, from the start
+    ],
+    align=True,
+)
+
+
+@borrowing_kernel
+def observe(
+    rules: Any,
+    course: Any,
+    pose: Array,
+    twist: Array,
+    laser: Floats,
+    ultrasonic: Floats,
+    out: Floats,
+) -> int:
+    """What a policy sees of a reading; returns how many beams are finite.
+
+    Args:
+        rules: record of RULES.
+        course: record of COURSE.
+        pose: (3,) of the reading [m, m, rad].
+        twist: (2,) [m/s, rad/s].
+        laser: (beams of the laser,) [m].
+        ultrasonic: (rangers,) [m].
+        out: laser, ultrasonic, twist, goal and path, one after another.
+    """
+    place = rules.beams
+    valid = pool(laser, rules.laser_reach, out[:place])
+    reaches = doubles_at(rules.reaches, rules.rangers)
+    for i in range(rules.rangers):
+        out[place + i] = see(ultrasonic[i], reaches[i])
+    place += rules.rangers
+    for i in range(2):
+        most = rules.twist_most[i]
+        out[place + i] = min(most, max(-most, twist[i]))
+    place += 2
+    bearing_to(pose, course.goal, out[place : place + rules.goal_room])
+    place += rules.goal_room
+    if rules.points > 0:
+        path = table_at(course.path, course.points, 2)
+        look_ahead(path, pose, doubles_at(rules.ahead, rules.points), out[place:])
+    return valid
+
+
+@borrowing_kernel
+def believes_arrived(rules: Any, course: Any, pose: Array) -> bool:
+    """Whether a chair that believes to be at a pose (3,) may say that it has arrived."""
+    tolerance = max(course.tolerance - rules.doubt, 0.5 * course.tolerance)
+    return reached(pose, course.goal, tolerance, rules.heading, rules.heading_tolerance)
+
+
+@borrowing_kernel
+def start_task(
+    rules: Any,
+    course: Any,
+    progress: Any,
+    verdict: Any,
+    pose: Array,
+    twist: Array,
+    laser: Floats,
+    ultrasonic: Floats,
+    out: Floats,
+) -> None:
+    """Take up an episode with its first reading; arguments as of `observe` and `assess`."""
+    way = way_to_go(course, pose[0], pose[1])
+    limit = rules.time_base + rules.time_factor * way / rules.forward
+    if not math.isnan(course.time_limit):
+        limit = course.time_limit
+    progress.time_limit = limit
+    progress.geodesic = way_to_go(course, course.start[0], course.start[1])
+    progress.steps_left = max(1, round(limit / rules.period))
+    progress.to_go = to_go(course, rules.aim, pose[0], pose[1])
+    progress.action[0], progress.action[1] = 0.0, 0.0
+    for i in range(verdict.terms.shape[0]):
+        verdict.terms[i] = 0.0
+    verdict.reward = 0.0
+    verdict.terminated, verdict.truncated = False, False
+    verdict.arrived = believes_arrived(rules, course, pose)
+    verdict.geodesic = progress.geodesic
+    verdict.valid_beams = observe(rules, course, pose, twist, laser, ultrasonic, out)
+
+
+@borrowing_kernel
+def assess(
+    rules: Any,
+    course: Any,
+    progress: Any,
+    verdict: Any,
+    action: Array,
+    pose: Array,
+    twist: Array,
+    laser: Floats,
+    ultrasonic: Floats,
+    bumped: bool,
+    out: Floats,
+) -> None:
+    """Judge the step that an action led to, and observe where it led.
+
+    Args:
+        rules: record of RULES.
+        course: record of COURSE.
+        progress: record of PROGRESS; moves on.
+        verdict: record of VERDICT; is written.
+        action: (2,) in [-1, 1]; beyond is clipped.
+        pose: (3,) of the reading [m, m, rad].
+        twist: (2,) [m/s, rad/s].
+        laser: (beams of the laser,) [m].
+        ultrasonic: (rangers,) [m].
+        bumped: a bumper strip is pressed.
+        out: the observation, see `observe`.
+    """
+    progress.steps_left -= 1
+    for i in range(2):
+        progress.previous[i] = progress.action[i]
+        progress.action[i] = min(1.0, max(-1.0, action[i]))
+    rest = to_go(course, rules.aim, pose[0], pose[1])
+    covered = progress.to_go - rest
+    progress.to_go = rest
+    verdict.arrived = believes_arrived(rules, course, pose)
+    verdict.terminated = verdict.arrived or bumped
+    verdict.truncated = progress.steps_left <= 0 and not verdict.terminated
+    if verdict.terminated:
+        progress.steps_left = 0
+    weigh(
+        rules.weights,
+        covered,
+        rules.period,
+        verdict.arrived,
+        bumped,
+        verdict.truncated,
+        progress.action,
+        progress.previous,
+        verdict.terms,
+    )
+    verdict.reward = 0.0
+    for i in range(verdict.terms.shape[0]):
+        verdict.reward += verdict.terms[i]
+    verdict.geodesic = progress.geodesic
+    verdict.valid_beams = observe(rules, course, pose, twist, laser, ultrasonic, out)
+
+
+@borrowing_kernel
+def start_row(
+    rules: Any,
+    courses: Any,
+    progress: Any,
+    verdicts: Any,
+    pose: Array,
+    twist: Array,
+    laser: Floats,
+    ultrasonic: Floats,
+    out: Floats,
+) -> None:
+    """`start_task` for the only row of each array."""
+    start_task(rules[0], courses[0], progress[0], verdicts[0], pose, twist, laser, ultrasonic, out)
+
+
+@borrowing_kernel
+def assess_row(
+    rules: Any,
+    courses: Any,
+    progress: Any,
+    verdicts: Any,
+    action: Array,
+    pose: Array,
+    twist: Array,
+    laser: Floats,
+    ultrasonic: Floats,
+    bumped: bool,
+    out: Floats,
+) -> None:
+    """`assess` for the only row of each array."""
+    assess(
+        rules[0],
+        courses[0],
+        progress[0],
+        verdicts[0],
+        action,
+        pose,
+        twist,
+        laser,
+        ultrasonic,
+        bumped,
+        out,
+    )

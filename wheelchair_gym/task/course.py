@@ -1,0 +1,127 @@
+"""A course: an episode made ready to be driven, with the ways to its goal."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.address import address_of, field_at, table_at
+from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.maps import Geodesic
+from wheelchair_gym.maps.geodesic import interpolate
+from wheelchair_gym.task.observe import project
+from wheelchair_gym.types import Episode
+
+Array = NDArray[np.float64]
+
+GOAL, PATH, FIELD = range(3)  # what progress is measured along
+AIMS = ("goal", "path", "field")
+
+COURSE = np.dtype(
+    [
+        ("walls", "u8"),  # addresses of walls (n, 4) and discs (m, 3) [m]
+        ("discs", "u8"),
+        ("n_walls", "i8"),
+        ("n_discs", "i8"),
+        ("start", "f8", (3,)),  # m, m, rad
+        ("goal", "f8", (3,)),
+        ("tolerance", "f8"),  # m
+        ("time_limit", "f8"),  # s; NaN: as the way to go demands
+        ("field", "u8"),  # address of the ways to go (rows, cols) [m]
+        ("rows", "i8"),
+        ("cols", "i8"),
+        ("origin", "f8", (3,)),  # m, m, rad: of its lower-left corner
+        ("resolution", "f8"),  # m
+        ("path", "u8"),  # address of the guidance (points, 2) [m]
+        ("points", "i8"),  # 0: none
+    ],
+    align=True,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What an episode is driven on; `record` (1,) of COURSE points to arrays kept alive here."""
+
+    episode: Episode
+    geodesic: Geodesic
+    path: Array | None  # (n, 2) m
+    record: NDArray[np.void]
+    _kept: tuple[Any, ...]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """How many walls and discs there are."""
+        return len(self.episode.walls), len(self.episode.discs)
+
+    @classmethod
+    def of(
+        cls, episode: Episode, geodesic: Geodesic, path: Array | None, tolerance: float
+    ) -> Course:
+        """Lay out a course.
+
+        Args:
+            episode: where and what.
+            geodesic: ways to its goal.
+            path: guidance (n, 2) [m], or None.
+            tolerance: where the episode names none [m].
+        """
+        walls = np.ascontiguousarray(episode.walls, np.float64)
+        discs = np.ascontiguousarray(episode.discs, np.float64)
+        points = np.empty((0, 2)) if path is None else np.ascontiguousarray(path[:, :2])
+        record = np.zeros(1, COURSE)
+        r: Any = record[0]
+        r["walls"], r["n_walls"] = address_of(walls), len(walls)
+        r["discs"], r["n_discs"] = address_of(discs), len(discs)
+        r["start"], r["goal"] = episode.start, episode.goal
+        r["tolerance"] = tolerance if episode.tolerance is None else episode.tolerance
+        r["time_limit"] = math.nan if episode.time_limit is None else episode.time_limit
+        field = geodesic.extended
+        r["field"], (r["rows"], r["cols"]) = address_of(field), field.shape
+        r["origin"], r["resolution"] = geodesic.grid.origin, geodesic.grid.resolution
+        r["path"], r["points"] = address_of(points), len(points)
+        return cls(episode, geodesic, path, record, (walls, discs, points, field))
+
+
+@borrowing_kernel
+def way_to_go(course: Any, x: float, y: float) -> float:
+    """Length of the geodesic from a point to the goal [m]; straight where none is known."""
+    c, s = math.cos(course.origin[2]), math.sin(course.origin[2])
+    dx, dy = x - course.origin[0], y - course.origin[1]
+    way = course.resolution
+    field = field_at(course.field, course.rows, course.cols)
+    way = interpolate(field, (c * dx + s * dy) / way, (c * dy - s * dx) / way)
+    if way < math.inf:
+        return float(way)
+    return math.hypot(course.goal[0] - x, course.goal[1] - y)
+
+
+@borrowing_kernel
+def rest_of_path(path: Array, x: float, y: float) -> float:
+    """Way [m] from a point to a path (n, 2) and along it to its end."""
+    segment, share, gap = project(path, x, y)
+    rest = gap
+    for k in range(segment, path.shape[0] - 1):
+        length = math.hypot(path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1])
+        rest += length if k > segment else (1.0 - share) * length
+    return rest
+
+
+@borrowing_kernel
+def to_go(course: Any, aim: int, x: float, y: float) -> float:
+    """Way to go [m] from a point, as the task's aim measures it."""
+    if aim == FIELD:
+        return way_to_go(course, x, y)
+    if aim == PATH and course.points > 0:
+        return rest_of_path(table_at(course.path, course.points, 2), x, y)
+    return math.hypot(course.goal[0] - x, course.goal[1] - y)
+
+
+@borrowing_kernel
+def way_from(courses: Any, x: float, y: float) -> float:
+    """`way_to_go` of the only row of courses (1,)."""
+    return way_to_go(courses[0], x, y)
