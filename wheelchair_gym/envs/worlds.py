@@ -32,7 +32,7 @@ class BankSettings:
     turnover: float = setting(
         default=1.0, source="worlds exchanged per episode of an environment", low=0.0, high=1000.0
     )
-    seed: int = setting(default=0, low=0)
+    seed: int = setting(default=0, source="of the worlds", low=0)
 
 
 class Worlds:

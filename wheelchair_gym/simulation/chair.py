@@ -40,10 +40,12 @@ class SimulatedChair:
         physics: PhysicsSettings | None = None,
         period: float = 0.1,
     ) -> None:
-        chair = chair or ChairSettings()
-        sensors = sensors or SensorSettings()
+        self.settings = chair = chair or ChairSettings()
+        self.sensors = sensors = sensors or SensorSettings()
+        self.physics = physics or PhysicsSettings()
+        self.period = period
         self._rig = Rig(sensors)
-        self._base = parameters(chair, sensors, physics or PhysicsSettings(), period)
+        self._base = parameters(chair, sensors, self.physics, period)
         self._chair = self._base.copy()
         self._blank = np.zeros(1, STATE)
         self._state = self._blank.copy()
