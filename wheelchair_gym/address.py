@@ -34,39 +34,37 @@ def _viewer(item: Any, ndim: int) -> Any:
     array_type = types.Array(item, ndim, "C")
 
     def lower(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        array = make_array(array_type)(context, builder)
+        array = make_array(array_type)(context, builder)  # type: ignore[no-untyped-call]
         size = context.get_abi_sizeof(context.get_data_type(item))
         itemsize = context.get_constant(types.intp, size)
         shape = [builder.sext(arg, itemsize.type) for arg in args[1:]]
         strides = [itemsize]
         for length in reversed(shape[1:]):
             strides.insert(0, builder.mul(strides[0], length))
-        populate_array(
+        pack: Any = cgutils.pack_array
+        fill: Any = populate_array
+        fill(
             array,
             data=builder.inttoptr(args[0], context.get_data_type(item).as_pointer()),
-            shape=cgutils.pack_array(builder, shape),
-            strides=cgutils.pack_array(builder, strides),
+            shape=pack(builder, shape),
+            strides=pack(builder, strides),
             itemsize=itemsize,
             meminfo=None,
         )
         return array._getvalue()
 
-    if ndim == 1:
+    def one(typingctx: Any, address: Any, n: Any) -> Any:
+        return array_type(types.uint64, types.int64), lower
 
-        def view(typingctx: Any, address: Any, n: Any) -> Any:
-            return array_type(types.uint64, types.int64), lower
+    def two(typingctx: Any, address: Any, n: Any, m: Any) -> Any:
+        return array_type(types.uint64, types.int64, types.int64), lower
 
-    else:
-
-        def view(typingctx: Any, address: Any, n: Any, m: Any) -> Any:
-            return array_type(types.uint64, types.int64, types.int64), lower
-
-    return intrinsic(view)
+    return intrinsic(one if ndim == 1 else two)
 
 
 # numba gives these the arguments that their callers see; mypy knows only how they are declared.
-doubles_at = cast("Callable[[int, int], NDArray[np.float64]]", _viewer(types.float64, 1))
-floats_at = cast("Callable[[int, int], NDArray[np.float32]]", _viewer(types.float32, 1))
-integers_at = cast("Callable[[int, int], NDArray[np.int64]]", _viewer(types.int64, 1))
-table_at = cast("Callable[[int, int, int], NDArray[np.float64]]", _viewer(types.float64, 2))
-field_at = cast("Callable[[int, int, int], NDArray[np.float32]]", _viewer(types.float32, 2))
+doubles_at = cast("Callable[[Any, int], NDArray[np.float64]]", _viewer(types.float64, 1))
+floats_at = cast("Callable[[Any, int], NDArray[np.float32]]", _viewer(types.float32, 1))
+integers_at = cast("Callable[[Any, int], NDArray[np.int64]]", _viewer(types.int64, 1))
+table_at = cast("Callable[[Any, int, int], NDArray[np.float64]]", _viewer(types.float64, 2))
+field_at = cast("Callable[[Any, int, int], NDArray[np.float32]]", _viewer(types.float32, 2))

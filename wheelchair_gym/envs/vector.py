@@ -134,7 +134,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._scratch = [np.zeros(1, np.float32) for _ in self._shares]
         self._out = Spare((n, self.task.room))
         self._final = Spare((n, self.task.room))
-        self._seeded = False
+        self._last: tuple[Floats, Rows, Rows] | None = None  # of the last step or reset
 
     def reset(
         self,
@@ -153,7 +153,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         """
         n = self.num_envs
         super().reset(seed=seed if isinstance(seed, int) else None)
-        if seed is None and not self._seeded:
+        if seed is None and self._last is None:
             seed = int(self.np_random.integers(2**32))
         seeds = [seed + i for i in range(n)] if isinstance(seed, int) else seed
         if seeds is not None and len(seeds) != n:
@@ -166,12 +166,11 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             if given is not None:
                 self._seeds[i], self._counts[i] = given, 0
                 self._draw(i)
-        self._seeded = True
-        if not chosen.all():
-            out, sensed, verdicts = self._last
-            out, sensed, verdicts = out.copy(), sensed.copy(), verdicts.copy()
-        else:
-            out, sensed, verdicts = self._out.take(), self._blank_sensed(), self._blank_verdicts()
+        out, sensed, verdicts = self._out.take(), self._blank_sensed(), self._blank_verdicts()
+        if self._last is not None:  # the rows that go on keep what they saw
+            out[:], sensed[:], verdicts[:] = self._last
+        elif not chosen.all():
+            raise gym.error.ResetNeeded("the first reset() must be of every row")
         success = np.zeros(n, np.bool_)
         for t, (low, high) in enumerate(self._shares):
             begin_chairs(
@@ -199,7 +198,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             gymnasium.error.ResetNeeded: there was no reset yet.
         """
         n = self.num_envs
-        if not self._seeded:
+        if self._last is None:
             raise gym.error.ResetNeeded("call reset() before step()")
         chosen = np.ascontiguousarray(actions, np.float64)
         if chosen.shape != (n, 2) or not np.isfinite(chosen).all():

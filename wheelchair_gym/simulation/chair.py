@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,6 +139,7 @@ class SimulatedChair:
         return np.empty(self._beams, np.float32), np.empty(1, SENSED)
 
     def _reading(self, ranges: NDArray[np.float32], sensed: Rows) -> Reading:
-        pose, twist, ultrasonic, age, bumped, battery, stamp, *truth = sensed.item()
+        told = cast("tuple[Any, ...]", sensed.item())
+        pose, twist, ultrasonic, age, bumped, battery, stamp, *truth = told
         self._truth = Truth(*truth)
         return Reading(pose, twist, ranges, ultrasonic, age, bumped, battery, stamp)

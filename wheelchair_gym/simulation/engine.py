@@ -282,9 +282,9 @@ def self_test() -> None:
             body = pymunk.Body(1.0, 1.0)
             space.add(body, pymunk.Poly.create_box(body, (1.0, 0.6)))
             shapes = pymunk.Segment(static, (0, 0), (1, 1), 0.0), pymunk.Circle(static, 1.0)
-            addresses = [pointer(shape._shape) for shape in shapes]
-            space_, body_ = pointer(space._space), pointer(body._body)
-            ends.append(_push(engine_record()[0], space_, body_, *addresses, 60))
+            wall, disc = (pointer(shape._shape) for shape in shapes)
+            own = pointer(space._space), pointer(body._body)
+            ends.append(_push(engine_record()[0], *own, wall, disc, 60))
         else:
             body = pymunk.Body(10.0, 2.0)
             space.add(body, pymunk.Poly.create_box(body, (1.0, 0.6)))

@@ -1,0 +1,104 @@
+"""Many chairs for stable-baselines3: its vector interface over ours."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+
+from wheelchair_gym.envs import NavigationVectorEnv
+
+
+class SB3VecEnv(VecEnv):
+    """A `NavigationVectorEnv` in SAME_STEP mode, as stable-baselines3 trains on it.
+
+    Observations and rewards are handed on as they are, without a copy: they are never written
+    again. Where an episode ends, the info holds `terminal_observation`, `TimeLimit.truncated`,
+    `is_success` and `episode` (return r, length l, time t), so that no monitor is needed; of the
+    other rows it is empty.
+
+    Args:
+        env: many chairs, in SAME_STEP mode.
+
+    Raises:
+        ValueError: the env begins episodes in the step after.
+    """
+
+    def __init__(self, env: NavigationVectorEnv) -> None:
+        mode = env.metadata["autoreset_mode"]
+        if mode.value != "SameStep":
+            raise ValueError(f"autoreset_mode is {mode.value}; expected SameStep")
+        self.env = env
+        self._seed: int | None = None
+        self._begun = time.perf_counter()
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self._returns = np.zeros(self.num_envs)
+        self._lengths = np.zeros(self.num_envs, np.int64)
+
+    def reset(self) -> Any:
+        """Begin an episode in every row."""
+        observations, _ = self.env.reset(seed=self._seed)
+        self._seed = None
+        self._returns[:], self._lengths[:] = 0.0, 0
+        return observations
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Row i takes up the episodes of seed + i at the next reset."""
+        self._seed = seed
+        return [None if seed is None else seed + i for i in range(self.num_envs)]
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Take the actions (n, 2) of the next step."""
+        self._actions = actions
+
+    def step_wait(self) -> Any:
+        """Drive every chair; see `VecEnv.step`."""
+        observations, rewards, terminated, truncated, told = self.env.step(self._actions)
+        dones = terminated | truncated
+        self._returns += rewards
+        self._lengths += 1
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for i in np.flatnonzero(dones).tolist():
+            infos[i] = {
+                "terminal_observation": {k: v[i] for k, v in told["final_obs"].items()},
+                "TimeLimit.truncated": bool(truncated[i]),
+                "is_success": bool(told["final_info"]["is_success"][i]),
+                "episode": {
+                    "r": float(self._returns[i]),
+                    "l": int(self._lengths[i]),
+                    "t": round(time.perf_counter() - self._begun, 6),
+                },
+            }
+            self._returns[i], self._lengths[i] = 0.0, 0
+        return observations, rewards.astype(np.float32), dones, infos
+
+    def close(self) -> None:
+        """Close the chairs."""
+        self.env.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """An attribute of the chairs, once for each index."""
+        return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Set an attribute of all chairs; of some of them none can be set.
+
+        Raises:
+            NotImplementedError: indices were given.
+        """
+        if indices is not None:
+            raise NotImplementedError(f"{attr_name} can be set for all chairs only")
+        setattr(self.env, attr_name, value)
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
+        """Call a method of the chairs as a whole; its result once for each index."""
+        result = getattr(self.env, method_name)(*args, **kwargs)
+        return [result for _ in self._get_indices(indices)]
+
+    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+        """Whether a row is wrapped: never."""
+        return [False for _ in self._get_indices(indices)]
