@@ -5,7 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+POSES = ("truth", "odometry", "modelled")
+POSE = "modelled"
 
 
 def whole(text: str) -> int:
@@ -60,6 +64,61 @@ def names(text: str) -> list[str]:
     if not found:
         raise argparse.ArgumentTypeError("expected names between commas")
     return found
+
+
+def spec(text: str) -> str | dict[str, Any]:
+    """What a person names: NAME, or FILE.json:NAME with the settings of that name in a file.
+
+    Raises:
+        InputError: the file cannot be read, or has no object of settings under that name.
+    """
+    from wheelchair_gym.config import InputError, read_json
+
+    file, colon, name = text.rpartition(":")
+    if not colon:
+        return text
+    content = read_json(file)
+    if not isinstance(content, Mapping) or not isinstance(content.get(name), Mapping):
+        known = f"it has {', '.join(content)}" if isinstance(content, Mapping) else "no object"
+        raise InputError(f"{file}: expected an object with settings under {name!r}; {known}")
+    return {**content[name], "name": name}
+
+
+def changed(settings: str | Mapping[str, Any], changes: Sequence[str]) -> dict[str, Any]:
+    """What a person names, with changes such as `iterations=30000` or `tree.step=2.0`.
+
+    Raises:
+        InputError: a change is not KEY=VALUE, or its key leads into what has no keys.
+    """
+    from wheelchair_gym.config import InputError
+
+    whole: dict[str, Any] = {"name": settings} if isinstance(settings, str) else {**settings}
+    for change in changes:
+        key, equals, value = change.partition("=")
+        if not (key and equals):
+            raise InputError(f"--set {change}: expected KEY=VALUE")
+        *above, last = key.split(".")
+        place = whole
+        for part in above:
+            inner = place.get(part, {})
+            if not isinstance(inner, Mapping):
+                raise InputError(f"--set {change}: {part} is {inner!r}; it has no keys")
+            place[part] = {**inner}
+            place = place[part]
+        try:
+            place[last] = json.loads(value)
+        except json.JSONDecodeError:
+            place[last] = value  # a word
+    return whole
+
+
+def add_env(parser: argparse.ArgumentParser) -> None:
+    """The options `--config FILE.json` and `--pose SOURCE`."""
+    parser.add_argument("--config", metavar="FILE.json", help="settings, as in configs/env.json")
+    parser.add_argument(
+        "--pose", choices=POSES,
+        help=f"the chair's own estimate (default: the config's, or {POSE} without one)",
+    )  # fmt: skip
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -32,6 +32,11 @@ def hall(tmp_path_factory):
     (folder / "keyless.json").write_text('[{"size": 5}]')
     (folder / "nan.json").write_text(json.dumps([problem | {"start": [float("nan"), 2]}]))
     (folder / "broken.json").write_text("[{")
+    (folder / "object.json").write_text("{}")
+    (folder / "typed.json").write_text(json.dumps([problem | {"size": "big"}]))
+    (folder / "unknown.json").write_text('{"task": {"beamz": 3}}')
+    (folder / "scenes.json").write_text('{"clutter": {"walls": 3}}')
+    (folder / "list.json").write_text("[]")
     return folder
 
 
@@ -49,6 +54,7 @@ def plan(hall, name, start="1,2", goal="4,2", planner="rrt_connect"):
 
 WRONG = {
     "no command": lambda hall: [],
+    "end of a list": lambda hall: ["compare", "--policies", ","],
     "unknown command": lambda hall: ["fly"],
     "unknown option": lambda hall: ["scenes", "--fast"],
     "unknown planner": lambda hall: plan(hall, "hall.yaml", planner="magic"),
@@ -70,7 +76,7 @@ WRONG = {
         *plan(hall, "hall.yaml"), "--json", hall / "hall.yaml" / "x",
     ],
     "unwritable picture": lambda hall: [
-        *plan(hall, "hall.yaml"), "--picture", hall / "none" / "x.png",
+        *plan(hall, "hall.yaml"), "--picture", hall / "hall.yaml" / "x.png",
     ],
     "missing problems": lambda hall: ["plan", "--planner", "rrt", "--problems", hall / "no.json"],
     "broken problems": lambda hall: [
@@ -80,11 +86,38 @@ WRONG = {
         "plan", "--planner", "rrt", "--problems", hall / "keyless.json",
     ],
     "problems with NaN": lambda hall: ["plan", "--planner", "rrt", "--problems", hall / "nan.json"],
+    "problems are no list": lambda hall: [
+        "plan", "--planner", "rrt", "--problems", hall / "object.json",
+    ],
+    "problems of wrong types": lambda hall: [
+        "plan", "--planner", "rrt", "--problems", hall / "typed.json",
+    ],
+    "problems with a start": lambda hall: [
+        "plan", "--planner", "rrt", "--problems", hall / "problems.json", "--start", "1,2",
+    ],
+    "unknown setting": lambda hall: [*plan(hall, "hall.yaml"), "--set", "wings=2"],
+    "setting of a wrong type": lambda hall: [*plan(hall, "hall.yaml"), "--set", "iterations=few"],
+    "setting without value": lambda hall: [*plan(hall, "hall.yaml"), "--set", "iterations"],
+    "setting inside a number": lambda hall: [
+        *plan(hall, "hall.yaml"), "--set", "step=1", "--set", "step.x=1",
+    ],
+    "settings file lacks the name": lambda hall: plan(
+        hall, "hall.yaml", planner=f"{hall / 'object.json'}:rrt"
+    ),
+    "picture of another kind": lambda hall: [*plan(hall, "hall.yaml"), "--picture", hall / "x.svg"],
+    "json is a folder": lambda hall: [*plan(hall, "hall.yaml"), "--json", hall],
     "unknown policy": lambda hall: ["simulate", "--policy", "nobody"],
     "unknown follower": lambda hall: ["simulate", "--policy", "rrt+nobody"],
     "unknown scene": lambda hall: ["simulate", "--policy", "random", "--scene", "moon"],
     "negative seed": lambda hall: ["simulate", "--seed", "-1"],
     "missing config": lambda hall: ["simulate", "--policy", "random", "--config", hall / "no.json"],
+    "broken config": lambda hall: ["simulate", "--config", hall / "broken.json"],
+    "unknown key in a config": lambda hall: ["simulate", "--config", hall / "unknown.json"],
+    "config is a list": lambda hall: ["simulate", "--config", hall / "list.json"],
+    "unknown key of a scene": lambda hall: [
+        "simulate", "--policy", "random", "--scene", f"{hall / 'scenes.json'}:clutter",
+    ],
+    "zero jobs": lambda hall: ["compare", "--jobs", "0"],
     "unknown suite": lambda hall: ["compare", "--suite", "everything"],
     "negative episodes": lambda hall: ["compare", "--episodes", "-3"],
     "no episodes": lambda hall: ["compare", "--episodes", "0"],
@@ -92,6 +125,7 @@ WRONG = {
         "compare", "--policies", "nobody", "--out", hall / "r",
     ],
     "unknown scene in a suite": lambda hall: ["compare", "--scenes", "moon", "--out", hall / "r"],
+    "folder is a file": lambda hall: ["compare", "--out", hall / "hall.yaml"],
     "unwritable folder": lambda hall: ["compare", "--out", hall / "hall.yaml" / "x"],
     "unknown pose": lambda hall: ["compare", "--pose", "gps"],
     "unknown settings": lambda hall: ["settings", "wings"],
@@ -100,9 +134,10 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", sorted(WRONG))
-def test_wrong_input_is_one_line_and_code_2(hall, capsys, case):
+def test_wrong_input_is_one_line_and_code_2(hall, capfd, case):
+    """Also of what compiled code says: the file descriptors are read."""
     assert run(*WRONG[case](hall)) == 2
-    said = capsys.readouterr()
+    said = capfd.readouterr()
     assert said.out == ""
     assert said.err.startswith("wheelchair: ")
     assert said.err.count("\n") == 1
