@@ -18,6 +18,7 @@ from agents.interrupt import by_hand
 from agents.metrics import Record, Trace, measure
 from agents.policy import make_policy
 from wheelchair_gym.config import InputError, dump, load, read_json
+from wheelchair_gym.files import refused
 
 ENV = "wheelchair_gym/Navigation-v0"
 STORE = "episodes.jsonl"
@@ -173,7 +174,7 @@ def _open_store(folder: Path) -> Any:
         folder.mkdir(parents=True, exist_ok=True)
         store = path.open("a+b")
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+        raise refused(path, error) from None
     if store.tell():
         store.seek(-1, os.SEEK_END)
         if store.read(1) != b"\n":  # a line cut short: what follows begins a new one

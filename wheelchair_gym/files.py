@@ -34,4 +34,11 @@ def whole(path: str | Path) -> Iterator[Path]:
         finally:
             part.unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
+        raise refused(path, error) from None
+
+
+def refused(path: Path, error: OSError) -> InputError:
+    """What a person is told of a file that cannot be written."""
+    taken = isinstance(error, FileExistsError | NotADirectoryError)
+    why = "its folder is a file" if taken else error.strerror or str(error)
+    return InputError(f"{path}: cannot be written ({why})")

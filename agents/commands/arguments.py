@@ -12,23 +12,20 @@ POSES = ("truth", "odometry", "modelled")
 POSE = "modelled"
 
 
-def whole(text: str) -> int:
+def whole(text: str, least: int = 0) -> int:
     """A whole number of at least 0."""
     try:
         value = int(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{value} is negative; expected at least 0")
+    if value < least:
+        raise argparse.ArgumentTypeError(f"{value} is too few; expected at least {least}")
     return value
 
 
 def count(text: str) -> int:
     """A whole number of at least 1."""
-    value = whole(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is too few; expected at least 1")
-    return value
+    return whole(text, least=1)
 
 
 def finite(text: str) -> float:
@@ -79,8 +76,8 @@ def spec(text: str) -> str | dict[str, Any]:
         return text
     content = read_json(file)
     if not isinstance(content, Mapping) or not isinstance(content.get(name), Mapping):
-        known = f"it has {', '.join(content)}" if isinstance(content, Mapping) else "no object"
-        raise InputError(f"{file}: expected an object with settings under {name!r}; {known}")
+        known = ", ".join(content) if isinstance(content, Mapping) else ""
+        raise InputError(f"{file}: no settings under {name!r}; known: {known or 'none'}")
     return {**content[name], "name": name}
 
 

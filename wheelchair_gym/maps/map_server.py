@@ -19,6 +19,7 @@ import yaml
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
+from wheelchair_gym.files import refused
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -187,4 +188,4 @@ def write_map(
         path.with_suffix(suffix).write_bytes(cv2.imencode(suffix, image)[1].tobytes())
         path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+        raise refused(path, error) from None
