@@ -1,14 +1,22 @@
 """The command: wrong input is one line and code 2; JSON on stdout stands alone."""
 
 import json
+import re
+import shlex
 import subprocess
 import sys
 
 import numpy as np
 import pytest
 
-from agents.cli import main
+from agents.cli import COMMANDS, main, parser
+from agents.commands.arguments import changed, spec
+from agents.followers import FOLLOWERS
+from agents.provenance import command_line
+from planners import PLANNERS, make_planner
+from tests.conftest import ROOT
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, write_map
+from wheelchair_gym.scenes import SCENES, make_scene
 
 
 @pytest.fixture(scope="module")
@@ -224,3 +232,46 @@ def test_a_reader_that_leaves_is_no_error():
     done = subprocess.run(["bash", "-c", pipe], capture_output=True, text=True, check=False)
     assert done.stderr == ""
     assert done.stdout.count("\n") == 1
+
+
+def readme():
+    return (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_readmes_python_runs(capsys):
+    (block,) = re.findall(r"```python\n(.*?)```", readme(), re.DOTALL)
+    exec(compile(block, "README.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("arrived")
+
+
+def test_the_readme_names_every_command_scene_planner_and_follower():
+    named = set(re.findall(r"`(\w+)`", readme()))
+    commands = {command.__name__.rpartition(".")[2] for command in COMMANDS}
+    scenes = {name for name in SCENES if not name.startswith("thesis")}
+    assert named >= commands | scenes | set(PLANNERS) | set(FOLLOWERS)
+
+
+@pytest.mark.parametrize("line", re.findall(r"^`?(wheelchair .*?)`?$", readme(), re.MULTILINE))
+def test_the_readmes_commands_are_understood(line):
+    assert parser().parse_args(shlex.split(line)[1:]).run
+
+
+def test_results_name_the_command_as_a_person_types_it(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["somewhere/agents/cli.py", "plan", "--map", "my hall.yaml"])
+    assert command_line() == "wheelchair plan --map 'my hall.yaml'"
+
+
+def test_settings_come_from_a_file_and_from_changes(tmp_path):
+    file = tmp_path / "mine.json"
+    file.write_text('{"rrt_star_woa_local": {"tree": {"step": 2.0}}}')
+    given = spec(f"{file}:rrt_star_woa_local")
+    planner = make_planner(changed(given, ["tree.iterations=30000", "whales.population=7"]))
+    assert (planner.tree.step, planner.tree.iterations) == (2.0, 30000)
+    assert planner.whales.population == 7
+    assert planner.tree.return_on_first_path
+    for name in SCENES:
+        make_scene(spec(f"{ROOT / 'configs' / 'scenes.json'}:{name}"))
+    for name in PLANNERS:
+        assert make_planner(spec(f"{ROOT / 'configs' / 'planners.json'}:{name}")) == make_planner(
+            name
+        )
