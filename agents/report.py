@@ -20,7 +20,7 @@ from agents.tables import (
     overall,
     written,
 )
-from wheelchair_gym.view.video import whole
+from wheelchair_gym.files import whole
 
 Evaluation = Mapping[str, Any]
 Record = Mapping[str, Any]

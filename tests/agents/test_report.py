@@ -1,8 +1,6 @@
 """A report stands alone, shows every failure, and repeats the numbers it was given."""
 
 import base64
-import json
-import math
 import re
 from html.parser import HTMLParser
 
@@ -10,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents.report import write_report
-from agents.tables import COLUMNS, finite, markdown, overall
+from agents.tables import COLUMNS, markdown, overall
 from wheelchair_gym.view import write_png
 
 VOID = {"meta", "link", "img", "br", "wbr", "hr", "input"}
@@ -195,10 +193,3 @@ def test_video_is_embedded(tmp_path):
     text = write_report(evaluation() | {"video": "episode.mp4"}, tmp_path).read_text("utf-8")
     source = base64.b64encode(b"\0\1film").decode()
     assert Page(text).of("video")[0]["src"] == f"data:video/mp4;base64,{source}"
-
-
-def test_finite_turns_what_json_cannot_say_into_null():
-    value = {"a": math.nan, "b": [np.float32(np.inf), 1.5], "c": np.array([1.0, np.nan]), "d": "x"}
-    assert json.dumps(finite(value), allow_nan=False) == (
-        '{"a": null, "b": [null, 1.5], "c": [1.0, null], "d": "x"}'
-    )
