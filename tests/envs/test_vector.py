@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
+import wheelchair_gym
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 
 NEXT, SAME = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP
@@ -82,3 +84,158 @@ def test_each_row_is_a_single_env(mode, threads):
 def test_each_row_is_a_single_env_where_every_episode_has_its_own_world():
     settings = {"scene": "floor_plan", "pose_source": "modelled", "guidance": "geodesic"}
     assert compare(NEXT, 2, n=3, steps=60, config=SHORT, **settings) >= 3
+
+
+def test_make_vec_gives_the_batch():
+    env = gym.make_vec("wheelchair_gym/GuidedNavigation-v0", num_envs=3, **QUICK)
+    assert type(env.unwrapped) is NavigationVectorEnv
+    observations, _ = env.reset(seed=1)
+    assert observations["path"].shape == (3, 10)
+    assert observations["laser"].shape == (3, 64)
+    assert env.observation_space.contains(observations)
+    assert env.metadata["autoreset_mode"] is NEXT
+    same = gym.make_vec("wheelchair_gym/Navigation-v0", 2, autoreset_mode="SameStep", **QUICK)
+    assert same.metadata["autoreset_mode"] is SAME
+    env.close()
+    env.close()
+
+
+@pytest.mark.parametrize("mode", [NEXT, SAME])
+def test_what_was_handed_out_is_never_written_again(mode):
+    """Everything kept over many ends of episodes is as it was, and in its space."""
+    env = NavigationVectorEnv(4, SHORT, autoreset_mode=mode, **QUICK)
+    rng = np.random.default_rng(0)
+
+    def numbers(told):
+        for value in told.values():
+            if isinstance(value, dict):
+                yield from numbers(value)
+            else:
+                yield value
+
+    kept, ended = [], 0
+    env.reset(seed=0)
+    for _ in range(120):
+        result = env.step(rng.uniform(-1, 1, (4, 2)))
+        assert env.observation_space.contains(result[0])
+        ended += (result[2] | result[3]).sum()
+        for array in (*numbers(result[0]), *result[1:4], *numbers(result[4])):
+            kept.append((array, array.copy()))
+    assert ended >= 8
+    for array, copy in kept:
+        assert np.array_equal(array, copy)
+
+
+def test_a_mask_begins_some_rows_and_leaves_the_others():
+    whole, part = (NavigationVectorEnv(4, SHORT, **QUICK) for _ in range(2))
+    actions = np.full((4, 2), 0.3)
+    for env in (whole, part):
+        env.reset(seed=3)
+        for _ in range(5):
+            env.step(actions)
+    mask = np.array([True, False, True, False])
+    observations, _ = part.reset(options={"reset_mask": mask})
+    after = part.step(actions)[0]["laser"]
+    expected = whole.step(actions)[0]["laser"]
+    assert np.array_equal(after[~mask], expected[~mask])
+    assert not np.array_equal(after[mask], expected[mask])
+    single = NavigationEnv(config=SHORT, **QUICK)
+    single.reset(seed=5)
+    observation, _ = single.reset()  # the next episode of row 2
+    assert np.array_equal(observation["laser"], observations["laser"][2])
+
+
+def test_a_bank_shares_its_worlds_and_turns_over():
+    task = {"scene": "clutter", "beams": 16, "config": SHORT}
+    env = NavigationEnv(bank={"size": 3, "turnover": 0.5, "seed": 1}, **task)
+    seen = []
+    for episode in range(40):
+        env.reset(seed=0 if episode == 0 else None)
+        seen.append(env.episode.walls.tobytes())
+        assert len(env.worlds) <= 3
+    assert 10 <= len(set(seen)) <= 23  # of 40 episodes; the window has moved by 20
+    other = NavigationEnv(bank={"size": 3, "turnover": 0.5, "seed": 2}, **task)
+    other.reset(seed=0)
+    assert other.episode.walls.tobytes() not in seen
+    still = NavigationEnv(bank={"size": 3, "turnover": 0.0, "seed": 1}, **task)
+    few = set()
+    for seed in range(40):
+        still.reset(seed=seed)
+        few.add(still.episode.walls.tobytes())
+    assert len(few) == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"num_envs": 0}, "num_envs is 0; expected at least 1"),
+        ({"num_threads": 0}, "num_threads is 0; expected at least 1"),
+        ({"render_mode": "human"}, "render_mode is 'human'; many chairs at once draw no picture"),
+        ({"autoreset_mode": "Disabled"}, "Disabled; expected NextStep or SameStep"),
+        ({"beamz": 3}, "beamz: not an argument of this env"),
+        ({"bank": {"sizes": 3}}, "bank.sizes is not a setting; it has seed, size, turnover"),
+        ({"bank": -1}, r"BankSettings.size is -1; it must be at least 0"),
+    ],
+)
+def test_wrong_arguments_are_refused_by_name(arguments, message):
+    with pytest.raises(wheelchair_gym.InputError, match=message):
+        NavigationVectorEnv(**arguments)
+
+
+def test_wrong_actions_and_seeds_are_refused():
+    env = NavigationVectorEnv(2, **QUICK)
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.zeros((2, 2)))
+    with pytest.raises(wheelchair_gym.InputError, match="3 seeds were given for 2"):
+        env.reset(seed=[1, 2, 3])
+    env.reset(seed=[4, 2])
+    for wrong in (np.zeros(2), np.zeros((3, 2)), np.full((2, 2), np.nan)):
+        with pytest.raises(wheelchair_gym.InputError, match=r"expected finite \(2, 2\)"):
+            env.step(wrong)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("mode", [NEXT, SAME])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_million_steps_in_all_are_those_of_single_envs(mode, threads):
+    """A quarter of a million in each case: floor plans, all noise, a bank that turns over."""
+    n, steps, seed = 50, 5_000, 11
+    settings = {
+        "config": {"task": {"time_base": 20.0, "time_factor": 0.0}},
+        "bank": {"size": 64, "turnover": 1.0},
+        "beams": 181,
+        "pose_source": "modelled",
+        "guidance": "geodesic",
+        "randomise": True,
+    }
+    batch = NavigationVectorEnv(n, num_threads=threads, autoreset_mode=mode, **settings)
+    singles = [NavigationEnv(**settings) for _ in range(n)]
+    for env in singles:
+        env.worlds = batch.worlds  # made once; each env draws its own
+        env.worlds.forget = lambda episode: None
+    rng = np.random.default_rng(seed)
+    observations, _ = batch.reset(seed=seed)
+    for i, env in enumerate(singles):
+        env.reset(seed=seed + i)
+    over, ends = np.zeros(n, bool), 0
+    for _ in range(steps):
+        actions = rng.uniform(-1.0, 1.0, (n, 2))
+        observations, rewards, terminated, truncated, infos = batch.step(actions)
+        for i, env in enumerate(singles):
+            if over[i]:
+                observation, info = env.reset()
+                over[i] = False
+            else:
+                observation, *outcome, info = env.step(actions[i])
+                assert outcome == [rewards[i], terminated[i], truncated[i]]
+                if terminated[i] or truncated[i]:
+                    ends += 1
+                    over[i] = mode is NEXT
+                    if mode is SAME:
+                        for key, value in observation.items():
+                            assert np.array_equal(value, infos["final_obs"][key][i])
+                        observation, info = env.reset()
+            for key, value in observation.items():
+                assert np.array_equal(value, observations[key][i])
+            assert np.array_equal(info["pose"], infos["pose"][i])
+    assert ends >= 1000

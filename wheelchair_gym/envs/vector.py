@@ -52,7 +52,7 @@ class Spare:
         for array in self._arrays:
             if sys.getrefcount(array) == 3:  # by the list, by the loop and by the question
                 return array
-        self._arrays.append(np.empty(self._shape, np.float32))
+        self._arrays.append(np.zeros(self._shape, np.float32))
         return self._arrays[-1]
 
 
@@ -268,10 +268,10 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self.worlds.forget(int(self._counts.min()))
 
     def _blank_sensed(self) -> Rows:
-        return np.empty(self.num_envs, SENSED)
+        return np.zeros(self.num_envs, SENSED)
 
     def _blank_verdicts(self) -> Rows:
-        return np.empty(self.num_envs, VERDICT)
+        return np.zeros(self.num_envs, VERDICT)
 
     def _info(
         self,

@@ -30,7 +30,7 @@ class BankSettings:
         default=0, source="worlds an episode draws from; 0: each its own", low=0, high=10_000_000
     )
     turnover: float = setting(
-        default=1.0, source="worlds exchanged per episode of an environment", low=0.0, high=1000.0
+        default=0.1, source="worlds exchanged per episode of an environment", low=0.0, high=1000.0
     )
     seed: int = setting(default=0, source="of the worlds", low=0)
 
