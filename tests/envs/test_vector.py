@@ -151,17 +151,17 @@ def test_a_bank_shares_its_worlds_and_turns_over():
     seen = []
     for episode in range(40):
         env.reset(seed=0 if episode == 0 else None)
-        seen.append(env.episode.walls.tobytes())
+        seen.append(env.episode.discs.tobytes())
         assert len(env.worlds) <= 3
     assert 10 <= len(set(seen)) <= 23  # of 40 episodes; the window has moved by 20
     other = NavigationEnv(bank={"size": 3, "turnover": 0.5, "seed": 2}, **task)
     other.reset(seed=0)
-    assert other.episode.walls.tobytes() not in seen
+    assert other.episode.discs.tobytes() not in seen
     still = NavigationEnv(bank={"size": 3, "turnover": 0.0, "seed": 1}, **task)
     few = set()
     for seed in range(40):
         still.reset(seed=seed)
-        few.add(still.episode.walls.tobytes())
+        few.add(still.episode.discs.tobytes())
     assert len(few) == 3
 
 
