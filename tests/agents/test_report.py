@@ -9,12 +9,14 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from agents import report
 from agents.report import write_report
 from agents.tables import COLUMNS, finite, markdown, overall
-from wheelchair_gym.view import write_png
+from wheelchair_gym.view import webp, write_png
 
 VOID = {"meta", "link", "img", "br", "wbr", "hr", "input"}
 POLICIES, SCENES = ["dwa", "a|b <i>&"], ["clutter", "office"]
+VIDEO = {"file": "episode.mp4", "policy": "dwa", "scene": "office", "seed": 7}
 
 
 def evaluation():
@@ -100,10 +102,11 @@ def made(tmp_path_factory):
 
 
 def test_nothing_outside_is_needed(made):
-    _, _, text, page = made
+    _, folder, text, page = made
     for _, attributes in page.tags:
-        for name in ("src", "href"):
-            assert attributes.get(name, "data:").startswith("data:")
+        assert attributes.get("src", "data:").startswith("data:")
+    links = [link["href"] for link in page.of("a") if not (folder / link["href"]).is_file()]
+    assert links == []
     assert not re.search(r"https?:|//[a-z]|@import|url\(", re.sub(r"data:[^'\"]*", "", text))
 
 
@@ -119,8 +122,8 @@ def test_every_failure_is_shown_with_its_own_picture_and_words(made):
     failed = [record for record in what["records"] if not record["success"]]
     assert len(failed) == 8
     for record in failed:
-        data = base64.b64encode((folder / record["picture"]).read_bytes()).decode()
-        said = shown[f"data:image/png;base64,{data}"]
+        data = base64.b64encode(webp(folder / record["picture"])).decode()
+        said = shown[f"data:image/webp;base64,{data}"]
         assert f"{record['policy']}, {record['scene']}, seed {record['seed']}" in said
         assert ("hit something" if record["contact"] else "out of time") in said
         assert f"{record['time']:.1f} s" in said
@@ -174,6 +177,43 @@ def test_the_best_comes_first_and_is_named_first(made):
     assert "the intervals overlap" in lead
 
 
+def test_every_scene_lists_its_best_first_and_failures_of_the_best_come_first(made):
+    page = made[3]
+    names = [[" ".join(cell.split()) for cell in row[:2]] for row in page.rows]
+    names = [name for name in names if name[1] in SCENES]
+    assert names == [[p, s] for s in SCENES for p in ("a|b <i>&", "dwa")]
+    shown = [
+        image["alt"].partition(", ")[0] for image in page.of("img") if ", seed" in image["alt"]
+    ]
+    assert shown == ["a|b <i>&"] * 4 + ["dwa"] * 4
+
+
+def test_a_lead_by_spl_alone_is_called_that(tmp_path):
+    even = evaluation()
+    even["summary"] = [row | {"success": 0.5} for row in even["summary"]]
+    text = write_report(even, tmp_path).read_text(encoding="utf-8")
+    assert "comes first, by SPL alone" in text
+    assert "is best" not in text
+
+
+def test_every_column_is_explained(made):
+    _, _, text, _ = made
+    told = text[text.index("What the columns mean") : text.index("<h2>Figures")]
+    assert told.count("<dt>") == len(COLUMNS)
+    assert len(re.findall(r"<dd>[^<]{10,}</dd>", told)) == len(COLUMNS)
+
+
+def test_pictures_beyond_the_budget_are_linked(made, tmp_path, monkeypatch):
+    what, folder, text, page = made
+    first = next(image["src"] for image in page.of("img") if "webp" in image["src"])
+    monkeypatch.setattr(report, "_MOST_PICTURES", len(first) + 1)
+    heavy = Page(write_report(what, folder).read_text(encoding="utf-8"))
+    shown = [image["src"] for image in heavy.of("img") if ", seed" in image["alt"]]
+    assert [source.startswith("data:") for source in shown] == [True, True] + 6 * [False]
+    assert all((folder / source).is_file() for source in shown[2:])
+    (folder / "report.html").write_text(text, encoding="utf-8")
+
+
 def test_provenance_and_command_are_there(made):
     _, _, text, _ = made
     for word in ("0123abc", "machine.cores", "0 to 3", "--out &#x27;runs/a b&#x27;"):
@@ -192,9 +232,17 @@ def test_nothing_to_report_is_said(tmp_path):
 
 def test_video_is_embedded(tmp_path):
     (tmp_path / "episode.mp4").write_bytes(b"\0\1film")
-    text = write_report(evaluation() | {"video": "episode.mp4"}, tmp_path).read_text("utf-8")
+    text = write_report(evaluation() | {"video": VIDEO}, tmp_path).read_text("utf-8")
     source = base64.b64encode(b"\0\1film").decode()
     assert Page(text).of("video")[0]["src"] == f"data:video/mp4;base64,{source}"
+
+
+def test_a_long_video_plays_from_beside_the_page(tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "_LARGEST_VIDEO", 3)
+    (tmp_path / "episode.mp4").write_bytes(b"\0\1film")
+    text = write_report(evaluation() | {"video": VIDEO}, tmp_path).read_text("utf-8")
+    assert Page(text).of("video")[0]["src"] == "episode.mp4"
+    assert "dwa, office, seed 7" in text
 
 
 def test_finite_turns_what_json_cannot_say_into_null():
