@@ -19,9 +19,8 @@ def test_a_recorded_episode_plays_back_as_it_was_rendered(tmp_path):
 
     rendered = []
     plain = env(render_mode="rgb_array")
-    world = gymnasium.wrappers.RecordVideo(
-        plain, str(tmp_path), lambda _: True, disable_logger=True
-    )
+    films = str(tmp_path / "films")
+    world = gymnasium.wrappers.RecordVideo(plain, films, lambda _: True, disable_logger=True)
     world.reset(seed=0)
     over = False
     while not over:
@@ -55,9 +54,7 @@ def test_driving_goes_on_without_the_window_once_it_is_closed(monkeypatch):
     assert all((begun[0][key] == begun[1][key]).all() for key in begun[1])
     ahead = np.array([0.5, 0.2], dtype=np.float32)
     for _ in range(4):
-        one, other = (
-            world.step(np.array([0.5, 0.2], dtype=np.float32)) for world in (seen, unseen)
-        )
+        one, other = (world.step(ahead) for world in (seen, unseen))
         assert all((one[0][key] == other[0][key]).all() for key in other[0])
         assert not pygame.display.get_init()
     seen.reset()
