@@ -122,8 +122,9 @@ def _time(policies: Sequence[str], records: Sequence[Record]) -> Figure:
                 marker=_MARKS[i % 8] if good else "x", color=_COLOURS[i % 8], alpha=0.75,
                 linewidths=0.0 if good else 1.2, label=policy if good else None,
             )  # fmt: skip
-    axes.set_xlim(left=0.0)
-    axes.set_ylim(bottom=0.0)
+    # From zero, with room for whole marks at the far ends.
+    for limit, key in ((axes.set_xlim, "geodesic"), (axes.set_ylim, "time")):
+        limit(0.0, 1.05 * max((r[key] for r in records if known(r[key])), default=1.0))
     axes.set_xlabel("geodesic from start to goal [m]")
     axes.set_ylabel("time [s]")
     _legend(figure, axes)

@@ -88,8 +88,10 @@ def _body(
     yield f"<section class='answer'>{answer(evaluation)}</section>"
     yield "<section><h2>Results</h2>"
     ranked = overall(evaluation["summary"])
-    yield html_table([ranked], "All scenes, best first", scenes=False)
-    if len(scenes) > 1:
+    several = len(scenes) > 1
+    caption = "All scenes, best first" if several else "Best first"
+    yield html_table([ranked], caption, scenes=False)
+    if several:
         yield html_table(ranked_by_scene(evaluation), "By scene, best first", scenes=True)
     yield "<p class='note'>Small figures are 95 % Wilson intervals. Best is most success, then "
     yield f"highest SPL. Click a heading to sort.</p>{glossary()}</section>"
@@ -139,7 +141,7 @@ def answer(evaluation: Evaluation) -> str:
     if other > 0:
         failed += f", {_count(other, 'other failure')}"
     said.append(f"<p>What went wrong for {_text(best['policy'])}: {failed}.</p>")
-    return "".join(said)
+    return "".join(said).replace(" %", "&nbsp;%")
 
 
 def _standing(rows: Sequence[Record]) -> str:

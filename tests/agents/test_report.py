@@ -9,7 +9,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from agents import report
+from agents import figures, report
 from agents.report import write_report
 from agents.tables import COLUMNS, finite, markdown, overall
 from wheelchair_gym.view import webp, write_png
@@ -172,7 +172,7 @@ def test_markdown_has_a_row_for_each_row_and_as_many_cells_as_headings():
 def test_the_best_comes_first_and_is_named_first(made):
     what, _, text, _ = made
     assert [row["policy"] for row in overall(what["summary"])] == ["a|b <i>&", "dwa"]
-    lead = text[text.index("class='lead'") :]
+    lead = text[text.index("class='lead'") :].replace("&nbsp;", " ")
     assert lead.index("a|b &lt;i&gt;&amp;") < lead.index("43.3 %") < lead.index("Next is dwa")
     assert "the intervals overlap" in lead
 
@@ -250,3 +250,23 @@ def test_finite_turns_what_json_cannot_say_into_null():
     assert json.dumps(finite(value), allow_nan=False) == (
         '{"a": null, "b": [null, 1.5], "c": [1.0, null], "d": "x"}'
     )
+
+
+def test_no_mark_of_a_figure_is_cut_off_and_no_curve_is_left_out(monkeypatch):
+    what = evaluation()
+    for record in what["records"]:
+        record["clearance_min"] = 0.0 if record["policy"] == "dwa" else 0.3
+    drawn = []
+    monkeypatch.setattr(figures, "_svg", lambda figure: drawn.append(figure) or b"")
+    figures.figures(what)
+    _, times, clearances = (figure.axes[0] for figure in drawn)
+    for marks in times.collections:
+        points = marks.get_offsets()
+        assert (points > (times.get_xlim()[0], times.get_ylim()[0])).all()
+        assert (1.03 * points < (times.get_xlim()[1], times.get_ylim()[1])).all()
+    assert len(clearances.lines) == 2
+    for line in clearances.lines:
+        x, y = line.get_data()
+        assert clearances.get_xlim()[0] < x.min()
+        assert x.max() <= clearances.get_xlim()[1]
+        assert y.max() == 100.0
