@@ -17,7 +17,8 @@ from typing import Any
 from agents.interrupt import by_hand
 from agents.metrics import Record, Trace, measure
 from agents.policy import make_policy
-from wheelchair_gym.config import InputError, dump, read_json
+from wheelchair_gym.config import InputError, dump, load, read_json
+from wheelchair_gym.files import refused
 
 ENV = "wheelchair_gym/Navigation-v0"
 STORE = "episodes.jsonl"
@@ -58,9 +59,17 @@ def episode_key(policy: Spec, scene: Spec, seed: int, env: Mapping[str, Any]) ->
 
 
 def env_settings(**values: Any) -> dict[str, Any]:
-    """Keyword settings of the environment, a config file read in; what is None is left out."""
-    if isinstance(values.get("config"), str | Path):
-        values["config"] = read_json(values["config"])
+    """Keyword settings of the environment, a config file read in; what is None is left out.
+
+    Raises:
+        InputError: the config file cannot be read, or a setting in it is wrong.
+    """
+    path = values.get("config")
+    if isinstance(path, str | Path):
+        from wheelchair_gym.envs import EnvSettings
+
+        values["config"] = read_json(path)
+        load(EnvSettings, values["config"], Path(path).name)  # errors name the file
     return {key: value for key, value in values.items() if value is not None}
 
 
@@ -140,25 +149,13 @@ def run_episode(
         picture = None
         if folder is not None and not record["success"]:
             picture = f"pictures/{label(policy)}-{label(scene)}-{seed}.png".replace(" ", "_")
-            save_picture(world.render(), Path(folder) / picture)
+            from wheelchair_gym.view.video import write_png
+
+            write_png(Path(folder) / picture, world.render())
     finally:
         world.close()
     record |= {"policy": label(policy), "scene": label(scene), "seed": seed, "picture": picture}
     return record
-
-
-def save_picture(frame: Any, path: Path) -> None:
-    """Write a frame (rows, cols, 3) as a picture (PNG).
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    from wheelchair_gym.view.video import write_png
-
-    try:
-        write_png(path, frame)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
 
 
 def read_store(path: Path) -> dict[str, Record]:
@@ -178,7 +175,7 @@ def _open_store(folder: Path) -> Any:
         folder.mkdir(parents=True, exist_ok=True)
         store = path.open("a+b")
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+        raise refused(path, error) from None
     if store.tell():
         store.seek(-1, os.SEEK_END)
         if store.read(1) != b"\n":  # a line cut short: what follows begins a new one

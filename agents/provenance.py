@@ -6,12 +6,13 @@ import importlib.metadata
 import json
 import os
 import platform
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.files import whole
 
 PACKAGES = ("wheelchair_gym", "numpy", "numba", "gymnasium", "pymunk", "scipy", "torch")
 
@@ -64,8 +65,10 @@ def versions() -> dict[str, str]:
 
 
 def command_line() -> str:
-    """The command that a person typed."""
-    return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    """The command that a person typed, as a shell takes it."""
+    name = Path(sys.argv[0]).name
+    # python -m agents.cli is the same program
+    return shlex.join(["wheelchair" if name == "cli.py" else name, *sys.argv[1:]])
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -74,15 +77,8 @@ def write_text(path: str | Path, text: str) -> None:
     Raises:
         InputError: it cannot be written.
     """
-    path = Path(path)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        beside.write_text(text, encoding="utf-8")
-        beside.replace(path)
-    except OSError as error:
-        beside.unlink(missing_ok=True) if beside.parent.is_dir() else None
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    with whole(path) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 def write_json(path: str | Path, value: Any) -> None:

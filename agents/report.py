@@ -19,7 +19,8 @@ from agents.tables import (
     overall,
     written,
 )
-from wheelchair_gym.view.video import webp, whole
+from wheelchair_gym.files import whole
+from wheelchair_gym.view.video import webp
 
 Evaluation = Mapping[str, Any]
 Record = Mapping[str, Any]

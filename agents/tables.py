@@ -98,16 +98,3 @@ def markdown(evaluation: Mapping[str, Any]) -> str:
             cells.append(f"{figure} ({interval})" if interval else figure)
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
-
-
-def finite(value: Any) -> Any:
-    """A value as plain JSON: NaN and infinities become null, arrays become lists."""
-    if isinstance(value, Mapping):
-        return {str(key): finite(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from typing import Any, Final
 
+from planners import PLANNERS
 from tests.conftest import ROOT
 from wheelchair_gym.envs import EnvSettings
+from wheelchair_gym.scenes import SCENES
 from wheelchair_gym.sensing import SensorSettings
 from wheelchair_gym.simulation import ChairSettings
 from wheelchair_gym.task import TaskSettings
@@ -14,8 +16,20 @@ from wheelchair_gym.task import TaskSettings
 DEFAULTS: Final[dict[str, Any]] = {
     "chair": ChairSettings(),
     "env": EnvSettings(),
+    "planners": {name: planner() for name, planner in sorted(PLANNERS.items())},
+    "scenes": {name: scene() for name, scene in sorted(SCENES.items())},
     "sensors": SensorSettings(),
     "task": TaskSettings(),
+}
+# Each object of settings by a name, those of files with many, too.
+SINGLE: Final[dict[str, Any]] = {
+    name: value
+    for file, default in DEFAULTS.items()
+    for name, value in (
+        {f"{file}:{key}": item for key, item in default.items()}
+        if isinstance(default, dict)
+        else {file: default}
+    ).items()
 }
 
 if __name__ == "__main__":

@@ -10,19 +10,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.configs import DEFAULTS
+from planners.trees.rrt import RrtStarWoaGlobal
+from tests.configs import SINGLE
 from wheelchair_gym.config import InputError, dump, load, read
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.sensing import SensorSettings
 from wheelchair_gym.simulation import ChairSettings
 
 
-@pytest.mark.parametrize("name", DEFAULTS)
+@pytest.mark.parametrize("name", SINGLE)
 def test_defaults_survive_json(name):
-    default = DEFAULTS[name]
-    if dataclasses.is_dataclass(default):
-        again = json.loads(json.dumps(dump(default)))
-        assert load(type(default), again, name) == default
+    default = SINGLE[name]
+    again = json.loads(json.dumps(dump(default)))
+    assert load(type(default), again, name) == default
+
+
+def test_a_part_keeps_the_defaults_that_it_has_where_it_stands():
+    """A planner whose tree ends with the first path still does when its step is changed."""
+    planner = load(RrtStarWoaGlobal, {"tree": {"step": 2.0}, "whales": {"a": 3.0}}, "planner")
+    default = RrtStarWoaGlobal()
+    assert planner.tree == dataclasses.replace(default.tree, step=2.0)
+    assert planner.whales == dataclasses.replace(default.whales, a=3.0)
 
 
 @pytest.mark.parametrize(
@@ -99,6 +107,5 @@ def test_every_number_has_a_unit_or_is_a_plain_ratio():
                 told = field.metadata.get("unit") or field.metadata.get("source")
                 assert told, f"{where}.{field.name} has neither unit nor source"
 
-    for name, default in DEFAULTS.items():
-        if dataclasses.is_dataclass(default):
-            walk(default, name)
+    for name, default in SINGLE.items():
+        walk(default, name)

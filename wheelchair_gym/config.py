@@ -120,13 +120,14 @@ def _convert(value: Any, hint: Any, where: str) -> Any:
     raise InputError(f"{where} is {value!r}; expected {_name(hint)}")
 
 
-def load(cls: type[T], data: Mapping[str, Any], where: str) -> T:
+def load(cls: type[T], data: Mapping[str, Any], where: str, base: T | None = None) -> T:
     """Make settings from a mapping (JSON content).
 
     Args:
         cls: a settings class.
         data: its keys and values; missing keys keep their defaults.
         where: how errors call this mapping, such as a file's name.
+        base: whose values missing keys keep, in place of the class's defaults.
 
     Raises:
         InputError: an unknown key, a wrong type or a value out of bounds.
@@ -142,12 +143,23 @@ def load(cls: type[T], data: Mapping[str, Any], where: str) -> T:
     hints = typing.get_type_hints(cls)
     values = {}
     for key, value in data.items():
+        default = fields[key].default if base is None else getattr(base, key)
+        if isinstance(value, Mapping) and _is_settings(default):
+            # A part keeps the defaults that it has here, which may not be those of its class.
+            values[key] = load(type(default), value, f"{where}.{key}", default)
+            continue
         values[key] = _convert(value, hints[key], f"{where}.{key}")
         _bounded(values[key], fields[key].metadata, f"{where}.{key}")
     try:
+        if base is not None:
+            return dataclasses.replace(base, **values)  # type: ignore[type-var]
         return cls(**values)
     except InputError as error:  # a rule between several settings
         raise InputError(f"{where}: {error}") from None
+
+
+def _is_settings(value: Any) -> bool:
+    return dataclasses.is_dataclass(value) and not isinstance(value, type)
 
 
 def read_json(path: str | Path) -> Any:
@@ -179,7 +191,7 @@ def read(cls: type[T], path: str | Path) -> T:
 
 def dump(value: Any) -> Any:
     """Settings as plain JSON-able values; `load` reads them back to an equal object."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+    if _is_settings(value):
         return {f.name: dump(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, Mapping):
         return {key: dump(item) for key, item in value.items()}

@@ -5,26 +5,27 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+POSES = ("truth", "odometry", "modelled")
+POSE = "modelled"
 
-def whole(text: str) -> int:
+
+def whole(text: str, least: int = 0) -> int:
     """A whole number of at least 0."""
     try:
         value = int(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{value} is negative; expected at least 0")
+    if value < least:
+        raise argparse.ArgumentTypeError(f"{value} is too few; expected at least {least}")
     return value
 
 
 def count(text: str) -> int:
     """A whole number of at least 1."""
-    value = whole(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is too few; expected at least 1")
-    return value
+    return whole(text, least=1)
 
 
 def finite(text: str) -> float:
@@ -60,6 +61,61 @@ def names(text: str) -> list[str]:
     if not found:
         raise argparse.ArgumentTypeError("expected names between commas")
     return found
+
+
+def spec(text: str) -> str | dict[str, Any]:
+    """What a person names: NAME, or FILE.json:NAME with the settings of that name in a file.
+
+    Raises:
+        InputError: the file cannot be read, or has no object of settings under that name.
+    """
+    from wheelchair_gym.config import InputError, read_json
+
+    file, colon, name = text.rpartition(":")
+    if not colon:
+        return text
+    content = read_json(file)
+    if not isinstance(content, Mapping) or not isinstance(content.get(name), Mapping):
+        known = ", ".join(content) if isinstance(content, Mapping) else ""
+        raise InputError(f"{file}: no settings under {name!r}; known: {known or 'none'}")
+    return {**content[name], "name": name}
+
+
+def changed(settings: str | Mapping[str, Any], changes: Sequence[str]) -> dict[str, Any]:
+    """What a person names, with changes such as `iterations=30000` or `tree.step=2.0`.
+
+    Raises:
+        InputError: a change is not KEY=VALUE, or its key leads into what has no keys.
+    """
+    from wheelchair_gym.config import InputError
+
+    whole: dict[str, Any] = {"name": settings} if isinstance(settings, str) else {**settings}
+    for change in changes:
+        key, equals, value = change.partition("=")
+        if not (key and equals):
+            raise InputError(f"--set {change}: expected KEY=VALUE")
+        *above, last = key.split(".")
+        place = whole
+        for part in above:
+            inner = place.get(part, {})
+            if not isinstance(inner, Mapping):
+                raise InputError(f"--set {change}: {part} is {inner!r}; it has no keys")
+            place[part] = {**inner}
+            place = place[part]
+        try:
+            place[last] = json.loads(value)
+        except json.JSONDecodeError:
+            place[last] = value  # a word
+    return whole
+
+
+def add_env(parser: argparse.ArgumentParser) -> None:
+    """The options `--config FILE.json` and `--pose SOURCE`."""
+    parser.add_argument("--config", metavar="FILE.json", help="settings, as in configs/env.json")
+    parser.add_argument(
+        "--pose", choices=POSES,
+        help=f"the chair's own estimate (default: the config's, or {POSE} without one)",
+    )  # fmt: skip
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -7,8 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from agents.commands.arguments import add_json, count, names, report, whole
-from agents.commands.simulate import POSES
+from agents.commands.arguments import add_env, add_json, count, names, report, spec, whole
 
 
 def add(parts: Any) -> None:
@@ -22,17 +21,25 @@ def add(parts: Any) -> None:
     )
     parser.add_argument("--suite", default="demo", help="demo, homes or followers (default demo)")
     parser.add_argument("--policies", type=names, metavar="A,B", help="in place of the suite's")
-    parser.add_argument("--scenes", type=names, metavar="A,B", help="in place of the suite's")
+    parser.add_argument(
+        "--scenes", type=names, metavar="A,B",
+        help="in place of the suite's; a name, or FILE.json:NAME as in configs/scenes.json",
+    )  # fmt: skip
     parser.add_argument("--episodes", type=count, metavar="N", help="per policy and scene")
     parser.add_argument("--first-seed", type=whole, default=0, metavar="S", help="default 0")
-    parser.add_argument("--pose", choices=POSES, help="the chair's own estimate")
-    parser.add_argument("--config", metavar="FILE.json", help="settings of the environment")
+    add_env(parser)
     parser.add_argument("--jobs", type=count, metavar="N", help="worker processes (default: cores)")
     parser.add_argument("--out", metavar="DIR", help="default runs/SUITE")
     parser.add_argument("--no-video", action="store_true", help="film nothing")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
     add_json(parser)
     parser.set_defaults(run=run)
+
+
+def _labelled(name: str) -> str | dict[str, Any]:
+    """What a person names; settings from a file are shown as FILE.json:NAME."""
+    found = spec(name)
+    return found if isinstance(found, str) else {**found, "label": Path(name).name}
 
 
 def run(given: argparse.Namespace) -> int:
@@ -45,15 +52,13 @@ def run(given: argparse.Namespace) -> int:
     from agents.tables import markdown
 
     what = suite(given.suite)
-    env = dict(what.env)
+    env = dict(what.env) if given.config is None else {"config": given.config}
     if given.pose is not None:
         env["pose_source"] = given.pose
-    if given.config is not None:
-        env["config"] = given.config
     what = dataclasses.replace(
         what,
-        policies=tuple(given.policies or what.policies),
-        scenes=tuple(given.scenes or what.scenes),
+        policies=tuple(map(_labelled, given.policies or ())) or what.policies,
+        scenes=tuple(map(_labelled, given.scenes or ())) or what.scenes,
         episodes=given.episodes or what.episodes,
         env=env,
         video=what.video and not given.no_video,

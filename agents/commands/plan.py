@@ -6,7 +6,9 @@ import argparse
 import time
 from typing import TYPE_CHECKING, Any
 
-from agents.commands.arguments import add_json, distance, pose, report, whole
+import numpy as np
+
+from agents.commands.arguments import add_json, changed, distance, pose, report, spec, whole
 
 if TYPE_CHECKING:
     from planners import Plan, Problem
@@ -20,9 +22,17 @@ def add(parts: Any) -> None:
         "plan",
         help="plan a path in a map_server map, or in each problem of a JSON file",
         description="Plan a path. Exit code 0: solved; 1: no path was found; 2: wrong input.",
-        epilog="example: wheelchair plan --map hall.yaml --planner a_star --start 1,2 --goal 9,4",
+        epilog="example: wheelchair plan --map hall.yaml --start 1,2 --goal 9,4 "
+        "--planner rrt_star --set iterations=30000",
     )
-    parser.add_argument("--planner", required=True, metavar="NAME", help="see: wheelchair settings")
+    parser.add_argument(
+        "--planner", required=True, metavar="NAME",
+        help="or FILE.json:NAME as in configs/planners.json; see: wheelchair settings",
+    )  # fmt: skip
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", dest="changes",
+        help="change a setting of the planner, such as tree.iterations=30000; may be repeated",
+    )  # fmt: skip
     parser.add_argument("--map", metavar="FILE.yaml", help="a map_server map")
     parser.add_argument("--problems", metavar="FILE.json", help="problems in place of a map")
     parser.add_argument("--start", type=pose, metavar="X,Y[,YAW]", help="m, m, rad")
@@ -32,7 +42,7 @@ def add(parts: Any) -> None:
         help=f"distance kept from obstacles [m]; default {CLEARANCE} in a map, 0 in problems",
     )  # fmt: skip
     parser.add_argument("--seed", type=whole, default=0, help="of random draws (default 0)")
-    parser.add_argument("--picture", metavar="FILE", help="draw the map and the path (PNG, SVG)")
+    parser.add_argument("--picture", metavar="FILE", help="draw the map and the path (.png)")
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -46,15 +56,24 @@ def run(given: argparse.Namespace) -> int:
         raise InputError("plan: give either --map or --problems")
     if given.problems is None and (given.start is None or given.goal is None):
         raise InputError("plan: --map needs --start and --goal")
-    planner = make_planner(given.planner)
+    if given.problems is not None and (given.start or given.goal or given.picture):
+        raise InputError("plan: --problems takes neither --start, --goal nor --picture")
+    planner = make_planner(changed(spec(given.planner), given.changes))
+    _warm(planner)
     if given.problems is not None:
         return _run_problems(given, planner)
     return _run_map(given, planner)
 
 
-def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, Any]]:
-    import numpy as np
+def _warm(planner: Any) -> None:
+    """Compile, or load what is compiled, so that no time holds that."""
+    from planners import Problem, Space
 
+    space = Space.from_rectangles([(2.0, 1.5, 3.0, 2.5)], (0.0, 0.0, 5.0, 4.0))
+    _answer(planner, Problem(space, np.array([1.0, 2.0]), np.array([4.0, 2.0])), 0)
+
+
+def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, Any]]:
     begun = time.perf_counter()
     plan = planner.plan(problem, np.random.default_rng(seed))
     spent = time.perf_counter() - begun
@@ -71,8 +90,6 @@ def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, 
 
 
 def _run_map(given: argparse.Namespace, planner: Any) -> int:
-    import numpy as np
-
     from planners import Problem, Space, Status
     from wheelchair_gym.config import InputError
     from wheelchair_gym.maps import read_map
@@ -88,7 +105,7 @@ def _run_map(given: argparse.Namespace, planner: Any) -> int:
             f"solved: {plan.length:.3f} m, {len(plan.path)} points, {1e3 * answer['time_s']:.1f} ms"
         )
         if given.picture:
-            _draw(problem, plan, given.picture)
+            _draw(problem, plan, text, given.picture)
         report(given, answer, text)
         return 0
     if given.json:
@@ -118,8 +135,6 @@ def _run_problems(given: argparse.Namespace, planner: Any) -> int:
 
     problems = read_problems(given.problems)
     answers = []
-    if problems:
-        _answer(planner, problems[0][0], given.seed)  # so that no time holds compilation
     for problem, optimum in problems:
         problem = dataclasses.replace(problem, clearance=given.clearance or 0.0)
         _, answer = _answer(planner, problem, given.seed)
@@ -136,29 +151,15 @@ def _run_problems(given: argparse.Namespace, planner: Any) -> int:
     return 0
 
 
-def _draw(problem: Problem, plan: Plan, file: str) -> None:
-    import matplotlib
+def _draw(problem: Problem, plan: Plan, caption: str, file: str) -> None:
+    import shapely
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-    from matplotlib.collections import LineCollection
+    from wheelchair_gym.view import draw_plan, write_png
 
-    from wheelchair_gym.config import InputError
-
-    figure, axes = plt.subplots(figsize=(8, 8), layout="constrained")
-    walls = problem.space.arrays.segments.reshape(-1, 2, 2)
-    axes.add_collection(LineCollection(list(walls), colors="black", linewidths=0.8))
-    if len(plan.tree):
-        tree = plan.tree.reshape(-1, 2, 2)
-        axes.add_collection(LineCollection(list(tree), colors="0.8", linewidths=0.5))
-    axes.plot(plan.path[:, 0], plan.path[:, 1], color="tab:blue")
-    axes.plot(*problem.start[:2], "o", color="tab:green", label="start")
-    axes.plot(*problem.goal[:2], "*", color="tab:red", label="goal")
-    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    axes.legend()
-    try:
-        figure.savefig(file, dpi=120)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file}: cannot be written ({error})") from None
-    finally:
-        plt.close(figure)
+    rings = shapely.get_rings(shapely.get_parts(problem.space.solid))
+    loops = [shapely.get_coordinates(ring)[:-1] for ring in rings]
+    image = draw_plan(
+        problem.space.bounds, problem.start, problem.goal, plan.path, plan.tree,
+        polygons=loops, size=960, caption=caption,
+    )  # fmt: skip
+    write_png(file, image)

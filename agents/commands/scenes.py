@@ -6,7 +6,7 @@ import argparse
 import inspect
 from typing import Any
 
-from agents.commands.arguments import add_json, count, report
+from agents.commands.arguments import add_json, count, report, spec
 
 
 def add(parts: Any) -> None:
@@ -17,7 +17,7 @@ def add(parts: Any) -> None:
         description="List the scenes; with a name, sample it and print the distribution.",
         epilog="example: wheelchair scenes floor_plan --samples 50",
     )
-    parser.add_argument("name", nargs="?", help="a scene to sample")
+    parser.add_argument("name", nargs="?", help="a scene to sample, or FILE.json:NAME")
     parser.add_argument("--samples", type=count, default=20, help="episodes (default 20)")
     add_json(parser)
     parser.set_defaults(run=run)
@@ -43,7 +43,7 @@ def _describe(given: argparse.Namespace) -> int:
     from wheelchair_gym.scenes import make_scene
     from wheelchair_gym.scenes.describe import measure
 
-    drawn = measure(make_scene(given.name), range(given.samples))
+    drawn = measure(make_scene(spec(given.name)), range(given.samples))
     rows = []
     for name, values in drawn.items():
         least, low, middle, high, most = np.quantile(values, (0.0, 0.05, 0.5, 0.95, 1.0)).tolist()

@@ -143,7 +143,7 @@ class AStar:
     resolution: float = setting(
         default=0.1, unit="m", source="a tenth of a door's width", low=0.005, high=10.0
     )
-    connectivity: Literal[4, 8] = 8
+    connectivity: Literal[4, 8] = setting(default=8, source="fewer turns than with 4")
     refinements: int = setting(
         default=2, source="times the resolution is halved where no path is found", low=0, high=6
     )
@@ -195,6 +195,6 @@ class AStar:
         return Plan(
             Status.SOLVED if len(path) else Status.EXHAUSTED,
             path,
-            counters={"expanded": total, "halvings": halvings},
+            counters={"nodes": total, "halvings": halvings},
             timings={"time_s": time.perf_counter() - began},
         )

@@ -1,14 +1,22 @@
 """The command: wrong input is one line and code 2; JSON on stdout stands alone."""
 
 import json
+import re
+import shlex
 import subprocess
 import sys
 
 import numpy as np
 import pytest
 
-from agents.cli import main
+from agents.cli import COMMANDS, main, parser
+from agents.commands.arguments import changed, spec
+from agents.followers import FOLLOWERS
+from agents.provenance import command_line
+from planners import PLANNERS, make_planner
+from tests.conftest import ROOT
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, write_map
+from wheelchair_gym.scenes import SCENES, make_scene
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +40,11 @@ def hall(tmp_path_factory):
     (folder / "keyless.json").write_text('[{"size": 5}]')
     (folder / "nan.json").write_text(json.dumps([problem | {"start": [float("nan"), 2]}]))
     (folder / "broken.json").write_text("[{")
+    (folder / "object.json").write_text("{}")
+    (folder / "typed.json").write_text(json.dumps([problem | {"size": "big"}]))
+    (folder / "unknown.json").write_text('{"task": {"beamz": 3}}')
+    (folder / "scenes.json").write_text('{"clutter": {"walls": 3}}')
+    (folder / "list.json").write_text("[]")
     return folder
 
 
@@ -49,6 +62,7 @@ def plan(hall, name, start="1,2", goal="4,2", planner="rrt_connect"):
 
 WRONG = {
     "no command": lambda hall: [],
+    "end of a list": lambda hall: ["compare", "--policies", ","],
     "unknown command": lambda hall: ["fly"],
     "unknown option": lambda hall: ["scenes", "--fast"],
     "unknown planner": lambda hall: plan(hall, "hall.yaml", planner="magic"),
@@ -70,7 +84,7 @@ WRONG = {
         *plan(hall, "hall.yaml"), "--json", hall / "hall.yaml" / "x",
     ],
     "unwritable picture": lambda hall: [
-        *plan(hall, "hall.yaml"), "--picture", hall / "none" / "x.png",
+        *plan(hall, "hall.yaml"), "--picture", hall / "hall.yaml" / "x.png",
     ],
     "missing problems": lambda hall: ["plan", "--planner", "rrt", "--problems", hall / "no.json"],
     "broken problems": lambda hall: [
@@ -80,11 +94,38 @@ WRONG = {
         "plan", "--planner", "rrt", "--problems", hall / "keyless.json",
     ],
     "problems with NaN": lambda hall: ["plan", "--planner", "rrt", "--problems", hall / "nan.json"],
+    "problems are no list": lambda hall: [
+        "plan", "--planner", "rrt", "--problems", hall / "object.json",
+    ],
+    "problems of wrong types": lambda hall: [
+        "plan", "--planner", "rrt", "--problems", hall / "typed.json",
+    ],
+    "problems with a start": lambda hall: [
+        "plan", "--planner", "rrt", "--problems", hall / "problems.json", "--start", "1,2",
+    ],
+    "unknown setting": lambda hall: [*plan(hall, "hall.yaml"), "--set", "wings=2"],
+    "setting of a wrong type": lambda hall: [*plan(hall, "hall.yaml"), "--set", "iterations=few"],
+    "setting without value": lambda hall: [*plan(hall, "hall.yaml"), "--set", "iterations"],
+    "setting inside a number": lambda hall: [
+        *plan(hall, "hall.yaml"), "--set", "step=1", "--set", "step.x=1",
+    ],
+    "settings file lacks the name": lambda hall: plan(
+        hall, "hall.yaml", planner=f"{hall / 'object.json'}:rrt"
+    ),
+    "picture of another kind": lambda hall: [*plan(hall, "hall.yaml"), "--picture", hall / "x.svg"],
+    "json is a folder": lambda hall: [*plan(hall, "hall.yaml"), "--json", hall],
     "unknown policy": lambda hall: ["simulate", "--policy", "nobody"],
     "unknown follower": lambda hall: ["simulate", "--policy", "rrt+nobody"],
     "unknown scene": lambda hall: ["simulate", "--policy", "random", "--scene", "moon"],
     "negative seed": lambda hall: ["simulate", "--seed", "-1"],
     "missing config": lambda hall: ["simulate", "--policy", "random", "--config", hall / "no.json"],
+    "broken config": lambda hall: ["simulate", "--config", hall / "broken.json"],
+    "unknown key in a config": lambda hall: ["simulate", "--config", hall / "unknown.json"],
+    "config is a list": lambda hall: ["simulate", "--config", hall / "list.json"],
+    "unknown key of a scene": lambda hall: [
+        "simulate", "--policy", "random", "--scene", f"{hall / 'scenes.json'}:clutter",
+    ],
+    "zero jobs": lambda hall: ["compare", "--jobs", "0"],
     "unknown suite": lambda hall: ["compare", "--suite", "everything"],
     "negative episodes": lambda hall: ["compare", "--episodes", "-3"],
     "no episodes": lambda hall: ["compare", "--episodes", "0"],
@@ -92,6 +133,7 @@ WRONG = {
         "compare", "--policies", "nobody", "--out", hall / "r",
     ],
     "unknown scene in a suite": lambda hall: ["compare", "--scenes", "moon", "--out", hall / "r"],
+    "folder is a file": lambda hall: ["compare", "--out", hall / "hall.yaml"],
     "unwritable folder": lambda hall: ["compare", "--out", hall / "hall.yaml" / "x"],
     "unknown pose": lambda hall: ["compare", "--pose", "gps"],
     "unknown settings": lambda hall: ["settings", "wings"],
@@ -100,9 +142,10 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", sorted(WRONG))
-def test_wrong_input_is_one_line_and_code_2(hall, capsys, case):
+def test_wrong_input_is_one_line_and_code_2(hall, capfd, case):
+    """Also of what compiled code says: the file descriptors are read."""
     assert run(*WRONG[case](hall)) == 2
-    said = capsys.readouterr()
+    said = capfd.readouterr()
     assert said.out == ""
     assert said.err.startswith("wheelchair: ")
     assert said.err.count("\n") == 1
@@ -189,3 +232,50 @@ def test_a_reader_that_leaves_is_no_error():
     done = subprocess.run(["bash", "-c", pipe], capture_output=True, text=True, check=False)
     assert done.stderr == ""
     assert done.stdout.count("\n") == 1
+
+
+def readme():
+    return (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_readmes_python_runs(capsys):
+    (block,) = re.findall(r"```python\n(.*?)```", readme(), re.DOTALL)
+    exec(compile(block, "README.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("arrived")
+
+
+def test_the_readme_names_every_command_scene_planner_and_follower():
+    named = set(re.findall(r"`(\w+)`", readme()))
+    commands = {command.__name__.rpartition(".")[2] for command in COMMANDS}
+    scenes = {name for name in SCENES if not name.startswith("thesis")}
+    assert named >= commands | scenes | set(PLANNERS) | set(FOLLOWERS)
+
+
+@pytest.mark.parametrize("line", re.findall(r"^`?(wheelchair .*?)`?$", readme(), re.MULTILINE))
+def test_the_readmes_commands_are_understood(line, tmp_path, monkeypatch):
+    given = parser().parse_args(shlex.split(line)[1:])
+    if given.command == "plan" and given.map:
+        monkeypatch.chdir(ROOT)
+        given.picture = tmp_path / "plan.png"
+        assert given.run(given) == 0
+
+
+def test_results_name_the_command_as_a_person_types_it(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["somewhere/agents/cli.py", "plan", "--map", "my hall.yaml"])
+    assert command_line() == "wheelchair plan --map 'my hall.yaml'"
+
+
+def test_settings_come_from_a_file_and_from_changes(tmp_path):
+    file = tmp_path / "mine.json"
+    file.write_text('{"rrt_star_woa_local": {"tree": {"step": 2.0}}}')
+    given = spec(f"{file}:rrt_star_woa_local")
+    planner = make_planner(changed(given, ["tree.iterations=30000", "whales.population=7"]))
+    assert (planner.tree.step, planner.tree.iterations) == (2.0, 30000)
+    assert planner.whales.population == 7
+    assert planner.tree.return_on_first_path
+    for name in SCENES:
+        make_scene(spec(f"{ROOT / 'configs' / 'scenes.json'}:{name}"))
+    for name in PLANNERS:
+        assert make_planner(spec(f"{ROOT / 'configs' / 'planners.json'}:{name}")) == make_planner(
+            name
+        )

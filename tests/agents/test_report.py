@@ -1,8 +1,6 @@
 """A report stands alone, shows every failure, and repeats the numbers it was given."""
 
 import base64
-import json
-import math
 import re
 from html.parser import HTMLParser
 
@@ -11,7 +9,7 @@ import pytest
 
 from agents import figures, report
 from agents.report import write_report
-from agents.tables import COLUMNS, finite, markdown, overall
+from agents.tables import COLUMNS, markdown, overall
 from wheelchair_gym.view import webp, write_png
 
 VOID = {"meta", "link", "img", "br", "wbr", "hr", "input"}
@@ -243,13 +241,6 @@ def test_a_long_video_plays_from_beside_the_page(tmp_path, monkeypatch):
     text = write_report(evaluation() | {"video": VIDEO}, tmp_path).read_text("utf-8")
     assert Page(text).of("video")[0]["src"] == "episode.mp4"
     assert "dwa, office, seed 7" in text
-
-
-def test_finite_turns_what_json_cannot_say_into_null():
-    value = {"a": math.nan, "b": [np.float32(np.inf), 1.5], "c": np.array([1.0, np.nan]), "d": "x"}
-    assert json.dumps(finite(value), allow_nan=False) == (
-        '{"a": null, "b": [null, 1.5], "c": [1.0, null], "d": "x"}'
-    )
 
 
 def test_no_mark_of_a_figure_is_cut_off_and_no_curve_is_left_out(monkeypatch):

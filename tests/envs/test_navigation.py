@@ -152,7 +152,11 @@ def test_an_estimated_pose_must_be_nearer_before_it_says_arrived():
             r"config.chair.body.mas is not a setting; it",
         ),
         ({"config": "missing.json"}, r"missing.json: cannot be read"),
-        ({"render_mode": "ascii"}, r"render_mode"),
+        pytest.param(
+            {"render_mode": "ascii"},
+            r"render_mode",
+            marks=pytest.mark.filterwarnings("ignore:.*render_modes:UserWarning"),
+        ),
     ],
 )
 def test_wrong_settings_are_refused_by_name(arguments, message):

@@ -19,6 +19,7 @@ import yaml
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
+from wheelchair_gym.files import refused
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -76,10 +77,14 @@ def _pixels(path: Path) -> tuple[Bytes, NDArray[np.bool_]]:
         content = np.frombuffer(path.read_bytes(), dtype=np.uint8)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # the error below says it
     try:
         image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
     except cv2.error:
         image = None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
     if image is None or image.size == 0:
         raise InputError(f"{path}: not an image that can be decoded; expected PGM or PNG")
     if image.dtype == np.uint16:
@@ -183,4 +188,4 @@ def write_map(
         path.with_suffix(suffix).write_bytes(cv2.imencode(suffix, image)[1].tobytes())
         path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+        raise refused(path, error) from None

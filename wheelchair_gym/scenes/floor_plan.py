@@ -38,7 +38,7 @@ class FloorPlan:
     are kept clear on both sides) and is checked.
     """
 
-    kind: Literal["any", "home", "clinic"] = "any"
+    kind: Literal["any", "home", "clinic"] = setting(default="any", source="a coin is thrown")
     doors: tuple[float, float] = setting(
         default=(1.0, 1.2), unit="m", source="clear width from, to", low=0.7, high=2.0
     )

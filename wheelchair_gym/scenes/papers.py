@@ -52,7 +52,9 @@ class GreyWolf:
     A margin beyond its ground lets the chair stand at the start in its corner.
     """
 
-    goal: Literal["5,20", "15,5", "12,12", "15,22", "20,20", "10,2.5"] = "20,20"
+    goal: Literal["5,20", "15,5", "12,12", "15,22", "20,20", "10,2.5"] = setting(
+        default="20,20", source="of the report's six, beyond all obstacles"
+    )
     margin: float = setting(
         default=2.0, unit="m", source="ground beyond 0 and 25, room for the chair", low=1.0
     )

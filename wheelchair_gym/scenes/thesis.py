@@ -106,7 +106,7 @@ _MAPS: Final[tuple[Callable[[float, int], Arena], ...]] = (
 class ThesisMap:
     """One of the five maps; the same world for every generator."""
 
-    number: int = setting(default=1, low=1, high=5)
+    number: int = setting(default=1, source="which map of the five", low=1, high=5)
     gap: float = setting(
         default=1.2,
         unit="m",
@@ -136,7 +136,7 @@ def _fixed(number: int) -> type[ThesisMap]:
         "__doc__": f"Map {number} of the thesis.",
         "__post_init__": check,
         "__module__": __name__,
-        "number": setting(default=number, low=number, high=number),
+        "number": setting(default=number, source="of the map", low=number, high=number),
     }
     return settings(type(f"ThesisMap{number}", (ThesisMap,), namespace))
 

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import io
-import os
-import tempfile
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from importlib import import_module
 from importlib.util import find_spec
 from itertools import chain
@@ -19,34 +16,27 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 
 from wheelchair_gym.config import InputError
+from wheelchair_gym.files import whole
 
 Image = NDArray[np.uint8]
 
 _MISSING = 'video files need moviepy: pip install "wheelchair_gym[view]" (or ask for a .gif)'
 
 
-@contextmanager
-def whole(path: Path) -> Iterator[Path]:
-    """A name to write to; renamed to `path` at the end, removed after an error."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=".", dir=path.parent)
-    os.close(handle)
-    part = Path(name)
-    try:
-        yield part
-        part.chmod(0o644)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
 def write_png(path: str | Path, image: Image) -> None:
-    """Write a picture (h, w, 3) RGB as a PNG file."""
+    """Write a picture (h, w, 3) RGB as a PNG file.
+
+    Raises:
+        InputError: the name ends otherwise, or the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix != ".png":
+        raise InputError(f"{path}: expected a name that ends in .png")
     bgr = np.ascontiguousarray(image[..., ::-1])
     done, data = cv2.imencode(".png", bgr)
     if not done:
         raise ValueError(f"{path}: a picture of shape {image.shape} cannot be written as PNG")
-    with whole(Path(path)) as part:
+    with whole(path) as part:
         part.write_bytes(data.tobytes())
 
 
