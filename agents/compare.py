@@ -101,7 +101,8 @@ def compare(
         "video": None,
     }
     if what.video and records:
-        evaluation["video"] = film(what, summary, records, folder)
+        shown = worth_a_film(summary, records)
+        evaluation["video"] = {"file": film(what, shown, folder), **shown}
     evaluation["provenance"]["wall_time_s"] = round(time.perf_counter() - begun, 2)
     write_json(folder / "results.json", evaluation)
     write_text(folder / "table.md", markdown(evaluation))
@@ -111,16 +112,19 @@ def compare(
     return evaluation
 
 
-def film(
-    what: Suite, summary: Sequence[Record], records: Sequence[Record], folder: Path
-) -> str | None:
-    """Film the best policy on its first good episode; the video's name, or None if none is."""
-    from wheelchair_gym.view.video import video_suffix, write_video
-
-    best = str(overall(summary)[0]["policy"])
+def worth_a_film(summary: Sequence[Record], records: Sequence[Record]) -> Record:
+    """Policy, scene and seed of the best policy's first good episode, or of its first."""
+    best = overall(summary)[0]["policy"]
     of = [record for record in records if record["policy"] == best]
     shown = next((record for record in of if record["success"]), of[0])
-    policy = next(spec for spec in what.policies if label(spec) == best)
+    return {key: shown[key] for key in ("policy", "scene", "seed")}
+
+
+def film(what: Suite, shown: Record, folder: Path) -> str:
+    """Film an episode (policy, scene and seed by label); the video's name."""
+    from wheelchair_gym.view.video import video_suffix, write_video
+
+    policy = next(spec for spec in what.policies if label(spec) == shown["policy"])
     scene = next(spec for spec in what.scenes if label(spec) == shown["scene"])
     env = make_env(scene, env_settings(**what.env))
     frames: list[Any] = []

@@ -29,6 +29,7 @@ class ControlsFollower:
     generator: ControlGenerator = ControlGenerator(
         whales=WhaleSettings(population=10, iterations=5), horizon=2.0, margin=0.06
     )
+    seed: int = setting(default=0, source="of the whales, anew for every path", low=0)
     again: float = setting(default=0.5, unit="s", source="pose errors wander in 2 s", low=0.1)
     margin: float = setting(default=0.04, unit="m", source="laser sigma 15 mm, 3 sigma", low=0.0)
 
@@ -42,7 +43,7 @@ class GeneratedControls:
 
     def __init__(self, own: ControlsFollower) -> None:
         self.own = own
-        self._rng = np.random.default_rng(0)
+        self._rng = np.random.default_rng(own.seed)
         self._controls: Controls | None = None
         self._age = 0.0  # s since they were generated
 

@@ -22,6 +22,7 @@ from wheelchair_gym.files import refused
 
 ENV = "wheelchair_gym/Navigation-v0"
 STORE = "episodes.jsonl"
+LOG_PAUSE = 10.0  # s between two lines of progress where they are kept, as in a log
 Spec = str | Mapping[str, Any]
 
 
@@ -246,8 +247,11 @@ def _bar(
 ) -> Iterator[tuple[str, Record]]:
     from tqdm import tqdm
 
-    bar = tqdm(finished, total=total, initial=done, unit="episode", disable=not progress)
-    yield from bar
+    pause = 0.1 if sys.stderr.isatty() else LOG_PAUSE
+    yield from tqdm(
+        finished, total=total, initial=done, unit="episode", mininterval=pause, maxinterval=pause,
+        disable=not progress,
+    )  # fmt: skip
 
 
 def _job(key: str, *arguments: Any) -> tuple[str, Record]:

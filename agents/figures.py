@@ -122,8 +122,9 @@ def _time(policies: Sequence[str], records: Sequence[Record]) -> Figure:
                 marker=_MARKS[i % 8] if good else "x", color=_COLOURS[i % 8], alpha=0.75,
                 linewidths=0.0 if good else 1.2, label=policy if good else None,
             )  # fmt: skip
-    axes.set_xlim(left=0.0)
-    axes.set_ylim(bottom=0.0)
+    # From zero, with room for whole marks at the far ends.
+    for limit, key in ((axes.set_xlim, "geodesic"), (axes.set_ylim, "time")):
+        limit(0.0, 1.05 * max((r[key] for r in records if known(r[key])), default=1.0))
     axes.set_xlabel("geodesic from start to goal [m]")
     axes.set_ylabel("time [s]")
     _legend(figure, axes)
@@ -132,16 +133,19 @@ def _time(policies: Sequence[str], records: Sequence[Record]) -> Figure:
 
 def _clearance(policies: Sequence[str], records: Sequence[Record]) -> Figure:
     figure, axes = _axes(3.3)
+    every = [r["clearance_min"] for r in records if known(r["clearance_min"])]
+    end = 1.03 * max(every, default=0.0) or 1.0
     for i, policy in enumerate(policies):
         of = [r["clearance_min"] for r in records if r["policy"] == policy]
         values = np.sort(np.array([v for v in of if known(v)], dtype=float))
-        if len(values):
+        if len(values):  # each curve runs on to the right end: one of nothing but contacts shows
             share = 100.0 * np.arange(1, len(values) + 1) / len(values)
             axes.step(
-                np.concatenate([[0.0], values]), np.concatenate([[0.0], share]), where="post",
+                np.concatenate([[0.0], values, [end]]), np.concatenate([[0.0], share, [100.0]]),
+                where="post",
                 color=_COLOURS[i % 8], linestyle=_DASHES[i % 4], linewidth=1.6, label=policy,
             )  # fmt: skip
-    axes.set_xlim(left=0.0)
+    axes.set_xlim(-0.02 * end, end)
     axes.set_ylim(0, 102)
     axes.set_xlabel("least clearance of the episode [m]")
     axes.set_ylabel("episodes at or below [%]")

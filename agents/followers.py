@@ -36,7 +36,7 @@ class Follower(Protocol):
 class Window:
     """A dynamic window: the best of a fan of twists, each rolled out with the exact footprint."""
 
-    hold: float = setting(default=0.4, unit="s", source="two periods of latency", low=0.1)
+    hold: float = setting(default=0.4, unit="s", source="four periods at 10 Hz", low=0.1)
     horizon: float = setting(default=1.5, unit="s", source="tuned on training floor plans", low=0.3)
     margin: float = setting(default=0.05, unit="m", source="laser sigma 15 mm, 3 sigma", low=0.0)
     wish: float = setting(default=0.20, unit="m", source="half the play in a 1.0 m door", low=0.01)

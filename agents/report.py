@@ -8,33 +8,41 @@ from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from agents.figures import figures
+from agents.html_tables import glossary, html_table, ranked_by_scene
 from agents.tables import (
     COLUMNS,
-    Column,
     bounds_written,
-    by_scene,
-    heading,
     known,
     overall,
     written,
 )
 from wheelchair_gym.files import whole
+from wheelchair_gym.view.video import webp
 
 Evaluation = Mapping[str, Any]
 Record = Mapping[str, Any]
 
 _KINDS = {
-    ".png": "image/png", ".gif": "image/gif", ".jpg": "image/jpeg", ".svg": "image/svg+xml",
-    ".mp4": "video/mp4",
+    ".gif": "image/gif", ".svg": "image/svg+xml", ".mp4": "video/mp4", ".webp": "image/webp",
 }  # fmt: skip
-_LARGEST_VIDEO = 12e6  # bytes: a larger one is linked, lest the page grow too heavy to open
+# What is embedded, in bytes; beyond it files are linked, lest the page grow too heavy to open.
+_LARGEST_VIDEO = 3e6
+_MOST_PICTURES = 3e6  # some 500 failures
+_LEGEND = (
+    "Blue: the chair and the way it drove, from the grey ring. Green: its goal and its path. Red: "
+    "laser. Yellow: ultrasonic echoes. Purple outline: where it believed to be."
+)
 _SHARE = next(column for column in COLUMNS if column.key == "success")
 
 
 def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
-    """Write report.html, which needs no other file, and its figures as figures/*.svg.
+    """Write report.html and its figures as figures/*.svg.
+
+    The page needs no other file, unless a long video or hundreds of failures would make it heavy:
+    then it shows them from beside it.
 
     Args:
         evaluation: the content of results.json.
@@ -80,13 +88,14 @@ def _body(
     yield f"<p class='asked'>{_text(asked)}</p></header>"
     yield f"<section class='answer'>{answer(evaluation)}</section>"
     yield "<section><h2>Results</h2>"
-    yield _table(overall(evaluation["summary"]), "All scenes, best first", scenes=False)
-    yield _table(by_scene(evaluation["summary"]), "By scene", scenes=True)
-    yield (
-        "<p class='note'>Success and collision are by truth; <i>own estimate arrived</i> is what "
-        "the chair believed. Small figures are 95 % Wilson intervals. SPL: success weighted by "
-        "geodesic over driven length. Click a heading to sort.</p></section>"
-    )
+    ranked = overall(evaluation["summary"])
+    several = len(scenes) > 1
+    caption = "All scenes, best first" if several else "Best first"
+    yield html_table([ranked], caption, scenes=False)
+    if several:
+        yield html_table(ranked_by_scene(evaluation), "By scene, best first", scenes=True)
+    yield "<p class='note'>Small figures are 95 % Wilson intervals. Best is most success, then "
+    yield f"highest SPL. Click a heading to sort.</p>{glossary()}</section>"
     yield "<section><h2>Figures</h2><div class='figures'>"
     for words, svg in drawn.values():
         source = _data_uri(svg, ".svg")
@@ -95,8 +104,10 @@ def _body(
             f"<figcaption>{_text(words)}</figcaption></figure>"
         )
     yield "</div></section>"
-    yield from _video(evaluation.get("video"), folder)
-    yield from _failures(records, folder)
+    video = list(_video(evaluation["video"], folder))
+    yield from video
+    legend = "" if video else _LEGEND  # once is enough
+    yield from _failures(records, [row["policy"] for row in ranked], folder, legend)
     yield from _provenance(evaluation)
 
 
@@ -108,7 +119,7 @@ def answer(evaluation: Evaluation) -> str:
     best = rows[0]
     said = [
         f"<p class='lead'><strong>{_text(best['policy'])}</strong> "
-        f"{'is best: it ' if len(rows) > 1 else ''}reaches the goal in "
+        f"{_standing(rows)}reaches the goal in "
         f"<strong>{written(best['success'], _SHARE)} %</strong> of "
         f"{_count(best['episodes'], 'episode')} "
         f"(95 % Wilson interval {bounds_written(best, _SHARE)} %).</p>"
@@ -117,7 +128,7 @@ def answer(evaluation: Evaluation) -> str:
         second = rows[1]
         clear = best["success_low"] > second["success_high"]
         verdict = "the intervals do not overlap" if clear else (
-            "the intervals overlap, so these episodes alone do not tell the two apart"
+            "the intervals overlap, so these episodes alone may not tell the two apart"
         )  # fmt: skip
         said.append(
             f"<p>Next is {_text(second['policy'])} with {written(second['success'], _SHARE)} % "
@@ -131,69 +142,48 @@ def answer(evaluation: Evaluation) -> str:
     if other > 0:
         failed += f", {_count(other, 'other failure')}"
     said.append(f"<p>What went wrong for {_text(best['policy'])}: {failed}.</p>")
-    return "".join(said)
+    return "".join(said).replace(" %", "&nbsp;%")
+
+
+def _standing(rows: Sequence[Record]) -> str:
+    """How the first of ranked rows leads: alone, by success, or among equals by SPL alone."""
+    if len(rows) == 1:
+        return ""
+    tied = rows[0]["success"] == rows[1]["success"]
+    return "comes first, by SPL alone: it " if tied else "is best: it "
 
 
 def _count(number: int, one: str, many: str | None = None) -> str:
     return f"{number} {one if number == 1 else many or one + 's'}"
 
 
-def _table(rows: Sequence[Record], caption: str, *, scenes: bool) -> str:
-    if not rows:
-        return ""
-    names = ["policy", "scene"] if scenes else ["policy"]
-    heads = "".join(f"<th scope='col'><button type='button'>{name}</button></th>" for name in names)
-    for column in COLUMNS:
-        unit = f"<small>{_text(column.unit) or '&nbsp;'}</small>"
-        heads += (
-            f"<th scope='col' class='n' title='{_text(heading(column))}'>"
-            f"<button type='button'>{_text(column.name)}{unit}</button></th>"
-        )
-    lines = []
-    for row in rows:
-        name = _text(row["policy"]).replace("_", "_<wbr>")
-        cells = f"<th scope='row'>{name}</th>"
-        cells += f"<td>{_text(row['scene'])}</td>" if scenes else ""
-        cells += "".join(_cell(row, column) for column in COLUMNS)
-        lines.append(f"<tr>{cells}</tr>")
-    return (
-        f"<div class='wide' tabindex='0' role='region' aria-label='{_text(caption)}'><table>"
-        f"<caption>{_text(caption)}</caption><thead><tr>{heads}</tr></thead>"
-        f"<tbody>{''.join(lines)}</tbody></table></div>"
-    )
-
-
-def _cell(row: Record, column: Column) -> str:
-    value = row.get(column.key)
-    key = f"{value:.9g}" if known(value) else ""
-    interval = bounds_written(row, column)
-    small = f"<small>{interval}</small>" if interval else ""
-    return f"<td class='n' data-key='{key}'>{written(value, column)}{small}</td>"
+def _beside(name: str) -> str:
+    """A file of the report's folder as an address; names may hold what addresses may not."""
+    return quote(name)
 
 
 def _data_uri(data: bytes, suffix: str) -> str:
     return f"data:{_KINDS[suffix]};base64,{base64.b64encode(data).decode()}"
 
 
-def _embedded(folder: Path, name: str | None) -> str | None:
-    """A file as a data URI; None where there is none of that name."""
-    path = folder / name if name else None
-    if path is None or not path.is_file() or path.suffix not in _KINDS:
-        return None
-    return _data_uri(path.read_bytes(), path.suffix)
-
-
-def _video(name: str | None, folder: Path) -> Iterator[str]:
-    source = _embedded(folder, name)
-    if name is None or source is None:
+def _video(video: Record | None, folder: Path) -> Iterator[str]:
+    path = folder / video["file"] if video else None
+    if video is None or path is None or not path.is_file():
         return
-    words = "The best policy on one of its episodes"
+    small = path.stat().st_size <= _LARGEST_VIDEO
+    source = _data_uri(path.read_bytes(), path.suffix) if small else _beside(video["file"])
+    words = _text(_episode(video))
     yield "<section class='film'><h2>Video</h2>"
-    if not name.endswith(".mp4"):
-        yield f"<img src='{source}' alt='{words}'>"
-    elif (folder / name).stat().st_size <= _LARGEST_VIDEO:
+    if path.suffix == ".mp4":
         yield f"<video controls muted playsinline preload='metadata' src='{source}'></video>"
-    yield f"<p class='note'>{words}: <a href='{_text(name)}'>{_text(name)}</a></p></section>"
+    else:
+        yield f"<img src='{source}' alt='{words}'>"
+    link = f"<a href='{_beside(video['file'])}'>{_text(video['file'])}</a>"
+    yield f"<p class='note'>{words}: {link}. {_LEGEND}</p></section>"
+
+
+def _episode(record: Record) -> str:
+    return f"{record['policy']}, {record['scene']}, seed {record['seed']}"
 
 
 def what_happened(record: Record) -> str:
@@ -212,19 +202,30 @@ def what_happened(record: Record) -> str:
     return said
 
 
-def _failures(records: Sequence[Record], folder: Path) -> Iterator[str]:
+def _failures(
+    records: Sequence[Record], policies: Sequence[str], folder: Path, legend: str
+) -> Iterator[str]:
+    """Every failure with its picture, those of the best policy first."""
     failed = [record for record in records if not record["success"]]
+    failed.sort(key=lambda record: policies.index(record["policy"]))
     yield f"<section><h2>Failures <small>{len(failed)} of {len(records)}</small></h2>"
     if not failed:
         yield "<p>None: every episode reached its goal.</p>"
+    else:
+        yield f"<p class='note'>How each ended, the best policy's first. {legend}</p>"
+    room = _MOST_PICTURES
     yield "<div class='gallery'>"
     for record in failed:
-        name = f"{record['policy']}, {record['scene']}, seed {record['seed']}"
+        name = _episode(record)
         said = what_happened(record)
-        source = _embedded(folder, record.get("picture"))
-        shown = f"<img src='{source}' alt='{_text(f'{name}: {said}')}'>" if source else (
-            "<div class='absent'>no picture</div>"
-        )  # fmt: skip
+        shown, picture = "<div class='absent'>no picture</div>", record.get("picture")
+        if picture and (folder / picture).is_file():
+            source = _data_uri(webp(folder / picture), ".webp") if room > 0 else _beside(picture)
+            room -= len(source)
+            shown = (
+                f"<a href='{_beside(picture)}'>"
+                f"<img src='{source}' alt='{_text(f'{name}: {said}')}' loading='lazy'></a>"
+            )
         yield (
             f"<figure>{shown}<figcaption><strong>{_text(name)}</strong> "
             f"<span class='{_text(record['outcome'])}'>{_text(said)}</span></figcaption></figure>"

@@ -23,6 +23,14 @@ from wheelchair_gym.config import setting, settings
 Array = NDArray[np.float64]
 Observation = Mapping[str, NDArray[np.float32]]
 
+FINER = 0.04  # m: a plan that finds no way is tried again with this much less clearance
+GAIN = 0.1  # m of way that count as progress
+HURRY = 0.4  # share of the patience at the path's end, where the goal is near but not reached
+BACK = 0.15  # m/s in reverse: nothing looks back
+TURNS = (0.0, 0.3, -0.3, 0.7, -0.7)  # rad/s, in order of preference while backing out
+MARGIN = 0.05  # m and
+HOLD = 0.4  # s: what a way back must leave, as `Window` asks of a way ahead
+
 
 def episode_rng(task: Any, seed: int) -> np.random.Generator:
     """Random draws of an episode: the same for the same start, goal and seed."""
@@ -96,7 +104,12 @@ class StraightDriver:
 
 @settings
 class Planned:
-    """A planner in the known map, and a follower along its path; replans, and backs out."""
+    """A planner in the known map, and a follower along its path; replans, and backs out.
+
+    Each new plan begins where the chair is, in the same map: what stands there unmapped is the
+    follower's to see and to go round. Where it closes the only passage the map shows, the chair
+    plans through it again and again, and runs out of time.
+    """
 
     planner: Mapping[str, Any] = field(default_factory=lambda: {"name": "a_star"})
     follower: Mapping[str, Any] = field(default_factory=lambda: {"name": "window"})
@@ -147,7 +160,7 @@ class PlannedDriver:
         while True:
             problem = Problem(space, start, goal, clearance)
             self.plan = self._planner.plan(problem, self._rng)
-            clearance -= 0.04
+            clearance -= FINER
             if self.plan.status is Status.SOLVED or clearance < self.own.least:
                 break
         path = self.plan.path
@@ -155,6 +168,7 @@ class PlannedDriver:
         if self.plan.status is not Status.SOLVED:
             if self._reference is not None:
                 return  # the old path is better than none
+            # Straight on: the follower still touches nothing, and the next plan begins elsewhere.
             path = np.stack([start[:2], goal[:2]])
         self._task.path = path[:, :2]
         self._reference = Reference(np.asarray(path, dtype=np.float64), start)
@@ -168,10 +182,10 @@ class PlannedDriver:
         self._chair.measured(self._task.reading.twist)
         assert self._reference is not None  # reset made one
         off = self._reference.advance(self._around.pose)
-        if self._reference.way > self._best + 0.1:
+        if self._reference.way > self._best + GAIN:
             self._best, self._since, self._tries = self._reference.way, 0.0, 0
         self._since += period
-        patience = 0.4 * self.own.patience if self._reference.ended else self.own.patience
+        patience = HURRY * self.own.patience if self._reference.ended else self.own.patience
         if self._backing > 0.0:
             self._backing -= period
             if self._backing <= 0.0:
@@ -196,12 +210,12 @@ class PlannedDriver:
     def _back_out(self) -> Array | None:
         """The straightest slow way back that leaves room to stop."""
         chair, around = self._chair, self._around
-        back = -min(0.15, self._task.limits.backward)
-        for margin in around.margins(chair.footprint, 0.05):
-            for turn in (0.0, 0.3, -0.3, 0.7, -0.7):
+        back = -min(BACK, self._task.limits.backward)
+        for margin in around.margins(chair.footprint, MARGIN):
+            for turn in TURNS:
                 for v, w in ((back, turn), (0.0, turn)):
                     if (v or w) and stops_clear(
-                        v, w, chair.state, chair.array, chair.footprint, around.points, 0.4, margin
+                        v, w, chair.state, chair.array, chair.footprint, around.points, HOLD, margin
                     ):
                         return np.array([v, w])
         return None

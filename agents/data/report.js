@@ -5,7 +5,7 @@ for (const table of document.querySelectorAll("table")) {
     heads.forEach((other) => other.removeAttribute("aria-sort"));
     head.setAttribute("aria-sort", up ? "ascending" : "descending");
     const key = (row) => row.cells[k].dataset.key ?? row.cells[k].textContent;
-    const rows = [...table.tBodies[0].rows].sort((a, b) => {
+    const rows = [...table.tBodies].flatMap((body) => [...body.rows]).sort((a, b) => {
       const [x, y] = [key(a), key(b)];
       if (x === "" || y === "") return (x === "") - (y === "");  // what is missing stays last
       const order = isNaN(x) || isNaN(y) ? x.localeCompare(y) : x - y;

@@ -1,1 +1,1 @@
-"""."""
+"""Whales: how a swarm moves, and swarms of whole paths."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.draws import stream
+from planners.space import Bounds
 from planners.swarm.whale_path import shorten
 from planners.swarm.woa import WhaleSettings
 from planners.trees.growth import Growth, grow, new_room
@@ -127,9 +128,9 @@ class RrtStar:
             return_on_first_path=True,
         )
 
-    def growth(self, bounds: Array, whales: bool = False) -> Growth:
+    def growth(self, bounds: Bounds, whales: bool = False) -> Growth:
         """The values of the loop on a map with these bounds (4,) [m]."""
-        area = float((bounds[2] - bounds[0]) * (bounds[3] - bounds[1]))
+        area = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1])
         least = 2.0 * math.sqrt(1.5 * area / math.pi)  # Karaman and Frazzoli 2011, d = 2
         return Growth(
             iterations=self.iterations,
@@ -145,7 +146,7 @@ class RrtStar:
 
     def plan(self, problem: Problem, rng: np.random.Generator) -> Plan:
         """Answer a problem with the best path of all samples, or with the first."""
-        return _grown(problem, rng, self.growth(problem.space.arrays.bounds), self.nodes)
+        return _grown(problem, rng, self.growth(problem.space.bounds), self.nodes)
 
 
 @settings
@@ -180,7 +181,7 @@ class RrtStarWoaLocal:
             hidden_near=self.near_hidden,
             hidden_goal=self.goal_hidden,
         )
-        growth = self.tree.growth(problem.space.arrays.bounds, whales=True)
+        growth = self.tree.growth(problem.space.bounds, whales=True)
         return _grown(problem, rng, growth, self.tree.nodes, self.whales, pull)
 
 

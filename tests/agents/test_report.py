@@ -7,12 +7,14 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from agents import figures, report
 from agents.report import write_report
 from agents.tables import COLUMNS, markdown, overall
-from wheelchair_gym.view import write_png
+from wheelchair_gym.view import webp, write_png
 
 VOID = {"meta", "link", "img", "br", "wbr", "hr", "input"}
 POLICIES, SCENES = ["dwa", "a|b <i>&"], ["clutter", "office"]
+VIDEO = {"file": "episode.mp4", "policy": "dwa", "scene": "office", "seed": 7}
 
 
 def evaluation():
@@ -98,10 +100,11 @@ def made(tmp_path_factory):
 
 
 def test_nothing_outside_is_needed(made):
-    _, _, text, page = made
+    _, folder, text, page = made
     for _, attributes in page.tags:
-        for name in ("src", "href"):
-            assert attributes.get(name, "data:").startswith("data:")
+        assert attributes.get("src", "data:").startswith("data:")
+    links = [link["href"] for link in page.of("a") if not (folder / link["href"]).is_file()]
+    assert links == []
     assert not re.search(r"https?:|//[a-z]|@import|url\(", re.sub(r"data:[^'\"]*", "", text))
 
 
@@ -117,8 +120,8 @@ def test_every_failure_is_shown_with_its_own_picture_and_words(made):
     failed = [record for record in what["records"] if not record["success"]]
     assert len(failed) == 8
     for record in failed:
-        data = base64.b64encode((folder / record["picture"]).read_bytes()).decode()
-        said = shown[f"data:image/png;base64,{data}"]
+        data = base64.b64encode(webp(folder / record["picture"])).decode()
+        said = shown[f"data:image/webp;base64,{data}"]
         assert f"{record['policy']}, {record['scene']}, seed {record['seed']}" in said
         assert ("hit something" if record["contact"] else "out of time") in said
         assert f"{record['time']:.1f} s" in said
@@ -167,9 +170,46 @@ def test_markdown_has_a_row_for_each_row_and_as_many_cells_as_headings():
 def test_the_best_comes_first_and_is_named_first(made):
     what, _, text, _ = made
     assert [row["policy"] for row in overall(what["summary"])] == ["a|b <i>&", "dwa"]
-    lead = text[text.index("class='lead'") :]
+    lead = text[text.index("class='lead'") :].replace("&nbsp;", " ")
     assert lead.index("a|b &lt;i&gt;&amp;") < lead.index("43.3 %") < lead.index("Next is dwa")
     assert "the intervals overlap" in lead
+
+
+def test_every_scene_lists_its_best_first_and_failures_of_the_best_come_first(made):
+    page = made[3]
+    names = [[" ".join(cell.split()) for cell in row[:2]] for row in page.rows]
+    names = [name for name in names if name[1] in SCENES]
+    assert names == [[p, s] for s in SCENES for p in ("a|b <i>&", "dwa")]
+    shown = [
+        image["alt"].partition(", ")[0] for image in page.of("img") if ", seed" in image["alt"]
+    ]
+    assert shown == ["a|b <i>&"] * 4 + ["dwa"] * 4
+
+
+def test_a_lead_by_spl_alone_is_called_that(tmp_path):
+    even = evaluation()
+    even["summary"] = [row | {"success": 0.5} for row in even["summary"]]
+    text = write_report(even, tmp_path).read_text(encoding="utf-8")
+    assert "comes first, by SPL alone" in text
+    assert "is best" not in text
+
+
+def test_every_column_is_explained(made):
+    _, _, text, _ = made
+    told = text[text.index("What the columns mean") : text.index("<h2>Figures")]
+    assert told.count("<dt>") == len(COLUMNS)
+    assert len(re.findall(r"<dd>[^<]{10,}</dd>", told)) == len(COLUMNS)
+
+
+def test_pictures_beyond_the_budget_are_linked(made, tmp_path, monkeypatch):
+    what, folder, text, page = made
+    first = next(image["src"] for image in page.of("img") if "webp" in image["src"])
+    monkeypatch.setattr(report, "_MOST_PICTURES", len(first) + 1)
+    heavy = Page(write_report(what, folder).read_text(encoding="utf-8"))
+    shown = [image["src"] for image in heavy.of("img") if ", seed" in image["alt"]]
+    assert [source.startswith("data:") for source in shown] == [True, True] + 6 * [False]
+    assert all((folder / source).is_file() for source in shown[2:])
+    (folder / "report.html").write_text(text, encoding="utf-8")
 
 
 def test_provenance_and_command_are_there(made):
@@ -190,6 +230,34 @@ def test_nothing_to_report_is_said(tmp_path):
 
 def test_video_is_embedded(tmp_path):
     (tmp_path / "episode.mp4").write_bytes(b"\0\1film")
-    text = write_report(evaluation() | {"video": "episode.mp4"}, tmp_path).read_text("utf-8")
+    text = write_report(evaluation() | {"video": VIDEO}, tmp_path).read_text("utf-8")
     source = base64.b64encode(b"\0\1film").decode()
     assert Page(text).of("video")[0]["src"] == f"data:video/mp4;base64,{source}"
+
+
+def test_a_long_video_plays_from_beside_the_page(tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "_LARGEST_VIDEO", 3)
+    (tmp_path / "episode.mp4").write_bytes(b"\0\1film")
+    text = write_report(evaluation() | {"video": VIDEO}, tmp_path).read_text("utf-8")
+    assert Page(text).of("video")[0]["src"] == "episode.mp4"
+    assert "dwa, office, seed 7" in text
+
+
+def test_no_mark_of_a_figure_is_cut_off_and_no_curve_is_left_out(monkeypatch):
+    what = evaluation()
+    for record in what["records"]:
+        record["clearance_min"] = 0.0 if record["policy"] == "dwa" else 0.3
+    drawn = []
+    monkeypatch.setattr(figures, "_svg", lambda figure: drawn.append(figure) or b"")
+    figures.figures(what)
+    _, times, clearances = (figure.axes[0] for figure in drawn)
+    for marks in times.collections:
+        points = marks.get_offsets()
+        assert (points > (times.get_xlim()[0], times.get_ylim()[0])).all()
+        assert (1.03 * points < (times.get_xlim()[1], times.get_ylim()[1])).all()
+    assert len(clearances.lines) == 2
+    for line in clearances.lines:
+        x, y = line.get_data()
+        assert clearances.get_xlim()[0] < x.min()
+        assert x.max() <= clearances.get_xlim()[1]
+        assert y.max() == 100.0

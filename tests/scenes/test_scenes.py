@@ -176,6 +176,13 @@ def test_floor_plan_that_cannot_be_is_refused():
         scene.sample(np.random.default_rng(0))
 
 
+def test_an_empty_room_with_no_place_far_enough_is_refused():
+    middle = {"name": "empty", "size": [2.0, 2.0], "start": [1.0, 1.0, 0.0], "apart": 1.0}
+    scene = make_scene(middle)
+    with pytest.raises(InputError, match="no start and goal"):
+        scene.sample(np.random.default_rng(0))
+
+
 def test_papers_worlds_are_exact():
     rng = np.random.default_rng(0)
     world = make_scene("chaotic_pso").sample(rng)

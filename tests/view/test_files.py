@@ -1,14 +1,16 @@
 """Files are whole, hold the pictures given, and windows close for good."""
 
+import io
 import subprocess
 import sys
 
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.view import Window, contact_sheet, write_png, write_video
+from wheelchair_gym.view import Window, contact_sheet, webp, write_png, write_video
 
 
 def frames(count=12, shape=(64, 96)):
@@ -44,8 +46,6 @@ def test_mp4_is_h264_with_every_frame(tmp_path, shape):
 
 
 def test_gif_keeps_frames_and_pace(tmp_path):
-    from PIL import Image
-
     write_video(tmp_path / "a.gif", frames(), 10)
     with Image.open(tmp_path / "a.gif") as gif:
         assert gif.n_frames == 12
@@ -108,3 +108,13 @@ def test_missing_pygame_says_what_to_install(monkeypatch):
 def test_pygame_is_imported_by_an_open_window_only():
     code = "import sys, wheelchair_gym.view; sys.exit('pygame' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_webp_is_small_and_looks_the_same(tmp_path):
+    noisy = np.kron(np.arange(48).reshape(6, 8, 1) * 5, np.ones((40, 40, 3))).astype(np.uint8)
+    write_png(tmp_path / "a.png", noisy)
+    data = webp(tmp_path / "a.png")
+    assert data[:4] == b"RIFF"
+    assert data[8:12] == b"WEBP"
+    with Image.open(io.BytesIO(data)) as picture:
+        assert np.abs(np.asarray(picture).astype(int) - noisy).mean() < 3

@@ -9,7 +9,7 @@ from wheelchair_gym.geometry import Footprint, polygon_edges, to_world
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Episode, Reading
 from wheelchair_gym.view import TopView, draw_plan, palette
-from wheelchair_gym.view.floor import loops
+from wheelchair_gym.view.floor import loops, strip_height
 from wheelchair_gym.view.picture import CHAIR_ALPHA
 
 OUTER = [(-0.2, -0.2), (8.2, -0.2), (8.2, 6.2), (-0.2, 6.2)]
@@ -221,3 +221,16 @@ def test_a_lone_beam_without_echo_is_no_spike(view, beam):
     angle = math.radians(beam - 135)
     beyond = (4.66 + 1.3 * math.cos(angle), 3.0 + 1.3 * math.sin(angle))
     assert colour_at(view.draw(pose, reading(pose, scan)), view.frame, beyond) == palette.FREE
+
+
+@pytest.mark.parametrize("size", [(640, 320), (480, 640), 320, 1000])
+@pytest.mark.parametrize("words", [1, 8, 40])
+def test_a_caption_stays_clear_of_the_scale_bar(size, words):
+    view = TopView(room(), size=size)
+    said = "12.3 m" + " and 4.5 m" * words
+    bare, captioned = (view.draw((4.0, 3.0, 0.0), caption=c) for c in ("", said))
+    strip = strip_height(max(bare.shape[:2]))
+    bar = np.argwhere((bare[-strip + 3 :].astype(int).sum(axis=-1) < 500).any(axis=0)).min()
+    written = np.argwhere((bare != captioned).any(axis=(0, 2)))
+    assert 0 < written.min() < strip
+    assert written.max() < bar

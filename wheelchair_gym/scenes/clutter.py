@@ -15,7 +15,10 @@ from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
 
-_TRIES = 50
+_TRIES = 50  # corridors drawn before the settings are called impossible
+_PLACES = 10  # drawn for one cylinder before it is left out
+_CLUSTERED = 0.4  # share of cylinders beside another: clusters block more than single ones
+_OVERLAP = 0.9  # of the sum of radii: how far apart cylinders of a cluster stand
 _RUN = 1.4  # m, without cylinders, ahead of the start and before the goal
 _ENDS = 1.2  # m, from start and goal to the end walls
 
@@ -51,14 +54,14 @@ class Clutter:
         low, high = _ENDS + _RUN, _ENDS + self.length - _RUN
         discs = np.empty((0, 3))
         for _ in range(round(self.density * (high - low) * self.width)):
-            for _ in range(10):
+            for _ in range(_PLACES):
                 radius = rng.uniform(*self.radius)
-                if len(discs) and rng.random() < 0.4:  # beside another: clusters block more
+                if len(discs) and rng.random() < _CLUSTERED:
                     x, y, r = discs[rng.integers(len(discs))]
                     angle = rng.uniform(-math.pi, math.pi)
                     x, y = (
-                        x + 0.9 * (r + radius) * math.cos(angle),
-                        y + 0.9 * (r + radius) * math.sin(angle),
+                        x + _OVERLAP * (r + radius) * math.cos(angle),
+                        y + _OVERLAP * (r + radius) * math.sin(angle),
                     )
                 else:
                     x, y = rng.uniform(low, high), rng.uniform(0.0, self.width)

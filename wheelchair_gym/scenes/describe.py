@@ -1,20 +1,14 @@
-"""What a generator draws: the figures without which no success rate means anything.
-
-`python -m wheelchair_gym.scenes.describe floor_plan 100` prints them for a hundred seeds.
-"""
+"""What a generator draws: the figures without which no success rate means anything."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable
 
 import numpy as np
 
 from wheelchair_gym.maps import OCCUPIED, bottleneck, geodesic
-from wheelchair_gym.scenes import FloorPlan, Scene, make_scene
-from wheelchair_gym.scenes.poses import RADIUS
-
-_QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
+from wheelchair_gym.scenes import FloorPlan, Scene
+from wheelchair_gym.scenes.poses import FOOTPRINT, RADIUS
 
 
 def measure(scene: Scene, seeds: Iterable[int]) -> dict[str, list[float]]:
@@ -36,22 +30,10 @@ def measure(scene: Scene, seeds: Iterable[int]) -> dict[str, list[float]]:
             episode = scene.sample(np.random.default_rng(seed))
         start, goal = episode.start[:2], episode.goal[:2]
         way = float(geodesic(episode.map, goal, RADIUS).at(start))
-        margin = bottleneck(episode.map, start, goal) - 0.31
+        margin = bottleneck(episode.map, start, goal) - FOOTPRINT.half_width
         density = float((episode.map.cells == OCCUPIED).mean())
         direct = float(np.hypot(*(goal - start)))
         row = (way, margin, density, len(episode.walls), len(episode.discs), direct)
         for name, value in zip(names, row, strict=True):
             table[name].append(float(value))
     return table
-
-
-def describe(scene: Scene, seeds: Iterable[int]) -> None:
-    """Print the distribution of every figure: mean and quantiles."""
-    print(f"{'':24}{'n':>6}{'mean':>9}" + "".join(f"{f'{q:.0%}':>9}" for q in _QUANTILES))
-    for name, values in measure(scene, seeds).items():
-        figures = [np.mean(values), *np.quantile(values, _QUANTILES)]
-        print(f"{name:24}{len(values):6d}" + "".join(f"{figure:9.3f}" for figure in figures))
-
-
-if __name__ == "__main__":
-    describe(make_scene(sys.argv[1]), range(int(sys.argv[2])))

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import Footprint, footprint_clearance
+from wheelchair_gym.scenes.raster import CELL
 
 Array = NDArray[np.float64]
 
 FOOTPRINT: Final = Footprint()
-RADIUS: Final = 0.36  # m: half the chair's width, and a cell: its way through a straight gap
+RADIUS: Final = FOOTPRINT.half_width + CELL  # m: its way through a straight gap, and a cell
 
 
 def stands(pose: Array, walls: Array, discs: Array, clearance: float) -> bool:

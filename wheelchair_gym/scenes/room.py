@@ -13,6 +13,10 @@ from wheelchair_gym.types import Episode
 
 Pose = tuple[float, float, float]
 
+_TRIES = 10_000  # a room of 2 m x 2 m takes hundreds
+_EDGE = 0.5  # m: no axle is drawn nearer to a wall
+_CLEARANCE = 0.15  # m round the footprint where drawn, as in the other scenes
+
 
 @settings
 class EmptyRoom:
@@ -31,7 +35,7 @@ class EmptyRoom:
         """Draw what is not given.
 
         Raises:
-            InputError: the given start or goal does not fit into the room.
+            InputError: the given start or goal does not fit into the room, or nothing drawn does.
         """
         width, height = self.size
         ground = arena((0.0, 0.0, width, height))
@@ -41,9 +45,9 @@ class EmptyRoom:
                 raise InputError(
                     f"EmptyRoom.{name} is {pose}; it must lie in a room of {self.size}"
                 )
-        while True:
+        for _ in range(_TRIES):
             drawn = [
-                pose or (*rng.uniform((0.5, 0.5), (width - 0.5, height - 0.5)), rng.uniform(-3, 3))
+                pose or (*rng.uniform(_EDGE, (width - _EDGE, height - _EDGE)), rng.uniform(-3, 3))
                 for pose in (self.start, self.goal)
             ]
             start, goal = np.array(drawn)
@@ -51,6 +55,9 @@ class EmptyRoom:
             given = self.start is not None and self.goal is not None
             if given or (
                 far
-                and all(stands(pose, ground.walls, ground.discs, 0.15) for pose in (start, goal))
+                and all(
+                    stands(pose, ground.walls, ground.discs, _CLEARANCE) for pose in (start, goal)
+                )
             ):
                 return Episode(ground.map, start, goal, ground.walls, ground.discs, name="empty")
+        raise InputError(f"EmptyRoom: {_TRIES} draws found no start and goal that fit {self}")

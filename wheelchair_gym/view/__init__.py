@@ -1,7 +1,7 @@
 """Pictures of the chair and of plans, a window to watch them in, and video files."""
 
 from wheelchair_gym.view.picture import TopView, draw_plan
-from wheelchair_gym.view.video import contact_sheet, video_suffix, write_png, write_video
+from wheelchair_gym.view.video import contact_sheet, video_suffix, webp, write_png, write_video
 from wheelchair_gym.view.window import Window
 
 __all__ = [
@@ -10,6 +10,7 @@ __all__ = [
     "contact_sheet",
     "draw_plan",
     "video_suffix",
+    "webp",
     "write_png",
     "write_video",
 ]

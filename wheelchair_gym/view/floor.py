@@ -11,13 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from wheelchair_gym.view import palette
-from wheelchair_gym.view.canvas import Canvas, Image, fitted, text_width, write_text
+from wheelchair_gym.view.canvas import Canvas, fitted, text_width, write_text
 
 Array = NDArray[np.float64]
 
 FINE = 2  # the background is drawn with this many times the pixels, then brought down
 _STRIP = 0.047  # the caption strip's share of the long side
 _STRIP_LEAST = 26  # pixels: smaller captions cannot be read
+_CAPITAL = 0.36  # height of a capital, as a share of the strip
+_SHRINK = 0.6  # a caption too long is written smaller, down to this; then it loses words
 
 
 def loops(walls: ArrayLike) -> list[Array]:
@@ -169,32 +171,39 @@ def rule_strip(canvas: Canvas) -> None:
     image = canvas.image[h - strip :]
     image[:] = palette.PAPER
     image[: max(1, round(canvas.unit))] = palette.RULE
-    capital = 0.36 * strip
-    length = _nice(0.18 * w / canvas.frame.scale)
-    label = f"{length:g} m"
+    capital = _CAPITAL * strip
+    label, start, left = _scale_bar(w, canvas.frame.scale, strip)
     right, middle = w - 0.5 * strip, round(0.5 * strip)
-    left = round(right - length * canvas.frame.scale)
     stroke = max(1, round(1.5 * canvas.unit))
     image[middle : middle + stroke, left : round(right)] = palette.INK
     for end in (left, round(right) - stroke):
         image[
             middle - round(0.14 * strip) : middle + round(0.14 * strip) + 1, end : end + stroke
         ] = palette.INK
-    start = left - text_width(label, capital) - 0.3 * strip
     write_text(image, label, (start, 0.5 * strip + 0.5 * capital), capital, palette.INK)
 
 
-def write_caption(image: Image, text: str) -> None:
-    """Write a line into the caption strip of a finished picture, cut where the scale bar begins."""
-    if not text:
-        return
+def _scale_bar(width: float, scale: float, strip: int) -> tuple[str, float, int]:
+    """A scale bar's label, and the columns where the label and the bar begin [pixels]."""
+    length = _nice(0.18 * width / scale)
+    label = f"{length:g} m"
+    left = round(width - 0.5 * strip - length * scale)
+    return label, left - text_width(label, _CAPITAL * strip) - 0.3 * strip, left
+
+
+def write_caption(canvas: Canvas, text: str) -> None:
+    """Write a line into the caption strip of a finished picture; it ends before the scale bar."""
+    image = canvas.image
     h, w = image.shape[:2]
     strip = strip_height(max(h, w))
-    capital = 0.36 * strip
-    room = round(0.68 * w)
-    while text and text_width(text, capital) > room:
-        text = text[:-1]
-    part = image[h - strip + 2 :, : room + strip]
+    _, end, _ = _scale_bar(w, canvas.frame.scale, strip)
+    room = end - 0.75 * strip  # less the space before and after
+    while text_width(text, _SHRINK * _CAPITAL * strip) > room and " " in text.strip():
+        text = text.rstrip().rpartition(" ")[0]
+    if not text.strip():
+        return
+    capital = _CAPITAL * strip * max(_SHRINK, min(1.0, room / text_width(text, _CAPITAL * strip)))
+    part = image[h - strip + 2 :, : math.ceil(end)]
     fine: Any = cv2.resize(part, None, fx=FINE, fy=FINE, interpolation=cv2.INTER_NEAREST)
     baseline = FINE * (0.5 * strip + 0.5 * capital - 2)
     write_text(fine, text, (FINE * 0.45 * strip, baseline), FINE * capital, palette.INK)

@@ -111,7 +111,7 @@ class TopView:
         # The strip is no part of the world: what reached into it is wiped off.
         strip = floor.strip_height(max(canvas.image.shape[:2]))
         canvas.image[-strip:] = self.background.image[-strip:]
-        floor.write_caption(canvas.image, caption)
+        floor.write_caption(canvas, caption)
         return canvas.image
 
     def _laser(self, canvas: Canvas, pose: Array, reading: Reading) -> None:
@@ -206,9 +206,9 @@ def draw_plan(
         fine.dot(goal, 5.5, palette.GOAL)
     floor.mark_start(fine, start)
     floor.rule_strip(fine)
-    image = fine.shrunk(floor.FINE).image
-    floor.write_caption(image, caption)
-    return image
+    picture = fine.shrunk(floor.FINE)
+    floor.write_caption(picture, caption)
+    return picture.image
 
 
 def _cones(settings: UltrasonicSettings) -> tuple[Array, Array, list[palette.Colour]]:

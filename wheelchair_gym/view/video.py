@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable
 from importlib import import_module
 from importlib.util import find_spec
@@ -37,6 +38,14 @@ def write_png(path: str | Path, image: Image) -> None:
         raise ValueError(f"{path}: a picture of shape {image.shape} cannot be written as PNG")
     with whole(path) as part:
         part.write_bytes(data.tobytes())
+
+
+def webp(path: str | Path) -> bytes:
+    """A picture file as WebP: a top view takes a tenth of its PNG and looks the same."""
+    out = io.BytesIO()
+    with Pillow.open(path) as picture:
+        picture.convert("RGB").save(out, "webp", quality=50, method=6)
+    return out.getvalue()
 
 
 def video_suffix() -> str:

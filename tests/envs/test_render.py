@@ -1,0 +1,64 @@
+"""What an env shows: films of whole episodes, and a window that may be closed at any time."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+import wheelchair_gym  # noqa: F401 (registers the ids)
+
+SHORT = {"scene": "clutter", "task": {"time_base": 1.5, "time_factor": 0.0}}  # 15 steps
+
+
+def env(**settings):
+    return gymnasium.make("wheelchair_gym/Navigation-v0", config=SHORT, **settings)
+
+
+def test_a_recorded_episode_plays_back_as_it_was_rendered(tmp_path):
+    pytest.importorskip("moviepy", reason="moviepy is not installed (extra: view)")
+    import imageio_ffmpeg
+
+    rendered = []
+    plain = env(render_mode="rgb_array")
+    films = str(tmp_path / "films")
+    world = gymnasium.wrappers.RecordVideo(plain, films, lambda _: True, disable_logger=True)
+    world.reset(seed=0)
+    over = False
+    while not over:
+        rendered.append(plain.render())
+        _, _, ended, truncated, _ = world.step(np.array([0.3, 0.1], dtype=np.float32))
+        over = ended or truncated
+    rendered.append(plain.render())
+    world.close()
+    (film,) = tmp_path.glob("films/*.mp4")
+    reader = imageio_ffmpeg.read_frames(str(film))
+    about = next(reader)
+    width, height = about["size"]
+    assert about["codec"] == "h264"
+    assert about["fps"] == 10
+    assert (height, width, 3) == rendered[0].shape
+    played = [np.frombuffer(f, np.uint8).reshape(height, width, 3) for f in reader]
+    assert len(played) == len(rendered) == 16
+    for seen, given in zip(played, rendered, strict=True):
+        assert np.abs(seen.astype(int) - given).mean() < 3.0
+    # The chair moved, and the film shows it.
+    assert np.abs(played[0].astype(int) - played[-1]).max() > 100
+
+
+def test_driving_goes_on_without_the_window_once_it_is_closed(monkeypatch):
+    pygame = pytest.importorskip("pygame", reason="pygame-ce is not installed (extra: view)")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    seen, unseen = env(render_mode="human"), env()
+    begun = [world.reset(seed=0)[0] for world in (seen, unseen)]
+    assert pygame.display.get_surface() is not None
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    assert all((begun[0][key] == begun[1][key]).all() for key in begun[1])
+    ahead = np.array([0.5, 0.2], dtype=np.float32)
+    for _ in range(4):
+        one, other = (world.step(ahead) for world in (seen, unseen))
+        assert all((one[0][key] == other[0][key]).all() for key in other[0])
+        assert not pygame.display.get_init()
+    seen.reset()
+    assert not pygame.display.get_init()
+    for _ in "ab":
+        seen.close()
+    unseen.close()
