@@ -15,6 +15,11 @@ from types import ModuleType
 from typing import Any, TypeVar, cast
 
 import numba
+from numba import types
+
+from wheelchair_gym import progress
+
+progress.watch()
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -45,6 +50,13 @@ def _digest(function: Callable[..., Any]) -> str:
 def _compiled(function: F, **options: Any) -> F:
     dispatcher = numba.njit(**_OPTIONS, **options)(function)
     dispatcher.source_digest = _digest(function)
+    resolve = dispatcher.get_call_template
+
+    def resolve_plain(args: Any, kws: Any) -> Any:
+        # A constant argument would be compiled for its value: a dozen copies of one small kernel.
+        return resolve(tuple(map(types.unliteral, args)), kws)
+
+    dispatcher.get_call_template = resolve_plain
     dispatcher._cache._cache_file._source_stamp = dispatcher.source_digest
     return cast(F, dispatcher)
 

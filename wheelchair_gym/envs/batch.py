@@ -28,7 +28,7 @@ def succeeded(rules: Any, course: Any, seen: Any) -> bool:
 @borrowing_kernel
 def begin_chair(
     i: int,
-    rig: Any,
+    rigs: Any,
     rules: Any,
     base: Any,
     blank: Any,
@@ -51,21 +51,34 @@ def begin_chair(
     course, world = courses[i], worlds[i]
     world.walls, world.n_walls = course.walls, course.n_walls
     world.discs, world.n_discs = course.discs, course.n_discs
-    chairs[i], states[i] = base[0], blank[0]
+    begin(
+        i,
+        rigs,
+        base,
+        blank,
+        chairs,
+        states,
+        worlds,
+        course.start,
+        keys[i],
+        scratch,
+        ranges,
+        sensed,
+    )
     seen = sensed[i]
-    begin(rig, chairs[i], states[i], world, course.start, keys[i], scratch, ranges, seen)
     start_task(
+        i,
         rules,
-        course,
-        progress[i],
-        verdicts[i],
+        courses,
+        progress,
+        verdicts,
         seen.pose,
         seen.twist,
         ranges,
         seen.ultrasonic,
         out[i],
     )
-    success[i] = succeeded(rules, course, seen)
+    success[i] = succeeded(rules[0], course, seen)
 
 
 @borrowing_kernel
@@ -96,8 +109,8 @@ def begin_chairs(
         if chosen[i]:
             begin_chair(
                 i,
-                rigs[0],
-                rules[0],
+                rigs,
+                rules,
                 base,
                 blank,
                 chairs,
@@ -177,19 +190,20 @@ def step_chairs(
         final_success: (n,) likewise.
         final_out: (n, room) observations, likewise.
     """
-    rig, rule = rigs[0], rules[0]
+    rule = rules[0]
     for i in range(low, high):
         begun[i] = over[i]
         if not over[i]:
             course, seen = courses[i], sensed[i]
             action = actions[i]
             v, w = asked_twist(action[0], action[1], rule.forward, rule.backward, rule.turn)
-            advance(rig, chairs[i], states[i], worlds[i], v, w, scratch, ranges, seen)
+            advance(i, rigs, chairs, states, worlds, v, w, scratch, ranges, sensed)
             assess(
-                rule,
-                course,
-                progress[i],
-                verdicts[i],
+                i,
+                rules,
+                courses,
+                progress,
+                verdicts,
                 action,
                 seen.pose,
                 seen.twist,
@@ -210,8 +224,8 @@ def step_chairs(
         over[i] = False
         begin_chair(
             i,
-            rig,
-            rule,
+            rigs,
+            rules,
             base,
             blank,
             chairs,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import doubles_at, table_at
+from wheelchair_gym.address import doubles_at, integers_at, table_at
 from wheelchair_gym.geometry import footprint_clearance, wrap
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.sensing.laser import scan
@@ -69,111 +69,97 @@ def tell(state: Any, p: Any, walls: Array, discs: Array, sensed: Any) -> None:
 
 
 @borrowing_kernel
-def begin(
+def sense(
     rig: Any,
     p: Any,
     state: Any,
     world: Any,
+    fired_after: int,
+    scratch: Floats,
+    ranges: Floats,
+    sensed: Any,
+) -> None:
+    """Scan, range the ultrasonics that fired after a tick, and tell."""
+    walls = table_at(world.walls, world.n_walls, 4)
+    discs = table_at(world.discs, world.n_discs, 3)
+    hear(state, fired_after, rangers_of(rig), walls, discs)
+    scan(laser_of(rig), state.pose, walls, discs, state.key, state.step, ranges)
+    tell(state, p, walls, discs, sensed)
+
+
+@borrowing_kernel
+def begin(
+    i: int,
+    rigs: Any,
+    base: Any,
+    blank: Any,
+    chairs: Any,
+    states: Any,
+    worlds: Any,
     start: Array,
     key: np.uint64,
     scratch: Floats,
     ranges: Floats,
     sensed: Any,
 ) -> None:
-    """Stand at a start in a world, and take the first reading.
+    """Row i stands at a start in its world, and takes the first reading.
 
     Args:
-        rig: record of RIG.
-        p: record of PARAMETER, as the settings give it; what is random is drawn here.
-        state: record of STATE, zero.
-        world: record of WORLD; walls and discs are this episode's.
+        i: row.
+        rigs: (1,) of RIG.
+        base: (1,) of PARAMETER, as the settings give it; what is random is drawn here.
+        blank: (1,) of STATE, zero.
+        chairs: (n,) of PARAMETER.
+        states: (n,) of STATE.
+        worlds: (n,) of WORLD; walls and discs are this episode's.
         start: (3,) [m, m, rad].
         key: of the episode's randomness.
         scratch: room for the laser to work in.
         ranges: (beams,) the scan [m].
-        sensed: record of SENSED.
+        sensed: (n,) of SENSED.
     """
+    chairs[i], states[i] = base[0], blank[0]
+    rig, p, state, world = rigs[0], chairs[i], states[i], worlds[i]
     vary(p, key)
     enter(rig, world, p, start[0], start[1], start[2])
     state.key = key
     state.charge = p.charge * p.capacity
     state.voltage = p.empty + (p.full - p.empty) * p.charge
     locate(state, p, doubles_at(world.body, BODY_DOUBLES))
-    for i in range(3):
-        state.odometry[i] = state.pose[i]
+    for k in range(3):
+        state.odometry[k] = state.pose[k]
     locate_self(state, p, 0.0)
-    walls = table_at(world.walls, world.n_walls, 4)
-    discs = table_at(world.discs, world.n_discs, 3)
     rangers = rangers_of(rig)
     # The rangers have been firing in turn all along, from this very place.
     n = rangers.order.shape[0]
-    for k in range(n):
-        which = rangers.order[k]
-        state.fired[which] = (k + 1 - n) * p.fire_every
-        for i in range(3):
-            state.fire_pose[which, i] = state.pose[i]
-    hear(state, -n * p.fire_every, rangers, walls, discs)
-    scan(laser_of(rig), state.pose, walls, discs, key, 0, ranges)
-    tell(state, p, walls, discs, sensed)
+    for turn in range(n):
+        which = rangers.order[turn]
+        state.fired[which] = (turn + 1 - n) * p.fire_every
+        for k in range(3):
+            state.fire_pose[which, k] = state.pose[k]
+    sense(rig, p, state, world, -n * p.fire_every, scratch, ranges, sensed[i])
 
 
 @borrowing_kernel
 def advance(
-    rig: Any,
-    p: Any,
-    state: Any,
-    world: Any,
+    i: int,
+    rigs: Any,
+    chairs: Any,
+    states: Any,
+    worlds: Any,
     v: float,
     w: float,
     scratch: Floats,
     ranges: Floats,
     sensed: Any,
 ) -> None:
-    """One control period towards a target twist (v, w) [m/s, rad/s], then one reading.
+    """One control period of row i towards a target twist (v, w) [m/s, rad/s], then one reading.
 
     The other arguments are those of `begin`.
     """
+    rig, p, state, world = rigs[0], chairs[i], states[i], worlds[i]
     before = state.tick
-    rangers = rangers_of(rig)
-    drive(state, p, world.space, world.body, rig.step, v, w, rangers.order)
+    order = integers_at(rig.order, rig.rangers)
+    drive(state, p, world.space, world.body, rig.step, v, w, order)
     reckon(state, p)
-    walls = table_at(world.walls, world.n_walls, 4)
-    discs = table_at(world.discs, world.n_discs, 3)
-    hear(state, before, rangers, walls, discs)
-    scan(laser_of(rig), state.pose, walls, discs, state.key, state.step, ranges)
-    tell(state, p, walls, discs, sensed)
-
-
-@borrowing_kernel
-def begin_row(
-    rigs: Any,
-    base: Any,
-    chairs: Any,
-    states: Any,
-    blank: Any,
-    worlds: Any,
-    start: Array,
-    key: np.uint64,
-    scratch: Floats,
-    ranges: Floats,
-    sensed: Any,
-) -> None:
-    """`begin` for the only row of each array; `base` and `blank` are what it starts from."""
-    chairs[0], states[0] = base[0], blank[0]
-    begin(rigs[0], chairs[0], states[0], worlds[0], start, key, scratch, ranges, sensed[0])
-
-
-@borrowing_kernel
-def advance_row(
-    rigs: Any,
-    chairs: Any,
-    states: Any,
-    worlds: Any,
-    v: float,
-    w: float,
-    scratch: Floats,
-    ranges: Floats,
-    sensed: Any,
-) -> None:
-    """`advance` for the only row of each array."""
-    advance(rigs[0], chairs[0], states[0], worlds[0], v, w, scratch, ranges, sensed[0])
+    sense(rig, p, state, world, before, scratch, ranges, sensed[i])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.address import address_of
 from wheelchair_gym.sensing.settings import SensorSettings
-from wheelchair_gym.simulation.advance import advance_row, begin_row
+from wheelchair_gym.simulation.advance import advance, begin
 from wheelchair_gym.simulation.rig import Rig
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.simulation.state import SENSED, STATE, parameters
@@ -68,12 +68,13 @@ class SimulatedChair:
         place["discs"], place["n_discs"] = address_of(discs), len(discs)
         self._solid = walls, discs  # kept alive
         ranges, sensed = self._blank_reading()
-        begin_row(
+        begin(
+            0,
             self._rig.record,
             self._base,
+            self._blank,
             self._chair,
             self._state,
-            self._blank,
             place,
             np.ascontiguousarray(episode.start, np.float64),
             np.uint64(key),
@@ -96,7 +97,8 @@ class SimulatedChair:
         if self._episode is None:
             raise ValueError("the chair was never reset, or it was closed")
         ranges, sensed = self._blank_reading()
-        advance_row(
+        advance(
+            0,
             self._rig.record,
             self._chair,
             self._state,

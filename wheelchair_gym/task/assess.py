@@ -116,41 +116,44 @@ def believes_arrived(rules: Any, course: Any, pose: Array) -> bool:
 
 @borrowing_kernel
 def start_task(
+    i: int,
     rules: Any,
-    course: Any,
+    courses: Any,
     progress: Any,
-    verdict: Any,
+    verdicts: Any,
     pose: Array,
     twist: Array,
     laser: Floats,
     ultrasonic: Floats,
     out: Floats,
 ) -> None:
-    """Take up an episode with its first reading; arguments as of `observe` and `assess`."""
+    """Row i takes up an episode with its first reading; arguments as of `assess`."""
+    rule, course, own, verdict = rules[0], courses[i], progress[i], verdicts[i]
     way = way_to_go(course, pose[0], pose[1])
-    limit = rules.time_base + rules.time_factor * way / rules.forward
+    limit = rule.time_base + rule.time_factor * way / rule.forward
     if not math.isnan(course.time_limit):
         limit = course.time_limit
-    progress.time_limit = limit
-    progress.geodesic = way_to_go(course, course.start[0], course.start[1])
-    progress.steps_left = max(1, round(limit / rules.period))
-    progress.to_go = to_go(course, rules.aim, pose[0], pose[1])
-    progress.action[0], progress.action[1] = 0.0, 0.0
-    for i in range(verdict.terms.shape[0]):
-        verdict.terms[i] = 0.0
+    own.time_limit = limit
+    own.geodesic = way_to_go(course, course.start[0], course.start[1])
+    own.steps_left = max(1, round(limit / rule.period))
+    own.to_go = to_go(course, rule.aim, pose[0], pose[1])
+    own.action[0], own.action[1] = 0.0, 0.0
+    for k in range(verdict.terms.shape[0]):
+        verdict.terms[k] = 0.0
     verdict.reward = 0.0
     verdict.terminated, verdict.truncated = False, False
-    verdict.arrived = believes_arrived(rules, course, pose)
-    verdict.geodesic = progress.geodesic
-    verdict.valid_beams = observe(rules, course, pose, twist, laser, ultrasonic, out)
+    verdict.arrived = believes_arrived(rule, course, pose)
+    verdict.geodesic = own.geodesic
+    verdict.valid_beams = observe(rule, course, pose, twist, laser, ultrasonic, out)
 
 
 @borrowing_kernel
 def assess(
+    i: int,
     rules: Any,
-    course: Any,
+    courses: Any,
     progress: Any,
-    verdict: Any,
+    verdicts: Any,
     action: Array,
     pose: Array,
     twist: Array,
@@ -159,92 +162,46 @@ def assess(
     bumped: bool,
     out: Floats,
 ) -> None:
-    """Judge the step that an action led to, and observe where it led.
+    """Judge the step that row i's action led to, and observe where it led.
 
     Args:
-        rules: record of RULES.
-        course: record of COURSE.
-        progress: record of PROGRESS; moves on.
-        verdict: record of VERDICT; is written.
+        i: row.
+        rules: (1,) of RULES.
+        courses: (n,) of COURSE.
+        progress: (n,) of PROGRESS; the row moves on.
+        verdicts: (n,) of VERDICT; the row is written.
         action: (2,) in [-1, 1]; beyond is clipped.
         pose: (3,) of the reading [m, m, rad].
         twist: (2,) [m/s, rad/s].
         laser: (beams of the laser,) [m].
         ultrasonic: (rangers,) [m].
         bumped: a bumper strip is pressed.
-        out: the observation, see `observe`.
+        out: (room,) the observation, see `observe`.
     """
-    progress.steps_left -= 1
-    for i in range(2):
-        progress.previous[i] = progress.action[i]
-        progress.action[i] = min(1.0, max(-1.0, action[i]))
-    rest = to_go(course, rules.aim, pose[0], pose[1])
-    covered = progress.to_go - rest
-    progress.to_go = rest
-    verdict.arrived = believes_arrived(rules, course, pose)
+    rule, course, own, verdict = rules[0], courses[i], progress[i], verdicts[i]
+    own.steps_left -= 1
+    for k in range(2):
+        own.previous[k] = own.action[k]
+        own.action[k] = min(1.0, max(-1.0, action[k]))
+    rest = to_go(course, rule.aim, pose[0], pose[1])
+    covered = own.to_go - rest
+    own.to_go = rest
+    verdict.arrived = believes_arrived(rule, course, pose)
     verdict.terminated = verdict.arrived or bumped
-    verdict.truncated = progress.steps_left <= 0 and not verdict.terminated
-    if verdict.terminated:
-        progress.steps_left = 0
+    verdict.truncated = own.steps_left <= 0 and not verdict.terminated
     weigh(
-        rules.weights,
+        rule.weights,
         covered,
-        rules.period,
+        rule.period,
         verdict.arrived,
         bumped,
         verdict.truncated,
-        progress.action,
-        progress.previous,
+        own.action,
+        own.previous,
         verdict.terms,
     )
     verdict.reward = 0.0
-    for i in range(verdict.terms.shape[0]):
-        verdict.reward += verdict.terms[i]
-    verdict.geodesic = progress.geodesic
-    verdict.valid_beams = observe(rules, course, pose, twist, laser, ultrasonic, out)
-
-
-@borrowing_kernel
-def start_row(
-    rules: Any,
-    courses: Any,
-    progress: Any,
-    verdicts: Any,
-    pose: Array,
-    twist: Array,
-    laser: Floats,
-    ultrasonic: Floats,
-    out: Floats,
-) -> None:
-    """`start_task` for the only row of each array."""
-    start_task(rules[0], courses[0], progress[0], verdicts[0], pose, twist, laser, ultrasonic, out)
-
-
-@borrowing_kernel
-def assess_row(
-    rules: Any,
-    courses: Any,
-    progress: Any,
-    verdicts: Any,
-    action: Array,
-    pose: Array,
-    twist: Array,
-    laser: Floats,
-    ultrasonic: Floats,
-    bumped: bool,
-    out: Floats,
-) -> None:
-    """`assess` for the only row of each array."""
-    assess(
-        rules[0],
-        courses[0],
-        progress[0],
-        verdicts[0],
-        action,
-        pose,
-        twist,
-        laser,
-        ultrasonic,
-        bumped,
-        out,
-    )
+    for k in range(verdict.terms.shape[0]):
+        verdict.reward += verdict.terms[k]
+    verdict.geodesic = own.geodesic
+    verdict.valid_beams = observe(rule, course, pose, twist, laser, ultrasonic, out)

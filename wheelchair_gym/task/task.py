@@ -14,7 +14,7 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
-from wheelchair_gym.task.assess import PROGRESS, RULES, VERDICT, assess_row, start_row
+from wheelchair_gym.task.assess import PROGRESS, RULES, VERDICT, assess, start_task
 from wheelchair_gym.task.course import AIMS, Course, way_from
 from wheelchair_gym.task.judge import Verdict, reached
 from wheelchair_gym.task.observe import GOAL_REACH, PATH_REACH
@@ -168,7 +168,8 @@ class Task:
         self._course, self.path = course, course.path
         self.reading, self.key = reading, key
         out, verdict = np.empty(self.room, np.float32), np.empty(1, VERDICT)
-        start_row(
+        start_task(
+            0,
             self.rules,
             course.record,
             self._progress,
@@ -191,7 +192,8 @@ class Task:
         `verdict` then holds what it was worth, `reading` where it led.
         """
         out, verdict = np.empty(self.room, np.float32), np.empty(1, VERDICT)
-        assess_row(
+        assess(
+            0,
             self.rules,
             self._course.record,
             self._progress,

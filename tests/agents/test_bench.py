@@ -1,0 +1,63 @@
+"""Laws of the benchmark: every figure asked for, its settings beside it, written whole."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import shapely
+
+from agents import cli
+from agents.peers import irsim_world, loops
+from wheelchair_gym.envs import EnvSettings
+from wheelchair_gym.scenes import make_scene
+
+QUICK = ["--beams", "16,32", "--envs", "1,3", "--threads", "1,2", "--bank", "2"]
+QUICK += ["--seconds", "0.1", "--no-start", "--no-peer"]
+
+
+def test_each_size_is_measured_and_written(tmp_path, capsys):
+    assert cli.main(["bench", "env", *QUICK, "--out", str(tmp_path), "--json", "-"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == json.loads((tmp_path / "env.json").read_text())
+    rates = {
+        (row["what"], row["beams"], row["envs"], row["threads"]): row["rate"]
+        for row in told["rows"]
+        if "rate" in row
+    }
+    sizes = [("one env", 1, 1), ("batch", 1, 1), ("batch", 3, 1), ("batch", 3, 2)]
+    assert set(rates) == {(what, beams, n, t) for beams in (16, 32) for what, n, t in sizes}
+    assert min(rates.values()) > 0
+    assert told["settings"]["bank"] == 2
+    assert {"machine", "versions", "commit"} <= set(told)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["bench", "env", "--envs", "0"], "0 is too few; expected at least 1"),
+        (["bench", "env", "--seconds", "0"], "--seconds is 0; expected more than 0"),
+        (["bench", "planners"], "invalid choice: 'planners'"),
+    ],
+)
+def test_wrong_sizes_are_refused_in_one_line(arguments, message, capsys):
+    try:
+        code = cli.main(arguments)
+    except SystemExit as end:
+        code = end.code
+    assert code == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_the_peer_drives_between_the_same_walls():
+    episode = make_scene("floor_plan").sample(np.random.default_rng(0))
+    ours = shapely.MultiLineString(episode.walls.reshape(-1, 2, 2).tolist())
+    theirs = shapely.MultiLineString(loops(episode.walls))
+    assert theirs.length == pytest.approx(ours.length)
+    assert theirs.hausdorff_distance(ours) < 1e-9
+    world = irsim_world(EnvSettings(), episode)
+    assert world["robot"][0]["sensors"][0]["number"] == 1081
+    assert len(world["obstacle"]) < len(episode.walls) / 3
