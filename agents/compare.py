@@ -40,7 +40,9 @@ SUITES: dict[str, Suite] = {
         ("floor_plan", "clutter", "thesis_3", "map_file"),
         3,
     ),
-    "homes": Suite("Floor plans never seen before", (BEST,), ("floor_plan",), 200),
+    "homes": Suite(
+        "Floor plans never seen before", ("random", "straight", BEST), ("floor_plan",), 200
+    ),
     "followers": Suite(
         "One planner, each follower",
         ("a_star+pure_pursuit", "a_star+window", "lattice+pure_pursuit", "lattice+window"),

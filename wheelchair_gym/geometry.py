@@ -113,21 +113,6 @@ def segments_cross(
 
 
 @kernel
-def segment_segment_distance(
-    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float
-) -> float:
-    """Distance [m] between the segments a-b and c-d; 0 where they cross."""
-    if segments_cross(ax, ay, bx, by, cx, cy, dx, dy):
-        return 0.0
-    return min(
-        point_segment_distance(ax, ay, cx, cy, dx, dy),
-        point_segment_distance(bx, by, cx, cy, dx, dy),
-        point_segment_distance(cx, cy, ax, ay, bx, by),
-        point_segment_distance(dx, dy, ax, ay, bx, by),
-    )
-
-
-@kernel
 def rectangle_point_gap(px: float, py: float, footprint: Array) -> float:
     """Distance [m] from a point in the footprint's own frame to the footprint; 0 inside."""
     dx = max(max(px - footprint[0], -footprint[1] - px), 0.0)

@@ -77,8 +77,3 @@ def borrowing_kernel(function: F) -> F:
 def inlined(function: F) -> F:
     """Compile a small function that its callers absorb; for arithmetic inside the hottest loops."""
     return _compiled(function, inline="always")
-
-
-def parallel_kernel(function: F) -> F:
-    """Compile a function whose prange loops run on several threads."""
-    return _compiled(function, parallel=True)

@@ -239,9 +239,12 @@ def readme():
 
 
 def test_the_readmes_python_runs(capsys):
-    (block,) = re.findall(r"```python\n(.*?)```", readme(), re.DOTALL)
-    exec(compile(block, "README.md", "exec"), {})
+    drive, train = re.findall(r"```python\n(.*?)```", readme(), re.DOTALL)
+    exec(compile(drive, "README.md", "exec"), {})
     assert capsys.readouterr().out.startswith("arrived")
+    run: dict[str, Any] = {}
+    exec(compile(train, "README.md", "exec"), run)
+    assert run["model"].num_timesteps == 512
 
 
 def test_the_readme_names_every_command_scene_planner_and_follower():
