@@ -48,6 +48,7 @@ def begin(
     rangers: UltrasonicArrays,
     walls: Array,
     discs: Array,
+    scratch: Floats,
     out: Floats,
 ) -> None:
     """Set up the state of a chair that stands at its start, and take its first reading.
@@ -62,6 +63,7 @@ def begin(
         rangers: the ultrasonics.
         walls: (n, 4) [m].
         discs: (m, 3) [m].
+        scratch: (SCRATCH, n or more), overwritten.
         out: (beams,) the scan [m].
     """
     state, p = states[0], parameters[0]
@@ -79,7 +81,7 @@ def begin(
         state.fired[which] = (k + 1 - n) * p.fire_every
         state.fire_pose[which, :] = state.pose
     hear(state, -n * p.fire_every, rangers, walls, discs)
-    scan(laser, state.pose, walls, discs, key, 0, out)
+    scan(laser, state.pose, walls, discs, key, 0, scratch, out)
 
 
 @kernel
@@ -95,6 +97,7 @@ def advance(
     rangers: UltrasonicArrays,
     walls: Array,
     discs: Array,
+    scratch: Floats,
     out: Floats,
 ) -> None:
     """One control period towards a target twist (v, w) [m/s, rad/s], then one reading.
@@ -106,4 +109,4 @@ def advance(
     drive(state, p, space, body, engine, v, w, rangers.order)
     reckon(state, p)
     hear(state, before, rangers, walls, discs)
-    scan(laser, state.pose, walls, discs, state.key, state.step, out)
+    scan(laser, state.pose, walls, discs, state.key, state.step, scratch, out)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import footprint_clearance, wrap
-from wheelchair_gym.sensing.laser import LaserArrays
+from wheelchair_gym.sensing.laser import SCRATCH, LaserArrays
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.sensing.ultrasonic import UltrasonicArrays
 from wheelchair_gym.simulation.advance import advance, begin
@@ -65,6 +65,7 @@ class SimulatedChair:
                 body.wall_friction,
             )
             self._episode = episode
+            self._scratch = np.empty((SCRATCH, len(episode.walls)), np.float32)
         world = self._running()
         self._parameters = parameters(self.settings, self.sensors, self.physics, self.period, key)
         p = self._parameters[0]
@@ -82,6 +83,7 @@ class SimulatedChair:
             self._rangers,
             episode.walls,
             episode.discs,
+            self._scratch,
             scan,
         )
         return self._reading(scan)
@@ -109,6 +111,7 @@ class SimulatedChair:
             self._rangers,
             self._episode.walls,
             self._episode.discs,
+            self._scratch,
             scan,
         )
         return self._reading(scan)
