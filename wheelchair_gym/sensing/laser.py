@@ -103,7 +103,7 @@ def bearing(y: np.float32, x: np.float32) -> np.float32:
 
 
 @borrowing_kernel
-def _see_ends(walls: Array, x: float, y: float, ends: Floats) -> None:
+def see_ends(walls: Array, x: float, y: float, ends: Floats) -> None:
     """Ends of the segments (n, 4) [m], seen from (x, y): ends (2 n, 2), flat."""
     flat = walls.reshape(walls.size)
     for k in range(np.uint64(2 * walls.shape[0])):
@@ -159,7 +159,7 @@ def _draw_lines(
 
 
 @borrowing_kernel
-def _keep_seen(n: int, lines: Floats) -> int:
+def _keep_seen(n: int, lines: Floats) -> np.int64:
     """Move the lines that some beam can reach to the front, without a branch; how many they are."""
     kept = np.uint64(0)
     for k in range(np.uint64(n)):
@@ -167,7 +167,7 @@ def _keep_seen(n: int, lines: Floats) -> int:
         lines[4 * kept], lines[4 * kept + 1] = a, b
         lines[4 * kept + 2], lines[4 * kept + 3] = low, high
         kept += np.uint64(high >= _ZERO)
-    return kept
+    return np.int64(kept)
 
 
 @intrinsic
@@ -284,7 +284,7 @@ def exact_scan(
     rows = scratch.reshape(scratch.size)
     ends, at, lines = rows[: 4 * width], rows[4 * width : 6 * width], rows[6 * width :]
     c, s = _F(math.cos(yaw)), _F(math.sin(yaw))
-    _see_ends(walls, x, y, ends)
+    see_ends(walls, x, y, ends)
     _find_beams(2 * n, ends, c, s, laser.first, laser.per_angle, at)
     _draw_lines(n, ends, at, c, s, laser, lines)
     seen = _keep_seen(n, lines)

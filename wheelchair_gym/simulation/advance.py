@@ -20,7 +20,12 @@ Floats = NDArray[np.float32]
 
 @kernel
 def hear(
-    state: Any, fired_after: int, rangers: UltrasonicArrays, walls: Array, discs: Array
+    state: Any,
+    fired_after: int,
+    rangers: UltrasonicArrays,
+    walls: Array,
+    discs: Array,
+    scratch: Floats,
 ) -> None:
     """Range the ultrasonics that fired after a tick, each from where it stood then."""
     n = rangers.order.shape[0]
@@ -34,6 +39,7 @@ def hear(
                 discs,
                 state.key,
                 state.fired[which],
+                scratch,
             )
 
 
@@ -80,7 +86,7 @@ def begin(
         which = rangers.order[k]
         state.fired[which] = (k + 1 - n) * p.fire_every
         state.fire_pose[which, :] = state.pose
-    hear(state, -n * p.fire_every, rangers, walls, discs)
+    hear(state, -n * p.fire_every, rangers, walls, discs, scratch)
     scan(laser, state.pose, walls, discs, key, 0, scratch, out)
 
 
@@ -108,5 +114,5 @@ def advance(
     before = state.tick
     drive(state, p, space, body, engine, v, w, rangers.order)
     reckon(state, p)
-    hear(state, before, rangers, walls, discs)
+    hear(state, before, rangers, walls, discs, scratch)
     scan(laser, state.pose, walls, discs, state.key, state.step, scratch, out)

@@ -37,7 +37,7 @@ def pool(scan: Floats, reach: float, out: Floats) -> int:
             valid = np.uint32(valid + np.uint32(abs(value) < none))
             value = value if value > _NOTHING else _NOTHING  # as `see`, but without a branch
             out[i] = value if value < far else far
-        return valid
+        return int(valid)
     for i in range(beams):
         valid = np.uint32(valid + np.uint32(abs(scan[i]) < none))
     for j in range(groups):
@@ -46,7 +46,7 @@ def pool(scan: Floats, reach: float, out: Floats) -> int:
             value = scan[i] if scan[i] > _NOTHING else _NOTHING
             nearest = value if value < nearest else nearest
         out[j] = nearest
-    return valid
+    return int(valid)
 
 
 @kernel
