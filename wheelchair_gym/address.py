@@ -65,6 +65,7 @@ def _viewer(item: Any, ndim: int) -> Any:
 # numba gives these the arguments that their callers see; mypy knows only how they are declared.
 doubles_at = cast("Callable[[Any, int], NDArray[np.float64]]", _viewer(types.float64, 1))
 floats_at = cast("Callable[[Any, int], NDArray[np.float32]]", _viewer(types.float32, 1))
+words_at = cast("Callable[[Any, int], NDArray[np.uint32]]", _viewer(types.uint32, 1))
 integers_at = cast("Callable[[Any, int], NDArray[np.int64]]", _viewer(types.int64, 1))
 table_at = cast("Callable[[Any, int, int], NDArray[np.float64]]", _viewer(types.float64, 2))
 field_at = cast("Callable[[Any, int, int], NDArray[np.float32]]", _viewer(types.float32, 2))

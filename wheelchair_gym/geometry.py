@@ -56,6 +56,8 @@ def wrap_angle(angle: ArrayLike) -> Array:
 @kernel
 def wrap(angle: float) -> float:
     """One angle [rad] brought into [-pi, pi)."""
+    if -math.pi <= angle < math.pi:  # most are; the remainder is a slow call
+        return angle
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
 

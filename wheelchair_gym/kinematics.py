@@ -16,6 +16,8 @@ from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
 
+_THERE = 1e-12  # m/s, rad/s: an approach that is this near has arrived; the rest is rounding
+
 
 @borrowing_kernel
 def asked_twist(
@@ -159,6 +161,8 @@ def approach(
         The speed and its rate of change after the step.
     """
     gap = target - speed
+    if gap == 0.0 and slope == 0.0:
+        return target, 0.0
     braking = speed != 0.0 and (speed > 0.0) != (gap > 0.0)
     limit = down if braking else up
     # The rate from which jerk can still bring the slope to zero when the target is reached.
@@ -167,6 +171,7 @@ def approach(
     change = min(jerk * dt, max(-jerk * dt, wanted - slope))
     slope = slope + change
     after = speed + slope * dt
-    if (target - after) * gap <= 0.0 and abs(slope) <= 2.0 * jerk * dt:
+    there = (target - after) * gap <= 0.0 or abs(target - after) < _THERE
+    if there and abs(slope) <= 2.0 * jerk * dt:
         return target, 0.0
     return after, slope

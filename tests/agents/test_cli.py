@@ -242,7 +242,7 @@ def test_the_readmes_python_runs(capsys):
     drive, train = re.findall(r"```python\n(.*?)```", readme(), re.DOTALL)
     exec(compile(drive, "README.md", "exec"), {})
     assert capsys.readouterr().out.startswith("arrived")
-    run: dict[str, Any] = {}
+    run = {}
     exec(compile(train, "README.md", "exec"), run)
     assert run["model"].num_timesteps == 512
 

@@ -9,10 +9,12 @@ import pytest
 
 from tests.sensing.test_laser import brute_force, random_world
 from tests.simulation.worlds import box, exact_chair
+from wheelchair_gym.sensing.laser import SCRATCH
 from wheelchair_gym.sensing.settings import SensorSettings, UltrasonicSettings
 from wheelchair_gym.sensing.ultrasonic import UltrasonicArrays, fire, first_echo
 from wheelchair_gym.simulation import SimulatedChair
 
+ROOM = np.empty((SCRATCH, 64), np.float32)
 NO_WALLS, NO_DISCS = np.empty((0, 4)), np.empty((0, 3))
 NEVER = (100.0, 200.0, 0.0)  # incidences from which echoes are lost, and a draw
 
@@ -32,7 +34,7 @@ def test_cone_equals_brute_force_on_random_worlds(half):
     for _ in range(500):
         walls, discs = random_world(rng)
         yaw = rng.uniform(-10, 10)
-        echo = first_echo(0.0, 0.0, yaw, half, 6.0, *NEVER, walls, discs)
+        echo = first_echo(0.0, 0.0, yaw, math.tan(half), 6.0, *NEVER, walls, discs, ROOM)
         ends = np.arctan2(walls[:, 1::2], walls[:, ::2]).ravel() - yaw
         ends = (ends + math.pi) % (2 * math.pi) - math.pi
         ends = np.concatenate([ends - 1e-9, ends + 1e-9])
@@ -54,10 +56,21 @@ def test_slanted_wall_answers_from_the_cone_edge_or_not_at_all():
     # the sound arrives at 12.5 degrees, so it is heard; at 40 degrees it is not.
     slant = math.radians(20)
     edge = 2.0 * math.cos(slant) / math.cos(slant - half)
-    heard = first_echo(0.0, 0.0, 0.0, half, 4.0, *losses, 0.0, wall(2.0, slant), NO_DISCS)
+    heard = first_echo(
+        0.0, 0.0, 0.0, math.tan(half), 4.0, *losses, 0.0, wall(2.0, slant), NO_DISCS, ROOM
+    )
     assert heard == pytest.approx(edge, rel=1e-9)
     lost = first_echo(
-        0.0, 0.0, 0.0, half, 4.0, *losses, 0.999, wall(2.0, math.radians(40)), NO_DISCS
+        0.0,
+        0.0,
+        0.0,
+        math.tan(half),
+        4.0,
+        *losses,
+        0.999,
+        wall(2.0, math.radians(40)),
+        NO_DISCS,
+        ROOM,
     )
     assert math.isinf(lost)
 
@@ -69,7 +82,9 @@ def test_losses_rise_linearly_with_incidence(incidence, share):
     losses = math.radians(15), math.radians(25)
     draws = (np.arange(1000) + 0.5) / 1000
     lost = [
-        math.isinf(first_echo(0.0, 0.0, 0.0, half, 4.0, *losses, d, slanted, NO_DISCS))
+        math.isinf(
+            first_echo(0.0, 0.0, 0.0, math.tan(half), 4.0, *losses, d, slanted, NO_DISCS, ROOM)
+        )
         for d in draws
     ]
     assert np.mean(lost) == pytest.approx(share, abs=0.002)
@@ -80,7 +95,17 @@ def test_a_lost_echo_does_not_let_the_sound_through_the_wall():
     half = math.radians(7.5)
     walls = np.vstack([wall(1.0, math.radians(50)), wall(3.0)])
     echo = first_echo(
-        0.0, 0.0, 0.0, half, 4.0, math.radians(15), math.radians(25), 0.0, walls, NO_DISCS
+        0.0,
+        0.0,
+        0.0,
+        math.tan(half),
+        4.0,
+        math.radians(15),
+        math.radians(25),
+        0.0,
+        walls,
+        NO_DISCS,
+        ROOM,
     )
     assert math.isinf(echo)
 
@@ -90,7 +115,7 @@ def test_noise_ghosts_blind_zone_and_reach():
     pose = np.zeros(3)
     ahead = wall(0.70 + 2.0)
     readings = np.array(
-        [fire(rangers, 0, pose, ahead, NO_DISCS, np.uint64(5), k) for k in range(20000)]
+        [fire(rangers, 0, pose, ahead, NO_DISCS, np.uint64(5), k, ROOM) for k in range(20000)]
     )
     expected = 2.0  # the cone of +-7.5 degrees about 5 degrees holds the perpendicular
     near = np.abs(readings - expected) < 0.05
@@ -98,10 +123,10 @@ def test_noise_ghosts_blind_zone_and_reach():
     ghosts = (~near).mean()
     assert ghosts == pytest.approx(0.01 * expected / 4.0, abs=0.0025)
     quiet = np.array(
-        [fire(rangers, 0, pose, NO_WALLS, NO_DISCS, np.uint64(6), k) for k in range(20000)]
+        [fire(rangers, 0, pose, NO_WALLS, NO_DISCS, np.uint64(6), k, ROOM) for k in range(20000)]
     )
     assert np.isfinite(quiet).mean() == pytest.approx(0.01, abs=0.003)
-    touching = fire(rangers, 0, pose, wall(0.705), NO_DISCS, np.uint64(5), 3)
+    touching = fire(rangers, 0, pose, wall(0.705), NO_DISCS, np.uint64(5), 3, ROOM)
     assert touching == pytest.approx(0.02, abs=0.03)
     assert touching >= 0.02
 

@@ -179,7 +179,7 @@ def step_chairs(
         coming: (n,) of COURSE, of the next episode.
         keys: (n,) of the next episode's randomness.
         progress: (n,) of PROGRESS.
-        scratch: room for the laser to work in.
+        scratch: (SCRATCH, walls or more), overwritten.
         ranges: (beams,) room for a scan.
         sensed: (n,) of SENSED.
         verdicts: (n,) of VERDICT.

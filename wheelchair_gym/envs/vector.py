@@ -20,6 +20,7 @@ from wheelchair_gym.envs.batch import begin_chairs, step_chairs
 from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_guidance
 from wheelchair_gym.envs.worlds import Worlds
 from wheelchair_gym.scenes import make_scene
+from wheelchair_gym.sensing.laser import SCRATCH
 from wheelchair_gym.sensing.noise import episode_key
 from wheelchair_gym.simulation.rig import Rig
 from wheelchair_gym.simulation.state import PARAMETER, SENSED, STATE, parameters
@@ -131,7 +132,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._over, self._begun = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
         beams = s.sensors.laser.beams
         self._ranges = [np.zeros(beams, np.float32) for _ in self._shares]
-        self._scratch = [np.zeros(1, np.float32) for _ in self._shares]
+        self._scratch = [np.empty((SCRATCH, 0), np.float32) for _ in self._shares]
         self._out = Spare((n, self.task.room))
         self._final = Spare((n, self.task.room))
         self._last: tuple[Floats, Rows, Rows] | None = None  # of the last step or reset
@@ -257,7 +258,10 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._next[i] = course
         self._coming[i] = course.record[0]
         self._keys[i] = episode_key(seed, count)
-        self._spaces[i].make_room(*course.size)
+        walls, discs = course.size
+        self._spaces[i].make_room(walls, discs)
+        if walls > self._scratch[0].shape[1]:
+            self._scratch = [np.empty((SCRATCH, walls), np.float32) for _ in self._shares]
 
     def _taken_up(self, rows: NDArray[np.intp]) -> None:
         """Rows have begun what was coming: draw what comes after."""

@@ -3,36 +3,52 @@
 Each segment is rasterised onto its own interval of beams. In the sensor's frame, along the line
 through a and b with e = b - a and c = a x e, the inverse range is linear in the beam's direction:
 1/r = (e_y/c) cos - (e_x/c) sin. So a scan takes no division and no trigonometry per beam.
+
+Loops over segments and beams are in float32 and made to vectorise: flat arrays, since a row's
+length is a stride that the compiler does not know; unsigned indices, since a negative one would
+count from the end; selects, not branches. The sensor's position is subtracted in float64 first.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, cast
 
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.kernel import borrowing_kernel, inlined
 from wheelchair_gym.sensing.noise import LASER, LASER_BIAS, bits, hash32, normal
 from wheelchair_gym.sensing.settings import LaserSettings
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-# Odd polynomial of the arc tangent on [0, 1] (Abramowitz and Stegun 4.4.49), highest power first.
-_ARC = (
-    0.0218612286,
-    -0.0559098861,
-    0.0964200441,
-    -0.1390853351,
-    0.1994653599,
-    -0.3332985605,
-    0.9999993329,
-)
-_EDGE = 2e-6  # rad: beams this near to a segment's end count as hits, so that joints have no gap
-_MEAN = np.float32(2.0 * 65535.0)
-_PER_COUNT = np.float32(1.0 / math.sqrt(4.0 * (65536.0**2 - 1.0) / 12.0))
+SCRATCH = 10  # rows of scratch: 4 for ends, 2 for bearings, 4 for lines
+
+_F = np.float32
+_ZERO, _ONE, _TINY, _NONE = _F(0.0), _F(1.0), _F(1e-30), _F(np.inf)
+_QUARTER, _HALF, _TURN = _F(0.5 * math.pi), _F(math.pi), _F(2.0 * math.pi)
+# Odd polynomial of the arc tangent on [0, 1] (Abramowitz and Stegun 4.4.49), lowest power first.
+_A1, _A3, _A5, _A7 = _F(0.9999993329), _F(-0.3332985605), _F(0.1994653599), _F(-0.1390853351)
+_A9, _A11, _A13, _A15 = _F(0.0964200441), _F(-0.0559098861), _F(0.0218612286), _F(-0.0040540580)
+_EDGE = _F(
+    2e-6
+)  # rad: beams this near to a segment's end count as hits, so that joints have no gap
+_SLIM = _F(1e-12)  # rad2: segments that look narrower than the root of this are seen edge-on
+_LANES = 32  # beams that are compared at once
+
+# A beam's noise is the sum of the four bytes of a 32-bit hash (Irwin-Hall, n = 4, cut at 3.46).
+_U = np.uint32
+_MEAN = _F(2.0 * 255.0)
+_PER_COUNT = _F(1.0 / math.sqrt(4.0 * (256.0**2 - 1.0) / 12.0))
+_BYTES, _LOW_HALF = _U(0x00FF00FF), _U(0xFFFF)
+_8, _15, _16 = _U(8), _U(15), _U(16)
+_FIRST, _SECOND = _U(0x7FEB352D), _U(0x846CA68B)  # multipliers of `noise.hash32`
 
 
 class LaserArrays(NamedTuple):
@@ -40,6 +56,7 @@ class LaserArrays(NamedTuple):
 
     cosine: Floats  # (beams,) of each beam's angle in the sensor's frame
     sine: Floats  # (beams,)
+    salt: NDArray[np.uint32]  # (beams,) a hash of each beam's number
     first: float  # rad: angle of beam 0
     per_angle: float  # beams per rad
     mount: Array  # (3,) m, m, rad in the chair's frame
@@ -57,6 +74,7 @@ class LaserArrays(NamedTuple):
         return cls(
             np.cos(angles).astype(np.float32),
             np.sin(angles).astype(np.float32),
+            np.array([hash32(_U(i + 1)) for i in range(laser.beams)], np.uint32),
             -laser.fov / 2,
             (laser.beams - 1) / laser.fov,
             np.array([laser.x, laser.y, laser.yaw]),
@@ -68,35 +86,187 @@ class LaserArrays(NamedTuple):
         )
 
 
-@kernel
-def bearing(y: float, x: float) -> float:
-    """The angle of (x, y) [rad] to 1e-7: a polynomial, several times as fast as atan2."""
+@inlined
+def bearing(y: np.float32, x: np.float32) -> np.float32:
+    """The angle of (x, y) [rad] to 3e-7: a polynomial, so that it vectorises."""
     ax, ay = abs(x), abs(y)
-    far, near = (ax, ay) if ax > ay else (ay, ax)
-    a = near / (far if far > 0.0 else 1.0)
+    far = ax if ax > ay else ay
+    near = ay if ax > ay else ax
+    a = near / (far if far > _TINY else _TINY)
     s = a * a
-    r = -0.0040540580
-    for c in _ARC:
-        r = r * s + c
-    r *= a
-    r = 0.5 * math.pi - r if ay > ax else r
-    r = math.pi - r if x < 0.0 else r
-    return -r if y < 0.0 else r
+    r = ((_A15 * s + _A13) * s + _A11) * s + _A9
+    r = (((r * s + _A7) * s + _A5) * s + _A3) * s + _A1
+    r = r * a
+    r = _QUARTER - r if ay > ax else r
+    r = _HALF - r if x < _ZERO else r
+    return -r if y < _ZERO else r
 
 
-@kernel
-def _span(out: Floats, a: float, b: float, cosine: Floats, sine: Floats, i0: int, i1: int) -> None:
+@borrowing_kernel
+def see_ends(walls: Array, x: float, y: float, ends: Floats) -> None:
+    """Ends of the segments (n, 4) [m], seen from (x, y): ends (2 n, 2), flat."""
+    flat = walls.reshape(walls.size)
+    for k in range(np.uint64(2 * walls.shape[0])):
+        ends[2 * k] = _F(flat[2 * k] - x)
+        ends[2 * k + 1] = _F(flat[2 * k + 1] - y)
+
+
+@borrowing_kernel
+def _find_beams(
+    n: int, ends: Floats, c: np.float32, s: np.float32, first: float, per_angle: float, out: Floats
+) -> None:
+    """Where the n ends lie among the beams: fractional beam numbers, counted from beam 0."""
+    zero, scale = _F(first), _F(per_angle)
+    for k in range(np.uint64(n)):
+        x, y = ends[2 * k], ends[2 * k + 1]
+        out[k] = (bearing(c * y - s * x, c * x + s * y) - zero) * scale
+
+
+@borrowing_kernel
+def _draw_lines(
+    n: int, ends: Floats, at: Floats, c: np.float32, s: np.float32, laser: LaserArrays, out: Floats
+) -> None:
+    """Of each of n segments its line (a, b) and its interval of beams, both ends included.
+
+    An interval across the seam behind the sensor ends one turn further on; that of a segment which
+    no beam can reach ends at -1.
+    """
+    square, turn = _F(laser.reach * laser.reach), _TURN * _F(laser.per_angle)
+    edge, beams = _EDGE * _F(laser.per_angle), _F(laser.cosine.shape[0])
+    for k in range(np.uint64(n)):
+        x0, y0, x1, y1 = ends[4 * k], ends[4 * k + 1], ends[4 * k + 2], ends[4 * k + 3]
+        ex, ey = x1 - x0, y1 - y0
+        cross, length = x0 * ey - y0 * ex, ex * ex + ey * ey
+        t = -(x0 * ex + y0 * ey) / (length if length > _TINY else _TINY)
+        t = t if t > _ZERO else _ZERO
+        t = t if t < _ONE else _ONE
+        qx, qy = x0 + t * ex, y0 + t * ey
+        near = qx * qx + qy * qy < square
+        wide = cross * cross > _SLIM * (x0 * x0 + y0 * y0) * (x1 * x1 + y1 * y1)
+        inverse = _ONE / cross
+        start, end = at[2 * k], at[2 * k + 1]
+        low = start if cross > _ZERO else end
+        high = end if cross > _ZERO else start
+        high = high if high >= low else high + turn
+        low = np.ceil(low - edge)
+        low = low if low > _ZERO else _ZERO
+        high = high + edge
+        seen = near & wide & (((low <= high) & (low < beams)) | (high >= turn))
+        out[4 * k] = (c * ey - s * ex) * inverse
+        out[4 * k + 1] = -(c * ex + s * ey) * inverse
+        out[4 * k + 2] = low
+        out[4 * k + 3] = high if seen else -_ONE
+
+
+@borrowing_kernel
+def _keep_seen(n: int, lines: Floats) -> np.int64:
+    """Move the lines that some beam can reach to the front, without a branch; how many they are."""
+    kept = np.uint64(0)
+    for k in range(np.uint64(n)):
+        a, b, low, high = lines[4 * k], lines[4 * k + 1], lines[4 * k + 2], lines[4 * k + 3]
+        lines[4 * kept], lines[4 * kept + 1] = a, b
+        lines[4 * kept + 2], lines[4 * kept + 3] = low, high
+        kept += np.uint64(high >= _ZERO)
+    return np.int64(kept)
+
+
+@intrinsic
+def _raise_block(
+    typingctx: Any, out: Any, cosine: Any, sine: Any, a: Any, b: Any, start: Any, i0: Any, i1: Any
+) -> Any:
+    """out[i] = max(out[i], a cos[i] + b sin[i]) for _LANES beams from start on, if i0 <= i < i1.
+
+    Written as vectors, since intervals are short: a loop would spend its time in its remainder.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        number = ir.IntType(32)
+        floats, numbers = ir.VectorType(ir.FloatType(), _LANES), ir.VectorType(number, _LANES)
+
+        def place(k: int) -> Any:
+            array = context.make_array(signature.args[k])(context, builder, args[k])
+            return builder.bitcast(builder.gep(array.data, [args[5]]), floats.as_pointer())
+
+        def spread(value: Any, kind: Any) -> Any:
+            blank = ir.Constant(kind, ir.Undefined)
+            one = builder.insert_element(blank, value, ir.Constant(number, 0))
+            return builder.shuffle_vector(one, blank, ir.Constant(numbers, [0] * _LANES))
+
+        def count(k: int) -> Any:
+            return spread(builder.trunc(builder.sub(args[k], args[6]), number), numbers)
+
+        old, cos, sin = (builder.load(place(k), align=4) for k in (0, 1, 2))
+        new = builder.fadd(
+            builder.fmul(spread(args[3], floats), cos), builder.fmul(spread(args[4], floats), sin)
+        )
+        lane = builder.add(count(5), ir.Constant(numbers, list(range(_LANES))))
+        inside = builder.icmp_unsigned("<", lane, count(7))  # a negative lane is a huge one
+        better = builder.and_(inside, builder.fcmp_ordered(">", new, old))
+        builder.store(builder.select(better, new, old), place(0), align=4)
+        return context.get_dummy_value()
+
+    index = types.int64
+    return types.void(out, cosine, sine, types.float32, types.float32, index, index, index), codegen
+
+
+_raise_lanes = cast("Callable[..., None]", _raise_block)
+
+
+@inlined
+def _span(
+    out: Floats, cosine: Floats, sine: Floats, a: np.float32, b: np.float32, i0: int, i1: int
+) -> None:
     """Nearest of what beams i0..i1 saw and the line whose inverse range is a cos + b sin."""
-    af, bf = np.float32(a), np.float32(b)
-    # Unsigned, so that no index can wrap round: only then is the loop vectorised.
-    for i in range(np.uint64(i0), np.uint64(max(i0, i1))):
-        inverse = af * cosine[i] + bf * sine[i]
-        out[i] = inverse if inverse > out[i] else out[i]
+    last = out.shape[0] - _LANES
+    if last < 0:
+        for i in range(i0, i1):
+            inverse = a * cosine[i] + b * sine[i]
+            out[i] = inverse if inverse > out[i] else out[i]
+    else:
+        for i in range(i0, i1, _LANES):
+            _raise_lanes(out, cosine, sine, a, b, min(i, last), i0, i1)
 
 
-@kernel
+@borrowing_kernel
+def _span_discs(
+    laser: LaserArrays, x: float, y: float, yaw: float, discs: Array, out: Floats
+) -> None:
+    """Nearest of what the beams saw and the discs, as inverse ranges."""
+    beams = out.shape[0]
+    c, s = math.cos(yaw), math.sin(yaw)
+    for k in range(discs.shape[0]):
+        x0, y0, radius = discs[k, 0] - x, discs[k, 1] - y, discs[k, 2]
+        far = x0 * x0 + y0 * y0
+        rest = far - radius * radius
+        if rest > laser.reach * (laser.reach + 2.0 * radius):
+            continue
+        if rest <= 0.0:
+            out[:] = _NONE
+            continue
+        ax, ay = c * x0 + s * y0, c * y0 - s * x0
+        middle, half = math.atan2(ay, ax), math.asin(radius / math.sqrt(far))
+        for turn in range(-1, 2):
+            low = middle - half + 2.0 * math.pi * turn - laser.first
+            i0 = max(0, math.ceil(low * laser.per_angle))
+            i1 = min(beams, math.floor((low + 2.0 * half) * laser.per_angle) + 1)
+            for i in range(np.uint64(i0), np.uint64(max(i0, i1))):
+                along = ax * laser.cosine[i] + ay * laser.sine[i]
+                inside = along * along - rest
+                # The near root of r^2 - 2 along r + rest = 0, as its inverse.
+                hit = _F((along + math.sqrt(inside if inside > 0.0 else 0.0)) / rest)
+                out[i] = hit if hit > out[i] else out[i]
+
+
+@borrowing_kernel
 def exact_scan(
-    laser: LaserArrays, x: float, y: float, yaw: float, walls: Array, discs: Array, out: Floats
+    laser: LaserArrays,
+    x: float,
+    y: float,
+    yaw: float,
+    walls: Array,
+    discs: Array,
+    scratch: Floats,
+    out: Floats,
 ) -> None:
     """Exact ranges of one scan.
 
@@ -107,93 +277,60 @@ def exact_scan(
         yaw: see x.
         walls: segments (n, 4) [m].
         discs: (m, 3) [m].
+        scratch: (SCRATCH, n or more), overwritten.
         out: (beams,) ranges [m], at most the reach.
     """
-    beams = out.shape[0]
-    nothing = np.float32(1.0 / laser.reach)
-    for i in range(beams):
-        out[i] = nothing
-    c, s = math.cos(yaw), math.sin(yaw)
-    square = laser.reach * laser.reach
-    for k in range(walls.shape[0]):
-        x0, y0 = walls[k, 0] - x, walls[k, 1] - y
-        x1, y1 = walls[k, 2] - x, walls[k, 3] - y
-        ex, ey = x1 - x0, y1 - y0
-        length = ex * ex + ey * ey
-        t = -(x0 * ex + y0 * ey)
-        t = 0.0 if t < 0.0 else (t / length if t < length else 1.0)
-        qx, qy = x0 + t * ex, y0 + t * ey
-        if not qx * qx + qy * qy < square:
-            continue
-        ax, ay = c * x0 + s * y0, c * y0 - s * x0
-        bx, by = c * x1 + s * y1, c * y1 - s * x1
-        cross = ax * by - ay * bx
-        if abs(cross) < 1e-12:  # seen edge-on
-            continue
-        inverse = 1.0 / cross
-        a, b = (by - ay) * inverse, (ax - bx) * inverse
-        low, high = bearing(ay, ax), bearing(by, bx)
-        if cross < 0.0:
-            low, high = high, low
-        i0 = max(0, math.ceil((low - _EDGE - laser.first) * laser.per_angle))
-        i1 = min(beams - 1, math.floor((high + _EDGE - laser.first) * laser.per_angle)) + 1
-        if high < low:  # across the seam behind the sensor
-            _span(out, a, b, laser.cosine, laser.sine, i0, beams)
-            i0 = 0
-        _span(out, a, b, laser.cosine, laser.sine, i0, i1)
-    for k in range(discs.shape[0]):
-        x0, y0, radius = discs[k, 0] - x, discs[k, 1] - y, discs[k, 2]
-        far = x0 * x0 + y0 * y0
-        rest = far - radius * radius
-        if rest > square + 2.0 * laser.reach * radius:
-            continue
-        if rest <= 0.0:
-            for i in range(beams):
-                out[i] = np.float32(np.inf)
-            continue
-        ax, ay = c * x0 + s * y0, c * y0 - s * x0
-        middle, half = math.atan2(ay, ax), math.asin(radius / math.sqrt(far))
-        for turn in range(-1, 2):
-            low = middle - half + 2.0 * math.pi * turn - laser.first
-            i0 = max(0, math.ceil(low * laser.per_angle))
-            i1 = min(beams - 1, math.floor((low + 2.0 * half) * laser.per_angle)) + 1
-            for i in range(i0, i1):
-                along = ax * laser.cosine[i] + ay * laser.sine[i]
-                inside = along * along - rest
-                # The near root of r^2 - 2 along r + rest = 0, as its inverse.
-                hit = np.float32((along + math.sqrt(inside if inside > 0.0 else 0.0)) / rest)
-                out[i] = hit if hit > out[i] else out[i]
-    for i in range(beams):
-        out[i] = np.float32(1.0) / out[i]
+    n, width = walls.shape[0], scratch.shape[1]
+    rows = scratch.reshape(scratch.size)
+    ends, at, lines = rows[: 4 * width], rows[4 * width : 6 * width], rows[6 * width :]
+    c, s = _F(math.cos(yaw)), _F(math.sin(yaw))
+    see_ends(walls, x, y, ends)
+    _find_beams(2 * n, ends, c, s, laser.first, laser.per_angle, at)
+    _draw_lines(n, ends, at, c, s, laser, lines)
+    seen = _keep_seen(n, lines)
+    beams, turn = out.shape[0], _TURN * _F(laser.per_angle)
+    out[:] = _ONE / _F(laser.reach)
+    for k in range(seen):
+        a, b, low, high = lines[4 * k], lines[4 * k + 1], lines[4 * k + 2], lines[4 * k + 3]
+        while high >= _ZERO:  # twice if across the seam behind the sensor
+            i0, i1 = int(low), min(beams, int(high) + 1)
+            _span(out, laser.cosine, laser.sine, a, b, i0, i1)
+            low, high = _ZERO, high - turn
+    _span_discs(laser, x, y, yaw, discs, out)
+    for i in range(np.uint64(beams)):
+        out[i] = _ONE / out[i]
 
 
-@kernel
+@borrowing_kernel
 def report(laser: LaserArrays, key: np.uint64, step: int, out: Floats) -> None:
     """Turn exact ranges (beams,) into what the scanner reports, in place.
 
     Bias of the episode, noise, lost echoes; no echo within reach is +inf, too near is -inf.
     """
     seed = bits(key, step, LASER, 0)
-    low, high = np.uint32(seed), np.uint32(seed >> np.uint64(32))
-    bias = np.float32(laser.bias * normal(key, 0, LASER_BIAS, 0))
-    scale = np.float32(laser.sigma) * _PER_COUNT
-    lost = np.uint32(laser.no_echo * 65535.0)
-    reach, nearest = np.float32(laser.reach), np.float32(laser.nearest)
-    half, none = np.uint32(0xFFFF), np.float32(np.inf)
-    for i in range(out.shape[0]):
-        first = hash32(np.uint32(low + np.uint32(i) * np.uint32(0x9E3779B9)))
-        second = hash32(np.uint32(first ^ high))
-        third = hash32(np.uint32(second + low))
-        total = (first & half) + (first >> np.uint32(16)) + (second & half)
-        total = total + (second >> np.uint32(16))
+    low, high = _U(seed), _U(seed >> np.uint64(32))
+    scale = _F(laser.sigma) * _PER_COUNT
+    offset = _F(laser.bias * normal(key, 0, LASER_BIAS, 0)) - _MEAN * scale
+    lost = _U(min(laser.no_echo * 2.0**32, 2.0**32 - 1.0))
+    reach, nearest = _F(laser.reach), _F(laser.nearest)
+    for i in range(np.uint64(out.shape[0])):
+        # The rounds of `hash32`; after the first, it is known whether the echo is lost. The salt
+        # comes from memory, since numbers made from i would be mixed at its 64 bits.
+        x = _U(laser.salt[i] ^ low)
+        x = _U(_U(x ^ (x >> _16)) * _FIRST)
+        x = _U(x ^ (x >> _15) ^ high)
+        gone = x < lost
+        x = _U(x * _SECOND)
+        x = _U(x ^ (x >> _16))
+        pairs = _U((x & _BYTES) + ((x >> _8) & _BYTES))
+        total = np.int32(_U((pairs & _LOW_HALF) + (pairs >> _16)))
         exact = out[i]
-        noisy = exact + bias + (np.float32(total) - _MEAN) * scale
-        noisy = -none if noisy < nearest else noisy
-        gone = exact >= reach or noisy > reach or np.uint32(third & half) < lost
-        out[i] = none if gone else noisy
+        noisy = exact + (offset + _F(total) * scale)
+        noisy = -_NONE if noisy < nearest else noisy
+        out[i] = _NONE if (exact >= reach) | (noisy > reach) | gone else noisy
 
 
-@kernel
+@borrowing_kernel
 def scan(
     laser: LaserArrays,
     pose: Array,
@@ -201,11 +338,23 @@ def scan(
     discs: Array,
     key: np.uint64,
     step: int,
+    scratch: Floats,
     out: Floats,
 ) -> None:
-    """One scan (beams,) [m] of a chair at a pose (3,) [m, m, rad], as its laser reports it."""
+    """One scan of a chair at a pose (3,) [m, m, rad], as its laser reports it.
+
+    Args:
+        laser: the sensor.
+        pose: of the chair.
+        walls: segments (n, 4) [m], in order of memory.
+        discs: (m, 3) [m].
+        key: of the episode's randomness.
+        step: control periods since reset; the noise depends on key and step.
+        scratch: (SCRATCH, n or more), overwritten.
+        out: (beams,) [m].
+    """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     x = pose[0] + c * laser.mount[0] - s * laser.mount[1]
     y = pose[1] + s * laser.mount[0] + c * laser.mount[1]
-    exact_scan(laser, x, y, pose[2] + laser.mount[2], walls, discs, out)
+    exact_scan(laser, x, y, pose[2] + laser.mount[2], walls, discs, scratch, out)
     report(laser, key, step, out)

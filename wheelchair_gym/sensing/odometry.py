@@ -10,30 +10,31 @@ import math
 from typing import Any
 
 from wheelchair_gym.geometry import wrap
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import odometric_step, twist_of_wheels
 from wheelchair_gym.sensing.noise import POSE, WHEELS, normal
 
 TRUTH, ODOMETRY, MODELLED = range(3)
 
 
-@kernel
+@borrowing_kernel
 def locate_self(state: Any, p: Any, keep: float) -> None:
     """Set the pose the chair believes in; `keep` is the share of the last error that remains."""
+    fresh = math.sqrt(1.0 - keep * keep)
     for i in range(3):
-        fresh = math.sqrt(1.0 - keep * keep) * p.pose_sigma[i]
-        error = keep * state.pose_error[i] + fresh * normal(state.key, state.step, POSE, i)
-        state.pose_error[i] = min(p.pose_most[i], max(-p.pose_most[i], error))
         if p.pose_source == TRUTH:
             state.seen_pose[i] = state.pose[i]
         elif p.pose_source == ODOMETRY:
             state.seen_pose[i] = state.odometry[i]
         else:
+            draw = fresh * p.pose_sigma[i] * normal(state.key, state.step, POSE, i)
+            error = keep * state.pose_error[i] + draw
+            state.pose_error[i] = min(p.pose_most[i], max(-p.pose_most[i], error))
             state.seen_pose[i] = state.pose[i] + state.pose_error[i]
     state.seen_pose[2] = wrap(state.seen_pose[2])
 
 
-@kernel
+@borrowing_kernel
 def reckon(state: Any, p: Any) -> None:
     """One reading of the encoders: twist, dead-reckoned pose, and the pose source's pose.
 
@@ -59,5 +60,5 @@ def reckon(state: Any, p: Any) -> None:
     way, turn = twist_of_wheels(left, right, p.nominal_track)
     x, y, yaw = odometric_step(state.odometry[0], state.odometry[1], state.odometry[2], way, turn)
     state.odometry[0], state.odometry[1], state.odometry[2] = x, y, wrap(yaw)
-    keep = math.exp(-period / p.pose_time)
+    keep = math.exp(-period / p.pose_time) if p.pose_source == MODELLED else 0.0
     locate_self(state, p, keep)

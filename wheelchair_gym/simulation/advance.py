@@ -28,7 +28,12 @@ JOULES_PER_WH = 3600.0
 
 @borrowing_kernel
 def hear(
-    state: Any, fired_after: int, rangers: UltrasonicArrays, walls: Array, discs: Array
+    state: Any,
+    fired_after: int,
+    rangers: UltrasonicArrays,
+    walls: Array,
+    discs: Array,
+    scratch: Floats,
 ) -> None:
     """Range the ultrasonics that fired after a tick, each from where it stood then."""
     n = rangers.order.shape[0]
@@ -42,6 +47,7 @@ def hear(
                 discs,
                 state.key,
                 state.fired[which],
+                scratch,
             )
 
 
@@ -82,8 +88,8 @@ def sense(
     """Scan, range the ultrasonics that fired after a tick, and tell."""
     walls = table_at(world.walls, world.n_walls, 4)
     discs = table_at(world.discs, world.n_discs, 3)
-    hear(state, fired_after, rangers_of(rig), walls, discs)
-    scan(laser_of(rig), state.pose, walls, discs, state.key, state.step, ranges)
+    hear(state, fired_after, rangers_of(rig), walls, discs, scratch)
+    scan(laser_of(rig), state.pose, walls, discs, state.key, state.step, scratch, ranges)
     tell(state, p, walls, discs, sensed)
 
 
@@ -114,7 +120,7 @@ def begin(
         worlds: (n,) of WORLD; walls and discs are this episode's.
         start: (3,) [m, m, rad].
         key: of the episode's randomness.
-        scratch: room for the laser to work in.
+        scratch: (SCRATCH, walls or more), overwritten.
         ranges: (beams,) the scan [m].
         sensed: (n,) of SENSED.
     """

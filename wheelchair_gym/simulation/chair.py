@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.address import address_of
+from wheelchair_gym.sensing.laser import SCRATCH
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.advance import advance, begin
 from wheelchair_gym.simulation.rig import Rig
@@ -53,7 +54,6 @@ class SimulatedChair:
         self._place = np.zeros(1, WORLD)
         body = chair.body
         self._world = World(chair.footprint, body.centre, body.wall_friction, self._place)
-        self._scratch = np.zeros(1, np.float32)
         self._beams = sensors.laser.beams
         self._episode: Episode | None = None
         self._truth: Truth | None = None
@@ -67,6 +67,7 @@ class SimulatedChair:
         place["walls"], place["n_walls"] = address_of(walls), len(walls)
         place["discs"], place["n_discs"] = address_of(discs), len(discs)
         self._solid = walls, discs  # kept alive
+        self._scratch = np.empty((SCRATCH, len(walls)), np.float32)
         ranges, sensed = self._blank_reading()
         begin(
             0,

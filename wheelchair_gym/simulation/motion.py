@@ -10,11 +10,11 @@ so an arc is driven to second order.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import approach, wheels_of_twist
 from wheelchair_gym.simulation.engine import (
     ANGLE,
@@ -36,7 +36,56 @@ _CREEP = 0.05  # m/s: drag rises linearly below this speed, so that it never rev
 _TOUCH = 1e-6  # N s: smaller impulses are rounding
 
 
-@kernel
+class Worked(NamedTuple):
+    """What physics steps need of the parameters, worked out once a period: divisions are slow."""
+
+    run: float  # s, between two runs of the speed control
+    share: float  # of the low-pass
+    counts_per_rad: float
+    metres_per_run: float  # m/s of one count in a run
+    feed: float  # V s/m of feed-forward
+    on_casters: float  # N
+    drag: float  # N s, of one caster in a physics step
+    rolling: float  # N m per m of radius
+    bound: float  # N s, that a tyre holds in a physics step
+    radii: tuple[float, float]  # m
+    per_radius: tuple[float, float]  # 1/m
+    inertia: tuple[float, float]  # kg, of each wheel at its rim
+    matrix: tuple[float, float, float]  # a11, a12, a22 of both wheels rolling
+    per_det: float
+
+
+@borrowing_kernel
+def work_out(p: Any) -> Worked:
+    """The constants of one control period of a chair with parameters p."""
+    run = p.dt * p.speed_every
+    load = p.mass * GRAVITY
+    on_casters = load * p.centre / p.casters
+    grip = 0.5 * (load - on_casters)
+    half = 0.5 * p.track
+    gl = p.wheel_inertia / (p.radius_left * p.radius_left)
+    gr = p.wheel_inertia / (p.radius_right * p.radius_right)
+    a11, a12 = p.mass + gl + gr, half * (gr - gl)
+    a22 = p.moment + p.mass * p.centre * p.centre + half * half * (gl + gr)
+    return Worked(
+        run,
+        run / (p.smoothing + run),
+        p.nominal_radius * p.counts_per_metre,
+        1.0 / (p.counts_per_metre * run),
+        p.constant / p.nominal_radius,
+        on_casters,
+        0.5 * p.caster_drag * on_casters * p.dt,
+        p.rolling * grip,
+        p.friction * grip * p.dt,
+        (p.radius_left, p.radius_right),
+        (1.0 / p.radius_left, 1.0 / p.radius_right),
+        (gl, gr),
+        (a11, a12, a22),
+        1.0 / (a11 * a22 - a12 * a12),
+    )
+
+
+@borrowing_kernel
 def track_set_point(state: Any, p: Any, v: float, w: float, protective: bool, dt: float) -> None:
     """Move the set point towards the target twist within the limits of comfort.
 
@@ -55,46 +104,48 @@ def track_set_point(state: Any, p: Any, v: float, w: float, protective: bool, dt
     state.w, state.w_rate = approach(state.w, state.w_rate, w, limits[6], limits[6], limits[8], dt)
 
 
-@kernel
-def control_speed(state: Any, p: Any, dt: float) -> None:
+@borrowing_kernel
+def control_speed(state: Any, p: Any, k: Worked) -> None:
     """One run of the two wheels' PID with feed-forward, on quantised encoder counts."""
     left, right = wheels_of_twist(state.v, state.w, p.nominal_track)
-    share = dt / (p.smoothing + dt)
     for i in range(2):
         target = left if i == 0 else right
-        counts = math.floor(state.turned[i] * p.nominal_radius * p.counts_per_metre)
-        measured = (counts - state.counts[i]) / (p.counts_per_metre * dt)
+        counts = math.floor(state.turned[i] * k.counts_per_rad)
+        measured = (counts - state.counts[i]) * k.metres_per_run
         state.counts[i] = counts
-        state.speed[i] += share * (measured - state.speed[i])
+        state.speed[i] += k.share * (measured - state.speed[i])
         # The target passes the same low-pass, so that its delay does not wind up the integral.
-        state.aim[i] += share * (target - state.aim[i])
+        state.aim[i] += k.share * (target - state.aim[i])
         error = state.aim[i] - state.speed[i]
-        slope = (error - state.error[i]) / dt
+        slope = (error - state.error[i]) / k.run
         state.error[i] = error
         rate = state.v_rate + (i - 0.5) * p.nominal_track * state.w_rate
-        forward = p.constant * target / p.nominal_radius + p.ka * rate
+        forward = k.feed * target + p.ka * rate
         volts = forward + p.kp * error + state.sum[i] + p.kd * slope
-        if target == 0.0 and abs(state.speed[i]) < 0.5 / (p.counts_per_metre * dt):
+        if target == 0.0 and abs(state.speed[i]) < 0.5 * k.metres_per_run:
             # At rest both ends of the motor are joined: it holds without drawing current.
             state.sum[i], volts = 0.0, 0.0
         elif abs(volts) < state.voltage:
-            state.sum[i] += p.ki * error * dt
+            state.sum[i] += p.ki * error * k.run
         state.duty[i] = min(1.0, max(-1.0, volts / state.voltage))
 
 
-@kernel
+@borrowing_kernel
 def _resist(speed: float) -> float:
     """Sign of a speed, smooth about rest."""
     return speed / math.sqrt(speed * speed + _CREEP * _CREEP)
 
 
-@kernel
-def step_once(state: Any, p: Any, space: np.uint64, body: np.uint64, engine: np.uint64) -> float:
+@borrowing_kernel
+def step_once(
+    state: Any, p: Any, k: Worked, space: np.uint64, body: np.uint64, engine: np.uint64
+) -> float:
     """One physics step: motors push, tyres hold, Munk2D moves.
 
     Args:
         state: of the chair.
         p: its parameters.
+        k: what was worked out of them.
         space: address of the cpSpace.
         body: address of the chair's cpBody.
         engine: address of cpSpaceStep.
@@ -111,22 +162,19 @@ def step_once(state: Any, p: Any, space: np.uint64, body: np.uint64, engine: np.
     aside = c * fields[VY] - s * fields[VX]
 
     # Drag of two casters, at their places.
-    load = mass * GRAVITY
-    on_casters = load * arm / p.casters
     push, shove, twist = 0.0, 0.0, 0.0
     lever = p.casters - arm
     for side in range(2):
         across = (0.5 - side) * p.caster_track
         vx, vy = ahead - turning * across, aside + turning * lever
-        drag = -0.5 * p.caster_drag * on_casters / math.sqrt(vx * vx + vy * vy + _CREEP * _CREEP)
-        push += drag * vx * dt
-        shove += drag * vy * dt
-        twist += (lever * drag * vy - across * drag * vx) * dt
+        drag = -k.drag / math.sqrt(vx * vx + vy * vy + _CREEP * _CREEP)
+        push += drag * vx
+        shove += drag * vy
+        twist += lever * drag * vy - across * drag * vx
 
     # Motors: what each wheel brings along, and what its driver draws.
-    grip = 0.5 * (load - on_casters)
     drawn = 0.0
-    radii = (p.radius_left, p.radius_right)
+    radii, per_radius = k.radii, k.per_radius
     bring = (0.0, 0.0)
     for i in range(2):
         spin = state.spin[i]
@@ -134,24 +182,21 @@ def step_once(state: Any, p: Any, space: np.uint64, body: np.uint64, engine: np.
         amperes = (state.duty[i] * state.voltage - p.constant * spin) / p.resistance
         amperes = min(p.current, max(-p.current, amperes))
         drawn += state.duty[i] * amperes
-        rolling = p.rolling * grip * radii[i] * _resist(spin * radii[i])
+        rolling = k.rolling * radii[i] * _resist(spin * radii[i])
         torque = p.gain * p.constant * amperes - rolling
-        impulse = (torque * dt + p.wheel_inertia * spin) / radii[i]
+        impulse = (torque * dt + p.wheel_inertia * spin) * per_radius[i]
         bring = (impulse, bring[1]) if i == 0 else (bring[0], impulse)
 
     # Both wheels roll, the axle does not slide: two equations for speed and turn.
-    half = 0.5 * p.track
-    gl, gr = p.wheel_inertia / radii[0] ** 2, p.wheel_inertia / radii[1] ** 2
-    a11, a12 = mass + gl + gr, half * (gr - gl)
-    a22 = moment + mass * arm * arm + half * half * (gl + gr)
+    half, bound = 0.5 * p.track, k.bound
+    gl, gr = k.inertia
+    a11, a12, a22 = k.matrix
     b1 = mass * ahead + bring[0] + bring[1] + push
     b2 = moment * turning + mass * arm * aside + half * (bring[1] - bring[0]) + arm * shove + twist
-    det = a11 * a22 - a12 * a12
-    u, w = (b1 * a22 - a12 * b2) / det, (a11 * b2 - a12 * b1) / det
+    u, w = (b1 * a22 - a12 * b2) * k.per_det, (a11 * b2 - a12 * b1) * k.per_det
     jl = bring[0] - gl * (u - half * w)
     jr = bring[1] - gr * (u + half * w)
     jy = mass * (arm * w - aside) - shove
-    bound = p.friction * grip * dt
     if max(jl * jl, jr * jr) + 0.25 * jy * jy > bound * bound:
         u, w, side_speed = ahead + push / mass, turning + twist / moment, aside + shove / mass
         sl = (bring[0] * radii[0]) / p.wheel_inertia
@@ -191,9 +236,10 @@ def step_once(state: Any, p: Any, space: np.uint64, body: np.uint64, engine: np.
 
     # Each wheel rolls at the ground speed that came out, as far as its tyre can hold it there.
     ahead = c * fields[VX] + s * fields[VY]
+    state.way += abs(ahead) * dt
     for i in range(2):
         ground = ahead + (2 * i - 1) * half * fields[W]
-        hold = bring[i] - p.wheel_inertia * ground / radii[i] ** 2
+        hold = bring[i] - k.inertia[i] * ground
         hold = min(bound, max(-bound, hold))
         state.spin[i] = (bring[i] - hold) * radii[i] / p.wheel_inertia
 
@@ -204,10 +250,10 @@ def step_once(state: Any, p: Any, space: np.uint64, body: np.uint64, engine: np.
     state.charge = min(p.capacity, max(0.0, state.charge - power * dt))
     rest = p.empty + (p.full - p.empty) * state.charge / p.capacity
     state.voltage = rest - p.battery_resistance * power / rest
-    return float(math.hypot(hit_x, hit_y) + abs(hit_w) / p.casters)
+    return float(math.sqrt(hit_x * hit_x + hit_y * hit_y) + abs(hit_w) / p.casters)
 
 
-@kernel
+@borrowing_kernel
 def drive(
     state: Any,
     p: Any,
@@ -230,31 +276,30 @@ def drive(
         w: target turn [rad/s].
         order: (n,) which ranger fires k-th.
     """
-    dt = p.dt
+    k = work_out(p)
     state.contact, state.bumped = False, False
     fields = body_view(body)
     for _ in range(p.substeps):
         if state.tick % p.speed_every == 0:
-            run = dt * p.speed_every
-            track_set_point(state, p, v, w, state.bumped, run)
-            control_speed(state, p, run)
-        hit = step_once(state, p, space, body, engine)
+            track_set_point(state, p, v, w, state.bumped, k.run)
+            control_speed(state, p, k)
+        hit = step_once(state, p, k, space, body, engine)
         state.tick += 1
         if hit > _TOUCH:
             state.contact = True
-            state.bumped |= hit > p.bumper * dt
-        locate(state, p, fields)
-        state.way += abs(state.twist[0]) * dt
+            state.bumped |= hit > p.bumper * p.dt
         if state.tick % p.fire_every == 0:
+            locate(state, p, fields)
             which = order[state.firings % order.shape[0]]
             state.fired[which] = state.tick
             for i in range(3):
                 state.fire_pose[which, i] = state.pose[i]
             state.firings += 1
+    locate(state, p, fields)
     state.step += 1
 
 
-@kernel
+@borrowing_kernel
 def locate(state: Any, p: Any, fields: Any) -> None:
     """Read the true pose and twist of the axle's centre from the body."""
     angle = fields[ANGLE]

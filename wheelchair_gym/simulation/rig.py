@@ -7,7 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import address_of, doubles_at, floats_at, integers_at, table_at
+from wheelchair_gym.address import (
+    address_of,
+    doubles_at,
+    floats_at,
+    integers_at,
+    table_at,
+    words_at,
+)
 from wheelchair_gym.kernel import inlined
 from wheelchair_gym.sensing.laser import LaserArrays
 from wheelchair_gym.sensing.settings import SensorSettings
@@ -15,10 +22,10 @@ from wheelchair_gym.sensing.ultrasonic import UltrasonicArrays
 from wheelchair_gym.simulation.engine import ENGINE, engine_record
 
 _LASER_FIELDS = ("first", "per_angle", "reach", "nearest", "sigma", "no_echo", "bias")
-_RANGER_FIELDS = ("half", "reach", "blind", "sigma", "ghosts", "loss_from", "loss_at")
+_RANGER_FIELDS = ("slope", "reach", "blind", "sigma", "ghosts", "loss_from", "loss_at")
 
 RIG = np.dtype(
-    [("beams", "i8"), ("cosine", "u8"), ("sine", "u8"), ("laser_mount", "u8")]
+    [("beams", "i8"), ("cosine", "u8"), ("sine", "u8"), ("salt", "u8"), ("laser_mount", "u8")]
     + [(f"laser_{name}", "f8") for name in _LASER_FIELDS]
     + [("rangers", "i8"), ("ranger_mount", "u8"), ("order", "u8")]
     + [(f"ranger_{name}", "u8") for name in _RANGER_FIELDS]
@@ -39,6 +46,7 @@ class Rig:
             r[name] = engine_record()[name][0]
         r["beams"] = sensors.laser.beams
         r["cosine"], r["sine"] = address_of(self.laser.cosine), address_of(self.laser.sine)
+        r["salt"] = address_of(self.laser.salt)
         r["laser_mount"] = address_of(self.laser.mount)
         for name in _LASER_FIELDS:
             r[f"laser_{name}"] = getattr(self.laser, name)
@@ -55,6 +63,7 @@ def laser_of(rig: Any) -> LaserArrays:
     return LaserArrays(
         floats_at(rig.cosine, rig.beams),
         floats_at(rig.sine, rig.beams),
+        words_at(rig.salt, rig.beams),
         rig.laser_first,
         rig.laser_per_angle,
         doubles_at(rig.laser_mount, 3),
@@ -71,7 +80,7 @@ def rangers_of(rig: Any) -> UltrasonicArrays:
     """The ultrasonics of a rig's record."""
     return UltrasonicArrays(
         table_at(rig.ranger_mount, rig.rangers, 3),
-        doubles_at(rig.ranger_half, rig.rangers),
+        doubles_at(rig.ranger_slope, rig.rangers),
         doubles_at(rig.ranger_reach, rig.rangers),
         doubles_at(rig.ranger_blind, rig.rangers),
         doubles_at(rig.ranger_sigma, rig.rangers),

@@ -7,12 +7,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 GOAL_REACH = 100.0  # m: farther goals are seen at this distance
+_NOTHING = np.float32(0.0)
 PATH_REACH = 10.0  # m: look-ahead points farther off than this on an axis are clipped
 
 
@@ -24,18 +25,28 @@ def see(value: float, reach: float) -> float:
     return reach if value > reach else value
 
 
-@kernel
+@borrowing_kernel
 def pool(scan: Floats, reach: float, out: Floats) -> int:
     """Nearest range of each of out's equal groups of beams; returns how many beams are finite."""
-    beams, groups = scan.shape[0], out.shape[0]
-    valid = 0
+    beams, groups = np.uint64(scan.shape[0]), np.uint64(out.shape[0])
+    far, none = np.float32(reach), np.float32(np.inf)
+    valid = np.uint32(0)  # 32 bits at every step, as wide as a range, so that the loops vectorise
+    if groups == beams:
+        for i in range(beams):
+            value = scan[i]
+            valid = np.uint32(valid + np.uint32(abs(value) < none))
+            value = value if value > _NOTHING else _NOTHING  # as `see`, but without a branch
+            out[i] = value if value < far else far
+        return int(valid)
+    for i in range(beams):
+        valid = np.uint32(valid + np.uint32(abs(scan[i]) < none))
     for j in range(groups):
-        nearest = reach
+        nearest = far
         for i in range(j * beams // groups, (j + 1) * beams // groups):
-            valid += math.isfinite(scan[i])
-            nearest = min(nearest, see(scan[i], reach))
-        out[j] = np.float32(nearest)
-    return valid
+            value = scan[i] if scan[i] > _NOTHING else _NOTHING
+            nearest = value if value < nearest else nearest
+        out[j] = nearest
+    return int(valid)
 
 
 @kernel

@@ -1,0 +1,166 @@
+"""Where the time of a step goes: microseconds per part, one thread, inside compiled loops.
+
+`python -m tests.benchmarks.parts [repeats]`: floor plans of seeds 0 to 7, 25 poses in each, default
+sensors with noise. The least of many repeats counts, since whatever else runs only adds.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from wheelchair_gym.scenes import make_scene
+from wheelchair_gym.sensing.laser import SCRATCH, LaserArrays, exact_scan, report
+from wheelchair_gym.sensing.odometry import reckon
+from wheelchair_gym.sensing.settings import LaserSettings, UltrasonicSettings
+from wheelchair_gym.sensing.ultrasonic import UltrasonicArrays, fire
+from wheelchair_gym.simulation.chair import SimulatedChair
+from wheelchair_gym.simulation.engine import STEP, step_space
+from wheelchair_gym.simulation.motion import drive
+from wheelchair_gym.task.observe import pool
+
+SCENE, PLANS, POSES, PERIODS, REPEATS = "floor_plan", 8, 25, 10, 40
+_compiled = njit(error_model="numpy", nogil=True)
+
+
+@_compiled
+def _scans(laser, poses, plans, walls, starts, discs, firsts, scratch, out):
+    for j in range(poses.shape[0]):
+        k = plans[j]
+        around = discs[firsts[k] : firsts[k + 1]]
+        segments = walls[starts[k] : starts[k + 1]]
+        exact_scan(laser, poses[j, 0], poses[j, 1], poses[j, 2], segments, around, scratch, out[j])
+
+
+@_compiled
+def _reports(laser, out):
+    for j in range(out.shape[0]):
+        report(laser, np.uint64(j), j, out[j])
+
+
+@_compiled
+def _pools(scans, out):
+    for j in range(scans.shape[0]):
+        pool(scans[j], 10.0, out[j])
+
+
+@_compiled
+def _firings(rangers, poses, plans, walls, starts, discs, firsts, scratch, out):
+    for j in range(poses.shape[0]):
+        k = plans[j]
+        around = discs[firsts[k] : firsts[k + 1]]
+        segments = walls[starts[k] : starts[k + 1]]
+        for i in range(out.shape[1]):
+            out[j, i] = fire(rangers, i, poses[j], segments, around, np.uint64(j), j, scratch)
+
+
+@_compiled
+def _drives(states, parameters, spaces, bodies, engine, twists, order):
+    for k in range(twists.shape[0]):
+        for j in range(states.shape[0]):
+            v, w = twists[k, 0], twists[k, 1]
+            drive(states[j], parameters[j], spaces[j], bodies[j], engine, v, w, order)
+
+
+@_compiled
+def _steps(parameters, spaces, engine, periods):
+    for _ in range(periods):
+        for j in range(parameters.shape[0]):
+            for _ in range(parameters[j].substeps):
+                step_space(engine, spaces[j], parameters[j].dt)
+
+
+@_compiled
+def _reckons(states, parameters, periods):
+    for _ in range(periods):
+        for j in range(states.shape[0]):
+            reckon(states[j], parameters[j])
+
+
+def microseconds(act: Callable[[], None], count: int, repeats: int) -> float:
+    """Least time of one of `count` things that an act does; the first act compiles."""
+    act()
+    times = []
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        act()
+        times.append(time.perf_counter() - begun)
+    return 1e6 * min(times) / count
+
+
+def measure(repeats: int) -> dict[str, float]:
+    """Microseconds of each part."""
+    rng = np.random.default_rng(0)
+    episodes = [make_scene(SCENE).sample(np.random.default_rng((k, 0))) for k in range(PLANS)]
+    walls = np.vstack([e.walls for e in episodes])
+    discs = np.vstack([e.discs for e in episodes])
+    starts = np.cumsum([0, *(len(e.walls) for e in episodes)])
+    firsts = np.cumsum([0, *(len(e.discs) for e in episodes)])
+    plans = np.repeat(np.arange(PLANS), POSES)
+    # About the start, so that every pose is a free one or nearly so.
+    poses = np.array([episodes[k].start for k in plans]) + rng.normal(0, (0.3, 0.3, 2), (200, 3))
+    world = (poses, plans, walls, starts, discs, firsts)
+    scratch = np.empty((SCRATCH, max(len(e.walls) for e in episodes)), np.float32)
+    n = len(poses)
+    parts: dict[str, float] = {}
+
+    def part(name: str, count: int, kernel: Callable[..., Any], *arguments: Any) -> None:
+        parts[name] = microseconds(lambda: kernel(*arguments), count, repeats)
+
+    for beams in (1081, 181, 64):
+        laser = LaserArrays.of(LaserSettings(beams=beams), True)
+        out = np.empty((n, beams), np.float32)
+        part(f"exact scan, {beams} beams", n, _scans, laser, *world, scratch, out)
+        part(f"report, {beams} beams", n, _reports, laser, out)
+    scans = np.empty((n, 1081), np.float32)
+    _scans(LaserArrays.of(LaserSettings(), True), *world, scratch, scans)
+    for beams in (1081, 181, 64):
+        part(f"pool 1081 to {beams}", n, _pools, scans, np.empty((n, beams), np.float32))
+    rangers = UltrasonicArrays.of(UltrasonicSettings(), True)
+    ranges = np.empty((n, 8))
+    part("fire, mean of 8", 8 * n, _firings, rangers, *world, scratch, ranges)
+
+    chairs = [SimulatedChair() for _ in episodes]
+    for k, (chair, episode) in enumerate(zip(chairs, episodes, strict=True)):
+        chair.reset(episode, k)
+    states = np.concatenate([chair.state for chair in chairs])
+    parameters = np.concatenate([chair.parameters for chair in chairs])
+    addresses = np.array([chair._world.addresses for chair in chairs], np.uint64)
+    spaces, bodies = addresses.T.copy()
+    # Turning on the spot, so that nothing is touched.
+    twists = np.column_stack([np.zeros(PERIODS), rng.uniform(-1, 1, PERIODS)])
+    count = PERIODS * PLANS
+    order = rangers.order
+    part("drive", count, _drives, states, parameters, spaces, bodies, STEP, twists, order)
+    part("... of it cpSpaceStep", count, _steps, parameters, spaces, STEP, PERIODS)
+    part("reckon", count, _reckons, states, parameters, PERIODS)
+    return parts
+
+
+def main() -> None:
+    """Print a table on standard error and JSON on standard output."""
+    repeats = int(sys.argv[1]) if len(sys.argv) > 1 else REPEATS
+    settings = {
+        "machine": f"{platform.machine()}, Python {platform.python_version()}",
+        "scene": SCENE,
+        "seeds": list(range(PLANS)),
+        "poses": PLANS * POSES,
+        "repeats": repeats,
+    }
+    print(f"microseconds per part: {settings}", file=sys.stderr)
+    parts = measure(repeats)
+    for name, cost in parts.items():
+        print(f"  {name:24s} {cost:7.3f}", file=sys.stderr)
+    json.dump({**settings, "microseconds": parts}, sys.stdout, indent=2)
+    print()
+
+
+if __name__ == "__main__":
+    main()
