@@ -83,10 +83,13 @@ class Limits:
         Raises:
             InputError: the action is not two finite numbers.
         """
-        a = np.asarray(action, dtype=np.float64)
-        if a.shape != (2,) or not np.isfinite(a).all():
+        try:
+            a_v, a_w = (float(value) for value in action)
+        except (TypeError, ValueError):
+            a_v = a_w = math.nan
+        if not math.isfinite(a_v + a_w):
             raise InputError(f"action is {action!r}; expected two finite numbers in [-1, 1]")
-        return np.array(asked_twist(a[0], a[1], self.forward, self.backward, self.turn))
+        return np.array(asked_twist(a_v, a_w, self.forward, self.backward, self.turn))
 
     def action(self, twist: NDArray[np.floating]) -> Array:
         """The action (2,) in [-1, 1] that asks for a twist (2,), clipped to the limits."""
