@@ -6,12 +6,15 @@ splitmix64 (Steele, Lea and Flood 2014) and, per beam, a 32-bit xor-multiply one
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from wheelchair_gym.kernel import kernel
 
-# One channel for each use, so that no two sensors ever share a draw.
-LASER, LASER_BIAS, ULTRASONIC, WHEELS, POSE, PARAMETERS = range(6)
+# One channel for each use, so that no two sensors ever share a draw. Python's own numbers would
+# have numba compile every function that takes one anew for each value.
+LASER, LASER_BIAS, ULTRASONIC, WHEELS, POSE, PARAMETERS = cast("list[int]", list(np.arange(6)))
 
 # Sum of four uniform 16-bit numbers: mean and standard deviation (Irwin-Hall, n = 4, cut at 3.46).
 _MEAN = 2.0 * 65535.0

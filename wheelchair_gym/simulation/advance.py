@@ -87,7 +87,7 @@ def begin(
         state.fired[which] = (k + 1 - n) * p.fire_every
         state.fire_pose[which, :] = state.pose
     hear(state, -n * p.fire_every, rangers, walls, discs, scratch)
-    scan(laser, state.pose, walls, discs, key, 0, scratch, out)
+    scan(laser, state.pose, walls, discs, state.key, state.step, scratch, out)
 
 
 @kernel
