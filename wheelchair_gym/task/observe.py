@@ -40,12 +40,21 @@ def pool(scan: Floats, reach: float, out: Floats) -> int:
         return int(valid)
     for i in range(beams):
         valid = np.uint32(valid + np.uint32(abs(scan[i]) < none))
+    # Group j ends before floor((j + 1) beams / groups), counted on without a division each.
+    size, rest, over, start = beams // groups, beams % groups, np.uint64(0), np.uint64(0)
     for j in range(groups):
-        nearest = far
-        for i in range(j * beams // groups, (j + 1) * beams // groups):
+        over += rest
+        more = np.uint64(over >= groups)
+        over -= more * groups
+        stop = start + size + more
+        # The last beam, then `size` from the first on: one loop length, whatever the group's size.
+        last = scan[stop - np.uint64(1)]
+        nearest = last if last > _NOTHING else _NOTHING
+        nearest = nearest if nearest < far else far
+        for i in range(start, start + size):
             value = scan[i] if scan[i] > _NOTHING else _NOTHING
             nearest = value if value < nearest else nearest
-        out[j] = nearest
+        out[j], start = nearest, stop
     return int(valid)
 
 
