@@ -36,6 +36,8 @@ lint: $(READY)
 	$(BIN)/mypy
 
 bench: $(READY)
+	$(BIN)/wheelchair bench env
+	$(BIN)/python -m tests.benchmarks.parts
 	$(BIN)/python -m tests.benchmarks
 
 clean:

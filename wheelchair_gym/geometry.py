@@ -196,18 +196,22 @@ def footprint_clearance(
         reach: distances beyond this are not looked for [m].
     """
     gap = reach
-    far = reach + math.hypot(max(footprint[0], footprint[1]), footprint[2])
+    span = math.hypot(max(footprint[0], footprint[1]), footprint[2])
     for k in range(walls.shape[0]):
         ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
-        if min(ax, bx) - x > far or x - max(ax, bx) > far:
-            continue
-        if min(ay, by) - y > far or y - max(ay, by) > far:
+        ex, ey = bx - ax, by - ay
+        along = (x - ax) * ex + (y - ay) * ey
+        square = ex * ex + ey * ey
+        t = 0.0 if along <= 0.0 else (along / square if along < square else 1.0)
+        dx, dy, far = ax + t * ex - x, ay + t * ey - y, gap + span
+        if dx * dx + dy * dy > far * far:  # farther from the axle than any that would count
             continue
         gap = min(gap, rectangle_segment_gap(x, y, yaw, footprint, ax, ay, bx, by))
     c, s = math.cos(yaw), math.sin(yaw)
     for k in range(discs.shape[0]):
         dx, dy, radius = discs[k, 0] - x, discs[k, 1] - y, discs[k, 2]
-        if abs(dx) - radius > far or abs(dy) - radius > far:
+        far = gap + span + radius
+        if dx * dx + dy * dy > far * far:
             continue
         distance = rectangle_point_gap(c * dx + s * dy, c * dy - s * dx, footprint)
         gap = min(gap, max(0.0, distance - radius))

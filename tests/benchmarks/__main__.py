@@ -1,4 +1,4 @@
-"""How fast the chair steps and the planners plan on this machine: `make bench`."""
+"""How fast the planners plan on this machine: `make bench`."""
 
 from __future__ import annotations
 
@@ -8,35 +8,13 @@ import statistics
 import sys
 import time
 
-import gymnasium as gym
 import numpy as np
 
 import wheelchair_gym
 from planners import PLANNERS, Problem, Space, make_planner
 from wheelchair_gym.scenes import make_scene
 
-SCENE, SEEDS, STEPS, REPEATS = "floor_plan", range(5), 2000, 5
-
-
-def steps_per_second(beams: int) -> float:
-    """Median over repeats of one environment driven by uniform actions, resets included."""
-    env = gym.make("wheelchair_gym/Navigation-v0", beams=beams, disable_env_checker=True)
-    rng = np.random.default_rng(0)
-    actions = rng.uniform(-1, 1, (STEPS, 2)).astype(np.float32)
-    env.reset(seed=0)
-    env.step(actions[0])
-    rates = []
-    for _ in range(REPEATS):
-        spent = 0.0
-        for action in actions:
-            begun = time.perf_counter()
-            _, _, terminated, truncated, _ = env.step(action)
-            spent += time.perf_counter() - begun
-            if terminated or truncated:
-                env.reset()
-        rates.append(STEPS / spent)
-    env.close()
-    return statistics.median(rates)
+SCENE, SEEDS = "floor_plan", range(5)
 
 
 def plan_milliseconds(name: str) -> dict[str, float]:
@@ -66,13 +44,8 @@ def main() -> None:
     results = {
         "version": wheelchair_gym.__version__,
         "machine": f"{platform.machine()}, Python {platform.python_version()}",
-        "env": {},
         "planners": {},
     }
-    print(f"one env, scene {SCENE}, 10 Hz, 10 physics steps, noise on:", file=sys.stderr)
-    for beams in (1081, 181, 64):
-        rate = results["env"][beams] = steps_per_second(beams)
-        print(f"  {beams:5d} beams  {rate:10,.0f} steps/s without resets", file=sys.stderr)
     print(f"planners, scene {SCENE}, seeds {list(SEEDS)}, clearance 0.36 m:", file=sys.stderr)
     for name in PLANNERS:
         row = results["planners"][name] = plan_milliseconds(name)

@@ -16,14 +16,17 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from wheelchair_gym.address import table_at
+from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensing.laser import SCRATCH, LaserArrays, exact_scan, report
 from wheelchair_gym.sensing.odometry import reckon
 from wheelchair_gym.sensing.settings import LaserSettings, UltrasonicSettings
 from wheelchair_gym.sensing.ultrasonic import UltrasonicArrays, fire
-from wheelchair_gym.simulation.chair import SimulatedChair
-from wheelchair_gym.simulation.engine import STEP, step_space
+from wheelchair_gym.simulation.advance import tell
+from wheelchair_gym.simulation.engine import step_space
 from wheelchair_gym.simulation.motion import drive
+from wheelchair_gym.task.assess import assess
 from wheelchair_gym.task.observe import pool
 
 SCENE, PLANS, POSES, PERIODS, REPEATS = "floor_plan", 8, 25, 10, 40
@@ -62,26 +65,46 @@ def _firings(rangers, poses, plans, walls, starts, discs, firsts, scratch, out):
 
 
 @_compiled
-def _drives(states, parameters, spaces, bodies, engine, twists, order):
+def _drives(rigs, chairs, states, worlds, twists, order):
     for k in range(twists.shape[0]):
         for j in range(states.shape[0]):
+            world, rig = worlds[j], rigs[0]
             v, w = twists[k, 0], twists[k, 1]
-            drive(states[j], parameters[j], spaces[j], bodies[j], engine, v, w, order)
+            drive(states[j], chairs[j], world.space, world.body, rig.step, v, w, order)
 
 
 @_compiled
-def _steps(parameters, spaces, engine, periods):
+def _steps(rigs, chairs, worlds, periods):
     for _ in range(periods):
-        for j in range(parameters.shape[0]):
-            for _ in range(parameters[j].substeps):
-                step_space(engine, spaces[j], parameters[j].dt)
+        for j in range(chairs.shape[0]):
+            for _ in range(chairs[j].substeps):
+                step_space(rigs[0].step, worlds[j].space, chairs[j].dt)
 
 
 @_compiled
-def _reckons(states, parameters, periods):
+def _reckons(states, chairs, periods):
     for _ in range(periods):
         for j in range(states.shape[0]):
-            reckon(states[j], parameters[j])
+            reckon(states[j], chairs[j])
+
+
+@_compiled
+def _tells(states, chairs, worlds, sensed, periods):
+    for _ in range(periods):
+        for j in range(states.shape[0]):
+            world = worlds[j]
+            walls = table_at(world.walls, world.n_walls, 4)
+            discs = table_at(world.discs, world.n_discs, 3)
+            tell(states[j], chairs[j], walls, discs, sensed[j])
+
+
+@_compiled
+def _judges(rules, courses, progress, verdicts, actions, sensed, scan, out, periods):
+    for _ in range(periods):
+        for j in range(courses.shape[0]):
+            s = sensed[j]
+            own = s.pose, s.twist, scan, s.ultrasonic, s.bumped
+            assess(j, rules, courses, progress, verdicts, actions[j], *own, out[j])
 
 
 def microseconds(act: Callable[[], None], count: int, repeats: int) -> float:
@@ -127,20 +150,24 @@ def measure(repeats: int) -> dict[str, float]:
     ranges = np.empty((n, 8))
     part("fire, mean of 8", 8 * n, _firings, rangers, *world, scratch, ranges)
 
-    chairs = [SimulatedChair() for _ in episodes]
-    for k, (chair, episode) in enumerate(zip(chairs, episodes, strict=True)):
-        chair.reset(episode, k)
-    states = np.concatenate([chair.state for chair in chairs])
-    parameters = np.concatenate([chair.parameters for chair in chairs])
-    addresses = np.array([chair._world.addresses for chair in chairs], np.uint64)
-    spaces, bodies = addresses.T.copy()
+    env = NavigationVectorEnv(PLANS, pose_source="modelled", num_threads=1)
+    env.reset(seed=0)
+    rigs, chairs, states, worlds = env._rig.record, env._chairs, env._states, env._places
     # Turning on the spot, so that nothing is touched.
     twists = np.column_stack([np.zeros(PERIODS), rng.uniform(-1, 1, PERIODS)])
     count = PERIODS * PLANS
-    order = rangers.order
-    part("drive", count, _drives, states, parameters, spaces, bodies, STEP, twists, order)
-    part("... of it cpSpaceStep", count, _steps, parameters, spaces, STEP, PERIODS)
-    part("reckon", count, _reckons, states, parameters, PERIODS)
+    part("drive", count, _drives, rigs, chairs, states, worlds, twists, rangers.order)
+    part("... of it cpSpaceStep", count, _steps, rigs, chairs, worlds, PERIODS)
+    part("reckon", count, _reckons, states, chairs, PERIODS)
+    _, sensed, verdicts = env._last
+    part("tell, clearance", count, _tells, states, chairs, worlds, sensed, PERIODS)
+    own = env.task.rules, env._courses, env._progress, verdicts
+    actions, out = np.zeros((PLANS, 2)), np.empty((PLANS, env.task.room), np.float32)
+    part("judge and observe", count, _judges, *own, actions, sensed, scans[0], out, PERIODS)
+    begun = np.zeros((PLANS, 2))
+    begun[:, 1] = 0.3
+    part("whole step, batch of 8", PLANS, env.step, begun)
+    part("whole reset, batch of 8", PLANS, env.reset)
     return parts
 
 
