@@ -214,7 +214,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             "time": reading.stamp,
             "valid_beams": verdict.valid_beams,
             "geodesic": verdict.geodesic,
-            "reward_terms": dict(zip(TERMS, verdict.terms.tolist(), strict=True)),
+            "reward_terms": dict(zip(TERMS, verdict.terms, strict=True)),
         }
 
     def render(self) -> NDArray[np.uint8] | None:

@@ -21,6 +21,8 @@ from wheelchair_gym.types import Episode, Reading, Truth
 Array = NDArray[np.float64]
 Rows = NDArray[np.void]
 
+_STORE = 64  # records made at once
+
 
 class SimulatedChair:
     """A chair in a pymunk world; time passes only when it is driven.
@@ -55,6 +57,7 @@ class SimulatedChair:
         body = chair.body
         self._world = World(chair.footprint, body.centre, body.wall_friction, self._place)
         self._beams = sensors.laser.beams
+        self._store, self._used = np.empty(0, SENSED), 0
         self._episode: Episode | None = None
         self._truth: Truth | None = None
 
@@ -138,8 +141,12 @@ class SimulatedChair:
         return np.array(self._chair)
 
     def _blank_reading(self) -> tuple[NDArray[np.float32], Rows]:
-        # Fresh arrays for each reading: what was handed out is never written again.
-        return np.empty(self._beams, np.float32), np.empty(1, SENSED)
+        # Fresh memory for each reading: what was handed out is never written again. Small records
+        # come from a common store, since numpy is slow to make them one by one.
+        if self._used == len(self._store):
+            self._store, self._used = np.empty(_STORE, SENSED), 0
+        self._used += 1
+        return np.empty(self._beams, np.float32), self._store[self._used - 1 : self._used]
 
     def _reading(self, ranges: NDArray[np.float32], sensed: Rows) -> Reading:
         told = cast("tuple[Any, ...]", sensed.item())

@@ -19,7 +19,7 @@ TERMS = ("progress", "time", "arrived", "bumped", "timeout", "change")
 class Verdict(NamedTuple):
     """Named reward terms, weighted; the reward is their sum."""
 
-    terms: Array  # (6,) in the order of TERMS
+    terms: tuple[float, ...]  # (6,) in the order of TERMS
     reward: float
     arrived: bool  # by the chair's own estimate
     terminated: bool  # arrived or bumped

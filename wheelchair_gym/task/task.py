@@ -89,6 +89,7 @@ class Task:
         self.rules: Rows = np.zeros(1, RULES)
         self._set_rules()
         self._progress = np.zeros(1, PROGRESS)
+        self._judged = np.zeros(1, VERDICT)
         self._places = self._lay_out()
 
     def _set_rules(self) -> None:
@@ -161,13 +162,14 @@ class Task:
     def _take(self, episode: Episode, ways: Geodesic) -> None:
         self.map, self.start, self.goal = episode.map, episode.start, episode.goal
         self.geodesic = ways
+        self._goal = tuple(episode.goal.tolist())
 
     def begin(self, course: Course, reading: Reading, key: int) -> Observation:
         """Take up a new episode with its first reading."""
         self._take(course.episode, course.geodesic)
         self._course, self.path = course, course.path
         self.reading, self.key = reading, key
-        out, verdict = np.empty(self.room, np.float32), np.empty(1, VERDICT)
+        out, verdict = np.empty(self.room, np.float32), self._judged
         start_task(
             0,
             self.rules,
@@ -182,7 +184,7 @@ class Task:
         )
         self.tolerance = float(course.record["tolerance"][0])
         self.time_limit = float(self._progress["time_limit"][0])
-        self.verdict = Verdict(*verdict.item())
+        self._take_verdict()
         self.observation = self.unpack(out)
         return self.observation
 
@@ -191,7 +193,7 @@ class Task:
 
         `verdict` then holds what it was worth, `reading` where it led.
         """
-        out, verdict = np.empty(self.room, np.float32), np.empty(1, VERDICT)
+        out, verdict = np.empty(self.room, np.float32), self._judged
         assess(
             0,
             self.rules,
@@ -207,13 +209,19 @@ class Task:
             out,
         )
         self.reading = reading
-        self.verdict = Verdict(*verdict.item())
+        self._take_verdict()
         self.observation = self.unpack(out)
         return self.observation
 
+    def _take_verdict(self) -> None:
+        terms, *rest = cast("tuple[Any, ...]", self._judged.item())
+        self.verdict = Verdict(tuple(terms.tolist()), *rest)
+
     def unpack(self, out: Floats) -> Observation:
-        """An observation (..., room) written in one piece, by key."""
-        return {key: out[..., place] for key, place in self._places.items()}
+        """Observations (n, room) or one (room,), written in one piece, by key."""
+        if out.ndim == 1:
+            return {key: out[place] for key, place in self._places.items()}
+        return {key: out[:, place] for key, place in self._places.items()}
 
     def way_to_go(self, pose: Array) -> float:
         """Length of the geodesic from a pose to the goal [m]; straight if none is known."""
@@ -222,4 +230,7 @@ class Task:
     def at_goal(self, pose: Array) -> bool:
         """Whether a true pose (3,) is at the goal."""
         s = self.settings
-        return bool(reached(pose, self.goal, self.tolerance, s.heading, s.heading_tolerance))
+        plain: Any = reached  # as plain Python, which is sooner done than calling compiled code
+        x, y, yaw = pose.tolist()
+        at = plain.py_func((x, y, yaw), self._goal, self.tolerance, s.heading, s.heading_tolerance)
+        return bool(at)
