@@ -65,8 +65,8 @@ def _lay(line: Cells, over: Cells) -> None:
 
 
 @kernel
-def beyond(solid: Cells, least: float) -> Cells:
-    """Cells (rows, cols) whose centre is at least so far [cells] from every solid cell's square.
+def near(solid: Cells, least: float) -> Cells:
+    """1 where a cell's centre is nearer [cells] than `least` to some solid cell's square, else 0.
 
     Each row of solid cells is widened step by step, and laid over the rows that lie near enough to
     be reached at that width: only whole rows are handled, which goes many cells at a time.
@@ -77,7 +77,8 @@ def beyond(solid: Cells, least: float) -> Cells:
     most = min(rows, int(least + 1.5))
     for row in range(rows):
         line = solid[row]
-        wide[:] = line
+        for col in range(cols):
+            wide[col] = line[col]
         width = 0
         for rise in range(most, -1, -1):
             aside = least * least - max(rise - 0.5, 0.0) ** 2
@@ -91,7 +92,7 @@ def beyond(solid: Cells, least: float) -> Cells:
                 _lay(wide, out[row + rise])
             if 0 < rise <= row:
                 _lay(wide, out[row - rise])
-    return np.int8(1) - out
+    return out
 
 
 @kernel
@@ -121,7 +122,7 @@ def carried_on(length: Field, band: float) -> Field:
         for col in range(cols):
             count[col] = nil if line[col] < np.inf else count[col] + one
             here[col] = -count[col]
-    count[:] = far
+    count = np.full(cols, far, np.float32)
     for row in range(rows - 1, -1, -1):
         line, here = length[row], rise[row]
         for col in range(cols):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from wheelchair_gym.kernel import kernel
 from wheelchair_gym.maps.distance import carried_on
 from wheelchair_gym.maps.grid import OccupancyGrid
-from wheelchair_gym.maps.sight import Bends, nearest_bend, spread
+from wheelchair_gym.maps.sight import Records, nearest_bend, no_bends, spread
 
 Array = NDArray[np.float64]
 Field = NDArray[np.float32]
@@ -60,7 +60,7 @@ class Geodesic:
     extended: (
         Field  # (rows, cols) m; carried on a radius and a cell into what is too near obstacles
     )
-    _bends: Bends
+    _bends: Records
 
     @property
     def field(self) -> Field:
@@ -94,8 +94,8 @@ class Geodesic:
                 way.append(np.array([x, y]))
                 break
         while bend >= 0:
-            way.append(np.array([self._bends.x[bend], self._bends.y[bend]], dtype=np.float64))
-            bend = self._bends.next[bend]
+            x, y, _, bend, _ = self._bends[bend].item()
+            way.append(np.array([x, y]))
         way[-1:] = [goal] if np.allclose(way[-1], goal, atol=1e-3) else [way[-1], goal]
         steps = [np.inf, *np.hypot(*np.diff(way, axis=0).T)]
         return self.grid.from_lattice(np.array(way)[np.array(steps) > 0.0] + 0.5)
@@ -128,16 +128,14 @@ def _band(grid: OccupancyGrid, radius: float) -> float:
     return radius / grid.resolution + _MARGIN
 
 
-def _lengths(grid: OccupancyGrid, goal: Array, radius: float) -> tuple[Field, Bends]:
+def _lengths(grid: OccupancyGrid, goal: Array, radius: float) -> tuple[Field, Records]:
     """Lengths (rows, cols) [cells] over free cells, and where ways bend."""
     free = grid.traversable(radius)
     x, y = np.clip(grid.to_lattice(goal) - 0.5, 0.0, (free.shape[1] - 1.0, free.shape[0] - 1.0))
     if grid.inside(goal):
         for col, row in _entries(free, x, y, _band(grid, radius)):
             return spread(free, float(x), float(y), math.floor(row + 0.5), math.floor(col + 0.5))
-    nothing = np.empty(0, np.float32)
-    none = Bends(nothing, nothing, nothing, np.empty(0, np.int32))
-    return np.full(free.shape, np.inf, np.float32), none
+    return np.full(free.shape, np.inf, np.float32), no_bends()
 
 
 def _entries(free: Mask, x: float, y: float, band: float) -> list[tuple[float, float]]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.geometry import to_frame
 from wheelchair_gym.geometry import to_world as placed
-from wheelchair_gym.maps.distance import beyond, distance_to_squares
+from wheelchair_gym.maps.distance import distance_to_squares, near
 from wheelchair_gym.maps.edges import boundary
 
 Array = NDArray[np.float64]
@@ -97,7 +97,7 @@ class OccupancyGrid:
         The segments form closed loops that touch at most at corners; what is solid lies on their
         left. What lies off the grid is not solid.
         """
-        lattice = boundary(self.solid(unknown_is_solid))
+        lattice = boundary(self.solid(unknown_is_solid).view(np.int8))
         return self.from_lattice(lattice.reshape(-1, 2)).reshape(-1, 4)
 
     def distance(self, unknown_is_solid: bool = False) -> NDArray[np.float32]:
@@ -112,6 +112,4 @@ class OccupancyGrid:
         """Free cells (rows, cols) at whose centre a disc of this radius [m] meets nothing solid."""
         # A corridor exactly as wide as the disc is passable: the slack is float32's rounding.
         least = (radius - 1e-5) / self.resolution
-        return np.asarray(
-            (self.cells == FREE) & beyond(self.solid().view(np.int8), least).view(np.bool_)
-        )
+        return np.asarray((self.cells == FREE) & (near(self.solid().view(np.int8), least) == 0))

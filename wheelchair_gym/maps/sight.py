@@ -22,6 +22,7 @@ from wheelchair_gym.kernel import borrowing_kernel, kernel
 Field = NDArray[np.float32]
 Index = NDArray[np.int32]
 Mask = NDArray[np.bool_]
+Records = NDArray[np.void]
 
 _HALF = 0.501  # of a cell and a touch: a line may graze corners
 _GAIN = 0.01  # cells; a gate waits again only for a way shorter by this
@@ -32,46 +33,51 @@ _SLACK = 0.8  # cells
 _NEAR = 6.0  # rows
 
 
+_RUN = np.dtype([("first", np.int32), ("last", np.int32)])  # columns
+_GATE = np.dtype(
+    [
+        ("row", np.int32),
+        ("col", np.int32),
+        ("east", np.int32),  # 1 or -1: the blocked corner lies in this column beside it ...
+        ("north", np.int32),  # ... and in this row
+        ("way", np.float32),  # the shortest so far
+        ("root", np.int32),  # the bend that lit it
+        ("place", np.int32),  # in the queue, 0 if it does not wait
+    ]
+)
+_BEND = np.dtype(
+    [
+        ("x", np.float32),
+        ("y", np.float32),
+        ("way", np.float32),  # from there to the goal
+        ("next", np.int32),  # the bend after it, -1 at the goal
+        ("turn", np.int32),  # 1 to the left, -1 to the right, 0 at the goal
+    ]
+)
+_WEDGE = np.dtype(  # light that has still to fall into a row
+    [
+        ("row", np.int32),
+        ("first", np.int32),  # columns of the run that it comes from
+        ("last", np.int32),
+        ("low", np.float64),  # slopes: columns per row
+        ("high", np.float64),
+    ],
+    align=True,
+)
+
+
+def no_bends() -> Records:
+    """Of a goal that cannot be reached."""
+    return np.empty(0, _BEND)
+
+
 class Ground(NamedTuple):
     """Free cells row by row, as runs, and the gates among them."""
 
     run: Index  # (rows + 1,): the first run of each row
-    first: Index  # (runs,): its first column
-    last: Index
+    runs: Records
     gate: Index  # (rows + 1,): the first gate of each row
-    row: Index  # (gates,)
-    col: Index
-    east: Index  # (gates,): 1 or -1; the blocked corner lies in this column beside it ...
-    north: Index  # ... and in this row
-
-
-class Queue(NamedTuple):
-    """Gates that wait, as a heap with the shortest way on top."""
-
-    heap: Index  # (gates,)
-    place: Index  # (gates,): of each in the heap, -1 if it is not there
-    way: Field  # (gates,): the shortest so far
-    root: Index  # (gates,): the bend that lit it
-    size: Index  # (1,)
-
-
-class Bends(NamedTuple):
-    """Where ways bend; the first is the goal."""
-
-    x: Field
-    y: Field
-    way: Field  # from there to the goal
-    next: Index  # the bend after it
-
-
-class Light(NamedTuple):
-    """Wedges that have still to fall into the next row."""
-
-    row: Index
-    low: NDArray[np.float64]  # slopes: columns per row
-    high: NDArray[np.float64]
-    first: Index  # the run that it comes from
-    last: Index
+    gates: Records
 
 
 class Beam(NamedTuple):
@@ -95,7 +101,7 @@ def _ground(free: Mask) -> Ground:
         for col in range(1, cols):
             count += int(free[row, col] and not free[row, col - 1])
     run, gate = np.zeros(rows + 1, np.int32), np.zeros(rows + 1, np.int32)
-    first, last = np.empty(count, np.int32), np.empty(count, np.int32)
+    runs, gates = np.empty(count, _RUN), np.empty(4 * count, _GATE)
     k = 0
     for row in range(rows):
         run[row] = k
@@ -104,14 +110,12 @@ def _ground(free: Mask) -> Ground:
             while col < cols and not free[row, col]:
                 col += 1
             if col < cols:
-                first[k] = col
+                runs[k].first = col
                 while col < cols and free[row, col]:
                     col += 1
-                last[k] = col - 1
+                runs[k].last = col - 1
                 k += 1
     run[rows] = k
-    at_row, at_col = np.empty(4 * count, np.int32), np.empty(4 * count, np.int32)
-    east, north = np.empty(4 * count, np.int32), np.empty(4 * count, np.int32)
     m = 0
     for row in range(rows):
         gate[row] = m
@@ -121,67 +125,65 @@ def _ground(free: Mask) -> Ground:
                 continue
             for k in range(run[beside], run[beside + 1]):
                 for way in (-1, 1):
-                    col = last[k] if way > 0 else first[k]
+                    col = runs[k].last if way > 0 else runs[k].first
                     if 0 <= col + way < cols and free[row, col] and free[row, col + way]:
-                        at_row[m], at_col[m], east[m], north[m] = row, col, way, side
+                        gates[m].row, gates[m].col = row, col
+                        gates[m].east, gates[m].north = way, side
+                        gates[m].way, gates[m].place = np.inf, 0
                         m += 1
     gate[rows] = m
-    return Ground(run, first, last, gate, at_row[:m], at_col[:m], east[:m], north[:m])
+    return Ground(run, runs, gate, gates[:m])
 
 
 @borrowing_kernel
-def _enqueue(queue: Queue, gate: int, way: float, root: int) -> None:
-    """Let a gate wait, or move it up, for a shorter way."""
-    queue.way[gate] = way
-    queue.root[gate] = root
-    k = queue.place[gate]
-    if k < 0:
-        k = queue.size[0]
-        queue.size[0] += 1
-    while k > 0:
-        above = queue.heap[(k - 1) // 2]
-        if queue.way[above] <= way:
+def _enqueue(gates: Records, queue: Index, gate: int) -> None:
+    """Let a gate wait, or move it up as its way became shorter: a heap, queue[0] its length."""
+    way, k = gates[gate].way, gates[gate].place
+    if k == 0:
+        queue[0] += 1
+        k = queue[0]
+    while k > 1:
+        above = queue[k // 2]
+        if gates[above].way <= way:
             break
-        queue.heap[k] = above
-        queue.place[above] = k
-        k = (k - 1) // 2
-    queue.heap[k] = gate
-    queue.place[gate] = k
+        queue[k] = above
+        gates[above].place = k
+        k //= 2
+    queue[k] = gate
+    gates[gate].place = k
 
 
 @borrowing_kernel
-def _dequeue(queue: Queue) -> int:
+def _dequeue(gates: Records, queue: Index) -> int:
     """The gate with the shortest way."""
-    top = queue.heap[0]
-    queue.place[top] = -1
-    queue.size[0] -= 1
-    count = queue.size[0]
+    top, count = queue[1], queue[0] - 1
+    gates[top].place = 0
+    queue[0] = count
     if count > 0:
-        moved = queue.heap[count]
-        k = 0
-        while 2 * k + 1 < count:
-            below = 2 * k + 1
-            other = min(below + 1, count - 1)
-            if queue.way[queue.heap[other]] < queue.way[queue.heap[below]]:
+        moved = queue[count + 1]
+        k = 1
+        while 2 * k <= count:
+            below, other = 2 * k, min(2 * k + 1, count)
+            if gates[queue[other]].way < gates[queue[below]].way:
                 below = other
-            if queue.way[queue.heap[below]] >= queue.way[moved]:
+            if gates[queue[below]].way >= gates[moved].way:
                 break
-            queue.heap[k] = queue.heap[below]
-            queue.place[queue.heap[k]] = k
+            queue[k] = queue[below]
+            gates[queue[k]].place = k
             k = below
-        queue.heap[k] = moved
-        queue.place[moved] = k
+        queue[k] = moved
+        gates[moved].place = k
     return int(top)
 
 
 @borrowing_kernel
 def _light(
-    ground: Ground, queue: Queue, bends: Bends, root: int, length: Field, row: int, a: int, b: int
+    ground: Ground, queue: Index, bends: Records, root: int, length: Field, row: int, a: int, b: int
 ) -> tuple[int, int]:
     """Light the columns a to b of a row; the first and last where that is not too late."""
     line = length[row]
-    x, way = bends.x[root], bends.way[root]
-    rise = np.float32(row) - bends.y[root]
+    x, way = bends[root].x, bends[root].way
+    rise = np.float32(row) - bends[root].y
     square = rise * rise
     while a <= b:
         dx = np.float32(a) - x
@@ -195,18 +197,19 @@ def _light(
         if way + math.sqrt(square + dx * dx) < line[b] + np.float32(_SLACK):
             break
         b -= 1
-    for col in range(a, b + 1):
-        dx = np.float32(np.int32(col)) - x
-        here = way + np.sqrt(square + dx * dx)
-        if here < line[col]:
-            line[col] = here
+    part, begin = line[a : b + 1], np.float32(a) - x
+    for k in range(len(part)):
+        dx = np.float32(np.int32(k)) + begin
+        here = way + math.sqrt(square + dx * dx)
+        part[k] = here if here < part[k] else part[k]
     for k in range(ground.gate[row], ground.gate[row + 1]):
-        col = ground.col[k]
-        if a <= col <= b:
-            dx = np.float32(col) - x
-            here = way + np.sqrt(square + dx * dx)
-            if here <= line[col] and here < queue.way[k] - np.float32(_GAIN):
-                _enqueue(queue, k, here, root)
+        gate = ground.gates[k]
+        if a <= gate.col <= b:
+            dx = np.float32(gate.col) - x
+            here = way + math.sqrt(square + dx * dx)
+            if here < line[gate.col] + np.float32(_GAIN) and here < gate.way - np.float32(_GAIN):
+                gate.way, gate.root = here, root
+                _enqueue(ground.gates, queue, k)
     return a, b
 
 
@@ -214,39 +217,44 @@ def _light(
 def _run_at(ground: Ground, row: int, col: int) -> int:
     """The run that holds a free cell."""
     k = ground.run[row]
-    while ground.last[k] < col:
+    while ground.runs[k].last < col:
         k += 1
     return int(k)
 
 
 @borrowing_kernel
 def _shine(
-    ground: Ground, queue: Queue, bends: Bends, root: int, length: Field, light: Light, beam: Beam
+    ground: Ground,
+    queue: Index,
+    bends: Records,
+    root: int,
+    length: Field,
+    wedges: Records,
+    beam: Beam,
 ) -> bool:
     """Let a bend shine on one side of its row; whether that lit anything.
 
     Within a row's strip of height 1 a line stays in its run if it enters and leaves within it.
     """
-    x, y, north = float(bends.x[root]), float(bends.y[root]), beam.north
+    x, y, north = float(bends[root].x), float(bends[root].y), beam.north
     row = math.floor(y + 0.5)
-    k = _run_at(ground, row, math.floor(x + 0.5))
+    run = ground.runs[_run_at(ground, row, math.floor(x + 0.5))]
     near = max(0.5 + north * (row - y), 1e-3)  # to the edge of its own row
-    light.row[0] = row + north
-    light.low[0] = max(beam.low, (ground.first[k] - _HALF - x) / near)
-    light.high[0] = min(beam.high, (ground.last[k] + _HALF - x) / near)
-    light.first[0], light.last[0] = ground.first[k], ground.last[k]
+    wedges[0].row, wedges[0].first, wedges[0].last = row + north, run.first, run.last
+    wedges[0].low = max(beam.low, (run.first - _HALF - x) / near)
+    wedges[0].high = min(beam.high, (run.last + _HALF - x) / near)
     count, lit = 1, False
     while count > 0:
         count -= 1
-        row, low, high = int(light.row[count]), light.low[count], light.high[count]
-        first, last = light.first[count], light.last[count]
+        row, first, last = int(wedges[count].row), wedges[count].first, wedges[count].last
+        low, high = wedges[count].low, wedges[count].high
         if row < 0 or row >= length.shape[0]:
             continue
         middle = north * (row - y)
         enter, leave = max(middle - 0.5, 1e-3), middle + 0.5
         west, east, edge = x + low * enter, x + high * enter, beam.edge + beam.drift * middle
         for k in range(ground.run[row], ground.run[row + 1]):
-            a, b = ground.first[k], ground.last[k]
+            a, b = int(ground.runs[k].first), int(ground.runs[k].last)
             if b + _HALF < west:
                 continue
             if a - _HALF > east:
@@ -274,15 +282,14 @@ def _shine(
             left = max(left, (a - _HALF - x) / leave)
             right = min(right, (b + _HALF - x) / leave)
             if left <= right:
-                light.row[count] = row + north
-                light.low[count], light.high[count] = left, right
-                light.first[count], light.last[count] = a, b
+                wedges[count].row, wedges[count].first, wedges[count].last = row + north, a, b
+                wedges[count].low, wedges[count].high = left, right
                 count += 1
     return lit
 
 
 @kernel
-def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tuple[Field, Bends]:
+def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tuple[Field, Records]:
     """Lengths (rows, cols) [cells] of the shortest ways to the goal, and where they bend.
 
     Args:
@@ -294,61 +301,44 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
     """
     length = np.full(free.shape, np.inf, np.float32)
     ground = _ground(free)
-    gates, runs = len(ground.col), len(ground.first)
-    queue = Queue(
-        np.empty(gates, np.int32),
-        np.full(gates, -1, np.int32),
-        np.full(gates, np.inf, np.float32),
-        np.zeros(gates, np.int32),
-        np.zeros(1, np.int32),
-    )
-    bends = Bends(
-        np.empty(gates + 1, np.float32),
-        np.empty(gates + 1, np.float32),
-        np.empty(gates + 1, np.float32),
-        np.empty(gates + 1, np.int32),
-    )
-    light = Light(  # each wedge but one has its own run, or comes from a gap between two
-        np.empty(runs + 2, np.int32),
-        np.empty(runs + 2),
-        np.empty(runs + 2),
-        np.empty(runs + 2, np.int32),
-        np.empty(runs + 2, np.int32),
-    )
-    turns = np.zeros(gates + 1, np.int8)  # 1 to the left, -1 to the right, 0 at the goal
-    bends.x[0], bends.y[0], bends.way[0], bends.next[0] = goal_x, goal_y, 0.0, -1
+    gates, runs = ground.gates, ground.runs
+    queue = np.zeros(len(gates) + 1, np.int32)
+    bends = np.empty(len(gates) + 1, _BEND)
+    # Each wedge that waits has its own run, or comes from a gap between two.
+    wedges = np.empty(len(runs) + 2, _WEDGE)
+    bends[0].x, bends[0].y, bends[0].way = goal_x, goal_y, 0.0
+    bends[0].next, bends[0].turn = -1, 0
     if math.floor(goal_x + 0.5) != col or math.floor(goal_y + 0.5) != row:
-        bends.x[0], bends.y[0] = col, row
-        bends.way[0] = math.hypot(col - goal_x, row - goal_y)
+        bends[0].x, bends[0].y = col, row
+        bends[0].way = math.hypot(col - goal_x, row - goal_y)
     k = _run_at(ground, row, col)
-    _light(ground, queue, bends, 0, length, row, ground.first[k], ground.last[k])
+    first, last = int(runs[k].first), int(runs[k].last)
+    _light(ground, queue, bends, 0, length, row, first, last)
     for north in (-1, 1):
         beam = Beam(north, -np.inf, np.inf, 0, 0.0, 0.0)
-        _shine(ground, queue, bends, 0, length, light, beam)
+        _shine(ground, queue, bends, 0, length, wedges, beam)
     count = 1
-    while queue.size[0] > 0:
-        gate = _dequeue(queue)
-        root = queue.root[gate]
-        row, col = int(ground.row[gate]), int(ground.col[gate])
-        east, up = ground.east[gate], ground.north[gate]
+    while queue[0] > 0:
+        gate = gates[_dequeue(gates, queue)]
+        row, col, east, up = int(gate.row), int(gate.col), int(gate.east), int(gate.north)
         # Up to the edge, the line from its own root by the corner, others have lit the ground. A
         # root that turned the other way lit nothing beyond the gate itself.
-        x, y = float(bends.x[root]), float(bends.y[root])
+        root = bends[gate.root]
+        x, y = float(root.x), float(root.y)
         turn = 1 if (col - x) * up > (row - y) * east else -1
-        past = 0.0 if turns[root] == -turn else 1.0
+        past = 0.0 if root.turn == -turn else 1.0
         ex, ey = col + past * _HALF * east - x, row + past * 0.5 * up - y
         if ex * up == ey * east:  # straight at the corner: nothing to turn round
             continue
-        bends.x[count], bends.y[count] = col, row
-        bends.way[count], bends.next[count] = queue.way[gate], root
-        turns[count] = turn
+        bends[count].x, bends[count].y, bends[count].way = col, row, gate.way
+        bends[count].next, bends[count].turn = gate.root, turn
         edge = col + past * (_HALF * east - 0.5 * up * ex / ey)
         # It shines from along the edge round to the corner: perhaps over its row, on this side.
         side = 1 if ex + east * abs(ey) > 0.0 else -1
         lit = False
         if ey * up < 0.0:
             k = _run_at(ground, row, col)
-            begin, end = int(ground.first[k]), int(ground.last[k])
+            begin, end = int(runs[k].first), int(runs[k].last)
             if side > 0:
                 begin = max(begin, math.floor(edge))
             else:
@@ -367,27 +357,21 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
                 shadow = 1 if corner > straight else -1
             low, high = min(straight, corner), max(straight, corner)
             beam = Beam(north, low, high, shadow, edge, straight if ahead else 0.0)
-            if _shine(ground, queue, bends, count, length, light, beam):
+            if _shine(ground, queue, bends, count, length, wedges, beam):
                 lit = True
         if lit:
             count += 1
-    few = Bends(
-        bends.x[:count].copy(),
-        bends.y[:count].copy(),
-        bends.way[:count].copy(),
-        bends.next[:count].copy(),
-    )
-    return length, few
+    return length, bends[:count].copy()
 
 
 @kernel
-def nearest_bend(free: Mask, bends: Bends, x: float, y: float) -> int:
+def nearest_bend(free: Mask, bends: Records, x: float, y: float) -> int:
     """The bend by which the way from a point is the shortest, of those that it sees; or -1."""
     best, least = -1, math.inf
-    for k in range(len(bends.x)):
-        dx, dy = bends.x[k] - x, bends.y[k] - y
+    for k in range(len(bends)):
+        dx, dy = bends[k].x - x, bends[k].y - y
         far = math.hypot(dx, dy)
-        if bends.way[k] + far >= least:
+        if bends[k].way + far >= least:
             continue
         steps = int(5.0 * far) + 1
         clear = True
@@ -400,5 +384,5 @@ def nearest_bend(free: Mask, bends: Bends, x: float, y: float) -> int:
             if not clear:
                 break
         if clear:
-            best, least = k, bends.way[k] + far
+            best, least = k, bends[k].way + far
     return best
