@@ -8,49 +8,82 @@ from numpy.typing import NDArray
 from wheelchair_gym.kernel import kernel
 
 Array = NDArray[np.float64]
+Cells = NDArray[np.int8]
+Index = NDArray[np.int64]
 
 
 @kernel
-def _runs(solid: NDArray[np.int8], upright: bool, out: Array, count: int) -> int:
-    """Write the segments along the rows of padded cells while there is room; count them all.
+def _put(out: Array, count: int, upright: bool, line: int, first: int, last: int) -> int:
+    """Write a segment along a line if there is room; how many there are then."""
+    if count < len(out):
+        if upright:
+            out[count, 0], out[count, 1], out[count, 2], out[count, 3] = line, first, line, last
+        else:
+            out[count, 0], out[count, 1], out[count, 2], out[count, 3] = first, line, last, line
+    return count + 1
+
+
+@kernel
+def _runs(solid: Cells, changed: Index, lines: int, out: Array) -> int:
+    """Write the segments between padded cells while there is room; count them all.
 
     A run goes on while the same side is solid. Where solid cells touch only at a corner the side
-    changes, so runs end there and loops never cross.
+    changes, so runs end there and loops never cross. Only lines where a row differs from the next
+    are looked at: along them run the level segments, and upright ones begin and end there.
     """
-    for line in range(solid.shape[0] - 1):
+    count = 0
+    for i in range(lines):
+        line = changed[i]
         side, begin = 0, 0
         for k in range(solid.shape[1]):  # the padding at the end closes the last run
             here = int(solid[line + 1, k]) - int(solid[line, k])
-            if here == side:
-                continue
-            if side != 0:
-                if count < out.shape[0]:
-                    # The padding shifts columns by one.
-                    first, last = (
-                        (begin - 1, k - 1) if (side > 0) != upright else (k - 1, begin - 1)
-                    )
-                    if upright:
-                        out[count, 0], out[count, 1] = line, first
-                        out[count, 2], out[count, 3] = line, last
-                    else:
-                        out[count, 0], out[count, 1] = first, line
-                        out[count, 2], out[count, 3] = last, line
-                count += 1
-            side, begin = here, k
+            if here != side:
+                # The padding shifts columns by one.
+                if side > 0:
+                    count = _put(out, count, False, line, begin - 1, k - 1)
+                elif side < 0:
+                    count = _put(out, count, False, line, k - 1, begin - 1)
+                side, begin = here, k
+    for k in range(solid.shape[1] - 1):
+        side, begin = 0, 0
+        for i in range(lines):
+            line = changed[i]
+            here = int(solid[line + 1, k + 1]) - int(solid[line + 1, k])
+            if here != side:
+                if side > 0:
+                    count = _put(out, count, True, k, line, begin)
+                elif side < 0:
+                    count = _put(out, count, True, k, begin, line)
+                side, begin = here, line
     return count
 
 
-def boundary(solid: NDArray[np.bool_]) -> Array:
+@kernel
+def boundary(solid: Cells) -> Array:
     """Edges between solid cells (rows, cols) and the rest, merged as far as they run straight.
+
+    Args:
+        solid: a number or, where free, 0.
 
     Returns:
         (n, 4) [cells], x0, y0, x1, y1 from the lower-left corner; solid cells on the left.
     """
-    flat = np.pad(solid.view(np.int8), 1)  # signed: differences count
-    upright = np.ascontiguousarray(flat.T)
+    rows, cols = solid.shape
+    padded = np.zeros((rows + 2, cols + 2), np.int8)
+    for row in range(rows):
+        for col in range(cols):
+            padded[row + 1, col + 1] = solid[row, col]
+    changed, lines = np.empty(rows + 1, np.int64), 0
+    for line in range(rows + 1):
+        one, other = padded[line], padded[line + 1]
+        differ = np.int8(0)
+        for col in range(cols + 2):
+            differ |= one[col] ^ other[col]
+        changed[lines] = line
+        lines += differ != 0
     out = np.empty((1024, 4))
-    count = _runs(upright, True, out, _runs(flat, False, out, 0))
+    count = _runs(padded, changed, lines, out)
     if count > len(out):
         out = np.empty((count, 4))
-        _runs(upright, True, out, _runs(flat, False, out, 0))
+        _runs(padded, changed, lines, out)
     return out[:count].copy()

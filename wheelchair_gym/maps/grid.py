@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.geometry import to_frame
 from wheelchair_gym.geometry import to_world as placed
-from wheelchair_gym.maps.distance import distance_to_squares
+from wheelchair_gym.maps.distance import distance_to_squares, near
 from wheelchair_gym.maps.edges import boundary
 
 Array = NDArray[np.float64]
@@ -33,6 +33,10 @@ class OccupancyGrid:
     cells: NDArray[np.int8]  # (rows, cols)
     resolution: float  # m
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # lower-left corner: x, y [m], yaw [rad]
+    # What `geodesic` worked out last, by goal and radius: it stays true as cells never change.
+    ways: dict[tuple[float, float, float], Any] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     def __post_init__(self) -> None:
         cells = np.ascontiguousarray(self.cells, dtype=np.int8)
@@ -93,7 +97,7 @@ class OccupancyGrid:
         The segments form closed loops that touch at most at corners; what is solid lies on their
         left. What lies off the grid is not solid.
         """
-        lattice = boundary(self.solid(unknown_is_solid))
+        lattice = boundary(self.solid(unknown_is_solid).view(np.int8))
         return self.from_lattice(lattice.reshape(-1, 2)).reshape(-1, 4)
 
     def distance(self, unknown_is_solid: bool = False) -> NDArray[np.float32]:
@@ -108,5 +112,4 @@ class OccupancyGrid:
         """Free cells (rows, cols) at whose centre a disc of this radius [m] meets nothing solid."""
         # A corridor exactly as wide as the disc is passable: the slack is float32's rounding.
         least = (radius - 1e-5) / self.resolution
-        gap = distance_to_squares(self.solid(), least)
-        return np.asarray((self.cells == FREE) & (gap >= least))
+        return np.asarray((self.cells == FREE) & (near(self.solid().view(np.int8), least) == 0))

@@ -8,8 +8,9 @@ from typing import Final
 import numpy as np
 
 from wheelchair_gym.maps import OccupancyGrid, write_map
-from wheelchair_gym.scenes.floor_plan import FloorPlan, build
+from wheelchair_gym.scenes.floor_plan import FloorPlan
 from wheelchair_gym.scenes.map_file import example_map
+from wheelchair_gym.scenes.raster import CELL
 
 SEED: Final = 1
 SIZE: Final = (15.0, 12.0)  # m
@@ -17,9 +18,8 @@ SIZE: Final = (15.0, 12.0)  # m
 
 def draw() -> OccupancyGrid:
     """A small clinic of 15 m x 12 m, always the same, its lower-left corner at (0, 0)."""
-    plan = FloorPlan(kind="clinic")
-    layout, things = plan.building(np.random.default_rng(SEED), False, *SIZE)
-    return build(layout, things)[0]
+    storey = FloorPlan(kind="clinic").building(np.random.default_rng(SEED), False, *SIZE)
+    return OccupancyGrid(storey.cells, CELL)
 
 
 def main(path: Path | None = None) -> None:

@@ -2,32 +2,41 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import math
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.geometry import polygon_edges
-from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
-from wheelchair_gym.scenes.furniture import (
-    CLINIC_ROOMS,
-    HOME_ROOMS,
-    LIVING_ROOM,
-    LOBBY,
-    Furniture,
-    furnish,
-)
-from wheelchair_gym.scenes.layout import Layout, lay_out
+from wheelchair_gym.kernel import kernel
+from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic, interpolate
+from wheelchair_gym.maps.edges import boundary
+from wheelchair_gym.scenes.furniture import furnish
+from wheelchair_gym.scenes.layout import Layout, Plan, lay_out
 from wheelchair_gym.scenes.poses import RADIUS, draw_pose
-from wheelchair_gym.scenes.raster import CELL, Rect, paint_discs, paint_polygon
+from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, paint_rects
+from wheelchair_gym.scenes.stream import Stream, below, stream, uniform
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
+Cells = NDArray[np.int8]
+Field = NDArray[np.float32]
+Index = NDArray[np.int64]
 
+_ANY, _HOME, _CLINIC = 0, 1, 2
 _TRIES = 50  # storeys drawn before the settings are called impossible
 _GOALS = 3  # goals tried in each
 _STARTS = 12  # starts tried for each goal
+
+
+class Storey(NamedTuple):
+    """A storey furnished: its plan, the map, walls (n, 4) and discs (m, 3) [m]."""
+
+    plan: Plan
+    cells: Cells
+    walls: Array
+    discs: Array
 
 
 @settings
@@ -67,31 +76,18 @@ class FloorPlan:
             if low > high:
                 raise InputError(f"FloorPlan.{name} is {low}, {high}; expected from, to")
 
-    def draw(self, rng: np.random.Generator) -> tuple[Layout, Furniture]:
-        """One storey and what stands in it."""
-        home = self.kind == "home" or (self.kind == "any" and rng.random() < 0.5)
-        least, most = self.size
-        width = rng.uniform(least, most)
-        height = rng.uniform(least, (least + most) / 2 if home else most)
-        return self.building(rng, home, width, height)
-
-    def building(
-        self, rng: np.random.Generator, home: bool, width: float, height: float
-    ) -> tuple[Layout, Furniture]:
+    def building(self, rng: np.random.Generator, home: bool, width: float, height: float) -> Storey:
         """One storey of a given kind and size [m]; which side is which is drawn."""
-        layout = lay_out(rng, home, width, height, self.doors, self.corridors)
-        zones = [door.zone for door in layout.doors]
-        things = Furniture()
-        for k, room in enumerate(layout.rooms):
-            if k == 0 and layout.lobby:
-                catalogue = LIVING_ROOM if home else LOBBY
-            else:
-                choices = HOME_ROOMS if home else CLINIC_ROOMS
-                catalogue = choices[int(rng.integers(len(choices)))]
-            count = round(self.furniture * room.width * room.height * CELL**2)
-            near = [zone for zone in zones if zone.meets(room)]
-            furnish(rng, room, near, catalogue, count, self.passage, things)
-        return layout, things
+        return _storey(
+            stream(rng),
+            _HOME if home else _CLINIC,
+            (width, width),
+            height,
+            self.doors,
+            self.corridors,
+            self.furniture,
+            self.passage,
+        )
 
     def sample(self, rng: np.random.Generator) -> Episode:
         """Draw storeys until one has a start and a goal.
@@ -99,7 +95,7 @@ class FloorPlan:
         Raises:
             InputError: fifty storeys had none.
         """
-        return self.storey(rng)[1]
+        return self._world(rng)[1]
 
     def storey(self, rng: np.random.Generator) -> tuple[Layout, Episode]:
         """The same, with the rooms, corridors and doors of the building.
@@ -107,58 +103,108 @@ class FloorPlan:
         Raises:
             InputError: fifty storeys had none.
         """
+        plan, episode = self._world(rng)
+        return Layout(plan), episode
+
+    def _world(self, rng: np.random.Generator) -> tuple[Plan, Episode]:
+        source = stream(rng)
+        start, goal = np.empty(3), np.empty(3)
+        kind = ("any", "home", "clinic").index(self.kind)
         for _ in range(_TRIES):
-            layout, things = self.draw(rng)
-            grid, walls, discs = build(layout, things)
+            storey = _storey(
+                source,
+                kind,
+                self.size,
+                math.nan,
+                self.doors,
+                self.corridors,
+                self.furniture,
+                self.passage,
+            )
+            grid = OccupancyGrid(storey.cells, CELL)
+            ground = storey.plan.rooms, storey.walls, storey.discs, self.clearance
             for _ in range(_GOALS):
-                found = self._ends(rng, layout.rooms, grid, walls, discs)
-                if found is not None:
-                    start, goal = found
-                    episode = Episode(grid, start, goal, walls, discs, name="floor_plan")
-                    return layout, episode
+                there = _draw_goal(source, *ground, goal)
+                if there < 0:
+                    continue
+                ways = geodesic(grid, goal[:2], RADIUS)
+                if _draw_start(source, *ground, there, ways.extended, self.way, start):
+                    episode = Episode(
+                        grid, start, goal, storey.walls, storey.discs, name="floor_plan"
+                    )
+                    return storey.plan, episode
         raise InputError(f"FloorPlan: {_TRIES} storeys had no start and goal that fit {self}")
 
-    def _ends(
-        self,
-        rng: np.random.Generator,
-        rooms: tuple[Rect, ...],
-        grid: OccupancyGrid,
-        walls: Array,
-        discs: Array,
-    ) -> tuple[Array, Array] | None:
-        """A start and a goal in different rooms, or None where the draw was unlucky."""
 
-        def pose(room: Rect, tries: int) -> Array | None:
-            low, high = np.array([room[:2], room[2:]]) * CELL
+@kernel
+def _storey(
+    source: Stream,
+    kind: int,
+    size: tuple[float, float],
+    height: float,
+    doors: tuple[float, float],
+    corridors: tuple[float, float],
+    furniture: float,
+    passage: float,
+) -> Storey:
+    """Draw a storey and what stands in it; its sides are drawn, too, where no height is given."""
+    home = kind == _HOME or (kind == _ANY and uniform(source, 0.0, 1.0) < 0.5)
+    least, most = size
+    width = most
+    if math.isnan(height):
+        width = uniform(source, least, most)
+        height = uniform(source, least, (least + most) / 2 if home else most)
+    plan = lay_out(source, home, width, height, doors, corridors)
+    things = furnish(source, plan, home, furniture, passage)
+    cells = np.full((plan.height, plan.width), OCCUPIED, np.int8)
+    paint_rects(cells, plan.rooms, 0)
+    paint_rects(cells, plan.halls, 0)
+    paint_rects(cells, plan.openings, 0)
+    paint_rects(cells, things.rects, OCCUPIED)
+    straight = boundary(cells)
+    n, count = len(straight), len(things.polygons)
+    walls = np.empty((n + 4 * count, 4))
+    for k in range(n):
+        for i in range(4):
+            walls[k, i] = straight[k, i] * CELL
+    for k in range(count):
+        polygon = things.polygons[k]
+        paint_polygon(cells, polygon, OCCUPIED)
+        for i in range(4):
+            walls[n, 0], walls[n, 1] = polygon[i, 0], polygon[i, 1]
+            walls[n, 2], walls[n, 3] = polygon[(i + 1) % 4, 0], polygon[(i + 1) % 4, 1]
+            n += 1
+    paint_discs(cells, things.discs, 0.0, 0.0, CELL, OCCUPIED)
+    return Storey(plan, cells, walls, things.discs)
 
-            def place() -> tuple[float, float]:
-                x, y = rng.uniform(low + 0.4, high - 0.4)
-                return x, y
 
-            return draw_pose(rng, place, walls, discs, self.clearance, tries)
-
-        there = int(rng.integers(len(rooms)))
-        goal = pose(rooms[there], 20)
-        if goal is None:
-            return None
-        ways = geodesic(grid, goal[:2], RADIUS)
-        for _ in range(_STARTS):
-            here = int(rng.integers(len(rooms)))
-            start = pose(rooms[here], 5) if here != there else None
-            if start is not None and self.way[0] <= ways.at(start[:2]) <= self.way[1]:
-                return start, goal
-        return None
+@kernel
+def _draw_goal(
+    source: Stream, rooms: Index, walls: Array, discs: Array, clearance: float, goal: Array
+) -> int:
+    """Write a goal; the number of its room, or -1 where the draw was unlucky."""
+    there = below(source, len(rooms))
+    found = draw_pose(source, rooms[there], walls, discs, clearance, 20, goal)
+    return there if found else -1
 
 
-def build(layout: Layout, things: Furniture) -> tuple[OccupancyGrid, Array, Array]:
-    """The map, walls (n, 4) and discs (m, 3) of a furnished storey."""
-    solid = layout.solid()
-    for rect in things.rects:
-        rect.paint(solid, 1)
-    walls = OccupancyGrid(solid * np.int8(OCCUPIED), CELL).walls()
-    walls = np.vstack([walls, *(polygon_edges(polygon) for polygon in things.polygons)])
-    discs = np.array(things.discs, dtype=np.float64).reshape(-1, 3)
-    for polygon in things.polygons:
-        paint_polygon(solid, polygon, 1)
-    paint_discs(solid, discs, 0.0, 0.0, CELL, 1)
-    return OccupancyGrid(solid * np.int8(OCCUPIED), CELL), walls, discs
+@kernel
+def _draw_start(
+    source: Stream,
+    rooms: Index,
+    walls: Array,
+    discs: Array,
+    clearance: float,
+    there: int,
+    ways: Field,
+    way: tuple[float, float],
+    start: Array,
+) -> bool:
+    """Whether a start in another room was found, a way of such a length off the goal."""
+    for _ in range(_STARTS):
+        here = below(source, len(rooms))
+        if here != there and draw_pose(source, rooms[here], walls, discs, clearance, 5, start):
+            far = interpolate(ways, start[0] / CELL, start[1] / CELL)
+            if way[0] <= far <= way[1]:
+                return True
+    return False

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.scenes.raster import CELL, Rect, to_cells, turned_rectangle
+from wheelchair_gym.kernel import kernel
+from wheelchair_gym.scenes.layout import Plan, put
+from wheelchair_gym.scenes.raster import CELL, cells_of
+from wheelchair_gym.scenes.stream import Stream, below, uniform
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 
 class Piece(NamedTuple):
@@ -66,115 +69,169 @@ CLINIC_ROOMS: tuple[Catalogue, ...] = (
 )
 
 
-@dataclass
-class Furniture:
-    """What has been put into one storey so far."""
+_BOOK: Final = (LIVING_ROOM, *HOME_ROOMS, LOBBY, *CLINIC_ROOMS)
+_PIECES: Final = [piece for catalogue in _BOOK for piece in catalogue]
+# For kernels: where each catalogue of the book begins, and the pieces of all, one after another.
+_BEGIN: Final = np.cumsum([0, *map(len, _BOOK)])
+_EXTENT: Final = np.array([(*piece.along, *piece.deep) for piece in _PIECES])
+_STANCE: Final = np.array([("wall", "free", "round").index(piece.stance) for piece in _PIECES])
+_HOME_ROOMS, _LOBBY = 1, 1 + len(HOME_ROOMS)  # places in the book
+_CLINIC_ROOMS = _LOBBY + 1
+_HOMES, _CLINICS = len(HOME_ROOMS), len(CLINIC_ROOMS)
 
-    rects: list[Rect] = field(default_factory=list)  # upright, on whole cells
-    polygons: list[Array] = field(default_factory=list)  # (4, 2) [m], turned
-    discs: list[tuple[float, float, float]] = field(default_factory=list)  # x, y, radius [m]
+
+class Furniture(NamedTuple):
+    """What stands in one storey."""
+
+    rects: Index  # (k, 4) upright, whole cells: x0, y0, x1, y1
+    polygons: Array  # (k, 4, 2) [m]: turned rectangles, counter-clockwise
+    discs: Array  # (k, 3) [m]: x, y, radius
 
 
-def furnish(
-    rng: np.random.Generator,
-    room: Rect,
-    zones: list[Rect],
-    catalogue: Catalogue,
-    count: int,
-    passage: float,
-    out: Furniture,
-) -> None:
-    """Put up to `count` pieces into a room; one that finds no place is left out.
+@kernel
+def _meet(a: Index, i: int, b: Index, j: int, apart: int) -> bool:
+    """Whether two rectangles are less than `apart` cells from each other, in both directions."""
+    return bool(
+        a[i, 0] - apart < b[j, 2]
+        and b[j, 0] < a[i, 2] + apart
+        and a[i, 1] - apart < b[j, 3]
+        and b[j, 1] < a[i, 3] + apart
+    )
+
+
+@kernel
+def _free(source: Stream, room: Index, half: int, gap: int, box: Index) -> bool:
+    """A square of 2 x half cells somewhere in the room, a gap from its walls; if there is room."""
+    apart = gap + half
+    wide, high = room[0, 2] - room[0, 0] - 2 * apart, room[0, 3] - room[0, 1] - 2 * apart
+    if wide < 1 or high < 1:
+        return False
+    x = room[0, 0] + apart + below(source, wide)
+    y = room[0, 1] + apart + below(source, high)
+    put(box, 0, x - half, y - half, x + half, y + half)
+    return True
+
+
+@kernel
+def _against(
+    source: Stream,
+    room: Index,
+    side: int,
+    along: int,
+    deep: int,
+    gap: int,
+    placed: Index,
+    neighbour: int,
+    box: Index,
+) -> bool:
+    """A place along one wall (0 and 1 along x, 2 and 3 along y): a corner, a neighbour or free."""
+    a = 1 if side > 1 else 0  # the axis along the wall
+    floor_0, floor_1 = room[0, a], room[0, 2 + a]
+    deep_0, deep_1 = room[0, 1 - a], room[0, 3 - a]
+    if deep + gap > deep_1 - deep_0 or along > floor_1 - floor_0:
+        return False
+    choice = below(source, 4)
+    if neighbour >= 0:
+        x = placed[neighbour, 2 + a] if choice % 2 else placed[neighbour, a] - along
+    elif choice < 2:
+        x = floor_0 if choice else floor_1 - along
+    elif floor_1 - floor_0 >= along + 2 * gap:
+        x = floor_0 + gap + below(source, floor_1 - floor_0 - 2 * gap - along + 1)
+    else:
+        return False
+    first, last = x, x + along  # with its neighbour
+    if neighbour >= 0:
+        first = min(x, placed[neighbour, a])
+        last = max(x + along, placed[neighbour, 2 + a])
+        if first < floor_0 or last > floor_1:
+            return False
+    if 0 < first - floor_0 < gap or 0 < floor_1 - last < gap:
+        return False
+    y = deep_0 if side % 2 == 0 else deep_1 - deep
+    if a:
+        put(box, 0, y, x, y + deep, x + along)
+    else:
+        put(box, 0, x, y, x + along, y + deep)
+    return True
+
+
+@kernel
+def furnish(source: Stream, plan: Plan, home: bool, density: float, passage: float) -> Furniture:
+    """Put furniture into every room; a piece that finds no place is left out.
 
     A piece stands against a wall or against its neighbour there, without a gap, or at least
     `passage` [m] from everything else: so whatever is left of the room hangs together, and is
     passable at that width.
 
     Args:
-        rng: every draw comes from it.
-        room: its floor.
-        zones: to keep clear, such as those of doors.
-        catalogue: pieces to choose from.
-        count: how many.
+        source: every draw comes from it.
+        plan: its rooms are furnished; the zones of its doors are kept clear.
+        home: whose rooms are a home's; else a clinic's.
+        density: pieces tried per area of room [1/m2].
         passage: clear width round everything [m].
-        out: receives the pieces.
     """
-    gap = to_cells(passage)
-    placed: list[Rect] = []
-    against: dict[int, Rect] = {}  # the last piece on each side
-    for _ in range(count):
-        piece = catalogue[int(rng.integers(len(catalogue)))]
-        along, deep = to_cells(rng.uniform(*piece.along)), to_cells(rng.uniform(*piece.deep))
-        for _ in range(4):
-            side = int(rng.integers(4))
-            neighbour = against.get(side) if piece.stance == "wall" else None
-            if piece.stance == "wall":
-                box = _against(rng, room, side, along, deep, gap, neighbour)
-            else:
-                half = math.ceil(
-                    (along if piece.stance == "round" else math.hypot(along, deep)) / 2
-                )
-                box = _free(rng, room, half + 1, gap)
-            if box is None or any(box.meets(zone) for zone in zones):
-                continue
-            wide = box.grown(gap)
-            if any(wide.meets(other) for other in placed if other is not neighbour):
-                continue
-            placed.append(box)
-            if piece.stance == "wall":
-                against[side] = box
-                out.rects.append(box)
+    gap = cells_of(passage)
+    most = 0
+    for r in range(len(plan.rooms)):
+        room = plan.rooms[r : r + 1]
+        area = (room[0, 2] - room[0, 0]) * (room[0, 3] - room[0, 1]) * CELL**2
+        most += int(density * area) + 1
+    rects, polygons = np.empty((most, 4), np.int64), np.empty((most, 4, 2))
+    discs, placed = np.empty((most, 3)), np.empty((most, 4), np.int64)
+    n_rects, n_polygons, n_discs = 0, 0, 0
+    box, against = np.empty((1, 4), np.int64), np.empty(4, np.int64)
+    for r in range(len(plan.rooms)):
+        room = plan.rooms[r : r + 1]
+        if r == 0 and plan.lobby:
+            page = 0 if home else _LOBBY
+        elif home:
+            page = _HOME_ROOMS + below(source, _HOMES)
+        else:
+            page = _CLINIC_ROOMS + below(source, _CLINICS)
+        count = 0  # placed in this room
+        for k in range(4):
+            against[k] = -1  # the last piece on each side
+        wide, high = room[0, 2] - room[0, 0], room[0, 3] - room[0, 1]
+        for _ in range(int(np.rint(density * wide * high * CELL**2))):
+            piece = _BEGIN[page] + below(source, _BEGIN[page + 1] - _BEGIN[page])
+            along = cells_of(uniform(source, _EXTENT[piece, 0], _EXTENT[piece, 1]))
+            deep = cells_of(uniform(source, _EXTENT[piece, 2], _EXTENT[piece, 3]))
+            at_wall, is_round = _STANCE[piece] == 0, _STANCE[piece] == 2
+            for _ in range(4):
+                side = below(source, 4)
+                neighbour = against[side] if at_wall else -1
+                if at_wall:
+                    fits = _against(source, room, side, along, deep, gap, placed, neighbour, box)
+                else:
+                    across = float(along) if is_round else math.hypot(along, deep)
+                    half = math.ceil(across / 2) + 1
+                    fits = _free(source, room, half, gap, box)
+                for k in range(len(plan.zones)):
+                    near = _meet(plan.zones, k, room, 0, 0)
+                    fits = fits and not (near and _meet(box, 0, plan.zones, k, 0))
+                for k in range(count):
+                    fits = fits and (k == neighbour or not _meet(box, 0, placed, k, gap))
+                if not fits:
+                    continue
+                x0, y0, x1, y1 = box[0, 0], box[0, 1], box[0, 2], box[0, 3]
+                put(placed, count, x0, y0, x1, y1)
+                x, y = (x0 + x1) / 2 * CELL, (y0 + y1) / 2 * CELL
+                if at_wall:
+                    against[side] = count
+                    n_rects = put(rects, n_rects, x0, y0, x1, y1)
+                elif is_round:
+                    discs[n_discs, 0], discs[n_discs, 1] = x, y
+                    discs[n_discs, 2] = along / 2 * CELL
+                    n_discs += 1
+                else:
+                    yaw = uniform(source, 0.0, math.pi)
+                    c, s = math.cos(yaw), math.sin(yaw)
+                    for k in range(4):  # corners, counter-clockwise
+                        forth = along * CELL / 2 * (1.0 if k in (1, 2) else -1.0)
+                        left = deep * CELL / 2 * (1.0 if k > 1 else -1.0)
+                        polygons[n_polygons, k, 0] = c * forth - s * left + x
+                        polygons[n_polygons, k, 1] = s * forth + c * left + y
+                    n_polygons += 1
+                count += 1
                 break
-            x, y = (box.x0 + box.x1) / 2 * CELL, (box.y0 + box.y1) / 2 * CELL
-            if piece.stance == "round":
-                out.discs.append((x, y, along / 2 * CELL))
-            else:
-                yaw = rng.uniform(0.0, math.pi)
-                out.polygons.append(turned_rectangle(x, y, along * CELL, deep * CELL, yaw))
-            break
-
-
-def _free(rng: np.random.Generator, room: Rect, half: int, gap: int) -> Rect | None:
-    """A square of 2 x half cells somewhere in the room, a gap from its walls."""
-    inner = room.grown(-gap - half)
-    if inner.width < 1 or inner.height < 1:
-        return None
-    x, y = int(rng.integers(inner.x0, inner.x1)), int(rng.integers(inner.y0, inner.y1))
-    return Rect(x - half, y - half, x + half, y + half)
-
-
-def _against(
-    rng: np.random.Generator,
-    room: Rect,
-    side: int,
-    along: int,
-    deep: int,
-    gap: int,
-    neighbour: Rect | None,
-) -> Rect | None:
-    """A place along one wall (0 and 1 along x, 2 and 3 along y): a corner, a neighbour or free."""
-    upright = side > 1
-    floor = room.swapped() if upright else room
-    if deep + gap > floor.height or along > floor.width:
-        return None
-    choice = int(rng.integers(4))
-    if neighbour is not None:
-        other = neighbour.swapped() if upright else neighbour
-        x = other.x1 if choice % 2 else other.x0 - along
-    elif choice < 2:
-        x = floor.x0 if choice else floor.x1 - along
-    elif floor.width >= along + 2 * gap:
-        x = int(rng.integers(floor.x0 + gap, floor.x1 - gap - along + 1))
-    else:
-        return None
-    if any(0 < rest < gap for rest in (x - floor.x0, floor.x1 - x - along)) and neighbour is None:
-        return None
-    if neighbour is not None:
-        joined = min(x, other.x0), max(x + along, other.x1)
-        if joined[0] < floor.x0 or joined[1] > floor.x1:
-            return None
-        if any(0 < rest < gap for rest in (joined[0] - floor.x0, floor.x1 - joined[1])):
-            return None
-    y = floor.y0 if side % 2 == 0 else floor.y1 - deep
-    box = Rect(x, y, x + along, y + deep)
-    return box.swapped() if upright else box
+    return Furniture(rects[:n_rects], polygons[:n_polygons], discs[:n_discs])

@@ -7,12 +7,17 @@ by a cross corridor. Everything is laid out with corridors along x, then perhaps
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from wheelchair_gym.scenes.raster import CELL, Rect, to_cells
+from wheelchair_gym.kernel import kernel
+from wheelchair_gym.scenes.raster import CELL, Rect, cells_of, to_cells
+from wheelchair_gym.scenes.stream import Stream, below, uniform
+
+Index = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 OUTER = to_cells(0.20)  # thickness of outer walls
 INNER = to_cells(0.10)
@@ -20,6 +25,7 @@ JAMB = to_cells(0.15)  # between a door and the corner of its room
 ZONE = to_cells(1.30)  # kept clear on both sides of a door
 _SECOND_CORRIDOR = to_cells(13.5)  # from this depth of the building on
 _ROOM_LEAST = to_cells(2.6)
+_NOOK = to_cells(2.5)  # width of an open waiting nook, at most
 
 
 class Door(NamedTuple):
@@ -27,153 +33,186 @@ class Door(NamedTuple):
 
     opening: Rect
     along_x: bool  # the wall runs along x
-    leaf: bool = True
+    leaf: bool
+    zone: Rect  # what furniture keeps clear of, on both sides
 
     @property
     def width(self) -> float:
         """Clear width [m]."""
         return (self.opening.width if self.along_x else self.opening.height) * CELL
 
-    @property
-    def zone(self) -> Rect:
-        """What furniture keeps clear of, on both sides."""
-        x0, y0, x1, y1 = self.opening
-        wide = max(0, ZONE - (x1 - x0 if self.along_x else y1 - y0) + 1) // 2
-        if self.along_x:
-            return Rect(x0 - wide, y0 - ZONE, x1 + wide, y1 + ZONE)
-        return Rect(x0 - ZONE, y0 - wide, x1 + ZONE, y1 + wide)
 
-
-@dataclass(frozen=True)
-class Layout:
-    """One storey before it is furnished."""
+class Plan(NamedTuple):
+    """One storey before it is furnished; rectangles (n, 4) of cells: x0, y0, x1, y1."""
 
     width: int  # cells
     height: int
-    rooms: tuple[Rect, ...]  # the lobby, if there is one, is the first
-    lobby: bool
-    corridors: tuple[Rect, ...]
-    doors: tuple[Door, ...]
+    lobby: bool  # then it is the first room
+    rooms: Index
+    halls: Index
+    openings: Index
+    along_x: Flags  # of openings: whether the wall runs along x
+    leaf: Flags  # of openings: real doors
+    zones: Index  # of openings: what furniture keeps clear of, on both sides
+
+
+class Layout:
+    """The plan of a storey in words."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.rooms = [Rect(*map(int, rect)) for rect in plan.rooms]  # the lobby is the first
+        self.lobby = bool(plan.lobby)
+        self.corridors = [Rect(*map(int, rect)) for rect in plan.halls]
+        self.doors = [
+            Door(Rect(*map(int, rect)), bool(along_x), bool(leaf), Rect(*map(int, zone)))
+            for rect, along_x, leaf, zone in zip(
+                plan.openings, plan.along_x, plan.leaf, plan.zones, strict=True
+            )
+        ]
 
     @property
     def corridor_widths(self) -> list[float]:
         """Of each corridor [m]."""
         return [min(rect.width, rect.height) * CELL for rect in self.corridors]
 
-    def solid(self) -> np.ndarray[tuple[int, int], np.dtype[np.int8]]:
-        """Walls (rows, cols): 1, and 0 where rooms, corridors and doors are."""
-        cells = np.ones((self.height, self.width), dtype=np.int8)
-        for rect in (*self.rooms, *self.corridors, *(door.opening for door in self.doors)):
-            rect.paint(cells, 0)
-        return cells
 
-    def mirrored(self, swap: bool, flip_x: bool, flip_y: bool) -> Layout:
-        """The same storey flipped, then with x and y swapped."""
-
-        def move(rect: Rect) -> Rect:
-            x0, y0, x1, y1 = rect
-            if flip_x:
-                x0, x1 = self.width - x1, self.width - x0
-            if flip_y:
-                y0, y1 = self.height - y1, self.height - y0
-            return Rect(y0, x0, y1, x1) if swap else Rect(x0, y0, x1, y1)
-
-        return Layout(
-            self.height if swap else self.width,
-            self.width if swap else self.height,
-            tuple(map(move, self.rooms)),
-            self.lobby,
-            tuple(map(move, self.corridors)),
-            tuple(Door(move(d.opening), d.along_x != swap, d.leaf) for d in self.doors),
-        )
-
-
-def _split(length: int, parts: int, least: int, rng: np.random.Generator) -> list[int]:
+@kernel
+def _split(source: Stream, length: int, parts: int, least: int) -> Index:
     """Whole numbers that sum to length, uneven by up to a quarter, none below least if possible."""
-    share = rng.uniform(0.75, 1.25, parts)
-    sizes = np.maximum(np.floor(share / share.sum() * length).astype(int), least)
-    sizes[int(sizes.argmax())] += length - int(sizes.sum())
-    return [int(size) for size in sizes]
+    share, total = np.empty(parts), 0.0
+    for k in range(parts):
+        share[k] = uniform(source, 0.75, 1.25)
+        total += share[k]
+    sizes = np.empty(parts, np.int64)
+    rest, most = length, 0
+    for k in range(parts):
+        sizes[k] = max(int(share[k] / total * length), least)
+        rest -= sizes[k]
+        if sizes[k] > sizes[most]:
+            most = k
+    sizes[most] += rest
+    return sizes
 
 
+@kernel
+def put(rects: Index, k: int, x0: int, y0: int, x1: int, y1: int) -> int:
+    """Write a rectangle; the number of the next."""
+    rects[k, 0], rects[k, 1], rects[k, 2], rects[k, 3] = x0, y0, x1, y1
+    return k + 1
+
+
+@kernel
+def _mirror(rects: Index, width: int, height: int, swap: int, flip_x: int, flip_y: int) -> None:
+    """Flip rectangles within a building, then swap x and y."""
+    for k in range(len(rects)):
+        x0, y0, x1, y1 = rects[k, 0], rects[k, 1], rects[k, 2], rects[k, 3]
+        if flip_x:
+            x0, x1 = width - x1, width - x0
+        if flip_y:
+            y0, y1 = height - y1, height - y0
+        if swap:
+            x0, y0, x1, y1 = y0, x0, y1, x1
+        put(rects, k, x0, y0, x1, y1)
+
+
+@kernel
 def lay_out(
-    rng: np.random.Generator,
+    source: Stream,
     home: bool,
     width: float,
     height: float,
     doors: tuple[float, float],
     corridors: tuple[float, float],
-) -> Layout:
+) -> Plan:
     """Draw rooms, corridors and doors.
 
     Args:
-        rng: every draw comes from it.
+        source: every draw comes from it.
         home: a living room and one corridor; else a clinic.
         width: of the building along its corridors [m].
         height: across them [m].
         doors: clear width from, to [m].
         corridors: clear width from, to [m].
     """
-
-    def door_width() -> int:
-        return to_cells(rng.uniform(*doors))
-
-    def corridor_width() -> int:
-        return to_cells(rng.uniform(*corridors))
-
-    w, h = to_cells(width), to_cells(height)
+    w, h = cells_of(width), cells_of(height)
     left, right = OUTER, w - OUTER
-    rooms: list[Rect] = []
-    openings: list[Door] = []
-    lobby = home or rng.random() < 0.6
+    most = 1 + 3 * (w // cells_of(3.0) + 2)
+    rooms, halls = np.empty((most, 4), np.int64), np.empty((3, 4), np.int64)
+    openings = np.empty((3 * most, 4), np.int64)
+    along_x, leaf = np.zeros(3 * most, np.bool_), np.zeros(3 * most, np.bool_)
+    n, d = 0, 0
+    lobby = home or uniform(source, 0.0, 1.0) < 0.6
     if lobby:
-        end = left + to_cells(rng.uniform(4.0, 5.5) if home else rng.uniform(3.0, 4.5))
-        rooms.append(Rect(left, OUTER, end, h - OUTER))
-        left = end + INNER
+        deep = uniform(source, 4.0, 5.5) if home else uniform(source, 3.0, 4.5)
+        n = put(rooms, n, left, OUTER, left + cells_of(deep), h - OUTER)
+        left += cells_of(deep) + INNER
     spines = 1 if home or h < _SECOND_CORRIDOR else 2
-    widths = [corridor_width() for _ in range(spines)]
-    depth = h - 2 * OUTER - sum(widths) - 2 * spines * INNER
-    rows: list[tuple[int, int]] = []
-    halls: list[Rect] = []
+    depth = h - 2 * OUTER - 2 * spines * INNER
+    for k in range(spines):
+        halls[k, 3] = cells_of(uniform(source, corridors[0], corridors[1]))
+        depth -= halls[k, 3]
+    rows = _split(source, depth, spines + 1, _ROOM_LEAST)
     y = OUTER
-    for k, size in enumerate(_split(depth, spines + 1, _ROOM_LEAST, rng)):
-        rows.append((y, y + size))
-        if k < spines:
-            halls.append(Rect(left, y + size + INNER, right, y + size + INNER + widths[k]))
-            y += size + 2 * INNER + widths[k]
-    if lobby:
-        openings += [Door(Rect(left - INNER, s.y0, left, s.y1), False, False) for s in halls]
-    ends = [right] * (spines + 1)
-    crossing: list[Rect] = []
-    if spines == 2 and (not lobby or rng.random() < 0.5):
-        across = Rect(right - corridor_width(), halls[0].y1, right, halls[1].y0)
-        crossing.append(across)
-        ends[1] = across.x0 - INNER
-    for k, (y0, y1) in enumerate(rows):
-        parts = max(1, round((ends[k] - left) / to_cells(rng.uniform(3.0, 4.8))))
+    for k in range(spines):
+        y += rows[k] + INNER
+        put(halls, k, left, y, right, y + halls[k, 3])
+        y = halls[k, 3] + INNER
+        if lobby:
+            d = put(openings, d, left - INNER, halls[k, 1], left, halls[k, 3])
+    corridor_count, end_1 = spines, right
+    if spines == 2 and (not lobby or uniform(source, 0.0, 1.0) < 0.5):
+        across = right - cells_of(uniform(source, corridors[0], corridors[1]))
+        corridor_count = put(halls, 2, across, halls[0, 3], right, halls[1, 1])
+        end_1 = across - INNER
+    y0 = OUTER
+    for k in range(spines + 1):
+        y1 = y0 + rows[k]
+        end = end_1 if k == 1 else right
+        apart = cells_of(uniform(source, 3.0, 4.8))
+        parts = max(1, int(np.rint((end - left) / apart)))
         x = left
-        for number, size in enumerate(
-            _split(ends[k] - left - (parts - 1) * INNER, parts, _ROOM_LEAST, rng)
-        ):
-            room = Rect(x, y0, x + size, y1)
-            rooms.append(room)
-            beside = [Rect(0, y0 - INNER, 0, y0)] * (k > 0) + [Rect(0, y1, 0, y1 + INNER)] * (
-                k < spines
-            )
-            both = len(beside) > 1 and rng.random() < 0.3
-            for wall in beside if both else [beside[int(rng.integers(len(beside)))]]:
-                wide = door_width()
-                nook = not home and rng.random() < 0.1
+        sizes = _split(source, end - left - (parts - 1) * INNER, parts, _ROOM_LEAST)
+        for number in range(parts):
+            size = sizes[number]
+            n = put(rooms, n, x, y0, x + size, y1)
+            # Towards the corridor below, the one above, or both.
+            first, last = (0 if k > 0 else 1), (1 if k < spines else 0)
+            if first < last and uniform(source, 0.0, 1.0) >= 0.3:
+                first = last = below(source, 2)
+            for side in range(first, last + 1):
+                wide = cells_of(uniform(source, doors[0], doors[1]))
+                nook = not home and uniform(source, 0.0, 1.0) < 0.1
                 if nook:  # a waiting nook stands open
-                    wide = max(wide, min(size - 2 * JAMB, to_cells(2.5)))
-                at = room.x0 + JAMB + int(rng.integers(max(1, size - 2 * JAMB - wide + 1)))
-                openings.append(Door(Rect(at, wall.y0, at + wide, wall.y1), True, not nook))
-            to_left = number > 0 or lobby
-            if to_left and rng.random() < (0.25 if home else 0.08):  # from room to room
-                wide = door_width()
-                at = y0 + JAMB + int(rng.integers(max(1, y1 - y0 - 2 * JAMB - wide + 1)))
-                openings.append(Door(Rect(x - INNER, at, x, at + wide), False))
+                    wide = max(wide, min(size - 2 * JAMB, _NOOK))
+                at = x + JAMB + below(source, size - 2 * JAMB - wide + 1)
+                along_x[d], leaf[d] = True, not nook
+                wall = y1 if side else y0 - INNER
+                d = put(openings, d, at, wall, at + wide, wall + INNER)
+            if (number > 0 or lobby) and uniform(source, 0.0, 1.0) < (0.25 if home else 0.08):
+                wide = cells_of(uniform(source, doors[0], doors[1]))  # from room to room
+                at = y0 + JAMB + below(source, y1 - y0 - 2 * JAMB - wide + 1)
+                leaf[d] = True
+                d = put(openings, d, x - INNER, at, x, at + wide)
             x += size + INNER
-    layout = Layout(w, h, tuple(rooms), lobby, (*halls, *crossing), tuple(openings))
-    swap, flip_x, flip_y = (bool(flag) for flag in rng.integers(2, size=3))
-    return layout.mirrored(swap, flip_x, flip_y)
+        if k < spines:
+            y0 = halls[k, 3] + INNER
+    rooms, halls, openings = rooms[:n], halls[:corridor_count], openings[:d]
+    zones = np.empty((d, 4), np.int64)
+    for k in range(d):
+        x0, low, x1, high = openings[k, 0], openings[k, 1], openings[k, 2], openings[k, 3]
+        if along_x[k]:
+            wide = max(0, ZONE - (x1 - x0) + 1) // 2
+            put(zones, k, x0 - wide, low - ZONE, x1 + wide, high + ZONE)
+        else:
+            wide = max(0, ZONE - (high - low) + 1) // 2
+            put(zones, k, x0 - ZONE, low - wide, x1 + ZONE, high + wide)
+    swap, flip_x, flip_y = below(source, 2), below(source, 2), below(source, 2)
+    _mirror(rooms, w, h, swap, flip_x, flip_y)
+    _mirror(halls, w, h, swap, flip_x, flip_y)
+    _mirror(openings, w, h, swap, flip_x, flip_y)
+    _mirror(zones, w, h, swap, flip_x, flip_y)
+    if swap:
+        w, h = h, w
+        for k in range(d):
+            along_x[k] = not along_x[k]
+    return Plan(w, h, lobby, rooms, halls, openings, along_x[:d], leaf[:d], zones)

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import Footprint, footprint_clearance
+from wheelchair_gym.kernel import kernel
 from wheelchair_gym.scenes.raster import CELL
+from wheelchair_gym.scenes.stream import Stream, uniform
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 FOOTPRINT: Final = Footprint()
 RADIUS: Final = FOOTPRINT.half_width + CELL  # m: its way through a straight gap, and a cell
+_OUTLINE: Final = FOOTPRINT.array
+_INSET: Final = 0.4  # m: from the axle to the walls of a room, at least
 
 
 def stands(pose: Array, walls: Array, discs: Array, clearance: float) -> bool:
@@ -25,26 +29,33 @@ def stands(pose: Array, walls: Array, discs: Array, clearance: float) -> bool:
     return bool(gap >= clearance and gap > 0.0)
 
 
+@kernel
 def draw_pose(
-    rng: np.random.Generator,
-    place: Callable[[], tuple[float, float]],
+    source: Stream,
+    room: Index,
     walls: Array,
     discs: Array,
     clearance: float,
-    tries: int = 20,
-) -> Array | None:
-    """A pose (3,) at a drawn place with a drawn heading, where the chair stands free.
+    tries: int,
+    pose: Array,
+) -> bool:
+    """Whether a pose was found where the chair stands free.
 
     Args:
-        rng: draws the heading.
-        place: draws a place [m].
+        source: draws places and headings.
+        room: (4,) [cells] in which to stand.
         walls: (n, 4) [m].
         discs: (m, 3) [m].
         clearance: from the footprint to everything [m].
-        tries: None is returned after so many.
+        tries: so many are made.
+        pose: (3,) receives it.
     """
     for _ in range(tries):
-        pose = np.array([*place(), rng.uniform(-math.pi, math.pi)])
-        if stands(pose, walls, discs, clearance):
-            return pose
-    return None
+        pose[0] = uniform(source, room[0] * CELL + _INSET, room[2] * CELL - _INSET)
+        pose[1] = uniform(source, room[1] * CELL + _INSET, room[3] * CELL - _INSET)
+        pose[2] = uniform(source, -math.pi, math.pi)
+        reach = clearance + 0.01
+        gap = footprint_clearance(pose[0], pose[1], pose[2], _OUTLINE, walls, discs, reach)
+        if gap >= clearance and gap > 0.0:
+            return True
+    return False

@@ -58,6 +58,12 @@ def to_cells(metres: float) -> int:
     return round(metres / CELL)
 
 
+@kernel
+def cells_of(metres: float) -> int:
+    """The same for kernels."""
+    return int(np.rint(metres / CELL))
+
+
 def turned_rectangle(x: float, y: float, length: float, width: float, yaw: float) -> Array:
     """Corners (4, 2) [m], counter-clockwise, of a rectangle about (x, y) turned by yaw [rad]."""
     along = np.array([math.cos(yaw), math.sin(yaw)]) * length / 2
@@ -90,19 +96,38 @@ def paint_discs(cells: Cells, discs: Array, x0: float, y0: float, size: float, v
                     cells[row, col] = value
 
 
+@kernel
+def paint_rects(cells: Cells, rects: NDArray[np.int64], value: int) -> None:
+    """Set the cells of rectangles (n, 4) of whole cells: x0, y0, x1, y1."""
+    for k in range(len(rects)):
+        for row in range(rects[k, 1], rects[k, 3]):
+            for col in range(rects[k, 0], rects[k, 2]):
+                cells[row, col] = value
+
+
+@kernel
 def paint_polygon(cells: Cells, polygon: Array, value: int) -> None:
     """Set each cell whose square a convex polygon (k, 2) [m], counter-clockwise, may reach.
 
     The grid's lower-left corner is (0, 0). Near a corner of the polygon a cell that it misses by
     less than its own diagonal may be set too.
     """
-    low = np.maximum(np.floor(polygon.min(axis=0) / CELL).astype(int) - 1, 0)
-    high = np.ceil(polygon.max(axis=0) / CELL).astype(int) + 1
-    xs = (np.arange(low[0], min(high[0], cells.shape[1])) + 0.5) * CELL
-    ys = (np.arange(low[1], min(high[1], cells.shape[0])) + 0.5) * CELL
-    inside = np.ones((len(ys), len(xs)), dtype=bool)
-    for (ax, ay), (bx, by) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        ex, ey = bx - ax, by - ay
-        reach = CELL / 2 * (abs(ex) + abs(ey))  # of a square across the edge's direction
-        inside &= ex * (ys[:, None] - ay) - ey * (xs[None, :] - ax) >= -reach
-    cells[low[1] : low[1] + len(ys), low[0] : low[0] + len(xs)][inside] = value
+    rows, cols = cells.shape
+    count = len(polygon)
+    left, low, right, high = math.inf, math.inf, -math.inf, -math.inf
+    for k in range(count):
+        x, y = polygon[k, 0] / CELL, polygon[k, 1] / CELL
+        left, low, right, high = min(left, x), min(low, y), max(right, x), max(high, y)
+    for row in range(max(math.floor(low) - 1, 0), min(math.ceil(high) + 1, rows)):
+        for col in range(max(math.floor(left) - 1, 0), min(math.ceil(right) + 1, cols)):
+            inside = True
+            for k in range(count):
+                ax, ay = polygon[k, 0], polygon[k, 1]
+                ex, ey = polygon[(k + 1) % count, 0] - ax, polygon[(k + 1) % count, 1] - ay
+                reach = CELL / 2 * (abs(ex) + abs(ey))  # of a square across the edge's direction
+                side = ex * ((row + 0.5) * CELL - ay) - ey * ((col + 0.5) * CELL - ax)
+                if side < -reach:
+                    inside = False
+                    break
+            if inside:
+                cells[row, col] = value
