@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import ndimage
 
 from wheelchair_gym.maps.grid import FREE, OccupancyGrid
 
@@ -29,7 +29,8 @@ def bottleneck(grid: OccupancyGrid, start: ArrayLike, goal: ArrayLike) -> float:
     first, last = 0, len(levels)  # the answer's index is below last; below first all radii pass
     while first < last:
         middle = (first + last) // 2
-        region, _ = ndimage.label(gap >= levels[middle], np.ones((3, 3)))
+        wide = (gap >= levels[middle]).astype(np.uint8)
+        _, region = cv2.connectedComponents(wide, connectivity=8)
         if region[r0, c0] and region[r0, c0] == region[r1, c1]:
             low, first = float(levels[middle]), middle + 1
         else:
