@@ -33,9 +33,8 @@ HOLD = 0.4  # s: what a way back must leave, as `Window` asks of a way ahead
 
 
 def episode_rng(task: Any, seed: int) -> np.random.Generator:
-    """Random draws of an episode: the same for the same start, goal and seed."""
-    where = np.concatenate([task.start, task.goal]).astype(np.float64)
-    return np.random.default_rng([seed, *where.view(np.uint64).tolist()])
+    """Random draws of an episode: the same for the same episode and seed."""
+    return np.random.default_rng([seed, task.key])
 
 
 @settings
