@@ -8,7 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import wheelchair_gym
-from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
+from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv, worlds
 
 NEXT, SAME = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP
 QUICK = {"scene": {"name": "clutter"}, "beams": 64, "bank": {"size": 6, "turnover": 0.5}}
@@ -165,6 +165,33 @@ def test_a_bank_shares_its_worlds_and_turns_over():
     assert len(few) == 3
 
 
+def test_a_bank_kept_in_a_folder_is_the_same_and_is_not_made_again(tmp_path, monkeypatch):
+    bank = {"size": 3, "turnover": 1.0, "cache": str(tmp_path)}
+    settings = {**QUICK, "guidance": "geodesic", "bank": bank}
+
+    def drive(**settings):
+        env = NavigationVectorEnv(2, SHORT, **settings)
+        results = [env.reset(seed=0)[0]]
+        results += [env.step(np.full((2, 2), 0.4))[0] for _ in range(90)]
+        return np.array([np.hstack([o[k] for k in sorted(o)]) for o in results])
+
+    fresh = drive(**settings)
+    files = sorted(tmp_path.rglob("*.joblib"))
+    assert len(files) >= 3
+    made = []
+    monkeypatch.setattr(worlds.Worlds, "_make", lambda self, entropy: made.append(entropy))
+    assert np.array_equal(drive(**settings), fresh)
+    assert made == []
+    monkeypatch.undo()
+    plain = {**settings, "bank": {**bank, "cache": None}}
+    assert np.array_equal(drive(**plain), fresh)
+    other = {**settings, "scene": {"name": "clutter", "length": 13.0}}
+    drive(**other)
+    assert len({path.parent for path in tmp_path.rglob("*.joblib")}) == 2
+    with pytest.raises(wheelchair_gym.InputError, match=r"bank.cache needs a scene and a guidance"):
+        NavigationEnv(**{**settings, "guidance": lambda task: np.zeros((2, 2))})
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -173,7 +200,7 @@ def test_a_bank_shares_its_worlds_and_turns_over():
         ({"render_mode": "human"}, "render_mode is 'human'; many chairs at once draw no picture"),
         ({"autoreset_mode": "Disabled"}, "Disabled; expected NextStep or SameStep"),
         ({"beamz": 3}, "beamz: not an argument of this env"),
-        ({"bank": {"sizes": 3}}, "bank.sizes is not a setting; it has seed, size, turnover"),
+        ({"bank": {"sizes": 3}}, "bank.sizes is not a setting; it has cache, seed, size, turnover"),
         ({"bank": -1}, r"BankSettings.size is -1; it must be at least 0"),
     ],
 )

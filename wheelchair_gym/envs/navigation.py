@@ -14,7 +14,6 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_guidance
 from wheelchair_gym.envs.worlds import Worlds
 from wheelchair_gym.geometry import to_world
-from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensing.noise import episode_key
 from wheelchair_gym.simulation.chair import SimulatedChair
 from wheelchair_gym.task.course import Course
@@ -127,7 +126,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         )
         self.chair: Chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, make_guidance(s.guidance))
-        self.worlds = Worlds(make_scene(s.scene), self.task, s.bank)
+        self.worlds = Worlds(s, self.task)
         self.observation_space = cast("gym.Space[Observation]", self.task.space)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.render_mode = render_mode

@@ -13,11 +13,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, load, read, setting, settings
-from wheelchair_gym.envs.worlds import BankSettings
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.task.task import Guidance, Task
+
+
+@settings
+class BankSettings:
+    """A bank of worlds that episodes share; off by default."""
+
+    size: int = setting(
+        default=0, source="worlds an episode draws from; 0: each its own", low=0, high=10_000_000
+    )
+    turnover: float = setting(
+        default=0.1, source="worlds exchanged per episode of an environment", low=0.0, high=1000.0
+    )
+    seed: int = setting(default=0, source="of the worlds", low=0)
+    cache: str | None = setting(
+        default=None, source="folder that keeps worlds with their guidance from run to run"
+    )
 
 
 @settings

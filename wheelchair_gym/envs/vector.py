@@ -19,7 +19,6 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.batch import begin_chairs, step_chairs
 from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_guidance
 from wheelchair_gym.envs.worlds import Worlds
-from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensing.laser import SCRATCH
 from wheelchair_gym.sensing.noise import episode_key
 from wheelchair_gym.simulation.rig import Rig
@@ -102,7 +101,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self.metadata = {"autoreset_mode": mode, "render_modes": [], "render_fps": round(s.rate)}
         self.render_mode = None
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, make_guidance(s.guidance))
-        self.worlds = Worlds(make_scene(s.scene), self.task, s.bank)
+        self.worlds = Worlds(s, self.task)
         self.single_observation_space = self.task.space
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = batch_space(self.single_observation_space, n)

@@ -3,17 +3,23 @@
 A bank is a window of `size` worlds that moves on with the episodes an environment has driven: world
 j is a pure function of the bank's seed and j; episode k of seed s draws from the window that begins
 at k x turnover, by a hash of s and k. So what is driven depends neither on time, nor on threads,
-nor on other environments. A world is made when it is first drawn.
+nor on other environments. A world is made when first drawn; a folder may keep it for later runs.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
+from pathlib import Path
 
+import joblib
 import numpy as np
 
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.scenes import Scene
+from wheelchair_gym.config import InputError, dump
+from wheelchair_gym.envs.settings import EnvSettings
+from wheelchair_gym.files import whole
+from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensing.noise import WORLDS, bits, episode_key
 from wheelchair_gym.task.course import Course
 from wheelchair_gym.task.task import Task
@@ -22,32 +28,24 @@ from wheelchair_gym.types import Episode
 _BANK = 0x62616E6B  # apart from the worlds of single seeds, on which policies are tested
 
 
-@settings
-class BankSettings:
-    """A bank of worlds; off by default."""
-
-    size: int = setting(
-        default=0, source="worlds an episode draws from; 0: each its own", low=0, high=10_000_000
-    )
-    turnover: float = setting(
-        default=0.1, source="worlds exchanged per episode of an environment", low=0.0, high=1000.0
-    )
-    seed: int = setting(default=0, source="of the worlds", low=0)
-
-
 class Worlds:
     """Courses by seed and episode.
 
     Args:
-        scene: draws episodes.
-        task: makes them ready to be driven.
-        bank: how they are shared.
+        settings: scene and bank.
+        task: makes episodes ready to be driven.
+
+    Raises:
+        InputError: the scene is unknown, or what a folder shall keep has no name.
     """
 
-    def __init__(self, scene: Scene, task: Task, bank: BankSettings) -> None:
-        self._scene, self._task, self._bank = scene, task, bank
+    def __init__(self, settings: EnvSettings, task: Task) -> None:
+        self._scene, self._task, self._bank = make_scene(settings.scene), task, settings.bank
         self._made: dict[int, Course] = {}  # of the bank, by number
         self._lowest = 0
+        self._folder: Path | None = None
+        if settings.bank.cache is not None:
+            self._folder = Path(settings.bank.cache) / _identity(settings)
 
     def __len__(self) -> int:
         return len(self._made)
@@ -59,7 +57,7 @@ class Worlds:
         number = self._begin(episode) + self.pick(seed, episode)
         course = self._made.get(number)
         if course is None:
-            course = self._made[number] = self._make((_BANK, self._bank.seed, number))
+            course = self._made[number] = self._of_bank(number)
         return course
 
     def pick(self, seed: int, episode: int) -> int:
@@ -81,5 +79,34 @@ class Worlds:
     def _begin(self, episode: int) -> int:
         return math.floor(episode * self._bank.turnover)
 
+    def _of_bank(self, number: int) -> Course:
+        path = None if self._folder is None else self._folder / f"{number}.joblib"
+        if path is not None and path.exists():
+            return self._task.lay_out(*joblib.load(path))
+        course = self._make((_BANK, self._bank.seed, number))
+        if path is not None:
+            with whole(path) as part:
+                joblib.dump((course.episode, course.geodesic, course.path), part)
+        return course
+
     def _make(self, entropy: tuple[int, ...]) -> Course:
         return self._task.prepare(self._scene.sample(np.random.default_rng(entropy)))
+
+
+def _identity(settings: EnvSettings) -> str:
+    """A name for all that a bank's worlds depend on, this code included."""
+    named = {
+        "scene": dump(settings.scene),
+        "guidance": dump(settings.guidance),
+        "seed": settings.bank.seed,
+        "task": dump(settings.task),
+        "footprint": dump(settings.chair.footprint),
+    }
+    try:
+        text = json.dumps(named, sort_keys=True)
+    except TypeError:
+        raise InputError("bank.cache needs a scene and a guidance that are given by name") from None
+    digest = hashlib.sha256(text.encode())
+    for path in sorted(Path(__file__).resolve().parents[1].rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]

@@ -157,6 +157,10 @@ class Task:
             path = np.ascontiguousarray(self.guidance(self), dtype=np.float64)
             if path.ndim != 2 or len(path) < 2 or path.shape[1] < 2:
                 raise ValueError(f"guidance gave a path of shape {path.shape}; expected (n, 2)")
+        return self.lay_out(episode, ways, path)
+
+    def lay_out(self, episode: Episode, ways: Geodesic, path: Array | None) -> Course:
+        """The course of an episode whose ways and guidance are known."""
         return Course.of(episode, ways, path, self.settings.tolerance)
 
     def _take(self, episode: Episode, ways: Geodesic) -> None:
