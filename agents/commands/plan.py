@@ -59,7 +59,6 @@ def run(given: argparse.Namespace) -> int:
     if given.problems is not None and (given.start or given.goal or given.picture):
         raise InputError("plan: --problems takes neither --start, --goal nor --picture")
     planner = make_planner(changed(spec(given.planner), given.changes))
-    _warm(planner)
     if given.problems is not None:
         return _run_problems(given, planner)
     return _run_map(given, planner)
@@ -96,6 +95,7 @@ def _run_map(given: argparse.Namespace, planner: Any) -> int:
 
     clearance = CLEARANCE if given.clearance is None else given.clearance
     grid = read_map(given.map)
+    _warm(planner)
     problem = Problem(
         Space.from_grid(grid), np.array(given.start), np.array(given.goal), clearance, given.map
     )
@@ -134,6 +134,7 @@ def _run_problems(given: argparse.Namespace, planner: Any) -> int:
     from planners.problems import read_problems
 
     problems = read_problems(given.problems)
+    _warm(planner)
     answers = []
     for problem, optimum in problems:
         problem = dataclasses.replace(problem, clearance=given.clearance or 0.0)
