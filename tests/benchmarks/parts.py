@@ -152,16 +152,17 @@ def measure(repeats: int) -> dict[str, float]:
 
     env = NavigationVectorEnv(PLANS, pose_source="modelled", num_threads=1)
     env.reset(seed=0)
-    rigs, chairs, states, worlds = env._rig.record, env._chairs, env._states, env._places
+    batch = env._batch
+    rigs, chairs, states, worlds = batch.rigs, batch.chairs, batch.states, batch.worlds
     # Turning on the spot, so that nothing is touched.
     twists = np.column_stack([np.zeros(PERIODS), rng.uniform(-1, 1, PERIODS)])
     count = PERIODS * PLANS
     part("drive", count, _drives, rigs, chairs, states, worlds, twists, rangers.order)
     part("... of it cpSpaceStep", count, _steps, rigs, chairs, worlds, PERIODS)
     part("reckon", count, _reckons, states, chairs, PERIODS)
-    _, sensed, verdicts = env._last
+    sensed, verdicts, *_ = env._last
     part("tell, clearance", count, _tells, states, chairs, worlds, sensed, PERIODS)
-    own = env.task.rules, env._courses, env._progress, verdicts
+    own = batch.rules, batch.courses, batch.progress, verdicts
     actions, out = np.zeros((PLANS, 2)), np.empty((PLANS, env.task.room), np.float32)
     part("judge and observe", count, _judges, *own, actions, sensed, scans[0], out, PERIODS)
     begun = np.zeros((PLANS, 2))

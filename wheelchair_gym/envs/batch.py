@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,35 @@ from wheelchair_gym.task.judge import reached
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+Rows = NDArray[np.void]
+
+
+class Batch(NamedTuple):
+    """Chairs, where they are and what they are about; a row each."""
+
+    rigs: Rows  # (1,) of RIG
+    rules: Rows  # (1,) of RULES
+    base: Rows  # (1,) of PARAMETER, before what is random is drawn
+    blank: Rows  # (1,) of STATE, zero
+    chairs: Rows  # (n,) of PARAMETER
+    states: Rows  # (n,) of STATE
+    worlds: Rows  # (n,) of WORLD
+    courses: Rows  # (n,) of COURSE
+    coming: Rows  # (n,) of COURSE, of the next episode
+    keys: NDArray[np.uint64]  # (n,) of the next episode's randomness
+    progress: Rows  # (n,) of PROGRESS
+    over: Flags  # (n,) the episode has ended in an earlier step
+    begun: Flags  # (n,) is set where an episode was begun in this step
+
+
+class Results(NamedTuple):
+    """What a step gives; a row each."""
+
+    sensed: Rows  # (n,) of SENSED
+    verdicts: Rows  # (n,) of VERDICT
+    success: Flags  # (n,) at the goal by truth, and nothing was touched
+    out: Floats  # (n, room) observations
 
 
 @borrowing_kernel
@@ -26,107 +55,56 @@ def succeeded(rules: Any, course: Any, seen: Any) -> bool:
 
 
 @borrowing_kernel
-def begin_chair(
-    i: int,
-    rigs: Any,
-    rules: Any,
-    base: Any,
-    blank: Any,
-    chairs: Any,
-    states: Any,
-    worlds: Any,
-    courses: Any,
-    coming: Any,
-    keys: NDArray[np.uint64],
-    progress: Any,
-    scratch: Floats,
-    ranges: Floats,
-    sensed: Any,
-    verdicts: Any,
-    success: NDArray[np.bool_],
-    out: Floats,
-) -> None:
+def begin_chair(i: int, batch: Batch, results: Results, scratch: Floats, ranges: Floats) -> None:
     """Begin row i's next episode; arguments as of `step_chairs`."""
-    courses[i] = coming[i]
-    course, world = courses[i], worlds[i]
+    batch.courses[i] = batch.coming[i]
+    course, world = batch.courses[i], batch.worlds[i]
     world.walls, world.n_walls = course.walls, course.n_walls
     world.discs, world.n_discs = course.discs, course.n_discs
     begin(
         i,
-        rigs,
-        base,
-        blank,
-        chairs,
-        states,
-        worlds,
+        batch.rigs,
+        batch.base,
+        batch.blank,
+        batch.chairs,
+        batch.states,
+        batch.worlds,
         course.start,
-        keys[i],
+        batch.keys[i],
         scratch,
         ranges,
-        sensed,
+        results.sensed,
     )
-    seen = sensed[i]
+    seen = results.sensed[i]
     start_task(
         i,
-        rules,
-        courses,
-        progress,
-        verdicts,
+        batch.rules,
+        batch.courses,
+        batch.progress,
+        results.verdicts,
         seen.pose,
         seen.twist,
         ranges,
         seen.ultrasonic,
-        out[i],
+        results.out[i],
     )
-    success[i] = succeeded(rules[0], course, seen)
+    results.success[i] = succeeded(batch.rules[0], course, seen)
 
 
 @borrowing_kernel
 def begin_chairs(
     low: int,
     high: int,
-    chosen: NDArray[np.bool_],
-    rigs: Any,
-    rules: Any,
-    base: Any,
-    blank: Any,
-    chairs: Any,
-    states: Any,
-    worlds: Any,
-    courses: Any,
-    coming: Any,
-    keys: NDArray[np.uint64],
-    progress: Any,
+    chosen: Flags,
+    batch: Batch,
+    results: Results,
     scratch: Floats,
     ranges: Floats,
-    sensed: Any,
-    verdicts: Any,
-    success: NDArray[np.bool_],
-    out: Floats,
 ) -> None:
     """Begin the next episode of the chosen ones of rows low to high; see `step_chairs`."""
     for i in range(low, high):
         if chosen[i]:
-            begin_chair(
-                i,
-                rigs,
-                rules,
-                base,
-                blank,
-                chairs,
-                states,
-                worlds,
-                courses,
-                coming,
-                keys,
-                progress,
-                scratch,
-                ranges,
-                sensed,
-                verdicts,
-                success,
-                out,
-            )
+            begin_chair(i, batch, results, scratch, ranges)
 
 
 @borrowing_kernel
@@ -134,30 +112,12 @@ def step_chairs(
     low: int,
     high: int,
     same_step: bool,
-    over: NDArray[np.bool_],
-    begun: NDArray[np.bool_],
     actions: Array,
-    rigs: Any,
-    rules: Any,
-    base: Any,
-    blank: Any,
-    chairs: Any,
-    states: Any,
-    worlds: Any,
-    courses: Any,
-    coming: Any,
-    keys: NDArray[np.uint64],
-    progress: Any,
+    batch: Batch,
+    results: Results,
+    finals: Results,
     scratch: Floats,
     ranges: Floats,
-    sensed: Any,
-    verdicts: Any,
-    success: NDArray[np.bool_],
-    out: Floats,
-    final_sensed: Any,
-    final_verdicts: Any,
-    final_success: NDArray[np.bool_],
-    final_out: Floats,
 ) -> None:
     """One control period of rows low to high.
 
@@ -165,44 +125,27 @@ def step_chairs(
         low: first row; what it works on belongs to no other call.
         high: one beyond the last.
         same_step: begin the next episode in the step that ended one, and not in the step after.
-        over: (n,) the episode has ended in an earlier step.
-        begun: (n,) is set where an episode was begun in this step.
-        actions: (n, 2) in [-1, 1].
-        rigs: (1,) of RIG.
-        rules: (1,) of RULES.
-        base: (1,) of PARAMETER, before what is random is drawn.
-        blank: (1,) of STATE, zero.
-        chairs: (n,) of PARAMETER.
-        states: (n,) of STATE.
-        worlds: (n,) of WORLD.
-        courses: (n,) of COURSE.
-        coming: (n,) of COURSE, of the next episode.
-        keys: (n,) of the next episode's randomness.
-        progress: (n,) of PROGRESS.
+        actions: (n, 2) in [-1, 1]; beyond is clipped.
+        batch: the chairs.
+        results: of the step, or of the reset where an episode was begun.
+        finals: of the step where an episode ended and the next was begun at once.
         scratch: (SCRATCH, walls or more), overwritten.
         ranges: (beams,) room for a scan.
-        sensed: (n,) of SENSED.
-        verdicts: (n,) of VERDICT.
-        success: (n,) at the goal by truth, and nothing was touched.
-        out: (n, room) observations.
-        final_sensed: (n,) of SENSED, where an episode ended and the next began in one step.
-        final_verdicts: (n,) of VERDICT, likewise.
-        final_success: (n,) likewise.
-        final_out: (n, room) observations, likewise.
     """
-    rule = rules[0]
+    rule, over = batch.rules[0], batch.over
+    rigs, chairs, states, worlds = batch.rigs, batch.chairs, batch.states, batch.worlds
+    sensed, verdicts = results.sensed, results.verdicts
     for i in range(low, high):
-        begun[i] = over[i]
+        batch.begun[i] = over[i]
         if not over[i]:
-            course, seen = courses[i], sensed[i]
-            action = actions[i]
+            seen, action = sensed[i], actions[i]
             v, w = asked_twist(action[0], action[1], rule.forward, rule.backward, rule.turn)
             advance(i, rigs, chairs, states, worlds, v, w, scratch, ranges, sensed)
             assess(
                 i,
-                rules,
-                courses,
-                progress,
+                batch.rules,
+                batch.courses,
+                batch.progress,
                 verdicts,
                 action,
                 seen.pose,
@@ -210,35 +153,16 @@ def step_chairs(
                 ranges,
                 seen.ultrasonic,
                 seen.bumped,
-                out[i],
+                results.out[i],
             )
-            success[i] = succeeded(rule, course, seen)
+            results.success[i] = succeeded(rule, batch.courses[i], seen)
             over[i] = verdicts[i].terminated or verdicts[i].truncated
             if not (over[i] and same_step):
                 continue
-            final_sensed[i], final_verdicts[i] = sensed[i], verdicts[i]
-            final_success[i] = success[i]
-            for k in range(out.shape[1]):
-                final_out[i, k] = out[i, k]
-            begun[i] = True
+            finals.sensed[i], finals.verdicts[i] = sensed[i], verdicts[i]
+            finals.success[i] = results.success[i]
+            for k in range(finals.out.shape[1]):
+                finals.out[i, k] = results.out[i, k]
+            batch.begun[i] = True
         over[i] = False
-        begin_chair(
-            i,
-            rigs,
-            rules,
-            base,
-            blank,
-            chairs,
-            states,
-            worlds,
-            courses,
-            coming,
-            keys,
-            progress,
-            scratch,
-            ranges,
-            sensed,
-            verdicts,
-            success,
-            out,
-        )
+        begin_chair(i, batch, results, scratch, ranges)

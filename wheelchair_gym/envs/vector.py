@@ -16,7 +16,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.envs.batch import begin_chairs, step_chairs
+from wheelchair_gym.envs.batch import Batch, Results, begin_chairs, step_chairs
 from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_guidance
 from wheelchair_gym.envs.worlds import Worlds
 from wheelchair_gym.sensing.laser import SCRATCH
@@ -30,7 +30,6 @@ from wheelchair_gym.task.judge import TERMS
 from wheelchair_gym.task.task import Observation, Task
 
 Floats = NDArray[np.float32]
-Rows = NDArray[np.void]
 Info = dict[str, Any]
 
 _ROWS_A_THREAD = 64  # fewer are done sooner than a second thread has woken up
@@ -113,28 +112,36 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._pool: ThreadPoolExecutor | None = None
 
         self._rig = Rig(s.sensors)
-        self._base = parameters(s.chair, s.sensors, s.physics, 1.0 / s.rate)
-        self._blank = np.zeros(1, STATE)
-        self._chairs, self._states = np.zeros(n, PARAMETER), np.zeros(n, STATE)
-        self._places, self._progress = np.zeros(n, WORLD), np.zeros(n, PROGRESS)
-        self._courses, self._coming = np.zeros(n, COURSE), np.zeros(n, COURSE)
-        body = s.chair.body
+        self._batch = Batch(
+            rigs=self._rig.record,
+            rules=self.task.rules,
+            base=parameters(s.chair, s.sensors, s.physics, 1.0 / s.rate),
+            blank=np.zeros(1, STATE),
+            chairs=np.zeros(n, PARAMETER),
+            states=np.zeros(n, STATE),
+            worlds=np.zeros(n, WORLD),
+            courses=np.zeros(n, COURSE),
+            coming=np.zeros(n, COURSE),
+            keys=np.zeros(n, np.uint64),
+            progress=np.zeros(n, PROGRESS),
+            over=np.zeros(n, np.bool_),
+            begun=np.zeros(n, np.bool_),
+        )
+        body, places = s.chair.body, self._batch.worlds
         self._spaces = [
-            World(s.chair.footprint, body.centre, body.wall_friction, self._places[i : i + 1])
+            World(s.chair.footprint, body.centre, body.wall_friction, places[i : i + 1])
             for i in range(n)
         ]
         self._held: list[Course | None] = [None] * n  # courses driven on now, kept alive
         self._next: list[Course | None] = [None] * n
-        self._keys = np.zeros(n, np.uint64)
         self._seeds = [0] * n
         self._counts = np.zeros(n, np.int64)  # episodes begun of the present seeds
-        self._over, self._begun = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
         beams = s.sensors.laser.beams
         self._ranges = [np.zeros(beams, np.float32) for _ in self._shares]
         self._scratch = [np.empty((SCRATCH, 0), np.float32) for _ in self._shares]
         self._out = Spare((n, self.task.room))
         self._final = Spare((n, self.task.room))
-        self._last: tuple[Floats, Rows, Rows] | None = None  # of the last step or reset
+        self._last: Results | None = None  # of the last step or reset
 
     def reset(
         self,
@@ -166,24 +173,20 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             if given is not None:
                 self._seeds[i], self._counts[i] = given, 0
                 self._draw(i)
-        out, sensed, verdicts = self._out.take(), self._blank_sensed(), self._blank_verdicts()
+        results = self._blank_results(self._out)
         if self._last is not None:  # the rows that go on keep what they saw
-            out[:], sensed[:], verdicts[:] = self._last
+            for now, before in zip(results, self._last, strict=True):
+                now[:] = before
         elif not chosen.all():
             raise gym.error.ResetNeeded("the first reset() must be of every row")
-        success = np.zeros(n, np.bool_)
-        for t, (low, high) in enumerate(self._shares):
-            begin_chairs(
-                low, high, chosen,
-                self._rig.record, self.task.rules, self._base, self._blank,
-                self._chairs, self._states, self._places, self._courses, self._coming,
-                self._keys, self._progress, self._scratch[t], self._ranges[t],
-                sensed, verdicts, success, out,
-            )  # fmt: skip
-        self._over[chosen] = False
+        for (low, high), scratch, ranges in zip(
+            self._shares, self._scratch, self._ranges, strict=True
+        ):
+            begin_chairs(low, high, chosen, self._batch, results, scratch, ranges)
+        self._batch.over[chosen] = False
         self._taken_up(np.flatnonzero(chosen))
-        self._last = out, sensed, verdicts
-        return self.task.unpack(out), self._info(sensed, verdicts, success, chosen)
+        self._last = results
+        return self.task.unpack(results.out), self._info(results, chosen)
 
     def step(
         self, actions: Any
@@ -204,39 +207,31 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         if chosen.shape != (n, 2) or not np.isfinite(chosen).all():
             raise InputError(f"actions have shape {chosen.shape}; expected finite ({n}, 2)")
         same_step = self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
-        out, sensed, verdicts = self._out.take(), self._blank_sensed(), self._blank_verdicts()
-        success, final_success = np.zeros((2, n), np.bool_)
-        finals = (out, sensed, verdicts)
+        results = finals = self._blank_results(self._out)
         if same_step:
-            finals = self._final.take(), self._blank_sensed(), self._blank_verdicts()
-        final_out, final_sensed, final_verdicts = finals
+            finals = self._blank_results(self._final)
 
         def work(t: int) -> None:
-            step_chairs(
-                *self._shares[t], same_step, self._over, self._begun, chosen,
-                self._rig.record, self.task.rules, self._base, self._blank,
-                self._chairs, self._states, self._places, self._courses, self._coming,
-                self._keys, self._progress, self._scratch[t], self._ranges[t],
-                sensed, verdicts, success, out,
-                final_sensed, final_verdicts, final_success, final_out,
-            )  # fmt: skip
+            own = self._scratch[t], self._ranges[t]
+            step_chairs(*self._shares[t], same_step, chosen, self._batch, results, finals, *own)
 
         self._share(work)
-        begun = self._begun.copy()
+        begun = self._batch.begun.copy()
+        verdicts = results.verdicts
         rewards = verdicts["reward"].copy()
         terminated, truncated = verdicts["terminated"].copy(), verdicts["truncated"].copy()
-        infos = self._info(sensed, verdicts, success, np.ones(n, np.bool_))
+        infos = self._info(results, np.ones(n, np.bool_))
         if begun.any():
             self._taken_up(np.flatnonzero(begun))
             if same_step:
-                rewards[begun] = final_verdicts["reward"][begun]
-                terminated[begun] = final_verdicts["terminated"][begun]
-                truncated[begun] = final_verdicts["truncated"][begun]
-                infos["final_obs"] = self.task.unpack(final_out)
-                infos["final_info"] = self._info(final_sensed, final_verdicts, final_success, begun)
+                rewards[begun] = finals.verdicts["reward"][begun]
+                terminated[begun] = finals.verdicts["terminated"][begun]
+                truncated[begun] = finals.verdicts["truncated"][begun]
+                infos["final_obs"] = self.task.unpack(finals.out)
+                infos["final_info"] = self._info(finals, begun)
                 infos["_final_obs"] = infos["_final_info"] = begun
-        self._last = out, sensed, verdicts
-        return self.task.unpack(out), rewards, terminated, truncated, infos
+        self._last = results
+        return self.task.unpack(results.out), rewards, terminated, truncated, infos
 
     def _share(self, work: Any) -> None:
         """Let every thread do its share; the calling one does the first."""
@@ -255,8 +250,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         seed, count = self._seeds[i], int(self._counts[i])
         course = self.worlds.course(seed, count)
         self._next[i] = course
-        self._coming[i] = course.record[0]
-        self._keys[i] = episode_key(seed, count)
+        self._batch.coming[i] = course.record[0]
+        self._batch.keys[i] = episode_key(seed, count)
         walls, discs = course.size
         self._spaces[i].make_room(walls, discs)
         if walls > self._scratch[0].shape[1]:
@@ -270,26 +265,20 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             self._draw(i)
         self.worlds.forget(int(self._counts.min()))
 
-    def _blank_sensed(self) -> Rows:
-        return np.zeros(self.num_envs, SENSED)
+    def _blank_results(self, store: Spare) -> Results:
+        n = self.num_envs
+        flags = np.zeros(n, np.bool_)
+        return Results(np.zeros(n, SENSED), np.zeros(n, VERDICT), flags, store.take())
 
-    def _blank_verdicts(self) -> Rows:
-        return np.zeros(self.num_envs, VERDICT)
-
-    def _info(
-        self,
-        sensed: Rows,
-        verdicts: Rows,
-        success: NDArray[np.bool_],
-        mask: NDArray[np.bool_],
-    ) -> Info:
+    def _info(self, results: Results, mask: NDArray[np.bool_]) -> Info:
         """The single env's info, as arrays with their masks."""
+        sensed, verdicts = results.sensed, results.verdicts
         terms = verdicts["terms"]
         values: Info = {
             "pose": sensed["true_pose"],
             "twist": sensed["true_twist"],
             "pose_estimate": sensed["pose"],
-            "is_success": success,
+            "is_success": results.success,
             "arrived": verdicts["arrived"],
             "bumped": sensed["bumped"],
             "contact": sensed["contact"],
