@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
@@ -166,6 +167,44 @@ def test_the_same_map_gives_the_same_field():
     grid = boxes(5)
     first, second = (geodesic(grid, (2.0, 2.0), 0.1).field for _ in range(2))
     assert (first == second).all()
+
+
+@pytest.mark.parametrize("share", [0.03, 0.15, 0.3])
+def test_every_cell_that_hangs_together_with_the_goal_has_a_way_and_no_other(share):
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        grid = OccupancyGrid(np.where(rng.random((24, 31)) < share, OCCUPIED, FREE), 1.0)
+        free = np.argwhere(grid.cells == FREE)
+        goal = free[rng.integers(len(free))]
+        ways = geodesic(grid, grid.to_world(goal) + rng.uniform(-0.4, 0.4, 2), 0.1)
+        region, _ = ndimage.label(grid.cells == FREE)
+        assert (np.isfinite(ways.field) == (region == region[tuple(goal)])).all()
+
+
+def test_beside_reachable_ground_the_way_is_that_of_the_nearest_cell_and_the_gap():
+    ways = geodesic(boxes(3), (2.0, 2.0), 0.25)
+    reached = np.isfinite(ways.field)
+    gaps = ndimage.distance_transform_edt(~reached)
+    near = gaps <= 0.25 / 0.1 + 1.5
+    assert (np.isfinite(ways.extended) == near).all()
+    cells = np.argwhere(reached)
+    for row, col in np.argwhere(near & ~reached):
+        away = np.hypot(*(cells - (row, col)).T)
+        nearest = cells[away < gaps[row, col] + 1e-6]  # of several, any may be meant
+        own = ways.extended[row, col] - 0.1 * gaps[row, col]
+        assert np.abs(ways.field[tuple(nearest.T)] - own).min() < 1e-5
+    assert (ways.extended == ways.field)[reached].all()
+
+
+def test_a_grid_remembers_the_last_ways_and_no_more():
+    grid = boxes(1)
+    first = geodesic(grid, (2.0, 2.0), 0.1)
+    assert geodesic(grid, (2.0, 2.0), 0.1).extended is first.extended
+    other = geodesic(grid, (2.0, 2.0), 0.2)
+    assert (other.extended != first.extended).any()
+    assert len(grid.ways) == 1
+    assert first.extended.dtype == np.float32
+    assert first.extended.flags.c_contiguous
 
 
 @pytest.mark.parametrize("wide", [6, 9, 20])

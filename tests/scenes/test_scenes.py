@@ -16,6 +16,7 @@ from wheelchair_gym.scenes.example import draw
 from wheelchair_gym.scenes.map_file import example_map
 from wheelchair_gym.scenes.papers import GREY_WOLF_GOALS
 from wheelchair_gym.scenes.poses import FOOTPRINT, RADIUS
+from wheelchair_gym.scenes.stream import below, stream, uniform
 
 WORLDS = [
     {"world": 3, "start": [-2.0, 1.0, 1.57], "goal": [-2.0, 6.0], "circles": [[-2.0, 3.0, 0.2]]},
@@ -168,6 +169,25 @@ def test_furniture_leaves_a_passage_between_door_and_room():
                 )
                 assert (episode.map.cells[y0:y1, x0:x1] == FREE).all()
         assert gap.max() > 0.6
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_stream_draws_what_its_generator_would(seed):
+    drawn, plan = stream(np.random.default_rng(seed)), np.random.default_rng(seed + 1)
+    rng = np.random.default_rng(seed)
+    for _ in range(300):
+        if plan.random() < 0.5:
+            assert uniform(drawn, -2.0, 3.5) == rng.uniform(-2.0, 3.5)
+        else:
+            count = int(plan.integers(1, 400))
+            assert below(drawn, count) == rng.integers(count)
+
+
+def test_a_stream_never_runs_dry():
+    drawn = stream(np.random.default_rng(0))
+    many = [uniform(drawn, 0.0, 1.0) for _ in range(4000)]
+    assert len(set(many)) == len(many)
+    assert np.mean(many) == pytest.approx(0.5, abs=0.02)
 
 
 def test_floor_plan_that_cannot_be_is_refused():

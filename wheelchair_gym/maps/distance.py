@@ -7,11 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Field = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Cells = NDArray[np.int8]
+Steps = NDArray[np.int16]
 
 
 @kernel
@@ -58,7 +59,16 @@ def distance_to_squares(solid: Mask, most: float) -> Field:
     return out
 
 
-@kernel
+@borrowing_kernel
+def same(line: Cells, other: Cells) -> bool:
+    """Whether two rows of cells are alike: most are, in buildings."""
+    differ = np.int8(0)
+    for k in range(min(len(line), len(other))):
+        differ |= line[k] ^ other[k]
+    return bool(differ == 0)
+
+
+@borrowing_kernel
 def _lay(line: Cells, over: Cells) -> None:
     for k in range(min(len(line), len(over))):
         over[k] |= line[k]
@@ -69,37 +79,71 @@ def near(solid: Cells, least: float) -> Cells:
     """1 where a cell's centre is nearer [cells] than `least` to some solid cell's square, else 0.
 
     Each row of solid cells is widened step by step, and laid over the rows that lie near enough to
-    be reached at that width: only whole rows are handled, which goes many cells at a time.
+    be reached at that width: only whole rows are handled, which goes many cells at a time. Of rows
+    alike the last reaches farthest up, the first farthest down.
     """
     rows, cols = solid.shape
     out = np.zeros((rows, cols), np.int8)
-    wide = np.empty(cols, np.int8)
+    wide = np.zeros(cols, np.int8)
     most = min(rows, int(least + 1.5))
+    up = False  # whether the row below is another
     for row in range(rows):
-        line = solid[row]
-        for col in range(cols):
-            wide[col] = line[col]
-        width = 0
-        for rise in range(most, -1, -1):
-            aside = least * least - max(rise - 0.5, 0.0) ** 2
-            if aside <= 0.0:
-                continue
-            while width < cols - 1 and (width + 0.5) ** 2 < aside:
-                width += 1
-                _lay(line[width:], wide)
-                _lay(line, wide[width:])
-            if row + rise < rows:
-                _lay(wide, out[row + rise])
-            if 0 < rise <= row:
-                _lay(wide, out[row - rise])
+        down = row == 0 or up
+        up = row == rows - 1 or not same(solid[row], solid[row + 1])
+        if up or down:
+            line = solid[row]
+            for col in range(cols):
+                wide[col] = line[col]
+            width = 0
+            for rise in range(most, 0, -1):
+                aside = least * least - (rise - 0.5) ** 2
+                if aside <= 0.0:
+                    continue
+                width = _widen(line, width, aside, wide)
+                if up and row + rise < rows:
+                    _lay(wide, out[row + rise])
+                if down and rise <= row:
+                    _lay(wide, out[row - rise])
+            _widen(line, width, least * least, wide)
+        _lay(wide, out[row])
     return out
 
 
-@kernel
-def _nearer(square: Field, step: float, best: Field, shift: Field) -> None:
-    aside, more = np.float32(step), np.float32(step * step)
-    for k in range(min(len(square), len(best))):
-        here = square[k] + more
+@borrowing_kernel
+def _widen(line: Cells, width: int, square: float, wide: Cells) -> int:
+    """Widen what is solid in a line from a width to the most within a square of it."""
+    while width < len(line) - 1 and (width + 0.5) ** 2 < square:
+        width += 1
+        _lay(line[width:], wide)
+        _lay(line, wide[width:])
+    return width
+
+
+@borrowing_kernel
+def _step(line: Field, way: int, far: int, count: Steps, rise: Steps) -> None:
+    """Count steps since the last finite cell of each column; keep them, signed, where fewer."""
+    sign = np.int16(way)
+    for k in range(min(len(line), len(count), len(rise))):
+        steps = np.int16(count[k] + np.int16(1))
+        steps = steps if steps < far else np.int16(far)
+        steps = np.int16(0) if line[k] < np.float32(np.inf) else steps
+        count[k] = steps
+        rise[k] = np.int16(sign * steps) if steps < np.int16(abs(rise[k])) else rise[k]
+
+
+@borrowing_kernel
+def _nearer(square: Steps, step: int, best: Steps, shift: Steps) -> None:
+    """Where columns a step to the right or left are nearer than the best so far, keep them."""
+    aside, more = np.int16(step), np.int16(step * step)
+    ahead = square[step:]
+    for k in range(min(len(ahead), len(best), len(shift))):
+        here = np.int16(ahead[k] + more)
+        shift[k] = aside if here < best[k] else shift[k]
+        best[k] = here if here < best[k] else best[k]
+    aside = np.int16(-step)
+    best, shift = best[step:], shift[step:]
+    for k in range(min(len(square), len(best), len(shift))):
+        here = np.int16(square[k] + more)
         shift[k] = aside if here < best[k] else shift[k]
         best[k] = here if here < best[k] else best[k]
 
@@ -109,39 +153,30 @@ def carried_on(length: Field, band: float) -> Field:
     """A field carried on into cells within `band` [cells] of finite ones: plus the way there.
 
     First the nearest finite cell up or down each column; then, along each row, the nearest of all.
-    Everything is float32, the one type whose sums numba does not widen: so it runs many cells at a
-    time.
+    Numbers are as short as they can be, so that many go at a time: a band ends at 120.
     """
     rows, cols = length.shape
-    nil, one = np.float32(0.0), np.float32(1.0)
-    far, limit = np.float32(band + 1.0), np.float32(band * band)
-    rise = np.empty((rows, cols), np.float32)  # rows to the nearest finite cell of the column
-    count = np.full(cols, far, np.float32)
-    for row in range(rows):
-        line, here = length[row], rise[row]
-        for col in range(cols):
-            count[col] = nil if line[col] < np.inf else count[col] + one
-            here[col] = -count[col]
-    count = np.full(cols, far, np.float32)
-    for row in range(rows - 1, -1, -1):
-        line, here = length[row], rise[row]
-        for col in range(cols):
-            count[col] = nil if line[col] < np.inf else count[col] + one
-            here[col] = count[col] if count[col] < -here[col] else here[col]
+    far = int(min(band, 120.0)) + 1
+    limit = np.int16(min(band, 120.0) ** 2)
+    rise = np.full((rows, cols), far, np.int16)  # rows to the nearest finite cell of the column
+    for way in (1, -1):
+        count = np.full(cols, far, np.int16)
+        for k in range(rows):
+            row = k if way < 0 else rows - 1 - k
+            _step(length[row], way, far, count, rise[row])
     out = length.copy()
-    square, best = np.empty(cols, np.float32), np.empty(cols, np.float32)
-    shift = np.empty(cols, np.float32)
+    square, best = np.empty(cols, np.int16), np.empty(cols, np.int16)
+    shift = np.empty(cols, np.int16)
     for row in range(rows):
         line, here = out[row], rise[row]
         for col in range(cols):
-            square[col] = here[col] * here[col]
+            square[col] = np.int16(here[col] * here[col])
             best[col] = square[col]
-            shift[col] = nil
-        for step in range(1, int(band) + 1):
-            _nearer(square[step:], step, best, shift)
-            _nearer(square, -step, best[step:], shift[step:])
+            shift[col] = 0
+        for step in range(1, far):
+            _nearer(square, step, best, shift)
         for col in range(cols):
-            if nil < best[col] <= limit:
-                source = col + int(shift[col])
-                line[col] = length[row + int(here[source]), source] + math.sqrt(best[col])
+            if 0 < best[col] <= limit:
+                source = col + shift[col]
+                line[col] = length[row + here[source], source] + math.sqrt(np.float32(best[col]))
     return out

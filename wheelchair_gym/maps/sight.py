@@ -12,20 +12,24 @@ Coordinates are in cells from the centre of cell (0, 0): x along columns, y alon
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import borrowing_kernel, kernel
+from wheelchair_gym.maps.distance import same
 
 Field = NDArray[np.float32]
 Index = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 Records = NDArray[np.void]
 
+whole: Any = np.int64  # for arguments: numba compiles anew for every literal
+
 _HALF = 0.501  # of a cell and a touch: a line may graze corners
 _GAIN = 0.01  # cells; a gate waits again only for a way shorter by this
+_CUT = 0.1  # cells gained by bending behind a corner and not before it, or it is not worth it
 # A line passes corners half a cell nearer than gates stand, so right behind a gate others may do
 # better than the gate, and yet not farther on: light that comes late by no more than the slack goes
 # on, and all light does over its first rows. (20,000 mazes: one cell was left dark.)
@@ -95,16 +99,19 @@ class Beam(NamedTuple):
 def _ground(free: Mask) -> Ground:
     """The runs of a map's free cells, and its gates."""
     rows, cols = free.shape
-    count = 0
-    for row in range(rows):
-        count += int(free[row, 0])
-        for col in range(1, cols):
-            count += int(free[row, col] and not free[row, col - 1])
+    cells = free.view(np.int8)
     run, gate = np.zeros(rows + 1, np.int32), np.zeros(rows + 1, np.int32)
-    runs, gates = np.empty(count, _RUN), np.empty(4 * count, _GATE)
+    alike = np.zeros(rows, np.bool_)  # rows like the one below
+    runs = np.empty(rows * ((cols + 1) // 2), _RUN)  # as many as there might be: only a few are met
     k = 0
     for row in range(rows):
         run[row] = k
+        alike[row] = row > 0 and same(cells[row], cells[row - 1])
+        if alike[row]:
+            for other in range(run[row - 1], run[row]):
+                runs[k].first, runs[k].last = runs[other].first, runs[other].last
+                k += 1
+            continue
         col = 0
         while col < cols:
             while col < cols and not free[row, col]:
@@ -116,12 +123,13 @@ def _ground(free: Mask) -> Ground:
                 runs[k].last = col - 1
                 k += 1
     run[rows] = k
+    gates = np.empty(4 * k, _GATE)
     m = 0
     for row in range(rows):
         gate[row] = m
         for side in (-1, 1):
             beside = row + side
-            if beside < 0 or beside >= rows:
+            if beside < 0 or beside >= rows or alike[max(row, beside)]:
                 continue
             for k in range(run[beside], run[beside + 1]):
                 for way in (-1, 1):
@@ -132,7 +140,7 @@ def _ground(free: Mask) -> Ground:
                         gates[m].way, gates[m].place = np.inf, 0
                         m += 1
     gate[rows] = m
-    return Ground(run, runs, gate, gates[:m])
+    return Ground(run, runs[: run[rows]], gate, gates[:m])
 
 
 @borrowing_kernel
@@ -246,7 +254,7 @@ def _shine(
     count, lit = 1, False
     while count > 0:
         count -= 1
-        row, first, last = int(wedges[count].row), wedges[count].first, wedges[count].last
+        row, first, last = whole(wedges[count].row), wedges[count].first, wedges[count].last
         low, high = wedges[count].low, wedges[count].high
         if row < 0 or row >= length.shape[0]:
             continue
@@ -254,7 +262,7 @@ def _shine(
         enter, leave = max(middle - 0.5, 1e-3), middle + 0.5
         west, east, edge = x + low * enter, x + high * enter, beam.edge + beam.drift * middle
         for k in range(ground.run[row], ground.run[row + 1]):
-            a, b = int(ground.runs[k].first), int(ground.runs[k].last)
+            a, b = whole(ground.runs[k].first), whole(ground.runs[k].last)
             if b + _HALF < west:
                 continue
             if a - _HALF > east:
@@ -271,14 +279,14 @@ def _shine(
                 end = min(end, math.ceil(edge))
             if begin <= end:
                 one, other = _light(ground, queue, bends, root, length, row, begin, end)
-                if one <= other:
-                    lit = True
+                lit = lit or one <= other
+                if middle > _NEAR:
+                    if one > other:
+                        continue
                     if one > begin:
                         left = max(left, (one - 2 - x) / middle)
                     if other < end:
                         right = min(right, (other + 2 - x) / middle)
-                elif middle > _NEAR:
-                    continue
             left = max(left, (a - _HALF - x) / leave)
             right = min(right, (b + _HALF - x) / leave)
             if left <= right:
@@ -312,15 +320,17 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
         bends[0].x, bends[0].y = col, row
         bends[0].way = math.hypot(col - goal_x, row - goal_y)
     k = _run_at(ground, row, col)
-    first, last = int(runs[k].first), int(runs[k].last)
-    _light(ground, queue, bends, 0, length, row, first, last)
+    first, last = whole(runs[k].first), whole(runs[k].last)
+    count = whole(0)
+    _light(ground, queue, bends, count, length, row, first, last)
     for north in (-1, 1):
         beam = Beam(north, -np.inf, np.inf, 0, 0.0, 0.0)
-        _shine(ground, queue, bends, 0, length, wedges, beam)
-    count = 1
+        _shine(ground, queue, bends, count, length, wedges, beam)
+    count += 1
     while queue[0] > 0:
         gate = gates[_dequeue(gates, queue)]
-        row, col, east, up = int(gate.row), int(gate.col), int(gate.east), int(gate.north)
+        row, col = whole(gate.row), whole(gate.col)
+        east, up = whole(gate.east), whole(gate.north)
         # Up to the edge, the line from its own root by the corner, others have lit the ground. A
         # root that turned the other way lit nothing beyond the gate itself.
         root = bends[gate.root]
@@ -330,15 +340,26 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
         ex, ey = col + past * _HALF * east - x, row + past * 0.5 * up - y
         if ex * up == ey * east:  # straight at the corner: nothing to turn round
             continue
-        bends[count].x, bends[count].y, bends[count].way = col, row, gate.way
-        bends[count].next, bends[count].turn = gate.root, turn
         edge = col + past * (_HALF * east - 0.5 * up * ex / ey)
+        corner_slope, way = float(east), gate.way
+        # The way bends one cell on, behind the corner, if its root saw that cell better.
+        upright = turn != east * up
+        if (ey * up if upright else ex * east) > 0.0:
+            r, c = (row + up, col) if upright else (row, col + east)
+            seen = np.float32(root.way + math.hypot(c - x, r - y))
+            if seen < way + 1.0 - _CUT and abs(length[r, c] - seen) < _GAIN:
+                row, col, way = r, c, seen
+                if upright:
+                    edge += ex / abs(ey)
+                    corner_slope = east * np.inf
+        bends[count].x, bends[count].y, bends[count].way = col, row, way
+        bends[count].next, bends[count].turn = gate.root, turn
         # It shines from along the edge round to the corner: perhaps over its row, on this side.
         side = 1 if ex + east * abs(ey) > 0.0 else -1
         lit = False
         if ey * up < 0.0:
             k = _run_at(ground, row, col)
-            begin, end = int(runs[k].first), int(runs[k].last)
+            begin, end = whole(runs[k].first), whole(runs[k].last)
             if side > 0:
                 begin = max(begin, math.floor(edge))
             else:
@@ -351,7 +372,7 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
                 continue
             straight, corner, shadow = side * np.inf, side * np.inf, 0
             if beside:
-                corner = float(east)
+                corner = corner_slope
             if ahead:
                 straight = ex / abs(ey)
                 shadow = 1 if corner > straight else -1

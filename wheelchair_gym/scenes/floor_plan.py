@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.kernel import kernel
-from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic, interpolate
+from wheelchair_gym.kernel import borrowing_kernel, kernel
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic, interpolate
 from wheelchair_gym.maps.edges import boundary
-from wheelchair_gym.scenes.furniture import furnish
+from wheelchair_gym.scenes.furniture import Furniture, furnish
 from wheelchair_gym.scenes.layout import Layout, Plan, lay_out
 from wheelchair_gym.scenes.poses import RADIUS, draw_pose
 from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, paint_rects
-from wheelchair_gym.scenes.stream import Stream, below, stream, uniform
+from wheelchair_gym.scenes.stream import Stream, below, stream, uniform, whole
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
@@ -24,7 +23,6 @@ Cells = NDArray[np.int8]
 Field = NDArray[np.float32]
 Index = NDArray[np.int64]
 
-_ANY, _HOME, _CLINIC = 0, 1, 2
 _TRIES = 50  # storeys drawn before the settings are called impossible
 _GOALS = 3  # goals tried in each
 _STARTS = 12  # starts tried for each goal
@@ -78,16 +76,12 @@ class FloorPlan:
 
     def building(self, rng: np.random.Generator, home: bool, width: float, height: float) -> Storey:
         """One storey of a given kind and size [m]; which side is which is drawn."""
-        return _storey(
-            stream(rng),
-            _HOME if home else _CLINIC,
-            (width, width),
-            height,
-            self.doors,
-            self.corridors,
-            self.furniture,
-            self.passage,
-        )
+        return self._furnished(stream(rng), home, width, height)
+
+    def _furnished(self, source: Stream, home: bool, width: float, height: float) -> Storey:
+        plan = lay_out(source, home, width, height, self.doors, self.corridors)
+        things = furnish(source, plan, home, self.furniture, self.passage)
+        return Storey(plan, *_build(plan, things), things.discs)
 
     def sample(self, rng: np.random.Generator) -> Episode:
         """Draw storeys until one has a start and a goal.
@@ -109,18 +103,12 @@ class FloorPlan:
     def _world(self, rng: np.random.Generator) -> tuple[Plan, Episode]:
         source = stream(rng)
         start, goal = np.empty(3), np.empty(3)
-        kind = ("any", "home", "clinic").index(self.kind)
+        least, most = self.size
         for _ in range(_TRIES):
-            storey = _storey(
-                source,
-                kind,
-                self.size,
-                math.nan,
-                self.doors,
-                self.corridors,
-                self.furniture,
-                self.passage,
-            )
+            home = self.kind == "home" or (self.kind == "any" and uniform(source, 0.0, 1.0) < 0.5)
+            width = uniform(source, least, most)
+            height = uniform(source, least, (least + most) / 2 if home else most)
+            storey = self._furnished(source, home, width, height)
             grid = OccupancyGrid(storey.cells, CELL)
             ground = storey.plan.rooms, storey.walls, storey.discs, self.clearance
             for _ in range(_GOALS):
@@ -137,30 +125,13 @@ class FloorPlan:
 
 
 @kernel
-def _storey(
-    source: Stream,
-    kind: int,
-    size: tuple[float, float],
-    height: float,
-    doors: tuple[float, float],
-    corridors: tuple[float, float],
-    furniture: float,
-    passage: float,
-) -> Storey:
-    """Draw a storey and what stands in it; its sides are drawn, too, where no height is given."""
-    home = kind == _HOME or (kind == _ANY and uniform(source, 0.0, 1.0) < 0.5)
-    least, most = size
-    width = most
-    if math.isnan(height):
-        width = uniform(source, least, most)
-        height = uniform(source, least, (least + most) / 2 if home else most)
-    plan = lay_out(source, home, width, height, doors, corridors)
-    things = furnish(source, plan, home, furniture, passage)
+def _build(plan: Plan, things: Furniture) -> tuple[Cells, Array]:
+    """The map and the walls (n, 4) [m] of a storey and what stands in it."""
     cells = np.full((plan.height, plan.width), OCCUPIED, np.int8)
-    paint_rects(cells, plan.rooms, 0)
-    paint_rects(cells, plan.halls, 0)
-    paint_rects(cells, plan.openings, 0)
-    paint_rects(cells, things.rects, OCCUPIED)
+    paint_rects(cells, plan.rooms, whole(FREE))
+    paint_rects(cells, plan.halls, whole(FREE))
+    paint_rects(cells, plan.openings, whole(FREE))
+    paint_rects(cells, things.rects, whole(OCCUPIED))
     straight = boundary(cells)
     n, count = len(straight), len(things.polygons)
     walls = np.empty((n + 4 * count, 4))
@@ -169,26 +140,26 @@ def _storey(
             walls[k, i] = straight[k, i] * CELL
     for k in range(count):
         polygon = things.polygons[k]
-        paint_polygon(cells, polygon, OCCUPIED)
+        paint_polygon(cells, polygon, whole(OCCUPIED))
         for i in range(4):
             walls[n, 0], walls[n, 1] = polygon[i, 0], polygon[i, 1]
             walls[n, 2], walls[n, 3] = polygon[(i + 1) % 4, 0], polygon[(i + 1) % 4, 1]
             n += 1
-    paint_discs(cells, things.discs, 0.0, 0.0, CELL, OCCUPIED)
-    return Storey(plan, cells, walls, things.discs)
+    paint_discs(cells, things.discs, 0.0, 0.0, CELL, whole(OCCUPIED))
+    return cells, walls
 
 
-@kernel
+@borrowing_kernel
 def _draw_goal(
     source: Stream, rooms: Index, walls: Array, discs: Array, clearance: float, goal: Array
 ) -> int:
     """Write a goal; the number of its room, or -1 where the draw was unlucky."""
     there = below(source, len(rooms))
-    found = draw_pose(source, rooms[there], walls, discs, clearance, 20, goal)
+    found = draw_pose(source, rooms[there], walls, discs, clearance, whole(20), goal)
     return there if found else -1
 
 
-@kernel
+@borrowing_kernel
 def _draw_start(
     source: Stream,
     rooms: Index,
@@ -203,7 +174,9 @@ def _draw_start(
     """Whether a start in another room was found, a way of such a length off the goal."""
     for _ in range(_STARTS):
         here = below(source, len(rooms))
-        if here != there and draw_pose(source, rooms[here], walls, discs, clearance, 5, start):
+        if here != there and draw_pose(
+            source, rooms[here], walls, discs, clearance, whole(5), start
+        ):
             far = interpolate(ways, start[0] / CELL, start[1] / CELL)
             if way[0] <= far <= way[1]:
                 return True

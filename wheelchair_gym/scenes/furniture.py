@@ -8,10 +8,10 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.scenes.layout import Plan, put
 from wheelchair_gym.scenes.raster import CELL, cells_of
-from wheelchair_gym.scenes.stream import Stream, below, uniform
+from wheelchair_gym.scenes.stream import Stream, below, uniform, whole
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -88,7 +88,7 @@ class Furniture(NamedTuple):
     discs: Array  # (k, 3) [m]: x, y, radius
 
 
-@kernel
+@borrowing_kernel
 def _meet(a: Index, i: int, b: Index, j: int, apart: int) -> bool:
     """Whether two rectangles are less than `apart` cells from each other, in both directions."""
     return bool(
@@ -99,7 +99,7 @@ def _meet(a: Index, i: int, b: Index, j: int, apart: int) -> bool:
     )
 
 
-@kernel
+@borrowing_kernel
 def _free(source: Stream, room: Index, half: int, gap: int, box: Index) -> bool:
     """A square of 2 x half cells somewhere in the room, a gap from its walls; if there is room."""
     apart = gap + half
@@ -108,11 +108,11 @@ def _free(source: Stream, room: Index, half: int, gap: int, box: Index) -> bool:
         return False
     x = room[0, 0] + apart + below(source, wide)
     y = room[0, 1] + apart + below(source, high)
-    put(box, 0, x - half, y - half, x + half, y + half)
+    put(box, whole(0), x - half, y - half, x + half, y + half)
     return True
 
 
-@kernel
+@borrowing_kernel
 def _against(
     source: Stream,
     room: Index,
@@ -130,7 +130,7 @@ def _against(
     deep_0, deep_1 = room[0, 1 - a], room[0, 3 - a]
     if deep + gap > deep_1 - deep_0 or along > floor_1 - floor_0:
         return False
-    choice = below(source, 4)
+    choice = below(source, whole(4))
     if neighbour >= 0:
         x = placed[neighbour, 2 + a] if choice % 2 else placed[neighbour, a] - along
     elif choice < 2:
@@ -149,13 +149,12 @@ def _against(
         return False
     y = deep_0 if side % 2 == 0 else deep_1 - deep
     if a:
-        put(box, 0, y, x, y + deep, x + along)
+        put(box, whole(0), y, x, y + deep, x + along)
     else:
-        put(box, 0, x, y, x + along, y + deep)
+        put(box, whole(0), x, y, x + along, y + deep)
     return True
 
 
-@kernel
 def furnish(source: Stream, plan: Plan, home: bool, density: float, passage: float) -> Furniture:
     """Put furniture into every room; a piece that finds no place is left out.
 
@@ -170,25 +169,42 @@ def furnish(source: Stream, plan: Plan, home: bool, density: float, passage: flo
         density: pieces tried per area of room [1/m2].
         passage: clear width round everything [m].
     """
-    gap = cells_of(passage)
-    most = 0
-    for r in range(len(plan.rooms)):
-        room = plan.rooms[r : r + 1]
-        area = (room[0, 2] - room[0, 0]) * (room[0, 3] - room[0, 1]) * CELL**2
-        most += int(density * area) + 1
+    most = int(density * plan.width * plan.height * CELL**2) + len(plan.rooms)
     rects, polygons = np.empty((most, 4), np.int64), np.empty((most, 4, 2))
     discs, placed = np.empty((most, 3)), np.empty((most, 4), np.int64)
-    n_rects, n_polygons, n_discs = 0, 0, 0
     box, against = np.empty((1, 4), np.int64), np.empty(4, np.int64)
+    tally = _place(
+        source, plan, home, density, passage, placed, box, against, rects, polygons, discs
+    )
+    return Furniture(rects[: tally[0]], polygons[: tally[1]], discs[: tally[2]])
+
+
+@borrowing_kernel
+def _place(
+    source: Stream,
+    plan: Plan,
+    home: bool,
+    density: float,
+    passage: float,
+    placed: Index,
+    box: Index,
+    against: Index,
+    rects: Index,
+    polygons: Array,
+    discs: Array,
+) -> tuple[int, int, int]:
+    """Write the pieces that find a place; how many there are of each shape."""
+    gap, nil, four = cells_of(passage), whole(0), whole(4)
+    n_rects, n_polygons, n_discs = nil, nil, nil
     for r in range(len(plan.rooms)):
         room = plan.rooms[r : r + 1]
         if r == 0 and plan.lobby:
             page = 0 if home else _LOBBY
         elif home:
-            page = _HOME_ROOMS + below(source, _HOMES)
+            page = _HOME_ROOMS + below(source, whole(_HOMES))
         else:
-            page = _CLINIC_ROOMS + below(source, _CLINICS)
-        count = 0  # placed in this room
+            page = _CLINIC_ROOMS + below(source, whole(_CLINICS))
+        count = nil  # placed in this room
         for k in range(4):
             against[k] = -1  # the last piece on each side
         wide, high = room[0, 2] - room[0, 0], room[0, 3] - room[0, 1]
@@ -198,7 +214,7 @@ def furnish(source: Stream, plan: Plan, home: bool, density: float, passage: flo
             deep = cells_of(uniform(source, _EXTENT[piece, 2], _EXTENT[piece, 3]))
             at_wall, is_round = _STANCE[piece] == 0, _STANCE[piece] == 2
             for _ in range(4):
-                side = below(source, 4)
+                side = below(source, four)
                 neighbour = against[side] if at_wall else -1
                 if at_wall:
                     fits = _against(source, room, side, along, deep, gap, placed, neighbour, box)
@@ -207,10 +223,10 @@ def furnish(source: Stream, plan: Plan, home: bool, density: float, passage: flo
                     half = math.ceil(across / 2) + 1
                     fits = _free(source, room, half, gap, box)
                 for k in range(len(plan.zones)):
-                    near = _meet(plan.zones, k, room, 0, 0)
-                    fits = fits and not (near and _meet(box, 0, plan.zones, k, 0))
+                    near = _meet(plan.zones, k, room, nil, nil)
+                    fits = fits and not (near and _meet(box, nil, plan.zones, k, nil))
                 for k in range(count):
-                    fits = fits and (k == neighbour or not _meet(box, 0, placed, k, gap))
+                    fits = fits and (k == neighbour or not _meet(box, nil, placed, k, gap))
                 if not fits:
                     continue
                 x0, y0, x1, y1 = box[0, 0], box[0, 1], box[0, 2], box[0, 3]
@@ -234,4 +250,4 @@ def furnish(source: Stream, plan: Plan, home: bool, density: float, passage: flo
                     n_polygons += 1
                 count += 1
                 break
-    return Furniture(rects[:n_rects], polygons[:n_polygons], discs[:n_discs])
+    return n_rects, n_polygons, n_discs

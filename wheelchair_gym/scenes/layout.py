@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.kernel import borrowing_kernel, kernel
 from wheelchair_gym.scenes.raster import CELL, Rect, cells_of, to_cells
-from wheelchair_gym.scenes.stream import Stream, below, uniform
+from wheelchair_gym.scenes.stream import Stream, below, uniform, whole
 
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
@@ -94,14 +94,14 @@ def _split(source: Stream, length: int, parts: int, least: int) -> Index:
     return sizes
 
 
-@kernel
+@borrowing_kernel
 def put(rects: Index, k: int, x0: int, y0: int, x1: int, y1: int) -> int:
     """Write a rectangle; the number of the next."""
     rects[k, 0], rects[k, 1], rects[k, 2], rects[k, 3] = x0, y0, x1, y1
     return k + 1
 
 
-@kernel
+@borrowing_kernel
 def _mirror(rects: Index, width: int, height: int, swap: int, flip_x: int, flip_y: int) -> None:
     """Flip rectangles within a building, then swap x and y."""
     for k in range(len(rects)):
@@ -135,16 +135,17 @@ def lay_out(
         corridors: clear width from, to [m].
     """
     w, h = cells_of(width), cells_of(height)
-    left, right = OUTER, w - OUTER
+    outer = whole(OUTER)
+    left, right = outer, w - outer
     most = 1 + 3 * (w // cells_of(3.0) + 2)
     rooms, halls = np.empty((most, 4), np.int64), np.empty((3, 4), np.int64)
     openings = np.empty((3 * most, 4), np.int64)
     along_x, leaf = np.zeros(3 * most, np.bool_), np.zeros(3 * most, np.bool_)
-    n, d = 0, 0
+    n, d, two = whole(0), whole(0), whole(2)
     lobby = home or uniform(source, 0.0, 1.0) < 0.6
     if lobby:
         deep = uniform(source, 4.0, 5.5) if home else uniform(source, 3.0, 4.5)
-        n = put(rooms, n, left, OUTER, left + cells_of(deep), h - OUTER)
+        n = put(rooms, n, left, outer, left + cells_of(deep), h - outer)
         left += cells_of(deep) + INNER
     spines = 1 if home or h < _SECOND_CORRIDOR else 2
     depth = h - 2 * OUTER - 2 * spines * INNER
@@ -152,7 +153,7 @@ def lay_out(
         halls[k, 3] = cells_of(uniform(source, corridors[0], corridors[1]))
         depth -= halls[k, 3]
     rows = _split(source, depth, spines + 1, _ROOM_LEAST)
-    y = OUTER
+    y = outer
     for k in range(spines):
         y += rows[k] + INNER
         put(halls, k, left, y, right, y + halls[k, 3])
@@ -162,9 +163,9 @@ def lay_out(
     corridor_count, end_1 = spines, right
     if spines == 2 and (not lobby or uniform(source, 0.0, 1.0) < 0.5):
         across = right - cells_of(uniform(source, corridors[0], corridors[1]))
-        corridor_count = put(halls, 2, across, halls[0, 3], right, halls[1, 1])
+        corridor_count = put(halls, two, across, halls[0, 3], right, halls[1, 1])
         end_1 = across - INNER
-    y0 = OUTER
+    y0 = outer
     for k in range(spines + 1):
         y1 = y0 + rows[k]
         end = end_1 if k == 1 else right
@@ -178,7 +179,7 @@ def lay_out(
             # Towards the corridor below, the one above, or both.
             first, last = (0 if k > 0 else 1), (1 if k < spines else 0)
             if first < last and uniform(source, 0.0, 1.0) >= 0.3:
-                first = last = below(source, 2)
+                first = last = below(source, two)
             for side in range(first, last + 1):
                 wide = cells_of(uniform(source, doors[0], doors[1]))
                 nook = not home and uniform(source, 0.0, 1.0) < 0.1
@@ -206,7 +207,7 @@ def lay_out(
         else:
             wide = max(0, ZONE - (high - low) + 1) // 2
             put(zones, k, x0 - ZONE, low - wide, x1 + ZONE, high + wide)
-    swap, flip_x, flip_y = below(source, 2), below(source, 2), below(source, 2)
+    swap, flip_x, flip_y = below(source, two), below(source, two), below(source, two)
     _mirror(rooms, w, h, swap, flip_x, flip_y)
     _mirror(halls, w, h, swap, flip_x, flip_y)
     _mirror(openings, w, h, swap, flip_x, flip_y)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import Footprint, footprint_clearance
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.scenes.stream import Stream, uniform
 
@@ -29,7 +29,7 @@ def stands(pose: Array, walls: Array, discs: Array, clearance: float) -> bool:
     return bool(gap >= clearance and gap > 0.0)
 
 
-@kernel
+@borrowing_kernel
 def draw_pose(
     source: Stream,
     room: Index,

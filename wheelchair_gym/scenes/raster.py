@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.kernel import borrowing_kernel
 
 Array = NDArray[np.float64]
 Cells = NDArray[np.int8]
@@ -58,7 +58,7 @@ def to_cells(metres: float) -> int:
     return round(metres / CELL)
 
 
-@kernel
+@borrowing_kernel
 def cells_of(metres: float) -> int:
     """The same for kernels."""
     return int(np.rint(metres / CELL))
@@ -73,7 +73,7 @@ def turned_rectangle(x: float, y: float, length: float, width: float, yaw: float
     return corners
 
 
-@kernel
+@borrowing_kernel
 def paint_discs(cells: Cells, discs: Array, x0: float, y0: float, size: float, value: int) -> None:
     """Set each cell whose square a disc reaches.
 
@@ -96,7 +96,7 @@ def paint_discs(cells: Cells, discs: Array, x0: float, y0: float, size: float, v
                     cells[row, col] = value
 
 
-@kernel
+@borrowing_kernel
 def paint_rects(cells: Cells, rects: NDArray[np.int64], value: int) -> None:
     """Set the cells of rectangles (n, 4) of whole cells: x0, y0, x1, y1."""
     for k in range(len(rects)):
@@ -105,7 +105,7 @@ def paint_rects(cells: Cells, rects: NDArray[np.int64], value: int) -> None:
                 cells[row, col] = value
 
 
-@kernel
+@borrowing_kernel
 def paint_polygon(cells: Cells, polygon: Array, value: int) -> None:
     """Set each cell whose square a convex polygon (k, 2) [m], counter-clockwise, may reach.
 

@@ -7,9 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.kernel import borrowing_kernel
 
-_ENOUGH = 1024  # a floor plan takes 260, 480 at most
+whole: Any = np.int64  # for arguments: numba compiles anew for every literal
+
+_BITS = 10
+_ENOUGH = 1 << _BITS  # a floor plan takes 260, 480 at most
 
 
 class Stream(NamedTuple):
@@ -21,32 +24,26 @@ class Stream(NamedTuple):
 
 
 def stream(rng: np.random.Generator) -> Stream:
-    """Bits of a generator, for as long as they last; after that, bits mixed from the last ones."""
+    """Bits of a generator; where they do not last, the same ones times 3, times 5, and so on."""
     bits = rng.integers(0, 2**64, _ENOUGH, dtype=np.uint64)
     return Stream(bits, np.zeros(1, np.int64), np.zeros(2, np.uint64))
 
 
-@kernel
+@borrowing_kernel
 def _word(source: Stream) -> Any:
     k = source.spent[0]
     source.spent[0] = k + 1
-    if k < len(source.bits):
-        return source.bits[k]
-    # SplitMix64 (Steele et al. 2014)
-    z = source.bits[-1] + np.uint64(k) * np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
+    return source.bits[k & (_ENOUGH - 1)] * np.uint64(2 * (k >> _BITS) + 1)
 
 
-@kernel
+@borrowing_kernel
 def uniform(source: Stream, low: float, high: float) -> float:
     """As Generator.uniform draws it."""
     share = (_word(source) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
     return float(low + (high - low) * share)
 
 
-@kernel
+@borrowing_kernel
 def below(source: Stream, count: int) -> int:
     """A whole number from 0 to count - 1, as Generator.integers draws it: Lemire's method."""
     if count <= 1:
