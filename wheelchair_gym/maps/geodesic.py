@@ -104,8 +104,9 @@ class Geodesic:
 def geodesic(grid: OccupancyGrid, goal: ArrayLike, radius: float) -> Geodesic:
     """Shortest ways over free cells for a disc that keeps `radius` from all that is occupied.
 
-    Lengths are those of ways that bend at cell centres, at most 1 % longer than the shortest. The
-    grid remembers the last ones asked for: a scene that checks its way pays for the task's field.
+    Lengths are those of ways that bend at cell centres: 1 % longer than the shortest at most, but
+    for some short ways (6 of 1,726 measured) that are up to 0.6 cells longer. The grid remembers
+    the last ones asked for: a scene that checks its way pays for the task's field.
 
     Args:
         grid: the map; unknown cells are not entered.
