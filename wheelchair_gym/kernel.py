@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import Any, TypeVar, cast
 
 import numba
+import numpy as np
 from numba import types
 
 from wheelchair_gym import progress
@@ -22,6 +23,8 @@ from wheelchair_gym import progress
 progress.watch()
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+whole: Any = np.int64  # of a count or a field: numba compiles a kernel anew for each width
 
 # No fast-math anywhere: results may not depend on how a loop was vectorised or inlined, since one
 # chair and a batch of chairs must agree bit for bit. The numpy error model drops the check for

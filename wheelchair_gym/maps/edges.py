@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel, kernel
+from wheelchair_gym.kernel import borrowing_kernel, kernel, whole
 from wheelchair_gym.maps.distance import same
 
 Array = NDArray[np.float64]
 Cells = NDArray[np.int8]
 Index = NDArray[np.int64]
-
-whole: Any = np.int64  # for arguments: numba compiles anew for every literal
 
 
 @borrowing_kernel

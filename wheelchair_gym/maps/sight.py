@@ -12,20 +12,18 @@ Coordinates are in cells from the centre of cell (0, 0): x along columns, y alon
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel, kernel
+from wheelchair_gym.kernel import borrowing_kernel, kernel, whole
 from wheelchair_gym.maps.distance import same
 
 Field = NDArray[np.float32]
 Index = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 Records = NDArray[np.void]
-
-whole: Any = np.int64  # for arguments: numba compiles anew for every literal
 
 _HALF = 0.501  # of a cell and a touch: a line may graze corners
 _GAIN = 0.01  # cells; a gate waits again only for a way shorter by this

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import borrowing_kernel
 
-whole: Any = np.int64  # for arguments: numba compiles anew for every literal
-
 _BITS = 10
 _ENOUGH = 1 << _BITS  # a floor plan takes 260, 480 at most
 
