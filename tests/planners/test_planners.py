@@ -10,7 +10,7 @@ from planners.problems import read_problems
 from tests.planners.judge import TOLERANCE, faults
 from wheelchair_gym.config import InputError
 
-PROVE = {"visibility"}  # planners that prove it where there is no path
+PROVE = {"cell_decomposition", "visibility"}  # planners that prove it where there is no path
 WAYS = [(1.0, 1.0), (9.0, 9.0)]
 BOX = [(6, 6, 6.5, 10), (6, 6, 10, 6.5)]  # closes a corner of the map round (9, 9)
 
