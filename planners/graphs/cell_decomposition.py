@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from planners.exact import SpaceArrays
 from planners.graphs.cells import cells_at, decompose, joined
 from planners.graphs.roadmap import shortest
-from planners.refine import shortcut
+from planners.shortcut import shortcut
 from planners.types import Plan, Problem, Status, trivial
 from wheelchair_gym.config import setting, settings
 

@@ -26,7 +26,7 @@ from planners.graphs.grid_search import (
     Order,
     search_grid,
 )
-from planners.refine import shortcut
+from planners.shortcut import shortcut
 from planners.space import SpaceArrays
 from planners.types import Plan, Problem, Status, trivial
 from wheelchair_gym.config import setting, settings

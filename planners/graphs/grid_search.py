@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from planners.exact import SpaceArrays, clearance, edge_free
 from planners.graphs.heap import pop, push
-from planners.refine import way_cost
+from planners.shortcut import way_cost
 from wheelchair_gym.kernel import borrowing_kernel
 
 Array = NDArray[np.float64]

@@ -114,9 +114,11 @@ class PotentialField:
         walk = np.empty((self.iterations + 2, 2))
         walk[0] = problem.start[:2]
         count, how, status, note = 1, WALKING, Status.EXHAUSTED, "steps or time ran out"
-        while how == WALKING and count <= self.iterations and perf_counter() < end:
+        while how == WALKING and count <= self.iterations:
             budget = min(count + CHUNK, self.iterations + 1)
             count, how = descend(problem.free.arrays, field, walk, count, budget, self.least_step)
+            if perf_counter() >= end:
+                break
         if how == HELD:
             status, note = Status.STUCK, f"a local minimum at {walk[count - 1].round(2).tolist()}"
         elif how == ARRIVED:
