@@ -5,44 +5,63 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.exact import SpaceArrays, blocked_by, edge_free, into_solid, side
+from planners.exact import SpaceArrays, blocked_by, into_solid, side
 from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-HALVINGS = 64  # of a straight way: beyond the last digit
+
+@borrowing_kernel
+def part_of(ax: float, ay: float, bx: float, by: float, x: float, y: float) -> float:
+    """Which part of the way from a to b [m] lies before a point beside it."""
+    ux, uy = bx - ax, by - ay
+    return ((x - ax) * ux + (y - ay) * uy) / (ux * ux + uy * uy)
+
+
+@borrowing_kernel
+def crossing(
+    segments: Array, k: int, ax: float, ay: float, bx: float, by: float
+) -> tuple[float, float]:
+    """Where a segment meets the line from a to b [m]: exactly, if it begins or ends there."""
+    cx, cy, dx, dy = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+    c, d = side(ax, ay, bx, by, cx, cy), side(ax, ay, bx, by, dx, dy)
+    if c == 0.0:
+        return cx, cy
+    if d == 0.0:
+        return dx, dy
+    return cx + c / (c - d) * (dx - cx), cy + c / (c - d) * (dy - cy)
 
 
 @kernel
-def blockers(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> Indices:
-    """The segments that stop the straight way from a to b [m]."""
+def blockers(
+    arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float
+) -> tuple[Indices, Array]:
+    """The segments (n,) that stop the way from a to b [m], and the part of it before each."""
     one = np.empty(1, dtype=np.int32)
     found = np.empty(arrays.segments.shape[0], dtype=np.int64)
+    parts = np.empty(arrays.segments.shape[0])
     count = 0
     for k in range(arrays.segments.shape[0]):
         one[0] = k
         if blocked_by(arrays.segments, arrays.before, one, ax, ay, bx, by):
-            found[count] = k
+            x, y = crossing(arrays.segments, k, ax, ay, bx, by)
+            found[count], parts[count] = k, part_of(ax, ay, bx, by, x, y)
             count += 1
-    return found[:count].copy()
+    return found[:count].copy(), parts[:count].copy()
 
 
 @borrowing_kernel
-def farthest(
-    arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float
-) -> tuple[float, float]:
-    """How much of the way from a to b is free, and how much no more, as parts of it."""
-    if edge_free(arrays, ax, ay, bx, by):
-        return 1.0, 1.0
-    free, blocked = 0.0, 1.0
-    for _ in range(HALVINGS):
-        middle = 0.5 * (free + blocked)
-        if edge_free(arrays, ax, ay, ax + middle * (bx - ax), ay + middle * (by - ay)):
-            free = middle
-        else:
-            blocked = middle
-    return free, blocked
+def last_corner(
+    arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float, part: float
+) -> int:
+    """The segment whose beginning is the last one exactly on a part of the way, or -1."""
+    last, found = 0.0, -1
+    for k in range(arrays.segments.shape[0]):
+        x, y = arrays.segments[k, 0], arrays.segments[k, 1]
+        if side(ax, ay, bx, by, x, y) == 0.0 and last < part_of(ax, ay, bx, by, x, y) <= part:
+            last, found = part_of(ax, ay, bx, by, x, y), k
+    return found
 
 
 @kernel

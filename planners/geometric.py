@@ -48,7 +48,7 @@ def _obstacles(space: Space) -> Obstacles:
 
 def _turn(space: Space, obstacles: Obstacles, a: Point, b: Point) -> Point | None:
     """The corner to go round on the way from a to b: see `Geometric`; None if there is none."""
-    hit = obstacles.owner_of_segment[blockers(space.arrays, *a, *b)]
+    hit = obstacles.owner_of_segment[blockers(space.arrays, *a, *b)[0]]
     corners = obstacles.corners[np.isin(obstacles.owner, hit[hit >= 0])]
     off = (b[0] - a[0]) * (corners[:, 1] - a[1]) - (b[1] - a[1]) * (corners[:, 0] - a[0])
     longest = []

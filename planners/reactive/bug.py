@@ -14,7 +14,16 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.boundary import Indices, blockers, farthest, leads_into, loop_from, pairing
+from planners.boundary import (
+    Indices,
+    blockers,
+    crossing,
+    last_corner,
+    leads_into,
+    loop_from,
+    pairing,
+    part_of,
+)
 from planners.exact import SpaceArrays, edge_free, side
 from planners.types import Plan, Problem, Status, trivial
 from wheelchair_gym.config import setting, settings
@@ -25,12 +34,14 @@ Array = NDArray[np.float64]
 
 # How far a point that should lie on a slanted side may lie off it, for its digits are rounded [m].
 NUDGES = (0.0, *(10.0**k for k in range(-16, -5)))
+CLOSE = 1e-9  # of a way: what it meets at once, but for rounding
 
 
 class Hit(NamedTuple):
     """Where a straight way to the goal meets something solid."""
 
     origin: Array  # (2,) m: where the way began
+    base: Array  # (2,) m: a point on it, from where the rest of it is straight to the last digit
     point: Array  # (2,) m
     segment: int
     part: float  # of the way
@@ -54,16 +65,23 @@ class RoundingError(ArithmeticError):
 def _hit(solids: Solids, origin: Array, goal: Array) -> Hit | None:
     """Where the straight way to the goal ends; None at the goal."""
     arrays, way = solids.arrays, goal - origin
-    free, blocked = farthest(arrays, *origin, *goal)
-    if free == 1.0:
+    if edge_free(arrays, *origin, *goal):
         return None
-    for k in blockers(arrays, *origin, *(origin + blocked * way)):
-        for nudge in NUDGES:
-            part = max(0.0, free - nudge / math.hypot(*way))
-            point = origin + part * way
-            ends = (origin, arrays.segments[k, :2], arrays.segments[k, 2:])
-            if all(edge_free(arrays, *point, *end) for end in ends):
-                return Hit(origin, point, int(k), part)
+    found, parts = blockers(arrays, *origin, *goal)
+    first = parts.min()
+    # A way along a slanted side leaves it by a digit, unless it goes by a corner exactly on it.
+    corner = last_corner(arrays, origin[0], origin[1], goal[0], goal[1], first)
+    bases = [origin, *([arrays.segments[corner, :2]] if corner >= 0 else [])]
+    for k in found[parts <= first + CLOSE]:
+        for base in bases:
+            for nudge in NUDGES:
+                part = max(0.0, first - nudge / math.hypot(*way))
+                point = origin + part * way
+                if base is not origin and part_of(*origin, *goal, *base) >= part:
+                    point = base
+                ends = (base, arrays.segments[k, :2], arrays.segments[k, 2:])
+                if all(edge_free(arrays, *point, *end) for end in ends):
+                    return Hit(origin, base, point, int(k), part)
     raise RoundingError
 
 
@@ -107,7 +125,7 @@ def round_and_back(solids: Solids, hit: Hit, goal: Array) -> Array | None:
 
 @kernel
 def _way_off(
-    arrays: SpaceArrays, loop: Indices, forward: bool, hit: Array, goal: Array, part: float
+    arrays: SpaceArrays, loop: Indices, forward: bool, origin: Array, goal: Array, part: float
 ) -> tuple[int, float, float]:
     """Where a walk meets the line again, nearer to the goal and free to go on.
 
@@ -115,37 +133,30 @@ def _way_off(
         arrays: what is free.
         loop: the segments (n,) in the order in which they are walked.
         forward: whether each is walked from its beginning.
-        hit: where the line begins (2,) [m].
+        origin: where the line begins (2,) [m].
         goal: where it ends (2,) [m].
         part: of the line, up to the hit.
 
     Returns:
         How many corners are passed before, -1 if the walk never meets the line so; the point [m].
     """
-    ox, oy, gx, gy = hit[0], hit[1], goal[0], goal[1]
-    square = (gx - ox) ** 2 + (gy - oy) ** 2
-    n = loop.shape[0]
+    ox, oy, gx, gy = origin[0], origin[1], goal[0], goal[1]
+    segments, n = arrays.segments, loop.shape[0]
     for m in range(n):
         k = loop[m]
-        cx, cy, dx, dy = (
-            arrays.segments[k, 0],
-            arrays.segments[k, 1],
-            arrays.segments[k, 2],
-            arrays.segments[k, 3],
-        )
+        cx, cy, dx, dy = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
         c, d = side(ox, oy, gx, gy, cx, cy), side(ox, oy, gx, gy, dx, dy)
         if m > 0 and ((c > 0.0 and d < 0.0) or (c < 0.0 and d > 0.0)):
-            u = c / (c - d)
-            x, y = cx + u * (dx - cx), cy + u * (dy - cy)
-            at = ((x - ox) * (gx - ox) + (y - oy) * (gy - oy)) / square
             if side(cx, cy, dx, dy, gx, gy) == 0.0:
                 return m, gx, gy
+            x, y = crossing(segments, k, ox, oy, gx, gy)
+            at = part_of(ox, oy, gx, gy, x, y)
             if part < at <= 1.0 and not leads_into(arrays, k, False, gx, gy):
                 return m, x, y
         after = loop[(m + 1) % n] if forward else k
-        x, y = arrays.segments[after, 0], arrays.segments[after, 1]
+        x, y = segments[after, 0], segments[after, 1]
         if side(ox, oy, gx, gy, x, y) == 0.0:
-            at = ((x - ox) * (gx - ox) + (y - oy) * (gy - oy)) / square
+            at = part_of(ox, oy, gx, gy, x, y)
             if part < at <= 1.0 and not leads_into(arrays, after, True, gx, gy):
                 return m + 1, x, y
     return -1, 0.0, 0.0
@@ -191,7 +202,7 @@ def _walked(problem: Problem, deadline: float | None, detour: Detour) -> Plan:
             if walked is None:
                 status, note = Status.NO_PATH, "all round it there is no way on to the goal"
                 break
-            path.append(walked)
+            path += [hit.base[None], walked]
             if perf_counter() >= end:
                 note = "out of time"
                 break
