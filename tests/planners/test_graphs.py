@@ -1,5 +1,6 @@
 """Laws of lattice search, of exact search and of shortcuts."""
 
+import dataclasses
 import itertools
 import math
 
@@ -55,6 +56,22 @@ def test_visibility_equals_brute_force(rectangles):
     assert (plan.status == Status.SOLVED) == math.isfinite(expected)
     if plan.status == Status.SOLVED:
         assert not faults(plan.path, problem.space.solid, problem.space.bounds)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(RECTANGLE, min_size=1, max_size=7), st.sampled_from([0.3, 0.5, 0.9]))
+def test_grids_are_complete_at_their_resolution(rectangles, resolution):
+    """A path that keeps step / sqrt(2) from everything solid is enough for each of them."""
+    problem = on([(x, y, x + w, y + h) for x, y, w, h in rectangles], (1.0, 1.0), (9.0, 8.75))
+    room = dataclasses.replace(problem, clearance=resolution / math.sqrt(2) * 1.001)
+    if make_planner("visibility").plan(room, np.random.default_rng(0)).status != Status.SOLVED:
+        return
+    for name in ("a_star", "bfs", "dfs", "dijkstra", "theta_star"):
+        planner = make_planner({"name": name, "resolution": resolution, "refinements": 0})
+        assert planner.plan(problem, np.random.default_rng(0)).status == Status.SOLVED
+    planner = make_planner({"name": "a_star", "resolution": resolution, "refinements": 0,
+                            "connectivity": 4})  # fmt: skip
+    assert planner.plan(problem, np.random.default_rng(0)).status == Status.SOLVED
 
 
 @pytest.mark.parametrize("connectivity", [4, 8])
