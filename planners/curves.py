@@ -83,7 +83,7 @@ def spline_slopes(
         knots: (n,), rising.
         points: (n, 2).
         n: how many count, at least 2.
-        natural: no bend at the ends; otherwise the first two pieces are one cubic, and the last two.
+        natural: no bend at the ends; otherwise the first two pieces are one cubic, as the last.
         band: (n,) room.
         slopes: (n, 2), written.
     """
