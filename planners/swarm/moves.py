@@ -33,7 +33,7 @@ class Moves(NamedTuple):
     span: float = 2.0  # of the whales' factor C; where occupancy counts, that of a free way point
     by_occupancy: bool = False  # C is 0 for way points of the best that are not free
     share: float = 0.5  # of a run that particles fly before wolves hunt
-    flight: Flight = Flight(0, 1.0, 1.0, 1.0, 2.0, 2.0, 0.1, 0.3, 4.0, False)
+    flight: Flight = Flight(0, 1.0, 1.0, 1.0, 2.0, 2.0, 0.1, 0.3, 4.0, 0, False)
     bees: Bees = Bees(1.0, 0.6)
     fireflies: Fireflies = Fireflies(2.0, 1.0, 0.2, 0.98, 0.05)
     genes: Genes = Genes(0.7, 0.4, 0.1, 0.1, 8.0)

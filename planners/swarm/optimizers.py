@@ -78,6 +78,7 @@ class Pso:
     speed: float = setting(
         default=0.1, source=_YARPIZ + ": longest step, as a part of the bounds' width", low=0.0
     )
+    ring: int = setting(default=0, source="neighbours on each side that are heard; 0: all", low=0)
     ramp: bool = setting(default=False, source="R1, section 5.7: min(1, sqrt(j) / 4)")
 
     @property
@@ -85,7 +86,9 @@ class Pso:
         """The settings as kernels take them."""
         inertia = self.inertia, self.inertia, self.damping
         pulls = self.own, self.best, self.speed
-        return Moves(kinds.PARTICLES, flight=Flight(DAMPED, *inertia, *pulls, 0.0, 0.0, self.ramp))
+        return Moves(
+            kinds.PARTICLES, flight=Flight(DAMPED, *inertia, *pulls, 0.0, 0.0, self.ring, self.ramp)
+        )
 
     move = move
 
@@ -113,7 +116,7 @@ class PsoChaotic:
         pulls = self.own, self.best, self.speed
         return Moves(
             kinds.PARTICLES,
-            flight=Flight(CHAOTIC, *inertia, *pulls, self.chaos, self.mu, False),
+            flight=Flight(CHAOTIC, *inertia, *pulls, self.chaos, self.mu, 0, False),
         )
 
     move = move
@@ -126,6 +129,7 @@ class PsoVariable:
     inertia: float = setting(default=0.9, source=_NOT_GIVEN, low=1e-3)
     least_inertia: float = setting(default=0.4, source=_NOT_GIVEN, low=1e-3)
     speed: float = setting(default=0.16, source=_R1 + ": 4 m of 25 m", low=0.0)
+    ring: int = setting(default=0, source="neighbours on each side that are heard; 0: all", low=0)
     ramp: bool = setting(default=False, source="R1, section 5.7: min(1, sqrt(j) / 4)")
 
     @property
@@ -141,6 +145,7 @@ class PsoVariable:
             self.speed,
             0.0,
             0.0,
+            self.ring,
             self.ramp,
         )
         return Moves(kinds.PARTICLES, flight=flight)
@@ -157,6 +162,7 @@ class PsoAdaptive:
     own: float = setting(default=2.05, source=_R1, low=0.0)
     best: float = setting(default=2.05, source=_R1, low=0.0)
     speed: float = setting(default=0.16, source=_R1 + ": 4 m of 25 m", low=0.0)
+    ring: int = setting(default=0, source="neighbours on each side that are heard; 0: all", low=0)
     ramp: bool = setting(default=False, source="R1, section 5.7: min(1, sqrt(j) / 4)")
 
     @property
@@ -165,7 +171,8 @@ class PsoAdaptive:
         inertia = self.inertia, self.least_inertia, 1.0
         pulls = self.own, self.best, self.speed
         return Moves(
-            kinds.PARTICLES, flight=Flight(ADAPTIVE, *inertia, *pulls, 0.0, 0.0, self.ramp)
+            kinds.PARTICLES,
+            flight=Flight(ADAPTIVE, *inertia, *pulls, 0.0, 0.0, self.ring, self.ramp),
         )
 
     move = move

@@ -15,7 +15,7 @@ from planners.graphs.a_star import AStar
 from planners.swarm.objectives import OBJECTIVES, make_objective
 from planners.swarm.optimizers import OPTIMIZERS, make_optimizer, named
 from planners.swarm.search import Search, run
-from planners.swarm.start import Start, along, blocked_legs, halved, in_discs
+from planners.swarm.start import Start, along, blocked_legs, bowed, halved, in_discs
 from planners.swarm.state import FEWEST, begin
 from planners.swarm.worth import Task
 from planners.trees.connect import RrtConnect
@@ -34,6 +34,7 @@ FIRST: Final[dict[str, type[Any]]] = {
 # Times that the legs of a first path are halved until a curve through it is free.
 _HALVINGS: Final = 8
 _AMONG: Final = 100  # points along the first path from which others are drawn: P1
+_MODES: Final = 3  # waves that bend a path as a whole
 _CURVED: Final = 20  # pieces of a curve's leg, where none are asked for
 
 
@@ -61,7 +62,7 @@ class SwarmPlanner:
         default=100, source="iterations until ranges that fell begin anew; as iterations", low=1
     )
     first: Any = setting(default="rrt_connect", source="or 'line', or null for none")
-    scatter: Literal["disc", "along", "uniform"] = setting(
+    scatter: Literal["disc", "bow", "along", "uniform"] = setting(
         default="disc", source="thesis: disc round the first path; P1: along it; P2, R1: uniform"
     )
     width_bound: float = setting(default=2.5, unit="m", source="thesis, figure 3.1", low=0.0)
@@ -119,11 +120,14 @@ class SwarmPlanner:
         inner = path[1:-1]
         n = len(inner)
         low, high = np.array(free.bounds).reshape(2, 2)
-        if self.scatter == "disc":
+        if self.scatter in ("disc", "bow"):
             anchors, box = inner, np.tile([self.width_bound, self.height_bound], n)
             lower, upper = -box, box
             size = self.population, n, self.width_bound, self.height_bound
-            population = in_discs(*size, stream(rng))
+            if self.scatter == "disc":
+                population = in_discs(*size, stream(rng))
+            else:
+                population = bowed(*size, _MODES, rng)
         else:
             anchors, lower, upper = np.zeros((n, 2)), np.tile(low, n), np.tile(high, n)
             if self.scatter == "along":

@@ -28,6 +28,7 @@ class Flight(NamedTuple):
     speed: float  # longest step of a coordinate, as a part of its bounds' width
     chaos: float  # start of the logistic map
     mu: float  # its parameter
+    ring: int  # neighbours on each side that a particle hears of; 0: the whole swarm
     ramp: bool  # the inertia of way point j counts min(1, sqrt(j) / 4)
 
 
@@ -58,16 +59,24 @@ def fly(swarm: Swarm, flight: Flight, inertia: float, state: Stream) -> None:
     if flight.rule == VARIABLE:
         own, best = math.cos(inertia), math.sin(inertia)  # R1 (2.3), (2.4)
     k, d = X.shape
-    for c in range(d):
-        limit = flight.speed * spread(swarm, c)
-        w = inertia * min(1.0, math.sqrt(c // 2) / 4.0) if flight.ramp else inertia
-        for i in range(k):
+    for i in range(k):
+        guide = swarm.best
+        if flight.ring > 0:
+            nearest = i
+            for step in range(-flight.ring, flight.ring + 1):
+                j = (i + step) % k
+                if swarm.own_costs[j] < swarm.own_costs[nearest]:
+                    nearest = j
+            guide = swarm.own[nearest]
+        for c in range(d):
             if swarm.held[i, c]:
                 continue
+            limit = flight.speed * spread(swarm, c)
+            w = inertia * min(1.0, math.sqrt(c // 2) / 4.0) if flight.ramp else inertia
             v = (
                 w * V[i, c]
                 + own * uniform(state) * (swarm.own[i, c] - X[i, c])
-                + best * uniform(state) * (swarm.best[c] - X[i, c])
+                + best * uniform(state) * (guide[c] - X[i, c])
             )
             V[i, c] = min(max(v, -limit), limit)
             X[i, c] += V[i, c]

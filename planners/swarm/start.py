@@ -37,6 +37,22 @@ def in_discs(k: int, n: int, width: float, height: float, state: Stream) -> Arra
     return population
 
 
+def bowed(
+    k: int, n: int, width: float, height: float, modes: int, rng: np.random.Generator
+) -> Array:
+    """Shifts (k, 2 n) [m] of n way points that bend a path as a whole; none of the first one's.
+
+    Sine waves over the path's points, the m-th of an amplitude within 1 / m of the bounds, so that
+    neighbours move together and a population passes obstacles on both sides.
+    """
+    m = np.arange(1, modes + 1)
+    waves = np.sin(np.pi * np.outer(m, np.arange(1, n + 1) / (n + 1))) / m[:, None]  # (modes, n)
+    amplitudes = rng.uniform(-1.0, 1.0, (k, 2, modes))
+    shifts = np.clip(amplitudes @ waves, -1.0, 1.0) * np.array([[width], [height]])  # (k, 2, n)
+    shifts[0] = 0.0
+    return shifts.transpose(0, 2, 1).reshape(k, 2 * n)
+
+
 def along(path: Array, count: int, among: int, rng: np.random.Generator) -> Array:
     """Way points (count, 2) drawn, in order, from `among` points evenly along a path: P1."""
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
