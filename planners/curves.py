@@ -143,7 +143,7 @@ def trace(
         line: ((n - 1) * pieces + 1, 2) m, written; it holds the points themselves.
     """
     knots, slopes = room.knots, room.slopes
-    if kind != POLYLINE:
+    if kind != POLYLINE and pieces > 1:
         knots[0] = 0.0
         for k in range(1, n):
             gap = 1.0
@@ -157,6 +157,10 @@ def trace(
             spline_slopes(knots, points, n, kind == NATURAL, room.band, slopes)
     count = 0
     for k in range(n - 1):
+        if pieces == 1:
+            line[k, 0], line[k, 1] = points[k, 0], points[k, 1]
+            count += 1
+            continue
         for m in range(pieces):
             s = m / pieces
             for c in range(2):

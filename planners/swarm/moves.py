@@ -100,7 +100,11 @@ def advance(swarm: Swarm, moves: Moves, progress: float, state: Stream) -> float
 def told(swarm: Swarm, moves: Moves, progress: float, state: Stream) -> None:
     """Take the costs of a swarm's positions for good, and move it."""
     for i in range(swarm.positions.shape[0]):
-        remember(swarm, i, rival(swarm, i))
+        j = rival(swarm, i)
+        if swarm.costs[i] < swarm.own_costs[j]:
+            remember(swarm, i, j)
+        else:
+            swarm.trials[j] += 1
     advance(swarm, moves, progress, state)
 
 

@@ -30,6 +30,11 @@ _PLAIN = Worth(
 _EACH = "an edge inside weighs more than all lengths on a map"
 
 
+def length_free(shortness: float, collision_free: float) -> Worth:
+    """The thesis's cost: its weights of length [1/m] and of edges that are not free."""
+    return _PLAIN._replace(weight=shortness, each_blocked=collision_free)
+
+
 @settings
 class LengthFree:
     """Shortness and freedom from collisions, weighed: the thesis, section 2.8."""
@@ -42,9 +47,7 @@ class LengthFree:
     @property
     def worth(self) -> Worth:
         """The terms as kernels take them."""
-        return _PLAIN._replace(
-            weight=self.shortness_weight, each_blocked=self.collision_free_weight
-        )
+        return length_free(self.shortness_weight, self.collision_free_weight)
 
 
 @settings

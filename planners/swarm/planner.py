@@ -14,6 +14,7 @@ from planners.draws import stream
 from planners.graphs.a_star import AStar
 from planners.swarm.objectives import OBJECTIVES, make_objective
 from planners.swarm.optimizers import OPTIMIZERS, make_optimizer, named
+from planners.swarm.peers import Mealpy
 from planners.swarm.search import Search, run
 from planners.swarm.start import Start, along, blocked_legs, bowed, halved, in_discs
 from planners.swarm.state import FEWEST, begin
@@ -31,6 +32,7 @@ FIRST: Final[dict[str, type[Any]]] = {
     "rrt_connect": RrtConnect,
     "rrt_star": RrtStar,
 }
+_MOVERS: Final[dict[str, type[Any]]] = {**OPTIMIZERS, "mealpy": Mealpy}
 # Times that the legs of a first path are halved until a curve through it is free.
 _HALVINGS: Final = 8
 _AMONG: Final = 100  # points along the first path from which others are drawn: P1
@@ -71,10 +73,10 @@ class SwarmPlanner:
     def __post_init__(self) -> None:
         """Look at names and settings of the parts now, and keep them as plain objects."""
         specs = {
-            "optimizer": named(self.optimizer, OPTIMIZERS, "optimizer"),
+            "optimizer": named(self.optimizer, _MOVERS, "optimizer"),
             "objective": named(self.objective, OBJECTIVES, "objective"),
         }
-        make_optimizer(specs["optimizer"])
+        _optimizer(specs["optimizer"])
         make_objective(specs["objective"])
         if self.first not in (None, "line"):
             specs["first"] = named(self.first, FIRST, "first")
@@ -152,10 +154,13 @@ class SwarmPlanner:
             rng: draws the moves.
             deadline: seconds of wall time from now; None for none.
         """
+        optimizer, worth = _optimizer(self.optimizer), make_objective(self.objective).worth
+        if isinstance(optimizer, Mealpy):
+            return optimizer.search(start, worth, self.iterations, rng, deadline)
         return run(
             start.task,
-            make_objective(self.objective).worth,
-            make_optimizer(self.optimizer).moves,
+            worth,
+            optimizer.moves,
             begin(start.population, start.lower, start.upper),
             self.iterations,
             self.cycle,
@@ -192,6 +197,12 @@ class SwarmPlanner:
             return Plan(Status.EXHAUSTED, counters=counters, timings=timings)
         apart = np.append(True, (np.diff(path, axis=0) != 0.0).any(axis=1))
         return Plan(Status.SOLVED, path[apart], first.tree, counters, timings)
+
+
+def _optimizer(spec: str | Mapping[str, Any]) -> Any:
+    if isinstance(spec, Mapping) and spec["name"] == "mealpy":
+        return load(Mealpy, {k: v for k, v in spec.items() if k != "name"}, "optimizer mealpy")
+    return Mealpy() if spec == "mealpy" else make_optimizer(spec)
 
 
 def _planner(spec: str | Mapping[str, Any]) -> Planner:

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.curves import trace
 from planners.draws import Stream
 from planners.exact import point_free
 from planners.swarm.moves import WHALES, Moves, advance, flying
@@ -49,8 +50,8 @@ def appraise(
 ) -> None:
     """Value every position, keep what is worth it, and the best valid path."""
     for i in range(swarm.positions.shape[0]):
-        j = rival(swarm, i)
-        # Whales know the best alone: what is worse needs no exact cost.
+        # Whales know the best alone: of what is worse nothing is kept.
+        j = 0 if moves.kind == WHALES else rival(swarm, i)
         limit = swarm.now[0].least if moves.kind == WHALES else swarm.own_costs[j]
         cost, plain = value(task, worth, swarm.positions[i], limit, valid.cost[0], room)
         swarm.costs[i] = cost
@@ -58,7 +59,10 @@ def appraise(
             valid.cost[0], valid.found[0] = plain, iteration
             for k in range(room.line.shape[0]):
                 valid.line[k, 0], valid.line[k, 1] = room.line[k, 0], room.line[k, 1]
-        remember(swarm, i, j)
+        if cost < limit:
+            remember(swarm, i, j)
+        else:
+            swarm.trials[j] += 1
 
 
 @borrowing_kernel
@@ -85,7 +89,7 @@ def search(
         first: iterations made before.
         last: iterations made after.
         cycle: iterations over which inertia and ranges fall; then they begin again.
-        room: for one path.
+        room: for one path; the best one's afterwards.
         state: stream of random numbers.
     """
     if first == 0:
@@ -111,6 +115,8 @@ def search(
                 keep_within(swarm)
             swarm.held[:] = False
         appraise(task, worth, moves, swarm, valid, t + 1, room)
+    n = place(task, swarm.best, room.points)
+    trace(task.curve, task.chordal, room.points, n, task.pieces, room.curve, room.line)
 
 
 @dataclass(frozen=True)
@@ -168,7 +174,6 @@ def run(
         chunk = min(chunk, iterations - made)
     solved = valid.cost[0] < np.inf
     line = valid.line if solved else np.empty((0, 2))
-    value(task, worth, swarm.best, np.inf, np.inf, room)
     return Search(
         line,
         float(valid.cost[0]),

@@ -50,7 +50,7 @@ def bowed(
     amplitudes = rng.uniform(-1.0, 1.0, (k, 2, modes))
     shifts = np.clip(amplitudes @ waves, -1.0, 1.0) * np.array([[width], [height]])  # (k, 2, n)
     shifts[0] = 0.0
-    return shifts.transpose(0, 2, 1).reshape(k, 2 * n)
+    return np.ascontiguousarray(shifts.transpose(0, 2, 1).reshape(k, 2 * n))
 
 
 def along(path: Array, count: int, among: int, rng: np.random.Generator) -> Array:

@@ -101,15 +101,12 @@ def rival(swarm: Swarm, i: int) -> int:
 
 @borrowing_kernel
 def remember(swarm: Swarm, i: int, j: int) -> None:
-    """Keep position i in place of the remembered one j if it costs less, and as the best if so."""
+    """Keep position i, which costs less, in place of the remembered one j; perhaps as the best."""
     cost, now = swarm.costs[i], swarm.now[0]
-    if cost < swarm.own_costs[j]:
-        swarm.own_costs[j] = cost
-        swarm.trials[j] = 0
-        for c in range(swarm.positions.shape[1]):
-            swarm.own[j, c] = swarm.positions[i, c]
-    else:
-        swarm.trials[j] += 1
+    swarm.own_costs[j] = cost
+    swarm.trials[j] = 0
+    for c in range(swarm.positions.shape[1]):
+        swarm.own[j, c] = swarm.positions[i, c]
     if cost < now.least:
         now.least = cost
         for c in range(swarm.positions.shape[1]):

@@ -9,7 +9,7 @@ from planners.curves import POLYLINE
 from planners.draws import Stream
 from planners.exact import SpaceArrays
 from planners.swarm.moves import WHALES, Moves
-from planners.swarm.objectives import LengthFree
+from planners.swarm.objectives import length_free
 from planners.swarm.search import run
 from planners.swarm.start import in_discs
 from planners.swarm.state import begin
@@ -53,7 +53,7 @@ def shorten(
     task = Task(space, np.empty((0, 3)), path[0], path[-1], anchors, POLYLINE, False, 1)
     found = run(
         task,
-        LengthFree(shortness, collision_free).worth,
+        length_free(shortness, collision_free),
         Moves(WHALES, a=swarm.a, b=swarm.b, mu=swarm.mu, lam=swarm.lam),
         begin(in_discs(swarm.population, n, width, height, state), -box, box),
         swarm.iterations,
