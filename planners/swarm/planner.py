@@ -173,6 +173,8 @@ class SwarmPlanner:
     ) -> Plan:
         """Answer a problem with the valid path that costs least of all that the swarm tried."""
         began = perf_counter()
+        if deadline is not None and not deadline >= 0.0:
+            raise InputError(f"deadline is {deadline}; expected seconds, at least 0, or None")
         answer = trivial(problem)
         if answer is not None:
             return answer
