@@ -1,6 +1,7 @@
 """Planners: what is free, what is asked, and who answers.
 
 `PLANNERS` names them; a planner is its settings, and `plan(problem, rng)` answers with a `Plan`.
+`OPTIMIZERS` names how swarms move.
 """
 
 from __future__ import annotations
@@ -18,12 +19,25 @@ from planners.graphs.voronoi import Voronoi
 from planners.reactive.bug import Bug1, Bug2
 from planners.reactive.potential_field import PotentialField
 from planners.space import Space
+from planners.swarm.optimizers import OPTIMIZERS, make_optimizer
+from planners.swarm.planner import SwarmPlanner
+from planners.swarm.rrt_woa import RrtWoa
 from planners.trees.connect import RrtConnect
 from planners.trees.rrt import Rrt, RrtStar, RrtStarWoaGlobal, RrtStarWoaLocal
 from planners.types import Plan, Planner, Problem, Status
 from wheelchair_gym.config import InputError, load
 
-__all__ = ["PLANNERS", "Plan", "Planner", "Problem", "Space", "Status", "make_planner"]
+__all__ = [
+    "OPTIMIZERS",
+    "PLANNERS",
+    "Plan",
+    "Planner",
+    "Problem",
+    "Space",
+    "Status",
+    "make_optimizer",
+    "make_planner",
+]
 
 PLANNERS: Final[dict[str, type]] = {
     "a_star": AStar,
@@ -42,6 +56,8 @@ PLANNERS: Final[dict[str, type]] = {
     "rrt_star": RrtStar,
     "rrt_star_woa_global": RrtStarWoaGlobal,
     "rrt_star_woa_local": RrtStarWoaLocal,
+    "rrt_woa": RrtWoa,
+    "swarm": SwarmPlanner,
     "theta_star": ThetaStar,
     "visibility": Visibility,
     "voronoi": Voronoi,
