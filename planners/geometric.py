@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.boundary import blockers
+from planners.contour import blockers
 from planners.exact import edge_free
 from planners.space import Space
 from planners.types import Plan, Problem, Status, trivial

@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.boundary import (
+from planners.contour import (
     Indices,
     blockers,
     crossing,
