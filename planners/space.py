@@ -17,6 +17,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from planners import solids
+from planners.corners import Corners, convex_corners
 from planners.exact import (
     SpaceArrays,
     clearance,
@@ -25,6 +26,7 @@ from planners.exact import (
     mark_corners,
     point_free,
 )
+from planners.mesh import Mesh, mesh
 
 __all__ = ["Space", "SpaceArrays", "clearance", "edge_free", "point_free"]
 
@@ -141,6 +143,16 @@ class Space:
         )
         mark_corners(arrays)
         return arrays
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """What is free as triangles."""
+        return mesh(self.arrays.segments)
+
+    @cached_property
+    def corners(self) -> Corners:
+        """The convex corners of what is solid."""
+        return convex_corners(self.mesh, self.arrays.before)
 
 
 def _boundary(free: Any) -> tuple[Array, Array]:
