@@ -13,13 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.exact import side
+from planners.boundary import NONE, Boundary, by_point, side_of
 from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-NONE = -1
 
 
 class Mesh(NamedTuple):
@@ -31,8 +29,6 @@ class Mesh(NamedTuple):
     boxes: Array  # (4, t) m: least and greatest x, least and greatest y of each triangle
     first: Index  # (m + 1,) where each point's triangles begin in `around`
     around: Index  # (3 t,) 3 * triangle + corner, point by point
-    begins: Index  # (n,) point at which each boundary segment begins
-    ends: Index  # (n,)
 
 
 class _Sweep(NamedTuple):
@@ -46,28 +42,22 @@ class _Sweep(NamedTuple):
     right: Index  # (nodes,)
     edge: Index  # (nodes,) the edge to the link on its right
     waiting: Index  # (edges,) the first triangle beside an edge, 3 * triangle + side, or NONE
-    count: Index  # (3,) triangles, links and edges so far
-
-
-@borrowing_kernel
-def side_of(points: Array, a: int, b: int, c: int) -> float:
-    """`side` of three of the points: positive if c lies left of the line from a to b."""
-    return side(points[a, 0], points[a, 1], points[b, 0], points[b, 1], points[c, 0], points[c, 1])
+    used: Index  # (3,) triangles, links and edges so far
 
 
 @borrowing_kernel
 def _link(sweep: _Sweep, point: int) -> int:
     """A new link of a chain, not yet tied to any."""
-    k = sweep.count[1]
-    sweep.count[1] += 1
+    k = sweep.used[1]
+    sweep.used[1] += 1
     sweep.place[k], sweep.left[k], sweep.right[k] = point, NONE, NONE
     return int(k)
 
 
 @borrowing_kernel
 def _edge(sweep: _Sweep) -> int:
-    k = sweep.count[2]
-    sweep.count[2] += 1
+    k = sweep.used[2]
+    sweep.used[2] += 1
     sweep.waiting[k] = NONE
     return int(k)
 
@@ -92,8 +82,8 @@ def _seen(sweep: _Sweep, a: int, b: int, p: int) -> bool:
 @borrowing_kernel
 def _fill(sweep: _Sweep, a: int, b: int, p: int, from_left: int, from_right: int) -> None:
     """A triangle of links a, b and a point; its edges to a and to b are given."""
-    t = sweep.count[0]
-    sweep.count[0] += 1
+    t = sweep.used[0]
+    sweep.used[0] += 1
     sweep.corners[t, 0], sweep.corners[t, 1] = sweep.place[a], sweep.place[b]
     sweep.corners[t, 2] = p
     sweep.across[t, 0] = sweep.across[t, 1] = sweep.across[t, 2] = NONE
@@ -128,22 +118,6 @@ def _join_leftward(sweep: _Sweep, link: int, p: int, edge: int) -> int:
     own = _link(sweep, p)
     sweep.left[own], sweep.right[link], sweep.edge[link] = link, own, edge
     return own
-
-
-@borrowing_kernel
-def by_point(which: Index, first: Index, members: Index) -> None:
-    """Sort indices by the point that each has."""
-    first[:] = 0
-    for k in range(which.shape[0]):
-        first[which[k] + 1] += 1
-    for p in range(first.shape[0] - 1):
-        first[p + 1] += first[p]
-    for k in range(which.shape[0] - 1, -1, -1):
-        first[which[k] + 1] -= 1
-        members[first[which[k] + 1]] = k
-    for p in range(first.shape[0] - 1):
-        first[p] = first[p + 1]
-    first[-1] = which.shape[0]
 
 
 @borrowing_kernel
@@ -270,33 +244,23 @@ def triangulate(
         count += above - below
         for k in range(above):
             status[at + k] = new[k]
-    total = whole.count[0]
+    total = whole.used[0]
     corners = whole.corners[:total].copy()
     first, around = np.empty(m + 1, np.int64), np.empty(3 * total, np.int64)
     by_point(corners.ravel(), first, around)
     return corners, whole.across[:total].copy(), first, around, good and count == 0
 
 
-def mesh(segments: Array) -> Mesh:
+def mesh(boundary: Boundary) -> Mesh:
     """The triangles of what is free.
-
-    Args:
-        segments: (n, 4) [m], its boundary: closed loops, what is solid on their left.
 
     Raises:
         ValueError: the segments do not form loops, or they cross.
     """
-    ends = np.concatenate([segments[:, :2], segments[:, 2:]])
-    order = np.lexsort((ends[:, 0], ends[:, 1]))
-    ordered = ends[order]
-    fresh = np.ones(len(ends), dtype=np.bool_)
-    fresh[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
-    place = np.empty(len(ends), dtype=np.int64)
-    place[order] = np.cumsum(fresh) - 1
-    points, n = ordered[fresh], len(segments)
-    corners, across, first, around, good = triangulate(points, place[:n], place[n:])
+    points = boundary.points
+    corners, across, first, around, good = triangulate(points, boundary.begins, boundary.ends)
     if not good:
         raise ValueError("the boundary of what is free is not made of loops that never cross")
     x, y = points[corners].transpose(2, 1, 0)  # (3, t) each
     boxes = np.array([x.min(axis=0), x.max(axis=0), y.min(axis=0), y.max(axis=0)])
-    return Mesh(points, corners, across, boxes, first, around, place[:n], place[n:])
+    return Mesh(points, corners, across, boxes, first, around)

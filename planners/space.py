@@ -17,7 +17,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from planners import solids
-from planners.corners import Corners, convex_corners
+from planners.boundary import Boundary, Corners, boundary, convex_corners, framed
 from planners.exact import (
     SpaceArrays,
     clearance,
@@ -45,7 +45,7 @@ class Grid(Protocol):
         ...
 
     def walls(self, unknown_is_solid: bool = False) -> Array:
-        """The boundary of what is solid, (n, 4) [m]."""
+        """Loops (n, 4) [m] round what is solid, which lies on their left."""
         ...
 
 
@@ -53,16 +53,15 @@ class Space:
     """What is free on a map, exactly.
 
     Attributes:
-        solid: what is solid, a shapely geometry; it may reach beyond the bounds.
         bounds: (xmin, ymin, xmax, ymax) [m] of the map; an empty map has its maxima below.
     """
 
-    def __init__(self, solid: Any, bounds: ArrayLike) -> None:
-        """Take what is solid, and the map's bounds [m]."""
+    def __init__(self, solid: Any, bounds: ArrayLike, edges: Array | None = None) -> None:
+        """Take what is solid, or the edges (n, 4) of what is free, and the map's bounds [m]."""
         xmin, ymin, xmax, ymax = map(float, np.asarray(bounds, dtype=np.float64))
         if not all(map(math.isfinite, (xmin, ymin, xmax, ymax))):
             raise ValueError(f"bounds are {bounds!r}; expected four finite numbers")
-        self.solid = solid
+        self._solid, self._edges = solid, edges
         self.bounds: Bounds = (xmin, ymin, xmax, ymax)
         self._inflated: dict[float, Space] = {}
 
@@ -90,7 +89,11 @@ class Space:
     @classmethod
     def from_grid(cls, grid: Grid, unknown_is_solid: bool = False) -> Space:
         """The map of an occupancy grid; its walls say what is solid."""
-        return cls(solids.even_odd(grid.walls(unknown_is_solid)), grid.bounds)
+        walls = grid.walls(unknown_is_solid)
+        edges = framed(walls, grid.bounds)
+        if edges is not None:
+            return cls(None, grid.bounds, edges)
+        return cls(solids.even_odd(walls), grid.bounds)
 
     def inflated(self, radius: float) -> Space:
         """Where a disc of a radius [m] may have its centre: never nearer to anything than that.
@@ -109,17 +112,40 @@ class Space:
         return self._inflated[radius]
 
     @cached_property
+    def solid(self) -> Any:
+        """What is solid, as a shapely geometry; it may reach beyond the bounds."""
+        if self._edges is None:
+            return self._solid
+        return shapely.difference(shapely.box(*self.bounds), self.free)
+
+    @cached_property
     def free(self) -> Any:
         """What is free, as a shapely geometry of polygons."""
+        if self._edges is not None:
+            return solids.polygonal(solids.even_odd(self._edges))
         xmin, ymin, xmax, ymax = self.bounds
         if xmin >= xmax or ymin >= ymax:
             return shapely.MultiPolygon()
         return solids.polygonal(shapely.difference(shapely.box(*self.bounds), self.solid))
 
     @cached_property
+    def boundary(self) -> Boundary:
+        """The boundary of what is free; what is solid lies on the left of its segments."""
+        if self._edges is not None:
+            return boundary(self._edges)
+        loops = solids.rings(self.free, solid_inside=False)
+        return boundary(
+            np.concatenate(
+                [np.hstack([loop, np.roll(loop, -1, axis=0)]) for loop in loops]
+                or [np.empty((0, 4))]
+            )
+        )
+
+    @cached_property
     def arrays(self) -> SpaceArrays:
         """The boundary of what is free, as kernels take it."""
-        segments, before = _boundary(self.free)
+        edge = self.boundary
+        segments, before = edge.segments, edge.points[edge.before]
         xmin, ymin, xmax, ymax = self.bounds
         width, height = max(xmax - xmin, 0.0), max(ymax - ymin, 0.0)
         # About two buckets a segment: long edges pass few, short ones meet few segments.
@@ -147,32 +173,9 @@ class Space:
     @cached_property
     def mesh(self) -> Mesh:
         """What is free as triangles."""
-        return mesh(self.arrays.segments)
+        return mesh(self.boundary)
 
     @cached_property
     def corners(self) -> Corners:
         """The convex corners of what is solid."""
-        return convex_corners(self.mesh, self.arrays.before)
-
-
-def _boundary(free: Any) -> tuple[Array, Array]:
-    """Segments (n, 4), solid on their left, and the corner (n, 2) before each."""
-    loops = solids.rings(free, solid_inside=False)
-    if not loops:
-        return np.empty((0, 4)), np.empty((0, 2))
-    starts = np.concatenate(loops)
-    ends = np.concatenate([np.roll(loop, -1, axis=0) for loop in loops])
-    before = np.concatenate([np.roll(loop, 1, axis=0) for loop in loops])
-    # Where loops meet in a corner, what is solid between two sides may belong to two loops: each
-    # side that leaves takes the next one that arrives, counter-clockwise, as the one before.
-    _, which, times = np.unique(starts, axis=0, return_inverse=True, return_counts=True)
-    which = which.ravel()
-    for corner in np.flatnonzero(times > 1):
-        meeting = np.flatnonzero(which == corner)
-        origin = starts[meeting[0]]
-        leave = np.arctan2(*(ends[meeting] - origin).T[::-1])
-        arrive = np.arctan2(*(before[meeting] - origin).T[::-1])
-        turn = (arrive[None, :] - leave[:, None]) % (2 * math.pi)  # (leaving, arriving)
-        turn[turn == 0.0] = 2 * math.pi
-        before[meeting] = before[meeting][np.argmin(turn, axis=1)]
-    return np.hstack([starts, ends]), before
+        return convex_corners(self.boundary)

@@ -78,7 +78,7 @@ def borrowing_kernel(function: F) -> F:
 
 
 def absorbed_kernel(function: F) -> F:
-    """Compile a borrowing function that its callers absorb, where passing many arrays costs most."""
+    """Compile a borrowing function that its callers absorb: passing many arrays costs time."""
     return _compiled(function, _nrt=False, forceinline=True)
 
 

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.boundary import NONE, Corners, side_of
 from planners.graphs.heap import pop, push
-from planners.corners import Corners
-from planners.mesh import NONE, Mesh, side_of
+from planners.mesh import Mesh
 from wheelchair_gym.kernel import absorbed_kernel, borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
@@ -119,7 +119,7 @@ def _place(search: _Search, corner: int) -> int:
     n = search.corners.place.shape[0]
     if corner < n:
         return int(search.corners.place[corner])
-    return search.points.shape[0] - 2 + corner - n
+    return int(search.points.shape[0] - 2 + corner - n)
 
 
 @absorbed_kernel
@@ -294,7 +294,7 @@ def shortest(mesh: Mesh, corners: Corners, start: Array, goal: Array) -> tuple[A
     _mark(mesh, points, m + 1, there)
     cost[n], known[n] = 0.0, True
     for t in begin:
-        _look_round(search, queue, t)
+        _look_round(search, queue, int(t))
     settled = 1
     while True:
         settled += _advance(search, queue, known, spare)

@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners import Space
-from planners.mesh import NONE, mesh
-from tests.planners.test_space import BOUNDS, FINE, LATTICE, SQUARES, Cells, solids
+from planners.boundary import NONE, boundary
+from planners.mesh import mesh
+from tests.planners.test_space import BOUNDS, FINE, LATTICE, SQUARES, raster, solids
 
 
 def assert_fills(space):
@@ -38,12 +39,12 @@ def test_triangles_fill_what_is_free(polygons):
 @given(st.integers(0, 2**32), st.integers(1, 12), st.floats(0.1, 0.9))
 def test_triangles_fill_what_is_free_of_any_raster(seed, side, share):
     cells = np.random.default_rng(seed).random((side, side + 1)) < share
-    assert_fills(Space.from_grid(Cells(cells.astype(int))))
+    assert_fills(Space.from_grid(raster(cells)))
 
 
 def test_loops_that_cross_or_stay_open_are_refused():
     segments = Space.from_polygons(SQUARES, BOUNDS).arrays.segments
     with pytest.raises(ValueError, match="loops"):
-        mesh(segments[:-1])
+        mesh(boundary(segments[:-1]))
     with pytest.raises(ValueError, match="loops"):
-        mesh(segments[:, [2, 3, 0, 1]])
+        mesh(boundary(segments[:, [2, 3, 0, 1]]))

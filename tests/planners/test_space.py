@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners.space import Space, clearance, edge_free, point_free
+from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 
 BOUNDS = (0.0, 0.0, 8.0, 8.0)
 LATTICE = st.integers(-1, 9).map(float)
@@ -132,26 +133,9 @@ def test_nan_is_not_free():
     assert not edge_free(arrays, 1.0, 1.0, math.nan, 1.0)
 
 
-class Cells:
-    """An occupancy grid of unit cells, as far as a space needs one; walls of each cell apart."""
-
-    def __init__(self, cells):
-        self.cells = np.asarray(cells)
-        self.bounds = (0.0, 0.0, float(self.cells.shape[1]), float(self.cells.shape[0]))
-
-    def walls(self, unknown_is_solid=False):
-        """Sides between a solid and another cell, longest straight runs merged."""
-        padded = np.pad(self.cells, 1).astype(bool)
-        walls = []
-        for transpose in (False, True):
-            grid = padded.T if transpose else padded
-            for i in range(1, grid.shape[0]):
-                edge = grid[i] != grid[i - 1]
-                steps = np.flatnonzero(np.diff(np.concatenate([[False], edge, [False]])))
-                for begin, end in steps.reshape(-1, 2):
-                    run = (begin - 1, i - 1, end - 1, i - 1)
-                    walls.append((run[1], run[0], run[3], run[2]) if transpose else run)
-        return np.array(walls, dtype=float).reshape(-1, 4)
+def raster(cells):
+    """An occupancy grid of unit cells that are solid where `cells` (rows, columns) says so."""
+    return OccupancyGrid(OCCUPIED * np.asarray(cells, dtype=np.int8), 1.0)
 
 
 @pytest.mark.parametrize(
@@ -168,7 +152,7 @@ class Cells:
     ],
 )
 def test_grids_are_what_their_cells_say(cells):
-    space = Space.from_grid(Cells(cells))
+    space = Space.from_grid(raster(cells))
     arrays = space.arrays
     rows, columns = cells.shape
     for i in range(rows):
