@@ -8,13 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.exact import side
+from planners.exact import SpaceArrays, fill_buckets, mark_corners, side
 from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 NONE = -1
+MOST_BUCKETS = 200_000
 
 
 class Boundary(NamedTuple):
@@ -158,3 +159,29 @@ def _convex(
 def convex_corners(around: Boundary) -> Corners:
     """The convex corners of a boundary: a shortest path bends at them only, and only round them."""
     return Corners(*_convex(*around))
+
+
+def buckets(segments: Array, before: Array, bounds: Array) -> SpaceArrays:
+    """A boundary as the exact kernels take it.
+
+    Args:
+        segments: (n, 4) [m], what is solid on their left.
+        before: (n, 2) [m] the corner before each.
+        bounds: (4,) [m] of the map.
+    """
+    xmin, ymin, xmax, ymax = bounds
+    width, height = max(xmax - xmin, 0.0), max(ymax - ymin, 0.0)
+    # About two buckets a segment: long edges pass few, short ones meet few segments.
+    size = math.sqrt((width * height or 1.0) / min(2 * len(segments) + 16, MOST_BUCKETS))
+    size = max(size, width / 2000, height / 2000)
+    grid = np.array([xmin - 0.5 * size, ymin - 0.5 * size, size])
+    columns, rows = int(width / size) + 2, int(height / size) + 2
+    counts = np.zeros(rows * columns, dtype=np.int64)
+    fill_buckets(segments, grid, rows, columns, counts, np.empty(0, dtype=np.int32))
+    first = np.concatenate([[0], np.cumsum(counts)])
+    members = np.empty(first[-1], dtype=np.int32)
+    fill_buckets(segments, grid, rows, columns, first[:-1].copy(), members)
+    free = np.zeros((rows, columns), dtype=np.bool_)
+    arrays = SpaceArrays(bounds, segments, before, grid, first, members, free)
+    mark_corners(arrays)
+    return arrays

@@ -17,13 +17,12 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from planners import solids
-from planners.boundary import Boundary, Corners, boundary, convex_corners, framed
+from planners.boundary import Boundary, Corners, boundary, buckets, convex_corners, framed
+from planners.erosion import eroded
 from planners.exact import (
     SpaceArrays,
     clearance,
     edge_free,
-    fill_buckets,
-    mark_corners,
     point_free,
 )
 from planners.mesh import Mesh, mesh
@@ -32,8 +31,6 @@ __all__ = ["Space", "SpaceArrays", "clearance", "edge_free", "point_free"]
 
 Array = NDArray[np.float64]
 Bounds = tuple[float, float, float, float]
-
-MOST_BUCKETS = 200_000
 
 
 class Grid(Protocol):
@@ -108,7 +105,9 @@ class Space:
         if radius not in self._inflated:
             xmin, ymin, xmax, ymax = self.bounds
             bounds = (xmin + radius, ymin + radius, xmax - radius, ymax - radius)
-            self._inflated[radius] = Space(solids.grown(self.solid, radius), bounds)
+            edges = eroded(self.arrays, radius)
+            solid = solids.grown(self.solid, radius) if edges is None else None
+            self._inflated[radius] = Space(solid, bounds, edges)
         return self._inflated[radius]
 
     @cached_property
@@ -145,30 +144,7 @@ class Space:
     def arrays(self) -> SpaceArrays:
         """The boundary of what is free, as kernels take it."""
         edge = self.boundary
-        segments, before = edge.segments, edge.points[edge.before]
-        xmin, ymin, xmax, ymax = self.bounds
-        width, height = max(xmax - xmin, 0.0), max(ymax - ymin, 0.0)
-        # About two buckets a segment: long edges pass few, short ones meet few segments.
-        size = math.sqrt((width * height or 1.0) / min(2 * len(segments) + 16, MOST_BUCKETS))
-        size = max(size, width / 2000, height / 2000)
-        grid = np.array([xmin - 0.5 * size, ymin - 0.5 * size, size])
-        columns, rows = int(width / size) + 2, int(height / size) + 2
-        counts = np.zeros(rows * columns, dtype=np.int64)
-        fill_buckets(segments, grid, rows, columns, counts, np.empty(0, dtype=np.int32))
-        first = np.concatenate([[0], np.cumsum(counts)])
-        members = np.empty(first[-1], dtype=np.int32)
-        fill_buckets(segments, grid, rows, columns, first[:-1].copy(), members)
-        arrays = SpaceArrays(
-            np.array(self.bounds),
-            segments,
-            before,
-            grid,
-            first,
-            members,
-            np.zeros((rows, columns), dtype=np.bool_),
-        )
-        mark_corners(arrays)
-        return arrays
+        return buckets(edge.segments, edge.points[edge.before], np.array(self.bounds))
 
     @cached_property
     def mesh(self) -> Mesh:
