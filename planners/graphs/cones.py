@@ -251,12 +251,16 @@ def _mark(mesh: Mesh, points: Array, p: int, held: Mask) -> None:
 
 
 @borrowing_kernel
-def _advance(search: _Search, queue: _Queue, known: Mask, spare: int) -> int:
-    """Follow what promises most, as long as there is spare room; how many corners were settled."""
+def _advance(search: _Search, queue: _Queue, known: Mask, spare: int, most: int) -> int:
+    """Follow what promises most, as long as there is spare room; how many corners were settled.
+
+    No more than `most` cones are made, or a few more.
+    """
     n, settled = search.corners.place.shape[0], 0
     first, around, used = search.mesh.first, search.mesh.around, queue.used
-    most = queue.keys.shape[0] - spare
-    while 0 < used[0] <= most and used[1] <= most and not known[n + 1]:
+    room = queue.keys.shape[0] - spare
+    most = min(most, room)
+    while 0 < used[0] <= room and used[1] <= most and not known[n + 1]:
         item = pop(queue.keys, queue.items, used[0])
         used[0] -= 1
         root = -1 - item
@@ -273,8 +277,22 @@ def _advance(search: _Search, queue: _Queue, known: Mask, spare: int) -> int:
 
 
 @kernel
-def shortest(mesh: Mesh, corners: Corners, start: Array, goal: Array) -> tuple[Array, int, int]:
-    """The shortest path (k, 2) [m], empty if there is none; corners settled, cones there were."""
+def shortest(
+    mesh: Mesh, corners: Corners, start: Array, goal: Array, most: int
+) -> tuple[Array, bool, int, int]:
+    """The shortest path from a start to a goal.
+
+    Args:
+        mesh: of what is free.
+        corners: of what is solid.
+        start: (2,) [m], free.
+        goal: (2,) [m], free.
+        most: cones, before it gives up.
+
+    Returns:
+        The path (k, 2) [m], empty if none was found; whether that is proven; corners settled and
+        cones made.
+    """
     n, m, triangles = corners.place.shape[0], mesh.points.shape[0], mesh.corners.shape[0]
     points = np.empty((m + 2, 2))
     points[:m], points[m], points[m + 1] = mesh.points, start, goal
@@ -297,8 +315,8 @@ def shortest(mesh: Mesh, corners: Corners, start: Array, goal: Array) -> tuple[A
         _look_round(search, queue, int(t))
     settled = 1
     while True:
-        settled += _advance(search, queue, known, spare)
-        if queue.used[0] == 0 or known[n + 1]:
+        settled += _advance(search, queue, known, spare, most)
+        if queue.used[0] == 0 or known[n + 1] or queue.used[1] > most:
             break
         old, room = queue, 2 * room
         queue = _Queue(
@@ -313,4 +331,5 @@ def shortest(mesh: Mesh, corners: Corners, start: Array, goal: Array) -> tuple[A
     for k in range(count - 1, -1, -1):
         path[k] = points[_place(search, v)]
         v = parent[v]
-    return path, settled, queue.used[1]
+    proven = known[n + 1] or queue.used[0] == 0
+    return path, proven, settled, queue.used[1]
