@@ -121,7 +121,16 @@ class Space:
     def free(self) -> Any:
         """What is free, as a shapely geometry of polygons."""
         if self._edges is not None:
-            return solids.polygonal(solids.even_odd(self._edges))
+            lines = shapely.linestrings(self._edges.reshape(-1, 2, 2))
+            faces = np.asarray(shapely.get_parts(shapely.polygonize(lines)))
+            inside = shapely.get_coordinates(shapely.point_on_surface(faces))
+            return shapely.MultiPolygon(
+                [
+                    face
+                    for face, at in zip(faces, inside, strict=True)
+                    if point_free(self.arrays, *at)
+                ]
+            )
         xmin, ymin, xmax, ymax = self.bounds
         if xmin >= xmax or ymin >= ymax:
             return shapely.MultiPolygon()
