@@ -17,21 +17,20 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from planners import solids
+from planners.boundary import Boundary, Corners, boundary, buckets, convex_corners, framed
+from planners.erosion import eroded
 from planners.exact import (
     SpaceArrays,
     clearance,
     edge_free,
-    fill_buckets,
-    mark_corners,
     point_free,
 )
+from planners.mesh import Mesh, mesh
 
 __all__ = ["Space", "SpaceArrays", "clearance", "edge_free", "point_free"]
 
 Array = NDArray[np.float64]
 Bounds = tuple[float, float, float, float]
-
-MOST_BUCKETS = 200_000
 
 
 class Grid(Protocol):
@@ -43,7 +42,7 @@ class Grid(Protocol):
         ...
 
     def walls(self, unknown_is_solid: bool = False) -> Array:
-        """The boundary of what is solid, (n, 4) [m]."""
+        """Loops (n, 4) [m] round what is solid, which lies on their left."""
         ...
 
 
@@ -51,18 +50,30 @@ class Space:
     """What is free on a map, exactly.
 
     Attributes:
-        solid: what is solid, a shapely geometry; it may reach beyond the bounds.
         bounds: (xmin, ymin, xmax, ymax) [m] of the map; an empty map has its maxima below.
         discs: (m, 3) x, y, radius [m]: what of the solid is known to be round, for costs that
             measure from centres; the solid holds polygons round them.
     """
 
-    def __init__(self, solid: Any, bounds: ArrayLike, discs: ArrayLike = ()) -> None:
-        """Take what is solid, the map's bounds [m], and the discs (m, 3) [m] that it holds."""
+    def __init__(
+        self,
+        solid: Any,
+        bounds: ArrayLike,
+        discs: ArrayLike = (),
+        edges: Array | None = None,
+    ) -> None:
+        """Take what is solid, or the edges (n, 4) of what is free, and the map's bounds [m].
+
+        Args:
+            solid: a shapely geometry, or None where edges are given.
+            bounds: (xmin, ymin, xmax, ymax) [m].
+            discs: (m, 3) [m] that what is solid holds.
+            edges: (n, 4) [m] of what is free.
+        """
         xmin, ymin, xmax, ymax = map(float, np.asarray(bounds, dtype=np.float64))
         if not all(map(math.isfinite, (xmin, ymin, xmax, ymax))):
             raise ValueError(f"bounds are {bounds!r}; expected four finite numbers")
-        self.solid = solid
+        self._solid, self._edges = solid, edges
         self.bounds: Bounds = (xmin, ymin, xmax, ymax)
         self.discs: Array = np.array(discs, dtype=np.float64).reshape(-1, 3)
         self._inflated: dict[float, Space] = {}
@@ -91,7 +102,11 @@ class Space:
     @classmethod
     def from_grid(cls, grid: Grid, unknown_is_solid: bool = False) -> Space:
         """The map of an occupancy grid; its walls say what is solid."""
-        return cls(solids.even_odd(grid.walls(unknown_is_solid)), grid.bounds)
+        walls = grid.walls(unknown_is_solid)
+        edges = framed(walls, grid.bounds)
+        if edges is not None:
+            return cls(None, grid.bounds, edges)
+        return cls(solids.even_odd(walls), grid.bounds)
 
     def inflated(self, radius: float) -> Space:
         """Where a disc of a radius [m] may have its centre: never nearer to anything than that.
@@ -106,65 +121,63 @@ class Space:
         if radius not in self._inflated:
             xmin, ymin, xmax, ymax = self.bounds
             bounds = (xmin + radius, ymin + radius, xmax - radius, ymax - radius)
+            edges = eroded(self.arrays, radius)
+            solid = solids.grown(self.solid, radius) if edges is None else None
             discs = self.discs + np.array([0.0, 0.0, radius])
-            self._inflated[radius] = Space(solids.grown(self.solid, radius), bounds, discs)
+            self._inflated[radius] = Space(solid, bounds, discs, edges)
         return self._inflated[radius]
+
+    @cached_property
+    def solid(self) -> Any:
+        """What is solid, as a shapely geometry; it may reach beyond the bounds."""
+        if self._edges is None:
+            return self._solid
+        return shapely.difference(shapely.box(*self.bounds), self.free)
 
     @cached_property
     def free(self) -> Any:
         """What is free, as a shapely geometry of polygons."""
+        if self._edges is not None:
+            lines = shapely.linestrings(self._edges.reshape(-1, 2, 2))
+            faces = np.asarray(shapely.get_parts(shapely.polygonize(lines)))
+            inside = shapely.get_coordinates(shapely.point_on_surface(faces))
+            return shapely.MultiPolygon(
+                [
+                    face
+                    for face, at in zip(faces, inside, strict=True)
+                    if point_free(self.arrays, *at)
+                ]
+            )
         xmin, ymin, xmax, ymax = self.bounds
         if xmin >= xmax or ymin >= ymax:
             return shapely.MultiPolygon()
         return solids.polygonal(shapely.difference(shapely.box(*self.bounds), self.solid))
 
     @cached_property
+    def boundary(self) -> Boundary:
+        """The boundary of what is free; what is solid lies on the left of its segments."""
+        if self._edges is not None:
+            return boundary(self._edges)
+        loops = solids.rings(self.free, solid_inside=False)
+        return boundary(
+            np.concatenate(
+                [np.hstack([loop, np.roll(loop, -1, axis=0)]) for loop in loops]
+                or [np.empty((0, 4))]
+            )
+        )
+
+    @cached_property
     def arrays(self) -> SpaceArrays:
         """The boundary of what is free, as kernels take it."""
-        segments, before = _boundary(self.free)
-        xmin, ymin, xmax, ymax = self.bounds
-        width, height = max(xmax - xmin, 0.0), max(ymax - ymin, 0.0)
-        # About two buckets a segment: long edges pass few, short ones meet few segments.
-        size = math.sqrt((width * height or 1.0) / min(2 * len(segments) + 16, MOST_BUCKETS))
-        size = max(size, width / 2000, height / 2000)
-        grid = np.array([xmin - 0.5 * size, ymin - 0.5 * size, size])
-        columns, rows = int(width / size) + 2, int(height / size) + 2
-        counts = np.zeros(rows * columns, dtype=np.int64)
-        fill_buckets(segments, grid, rows, columns, counts, np.empty(0, dtype=np.int32))
-        first = np.concatenate([[0], np.cumsum(counts)])
-        members = np.empty(first[-1], dtype=np.int32)
-        fill_buckets(segments, grid, rows, columns, first[:-1].copy(), members)
-        arrays = SpaceArrays(
-            np.array(self.bounds),
-            segments,
-            before,
-            grid,
-            first,
-            members,
-            np.zeros((rows, columns), dtype=np.bool_),
-        )
-        mark_corners(arrays)
-        return arrays
+        edge = self.boundary
+        return buckets(edge.segments, edge.points[edge.before], np.array(self.bounds))
 
+    @cached_property
+    def mesh(self) -> Mesh:
+        """What is free as triangles."""
+        return mesh(self.boundary)
 
-def _boundary(free: Any) -> tuple[Array, Array]:
-    """Segments (n, 4), solid on their left, and the corner (n, 2) before each."""
-    loops = solids.rings(free, solid_inside=False)
-    if not loops:
-        return np.empty((0, 4)), np.empty((0, 2))
-    starts = np.concatenate(loops)
-    ends = np.concatenate([np.roll(loop, -1, axis=0) for loop in loops])
-    before = np.concatenate([np.roll(loop, 1, axis=0) for loop in loops])
-    # Where loops meet in a corner, what is solid between two sides may belong to two loops: each
-    # side that leaves takes the next one that arrives, counter-clockwise, as the one before.
-    _, which, times = np.unique(starts, axis=0, return_inverse=True, return_counts=True)
-    which = which.ravel()
-    for corner in np.flatnonzero(times > 1):
-        meeting = np.flatnonzero(which == corner)
-        origin = starts[meeting[0]]
-        leave = np.arctan2(*(ends[meeting] - origin).T[::-1])
-        arrive = np.arctan2(*(before[meeting] - origin).T[::-1])
-        turn = (arrive[None, :] - leave[:, None]) % (2 * math.pi)  # (leaving, arriving)
-        turn[turn == 0.0] = 2 * math.pi
-        before[meeting] = before[meeting][np.argmin(turn, axis=1)]
-    return np.hstack([starts, ends]), before
+    @cached_property
+    def corners(self) -> Corners:
+        """The convex corners of what is solid."""
+        return convex_corners(self.boundary)

@@ -162,22 +162,43 @@ def _is_settings(value: Any) -> bool:
     return dataclasses.is_dataclass(value) and not isinstance(value, type)
 
 
+def read_text(path: str | Path) -> str:
+    """The content of a text file.
+
+    Raises:
+        InputError: the file is missing, unreadable or not text.
+    """
+    path = Path(path)
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file; expected UTF-8") from None
+
+
 def read_json(path: str | Path) -> Any:
     """The content of a JSON file.
 
     Raises:
         InputError: the file is missing, unreadable or not JSON.
     """
-    path = Path(path)
+    return parse_json(read_text(path), path)
+
+
+def parse_json(text: str, path: str | Path) -> Any:
+    """The content of a JSON text; errors name the path.
+
+    Raises:
+        InputError: it is not JSON.
+    """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file; expected JSON in UTF-8") from None
+        return json.loads(text)
     except json.JSONDecodeError as error:
         message = f"{path}: line {error.lineno}, column {error.colno}: not JSON: {error.msg}"
         raise InputError(message) from None
+    except RecursionError:
+        raise InputError(f"{path}: not JSON that can be read: nested too deep") from None
 
 
 def read(cls: type[T], path: str | Path) -> T:

@@ -77,6 +77,11 @@ def borrowing_kernel(function: F) -> F:
     return _compiled(function, _nrt=False)
 
 
+def absorbed_kernel(function: F) -> F:
+    """Compile a borrowing function that its callers absorb: passing many arrays costs time."""
+    return _compiled(function, _nrt=False, forceinline=True)
+
+
 def inlined(function: F) -> F:
     """Compile a small function that its callers absorb; for arithmetic inside the hottest loops."""
     return _compiled(function, inline="always")

@@ -66,15 +66,20 @@ def names(text: str) -> list[str]:
 def spec(text: str) -> str | dict[str, Any]:
     """What a person names: NAME, or FILE.json:NAME with the settings of that name in a file.
 
+    A file of the thesis's own kind (its figure 3.1) holds the settings of its planners.
+
     Raises:
         InputError: the file cannot be read, or has no object of settings under that name.
     """
-    from wheelchair_gym.config import InputError, read_json
+    from planners.thesis import is_thesis, read_thesis, without_trailing_commas
+    from wheelchair_gym.config import InputError, parse_json, read_text
 
     file, colon, name = text.rpartition(":")
     if not colon:
         return text
-    content = read_json(file)
+    content = parse_json(without_trailing_commas(read_text(file)), file)
+    if is_thesis(content):
+        return read_thesis(file).planner(name)
     if not isinstance(content, Mapping) or not isinstance(content.get(name), Mapping):
         known = ", ".join(content) if isinstance(content, Mapping) else ""
         raise InputError(f"{file}: no settings under {name!r}; known: {known or 'none'}")

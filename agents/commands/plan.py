@@ -12,6 +12,7 @@ from agents.commands.arguments import add_json, changed, distance, pose, report,
 
 if TYPE_CHECKING:
     from planners import Plan, Problem
+    from planners.thesis import ThesisFile
 
 CLEARANCE = 0.36  # m: the chair's half width of 0.31 m and a margin of 0.05 m
 
@@ -20,20 +21,27 @@ def add(parts: Any) -> None:
     """Add the subcommand's parser."""
     parser: argparse.ArgumentParser = parts.add_parser(
         "plan",
-        help="plan a path in a map_server map, or in each problem of a JSON file",
+        help="plan a path in a map, or in each problem of a JSON file",
         description="Plan a path. Exit code 0: solved; 1: no path was found; 2: wrong input.",
         epilog="example: wheelchair plan --map hall.yaml --start 1,2 --goal 9,4 "
         "--planner rrt_star --set iterations=30000",
     )
     parser.add_argument(
-        "--planner", required=True, metavar="NAME",
+        "--planner", metavar="NAME",
         help="or FILE.json:NAME as in configs/planners.json; see: wheelchair settings",
+    )  # fmt: skip
+    parser.add_argument(
+        "--config", metavar="FILE.json",
+        help="the thesis's own settings: planner, map 1 to 5 with start and goal, dilation; "
+        "other options go before it",
     )  # fmt: skip
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", dest="changes",
         help="change a setting of the planner, such as tree.iterations=30000; may be repeated",
     )  # fmt: skip
-    parser.add_argument("--map", metavar="FILE.yaml", help="a map_server map")
+    parser.add_argument(
+        "--map", metavar="FILE", help="map_server .yaml, MovingAI .map, HouseExpo .json"
+    )
     parser.add_argument("--problems", metavar="FILE.json", help="problems in place of a map")
     parser.add_argument("--start", type=pose, metavar="X,Y[,YAW]", help="m, m, rad")
     parser.add_argument("--goal", type=pose, metavar="X,Y[,YAW]", help="m, m, rad")
@@ -52,16 +60,58 @@ def run(given: argparse.Namespace) -> int:
     from planners import make_planner
     from wheelchair_gym.config import InputError
 
-    if (given.map is None) == (given.problems is None):
+    thesis = None
+    if given.config is not None:
+        from planners.thesis import read_thesis
+
+        thesis = read_thesis(given.config)
+    named = given.planner or (thesis.planner() if thesis else None)
+    if not named:
+        raise InputError("plan: give --planner, or --config with the thesis's settings")
+    if thesis is None and (given.map is None) == (given.problems is None):
         raise InputError("plan: give either --map or --problems")
-    if given.problems is None and (given.start is None or given.goal is None):
+    if thesis is None and given.problems is None and (given.start is None or given.goal is None):
         raise InputError("plan: --map needs --start and --goal")
     if given.problems is not None and (given.start or given.goal or given.picture):
         raise InputError("plan: --problems takes neither --start, --goal nor --picture")
-    planner = make_planner(changed(spec(given.planner), given.changes))
+    planner = make_planner(changed(spec(named) if isinstance(named, str) else named, given.changes))
     if given.problems is not None:
         return _run_problems(given, planner)
-    return _run_map(given, planner)
+    return _run_map(given, planner, _problem(given, thesis))
+
+
+def _problem(given: argparse.Namespace, thesis: ThesisFile | None) -> Problem:
+    """The map and the ends that a person names, or those of the thesis's settings."""
+    from pathlib import Path
+
+    from planners import Problem, Space
+    from wheelchair_gym.config import InputError
+    from wheelchair_gym.maps import read_ground
+    from wheelchair_gym.scenes import make_scene
+
+    number = thesis.map_name if thesis and given.map is None else ""
+    ends = {"start": given.start, "goal": given.goal}
+    if number in ("1", "2", "3", "4", "5"):
+        name = f"thesis_{number}"
+        episode = make_scene(name).sample(np.random.default_rng(given.seed))
+        space = Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
+        cell = episode.map.resolution
+        for end, pose_there in (("start", episode.start), ("goal", episode.goal)):
+            ends[end] = ends[end] or pose_there[:2].tolist()
+    else:
+        name = given.map or str(Path(given.config).parent / number)
+        if given.map is None and not Path(number).suffix:
+            said = f"{given.config}: MapProcessor_Map_Name is {number!r}"
+            raise InputError(f"{said}; expected 1 to 5 or the name of a map file, or give --map")
+        grid, walls = read_ground(name)
+        cell, outlined = grid.resolution, Path(name).suffix.lower() == ".json"
+        space = Space.from_walls(walls, (), grid.bounds) if outlined else Space.from_grid(grid)
+    if ends["start"] is None or ends["goal"] is None:
+        raise InputError("plan: --map needs --start and --goal")
+    clearance = given.clearance
+    if clearance is None:
+        clearance = CLEARANCE if thesis is None else thesis.dilation * cell
+    return Problem(space, np.array(ends["start"]), np.array(ends["goal"]), clearance, name)
 
 
 def _warm(planner: Any) -> None:
@@ -88,33 +138,37 @@ def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, 
     }
 
 
-def _run_map(given: argparse.Namespace, planner: Any) -> int:
-    from planners import Problem, Space, Status
+def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
+    from planners import Status
+    from planners.graphs.visibility import Visibility, optima
     from wheelchair_gym.config import InputError
-    from wheelchair_gym.maps import read_map
 
-    clearance = CLEARANCE if given.clearance is None else given.clearance
-    grid = read_map(given.map)
+    clearance = problem.clearance
     _warm(planner)
-    problem = Problem(
-        Space.from_grid(grid), np.array(given.start), np.array(given.goal), clearance, given.map
-    )
     plan, answer = _answer(planner, problem, given.seed)
     if plan.status is Status.SOLVED:
         text = (
             f"solved: {plan.length:.3f} m, {len(plan.path)} points, {1e3 * answer['time_s']:.1f} ms"
         )
+        if isinstance(planner, Visibility) and clearance > 0.0:
+            bounds = optima(problem)
+            answer |= {"touching": bounds.touching, "at_least": bounds.at_least}
+            text += (
+                f"; no path with {clearance:g} m clearance is shorter than {bounds.at_least:.3f} m"
+                f", none at all than {bounds.touching:.3f} m"
+            )
         if given.picture:
             _draw(problem, plan, text, given.picture)
         report(given, answer, text)
         return 0
     if given.json:
         report(given, answer, str(plan.status))
+    start, goal = f"the start {_at(problem.start)}", f"the goal {_at(problem.goal)}"
     places = {
-        Status.START_OUTSIDE: f"the start {_at(given.start)} lies outside the map",
-        Status.START_OCCUPIED: f"the start {_at(given.start)} is not {clearance} m from obstacles",
-        Status.GOAL_OUTSIDE: f"the goal {_at(given.goal)} lies outside the map",
-        Status.GOAL_OCCUPIED: f"the goal {_at(given.goal)} is not {clearance} m from obstacles",
+        Status.START_OUTSIDE: f"{start} lies outside the map",
+        Status.START_OCCUPIED: f"{start} is not {clearance} m from obstacles",
+        Status.GOAL_OUTSIDE: f"{goal} lies outside the map",
+        Status.GOAL_OCCUPIED: f"{goal} is not {clearance} m from obstacles",
     }
     if plan.status in places:
         raise InputError(f"plan: {plan.status}: {places[plan.status]}")
@@ -124,7 +178,7 @@ def _run_map(given: argparse.Namespace, planner: Any) -> int:
     return 1
 
 
-def _at(point: list[float]) -> str:
+def _at(point: Any) -> str:
     return "(" + ", ".join(f"{value:g}" for value in point) + ")"
 
 

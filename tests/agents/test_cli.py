@@ -18,6 +18,8 @@ from tests.conftest import ROOT
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, write_map
 from wheelchair_gym.scenes import SCENES, make_scene
 
+YARD = "type octile\nheight 3\nwidth 5\nmap\n.....\n..T..\n.....\n"
+
 
 @pytest.fixture(scope="module")
 def hall(tmp_path_factory):
@@ -45,6 +47,12 @@ def hall(tmp_path_factory):
     (folder / "unknown.json").write_text('{"task": {"beamz": 3}}')
     (folder / "scenes.json").write_text('{"clutter": {"walls": 3}}')
     (folder / "list.json").write_text("[]")
+    (folder / "broken.map").write_text("type octile\nheight 3\n")
+    (folder / "yard.map").write_text(YARD)
+    (folder / "house.json").write_text('{"verts": [[0, 0], [5, 0], [5, 4], [0, 4]]}')
+    (folder / "mapless.json").write_text('{"MapProcessor_Map_Name": "9"}')
+    figure = '{"MapProcessor_Map_Name": "5", "MapProcessor_Obstacles_Dilation": 4,}'
+    (folder / "figure.json").write_text(figure)
     return folder
 
 
@@ -112,6 +120,14 @@ WRONG = {
     "settings file lacks the name": lambda hall: plan(
         hall, "hall.yaml", planner=f"{hall / 'object.json'}:rrt"
     ),
+    "neither planner nor config": lambda hall: [
+        "plan", "--map", hall / "hall.yaml", "--start", "1,2", "--goal", "4,2",
+    ],
+    "config of another kind": lambda hall: ["plan", "--config", hall / "scenes.json"],
+    "config without a map": lambda hall: ["plan", "--config", hall / "mapless.json"],
+    "map of no known kind": lambda hall: plan(hall, "corrupt.pgm"),
+    "broken octile map": lambda hall: plan(hall, "broken.map"),
+    "house without verts": lambda hall: plan(hall, "object.json"),
     "picture of another kind": lambda hall: [*plan(hall, "hall.yaml"), "--picture", hall / "x.svg"],
     "json is a folder": lambda hall: [*plan(hall, "hall.yaml"), "--json", hall],
     "unknown policy": lambda hall: ["simulate", "--policy", "nobody"],
@@ -169,6 +185,25 @@ def test_a_plan_is_json_and_a_picture(hall, capsys, tmp_path):
     assert answer["path"][0] == [1, 2]
     assert answer["path"][-1] == [4, 2]
     assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize("name", ["hall.yaml", "yard.map", "house.json"])
+def test_maps_of_every_kind_are_planned_in(hall, capsys, name):
+    assert run(*plan(hall, name, "1,1", "4,1", "visibility"), "--json", "-") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert 3.0 - 1e-9 <= answer["touching"] <= answer["at_least"] <= answer["length"] < 4.0
+
+
+def test_the_thesis_settings_are_a_planner_and_a_map(hall, capsys):
+    assert run("plan", "--config", hall / "figure.json", "--json", "-") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["name"] == "thesis_5"
+    assert (answer["path"][0], answer["path"][-1]) == ([1.5, 1.5], [28.5, 18.5])
+    assert run(*plan(hall, "hall.yaml", planner=f"{hall / 'figure.json'}:rrt_star")) == 0
+    arguments = ["plan", "--config", hall / "figure.json", "--planner", "visibility"]
+    assert run(*arguments, "--json", "-") == 0
+    wide = json.loads(capsys.readouterr().out.split("\n", 1)[1])
+    assert wide["touching"] < wide["length"]  # four pixels of 5 cm are kept
 
 
 def test_problems_are_answered_one_by_one(hall, capsys):

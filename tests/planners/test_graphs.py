@@ -10,10 +10,14 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners import Space, Status, make_planner
+from planners import Problem, Space, Status, make_planner
+from planners.graphs.visibility import optima
 from planners.shortcut import shortcut, way_cost
+from planners.space import edge_free
 from tests.planners.judge import faults
 from tests.planners.test_planners import on
+from wheelchair_gym.config import InputError
+from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 
 ROOMS = [(4, 0, 4.5, 4), (4, 5.2, 4.5, 10)]  # a wall with a door, 1.2 m wide
 
@@ -72,6 +76,51 @@ def test_grids_are_complete_at_their_resolution(rectangles, resolution):
     planner = make_planner({"name": "a_star", "resolution": resolution, "refinements": 0,
                             "connectivity": 4})  # fmt: skip
     assert planner.plan(problem, np.random.default_rng(0)).status == Status.SOLVED
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32), st.integers(3, 7), st.floats(0.1, 0.5))
+def test_visibility_equals_brute_force_on_rasters(seed, side, share):
+    """Also where cells touch at corners only, through which a point may pass."""
+    cells = (np.random.default_rng(seed).random((side, side)) < share).astype(np.int8)
+    space = Space.from_grid(OccupancyGrid(OCCUPIED * cells, 1.0))
+    problem = Problem(space, np.array([0.5, 0.25]), np.array([side - 0.5, side - 0.5]))
+    plan = make_planner("visibility").plan(problem, np.random.default_rng(0))
+    if plan.status in (Status.START_OCCUPIED, Status.GOAL_OCCUPIED):
+        return
+    assert plan.length == pytest.approx(brute_force(problem), abs=1e-9)
+    if plan.status == Status.SOLVED:
+        assert all(edge_free(space.arrays, *a, *b) for a, b in itertools.pairwise(plan.path))
+    else:
+        assert plan.status == Status.NO_PATH
+
+
+@pytest.mark.parametrize("radius", [0.2, 0.5, 1.0])
+def test_the_optimum_with_a_clearance_lies_within_its_bounds(radius):
+    problem = on([(4, 0, 6, 5)], (1, 2), (9, 2), clearance=radius)
+    far = math.hypot(3, 3)  # to the corner, which the path rounds on an arc
+    turn = math.radians(45) + math.asin(radius / far)
+    exact = 2 * (math.sqrt(far**2 - radius**2) + radius * turn) + 2
+    found = optima(problem)
+    assert found.touching == pytest.approx(2 * far + 2, abs=1e-9)
+    assert found.at_least <= exact <= found.constrained <= exact * 1.01
+    assert found.constrained / found.at_least < 1.02
+
+
+def test_a_search_that_outlasts_its_deadline_is_exhausted():
+    cells = (np.random.default_rng(3).random((200, 200)) < 0.2).astype(np.int8)
+    cells[:3, :3] = cells[-3:, -3:] = 0
+    cells[-20, :] = 1  # shut: all of the map must be seen to prove it
+    space = Space.from_grid(OccupancyGrid(OCCUPIED * cells, 1.0))
+    problem = Problem(space, np.array([1.0, 1.0]), np.array([199.0, 199.0]))
+    planner, rng = make_planner("visibility"), np.random.default_rng(0)
+    assert planner.plan(problem, rng).status == Status.NO_PATH
+    plan = planner.plan(problem, rng, deadline=0.0)
+    assert (plan.status, len(plan.path)) == (Status.EXHAUSTED, 0)
+    assert planner.plan(problem, rng, deadline=60.0).status == Status.NO_PATH
+    for wrong in (-1.0, math.nan):
+        with pytest.raises(InputError, match="deadline"):
+            planner.plan(problem, rng, deadline=wrong)
 
 
 @pytest.mark.parametrize("connectivity", [4, 8])

@@ -9,7 +9,9 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planners.erosion import eroded
 from planners.space import Space, clearance, edge_free, point_free
+from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 
 BOUNDS = (0.0, 0.0, 8.0, 8.0)
 LATTICE = st.integers(-1, 9).map(float)
@@ -82,15 +84,39 @@ def test_inflation_is_never_too_small_and_hardly_too_large(polygons, points, rad
     assert grown is space.inflated(radius)
     if not grown.free.is_empty:
         corners = shapely.points(shapely.get_coordinates(grown.free))
-        assert (shapely.distance(corners, space.solid) >= radius).all() or space.solid.is_empty
+        least = radius - 1e-12
+        assert (shapely.distance(corners, space.solid) >= least).all() or space.solid.is_empty
         boundary = shapely.distance(grown.free.boundary, space.solid)
-        assert space.solid.is_empty or boundary >= radius
+        assert space.solid.is_empty or boundary >= least
     for point in points:
         gap = clearance(space.arrays, *point)
         if point_free(grown.arrays, *point):
             assert gap >= radius - 1e-12
         elif point_free(space.arrays, *point):  # too large by at most the corners of its arcs
-            assert gap <= radius / math.cos(math.pi / 16) + 1e-8
+            assert gap <= radius / math.cos(math.pi / 16) + 1e-6
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.integers(0, 2**32),
+    st.integers(2, 30),
+    st.sampled_from([0.02, 0.1, 0.3, 0.6]),
+    st.sampled_from([0.05, 0.1, 0.25, 0.35, 0.1234]),  # many are whole numbers of cells
+)
+def test_erosion_of_rasters_agrees_with_unions(seed, side, share, radius):
+    cells = (np.random.default_rng(seed).random((side, side)) < share).astype(np.int8)
+    space = Space.from_grid(OccupancyGrid(OCCUPIED * cells, 0.05))
+    edges = eroded(space.arrays, radius)
+    assert edges is not None
+    bounds = np.array(space.bounds) + radius * np.array([1, 1, -1, -1])
+    left = Space(None, bounds, edges)
+    assert len(left.mesh.corners) >= 0  # loops that cross nowhere
+    if bounds[0] >= bounds[2] or left.free.is_empty or space.solid.is_empty:
+        return
+    assert shapely.distance(left.free.boundary, space.solid) >= radius - 1e-12
+    wide = shapely.box(*space.bounds).buffer(-1.021 * radius, join_style="mitre")
+    sure = shapely.difference(wide, shapely.buffer(space.solid, 1.021 * radius, quad_segs=32))
+    assert shapely.difference(sure, left.free).area < 1e-12
 
 
 SQUARES = [[(2, 2), (4, 2), (4, 4), (2, 4)], [(4, 4), (6, 4), (6, 6), (4, 6)]]
@@ -132,26 +158,9 @@ def test_nan_is_not_free():
     assert not edge_free(arrays, 1.0, 1.0, math.nan, 1.0)
 
 
-class Cells:
-    """An occupancy grid of unit cells, as far as a space needs one; walls of each cell apart."""
-
-    def __init__(self, cells):
-        self.cells = np.asarray(cells)
-        self.bounds = (0.0, 0.0, float(self.cells.shape[1]), float(self.cells.shape[0]))
-
-    def walls(self, unknown_is_solid=False):
-        """Sides between a solid and another cell, longest straight runs merged."""
-        padded = np.pad(self.cells, 1).astype(bool)
-        walls = []
-        for transpose in (False, True):
-            grid = padded.T if transpose else padded
-            for i in range(1, grid.shape[0]):
-                edge = grid[i] != grid[i - 1]
-                steps = np.flatnonzero(np.diff(np.concatenate([[False], edge, [False]])))
-                for begin, end in steps.reshape(-1, 2):
-                    run = (begin - 1, i - 1, end - 1, i - 1)
-                    walls.append((run[1], run[0], run[3], run[2]) if transpose else run)
-        return np.array(walls, dtype=float).reshape(-1, 4)
+def raster(cells):
+    """An occupancy grid of unit cells that are solid where `cells` (rows, columns) says so."""
+    return OccupancyGrid(OCCUPIED * np.asarray(cells, dtype=np.int8), 1.0)
 
 
 @pytest.mark.parametrize(
@@ -168,7 +177,7 @@ class Cells:
     ],
 )
 def test_grids_are_what_their_cells_say(cells):
-    space = Space.from_grid(Cells(cells))
+    space = Space.from_grid(raster(cells))
     arrays = space.arrays
     rows, columns = cells.shape
     for i in range(rows):

@@ -13,6 +13,7 @@ from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, geodesic, read_map
 from wheelchair_gym.scenes import SCENES, make_scene
 from wheelchair_gym.scenes.describe import measure
 from wheelchair_gym.scenes.example import draw
+from wheelchair_gym.scenes.labs import DESIGN_LAB_INFLATION
 from wheelchair_gym.scenes.map_file import example_map
 from wheelchair_gym.scenes.papers import GREY_WOLF_GOALS
 from wheelchair_gym.scenes.poses import FOOTPRINT, RADIUS
@@ -223,6 +224,29 @@ def test_thesis_maps_have_ways_of_about_35_m_and_gaps_as_set(number):
         world = scene.sample(np.random.default_rng(0))
         assert 31.0 < geodesic(world.map, world.goal, RADIUS).at(world.start[:2]) < 42.0
         assert bottleneck(world.map, world.start[:2], world.goal[:2]) >= gap / 2 - 0.08
+
+
+@pytest.mark.parametrize(
+    ("spec", "clearance"),
+    [
+        *(({"name": f"lab_{number}"}, RADIUS) for number in (1, 2, 3)),
+        *(({"name": "design_lab", "path": path}, DESIGN_LAB_INFLATION) for path in (1, 2)),
+    ],
+)
+def test_labs_have_a_way_round_at_their_clearance(spec, clearance):
+    world = make_scene(spec).sample(np.random.default_rng(0))
+    start, goal = world.start[:2], world.goal[:2]
+    way = geodesic(world.map, goal, clearance).at(start)
+    assert math.dist(start, goal) * 1.01 < way < math.inf  # not straight, not shut
+    assert bottleneck(world.map, start, goal) >= clearance
+
+
+def test_the_design_lab_has_the_papers_ways():
+    rng = np.random.default_rng(0)
+    ways = {1: ((5.3, 9.0), (8.5, 12.0)), 2: ((6.0, 2.0), (6.3, 9.5))}
+    for path, (start, goal) in ways.items():
+        world = make_scene({"name": "design_lab", "path": path}).sample(rng)
+        assert (tuple(world.start[:2]), tuple(world.goal[:2])) == (start, goal)
 
 
 @pytest.mark.parametrize(

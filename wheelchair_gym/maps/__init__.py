@@ -2,7 +2,10 @@
 
 from wheelchair_gym.maps.geodesic import Geodesic, geodesic, interpolate
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from wheelchair_gym.maps.ground import Ground, read_ground
+from wheelchair_gym.maps.house_expo import House, read_house
 from wheelchair_gym.maps.map_server import read_map, write_map
+from wheelchair_gym.maps.moving_ai import Task, read_octile, read_scenario
 from wheelchair_gym.maps.passage import bottleneck
 from wheelchair_gym.maps.polygons import Outline, binarise, polygons
 
@@ -11,13 +14,20 @@ __all__ = [
     "OCCUPIED",
     "UNKNOWN",
     "Geodesic",
+    "Ground",
+    "House",
     "OccupancyGrid",
     "Outline",
+    "Task",
     "binarise",
     "bottleneck",
     "geodesic",
     "interpolate",
     "polygons",
+    "read_ground",
+    "read_house",
     "read_map",
+    "read_octile",
+    "read_scenario",
     "write_map",
 ]

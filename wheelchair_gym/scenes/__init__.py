@@ -11,6 +11,7 @@ from wheelchair_gym.config import InputError, load
 from wheelchair_gym.scenes.barn import Barn
 from wheelchair_gym.scenes.clutter import Clutter
 from wheelchair_gym.scenes.floor_plan import FloorPlan
+from wheelchair_gym.scenes.labs import LAB_MAPS, DesignLab
 from wheelchair_gym.scenes.map_file import MapFile
 from wheelchair_gym.scenes.papers import ChaoticPso, GreyWolf
 from wheelchair_gym.scenes.room import EmptyRoom
@@ -22,6 +23,7 @@ __all__ = [
     "Barn",
     "ChaoticPso",
     "Clutter",
+    "DesignLab",
     "EmptyRoom",
     "FloorPlan",
     "GreyWolf",
@@ -47,6 +49,8 @@ SCENES: Final[dict[str, type[Scene]]] = {
     "barn": Barn,
     "chaotic_pso": ChaoticPso,
     "grey_wolf": GreyWolf,
+    "design_lab": DesignLab,
+    **LAB_MAPS,
     **THESIS_MAPS,
 }
 

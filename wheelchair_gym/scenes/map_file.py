@@ -1,4 +1,4 @@
-"""Any map_server map as a world."""
+"""Any map file as a world."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic, read_map
+from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic, read_ground
 from wheelchair_gym.scenes.poses import RADIUS, stands
 from wheelchair_gym.types import Episode, no_discs
 
 Array = NDArray[np.float64]
 Pose = tuple[float, float, float]
 
+_KINDS = "map_server's YAML, MovingAI's .map, HouseExpo's JSON; empty: the package's clinic"
 _TRIES = 200  # places drawn for one pose
 _GOALS = 20  # goals drawn before the map is called impossible
 
@@ -30,15 +31,14 @@ def example_map() -> Path:
 @lru_cache(maxsize=8)
 def _ground(path: Path, stamp: int, unknown_is_solid: bool) -> tuple[OccupancyGrid, Array]:
     """Map and walls; the stamp makes an edited file be read again."""
-    grid = read_map(path)
-    return grid, grid.walls(unknown_is_solid)
+    return read_ground(path, unknown_is_solid)
 
 
 @settings
 class MapFile:
-    """A map_server map; start and goal are given, or drawn from where the chair can stand."""
+    """A map file; start and goal are given, or drawn from where the chair can stand."""
 
-    path: str = setting(default="", source="YAML; empty: the clinic that comes with the package")
+    path: str = setting(default="", source=_KINDS)
     start: Pose | None = setting(default=None, unit="m, m, rad", source="none: drawn at random")
     goal: Pose | None = setting(default=None, unit="m, m, rad", source="none: drawn at random")
     apart: float = setting(

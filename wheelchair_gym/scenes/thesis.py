@@ -13,8 +13,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.config import setting, settings
 from wheelchair_gym.scenes.arena import Arena, arena, facing
+from wheelchair_gym.scenes.numbered import numbered
 from wheelchair_gym.scenes.raster import turned_rectangle
 from wheelchair_gym.types import Episode
 
@@ -124,21 +125,4 @@ class ThesisMap:
         return Episode(ground.map, start, goal, ground.walls, ground.discs, name=name)
 
 
-def _fixed(number: int) -> type[ThesisMap]:
-    """The settings class of one map: the number cannot be set to another."""
-
-    def check(self: ThesisMap) -> None:
-        if self.number != number:
-            raise InputError(f"thesis_{number}.number is {self.number}; expected {number}")
-
-    namespace = {
-        "__annotations__": {"number": int},
-        "__doc__": f"Map {number} of the thesis.",
-        "__post_init__": check,
-        "__module__": __name__,
-        "number": setting(default=number, source="of the map", low=number, high=number),
-    }
-    return settings(type(f"ThesisMap{number}", (ThesisMap,), namespace))
-
-
-THESIS_MAPS: Final = {f"thesis_{number}": _fixed(number) for number in range(1, 6)}
+THESIS_MAPS: Final = numbered(ThesisMap, "thesis", 5, "Map of the thesis, no.")

@@ -1,0 +1,128 @@
+"""The thesis's own settings file (its figure 3.1), read as ours: a planner and how a map is taken.
+
+Its optimiser's keys alone make the global variant; a trailing comma, as in the figure, is allowed.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from wheelchair_gym.config import InputError, parse_json, read_text
+
+# Each key of the file: its kind, its least value, and where it goes in the planner's settings.
+KEYS: Final[dict[str, tuple[type, float, tuple[str, ...]]]] = {
+    "ReturnOnFirstPath": (bool, 0, ("tree", "return_on_first_path")),
+    "RenderGraphics": (bool, 0, ()),
+    "CreateVideo": (bool, 0, ()),
+    "TestMode": (bool, 0, ()),
+    "MapProcessor_Obstacles_Dilation": (int, 0, ()),
+    "MapProcessor_Epsilon": (float, 0, ()),
+    "MapProcessor_Map_Name": (str, 0, ()),
+    "PathPlanner_Iterations": (int, 1, ("tree", "iterations")),
+    "PathPlanner_Step_Size": (float, 1e-3, ("tree", "step")),
+    "PathPlanner_Search_Radius": (float, 1e-3, ("tree", "search_radius")),
+    "PathPlanner_Goal_Threshold": (float, 0, ("tree", "goal_reach")),
+    "PathOptimizer_Population": (int, 1, ("whales", "population")),
+    "PathOptimizer_Iterations": (int, 0, ("whales", "iterations")),
+    "PathOptimizer_a_Parameter": (float, 0, ("whales", "a")),
+    "PathOptimizer_b_Parameter": (float, -math.inf, ("whales", "b")),
+    "PathOptimizer_Shortness_Weight": (float, 0, ("shortness_weight",)),
+    "PathOptimizer_Collision_Free_Weight": (float, 0, ("collision_free_weight",)),
+    "PathOptimizer_Width_Bound": (float, 0, ("width_bound",)),
+    "PathOptimizer_Height_Bound": (float, 0, ("height_bound",)),
+}
+KINDS: Final = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+# What each of our planners takes of the file.
+TAKES: Final[dict[str, tuple[str, ...]]] = {
+    "rrt_star": ("tree",),
+    "rrt_star_woa_local": ("tree", "whales", "width_bound", "height_bound"),
+    "rrt_star_woa_global": (
+        "tree",
+        "whales",
+        "width_bound",
+        "height_bound",
+        "shortness_weight",
+        "collision_free_weight",
+    ),
+}
+GLOBAL: Final = "rrt_star_woa_global"
+
+
+class ThesisFile(NamedTuple):
+    """What such a file says; keys that it lacks are left to our defaults."""
+
+    settings: Mapping[str, Any]  # of the global variant
+    map_name: str  # "1" to "5", or a file; empty if not given
+    dilation: int  # pixels by which obstacles grow
+    epsilon: float  # pixels by which outlines may be simplified; ours stay exact
+
+    def planner(self, name: str = GLOBAL) -> dict[str, Any]:
+        """The settings of one of the thesis's planners, as `make_planner` takes them.
+
+        Raises:
+            InputError: the file says nothing of such a planner.
+        """
+        if name not in TAKES:
+            known = ", ".join(sorted(TAKES))
+            raise InputError(f"planner {name!r} is none of the thesis's; expected {known}")
+        taken = {key: self.settings[key] for key in TAKES[name] if key in self.settings}
+        if name == "rrt_star":
+            taken = dict(taken.get("tree", {}))
+        return {"name": name, **taken}
+
+
+def _checked(key: str, value: Any, path: Path) -> Any:
+    kind, least, _ = KEYS[key]
+    numeric = isinstance(value, int | float) and not isinstance(value, bool)
+    good = isinstance(value, kind) if kind in (bool, str) else numeric
+    if kind is int and good:
+        good = float(value).is_integer()
+    if not good or (numeric and not math.isfinite(value)):
+        raise InputError(f"{path}: {key} is {value!r}; expected {KINDS[kind]}")
+    if numeric and value < least:
+        raise InputError(f"{path}: {key} is {value!r}; expected at least {least:g}")
+    return kind(value)
+
+
+def is_thesis(data: Any) -> bool:
+    """Whether the content of a JSON file is settings of the thesis's kind."""
+    return isinstance(data, Mapping) and any(key in KEYS for key in data)
+
+
+def read_thesis(path: str | Path) -> ThesisFile:
+    """The content of such a file.
+
+    Raises:
+        InputError: the file cannot be read, or a key is unknown or has a wrong value.
+    """
+    path = Path(path)
+    data = parse_json(without_trailing_commas(read_text(path)), path)
+    if not isinstance(data, Mapping):
+        raise InputError(f"{path}: expected an object with keys, got {type(data).__name__}")
+    values: dict[str, Any] = {}
+    settings: dict[str, Any] = {}
+    for key, value in data.items():
+        if key not in KEYS:
+            raise InputError(f"{path}: {key!r} is not a key; it has {', '.join(KEYS)}")
+        values[key] = _checked(key, value, path)
+        *above, last = KEYS[key][2] or ("",)
+        if last:
+            place = settings
+            for part in above:
+                place = place.setdefault(part, {})
+            place[last] = values[key]
+    return ThesisFile(
+        settings,
+        values.get("MapProcessor_Map_Name", ""),
+        values.get("MapProcessor_Obstacles_Dilation", 0),
+        values.get("MapProcessor_Epsilon", 0.0),
+    )
+
+
+def without_trailing_commas(text: str) -> str:
+    """A JSON text without commas before a closing bracket; what is in quotes stays."""
+    return re.sub(r'("(?:[^"\\]|\\.)*")|,(?=\s*[}\]])', lambda found: found[1] or "", text)

@@ -1,0 +1,90 @@
+"""The thesis's settings file makes the thesis's planners; whatever is wrong in it has its name."""
+
+import re
+
+import pytest
+
+from planners import PLANNERS, make_planner
+from planners.thesis import KEYS, TAKES, is_thesis, read_thesis, without_trailing_commas
+from wheelchair_gym.config import InputError
+
+FIGURE = """{
+  "ReturnOnFirstPath": true, "RenderGraphics": false, "CreateVideo": false, "TestMode": true,
+
+  "MapProcessor_Obstacles_Dilation": 3,
+  "MapProcessor_Epsilon": 0.02,
+  "MapProcessor_Map_Name": "5",
+
+  "PathPlanner_Iterations": 10000,
+  "PathPlanner_Step_Size": 1.0,
+  "PathPlanner_Search_Radius": 1.5,
+  "PathPlanner_Goal_Threshold": 1.0,
+
+  "PathOptimizer_Population": 10,
+  "PathOptimizer_Iterations": 10,
+  "PathOptimizer_a_Parameter": 4.0,
+  "PathOptimizer_b_Parameter": 1.0,
+  "PathOptimizer_Shortness_Weight": 10.0,
+  "PathOptimizer_Collision_Free_Weight": 1.0,
+  "PathOptimizer_Width_Bound": 2.5,
+  "PathOptimizer_Height_Bound": 2.5,
+}
+"""
+
+
+@pytest.fixture
+def figure(tmp_path):
+    path = tmp_path / "figure.json"
+    path.write_text(FIGURE)
+    return path
+
+
+@pytest.mark.parametrize("name", sorted(TAKES))
+def test_the_figure_makes_the_thesis_planners(figure, name):
+    assert make_planner(read_thesis(figure).planner(name)) == PLANNERS[name].thesis()
+
+
+def test_the_figure_names_every_key_and_its_map(figure):
+    file = read_thesis(figure)
+    assert (file.map_name, file.dilation, file.epsilon) == ("5", 3, 0.02)
+    assert all(key in FIGURE for key in KEYS)
+
+
+def test_keys_that_are_missing_keep_our_defaults(tmp_path):
+    path = tmp_path / "short.json"
+    path.write_text('{"PathPlanner_Step_Size": 2}')
+    planner = make_planner(read_thesis(path).planner())
+    assert planner.tree.step == 2.0
+    assert planner.whales == PLANNERS["rrt_star_woa_global"]().whales
+    assert is_thesis({"TestMode": True})
+    assert not is_thesis({"rrt": {}})
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("Step_Size", "Stepsize", "'PathPlanner_Stepsize' is not a key; it has ReturnOnFirst"),
+        ("1.5", '"far"', "PathPlanner_Search_Radius is 'far'; expected a number"),
+        ("1.5", "-1.5", "PathPlanner_Search_Radius is -1.5; expected at least"),
+        ("1.5", "NaN", "PathPlanner_Search_Radius is nan; expected a number"),
+        ("true", "1", "ReturnOnFirstPath is 1; expected true or false"),
+        ("10000", "0.5", "PathPlanner_Iterations is 0.5; expected a whole number"),
+        ('"5"', "5", "MapProcessor_Map_Name is 5; expected text"),
+        ("true", "yes", "line 2, column 24: not JSON"),
+    ],
+)
+def test_wrong_values_are_named(figure, old, new, says):
+    figure.write_text(FIGURE.replace(old, new, 1))
+    with pytest.raises(InputError, match=re.escape(f"figure.json: {says}")):
+        read_thesis(figure)
+
+
+def test_planners_of_others_are_refused(figure):
+    with pytest.raises(InputError, match="'a_star' is none of the thesis's"):
+        read_thesis(figure).planner("a_star")
+
+
+def test_commas_within_text_stay():
+    assert without_trailing_commas('{"a,}": [1, 2, ], "b": ",]",\n}') == (
+        '{"a,}": [1, 2 ], "b": ",]"\n}'
+    )

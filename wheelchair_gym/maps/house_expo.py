@@ -1,0 +1,112 @@
+"""Floor plans of HouseExpo: JSON with one outline in metres; all outside of it is solid.
+
+`verts` holds the corners in order, `bbox` their least and greatest coordinates, `room_category` the
+boxes of rooms by kind (Li et al. 2019, HouseExpo: a large-scale 2D indoor layout dataset).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError, read_json
+from wheelchair_gym.geometry import polygon_edges
+from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
+
+Array = NDArray[np.float64]
+
+MARGIN: Final = 0.25  # m of solid ground round the outline, in its grid
+FRAME: Final = 1.0  # m of it in its walls, so that the grid lies within
+TOUCH: Final = 1e-6  # cells: an edge along the side of a cell does not cut it
+SLACK: Final = 0.01  # m: by so much a box may differ from the corners that it holds
+MOST_SIDE: Final = 1000.0  # m
+
+
+class House(NamedTuple):
+    """A floor plan: one outline, free inside."""
+
+    name: str
+    outline: Array  # (k, 2) m, counter-clockwise, each corner once
+    rooms: Mapping[str, Array]  # kind: boxes (n, 4) m, xmin, ymin, xmax, ymax
+
+    @property
+    def walls(self) -> Array:
+        """Closed loops (n, 4) [m]: the outline, and a frame far round it; between them is solid."""
+        (x0, y0), (x1, y1) = self.outline.min(axis=0) - FRAME, self.outline.max(axis=0) + FRAME
+        frame = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+        return np.vstack([polygon_edges(frame), polygon_edges(self.outline[::-1])])
+
+    def grid(self, resolution: float = 0.05) -> OccupancyGrid:
+        """The house as cells [m]: one that is not wholly inside the outline is occupied."""
+        low, high = self.outline.min(axis=0) - MARGIN, self.outline.max(axis=0) + MARGIN
+        columns, rows = np.ceil((high - low) / resolution).astype(int)
+        x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)  # centres
+        inside, cut = np.zeros((rows, columns), dtype=np.bool_), np.zeros((rows, columns), np.bool_)
+        corners = (self.outline - low) / resolution
+        for (ax, ay), (bx, by) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            if ay != by:
+                straddles = (ay <= y) != (by <= y)
+                inside ^= straddles & (ax + (y - ay) / (by - ay) * (bx - ax) > x)
+            # Cells through whose inside the edge passes: no axis parts it from them.
+            ex, ey = bx - ax, by - ay
+            near = np.abs(ex * (y - ay) - ey * (x - ax)) < 0.5 * (abs(ex) + abs(ey)) - TOUCH
+            near &= (x + 0.5 > min(ax, bx) + TOUCH) & (x - 0.5 < max(ax, bx) - TOUCH) | (ex == 0.0)
+            near &= (y + 0.5 > min(ay, by) + TOUCH) & (y - 0.5 < max(ay, by) - TOUCH) | (ey == 0.0)
+            cut |= near
+        cells = np.where(inside & ~cut, FREE, OCCUPIED).astype(np.int8)
+        return OccupancyGrid(cells, resolution, (float(low[0]), float(low[1]), 0.0))
+
+
+def _points(value: Any, width: int, where: str) -> Array:
+    try:
+        points = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        points = np.empty(0)
+    if points.ndim != 2 or points.shape[1] != width or not np.isfinite(points).all():
+        expected = f"expected a list of lists of {width} finite numbers"
+        raise InputError(f"{where} is {str(value)[:60]}; {expected}")
+    return points
+
+
+def read_house(path: str | Path) -> House:
+    """The floor plan of a HouseExpo file.
+
+    Raises:
+        InputError: the file cannot be read, a key is missing, or the outline is none.
+    """
+    path = Path(path)
+    data = read_json(path)
+    if not isinstance(data, Mapping) or "verts" not in data:
+        raise InputError(f"{path}: verts is missing; expected a HouseExpo floor plan")
+    corners = _points(data["verts"], 2, f"{path}: verts")
+    outline = corners[np.any(corners != np.roll(corners, 1, axis=0), axis=1)]
+    if len(outline) < 3:
+        raise InputError(f"{path}: verts has {len(outline)} corners; expected at least 3")
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    if (high - low).max() > MOST_SIDE:
+        raise InputError(f"{path}: verts span {(high - low).max():g} m; expected {MOST_SIDE:g} m")
+    box = data.get("bbox")
+    if box is not None:
+        if not isinstance(box, Mapping) or not {"min", "max"} <= set(box):
+            raise InputError(f"{path}: bbox is {str(box)[:60]}; expected min and max")
+        given = _points([box["min"], box["max"]], 2, f"{path}: bbox")
+        if np.abs(given - [low, high]).max() > SLACK:
+            found = f"{low.tolist()} to {high.tolist()}"
+            raise InputError(f"{path}: bbox is {given.tolist()}; expected that of verts, {found}")
+    rooms = data.get("room_category", {})
+    if not isinstance(rooms, Mapping):
+        raise InputError(f"{path}: room_category is {str(rooms)[:60]}; expected an object")
+    boxes = {
+        str(kind): _points(value, 4, f"{path}: room_category.{kind}")
+        for kind, value in rooms.items()
+        if value != []
+    }
+    x, y = outline.T
+    area = float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    if area == 0.0:
+        raise InputError(f"{path}: verts enclose nothing; expected an outline")
+    return House(str(data.get("id", path.stem)), outline if area > 0.0 else outline[::-1], boxes)
