@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners import Space, Status, make_planner
+from planners.judge import faults
 from planners.refine import shortcut, way_cost
-from tests.planners.judge import faults
 from tests.planners.test_planners import on
 
 ROOMS = [(4, 0, 4.5, 4), (4, 5.2, 4.5, 10)]  # a wall with a door, 1.2 m wide
