@@ -132,6 +132,7 @@ class Championship:
             },
             "iterations": self._iterations,
             "records": self.race.kept,
+            "others": self.race.others,
         }
 
     def text(self) -> str:

@@ -126,7 +126,9 @@ class Race:
             for runner in runners
             for budget in self.budgets(runner, seed)
         }
-        self.records = {key: value for key, value in (known or {}).items() if key in self.wanted}
+        known = known or {}
+        self.records = {key: value for key, value in known.items() if key in self.wanted}
+        self._others = {key: value for key, value in known.items() if key not in self.wanted}
 
     def budgets(self, runner: Contender, seed: int) -> list[Budget]:
         """The runs of one contender for one seed."""
@@ -157,6 +159,11 @@ class Race:
         """The records so far, each with its key, in the order of the benchmark."""
         return [{"key": key, **self.records[key]} for key in self.wanted if key in self.records]
 
+    @property
+    def others(self) -> list[Record]:
+        """Records known from before that this benchmark does not ask for; they are not lost."""
+        return [{"key": key, **record} for key, record in self._others.items()]
+
 
 def known_records(path: Any) -> dict[str, Record]:
     """Records by key of an earlier results file.
@@ -169,5 +176,5 @@ def known_records(path: Any) -> dict[str, Record]:
         raise InputError(f"{path}: not a result of 'wheelchair bench planners'")
     return {
         record["key"]: {k: v for k, v in record.items() if k != "key"}
-        for record in content["records"]
+        for record in [*content["records"], *content["others"]]
     }

@@ -169,7 +169,7 @@ def columns(deadlines: Sequence[float]) -> list[Column]:
         ),
         Column("nodes", "nodes", digits=0),
         Column("turning_rad", "turning", "rad", 3),
-        Column("printed_turning", "P1's f1", digits=3),
+        Column("printed_turning", "f1 of RRT-WOA", digits=3),
         Column("clearance_min_m", "least clearance", "m", 3),
         Column("clearance_mean_m", "mean clearance", "m", 2),
     ]

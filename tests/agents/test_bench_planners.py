@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -12,18 +12,19 @@ import pytest
 
 from agents import cli
 from agents.bench import championship, contenders, race
-from agents.bench.cases import MARGIN, scene_cases, stored_cases
+from agents.bench.cases import MARGIN, Case, scene_cases, stored_cases
 from agents.bench.contenders import Contender, called_planners, lifted
 from agents.bench.race import COLD, FREE
 from agents.bench.summary import ranking, summarise
 from agents.paths import path_figures, printed_turning, turning
-from agents.peers import PEERS, Peer
+from agents.peers import PEERS, Peer, installed
 from planners import PLANNERS, Plan, Problem, Space, Status, make_planner
 
 HALL = {"name": "hall", "size": 5, "rects": [[2, 1.5, 3, 2.5]], "start": [1, 2], "goal": [4, 2]}
 OPEN = {"name": "open", "size": 5, "rects": [], "start": [1, 2], "goal": [4, 2]}
 KEYS = {
     "format", "command", "provenance", "problems", "rows", "anytime", "iterations", "records",
+    "others",
 }  # fmt: skip
 ROW = {
     "planner", "problem", "runs", "paths", "invalid", "crashed", "success", "success_low",
@@ -118,6 +119,14 @@ def test_results_say_all_and_resume_computes_nothing_twice(problems, ghost, tmp_
     assert ghost.asked[before:] == [None]  # it is only asked what it calls
     assert not (tmp_path / "no").exists()
 
+    # What is not asked for this time is kept for the next.
+    bench("--problems", problems, "--resume", out / "planners.json", out=tmp_path / "no", peers="")
+    less = json.loads((out / "planners.json").read_text())
+    assert {record["planner"] for record in less["others"]} == {"ghost"}
+    assert {row["planner"] for row in less["rows"]} == {"rrt_connect", "visibility"}
+    bench("--problems", problems, "--resume", out / "planners.json", out=tmp_path / "no")
+    assert json.loads((out / "planners.json").read_text())["records"] == result["records"]
+
 
 def test_ctrl_c_keeps_what_is_done(problems, ghost, tmp_path, capsys, monkeypatch):
     made = []
@@ -172,6 +181,21 @@ def test_wrong_input_is_one_line_and_code_2(problems, tmp_path, capsys):
         said = capsys.readouterr()
         assert (code, said.out, said.err.count("\n")) == (2, "", 1), arguments
         assert said.err.startswith("wheelchair: ")
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_a_peer_that_is_installed_solves_and_keeps_to_a_deadline(name, problems):
+    if not installed(PEERS[name].package):
+        pytest.skip(f"{PEERS[name].package} is not installed")
+    (case,) = stored_cases(problems, ["hall"])
+    ready = PEERS[name].settings.at(case)
+    for deadline in (None, 0.05):
+        plan = ready.plan(case.problem, np.random.default_rng(0), deadline)
+        assert plan.status == Status.SOLVED
+        faults = case.judge.faults(plan.path, case.problem.start, case.problem.goal)
+        assert not faults or name.endswith("_sampled")
+    walls = Case(replace(case.problem, clearance=0.2), None, "nobody")  # no map of rectangles
+    assert (PEERS[name].settings.at(walls) is None) == name.startswith("pathplanning_rrt")
 
 
 def test_a_missing_package_is_one_line_that_names_the_extra(monkeypatch):
