@@ -17,14 +17,15 @@ from numpy.typing import NDArray
 
 from planners import Plan, Problem, Status, make_planner
 from planners.exact import SpaceArrays, edge_free
-from planners.trees.rrt import RrtStarWoaGlobal
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.kernel import kernel
 
 Array = NDArray[np.float64]
 
 FIRST = "rrt_connect"
-WEIGHTS = RrtStarWoaGlobal()  # of length and of blocked edges, and how far points may move
+WEIGHTS: Any = make_planner(
+    "rrt_star_woa_global"
+)  # of length and of blocked edges, and how far points may move
 
 
 @kernel
