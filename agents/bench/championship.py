@@ -26,6 +26,8 @@ TERMS = (
     "what a planner keeps with it.",
     f"Under a deadline a planner's limit of iterations is {UNLIMITED:.0e}; an answer later than "
     f"{LATE} times the deadline is none. A planner that takes no deadline answers when it is done.",
+    "Where a planner tells the iteration of its first path and not the time, a run that is cut off "
+    "there tells it; where it tells neither, the first path counts from the end of the run.",
     "A valid path is one in which shapely finds no fault: exact edges, within 1e-6 m.",
     "OMPL is given our exact edge test, compiled for the map, which is favourable to it; as "
     "'..._sampled' it is as it comes. Its random numbers are one stream of the process.",

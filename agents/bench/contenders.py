@@ -75,15 +75,15 @@ def takes_deadline(planner: Any) -> bool:
     return "deadline" in inspect.signature(planner.plan).parameters
 
 
-def lifted(planner: Any) -> Any:
-    """A planner without limits on iterations, its own and those of planners in its settings."""
+def with_iterations(planner: Any, iterations: int) -> Any:
+    """A planner of so many iterations, its own and those of planners in its settings."""
     changes: dict[str, Any] = {}
     for field in dataclasses.fields(planner):
         value = getattr(planner, field.name)
         if field.name == "iterations" and isinstance(value, int):
-            changes[field.name] = UNLIMITED
+            changes[field.name] = iterations
         elif type(value) in PLANNERS.values():
-            changes[field.name] = lifted(value)
+            changes[field.name] = with_iterations(value, iterations)
     return replace(planner, **changes) if changes else planner
 
 
@@ -143,9 +143,10 @@ def contenders(specs: Sequence[Any], peers: Sequence[str]) -> list[Contender]:
         values = {"name": spec} if isinstance(spec, str) else dict(spec)
         label = str(values.pop("label", values.get("name")))
         planner = make_planner(values)
-        calls = called_planners(planner)
-        timed = takes_deadline(planner)
-        found.append(Contender(label, planner, lifted(planner), timed=timed, calls=calls))
+        calls, timed = called_planners(planner), takes_deadline(planner)
+        found.append(
+            Contender(label, planner, with_iterations(planner, UNLIMITED), timed=timed, calls=calls)
+        )
     small = Case(small_problem(), None, "nobody", np.array([[2.0, 1.5, 3.0, 2.5]]))
     for name in peers:
         peer = PEERS[name]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable, Sequence
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -24,15 +24,15 @@ Row = dict[str, Any]
 
 
 def _microseconds(run: Callable[[int], object]) -> float:
-    """Time of one iteration: what a run takes more than one of a single iteration does."""
+    """Computing time of one iteration: what a run takes more than one of a single iteration."""
     run(2)
     times = []
     for _ in range(REPEATS):
         spent = []
         for count in (1, ITERATIONS + 1):
-            begun = perf_counter()
+            begun = process_time()
             run(count)
-            spent.append(perf_counter() - begun)
+            spent.append(process_time() - begun)
         times.append(1e6 * (spent[1] - spent[0]) / ITERATIONS)
     return statistics.median(times)
 

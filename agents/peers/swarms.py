@@ -23,9 +23,8 @@ from wheelchair_gym.kernel import kernel
 Array = NDArray[np.float64]
 
 FIRST = "rrt_connect"
-WEIGHTS: Any = make_planner(
-    "rrt_star_woa_global"
-)  # of length and of blocked edges, and how far points may move
+# Whose weights of length and of blocked edges count, and whose bounds of how far points may move.
+WEIGHTS: Any = make_planner("rrt_star_woa_global")
 
 
 @kernel
