@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from planners import PLANNERS, Problem, Space, Status, make_planner
-from tests.planners.judge import TOLERANCE
+from planners.judge import TOLERANCE
 from tests.planners.test_planners import BOX, COMPLETE, GIVEN_UP, PROVE, assert_valid, on, quick
 
 SIZE = 8

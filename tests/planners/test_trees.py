@@ -5,12 +5,12 @@ import pytest
 import shapely
 
 from planners import PLANNERS
+from planners.judge import faults
 from planners.problems import read_problems
 from planners.space import Space
 from planners.trees.rrt import RrtStar, RrtStarWoaGlobal, RrtStarWoaLocal
 from planners.trees.tree import NONE, insert, nearest, new_tree, within
 from planners.types import Problem, Status
-from tests.planners.judge import faults
 
 TREES = [name for name in PLANNERS if name.startswith("rrt")]
 RECTANGLES = np.array([(4.0, 0.0, 5.0, 7.0), (7.0, 3.0, 8.0, 10.0), (1.0, 4.0, 3.0, 5.0)])
