@@ -39,6 +39,7 @@ bench: $(READY)
 	$(BIN)/wheelchair bench env
 	$(BIN)/python -m tests.benchmarks.parts
 	$(BIN)/python -m tests.benchmarks
+	$(BIN)/python -m tests.benchmarks.maps
 
 clean:
 	rm -rf $(VENV) runs build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -119,6 +119,17 @@ def test_erosion_of_rasters_agrees_with_unions(seed, side, share, radius):
     assert shapely.difference(sure, left.free).area < 1e-12
 
 
+def test_what_kernels_cannot_fit_together_is_united(monkeypatch):
+    squares, points = [(2, 2, 4, 4), (4, 4, 6, 6)], np.random.default_rng(0).uniform(0, 8, (200, 2))
+    quick = Space.from_rectangles(squares, BOUNDS).inflated(0.5)
+    monkeypatch.setattr("planners.space.eroded", lambda arrays, radius: None)
+    united = Space.from_rectangles(squares, BOUNDS).inflated(0.5)
+    assert quick.bounds == united.bounds
+    assert shapely.area(quick.free) == pytest.approx(shapely.area(united.free), abs=0.01)
+    for x, y in points:
+        assert point_free(quick.arrays, x, y) == point_free(united.arrays, x, y)
+
+
 SQUARES = [[(2, 2), (4, 2), (4, 4), (2, 4)], [(4, 4), (6, 4), (6, 6), (4, 6)]]
 
 
