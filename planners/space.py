@@ -17,7 +17,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from planners import solids
-from planners.boundary import Boundary, Corners, boundary, buckets, convex_corners, framed
+from planners.edges import Boundary, Corners, boundary, buckets, convex_corners, framed
 from planners.erosion import eroded
 from planners.exact import (
     SpaceArrays,
@@ -53,7 +53,7 @@ class Space:
         bounds: (xmin, ymin, xmax, ymax) [m] of the map; an empty map has its maxima below.
     """
 
-    def __init__(self, solid: Any, bounds: ArrayLike, edges: Array | None = None) -> None:
+    def __init__(self, solid: Any, bounds: ArrayLike, *, edges: Array | None = None) -> None:
         """Take what is solid, or the edges (n, 4) of what is free, and the map's bounds [m]."""
         xmin, ymin, xmax, ymax = map(float, np.asarray(bounds, dtype=np.float64))
         if not all(map(math.isfinite, (xmin, ymin, xmax, ymax))):
@@ -89,7 +89,7 @@ class Space:
         walls = grid.walls(unknown_is_solid)
         edges = framed(walls, grid.bounds)
         if edges is not None:
-            return cls(None, grid.bounds, edges)
+            return cls(None, grid.bounds, edges=edges)
         return cls(solids.even_odd(walls), grid.bounds)
 
     def inflated(self, radius: float) -> Space:
@@ -110,7 +110,7 @@ class Space:
             bounds = (xmin + radius, ymin + radius, xmax - radius, ymax - radius)
             edges = eroded(self.arrays, radius)
             solid = solids.grown(self.solid, radius) if edges is None else None
-            self._inflated[radius] = Space(solid, bounds, edges)
+            self._inflated[radius] = Space(solid, bounds, edges=edges)
         return self._inflated[radius]
 
     @cached_property

@@ -109,7 +109,7 @@ def test_erosion_of_rasters_agrees_with_unions(seed, side, share, radius):
     edges = eroded(space.arrays, radius)
     assert edges is not None
     bounds = np.array(space.bounds) + radius * np.array([1, 1, -1, -1])
-    left = Space(None, bounds, edges)
+    left = Space(None, bounds, edges=edges)
     assert len(left.mesh.corners) >= 0  # loops that cross nowhere
     if bounds[0] >= bounds[2] or left.free.is_empty or space.solid.is_empty:
         return
