@@ -40,6 +40,7 @@ bench: $(READY)
 	$(BIN)/wheelchair bench planners --only floor_plan,clutter,thesis_5 --seeds 5 --plot runs/bench/planners.png
 	$(BIN)/python -m tests.benchmarks.parts
 	$(BIN)/python -m tests.benchmarks
+	$(BIN)/python -m tests.benchmarks.maps
 
 clean:
 	rm -rf $(VENV) runs build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

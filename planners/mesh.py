@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.boundary import NONE, Boundary, by_point, side_of
+from planners.edges import NONE, Boundary, by_point, side_of
 from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from planners import solids
-from planners.boundary import Boundary, Corners, boundary, buckets, convex_corners, framed
+from planners.edges import Boundary, Corners, boundary, buckets, convex_corners, framed
 from planners.erosion import eroded
 from planners.exact import (
     SpaceArrays,
@@ -105,11 +105,14 @@ class Space:
         walls = grid.walls(unknown_is_solid)
         edges = framed(walls, grid.bounds)
         if edges is not None:
-            return cls(None, grid.bounds, edges)
+            return cls(None, grid.bounds, edges=edges)
         return cls(solids.even_odd(walls), grid.bounds)
 
     def inflated(self, radius: float) -> Space:
         """Where a disc of a radius [m] may have its centre: never nearer to anything than that.
+
+        Too far from it by a millionth of the radius, and at convex corners by at most 2 %, where
+        polygons stand for arcs. So a gap exactly as wide as the disc is shut.
 
         Raises:
             ValueError: the radius is negative or not finite.

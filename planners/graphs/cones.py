@@ -14,16 +14,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.boundary import NONE, Corners, side_of
+from planners.edges import NONE, Corners, side_of
 from planners.graphs.heap import pop, push
+from planners.graphs.sightlines import beside, passes, way_through
 from planners.mesh import Mesh
 from wheelchair_gym.kernel import absorbed_kernel, borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-
-SLACK = 1e-12  # of an edge: how much more of it a cone is thought to see, for rounding
 
 
 class _Search(NamedTuple):
@@ -44,73 +43,6 @@ class _Queue(NamedTuple):
     items: Index  # (room,)
     cones: Index  # (more room, 4) root; 3 * triangle + side it enters by; right and left bound
     used: Index  # (2,) how many wait, and how many cones there are
-
-
-@absorbed_kernel
-def _beside(points: Array, root: int, bound: int, x: int) -> float:
-    """Side of a cone's bound on which a point lies: the line from the root through a point.
-
-    A bound below 0 goes on from point -1 - bound through the root.
-    """
-    if bound < 0:
-        return side_of(points, -1 - bound, root, x)
-    return side_of(points, root, bound, x)
-
-
-@absorbed_kernel
-def _cross(points: Array, root: int, bound: int, x: int) -> float:
-    """The same in plain double."""
-    ux, uy = points[root, 0], points[root, 1]
-    if bound < 0:
-        bx, by = ux - points[-1 - bound, 0], uy - points[-1 - bound, 1]
-    else:
-        bx, by = points[bound, 0] - ux, points[bound, 1] - uy
-    return float(bx * (points[x, 1] - uy) - by * (points[x, 0] - ux))
-
-
-@absorbed_kernel
-def _way_through(points: Array, root: int, a: int, b: int, right: int, left: int) -> float:
-    """Shortest way [m] from a root to the goal through what a cone sees of an edge, at least.
-
-    Seen from the root, a is the edge's right end.
-    """
-    ux, uy, ax, ay = points[root, 0], points[root, 1], points[a, 0], points[a, 1]
-    ex, ey = points[b, 0] - ax, points[b, 1] - ay
-    gx, gy = points[-1, 0], points[-1, 1]
-    low, high = 0.0, 1.0
-    if right != a:
-        c, d = _cross(points, root, right, a), _cross(points, root, right, b)
-        if c < 0.0 and d > c:
-            low = min(max(-c / (d - c) - SLACK, 0.0), 1.0)
-    if left != b:
-        c, d = _cross(points, root, left, a), _cross(points, root, left, b)
-        if d > 0.0 and d > c:
-            high = min(max(-c / (d - c) + SLACK, 0.0), 1.0)
-    if high < low:
-        low, high = 0.0, 1.0
-    # A goal on the root's side of the edge is mirrored: beyond it, just as far from each point.
-    over_root, over_goal = ex * (uy - ay) - ey * (ux - ax), ex * (gy - ay) - ey * (gx - ax)
-    if over_root * over_goal > 0.0:
-        shift = 2.0 * over_goal / (ex * ex + ey * ey)
-        gx, gy, over_goal = gx + shift * ey, gy - shift * ex, -over_goal
-    gap = over_root - over_goal
-    t = 0.5 * (low + high)
-    if gap != 0.0:  # where the straight way meets the edge's line
-        px = ux + over_root / gap * (gx - ux) - ax
-        py = uy + over_root / gap * (gy - uy) - ay
-        t = (px * ex + py * ey) / (ex * ex + ey * ey)
-    if low <= t <= high:
-        return math.hypot(gx - ux, gy - uy)
-    t = low if t < low else high
-    x, y = ax + t * ex, ay + t * ey
-    return math.hypot(x - ux, y - uy) + math.hypot(gx - x, gy - y)
-
-
-@absorbed_kernel
-def _passes(points: Array, u: int, v: int, before: int, after: int) -> bool:
-    """Whether the line through u and v leaves both sides of a corner at u or v on one side."""
-    p, d = side_of(points, u, v, before), side_of(points, u, v, after)
-    return not ((p < 0.0 and d > 0.0) or (p > 0.0 and d < 0.0))
 
 
 @absorbed_kernel
@@ -137,7 +69,7 @@ def _offer(search: _Search, queue: _Queue, root: int, x: int) -> None:
         v = n + 1 if goal else corners.members[k]
         if cost >= search.cost[v]:
             continue
-        if goal or _passes(points, u, x, corners.before[v], corners.after[v]):
+        if goal or passes(points, u, x, corners.before[v], corners.after[v]):
             search.cost[v], search.parent[v] = cost, root
             push(queue.keys, queue.items, queue.used[0], cost + ahead, -1 - v)
             queue.used[0] += 1
@@ -154,7 +86,7 @@ def _send(
     u, k = _place(search, root), queue.used[1]
     cone = queue.cones[k]
     cone[0], cone[1], cone[2], cone[3] = root, enters, right, left
-    key = search.cost[root] + _way_through(search.points, u, a, b, right, left)
+    key = search.cost[root] + way_through(search.points, u, a, b, right, left)
     push(queue.keys, queue.items, queue.used[0], key, k)
     queue.used[0] += 1
     queue.used[1] += 1
@@ -168,13 +100,13 @@ def _follow(search: _Search, queue: _Queue, cone: Index) -> None:
     u, t, i = _place(search, root), cone[1] // 3, cone[1] % 3
     j, k = (i + 1) % 3, (i + 2) % 3
     b, a, x = mesh.corners[t, i], mesh.corners[t, j], mesh.corners[t, k]
-    from_right, from_left = _beside(points, u, right, x), _beside(points, u, left, x)
+    from_right, from_left = beside(points, u, right, x), beside(points, u, left, x)
     if from_right >= 0.0 and from_left <= 0.0:
         _offer(search, queue, root, x)
     if (
         search.there[t]
-        and _beside(points, u, right, goal) >= 0.0
-        and _beside(points, u, left, goal) <= 0.0
+        and beside(points, u, right, goal) >= 0.0
+        and beside(points, u, left, goal) <= 0.0
     ):
         _offer(search, queue, root, goal)
     if from_right > 0.0:
@@ -214,7 +146,7 @@ def _look_on(search: _Search, queue: _Queue, root: int, code: int) -> None:
     right, left = search.mesh.corners[t, j], search.mesh.corners[t, (i + 2) % 3]
     for x in (right, left, goal):
         if (x != goal or search.there[t]) and (
-            hand * side_of(points, came, u, x) >= 0.0 and _passes(points, u, x, before, last)
+            hand * side_of(points, came, u, x) >= 0.0 and passes(points, u, x, before, last)
         ):
             _offer(search, queue, root, x)
     near, far = (right, left) if hand > 0.0 else (left, right)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners import Space
-from planners.boundary import NONE, boundary
+from planners.edges import NONE, boundary
 from planners.mesh import mesh
 from tests.planners.test_space import BOUNDS, FINE, LATTICE, SQUARES, raster, solids
 

@@ -109,7 +109,7 @@ def test_erosion_of_rasters_agrees_with_unions(seed, side, share, radius):
     edges = eroded(space.arrays, radius)
     assert edges is not None
     bounds = np.array(space.bounds) + radius * np.array([1, 1, -1, -1])
-    left = Space(None, bounds, edges)
+    left = Space(None, bounds, edges=edges)
     assert len(left.mesh.corners) >= 0  # loops that cross nowhere
     if bounds[0] >= bounds[2] or left.free.is_empty or space.solid.is_empty:
         return
@@ -117,6 +117,17 @@ def test_erosion_of_rasters_agrees_with_unions(seed, side, share, radius):
     wide = shapely.box(*space.bounds).buffer(-1.021 * radius, join_style="mitre")
     sure = shapely.difference(wide, shapely.buffer(space.solid, 1.021 * radius, quad_segs=32))
     assert shapely.difference(sure, left.free).area < 1e-12
+
+
+def test_what_kernels_cannot_fit_together_is_united(monkeypatch):
+    squares, points = [(2, 2, 4, 4), (4, 4, 6, 6)], np.random.default_rng(0).uniform(0, 8, (200, 2))
+    quick = Space.from_rectangles(squares, BOUNDS).inflated(0.5)
+    monkeypatch.setattr("planners.space.eroded", lambda arrays, radius: None)
+    united = Space.from_rectangles(squares, BOUNDS).inflated(0.5)
+    assert quick.bounds == united.bounds
+    assert shapely.area(quick.free) == pytest.approx(shapely.area(united.free), abs=0.01)
+    for x, y in points:
+        assert point_free(quick.arrays, x, y) == point_free(united.arrays, x, y)
 
 
 SQUARES = [[(2, 2), (4, 2), (4, 4), (2, 4)], [(4, 4), (6, 4), (6, 6), (4, 6)]]
