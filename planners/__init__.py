@@ -12,8 +12,10 @@ from planners.graphs.a_star import AStar
 from planners.graphs.lattice import Lattice
 from planners.graphs.visibility import Visibility
 from planners.space import Space
-from planners.trees.connect import RrtConnect
-from planners.trees.rrt import Rrt, RrtStar, RrtStarWoaGlobal, RrtStarWoaLocal
+from planners.trees.rrt import Rrt, RrtConnect, RrtStar
+from planners.trees.spline import SplineRrtStar
+from planners.trees.variants import InformedRrtStar, RrtStarFn, RrtStarLimited, RrtStarSmart
+from planners.trees.whales import RrtStarWoaGlobal, RrtStarWoaLocal
 from planners.types import Plan, Planner, Problem, Status
 from wheelchair_gym.config import InputError, load
 
@@ -21,12 +23,17 @@ __all__ = ["PLANNERS", "Plan", "Planner", "Problem", "Space", "Status", "make_pl
 
 PLANNERS: Final[dict[str, type]] = {
     "a_star": AStar,
+    "informed_rrt_star": InformedRrtStar,
     "lattice": Lattice,
     "rrt": Rrt,
     "rrt_connect": RrtConnect,
     "rrt_star": RrtStar,
+    "rrt_star_fn": RrtStarFn,
+    "rrt_star_limited": RrtStarLimited,
+    "rrt_star_smart": RrtStarSmart,
     "rrt_star_woa_global": RrtStarWoaGlobal,
     "rrt_star_woa_local": RrtStarWoaLocal,
+    "spline_rrt_star": SplineRrtStar,
     "visibility": Visibility,
 }
 

@@ -7,12 +7,13 @@ import shapely
 from planners import PLANNERS
 from planners.problems import read_problems
 from planners.space import Space
-from planners.trees.rrt import RrtStar, RrtStarWoaGlobal, RrtStarWoaLocal
+from planners.trees.rrt import RrtStar
 from planners.trees.tree import NONE, insert, nearest, new_tree, within
+from planners.trees.whales import RrtStarWoaGlobal, RrtStarWoaLocal
 from planners.types import Problem, Status
 from tests.planners.judge import faults
 
-TREES = [name for name in PLANNERS if name.startswith("rrt")]
+TREES = [name for name, planner in PLANNERS.items() if ".trees." in planner.__module__]
 RECTANGLES = np.array([(4.0, 0.0, 5.0, 7.0), (7.0, 3.0, 8.0, 10.0), (1.0, 4.0, 3.0, 5.0)])
 # Over the first wall, under the second: (1, 1) (4, 7) (5, 7) (7, 3) (8, 3) (9, 9), but for the
 # block in the way, (3, 4).
