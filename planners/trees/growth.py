@@ -21,7 +21,7 @@ from planners.trees.sampling import sample
 from planners.trees.steering import Pull, School, whale_target
 from planners.trees.tree import NONE, Tree, insert, nearest, put, remove, rewire, within
 from planners.trees.values import GAIN, Growth, Room, passes
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.kernel import borrowing_kernel, whole
 
 Array = NDArray[np.float64]
 
@@ -123,8 +123,8 @@ def add_node(
         if cost + distances[k] < nodes[j].cost - GAIN and passes(
             space, run, x, y, nodes[j].x, nodes[j].y
         ):
-            rewire(tree, j, new, distances[k], room.stack)
-    return new
+            rewire(tree, whole(j), whole(new), distances[k], room.stack)
+    return int(new)
 
 
 @borrowing_kernel
@@ -144,7 +144,7 @@ def extend(
     run = room.run[0]
     x, y = sample(space, tree, start, goal, growth, room, state)
     far = run.beacon == NONE
-    near = nearest(tree, x, y) if far else int(room.chain[run.beacon + 1])
+    near = nearest(tree, x, y) if far else whole(room.chain[run.beacon + 1])
     near_x, near_y = tree.nodes[near].x, tree.nodes[near].y
     if growth.whales:
         x, y = whale_target(
@@ -213,7 +213,7 @@ def grow(
 
     Args:
         space: what is free.
-        ahead: the tree of the start; planted here if it is empty.
+        ahead: the tree of the start; both are planted here if it is empty.
         back: the tree of the goal; it grows where trees grow both ways.
         start: root of the one (2,) [m].
         goal: where the path shall end (2,) [m].
@@ -226,11 +226,15 @@ def grow(
         state: stream of random numbers.
     """
     run = room.run[0]
-    if ahead.grid[0].count == 0:
-        insert(ahead, start[0], start[1], NONE, 0.0)
-        insert(back, goal[0], goal[1], NONE, 0.0)
+    if run.iteration == 0:  # nothing is shorter than the straight edge
+        if ahead.grid[0].count == 0:
+            insert(ahead, start[0], start[1], NONE, 0.0)
+            insert(back, goal[0], goal[1], NONE, 0.0)
         link_goal(space, ahead, 0, goal, growth.reach, room)
-        run.done = run.goal != NONE  # nothing is shorter than the straight edge
+        if run.goal != NONE:
+            run.done = ahead.nodes[run.goal].parent == 0
+            if growth.shortening:
+                improve(space, ahead, start, goal, growth, room)
     while run.iteration < until and not run.done:
         tree, other = (back, ahead) if run.backward else (ahead, back)
         if not growth.recycling and max(ahead.grid[0].count, back.grid[0].count) >= growth.limit:

@@ -12,7 +12,7 @@ from planners.draws import Stream, uniform
 from planners.exact import SpaceArrays
 from planners.trees.tree import NONE, Tree, chain, insert, rewire
 from planners.trees.values import GAIN, Room, passes
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.kernel import borrowing_kernel, whole
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ def choose_parent(
         through[choice] = np.inf
         j = room.found[choice]
         if passes(space, run, nodes[j].x, nodes[j].y, x, y):
-            return int(j), room.distances[choice]
+            return whole(j), room.distances[choice]
 
 
 @borrowing_kernel
@@ -61,7 +61,7 @@ def climb(
     """
     nodes = tree.nodes
     while nodes[parent].parent != NONE:
-        above = nodes[parent].parent
+        above = whole(nodes[parent].parent)
         if not passes(space, run, nodes[above].x, nodes[above].y, x, y):
             break
         parent = above
@@ -83,7 +83,7 @@ def link_goal(
     if gap > 0.0 and not passes(space, run, x, y, goal[0], goal[1]):
         return
     if known:
-        rewire(tree, run.goal, node, gap, room.stack)
+        rewire(tree, run.goal, whole(node), gap, room.stack)
         return
     run.first = run.iteration
     run.goal = node if gap == 0.0 else insert(tree, goal[0], goal[1], node, gap)
@@ -110,10 +110,11 @@ def shorten(space: SpaceArrays, tree: Tree, room: Room) -> None:
             j = room.chain[k + 2 + m]
             room.found[m] = j
             room.distances[m] = math.hypot(nodes[j].x - x, nodes[j].y - y)
-        before = nodes[i].parent
+        before = whole(nodes[i].parent)
         parent, edge = choose_parent(space, tree, x, y, room, count, before, nodes[i].edge)
-        if parent != before and nodes[parent].cost + edge < nodes[i].cost - GAIN:
-            rewire(tree, i, parent, edge, room.stack)
+        parent, edge = climb(space, tree, x, y, parent, edge, run)  # drops points on one line
+        if parent != before:
+            rewire(tree, whole(i), whole(parent), edge, room.stack)
 
 
 @borrowing_kernel

@@ -23,70 +23,18 @@ _BEACON_REDRAWS = 10
 
 
 @borrowing_kernel
-def sample_free(
-    space: SpaceArrays, xmin: float, xmax: float, ymin: float, ymax: float, state: Stream
-) -> tuple[float, float]:
-    """A free point of a box, uniform; after many vain draws the last one, free or not."""
-    x, y = xmin, ymin
-    for _ in range(_REDRAWS):
-        x = xmin + uniform(state) * (xmax - xmin)
-        y = ymin + uniform(state) * (ymax - ymin)
-        if point_free(space, x, y):
-            break
-    return x, y
+def in_ellipse(start: Array, goal: Array, length: float, state: Stream) -> tuple[float, float]:
+    """The next point of a stream, uniform in the ellipse with foci start and goal [m].
 
-
-@borrowing_kernel
-def sample_informed(
-    space: SpaceArrays, start: Array, goal: Array, length: float, state: Stream
-) -> tuple[float, float]:
-    """A free point through which a path may be shorter than a length [m] (Gammell et al. 2014).
-
-    Uniform in the ellipse whose foci are the start and the goal, or, where that is larger than the
-    map, uniform in the map until the ellipse is hit.
+    A way over its rim is as long as the length [m], which is more than they are apart.
     """
-    bounds = space.bounds
     ux, uy = goal[0] - start[0], goal[1] - start[1]
     apart = math.hypot(ux, uy)
     across = 0.5 * math.sqrt(max(length * length - apart * apart, 0.0))
-    cx, cy = 0.5 * (start[0] + goal[0]), 0.5 * (start[1] + goal[1])
-    box = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1])
-    in_ellipse = math.pi * 0.5 * length * across < box
-    x, y = cx, cy
-    for _ in range(_REDRAWS):
-        if in_ellipse:
-            u, v = in_disc(state)
-            u, v = 0.5 * length * u / apart, across * v / apart
-            x, y = cx + u * ux - v * uy, cy + u * uy + v * ux
-        else:
-            x = bounds[0] + uniform(state) * (bounds[2] - bounds[0])
-            y = bounds[1] + uniform(state) * (bounds[3] - bounds[1])
-            by_way = math.hypot(x - start[0], y - start[1]) + math.hypot(x - goal[0], y - goal[1])
-            if by_way >= length:
-                continue
-        if point_free(space, x, y):
-            break
-    return x, y
-
-
-@borrowing_kernel
-def sample_corner(
-    space: SpaceArrays, start: Array, goal: Array, length: float, radius: float, state: Stream
-) -> tuple[float, float]:
-    """A free point near a corner of what is solid, where narrow passages lie and paths bend.
-
-    Obstacle-based sampling (Amato et al. 1998), of points by which the way is shorter than a
-    length [m] as far as there are any.
-    """
-    x, y = goal[0], goal[1]
-    for _ in range(_REDRAWS):
-        k = int(uniform(state) * len(space.segments))
-        u, v = in_disc(state)
-        x, y = space.segments[k, 0] + radius * u, space.segments[k, 1] + radius * v
-        by_way = math.hypot(x - start[0], y - start[1]) + math.hypot(x - goal[0], y - goal[1])
-        if by_way < length and point_free(space, x, y):
-            break
-    return x, y
+    u, v = in_disc(state)
+    u, v = 0.5 * length * u / apart, across * v / apart
+    x, y = 0.5 * (start[0] + goal[0]), 0.5 * (start[1] + goal[1])
+    return x + u * ux - v * uy, y + u * uy + v * ux
 
 
 @borrowing_kernel
@@ -132,28 +80,48 @@ def sample(
     room: Room,
     state: Stream,
 ) -> tuple[float, float]:
-    """The next point [m] towards which a tree grows, as its values say."""
+    """The next point [m] towards which a tree grows, as its values say.
+
+    It is uniform in the map, in the strip between start and goal, or, once there is a path, in the
+    ellipse of what can shorten it (Gammell et al. 2014); or it is near a corner of what is solid,
+    where narrow passages lie and paths bend (Amato et al. 1998), or near a beacon. It is free and
+    can help, or the last of many vain draws.
+    """
     run, bounds = room.run[0], space.bounds
     run.beacon = NONE
-    low, high, length = bounds[0], bounds[2], math.inf
-    if growth.informed and run.first != NONE:
+    found, length = run.first != NONE, math.inf
+    low, high, radius = bounds[0], bounds[2], 0.0
+    if growth.informed and found:
         length = tree.nodes[run.goal].cost
     if growth.corner_share > 0.0 and uniform(state) < growth.corner_share:
         radius = growth.corner_radius
-        if run.first != NONE:
+        if found:
             radius *= growth.beacon_finest ** uniform(state)
-        return sample_corner(space, start, goal, length, radius, state)
-    if run.first == NONE:
+    elif found:
+        if growth.beacon_share > 0.0 and uniform(state) < growth.beacon_share:
+            x, y = sample_beacon(tree, growth, room, run, state)
+            if run.beacon != NONE:
+                return x, y
+    else:
         if growth.goal_bias > 0.0 and uniform(state) < growth.goal_bias:
             return goal[0], goal[1]
         if growth.in_strip:
             low = max(low, min(start[0], goal[0]) - run.margin)
             high = min(high, max(start[0], goal[0]) + run.margin)
-    else:
-        if growth.beacon_share > 0.0 and uniform(state) < growth.beacon_share:
-            x, y = sample_beacon(tree, growth, room, run, state)
-            if run.beacon != NONE:
-                return x, y
-        if growth.informed:
-            return sample_informed(space, start, goal, length, state)
-    return sample_free(space, low, high, bounds[1], bounds[3], state)
+    # Where the ellipse is larger than the map, points of the map are drawn until one lies in it.
+    small = run.area < (bounds[2] - bounds[0]) * (bounds[3] - bounds[1])
+    x, y = goal[0], goal[1]
+    for _ in range(_REDRAWS):
+        if radius > 0.0:
+            k = int(uniform(state) * len(space.segments))
+            u, v = in_disc(state)
+            x, y = space.segments[k, 0] + radius * u, space.segments[k, 1] + radius * v
+        elif small and length < math.inf:
+            x, y = in_ellipse(start, goal, length, state)
+        else:
+            x = low + uniform(state) * (high - low)
+            y = bounds[1] + uniform(state) * (bounds[3] - bounds[1])
+        by_way = math.hypot(x - start[0], y - start[1]) + math.hypot(x - goal[0], y - goal[1])
+        if by_way < length and point_free(space, x, y):
+            break
+    return x, y
