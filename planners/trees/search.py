@@ -108,7 +108,9 @@ def grow_until(grove: Grove, iterations: int, ends: float, state: Stream) -> Gro
 def answer(grove: Grove, began: float) -> Plan:
     """The plan that has grown."""
     run, ahead = grove.room.run[0], grove.ahead
-    if run["goal"] != NONE and grove.growth.rewiring and not grove.growth.stop_at_first:
+    # Informed trees have tried each edge to the goal, and go on trying where it counts.
+    open_end = grove.growth.rewiring and not (grove.growth.stop_at_first or grove.growth.informed)
+    if run["goal"] != NONE and open_end:
         relink_goal(grove.space, ahead, grove.goal, grove.growth.reach, grove.room)
     goal, first = int(run["goal"]), int(run["first"])
     path, tree = np.empty((0, 2)), edges(ahead)

@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.exact import SpaceArrays, edge_free
+from planners.exact import SpaceArrays, way_free
 from planners.trees.variants import InformedRrtStar
 from planners.types import Plan, Problem, Status
 from wheelchair_gym.config import setting, settings
@@ -79,7 +79,7 @@ def _add_leg(
 def _all_free(space: SpaceArrays, points: Array, first: int, end: int) -> bool:
     """Whether the edges that end in the points from the first on are free."""
     for k in range(first, end):
-        if not edge_free(space, points[k - 1, 0], points[k - 1, 1], points[k, 0], points[k, 1]):
+        if not way_free(space, points[k - 1, 0], points[k - 1, 1], points[k, 0], points[k, 1]):
             return False
     return True
 

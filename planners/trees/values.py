@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.exact import SpaceArrays, edge_free
+from planners.exact import SpaceArrays, way_free
 from planners.trees.tree import NONE
 from wheelchair_gym.kernel import borrowing_kernel
 
@@ -98,6 +98,6 @@ def new_room(run: NDArray[Any], capacity: int) -> Room:
 
 @borrowing_kernel
 def passes(space: SpaceArrays, run: Any, ax: float, ay: float, bx: float, by: float) -> bool:
-    """Whether the edge from a to b [m] is free; counted."""
+    """Whether the edge from a point a known to be free to b [m] is free; counted."""
     run.tests += 1
-    return edge_free(space, ax, ay, bx, by)
+    return way_free(space, ax, ay, bx, by)
