@@ -53,15 +53,18 @@ class Space:
     Attributes:
         solid: what is solid, a shapely geometry; it may reach beyond the bounds.
         bounds: (xmin, ymin, xmax, ymax) [m] of the map; an empty map has its maxima below.
+        discs: (m, 3) x, y, radius [m]: what of the solid is known to be round, for costs that
+            measure from centres; the solid holds polygons round them.
     """
 
-    def __init__(self, solid: Any, bounds: ArrayLike) -> None:
-        """Take what is solid, and the map's bounds [m]."""
+    def __init__(self, solid: Any, bounds: ArrayLike, discs: ArrayLike = ()) -> None:
+        """Take what is solid, the map's bounds [m], and the discs (m, 3) [m] that it holds."""
         xmin, ymin, xmax, ymax = map(float, np.asarray(bounds, dtype=np.float64))
         if not all(map(math.isfinite, (xmin, ymin, xmax, ymax))):
             raise ValueError(f"bounds are {bounds!r}; expected four finite numbers")
         self.solid = solid
         self.bounds: Bounds = (xmin, ymin, xmax, ymax)
+        self.discs: Array = np.array(discs, dtype=np.float64).reshape(-1, 3)
         self._inflated: dict[float, Space] = {}
 
     @classmethod
@@ -83,7 +86,7 @@ class Space:
         """
         round_ones = np.asarray(discs, dtype=np.float64).reshape(-1, 3)
         solid = solids.union(solids.disc(x, y, radius) for x, y, radius in round_ones)
-        return cls(shapely.union(solids.even_odd(walls), solid), bounds)
+        return cls(shapely.union(solids.even_odd(walls), solid), bounds, round_ones)
 
     @classmethod
     def from_grid(cls, grid: Grid, unknown_is_solid: bool = False) -> Space:
@@ -103,7 +106,8 @@ class Space:
         if radius not in self._inflated:
             xmin, ymin, xmax, ymax = self.bounds
             bounds = (xmin + radius, ymin + radius, xmax - radius, ymax - radius)
-            self._inflated[radius] = Space(solids.grown(self.solid, radius), bounds)
+            discs = self.discs + np.array([0.0, 0.0, radius])
+            self._inflated[radius] = Space(solids.grown(self.solid, radius), bounds, discs)
         return self._inflated[radius]
 
     @cached_property

@@ -32,6 +32,7 @@ class Status(StrEnum):
     GOAL_OCCUPIED = "goal_occupied"
     NO_PATH = "no_path"  # proven: start and goal are not connected
     EXHAUSTED = "exhausted"  # iterations, nodes or time ran out first
+    STUCK = "stuck"  # nothing near leads on, as in a local minimum
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,7 @@ class Plan:
     tree: Array = field(default_factory=lambda: np.empty((0, 4)))  # (k, 4) edges, to look at
     counters: Mapping[str, int] = field(default_factory=dict)  # nodes, iterations, ...
     timings: Mapping[str, float] = field(default_factory=dict)  # time_s, first_path_s, ...
+    note: str = ""  # for a person: why there is no path, or why a refinement changed nothing
 
     @property
     def length(self) -> float:
@@ -86,8 +88,8 @@ class Planner(Protocol):
             deadline: seconds of wall time from the call after which the planner answers with its
                 best path so far, or, where it has none, with `Status.EXHAUSTED`; None: its own
                 limits alone count. It looks at the clock between chunks of work, which change
-                nothing else: `counters["iterations"]`, given as the planner's iterations, makes
-                the very same plan without a clock.
+                nothing else: `counters["iterations"]`, given as the planner's iterations (its
+                tree's, where it has none), makes the very same plan without a clock.
 
         Raises:
             InputError: the deadline is negative or NaN, or the problem is not made of numbers.

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planners.trees.rrt import RrtStarWoaGlobal
+from planners.trees.whales import RrtStarWoaGlobal
 from tests.configs import SINGLE
 from wheelchair_gym.config import InputError, dump, load, read
 from wheelchair_gym.kinematics import Limits
@@ -56,6 +56,7 @@ def test_a_part_keeps_the_defaults_that_it_has_where_it_stands():
         ),
         (SensorSettings, {"laser": 3}, r"chair.json.laser is 3; expected an object"),
         (SensorSettings, {"ultrasonic": {"order": [0, 1]}}, "order must name each mounted ranger"),
+        (SensorSettings, {"ultrasonic": {"mounted": []}}, "mounted has 0 rangers; expected 8"),
         (
             ChairSettings,
             {"random": {"mass": [1]}},

@@ -1,7 +1,5 @@
 """Trees: paths are free and end on the goal, RRT* converges, variants do what they are for."""
 
-from dataclasses import fields, replace
-
 import numpy as np
 import pytest
 import shapely
@@ -25,6 +23,7 @@ from planners.trees.variants import InformedRrtStar, RrtStarFn, RrtStarLimited, 
 from planners.trees.whales import RrtStarWoaGlobal, RrtStarWoaLocal
 from planners.types import Problem, Status
 from tests.planners.judge import faults
+from tests.planners.replay import limited_to
 from wheelchair_gym.config import InputError
 
 TREES = [name for name, planner in PLANNERS.items() if ".trees." in planner.__module__]
@@ -51,13 +50,6 @@ def assert_free(problem, path):
     np.testing.assert_array_equal(path[[0, -1]], [problem.start, problem.goal])
     assert not faults(path, space.solid, space.bounds)
     assert (np.hypot(*np.diff(path, axis=0).T) > 0).all()
-
-
-def limited_to(planner, iterations):
-    """The planner, its own tree's where it has one, with other iterations."""
-    if "tree" in {field.name for field in fields(planner)}:
-        return replace(planner, tree=replace(planner.tree, iterations=iterations))
-    return replace(planner, iterations=iterations)
 
 
 def plans(planner, problem, seeds=6):
