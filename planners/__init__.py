@@ -1,6 +1,7 @@
 """Planners: what is free, what is asked, and who answers.
 
 `PLANNERS` names them; a planner is its settings, and `plan(problem, rng)` answers with a `Plan`.
+`OPTIMIZERS` names how swarms move.
 """
 
 from __future__ import annotations
@@ -8,26 +9,58 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from planners.graphs.a_star import AStar
+from planners.geometric import Geometric
+from planners.graphs.cell_decomposition import CellDecomposition
+from planners.graphs.grid import AStar, Bfs, Dfs, Dijkstra, ThetaStar
 from planners.graphs.lattice import Lattice
+from planners.graphs.prm import Prm
 from planners.graphs.visibility import Visibility
+from planners.graphs.voronoi import Voronoi
+from planners.reactive.bug import Bug1, Bug2
+from planners.reactive.potential_field import PotentialField
 from planners.space import Space
+from planners.swarm.optimizers import OPTIMIZERS, make_optimizer
+from planners.swarm.planner import SwarmPlanner
+from planners.swarm.rrt_woa import RrtWoa
 from planners.trees.connect import RrtConnect
 from planners.trees.rrt import Rrt, RrtStar, RrtStarWoaGlobal, RrtStarWoaLocal
 from planners.types import Plan, Planner, Problem, Status
 from wheelchair_gym.config import InputError, load
 
-__all__ = ["PLANNERS", "Plan", "Planner", "Problem", "Space", "Status", "make_planner"]
+__all__ = [
+    "OPTIMIZERS",
+    "PLANNERS",
+    "Plan",
+    "Planner",
+    "Problem",
+    "Space",
+    "Status",
+    "make_optimizer",
+    "make_planner",
+]
 
 PLANNERS: Final[dict[str, type]] = {
     "a_star": AStar,
+    "bfs": Bfs,
+    "bug1": Bug1,
+    "bug2": Bug2,
+    "cell_decomposition": CellDecomposition,
+    "dfs": Dfs,
+    "dijkstra": Dijkstra,
+    "geometric": Geometric,
     "lattice": Lattice,
+    "potential_field": PotentialField,
+    "prm": Prm,
     "rrt": Rrt,
     "rrt_connect": RrtConnect,
     "rrt_star": RrtStar,
     "rrt_star_woa_global": RrtStarWoaGlobal,
     "rrt_star_woa_local": RrtStarWoaLocal,
+    "rrt_woa": RrtWoa,
+    "swarm": SwarmPlanner,
+    "theta_star": ThetaStar,
     "visibility": Visibility,
+    "voronoi": Voronoi,
 }
 
 

@@ -144,7 +144,7 @@ def point_free(arrays: SpaceArrays, x: float, y: float) -> bool:
 
 
 @borrowing_kernel
-def _blocked_by(
+def blocked_by(
     segments: Array,
     before: Array,
     near: NDArray[np.int32],
@@ -202,7 +202,7 @@ def edge_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -
     next_y = (low + (i + (step_i > 0)) * size - ay) / (by - ay) if i != last_i else math.inf
     while True:
         begin, end = first[i * columns + j], first[i * columns + j + 1]
-        if begin < end and _blocked_by(segments, before, members[begin:end], ax, ay, bx, by):
+        if begin < end and blocked_by(segments, before, members[begin:end], ax, ay, bx, by):
             return False
         if i == last_i and j == last_j:
             return True

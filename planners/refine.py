@@ -1,111 +1,193 @@
-"""Refinement: a valid path in, a valid path out that is shorter or smoother."""
+"""Refinement: a valid path in, a valid path out that is shorter, smoother or less crowded.
+
+`REFINERS` names them; a refiner is its settings. Where it can make nothing better that is free, the
+plan stays as it is, and its note says why.
+"""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.exact import SpaceArrays, clearance, edge_free
-from planners.space import Space
-from wheelchair_gym.kernel import borrowing_kernel, kernel
+from planners.comfort import dense, path_cost, pushed
+from planners.draws import stream
+from planners.exact import SpaceArrays
+from planners.shortcut import shortcut
+from planners.smooth import blocked_edges, pchip, smoothed, spline
+from planners.swarm.whale_path import shorten
+from planners.swarm.woa import WhaleSettings
+from planners.types import Plan, Problem, Status
+from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import path_length
 
 Array = NDArray[np.float64]
 
-WINDOW = 250  # corners that one shortcut may skip at most: bounds the work on very long paths
+
+class Refiner(Protocol):
+    """A frozen settings object that refines: same plan, same rng state, same answer."""
+
+    def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
+        """A better plan, or the same with a note that says why; headings are dropped."""
+        ...
 
 
-@borrowing_kernel
-def way_cost(
-    arrays: SpaceArrays,
-    ax: float,
-    ay: float,
-    bx: float,
-    by: float,
-    weight: float,
-    comfort: float,
-) -> float:
-    """Length [m] of the way from a to b times 1 + weight (1 - clearance/comfort), where positive.
-
-    The factor is averaged over points at most a quarter of the comfort apart.
-    """
-    length = math.hypot(bx - ax, by - ay)
-    if weight == 0.0:
-        return length
-    parts = max(1, math.ceil(4.0 * length / comfort))
-    crowding = 0.0
-    for k in range(parts + 1):
-        t = k / parts
-        near = 1.0 - clearance(arrays, ax + t * (bx - ax), ay + t * (by - ay)) / comfort
-        crowding += max(0.0, near) * (0.5 if k in (0, parts) else 1.0)
-    return length * (1.0 + weight * crowding / parts)
+def _refined(
+    plan: Plan | ArrayLike, problem: Problem, better: Callable[[SpaceArrays, Array], Array | str]
+) -> Plan:
+    """A plan, or a path (n, 2 or 3) [m], with a better path or with the reason against it."""
+    began = perf_counter()
+    given = plan if isinstance(plan, Plan) else Plan(Status.SOLVED, np.asarray(plan, np.float64))
+    if given.status != Status.SOLVED:
+        return replace(given, note=given.note or "there is no path to refine")
+    path = np.ascontiguousarray(given.path[:, :2], dtype=np.float64)
+    arrays = problem.free.arrays
+    if not np.isfinite(path).all() or len(path) < 2 or blocked_edges(arrays, path).any():
+        return replace(given, note="not refined: the path itself is not free")
+    answer = better(arrays, path)
+    if not isinstance(answer, str) and blocked_edges(arrays, answer).any():
+        answer = "digits do not tell whether the new path is free"
+    if isinstance(answer, str):
+        return replace(given, note=f"not refined: {answer}")
+    timings = {**given.timings, "refine_s": perf_counter() - began}
+    return replace(given, path=answer, timings=timings, note="")
 
 
-@kernel
-def _straightened(arrays: SpaceArrays, path: Array) -> Array:
-    """The path (n, 2) without points between two that lie on one line with them."""
-    kept = np.empty_like(path)
-    kept[0] = path[0]
-    count = 1
-    for k in range(1, path.shape[0] - 1):
-        ax, ay = kept[count - 1, 0], kept[count - 1, 1]
-        ux, uy = path[k, 0] - ax, path[k, 1] - ay
-        vx, vy = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1]
-        bend = abs(ux * vy - uy * vx) > 1e-9 * math.hypot(ux, uy) * math.hypot(vx, vy)
-        if (
-            bend
-            or ux * vx + uy * vy < 0.0
-            or not edge_free(arrays, ax, ay, path[k + 1, 0], path[k + 1, 1])
-        ):
-            kept[count] = path[k]
-            count += 1
-    kept[count] = path[path.shape[0] - 1]
-    return kept[: count + 1]
+@settings
+class Shortcut:
+    """The cheapest way over the path's own points; never dearer."""
+
+    weight: float = setting(default=0.0, source="length alone", low=0.0, high=1000.0)
+    comfort: float = setting(default=0.5, unit="m", source="half a door", low=0.01, high=100.0)
+
+    def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
+        """Straighten; the generator is not used."""
+
+        def better(arrays: SpaceArrays, path: Array) -> Array | str:
+            short = shortcut(path, problem.free, self.weight, self.comfort)
+            return short if len(short) < len(path) else "no point of it can be left out"
+
+        return _refined(plan, problem, better)
 
 
-@kernel
-def _cheapest(arrays: SpaceArrays, path: Array, weight: float, comfort: float) -> Array:
-    """The cheapest way from the path's first point to its last over some of its points."""
-    n = path.shape[0]
-    cost = np.full(n, math.inf)
-    parent = np.zeros(n, dtype=np.int64)
-    cost[0] = 0.0
-    for k in range(1, n):
-        for m in range(k - 1, max(-1, k - 1 - WINDOW), -1):
-            ax, ay, bx, by = path[m, 0], path[m, 1], path[k, 0], path[k, 1]
-            if cost[m] + math.hypot(bx - ax, by - ay) >= cost[k]:
-                continue
-            if m < k - 1 and not edge_free(arrays, ax, ay, bx, by):
-                continue
-            through = cost[m] + way_cost(arrays, ax, ay, bx, by, weight, comfort)
-            if through < cost[k]:
-                cost[k], parent[k] = through, m
-    chosen = np.empty_like(path)
-    count, k = 0, n - 1
-    while True:
-        chosen[count] = path[k]
-        count += 1
-        if k == 0:
-            break
-        k = parent[k]
-    return chosen[:count][::-1].copy()
+_TOLERANCE: Final = setting(
+    default=0.005, unit="m", source="from the curve to its polyline", low=1e-6, high=1.0
+)
+_SPACING: Final = setting(
+    default=2.0, unit="m", source="knots at first: rooms and doors of buildings", low=1e-2
+)
+_ROUNDS: Final = setting(default=16, source="2 m halved to 30 um", low=0, high=40)
 
 
-def shortcut(path: ArrayLike, space: Space, weight: float = 0.0, comfort: float = 1.0) -> Array:
-    """The cheapest way over some of a path's points, edges tested exactly.
+@settings
+class Pchip:
+    """A curve that never overshoots its knots: the first paper's (PCHIP), with exact edges."""
 
-    Args:
-        path: points (n, 2 or 3) of a path that is free; a heading (third column) is dropped.
-        space: what is free for a point.
-        weight: how much more a metre costs at an obstacle than in the open; 0: length alone.
-        comfort: from this clearance [m] on a metre costs no more.
+    tolerance: float = _TOLERANCE
+    spacing: float = _SPACING
+    rounds: int = _ROUNDS
 
-    Returns:
-        (k, 2), k <= n, from the same start to the same goal; never dearer than the path.
-    """
-    points = np.ascontiguousarray(np.asarray(path, dtype=np.float64)[:, :2])
-    if len(points) < 3:
-        return points
-    arrays = space.arrays
-    return _cheapest(arrays, _straightened(arrays, points), weight, comfort)
+    def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
+        """Smooth; the generator is not used."""
+
+        def better(arrays: SpaceArrays, path: Array) -> Array | str:
+            return smoothed(arrays, path, pchip, self.tolerance, self.spacing, self.rounds)
+
+        return _refined(plan, problem, better)
+
+
+@settings
+class Spline:
+    """A natural cubic spline, smoother than PCHIP and farther off its knots, with exact edges."""
+
+    tolerance: float = _TOLERANCE
+    spacing: float = _SPACING
+    rounds: int = _ROUNDS
+
+    def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
+        """Smooth; the generator is not used."""
+
+        def better(arrays: SpaceArrays, path: Array) -> Array | str:
+            return smoothed(arrays, path, spline, self.tolerance, self.spacing, self.rounds)
+
+        return _refined(plan, problem, better)
+
+
+@settings
+class Woa:
+    """A swarm of paths near the path, as in the thesis's global variant; never longer."""
+
+    whales: WhaleSettings = setting(default=WhaleSettings(population=30, iterations=100))
+    shortness_weight: float = setting(default=10.0, unit="1/m", source="thesis, figure 3.1", low=0)
+    collision_free_weight: float = setting(
+        default=1e4, source="above all lengths on a map, so that free paths lead", low=0.0
+    )
+    width_bound: float = setting(default=2.5, unit="m", source="thesis, figure 3.1", low=0.0)
+    height_bound: float = setting(default=2.5, unit="m", source="thesis, figure 3.1", low=0.0)
+
+    def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
+        """Shorten."""
+
+        def better(arrays: SpaceArrays, path: Array) -> Array | str:
+            shorter = shorten(
+                arrays,
+                path,
+                self.whales.values,
+                self.shortness_weight,
+                self.collision_free_weight,
+                self.width_bound,
+                self.height_bound,
+                stream(rng),
+            )
+            gained = path_length(shorter) < path_length(path) - 1e-9  # beyond rounding
+            return shorter if gained else "no shorter path was found near it"
+
+        return _refined(plan, problem, better)
+
+
+@settings
+class Clearance:
+    """Pushed off what is solid to a comfortable distance, where there is room."""
+
+    weight: float = setting(
+        default=10.0,
+        source="how much more a metre costs at an obstacle than in the open",
+        low=0.0,
+        high=1000.0,
+    )
+    comfort: float = setting(
+        default=0.5, unit="m", source="clearance that costs no more", low=0.01, high=100.0
+    )
+    spacing: float = setting(default=0.5, unit="m", source="of points that move", low=0.01)
+    sweeps: int = setting(default=20, source="measured: 0.5 % dearer than with 80", low=1)
+
+    def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
+        """Push; the generator is not used."""
+
+        def better(arrays: SpaceArrays, path: Array) -> Array | str:
+            points = dense(path, self.spacing)
+            if blocked_edges(arrays, points).any():  # along slanted walls, digits may forbid some
+                points = path
+            points = pushed(
+                arrays, points, self.weight, self.comfort, 0.25 * self.comfort, self.sweeps
+            )
+            points = shortcut(points, problem.free, self.weight, self.comfort)
+            before, after = (
+                path_cost(arrays, way, self.weight, self.comfort) for way in (path, points)
+            )
+            return points if after < before else "there is no cheaper path near it"
+
+        return _refined(plan, problem, better)
+
+
+REFINERS: Final[dict[str, type[Any]]] = {
+    "clearance": Clearance,
+    "pchip": Pchip,
+    "shortcut": Shortcut,
+    "spline": Spline,
+    "woa": Woa,
+}

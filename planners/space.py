@@ -51,15 +51,31 @@ class Space:
 
     Attributes:
         bounds: (xmin, ymin, xmax, ymax) [m] of the map; an empty map has its maxima below.
+        discs: (m, 3) x, y, radius [m]: what of the solid is known to be round, for costs that
+            measure from centres; the solid holds polygons round them.
     """
 
-    def __init__(self, solid: Any, bounds: ArrayLike, *, edges: Array | None = None) -> None:
-        """Take what is solid, or the edges (n, 4) of what is free, and the map's bounds [m]."""
+    def __init__(
+        self,
+        solid: Any,
+        bounds: ArrayLike,
+        discs: ArrayLike = (),
+        edges: Array | None = None,
+    ) -> None:
+        """Take what is solid, or the edges (n, 4) of what is free, and the map's bounds [m].
+
+        Args:
+            solid: a shapely geometry, or None where edges are given.
+            bounds: (xmin, ymin, xmax, ymax) [m].
+            discs: (m, 3) [m] that what is solid holds.
+            edges: (n, 4) [m] of what is free.
+        """
         xmin, ymin, xmax, ymax = map(float, np.asarray(bounds, dtype=np.float64))
         if not all(map(math.isfinite, (xmin, ymin, xmax, ymax))):
             raise ValueError(f"bounds are {bounds!r}; expected four finite numbers")
         self._solid, self._edges = solid, edges
         self.bounds: Bounds = (xmin, ymin, xmax, ymax)
+        self.discs: Array = np.array(discs, dtype=np.float64).reshape(-1, 3)
         self._inflated: dict[float, Space] = {}
 
     @classmethod
@@ -81,7 +97,7 @@ class Space:
         """
         round_ones = np.asarray(discs, dtype=np.float64).reshape(-1, 3)
         solid = solids.union(solids.disc(x, y, radius) for x, y, radius in round_ones)
-        return cls(shapely.union(solids.even_odd(walls), solid), bounds)
+        return cls(shapely.union(solids.even_odd(walls), solid), bounds, round_ones)
 
     @classmethod
     def from_grid(cls, grid: Grid, unknown_is_solid: bool = False) -> Space:
@@ -108,9 +124,13 @@ class Space:
         if radius not in self._inflated:
             xmin, ymin, xmax, ymax = self.bounds
             bounds = (xmin + radius, ymin + radius, xmax - radius, ymax - radius)
-            edges = eroded(self.arrays, radius)
-            solid = solids.grown(self.solid, radius) if edges is None else None
-            self._inflated[radius] = Space(solid, bounds, edges=edges)
+            discs = self.discs + np.array([0.0, 0.0, radius])
+            try:
+                grown = Space(None, bounds, discs, eroded(self.arrays, radius))
+                grown.mesh  # noqa: B018 - which proves that the edges form loops that never cross
+            except ValueError:
+                grown = Space(solids.grown(self.solid, radius), bounds, discs)
+            self._inflated[radius] = grown
         return self._inflated[radius]
 
     @cached_property

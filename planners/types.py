@@ -30,6 +30,7 @@ class Status(StrEnum):
     GOAL_OCCUPIED = "goal_occupied"
     NO_PATH = "no_path"  # proven: start and goal are not connected
     EXHAUSTED = "exhausted"  # iterations, nodes or time ran out first
+    STUCK = "stuck"  # nothing near leads on, as in a local minimum
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,7 @@ class Plan:
     tree: Array = field(default_factory=lambda: np.empty((0, 4)))  # (k, 4) edges, to look at
     counters: Mapping[str, int] = field(default_factory=dict)  # nodes, iterations, ...
     timings: Mapping[str, float] = field(default_factory=dict)  # time_s, first_path_s, ...
+    note: str = ""  # for a person: why there is no path, or why a refinement changed nothing
 
     @property
     def length(self) -> float:

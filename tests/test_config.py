@@ -56,6 +56,7 @@ def test_a_part_keeps_the_defaults_that_it_has_where_it_stands():
         ),
         (SensorSettings, {"laser": 3}, r"chair.json.laser is 3; expected an object"),
         (SensorSettings, {"ultrasonic": {"order": [0, 1]}}, "order must name each mounted ranger"),
+        (SensorSettings, {"ultrasonic": {"mounted": []}}, "mounted has 0 rangers; expected 8"),
         (
             ChairSettings,
             {"random": {"mass": [1]}},

@@ -15,6 +15,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
+from numba.np.numpy_support import from_dtype
 from numpy.typing import NDArray
 
 
@@ -60,6 +61,11 @@ def _viewer(item: Any, ndim: int) -> Any:
         return array_type(types.uint64, types.int64, types.int64), lower
 
     return intrinsic(one if ndim == 1 else two)
+
+
+def rows_of(dtype: np.dtype[Any]) -> Callable[[Any, int], NDArray[np.void]]:
+    """A kernel function (address, n) -> records (n,) of a dtype."""
+    return cast("Callable[[Any, int], NDArray[np.void]]", _viewer(from_dtype(dtype), 1))
 
 
 # numba gives these the arguments that their callers see; mypy knows only how they are declared.

@@ -25,7 +25,8 @@ def asked_twist(
     a_v: float, a_w: float, forward: float, backward: float, turn: float
 ) -> tuple[float, float]:
     """The twist [m/s, rad/s] that an action asks for; beyond [-1, 1] it is clipped."""
-    a_v, a_w = min(1.0, max(-1.0, a_v)), min(1.0, max(-1.0, a_w))
+    a_v = 1.0 if a_v > 1.0 else -1.0 if a_v < -1.0 else a_v
+    a_w = 1.0 if a_w > 1.0 else -1.0 if a_w < -1.0 else a_w
     return a_v * (forward if a_v > 0.0 else backward), a_w * turn
 
 

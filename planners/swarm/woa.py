@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.draws import Stream, stream, uniform
+from planners.draws import Stream, uniform
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.kernel import borrowing_kernel
 
@@ -100,28 +100,3 @@ class WhaleSettings:
     def values(self) -> Whales:
         """The settings as kernels take them."""
         return Whales(self.population, self.iterations, self.a, self.b, self.mu, self.lam)
-
-    def move(
-        self,
-        population: Array,
-        costs: Array,
-        best: Array,
-        progress: float,
-        rng: np.random.Generator,
-    ) -> Array:
-        """A population (k, d) moved once: the swarm as one optimiser among others.
-
-        Args:
-            population: positions (k, d); left as they are.
-            costs: their costs (k,); whales know the best position only.
-            best: the best position so far (d,).
-            progress: the part of the run that is over, in [0, 1]; A's bound falls with it.
-            rng: draws the numbers.
-        """
-        moved = np.array(population, dtype=np.float64)
-        infinite = np.full(moved.shape[1], np.inf)
-        a, twice = self.a * (1.0 - progress), np.full(moved.shape[1], 2.0)
-        best = np.array(best, dtype=np.float64)
-        state = stream(rng)
-        move(moved, best, a, self.b, self.mu, self.lam, twice, -infinite, infinite, state)
-        return moved

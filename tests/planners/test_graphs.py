@@ -1,5 +1,6 @@
 """Laws of lattice search, of exact search and of shortcuts."""
 
+import dataclasses
 import itertools
 import math
 
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from planners import Problem, Space, Status, make_planner
 from planners.graphs.visibility import optima
-from planners.refine import shortcut, way_cost
+from planners.shortcut import shortcut, way_cost
 from planners.space import edge_free
 from tests.planners.judge import faults
 from tests.planners.test_planners import on
@@ -59,6 +60,22 @@ def test_visibility_equals_brute_force(rectangles):
     assert (plan.status == Status.SOLVED) == math.isfinite(expected)
     if plan.status == Status.SOLVED:
         assert not faults(plan.path, problem.space.solid, problem.space.bounds)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(RECTANGLE, min_size=1, max_size=7), st.sampled_from([0.3, 0.5, 0.9]))
+def test_grids_are_complete_at_their_resolution(rectangles, resolution):
+    """A path that keeps step / sqrt(2) from everything solid is enough for each of them."""
+    problem = on([(x, y, x + w, y + h) for x, y, w, h in rectangles], (1.0, 1.0), (9.0, 8.75))
+    room = dataclasses.replace(problem, clearance=resolution / math.sqrt(2) * 1.001)
+    if make_planner("visibility").plan(room, np.random.default_rng(0)).status != Status.SOLVED:
+        return
+    for name in ("a_star", "bfs", "dfs", "dijkstra", "theta_star"):
+        planner = make_planner({"name": name, "resolution": resolution, "refinements": 0})
+        assert planner.plan(problem, np.random.default_rng(0)).status == Status.SOLVED
+    planner = make_planner({"name": "a_star", "resolution": resolution, "refinements": 0,
+                            "connectivity": 4})  # fmt: skip
+    assert planner.plan(problem, np.random.default_rng(0)).status == Status.SOLVED
 
 
 @settings(max_examples=25, deadline=None)
@@ -115,6 +132,43 @@ def test_lattice_paths_cost_what_the_lattice_says(connectivity):
     expected = {4: 3 + 8 + 1 + 8 + 3, 8: (3 * diagonal + 5) + 1 + (3 * diagonal + 5)}
     assert plan.length == pytest.approx(expected[connectivity], abs=0.25)
     assert not faults(plan.path, problem.space.solid, problem.space.bounds)
+
+
+def test_orders_of_one_search_keep_what_each_promises():
+    """Dijkstra finds A*'s cost with more nodes, breadth no more edges; any angle is no longer."""
+    problem = on([(2, 3, 6, 5), (5, 6, 8, 7.5), (4, 0, 5, 2)])
+    plans = {}
+    for name in ("a_star", "dijkstra", "bfs", "dfs", "theta_star"):
+        planner = make_planner({"name": name, "shortcut": False})
+        plans[name] = planner.plan(problem, np.random.default_rng(0))
+    a_star = plans["a_star"]
+    # The first and the last edge are of any length: the sums differ by as much.
+    assert plans["dijkstra"].length == pytest.approx(a_star.length, abs=0.2)
+    assert plans["dijkstra"].counters["nodes"] > a_star.counters["nodes"]
+    assert all(len(plans["bfs"].path) <= len(plans[k].path) for k in ("a_star", "dijkstra", "dfs"))
+    best = make_planner("visibility").plan(problem, np.random.default_rng(0)).length
+    assert best <= plans["theta_star"].length + 1e-9 < a_star.length
+    assert plans["theta_star"].length < 1.01 * best
+
+
+def test_prm_falls_with_points_to_the_optimum():
+    problem = on([(2, 3, 6, 5), (5, 6, 8, 7.5)])
+    best = make_planner("visibility").plan(problem, np.random.default_rng(0)).length
+    lengths = []
+    for first in (50, 500, 5000):
+        planner = make_planner({"name": "prm", "first": first})
+        plans = [planner.plan(problem, np.random.default_rng(seed)) for seed in range(5)]
+        lengths.append(np.mean([plan.length for plan in plans]))
+    assert lengths[0] > lengths[1] > lengths[2] >= best
+    assert lengths[2] < 1.01 * best
+
+
+def test_voronoi_keeps_to_the_middle_of_a_door():
+    problem = on(ROOMS, (1, 1), (9, 1))
+    path = make_planner("voronoi").plan(problem, np.random.default_rng(0)).path
+    dense = np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(path)])
+    inside = dense[(dense[:, 0] > 4.0) & (dense[:, 0] < 4.5)]
+    assert np.abs(inside[:, 1] - 4.6).max() < 0.05
 
 
 def test_a_finer_lattice_finds_a_narrow_door():

@@ -10,7 +10,10 @@ from planners.problems import read_problems
 from tests.planners.judge import TOLERANCE, faults
 from wheelchair_gym.config import InputError
 
-PROVE = {"visibility"}  # planners that prove it where there is no path
+# Planners that prove it where there is no path, and those that always find one on these maps.
+PROVE = {"bug1", "bug2", "cell_decomposition", "visibility"}
+COMPLETE = PROVE | {"a_star", "bfs", "dfs", "dijkstra", "theta_star", "voronoi"}
+GIVEN_UP = {Status.EXHAUSTED, Status.STUCK}  # what may be said without a proof
 WAYS = [(1.0, 1.0), (9.0, 9.0)]
 BOX = [(6, 6, 6.5, 10), (6, 6, 10, 6.5)]  # closes a corner of the map round (9, 9)
 
@@ -45,8 +48,8 @@ def test_paths_are_valid_and_never_shorter_than_the_optimum(name, stored):
     for problem, optimum in stored:
         plan = make_planner(name).plan(problem, np.random.default_rng(1))
         if plan.status != Status.SOLVED:  # a sampler may run out; it may not claim a proof
-            assert plan.status == Status.EXHAUSTED
-            assert name not in {"visibility", "a_star"}
+            assert plan.status in GIVEN_UP
+            assert name not in COMPLETE, problem.name
             continue
         assert_valid(plan, problem)
         assert plan.length >= optimum - TOLERANCE
@@ -63,7 +66,8 @@ def test_paths_keep_the_clearance_and_the_optimum_bounds_them(name):
     problem = on([(2, 3, 6, 5), (5, 6, 8, 7.5), (0, 7, 3, 8)], clearance=0.4)
     best = make_planner("visibility").plan(problem, np.random.default_rng(0))
     plan = make_planner(name).plan(problem, np.random.default_rng(3))
-    assert_valid(plan, problem)
+    if plan.status != Status.STUCK:
+        assert_valid(plan, problem)
     assert plan.length >= best.length - TOLERANCE
 
 
@@ -90,7 +94,7 @@ def test_bad_ends_have_names(name, problem, status):
 @pytest.mark.parametrize("name", PLANNERS)
 def test_a_closed_box_has_no_path(name):
     plan = quick(name).plan(on(BOX), np.random.default_rng(0))
-    assert plan.status == (Status.NO_PATH if name in PROVE else Status.EXHAUSTED)
+    assert plan.status in ({Status.NO_PATH} if name in PROVE else GIVEN_UP)
     assert len(plan.path) == 0
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from planners.draws import stream, uniform
-from planners.swarm.woa import WhaleSettings, move
+from planners.swarm.woa import move
 
 # Written for compiled integers, which wrap without a word.
 pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
@@ -66,20 +66,6 @@ def test_positions_stay_within_bounds(population):
         move(population, population[0].copy(), 4.0, 1.0, 0.5, 1.0, TWICE, low, high, state)
         assert (population >= low).all()
         assert (population <= high).all()
-
-
-@pytest.mark.parametrize("centre", [np.zeros(D), np.array([1.0, -2.0, 0.5, 3.0])])
-def test_whales_find_the_minimum_of_a_bowl(centre):
-    whales = WhaleSettings(population=30, iterations=200)
-    rng = np.random.default_rng(3)
-    population = rng.uniform(-5, 5, (whales.population, D))
-    best, least = population[0], np.inf
-    for t in range(whales.iterations):
-        costs = ((population - centre) ** 2).sum(axis=1)
-        if costs.min() < least:
-            best, least = population[costs.argmin()].copy(), costs.min()
-        population = whales.move(population, costs, best, t / whales.iterations, rng)
-    assert least < 1e-2
 
 
 def test_streams_are_uniform_and_repeat():

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import joblib
+import numba
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -33,6 +33,7 @@ Floats = NDArray[np.float32]
 Info = dict[str, Any]
 
 _ROWS_A_THREAD = 64  # fewer are done sooner than a second thread has woken up
+_CORES: int = vars(numba.config)["NUMBA_NUM_THREADS"]  # that this process may use
 
 
 class Spare:
@@ -105,7 +106,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = batch_space(self.single_observation_space, n)
         self.action_space = batch_space(self.single_action_space, n)
-        threads = num_threads or min(joblib.cpu_count(), n // _ROWS_A_THREAD)
+        threads = num_threads or min(_CORES, n // _ROWS_A_THREAD)
         self.num_threads = max(1, min(n, threads))
         bounds = np.linspace(0, n, self.num_threads + 1).astype(int)
         self._shares = list(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True))

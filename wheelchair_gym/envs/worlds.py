@@ -13,7 +13,6 @@ import json
 import math
 from pathlib import Path
 
-import joblib
 import numpy as np
 
 from wheelchair_gym.config import InputError, dump
@@ -81,12 +80,15 @@ class Worlds:
 
     def _of_bank(self, number: int) -> Course:
         path = None if self._folder is None else self._folder / f"{number}.joblib"
-        if path is not None and path.exists():
+        if path is None:
+            return self._make((_BANK, self._bank.seed, number))
+        import joblib  # only here, since it is slow to import
+
+        if path.exists():
             return self._task.lay_out(*joblib.load(path))
         course = self._make((_BANK, self._bank.seed, number))
-        if path is not None:
-            with whole(path) as part:
-                joblib.dump((course.episode, course.geodesic, course.path), part)
+        with whole(path) as part:
+            joblib.dump((course.episode, course.geodesic, course.path), part)
         return course
 
     def _make(self, entropy: tuple[int, ...]) -> Course:

@@ -13,7 +13,7 @@ from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic, interpo
 from wheelchair_gym.maps.edges import boundary
 from wheelchair_gym.scenes.furniture import Furniture, furnish
 from wheelchair_gym.scenes.layout import Layout, Plan, lay_out
-from wheelchair_gym.scenes.poses import RADIUS, draw_pose
+from wheelchair_gym.scenes.poses import FOOTPRINT, RADIUS, draw_pose
 from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, paint_rects
 from wheelchair_gym.scenes.stream import Stream, below, stream, uniform
 from wheelchair_gym.types import Episode
@@ -110,7 +110,7 @@ class FloorPlan:
             height = uniform(source, least, (least + most) / 2 if home else most)
             storey = self._furnished(source, home, width, height)
             grid = OccupancyGrid(storey.cells, CELL)
-            ground = storey.plan.rooms, storey.walls, storey.discs, self.clearance
+            ground = storey.plan.rooms, storey.walls, storey.discs, FOOTPRINT.array, self.clearance
             for _ in range(_GOALS):
                 there = _draw_goal(source, *ground, goal)
                 if there < 0:
@@ -151,11 +151,17 @@ def _build(plan: Plan, things: Furniture) -> tuple[Cells, Array]:
 
 @borrowing_kernel
 def _draw_goal(
-    source: Stream, rooms: Index, walls: Array, discs: Array, clearance: float, goal: Array
+    source: Stream,
+    rooms: Index,
+    walls: Array,
+    discs: Array,
+    outline: Array,
+    clearance: float,
+    goal: Array,
 ) -> int:
     """Write a goal; the number of its room, or -1 where the draw was unlucky."""
     there = below(source, len(rooms))
-    found = draw_pose(source, rooms[there], walls, discs, clearance, whole(20), goal)
+    found = draw_pose(source, rooms[there], walls, discs, outline, clearance, whole(20), goal)
     return there if found else -1
 
 
@@ -165,6 +171,7 @@ def _draw_start(
     rooms: Index,
     walls: Array,
     discs: Array,
+    outline: Array,
     clearance: float,
     there: int,
     ways: Field,
@@ -175,7 +182,7 @@ def _draw_start(
     for _ in range(_STARTS):
         here = below(source, len(rooms))
         if here != there and draw_pose(
-            source, rooms[here], walls, discs, clearance, whole(5), start
+            source, rooms[here], walls, discs, outline, clearance, whole(5), start
         ):
             far = interpolate(ways, start[0] / CELL, start[1] / CELL)
             if way[0] <= far <= way[1]:

@@ -18,7 +18,6 @@ Index = NDArray[np.int64]
 
 FOOTPRINT: Final = Footprint()
 RADIUS: Final = FOOTPRINT.half_width + CELL  # m: its way through a straight gap, and a cell
-_OUTLINE: Final = FOOTPRINT.array
 _INSET: Final = 0.4  # m: from the axle to the walls of a room, at least
 
 
@@ -35,6 +34,7 @@ def draw_pose(
     room: Index,
     walls: Array,
     discs: Array,
+    outline: Array,
     clearance: float,
     tries: int,
     pose: Array,
@@ -46,6 +46,7 @@ def draw_pose(
         room: (4,) [cells] in which to stand.
         walls: (n, 4) [m].
         discs: (m, 3) [m].
+        outline: of the chair, `Footprint.array`.
         clearance: from the footprint to everything [m].
         tries: so many are made.
         pose: (3,) receives it.
@@ -55,7 +56,7 @@ def draw_pose(
         pose[1] = uniform(source, room[1] * CELL + _INSET, room[3] * CELL - _INSET)
         pose[2] = uniform(source, -math.pi, math.pi)
         reach = clearance + 0.01
-        gap = footprint_clearance(pose[0], pose[1], pose[2], _OUTLINE, walls, discs, reach)
+        gap = footprint_clearance(pose[0], pose[1], pose[2], outline, walls, discs, reach)
         if gap >= clearance and gap > 0.0:
             return True
     return False

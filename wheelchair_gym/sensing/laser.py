@@ -22,7 +22,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import borrowing_kernel, inlined
-from wheelchair_gym.sensing.noise import LASER, LASER_BIAS, bits, hash32, normal
+from wheelchair_gym.sensing.noise import LASER, LASER_BIAS, bits, mix, normal
 from wheelchair_gym.sensing.settings import LaserSettings
 
 Array = NDArray[np.float64]
@@ -48,7 +48,7 @@ _MEAN = _F(2.0 * 255.0)
 _PER_COUNT = _F(1.0 / math.sqrt(4.0 * (256.0**2 - 1.0) / 12.0))
 _BYTES, _LOW_HALF = _U(0x00FF00FF), _U(0xFFFF)
 _8, _15, _16 = _U(8), _U(15), _U(16)
-_FIRST, _SECOND = _U(0x7FEB352D), _U(0x846CA68B)  # multipliers of `noise.hash32`
+_FIRST, _SECOND = _U(0x7FEB352D), _U(0x846CA68B)  # of a 32-bit xor-multiply mixer
 
 
 class LaserArrays(NamedTuple):
@@ -74,7 +74,7 @@ class LaserArrays(NamedTuple):
         return cls(
             np.cos(angles).astype(np.float32),
             np.sin(angles).astype(np.float32),
-            np.array([hash32(_U(i + 1)) for i in range(laser.beams)], np.uint32),
+            np.array([mix(np.uint64(i)) for i in range(laser.beams)], np.uint64).astype(_U),
             -laser.fov / 2,
             (laser.beams - 1) / laser.fov,
             np.array([laser.x, laser.y, laser.yaw]),
@@ -314,8 +314,8 @@ def report(laser: LaserArrays, key: np.uint64, step: int, out: Floats) -> None:
     lost = _U(min(laser.no_echo * 2.0**32, 2.0**32 - 1.0))
     reach, nearest = _F(laser.reach), _F(laser.nearest)
     for i in range(np.uint64(out.shape[0])):
-        # The rounds of `hash32`; after the first, it is known whether the echo is lost. The salt
-        # comes from memory, since numbers made from i would be mixed at its 64 bits.
+        # 32-bit rounds, which vectorise; after the first it is known whether the echo is lost. The
+        # salt comes from memory, since numbers made from i would be mixed at its 64 bits.
         x = _U(laser.salt[i] ^ low)
         x = _U(_U(x ^ (x >> _16)) * _FIRST)
         x = _U(x ^ (x >> _15) ^ high)

@@ -1,7 +1,7 @@
 """Randomness by counter: every draw is a hash of (key of the episode, step, channel, index).
 
-So a draw depends neither on threads, nor on other chairs, nor on what was drawn before. Mixers are
-splitmix64 (Steele, Lea and Flood 2014) and, per beam, a 32-bit xor-multiply one.
+So a draw depends neither on threads, nor on other chairs, nor on what was drawn before. The mixer
+is splitmix64 (Steele, Lea and Flood 2014); the laser spreads one such draw over its beams.
 """
 
 from __future__ import annotations
@@ -58,17 +58,6 @@ def normal(key: np.uint64, step: int, channel: int, index: int) -> float:
         + (x >> np.uint64(48))
     )
     return (float(total) - _MEAN) / _DEVIATION
-
-
-@kernel
-def hash32(value: np.uint32) -> np.uint32:
-    """32 mixed bits of 32, in operations that vectorise over beams."""
-    x = np.uint32(value)
-    x = np.uint32(x ^ (x >> np.uint32(16)))
-    x = np.uint32(x * np.uint32(0x7FEB352D))
-    x = np.uint32(x ^ (x >> np.uint32(15)))
-    x = np.uint32(x * np.uint32(0x846CA68B))
-    return np.uint32(x ^ (x >> np.uint32(16)))
 
 
 def episode_key(seed: int, episode: int) -> int:

@@ -7,6 +7,8 @@ from typing import Literal
 
 from wheelchair_gym.config import InputError, setting, settings
 
+RANGERS = 8  # ultrasonics of a chair, whatever it is
+
 
 @settings
 class LaserSettings:
@@ -128,6 +130,10 @@ class UltrasonicSettings:
     )
 
     def __post_init__(self) -> None:
+        if len(self.mounted) != RANGERS:
+            raise InputError(
+                f"UltrasonicSettings.mounted has {len(self.mounted)} rangers; expected {RANGERS}"
+            )
         if sorted(self.order) != list(range(len(self.mounted))):
             raise InputError("UltrasonicSettings.order must name each mounted ranger once")
 

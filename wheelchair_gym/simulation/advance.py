@@ -7,23 +7,36 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import doubles_at, integers_at, table_at
+from wheelchair_gym.address import doubles_at, field_at, integers_at, rows_of, table_at
 from wheelchair_gym.geometry import footprint_clearance, wrap
 from wheelchair_gym.kernel import borrowing_kernel
-from wheelchair_gym.sensing.laser import scan
+from wheelchair_gym.sensing.laser import SCRATCH, scan
 from wheelchair_gym.sensing.odometry import locate_self, reckon
 from wheelchair_gym.sensing.ultrasonic import UltrasonicArrays, fire
 from wheelchair_gym.simulation.engine import BODY_DOUBLES
 from wheelchair_gym.simulation.motion import drive, locate
-from wheelchair_gym.simulation.rig import laser_of, rangers_of
-from wheelchair_gym.simulation.state import vary
-from wheelchair_gym.simulation.world import enter
+from wheelchair_gym.simulation.rig import RIG, laser_of, rangers_of
+from wheelchair_gym.simulation.state import PARAMETER, STATE, vary
+from wheelchair_gym.simulation.world import WORLD, enter
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 CLEARANCE_REACH = 2.0  # m: clearances beyond this are reported as this
 JOULES_PER_WH = 3600.0
+
+# Where the only row of each argument of `advance` lies: a call takes a microsecond per array.
+ALONE = np.dtype(
+    [
+        ("rig", "u8"),
+        ("chair", "u8"),
+        ("state", "u8"),
+        ("world", "u8"),
+        ("scratch", "u8"),
+        ("walls", "i8"),  # columns of scratch
+    ]
+)
+_rigs_at, _chairs_at, _states_at, _worlds_at = map(rows_of, (RIG, PARAMETER, STATE, WORLD))
 
 
 @borrowing_kernel
@@ -70,7 +83,7 @@ def tell(state: Any, p: Any, walls: Array, discs: Array, sensed: Any) -> None:
     sensed.battery, sensed.stamp = state.voltage, state.tick * p.dt
     sensed.way, sensed.energy = state.way, state.energy / JOULES_PER_WH
     sensed.clearance = footprint_clearance(
-        state.pose[0], state.pose[1], state.pose[2], p.outline, walls, discs, CLEARANCE_REACH
+        state.pose[0], state.pose[1], state.pose[2], p.outline[:], walls, discs, CLEARANCE_REACH
     )
 
 
@@ -169,3 +182,21 @@ def advance(
     drive(state, p, world.space, world.body, rig.step, v, w, order)
     reckon(state, p)
     sense(rig, p, state, world, before, scratch, ranges, sensed[i])
+
+
+@borrowing_kernel
+def advance_alone(alone: Any, v: float, w: float, ranges: Floats, sensed: Any) -> None:
+    """`advance` of a chair that is alone; its rows are found by address: alone (1,) of ALONE."""
+    own = alone[0]
+    advance(
+        0,
+        _rigs_at(own.rig, 1),
+        _chairs_at(own.chair, 1),
+        _states_at(own.state, 1),
+        _worlds_at(own.world, 1),
+        v,
+        w,
+        field_at(own.scratch, SCRATCH, own.walls),
+        ranges,
+        sensed,
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.address import address_of
 from wheelchair_gym.sensing.laser import SCRATCH
 from wheelchair_gym.sensing.settings import SensorSettings
-from wheelchair_gym.simulation.advance import advance, begin
+from wheelchair_gym.simulation.advance import ALONE, advance_alone, begin
 from wheelchair_gym.simulation.rig import Rig
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.simulation.state import SENSED, STATE, parameters
@@ -57,6 +57,15 @@ class SimulatedChair:
         body = chair.body
         self._world = World(chair.footprint, body.centre, body.wall_friction, self._place)
         self._beams = sensors.laser.beams
+        self._alone = np.zeros(1, ALONE)
+        rows = {
+            "rig": self._rig.record,
+            "chair": self._chair,
+            "state": self._state,
+            "world": self._place,
+        }
+        for name, row in rows.items():
+            self._alone[name] = address_of(row)
         self._store, self._used = np.empty(0, SENSED), 0
         self._episode: Episode | None = None
         self._truth: Truth | None = None
@@ -71,6 +80,7 @@ class SimulatedChair:
         place["discs"], place["n_discs"] = address_of(discs), len(discs)
         self._solid = walls, discs  # kept alive
         self._scratch = np.empty((SCRATCH, len(walls)), np.float32)
+        self._alone["scratch"], self._alone["walls"] = address_of(self._scratch), len(walls)
         ranges, sensed = self._blank_reading()
         begin(
             0,
@@ -95,24 +105,13 @@ class SimulatedChair:
         Raises:
             ValueError: the twist is not two finite numbers, or the chair was never reset.
         """
-        v, w = float(twist[0]), float(twist[1])
+        v, w = twist.tolist()
         if not math.isfinite(v + w):
             raise ValueError(f"twist is ({v}, {w}); expected two finite numbers")
         if self._episode is None:
             raise ValueError("the chair was never reset, or it was closed")
         ranges, sensed = self._blank_reading()
-        advance(
-            0,
-            self._rig.record,
-            self._chair,
-            self._state,
-            self._place,
-            v,
-            w,
-            self._scratch,
-            ranges,
-            sensed,
-        )
+        advance_alone(self._alone, v, w, ranges, sensed)
         return self._reading(ranges, sensed)
 
     def close(self) -> None:
@@ -149,7 +148,6 @@ class SimulatedChair:
         return np.empty(self._beams, np.float32), self._store[self._used - 1 : self._used]
 
     def _reading(self, ranges: NDArray[np.float32], sensed: Rows) -> Reading:
-        told = cast("tuple[Any, ...]", sensed.item())
-        pose, twist, ultrasonic, age, bumped, battery, stamp, *truth = told
-        self._truth = Truth(*truth)
-        return Reading(pose, twist, ranges, ultrasonic, age, bumped, battery, stamp)
+        told: Any = sensed.item()
+        self._truth = Truth._make(told[7:])
+        return Reading._make((told[0], told[1], ranges, *told[2:7]))

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.sensing.noise import PARAMETERS, uniform
-from wheelchair_gym.sensing.settings import SensorSettings
+from wheelchair_gym.sensing.settings import RANGERS, SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings, whole_ratio
 
-RANGERS = 8
 GRAVITY = 9.81  # m/s2
 
 PARAMETER = np.dtype(

@@ -14,7 +14,7 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
-from wheelchair_gym.task.assess import PROGRESS, RULES, VERDICT, assess, start_task
+from wheelchair_gym.task.assess import ALONE, PROGRESS, RULES, VERDICT, assess_alone, start_task
 from wheelchair_gym.task.course import AIMS, Course, way_from
 from wheelchair_gym.task.judge import Verdict, reached
 from wheelchair_gym.task.observe import GOAL_REACH, PATH_REACH
@@ -90,6 +90,10 @@ class Task:
         self._set_rules()
         self._progress = np.zeros(1, PROGRESS)
         self._judged = np.zeros(1, VERDICT)
+        self._alone = np.zeros(1, ALONE)
+        rows = {"rules": self.rules, "progress": self._progress, "verdict": self._judged}
+        for name, row in rows.items():
+            self._alone[name] = address_of(row)
         self._places = self._lay_out()
 
     def _set_rules(self) -> None:
@@ -172,6 +176,7 @@ class Task:
         """Take up a new episode with its first reading."""
         self._take(course.episode, course.geodesic)
         self._course, self.path = course, course.path
+        self._alone["course"] = address_of(course.record)
         self.reading, self.key = reading, key
         out, verdict = np.empty(self.room, np.float32), self._judged
         start_task(
@@ -197,13 +202,9 @@ class Task:
 
         `verdict` then holds what it was worth, `reading` where it led.
         """
-        out, verdict = np.empty(self.room, np.float32), self._judged
-        assess(
-            0,
-            self.rules,
-            self._course.record,
-            self._progress,
-            verdict,
+        out = np.empty(self.room, np.float32)
+        assess_alone(
+            self._alone,
             action,
             reading.pose,
             reading.twist,

@@ -1,0 +1,101 @@
+"""Along the medial axis: as far from everything solid as there is room."""
+
+from __future__ import annotations
+
+import math
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import QhullError, cKDTree
+from scipy.spatial import Voronoi as Diagram
+
+from planners.exact import SpaceArrays
+from planners.graphs.roadmap import shortest
+from planners.types import Plan, Problem, Status, trivial
+from wheelchair_gym.config import setting, settings
+
+Array = NDArray[np.float64]
+Pairs = NDArray[np.int64]
+
+MOST_SAMPLES = 200_000  # of the boundary: some seconds
+
+
+def _boundary_samples(arrays: SpaceArrays, spacing: float) -> Array:
+    """Points (n, 2) [m] along the boundary, its corners among them, at most a spacing apart."""
+    segments = arrays.segments
+    lengths = np.hypot(*(segments[:, 2:] - segments[:, :2]).T)
+    parts = np.maximum(2, np.ceil(lengths / spacing)).astype(np.int64)
+    first = np.cumsum(parts) - parts
+    t = (np.arange(parts.sum()) - np.repeat(first, parts)) / np.repeat(parts, parts)
+    whole = np.repeat(segments, parts, axis=0)
+    return np.unique(whole[:, :2] + t[:, None] * (whole[:, 2:] - whole[:, :2]), axis=0)
+
+
+def _axis(samples: Array, ends: Array) -> tuple[Array, Pairs]:
+    """Nodes (n, 2): the ends, then the diagram's vertices; and pairs of them to be joined."""
+    diagram = Diagram(samples)
+    ridges = np.array(diagram.ridge_vertices, dtype=np.int64)
+    pairs = [ridges[(ridges >= 0).all(axis=1)] + 2]
+    # An end lies in the cell of the sample nearest to it, from where a straight way leads to the
+    # cell's vertices: a cell is convex, and no other wall cuts it.
+    _, nearest = cKDTree(samples).query(ends)
+    for end, sample in enumerate(nearest):
+        cell = np.array(diagram.regions[diagram.point_region[sample]], dtype=np.int64)
+        cell = cell[cell >= 0] + 2
+        pairs.append(np.stack([np.full(len(cell), end), cell], axis=1))
+    return np.vstack([ends, diagram.vertices]), np.concatenate(pairs)
+
+
+@settings
+class Voronoi:
+    """The shortest way along the medial axis, from the Voronoi diagram of boundary samples.
+
+    Aurenhammer 1991; O'Dunlaing and Yap 1985. A passage is found once samples lie about as close as
+    it is wide; where none is found, they lie twice as close.
+    """
+
+    spacing: float = setting(
+        default=0.4, unit="m", source="half a door's width", low=0.005, high=100.0
+    )
+    refinements: int = setting(
+        default=4, source="times the spacing is halved where no path is found", low=0, high=8
+    )
+
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Find a path; samples prove nothing, so failure is `exhausted`. No use of `rng`."""
+        began = perf_counter()
+        plan = trivial(problem)
+        if plan is not None:
+            return plan
+        end = began + (math.inf if deadline is None else deadline)
+        arrays = problem.free.arrays
+        ends = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
+        path, tested, halvings, note = np.empty((0, 2)), 0, 0, "no way along the finest axis"
+        count = 0
+        for halvings in range(self.refinements + 1):
+            samples = _boundary_samples(arrays, self.spacing / 2**halvings)
+            if len(samples) > MOST_SAMPLES:
+                note = f"the boundary has more than {MOST_SAMPLES:,} samples"
+                break
+            try:
+                nodes, pairs = _axis(samples, ends)
+            except QhullError:  # a map too thin for its own coordinates
+                note = "the boundary is too thin for a diagram"
+                break
+            way = shortest(arrays, nodes, pairs, end)
+            path, tested, count = way.path, tested + way.tested, len(nodes)
+            if len(path):
+                break
+            if perf_counter() >= end:
+                note = "out of time"
+                break
+        return Plan(
+            Status.SOLVED if len(path) else Status.EXHAUSTED,
+            path,
+            counters={"nodes": count, "halvings": halvings, "edges_tested": tested},
+            timings={"time_s": perf_counter() - began},
+            note="" if len(path) else note,
+        )

@@ -1,0 +1,1 @@
+"""Planners that know no map: what is near leads them, and each says when it is stuck."""

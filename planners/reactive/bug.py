@@ -1,0 +1,254 @@
+"""Bugs: straight to the goal, and round what is in the way, along its boundary itself.
+
+Touching is allowed, so what a bug walks is a free path. A bug that has been all the way round a
+thing and found no way to leave it has proved that there is no path.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from time import perf_counter
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.contour import (
+    Indices,
+    blockers,
+    crossing,
+    last_corner,
+    leads_into,
+    loop_from,
+    pairing,
+    part_of,
+)
+from planners.exact import SpaceArrays, edge_free, side
+from planners.types import Plan, Problem, Status, trivial
+from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import path_length
+from wheelchair_gym.kernel import kernel
+
+Array = NDArray[np.float64]
+
+# How far a point that should lie on a slanted side may lie off it, for its digits are rounded [m].
+NUDGES = (0.0, *(10.0**k for k in range(-16, -5)))
+CLOSE = 1e-9  # of a way: what it meets at once, but for rounding
+
+
+class Hit(NamedTuple):
+    """Where a straight way to the goal meets something solid."""
+
+    origin: Array  # (2,) m: where the way began
+    base: Array  # (2,) m: a point on it, from where the rest of it is straight to the last digit
+    point: Array  # (2,) m
+    segment: int
+    part: float  # of the way
+
+
+class Solids(NamedTuple):
+    """What a bug may touch."""
+
+    arrays: SpaceArrays
+    following: Indices
+    preceding: Indices
+
+
+Detour = Callable[[Solids, Hit, Array], "Array | None"]
+
+
+class RoundingError(ArithmeticError):
+    """The digits of the coordinates do not tell on which side of a boundary a point lies."""
+
+
+def _hit(solids: Solids, origin: Array, goal: Array) -> Hit | None:
+    """Where the straight way to the goal ends; None at the goal."""
+    arrays, way = solids.arrays, goal - origin
+    if edge_free(arrays, *origin, *goal):
+        return None
+    found, parts = blockers(arrays, *origin, *goal)
+    first = parts.min()
+    # A way along a slanted side leaves it by a digit, unless it goes by a corner exactly on it.
+    corner = last_corner(arrays, origin[0], origin[1], goal[0], goal[1], first)
+    bases = [origin, *([arrays.segments[corner, :2]] if corner >= 0 else [])]
+    for k in found[parts <= first + CLOSE]:
+        for base in bases:
+            for nudge in NUDGES:
+                part = max(0.0, first - nudge / math.hypot(*way))
+                point = origin + part * way
+                if base is not origin and part_of(*origin, *goal, *base) >= part:
+                    point = base
+                ends = (base, arrays.segments[k, :2], arrays.segments[k, 2:])
+                if all(edge_free(arrays, *point, *end) for end in ends):
+                    return Hit(origin, base, point, int(k), part)
+    raise RoundingError
+
+
+def _reached(solids: Solids, corners: Array, to: Array, goal: Array) -> Array:
+    """A walk over corners (n, 2) to a point, which lies off the boundary as far as it must."""
+    for nudge in NUDGES:
+        point = to + min(1.0, nudge / max(math.hypot(*(goal - to)), nudge, 1e-300)) * (goal - to)
+        if edge_free(solids.arrays, *corners[-1], *point):
+            return np.vstack([corners, point])
+    raise RoundingError
+
+
+def round_and_back(solids: Solids, hit: Hit, goal: Array) -> Array | None:
+    """Bug1: all the way round, then to the point nearest to the goal; None: no way on from there.
+
+    Returns:
+        The points walked (n, 2) [m], the hit point first.
+    """
+    segments = solids.arrays.segments
+    loop = loop_from(hit.segment, solids.following)
+    here, along = segments[loop, :2], segments[loop, 2:] - segments[loop, :2]
+    part = np.clip(((goal - here) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
+    nearest = here + part[:, None] * along
+    m = int(np.hypot(*(goal - nearest).T).argmin())
+    leave, corner = nearest[m], part[m] in (0.0, 1.0)
+    if part[m] == 1.0:
+        m = (m + 1) % len(loop)
+    if corner:
+        leave = segments[loop[m], :2]
+    elif side(*segments[loop[m]], *goal) == 0.0:
+        leave = goal
+    if leads_into(solids.arrays, loop[m], bool(corner), *goal):
+        return None
+    ends = segments[loop, 2:]
+    ahead = np.vstack([hit.point, ends[:m]])
+    back = np.vstack([hit.point, ends[m:][::-1]]) if m > 0 else ahead
+    ways = [np.vstack([corners, leave]) for corners in (ahead, back)]
+    shorter = ahead if path_length(ways[0]) <= path_length(ways[1]) else back
+    return np.vstack([hit.point, ends, _reached(solids, shorter, leave, goal)])
+
+
+@kernel
+def _way_off(
+    arrays: SpaceArrays, loop: Indices, forward: bool, origin: Array, goal: Array, part: float
+) -> tuple[int, float, float]:
+    """Where a walk meets the line again, nearer to the goal and free to go on.
+
+    Args:
+        arrays: what is free.
+        loop: the segments (n,) in the order in which they are walked.
+        forward: whether each is walked from its beginning.
+        origin: where the line begins (2,) [m].
+        goal: where it ends (2,) [m].
+        part: of the line, up to the hit.
+
+    Returns:
+        How many corners are passed before, -1 if the walk never meets the line so; the point [m].
+    """
+    ox, oy, gx, gy = origin[0], origin[1], goal[0], goal[1]
+    segments, n = arrays.segments, loop.shape[0]
+    for m in range(n):
+        k = loop[m]
+        cx, cy, dx, dy = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+        c, d = side(ox, oy, gx, gy, cx, cy), side(ox, oy, gx, gy, dx, dy)
+        if m > 0 and ((c > 0.0 and d < 0.0) or (c < 0.0 and d > 0.0)):
+            if side(cx, cy, dx, dy, gx, gy) == 0.0:
+                return m, gx, gy
+            x, y = crossing(segments, k, ox, oy, gx, gy)
+            at = part_of(ox, oy, gx, gy, x, y)
+            if part < at <= 1.0 and not leads_into(arrays, k, False, gx, gy):
+                return m, x, y
+        after = loop[(m + 1) % n] if forward else k
+        x, y = segments[after, 0], segments[after, 1]
+        if side(ox, oy, gx, gy, x, y) == 0.0:
+            at = part_of(ox, oy, gx, gy, x, y)
+            if part < at <= 1.0 and not leads_into(arrays, after, True, gx, gy):
+                return m + 1, x, y
+    return -1, 0.0, 0.0
+
+
+def round_to_the_line(
+    solids: Solids, hit: Hit, goal: Array, turn: Literal["left", "right"]
+) -> Array | None:
+    """Bug2: along the boundary until the line to the goal is met nearer to it; None: never.
+
+    Returns:
+        The points walked (n, 2) [m], the hit point first.
+    """
+    forward = turn == "right"  # what is solid is then on the left hand
+    loop = loop_from(hit.segment, solids.following if forward else solids.preceding)
+    passed, x, y = _way_off(solids.arrays, loop, forward, hit.origin, goal, hit.part)
+    if passed < 0:
+        return None
+    ends = solids.arrays.segments[loop[:passed]][:, [2, 3] if forward else [0, 1]]
+    return _reached(solids, np.vstack([hit.point, ends]), np.array([x, y]), goal)
+
+
+def _walked(problem: Problem, deadline: float | None, detour: Detour) -> Plan:
+    """The plan of a bug that goes round things in its own way."""
+    began = perf_counter()
+    plan = trivial(problem)
+    if plan is not None:
+        return plan
+    end = began + (math.inf if deadline is None else deadline)
+    solids = Solids(problem.free.arrays, *pairing(problem.free.arrays))
+    goal = np.array(problem.goal[:2], dtype=np.float64)
+    path, hits = [np.array([problem.start[:2]], dtype=np.float64)], 0
+    status, note = Status.EXHAUSTED, "too narrow for the digits of its coordinates"
+    try:
+        # Each detour ends nearer to the goal, and no two begin in one place.
+        while hits <= len(solids.following):
+            hit = _hit(solids, path[-1][-1], goal)
+            if hit is None:
+                status, note = Status.SOLVED, ""
+                break
+            hits += 1
+            walked = detour(solids, hit, goal)
+            if walked is None:
+                status, note = Status.NO_PATH, "all round it there is no way on to the goal"
+                break
+            path += [hit.base[None], walked]
+            if perf_counter() >= end:
+                note = "out of time"
+                break
+    except RoundingError:
+        pass
+    walk = np.vstack([*path, goal])
+    moved = np.ones(len(walk), dtype=np.bool_)
+    moved[1:] = (np.diff(walk, axis=0) != 0.0).any(axis=1)
+    return Plan(
+        status,
+        walk[moved] if status == Status.SOLVED else np.empty((0, 2)),
+        counters={"hits": hits},
+        timings={"time_s": perf_counter() - began},
+        note=note,
+    )
+
+
+@settings
+class Bug1:
+    """Bug1 (Lumelsky and Stepanov 1987): once round each thing, then on from its nearest point.
+
+    Complete: it proves it where there is no path. At most 1.5 times round each thing it meets.
+    """
+
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Walk to the goal, circuits and all; the generator is not used."""
+        return _walked(problem, deadline, round_and_back)
+
+
+@settings
+class Bug2:
+    """Bug2 (Lumelsky and Stepanov 1987): round each thing until the straight line goes on.
+
+    Complete: it proves it where there is no path.
+    """
+
+    turn: Literal["left", "right"] = setting(default="left", source="Lumelsky and Stepanov 1987")
+
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Walk to the goal; the generator is not used."""
+
+        def detour(solids: Solids, hit: Hit, goal: Array) -> Array | None:
+            return round_to_the_line(solids, hit, goal, self.turn)
+
+        return _walked(problem, deadline, detour)

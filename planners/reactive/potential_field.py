@@ -1,0 +1,134 @@
+"""The potential field: the goal attracts, what is solid repels, and the lowest step is taken."""
+
+from __future__ import annotations
+
+import math
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.exact import SpaceArrays, clearance, edge_free
+from planners.types import Plan, Problem, Status, trivial
+from wheelchair_gym.config import setting, settings
+from wheelchair_gym.kernel import borrowing_kernel
+
+Array = NDArray[np.float64]
+
+CHUNK = 1000  # steps between two looks at the clock: some 10 ms
+WALKING, ARRIVED, HELD = 0, 1, 2
+
+
+class Field(NamedTuple):
+    """A potential field, as kernels take it."""
+
+    x: float  # m: the goal
+    y: float  # m
+    strength: float  # m^3: of what repels
+    reach: float  # m: how far it does
+    step: float  # m
+    headings: int
+
+
+@borrowing_kernel
+def potential(arrays: SpaceArrays, field: Field, x: float, y: float) -> float:
+    """Potential [m] at a point: the distance to the goal, and more near what is solid.
+
+    Repulsion as in Khatib 1986, (3.4), fading at the goal as in Ge and Cui 2000, so that the goal
+    is the lowest point even beside a wall.
+    """
+    left = math.hypot(field.x - x, field.y - y)
+    room = clearance(arrays, x, y)
+    if room >= field.reach or left == 0.0:
+        return left
+    fading = min(1.0, left / field.reach) ** 2
+    return left + 0.5 * field.strength * fading * (1.0 / room - 1.0 / field.reach) ** 2
+
+
+@borrowing_kernel
+def descend(
+    arrays: SpaceArrays, field: Field, path: Array, count: int, budget: int, least: float
+) -> tuple[int, int]:
+    """Take at most so many steps down from the last of the points; their number, and how it is.
+
+    Args:
+        arrays: what is free.
+        field: the potential.
+        path: room for points (n, 2) [m].
+        count: how many of them are there.
+        budget: how many there may be.
+        least: shortest step [m]; where no heading leads down by it, the walk is held.
+    """
+    while count < budget:
+        x, y = path[count - 1, 0], path[count - 1, 1]
+        near = math.hypot(field.x - x, field.y - y) <= field.step
+        if near and edge_free(arrays, x, y, field.x, field.y):
+            path[count, 0], path[count, 1] = field.x, field.y
+            return count + 1, ARRIVED
+        lowest, step, found = potential(arrays, field, x, y), field.step, False
+        while step >= least and not found:
+            for k in range(field.headings):
+                angle = 2.0 * math.pi * k / field.headings
+                to_x, to_y = x + step * math.cos(angle), y + step * math.sin(angle)
+                low = potential(arrays, field, to_x, to_y)
+                if low < lowest and edge_free(arrays, x, y, to_x, to_y):
+                    lowest, found = low, True
+                    path[count, 0], path[count, 1] = to_x, to_y
+            step *= 0.5
+        if not found:
+            return count, HELD
+        count += 1
+    return count, WALKING
+
+
+@settings
+class PotentialField:
+    """An artificial potential field (Khatib 1986), followed downwards in free steps.
+
+    It may be held in a local minimum, and says so: `stuck`; the tree shows how far it came.
+    """
+
+    iterations: int = setting(default=20_000, source="2 km of steps", low=1)
+    step: float = setting(default=0.1, unit="m", source="a tenth of a door", low=1e-3)
+    least_step: float = setting(
+        default=1e-3, unit="m", source="far below a chair's error", low=1e-9
+    )
+    headings: int = setting(default=32, source="11 degrees apart", low=3)
+    reach: float = setting(default=1.0, unit="m", source="a door's width", low=1e-3)
+    strength: float = setting(
+        default=0.05, unit="m^3", source="as strong as the goal at 0.33 m", low=0.0
+    )
+
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Walk down to the goal, or until nothing leads down; the generator is not used."""
+        began = perf_counter()
+        plan = trivial(problem)
+        if plan is not None:
+            return plan
+        end = began + (math.inf if deadline is None else deadline)
+        x, y = (float(v) for v in problem.goal[:2])
+        field = Field(x, y, self.strength, self.reach, self.step, self.headings)
+        walk = np.empty((self.iterations + 2, 2))
+        walk[0] = problem.start[:2]
+        count, how, status, note = 1, WALKING, Status.EXHAUSTED, "steps or time ran out"
+        while how == WALKING and count <= self.iterations:
+            budget = min(count + CHUNK, self.iterations + 1)
+            count, how = descend(problem.free.arrays, field, walk, count, budget, self.least_step)
+            if perf_counter() >= end:
+                break
+        if how == HELD:
+            status, note = Status.STUCK, f"a local minimum at {walk[count - 1].round(2).tolist()}"
+        elif how == ARRIVED:
+            status, note = Status.SOLVED, ""
+        walk = walk[:count]
+        return Plan(
+            status,
+            walk.copy() if how == ARRIVED else np.empty((0, 2)),
+            np.hstack([walk[:-1], walk[1:]]),
+            {"iterations": count - 1},
+            {"time_s": perf_counter() - began},
+            note,
+        )

@@ -1,0 +1,155 @@
+"""What a swarm of paths is asked for, as settings: `OBJECTIVES` names the sources' cost functions.
+
+Each stands with exact edge tests; `faithful` keeps its source's own tests, sound or not.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from planners.solids import DISC_SIDES
+from planners.swarm import worth as terms
+from planners.swarm.optimizers import named
+from planners.swarm.worth import Worth
+from wheelchair_gym.config import load, setting, settings
+
+_FAITHFUL = "exact tests; true: the source's own"
+_PLAIN = Worth(
+    size=terms.LENGTH,
+    weight=1.0,
+    turning=terms.NO_TURNING,
+    reach=0.0,
+    sampled=False,
+    violation=0.0,
+    tested=terms.EDGES,
+    blocked=0.0,
+    each_blocked=0.0,
+    push=terms.NO_PUSH,
+    slack=0.0,
+)
+_EACH = "an edge inside weighs more than all lengths on a map"
+
+
+def length_free(shortness: float, collision_free: float) -> Worth:
+    """The thesis's cost: its weights of length [1/m] and of edges that are not free."""
+    return _PLAIN._replace(weight=shortness, each_blocked=collision_free)
+
+
+@settings
+class LengthFree:
+    """Shortness and freedom from collisions, weighed: the thesis, section 2.8."""
+
+    shortness_weight: float = setting(
+        default=10.0, unit="1/m", source="thesis, figure 3.1", low=0.0
+    )
+    collision_free_weight: float = setting(default=1e4, source=_EACH + "; thesis: 1", low=0.0)
+
+    @property
+    def worth(self) -> Worth:
+        """The terms as kernels take them."""
+        return length_free(self.shortness_weight, self.collision_free_weight)
+
+
+@settings
+class Smooth:
+    """Smoothness, length and validity: P1 (8), f1 + f2 (1 + f3).
+
+    f1 is the mean absolute turning angle [rad] of the way points, f2 the length [m] of the curve,
+    f3 the penalty where any of its edges is blocked. Faithful: f1 is (5) with (3) as printed,
+    smallest where the path turns in a way of its own, and only way points are tested.
+    """
+
+    penalty: float = setting(default=100.0, source="'considerable' in P1 (7)", low=0.0)
+    faithful: bool = setting(default=False, source=_FAITHFUL)
+
+    @property
+    def worth(self) -> Worth:
+        """The terms as kernels take them."""
+        return _PLAIN._replace(
+            turning=terms.PRINTED_TURNING if self.faithful else terms.MEAN_TURNING,
+            tested=terms.WAY_POINTS if self.faithful else terms.EDGES,
+            blocked=self.penalty,
+        )
+
+
+@settings
+class Violation:
+    """Length of the curve, times one and the violation of round obstacles: P2 (18)-(21).
+
+    The violation is the mean over the curve of max(reach - D / R, 0), D from the curve's pieces,
+    and blocked edges cost, too. Faithful: D from sampled points, and nothing else is tested.
+    """
+
+    penalty: float = setting(default=100.0, source="Yarpiz, whose program P2 follows", low=0.0)
+    reach: float = setting(default=1.2, source="P2 (20)", low=0.0)
+    blocked_cost: float = setting(default=100.0, unit="m", source=_EACH, low=0.0)
+    faithful: bool = setting(default=False, source=_FAITHFUL)
+
+    @property
+    def worth(self) -> Worth:
+        """The terms as kernels take them."""
+        return _PLAIN._replace(
+            reach=self.reach,
+            sampled=self.faithful,
+            violation=self.penalty,
+            tested=terms.NOTHING if self.faithful else terms.EDGES,
+            each_blocked=0.0 if self.faithful else self.blocked_cost,
+        )
+
+
+@settings
+class WayPoints:
+    """R1's loss, the root of the sum of squared legs.
+
+    Ours counts it in metres, so that it is the length where all legs are as long, and adds P2's
+    violation along the exact segments. Faithful: as printed, and nothing but way points is looked
+    at: where one falls into a disc (d^2 <= r^2 + slack) it is pushed out and drawn again.
+    """
+
+    penalty: float = setting(default=100.0, source="as P2's", low=0.0)
+    reach: float = setting(
+        default=1.0 + 5.0 / DISC_SIDES**2,
+        source="beyond the corners, pi^2 / 2 n^2, of the polygon that a disc is on a map",
+        low=0.0,
+    )
+    blocked_cost: float = setting(default=100.0, unit="m", source=_EACH, low=0.0)
+    slack: float = setting(default=1.0, unit="m^2", source="R1, section 5.3", low=0.0)
+    faithful: bool = setting(default=False, source=_FAITHFUL)
+
+    @property
+    def worth(self) -> Worth:
+        """The terms as kernels take them."""
+        if self.faithful:
+            return _PLAIN._replace(
+                size=terms.PRINTED_ENERGY,
+                tested=terms.NOTHING,
+                push=terms.DOUBLED,
+                slack=self.slack,
+            )
+        return _PLAIN._replace(
+            size=terms.ENERGY,
+            reach=self.reach,
+            violation=self.penalty,
+            each_blocked=self.blocked_cost,
+        )
+
+
+OBJECTIVES: Final[dict[str, type[Any]]] = {
+    "length_free": LengthFree,
+    "smooth": Smooth,
+    "violation": Violation,
+    "way_points": WayPoints,
+}
+
+
+def make_objective(spec: Any) -> Any:
+    """An objective by name, or by a mapping with its name and settings; an objective is itself.
+
+    Raises:
+        InputError: the name is unknown, or a setting is not one of the objective's.
+    """
+    if type(spec) in OBJECTIVES.values():
+        return spec
+    values = named(spec, OBJECTIVES, "objective")
+    name = values.pop("name")
+    return load(OBJECTIVES[name], values, f"objective {name}")

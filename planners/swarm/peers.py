@@ -1,0 +1,84 @@
+"""Any optimiser of mealpy, with the same tasks, costs and exact tests as ours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.swarm.search import Search
+from planners.swarm.start import Start
+from planners.swarm.worth import Worth, new_room, value
+from wheelchair_gym.config import InputError, setting, settings
+
+Array = NDArray[np.float64]
+
+
+@settings
+class Mealpy:
+    """An optimiser of the library mealpy, which the extra `peers` installs."""
+
+    algorithm: str = setting(default="OriginalWOA", source="a class of mealpy, by its name")
+    options: Mapping[str, Any] | None = setting(default=None, source="its own, see mealpy")
+
+    def search(
+        self,
+        start: Start,
+        worth: Worth,
+        iterations: int,
+        rng: np.random.Generator,
+        deadline: float | None = None,
+    ) -> Search:
+        """Let it search from a start.
+
+        Args:
+            start: the task and the population.
+            worth: what paths are worth.
+            iterations: most epochs, at least one is made.
+            rng: seeds the run.
+            deadline: seconds of wall time from now; None for none.
+
+        Raises:
+            InputError: mealpy is not installed, or has no such optimiser.
+        """
+        try:
+            import mealpy
+        except ImportError:
+            raise InputError("optimizer mealpy: not installed; pip install mealpy") from None
+        try:
+            k, _ = start.population.shape
+            model = mealpy.get_optimizer_by_class(self.algorithm)(
+                epoch=max(1, iterations), pop_size=k, **(self.options or {})
+            )
+        except Exception as error:  # whatever it raises, it is about what was asked for
+            raise InputError(f"optimizer mealpy: {self.algorithm}: {error}") from None
+        room = new_room(len(start.task.anchors), start.task.pieces)
+        found: list[Any] = [np.inf, np.empty((0, 2))]
+
+        def cost_of(position: Array) -> float:
+            cost, plain = value(start.task, worth, np.asarray(position), np.inf, found[0], room)
+            if plain < found[0]:
+                found[:] = plain, room.line.copy()
+            return float(cost)
+
+        bounds = mealpy.FloatVar(lb=start.lower, ub=start.upper)
+        best = model.solve(
+            {"obj_func": cost_of, "bounds": bounds, "minmax": "min", "log_to": None},
+            starting_solutions=list(start.population),
+            seed=int(rng.integers(2**31)),
+            termination=None if deadline is None else {"max_time": max(deadline, 1e-3)},
+        )
+        costs = np.array([agent.target.fitness for agent in model.history.list_global_best])
+        value(start.task, worth, np.asarray(best.solution), np.inf, np.inf, room)
+        least = float(best.target.fitness)
+        return Search(
+            found[1],
+            float(found[0]),
+            int((costs > least).sum()),
+            room.line,
+            least,
+            room.points,
+            len(costs) - 1,
+        )

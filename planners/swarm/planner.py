@@ -1,0 +1,214 @@
+"""The planner `swarm`: way points that an optimiser moves, and a curve through them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from time import perf_counter
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.curves import POLYLINE, curve, curve_kind
+from planners.draws import stream
+from planners.graphs.grid import AStar
+from planners.swarm.objectives import OBJECTIVES, make_objective
+from planners.swarm.optimizers import OPTIMIZERS, make_optimizer, named
+from planners.swarm.peers import Mealpy
+from planners.swarm.search import Search, run
+from planners.swarm.start import Start, along, blocked_legs, bowed, halved, in_discs
+from planners.swarm.state import FEWEST, begin
+from planners.swarm.worth import Task
+from planners.trees.connect import RrtConnect
+from planners.trees.rrt import Rrt, RrtStar
+from planners.types import Plan, Planner, Problem, Status, trivial
+from wheelchair_gym.config import InputError, load, setting, settings
+
+Array = NDArray[np.float64]
+
+FIRST: Final[dict[str, type[Any]]] = {
+    "a_star": AStar,
+    "rrt": Rrt,
+    "rrt_connect": RrtConnect,
+    "rrt_star": RrtStar,
+}
+_MOVERS: Final[dict[str, type[Any]]] = {**OPTIMIZERS, "mealpy": Mealpy}
+# Times that the legs of a first path are halved until a curve through it is free.
+_HALVINGS: Final = 8
+_AMONG: Final = 100  # points along the first path from which others are drawn: P1
+_MODES: Final = 3  # waves that bend a path as a whole
+_CURVED: Final = 20  # pieces of a curve's leg, where none are asked for
+
+
+@settings
+class SwarmPlanner:
+    """A swarm of paths: a particle is way points, its cost that of a curve through them.
+
+    With a planner for the first path this is a hybrid, which cannot fail where that one succeeds;
+    from a straight line or from nothing a swarm may find no valid path: Status.EXHAUSTED.
+    """
+
+    optimizer: Any = setting(default="pso", source="measured: see the benchmark")
+    objective: Any = setting(default="length_free", source="thesis, section 2.8")
+    curve: Literal["polyline", "pchip", "spline", "natural"] = setting(
+        default="polyline", source="exact edges, nothing sampled"
+    )
+    chordal: bool = setting(default=True, source="knots as far apart as way points; papers: 0, 1")
+    pieces: int | None = setting(
+        default=None, source="of each leg: 1 of a polyline, 20 of a curve", low=1
+    )
+    way_points: int = setting(default=0, source="at least; a first path's own count", low=0)
+    population: int = setting(default=30, source="rrt_star_woa_global", low=FEWEST)
+    iterations: int = setting(default=100, source="rrt_star_woa_global", low=0)
+    cycle: int = setting(
+        default=100, source="iterations until ranges that fell begin anew; as iterations", low=1
+    )
+    first: Any = setting(default="rrt_connect", source="or 'line', or null for none")
+    scatter: Literal["disc", "bow", "along", "uniform"] = setting(
+        default="disc", source="thesis: disc round the first path; P1: along it; P2, R1: uniform"
+    )
+    width_bound: float = setting(default=2.5, unit="m", source="thesis, figure 3.1", low=0.0)
+    height_bound: float = setting(default=2.5, unit="m", source="thesis, figure 3.1", low=0.0)
+
+    def __post_init__(self) -> None:
+        """Look at names and settings of the parts now, and keep them as plain objects."""
+        specs = {
+            "optimizer": named(self.optimizer, _MOVERS, "optimizer"),
+            "objective": named(self.objective, OBJECTIVES, "objective"),
+        }
+        _optimizer(specs["optimizer"])
+        make_objective(specs["objective"])
+        if self.first not in (None, "line"):
+            specs["first"] = named(self.first, FIRST, "first")
+            _planner(specs["first"])
+        elif self.way_points < 1:
+            raise InputError("way_points is 0; without a first path it must be at least 1")
+        elif self.first is None and self.scatter != "uniform":
+            raise InputError(
+                f"scatter is {self.scatter!r}; without a first path it must be uniform"
+            )
+        for key, spec in specs.items():
+            plain = spec["name"] if len(spec) == 1 else spec
+            object.__setattr__(self, key, plain)
+
+    def start(self, problem: Problem, path: Array | None, rng: np.random.Generator) -> Start:
+        """The task and the population that a search begins with.
+
+        Args:
+            problem: what is asked.
+            path: the first path (n, 2) [m], or None.
+            rng: draws the population.
+        """
+        free = problem.free
+        start, goal = (np.array(end[:2], dtype=np.float64) for end in (problem.start, problem.goal))
+        kind, pieces = curve_kind(self.curve), self.pieces
+        if pieces is None:
+            pieces = 1 if kind == POLYLINE else _CURVED
+        if path is None:
+            path = np.stack([start, goal])
+        while len(path) - 2 < self.way_points:
+            longest = np.hypot(*np.diff(path, axis=0).T).argmax()
+            path = halved(path, np.arange(len(path) - 1) == longest)
+        if isinstance(self.first, str | Mapping) and self.first != "line" and kind != POLYLINE:
+            for _ in range(_HALVINGS):
+                line = curve(path, self.curve, pieces, self.chordal)
+                blocked = blocked_legs(free.arrays, line, len(path) - 1)
+                if not blocked.any():
+                    break
+                # Neighbours, too: it is from them that a leg has its slopes.
+                blocked[1:] |= blocked[:-1].copy()
+                blocked[:-1] |= blocked[1:].copy()
+                path = halved(path, blocked)
+        inner = path[1:-1]
+        n = len(inner)
+        low, high = np.array(free.bounds).reshape(2, 2)
+        if self.scatter in ("disc", "bow"):
+            anchors, box = inner, np.tile([self.width_bound, self.height_bound], n)
+            lower, upper = -box, box
+            size = self.population, n, self.width_bound, self.height_bound
+            if self.scatter == "disc":
+                population = in_discs(*size, stream(rng))
+            else:
+                population = bowed(*size, _MODES, rng)
+        else:
+            anchors, lower, upper = np.zeros((n, 2)), np.tile(low, n), np.tile(high, n)
+            if self.scatter == "along":
+                drawn = [along(path, n, _AMONG, rng).ravel() for _ in range(self.population - 1)]
+                population = np.vstack([inner.ravel(), *drawn])
+            else:
+                population = rng.uniform(lower, upper, (self.population, 2 * n))
+                if self.first is not None:
+                    population[0] = inner.ravel()
+        task = Task(
+            free.arrays, free.discs, start, goal, anchors.copy(), kind, self.chordal, pieces
+        )
+        return Start(task, population, lower, upper)
+
+    def search(
+        self, start: Start, rng: np.random.Generator, deadline: float | None = None
+    ) -> Search:
+        """Let the swarm search from a start, which is left as it is.
+
+        Args:
+            start: the task and the population.
+            rng: draws the moves.
+            deadline: seconds of wall time from now; None for none.
+        """
+        optimizer, worth = _optimizer(self.optimizer), make_objective(self.objective).worth
+        if isinstance(optimizer, Mealpy):
+            return optimizer.search(start, worth, self.iterations, rng, deadline)
+        return run(
+            start.task,
+            worth,
+            optimizer.moves,
+            begin(start.population, start.lower, start.upper),
+            self.iterations,
+            self.cycle,
+            stream(rng),
+            deadline,
+        )
+
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Answer a problem with the valid path that costs least of all that the swarm tried."""
+        began = perf_counter()
+        if deadline is not None and not deadline >= 0.0:
+            raise InputError(f"deadline is {deadline}; expected seconds, at least 0, or None")
+        answer = trivial(problem)
+        if answer is not None:
+            return answer
+        path: Array | None = None
+        first = Plan(Status.EXHAUSTED)
+        if self.first not in (None, "line"):
+            first = _planner(self.first).plan(problem, rng)
+            if first.status != Status.SOLVED:
+                return first
+            path = first.path[:, :2]
+        first_s = perf_counter() - began
+        start = self.start(problem, path, rng)
+        counters = {"nodes": first.counters.get("nodes", 0), "iterations": 0}
+        if len(start.task.anchors) > 0:
+            left = None if deadline is None else deadline - (perf_counter() - began)
+            found = self.search(start, rng, left)
+            counters |= {"iterations": found.iterations, "found_iterations": found.found}
+            if len(found.line):
+                path = found.line
+        timings = {"first_s": first_s, "time_s": perf_counter() - began}
+        if path is None:
+            return Plan(Status.EXHAUSTED, counters=counters, timings=timings)
+        apart = np.append(True, (np.diff(path, axis=0) != 0.0).any(axis=1))
+        return Plan(Status.SOLVED, path[apart], first.tree, counters, timings)
+
+
+def _optimizer(spec: str | Mapping[str, Any]) -> Any:
+    if isinstance(spec, Mapping) and spec["name"] == "mealpy":
+        return load(Mealpy, {k: v for k, v in spec.items() if k != "name"}, "optimizer mealpy")
+    return Mealpy() if spec == "mealpy" else make_optimizer(spec)
+
+
+def _planner(spec: str | Mapping[str, Any]) -> Planner:
+    values = {"name": spec} if isinstance(spec, str) else dict(spec)
+    name = values.pop("name")
+    planner: Planner = load(FIRST[name], values, f"first {name}")
+    return planner

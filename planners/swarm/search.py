@@ -1,0 +1,185 @@
+"""The one loop in which a swarm of paths searches, whatever moves it and whatever it is worth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.curves import trace
+from planners.draws import Stream
+from planners.exact import point_free
+from planners.swarm.moves import WHALES, Moves, advance, flying
+from planners.swarm.pso import fly
+from planners.swarm.state import Swarm, keep_within, remember, rival
+from planners.swarm.worth import (
+    NO_PUSH,
+    Room,
+    Task,
+    Worth,
+    new_room,
+    place,
+    push_out,
+    value,
+)
+from wheelchair_gym.kernel import borrowing_kernel
+
+Array = NDArray[np.float64]
+
+# Between two looks at the clock pass about this many seconds.
+_LOOK: Final = 2e-3
+# Redraws of way points that fell into discs, in one move of a swarm that pushes them out.
+_REDRAWS: Final = 20
+
+
+class Valid(NamedTuple):
+    """The best exactly valid path so far."""
+
+    line: Array  # (m, 2) m
+    cost: Array  # (1,) without penalties; infinite before there is one
+    found: NDArray[np.int64]  # (1,) after so many iterations
+
+
+@borrowing_kernel
+def appraise(
+    task: Task, worth: Worth, moves: Moves, swarm: Swarm, valid: Valid, iteration: int, room: Room
+) -> None:
+    """Value every position, keep what is worth it, and the best valid path."""
+    for i in range(swarm.positions.shape[0]):
+        # Whales know the best alone: of what is worse nothing is kept.
+        j = 0 if moves.kind == WHALES else rival(swarm, i)
+        limit = swarm.now[0].least if moves.kind == WHALES else swarm.own_costs[j]
+        cost, plain = value(task, worth, swarm.positions[i], limit, valid.cost[0], room)
+        swarm.costs[i] = cost
+        if plain < valid.cost[0]:
+            valid.cost[0], valid.found[0] = plain, iteration
+            for k in range(room.line.shape[0]):
+                valid.line[k, 0], valid.line[k, 1] = room.line[k, 0], room.line[k, 1]
+        if cost < limit:
+            remember(swarm, i, j)
+        else:
+            swarm.trials[j] += 1
+
+
+@borrowing_kernel
+def search(
+    task: Task,
+    worth: Worth,
+    moves: Moves,
+    swarm: Swarm,
+    valid: Valid,
+    first: int,
+    last: int,
+    cycle: int,
+    room: Room,
+    state: Stream,
+) -> None:
+    """Run iterations `first` to `last`, that one excluded; the very first values the start, too.
+
+    Args:
+        task: the problem.
+        worth: what paths are worth.
+        moves: how the swarm moves.
+        swarm: positions, and all that is remembered.
+        valid: the best valid path, kept.
+        first: iterations made before.
+        last: iterations made after.
+        cycle: iterations over which inertia and ranges fall; then they begin again.
+        room: for one path; the best one's afterwards.
+        state: stream of random numbers.
+    """
+    if first == 0:
+        appraise(task, worth, moves, swarm, valid, 0, room)
+    for t in range(first, last):
+        progress = (t % cycle) / cycle
+        if moves.by_occupancy:  # P1 (17)-(19)
+            place(task, swarm.best, room.points)
+            for i in range(task.anchors.shape[0]):
+                x, y = room.points[i + 1, 0], room.points[i + 1, 1]
+                w = moves.span if point_free(task.space, x, y) else 0.0
+                swarm.span[2 * i], swarm.span[2 * i + 1] = w, w
+        inertia = advance(swarm, moves, progress, state)
+        if worth.push != NO_PUSH:
+            flew = flying(moves, progress)
+            for k in range(_REDRAWS):
+                inside = 0
+                for i in range(swarm.positions.shape[0]):
+                    inside += push_out(task, worth, swarm.positions[i], swarm.held[i])
+                if inside == 0 or not flew or k == _REDRAWS - 1:
+                    break
+                fly(swarm, moves.flight, inertia, state)
+                keep_within(swarm)
+            swarm.held[:] = False
+        appraise(task, worth, moves, swarm, valid, t + 1, room)
+    n = place(task, swarm.best, room.points)
+    trace(task.curve, task.chordal, room.points, n, task.pieces, room.curve, room.line)
+
+
+@dataclass(frozen=True)
+class Search:
+    """How a search ended."""
+
+    line: Array  # (m, 2) m: the best exactly valid path; (0, 2) if there was none
+    cost: float  # of it, without penalties
+    found: int  # iterations after which it was found
+    best: Array  # (m, 2) m: the path of least cost, valid or not
+    least: float  # its cost
+    way_points: Array  # (n + 2, 2) m of it
+    iterations: int
+
+
+def run(
+    task: Task,
+    worth: Worth,
+    moves: Moves,
+    swarm: Swarm,
+    iterations: int,
+    cycle: int,
+    state: Stream,
+    deadline: float | None = None,
+) -> Search:
+    """Let a swarm search for so many iterations, or until a deadline.
+
+    Args:
+        task: the problem.
+        worth: what paths are worth.
+        moves: how the swarm moves.
+        swarm: where it begins; changed in place.
+        iterations: most moves.
+        cycle: iterations over which inertia and ranges fall; then they begin again.
+        state: stream of random numbers.
+        deadline: seconds of wall time from now; None for none.
+    """
+    began = perf_counter()
+    room = new_room(len(task.anchors), task.pieces)
+    valid = Valid(np.empty_like(room.line), np.full(1, np.inf), np.zeros(1, np.int64))
+    made, chunk = 0, iterations if deadline is None else min(1, iterations)
+    while True:
+        before = perf_counter()
+        search(task, worth, moves, swarm, valid, made, made + chunk, cycle, room, state)
+        made += chunk
+        if made >= iterations:
+            break
+        now = perf_counter()
+        left = math.inf if deadline is None else deadline - (now - began)
+        if left <= 0.0:
+            break
+        spent = (now - before) / max(chunk, 1)
+        # The first call valued a population, too, and may have been compiled.
+        chunk = max(1, min(2 * chunk, int(min(_LOOK, left) / max(spent, 1e-9))))
+        chunk = min(chunk, iterations - made)
+    solved = valid.cost[0] < np.inf
+    line = valid.line if solved else np.empty((0, 2))
+    return Search(
+        line,
+        float(valid.cost[0]),
+        int(valid.found[0]),
+        room.line,
+        float(swarm.now["least"][0]),
+        room.points,
+        made,
+    )

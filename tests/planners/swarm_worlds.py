@@ -1,0 +1,25 @@
+"""Worlds that swarms are tested in: blocks, and the round obstacles of a paper."""
+
+import numpy as np
+import shapely
+
+from planners import Problem, Space
+from wheelchair_gym.scenes.papers import CHAOTIC_PSO_DISCS
+
+BLOCKS = [(2.0, 3.0, 6.0, 5.0), (5.0, 6.0, 8.0, 7.5), (0.0, 7.0, 3.0, 8.0)]
+
+
+def among_blocks():
+    space = Space.from_rectangles(BLOCKS, (0.0, 0.0, 10.0, 10.0))
+    return Problem(space, np.array([1.0, 1.0]), np.array([9.0, 9.0]))
+
+
+def among_discs():
+    space = Space.from_walls(np.empty((0, 4)), CHAOTIC_PSO_DISCS, (0.0, 0.0, 10.0, 10.0))
+    return Problem(space, np.array([1.0, 1.0]), np.array([9.0, 9.0]))
+
+
+def nearest(line):
+    """How near a line's pieces come to each disc's centre, as a part of the radius."""
+    way = shapely.LineString(line)
+    return min(way.distance(shapely.Point(x, y)) / r for x, y, r in CHAOTIC_PSO_DISCS)

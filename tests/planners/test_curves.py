@@ -1,0 +1,57 @@
+"""Curves through points, beside scipy's."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline, PchipInterpolator
+
+from planners.curves import CURVES, curve
+from wheelchair_gym.config import InputError
+
+ORACLES = {
+    "pchip": PchipInterpolator,
+    "spline": CubicSpline,
+    "natural": lambda t, y: CubicSpline(t, y, bc_type="natural"),
+}
+
+
+@pytest.mark.parametrize("name", ORACLES)
+@pytest.mark.parametrize("chordal", [False, True])
+@pytest.mark.parametrize("n", [2, 3, 4, 5, 15])
+def test_curves_are_those_of_scipy(name, chordal, n):
+    for seed in range(20):
+        points = np.random.default_rng(seed).uniform(0, 10, (n, 2)).round(seed % 3)
+        points[1:] += np.arange(1, n)[:, None] * 1e-3  # apart
+        gaps = np.hypot(*np.diff(points, axis=0).T) if chordal else np.ones(n - 1)
+        knots = np.concatenate([[0.0], np.cumsum(gaps)])
+        at = np.concatenate([knots[:-1, None] + gaps[:, None] * np.arange(7) / 7]).ravel()
+        expected = ORACLES[name](knots, points)(np.append(at, knots[-1]))
+        np.testing.assert_allclose(curve(points, name, 7, chordal), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_curves_pass_through_their_points_even_where_these_coincide(name):
+    points = np.array([(0.0, 0.0), (1.0, 2.0), (1.0, 2.0), (4.0, 2.0), (5.0, 0.0)])
+    for chordal in (False, True):
+        line = curve(points, name, 10, chordal)
+        assert np.isfinite(line).all()
+        np.testing.assert_array_equal(line[::10], points)
+
+
+def test_pchip_stays_between_its_points():
+    for seed in range(20):
+        points = np.random.default_rng(seed).uniform(0, 10, (8, 2))
+        line = curve(points, "pchip", 12)
+        for k in range(7):
+            leg = line[12 * k : 12 * k + 13]
+            low, high = points[k : k + 2].min(axis=0), points[k : k + 2].max(axis=0)
+            assert (leg >= low - 1e-9).all()
+            assert (leg <= high + 1e-9).all()
+
+
+def test_wrong_curves_are_input_errors():
+    with pytest.raises(InputError, match="curve 'bezier' is unknown; there are polyline"):
+        curve([(0, 0), (1, 1)], "bezier")
+    with pytest.raises(InputError, match="points have shape"):
+        curve([(0, 0)])
+    with pytest.raises(InputError, match="pieces is 0"):
+        curve([(0, 0), (1, 1)], pieces=0)

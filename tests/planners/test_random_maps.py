@@ -1,0 +1,125 @@
+"""Any map, any ends: every planner answers with a valid path or with a named status."""
+
+import inspect
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from planners import PLANNERS, Problem, Space, Status, make_planner
+from tests.planners.judge import TOLERANCE
+from tests.planners.test_planners import BOX, COMPLETE, GIVEN_UP, PROVE, assert_valid, on, quick
+
+SIZE = 8
+WITH_DEADLINE = [
+    name for name, cls in PLANNERS.items() if "deadline" in inspect.signature(cls.plan).parameters
+]
+
+
+@st.composite
+def problems(draw):
+    """Up to eight rectangles and triangles that overlap, touch or leave the map; ends anywhere."""
+    whole = st.integers(-1, SIZE + 1).map(float)
+    any_ = st.floats(-1.0, SIZE + 1.0, width=32).map(float)
+    coordinate = draw(st.sampled_from([whole, any_]))
+    solids = []
+    for _ in range(draw(st.integers(0, 8))):
+        if draw(st.booleans()):
+            x, y, w, h = (draw(coordinate) for _ in range(4))
+            w, h = 0.5 + abs(w) / 2, 0.5 + abs(h) / 2
+            solids.append([(x, y), (x + w, y), (x + w, y + h), (x, y + h)])
+        else:
+            a, b, c = (np.array([draw(coordinate), draw(coordinate)]) for _ in range(3))
+            if abs((b - a)[0] * (c - a)[1] - (b - a)[1] * (c - a)[0]) > 1e-3:
+                solids.append([a, b, c])
+    start, goal = (np.array([draw(coordinate), draw(coordinate)]) for _ in range(2))
+    space = Space.from_polygons(solids, (0.0, 0.0, SIZE, SIZE))
+    return Problem(space, start, goal, draw(st.sampled_from([0.0, 0.0, 0.3])))
+
+
+def assert_answered(name, problem):
+    """A plan that is a valid path or a named status, and no claim that the exact planner denies."""
+    plan = quick(name).plan(problem, np.random.default_rng(0))
+    best = make_planner("visibility").plan(problem, np.random.default_rng(0))
+    assert isinstance(plan.status, Status)
+    if plan.status == Status.SOLVED:
+        assert_valid(plan, problem)
+        assert plan.length >= best.length - TOLERANCE
+    else:
+        assert len(plan.path) == 0
+        larger = hasattr(make_planner(name), "footprint")  # it may not fit where a point does
+        assert plan.status == best.status or plan.status in GIVEN_UP or larger
+        if name in PROVE:
+            assert plan.status == best.status
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_random_maps_are_answered(name):
+    @settings(
+        max_examples=8, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck)
+    )
+    @given(problems())
+    def check(problem):
+        assert_answered(name, problem)
+
+    check()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", PLANNERS)
+def test_many_random_maps_are_answered(name):
+    @settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+    @given(problems())
+    def check(problem):
+        assert_answered(name, problem)
+
+    check()
+
+
+CELL = [(0, 0, 8, 10), (8, 1, 10, 10)]  # leaves one corner of the map
+DEGENERATE = {
+    "one free cell, and the start is the goal": on(CELL, (9, 0.5), (9, 0.5)),
+    "one free cell": on(CELL, (8.2, 0.5), (9.9, 0.9)),
+    "all is solid": on([(0, 0, 10, 10)]),
+    "nothing is solid, and the map is a point": on([], (0, 0), (0, 0), size=0.0),
+    "a map of one cell": on([], (0, 0), (0.05, 0.05), size=0.05),
+    "ends at corners of the map": on([(3, 3, 7, 7)], (0, 0), (10, 10)),
+    "ends at corners of what is solid": on([(3, 3, 7, 7)], (3, 3), (7, 7)),
+    "ends on sides": on([(3, 3, 7, 7)], (3, 5), (5, 7)),
+    "the goal in a pocket": on(BOX),
+    "the start in a pocket": on(BOX, (9, 9), (1, 1)),
+    "the goal in a pocket that opens in a point": on([(5, 5, 6, 9), (6, 4, 9, 5), (9, 5, 10, 10),
+                                                      (5, 9, 9, 10)], (1, 1), (7, 7)),
+    "a way through a point": on([(0, 0, 5, 5), (5, 5, 10, 10)], (2, 8), (8, 2)),
+    "nothing passes along the border": on([(4, 0, 5, 10)]),
+    "a spiral": on([(2, 2, 8, 2.5), (7.5, 2, 8, 8), (2, 7.5, 8, 8), (2, 4, 2.5, 8), (2, 4, 6, 4.5)],
+                   (5, 6), (5, 1)),
+    "as narrow as the clearance": on([(4, 0, 5, 4), (4, 5, 5, 10)], (1, 4.5), (9, 4.5), 0.5),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+@pytest.mark.parametrize("what", DEGENERATE)
+def test_degenerate_maps_are_answered(name, what):
+    assert_answered(name, DEGENERATE[what])
+
+
+@pytest.mark.parametrize("name", sorted(COMPLETE))
+def test_a_spiral_is_left(name):
+    problem = DEGENERATE["a spiral"]
+    assert_valid(make_planner(name).plan(problem, np.random.default_rng(0)), problem)
+
+
+@pytest.mark.parametrize("name", WITH_DEADLINE)
+def test_a_deadline_is_no_error_and_its_iterations_replay(name):
+    problem = on([(2, 3, 6, 5), (5, 6, 8, 7.5)])
+    plan = make_planner(name).plan(problem, np.random.default_rng(2), deadline=1e-9)
+    assert plan.status in {Status.SOLVED} | GIVEN_UP
+    if plan.status == Status.SOLVED:
+        assert_valid(plan, problem)
+    if "iterations" in plan.counters:
+        again = make_planner({"name": name, "iterations": plan.counters["iterations"]})
+        same = again.plan(problem, np.random.default_rng(2))
+        assert same.status == plan.status
+        np.testing.assert_array_equal(same.path, plan.path)

@@ -1,0 +1,237 @@
+"""Laws of every optimiser, of what paths are worth, and of planners made of swarms."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planners import OPTIMIZERS, Problem, Space, Status, make_optimizer, make_planner
+from planners.curves import CURVES
+from planners.draws import stream
+from planners.swarm.gwo import hunt
+from planners.swarm.moves import told
+from planners.swarm.objectives import OBJECTIVES, make_objective
+from planners.swarm.planner import SwarmPlanner
+from planners.swarm.pso import inertia_of
+from planners.swarm.rrt_woa import RrtWoa
+from planners.swarm.search import run
+from planners.swarm.start import along
+from planners.swarm.state import begin
+from planners.swarm.worth import new_room, value
+from tests.planners.judge import faults
+from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
+from wheelchair_gym.config import InputError
+from wheelchair_gym.geometry import path_length
+
+D = 4
+CENTRE = np.array([1.0, -2.0, 0.5, 3.0])
+
+
+def bowl(positions):
+    return ((positions - CENTRE) ** 2).sum(axis=1)
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+def test_optimisers_find_the_minimum_of_a_bowl_within_bounds(name):
+    optimizer, rng = make_optimizer(name), np.random.default_rng(3)
+    memory = begin(rng.uniform(-5, 5, (30, D)), -5.0, 5.0)
+    begun, least = bowl(memory.positions).min(), np.inf
+    for t in range(200):
+        costs = bowl(memory.positions)
+        least = min(least, costs.min())
+        population = optimizer.move(memory.positions, costs, memory.best, t / 200, rng, memory)
+        np.testing.assert_array_equal(population, memory.positions)
+        assert bowl(memory.best[None])[0] == least
+        assert (abs(population) <= 5.0).all()
+        assert memory.now["least"] == least
+    assert least < 0.02 * begun
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+def test_a_move_without_memory_repeats_and_leaves_its_input(name):
+    optimizer = make_optimizer(name)
+    population = np.random.default_rng(1).normal(size=(8, D))
+    given, costs = population.copy(), bowl(population)
+    best = population[costs.argmin()]
+    moved = [
+        optimizer.move(population, costs, best, 0.25, np.random.default_rng(7)) for _ in range(2)
+    ]
+    np.testing.assert_array_equal(population, given)
+    np.testing.assert_array_equal(*moved)
+    assert (moved[0] != population).any()
+    assert np.isfinite(moved[0]).all()
+
+
+@pytest.mark.parametrize("name", sorted(set(OPTIMIZERS) - {"woa_modified"}))
+def test_the_compiled_loop_is_ask_and_tell(name):
+    """Costs cut short change nothing; modified whales look at the map, which ask and tell lacks."""
+    planner = SwarmPlanner(population=12, way_points=3, first="line", optimizer=name)
+    start = planner.start(among_blocks(), None, np.random.default_rng(2))
+    worth, moves = make_objective("length_free").worth, make_optimizer(name).moves
+    fused, asked = (begin(start.population, start.lower, start.upper) for _ in range(2))
+    run(start.task, worth, moves, fused, 15, 20, stream(np.random.default_rng(4)))
+    state, room = stream(np.random.default_rng(4)), new_room(3, 1)
+    for t in range(16):
+        for i, position in enumerate(asked.positions):
+            asked.costs[i] = value(start.task, worth, position, np.inf, np.inf, room)[0]
+        told(asked, moves, t / 20, state)
+    np.testing.assert_array_equal(fused.best, asked.best)
+    assert fused.now["least"] == asked.now["least"]
+
+
+def test_inertia_follows_its_equations():
+    swarm = begin(np.zeros((4, D)), -1.0, 1.0)
+    flight = make_optimizer("pso_chaotic").moves.flight
+    beta = 0.3
+    for k in range(5):
+        beta = 4.0 * beta * (1.0 - beta)
+        assert inertia_of(swarm, flight, k / 10) == pytest.approx((0.9 - 0.6 * k / 10) * beta)
+        swarm.now["moves"] += 1
+    assert inertia_of(swarm, make_optimizer("pso").moves.flight, 0.0) == pytest.approx(0.98**5)
+    flight = make_optimizer("pso_variable").moves.flight
+    for p in (0.0, 0.5, 1.0):
+        assert inertia_of(swarm, flight, p) == pytest.approx(0.9 * (0.4 / 0.9) ** p)
+    flight = make_optimizer("pso_adaptive").moves.flight
+    swarm.now["before"], swarm.now["least"] = 8.0, 6.0
+    assert inertia_of(swarm, flight, 0.2) == pytest.approx(1.3 * 0.75 - 0.9 * 0.2)
+    assert inertia_of(swarm, flight, 0.2) == pytest.approx(1.3 - 0.9 * 0.2)
+
+
+def test_wolves_gather_between_their_leaders_once_a_is_zero():
+    swarm = begin(np.random.default_rng(0).normal(size=(9, D)), -9.0, 9.0)
+    swarm.own_costs[:] = np.random.default_rng(1).permutation(9)
+    hunt(swarm, 0.0, stream(np.random.default_rng(0)))
+    middle = swarm.own[np.argsort(swarm.own_costs)[:3]].mean(axis=0)
+    np.testing.assert_allclose(swarm.positions, np.tile(middle, (9, 1)))
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+@pytest.mark.parametrize("curve", CURVES)
+def test_every_objective_and_curve_gives_valid_paths(objective, curve):
+    planner = SwarmPlanner(objective=objective, curve=curve, iterations=30)
+    for problem, seed in itertools.product((among_blocks(), among_discs()), range(2)):
+        plan = planner.plan(problem, np.random.default_rng(seed))
+        assert plan.status == Status.SOLVED
+        assert not faults(plan.path, problem.space.solid, problem.space.bounds)
+        np.testing.assert_array_equal(plan.path[[0, -1]], [problem.start, problem.goal])
+
+
+@pytest.mark.parametrize("name", [*OPTIMIZERS])
+def test_hybrids_never_lengthen_their_first_path(name):
+    for seed in range(3):
+        planner = SwarmPlanner(optimizer=name, iterations=20)
+        plan = planner.plan(among_blocks(), np.random.default_rng(seed))
+        first = make_planner("rrt_connect").plan(among_blocks(), np.random.default_rng(seed))
+        assert plan.length <= first.length + 1e-9
+
+
+def test_without_a_first_path_a_swarm_may_fail_and_says_so():
+    shut = Space.from_rectangles([(4.0, 0.0, 5.0, 10.0)], (0.0, 0.0, 10.0, 10.0))
+    problem = Problem(shut, np.array([1.0, 1.0]), np.array([9.0, 9.0]))
+    planner = SwarmPlanner(first=None, scatter="uniform", way_points=3)
+    plan = planner.plan(problem, np.random.default_rng(0))
+    assert plan.status == Status.EXHAUSTED
+    assert len(plan.path) == 0
+    plan = planner.plan(among_blocks(), np.random.default_rng(0))
+    assert plan.status == Status.SOLVED
+    assert not faults(plan.path, among_blocks().space.solid, among_blocks().space.bounds)
+
+
+@pytest.mark.parametrize("curve", ["polyline", "pchip", "spline"])
+def test_chaotic_particles_keep_the_papers_clearance(curve):
+    planner = SwarmPlanner(
+        optimizer="pso_chaotic",
+        objective="violation",
+        curve=curve,
+        chordal=False,
+        pieces=100,
+        way_points=3,
+        population=20,
+        first="line",
+    )
+    for seed in range(3):
+        plan = planner.plan(among_discs(), np.random.default_rng(seed))
+        assert nearest(plan.path) >= 1.2 - 1e-9
+        assert 11.4039 - 1e-4 <= plan.length <= 1.01 * 11.412
+
+
+@pytest.mark.parametrize("name", ["swarm", "rrt_woa"])
+def test_a_deadline_is_kept_and_its_iterations_replay_the_plan(name):
+    planner = make_planner({"name": name, "iterations": 10**7})
+    planner.plan(among_blocks(), np.random.default_rng(6), 0.01)  # compiled
+    plan = planner.plan(among_blocks(), np.random.default_rng(6), 0.05)
+    made = plan.counters["iterations"]
+    assert 0 < made < 10**7
+    assert plan.timings["time_s"] < 0.5
+    again = replace(planner, iterations=made).plan(among_blocks(), np.random.default_rng(6))
+    np.testing.assert_array_equal(plan.path, again.path)
+    assert plan.counters == again.counters
+
+
+def test_the_first_population_is_that_of_the_paper():
+    planner = RrtWoa().swarm
+    path = np.array([(1.0, 1.0), (1.0, 6.0), (4.0, 8.5), (9.0, 9.0)])
+    start = planner.start(among_blocks(), path, np.random.default_rng(0))
+    n = len(start.task.anchors)
+    assert (start.task.anchors == 0).all()
+    first = start.population[0].reshape(n, 2)
+    assert {tuple(p) for p in path[1:-1]} <= {tuple(p) for p in first}
+    way = path_length(path)
+    for position in start.population[1:]:
+        points = np.vstack([path[0], position.reshape(n, 2), path[-1]])
+        assert path_length(points) <= way + 1e-9  # on the path, in order
+    drawn = along(path, 5, 100, np.random.default_rng(1))
+    assert len(np.unique(drawn, axis=0)) == 5
+    same = planner.start(among_blocks(), path, np.random.default_rng(0))
+    np.testing.assert_array_equal(start.population, same.population)
+
+
+def test_modified_whales_smooth_the_tree_path():
+    gains = []
+    for seed in range(5):
+        plan = RrtWoa().plan(among_blocks(), np.random.default_rng(seed))
+        assert not faults(plan.path, among_blocks().space.solid, among_blocks().space.bounds)
+        tree = RrtWoa().tree.plan(among_blocks(), np.random.default_rng(seed))
+        gains.append(1 - plan.length / tree.length)
+    assert np.mean(gains) > 0.0
+
+
+def test_wrong_settings_are_input_errors():
+    for settings, message in (
+        ({"optimizer": "ants"}, "optimizer 'ants' is unknown; there are abc, de,"),
+        ({"optimizer": {"name": "pso", "wings": 2}}, r"optimizer pso.wings is not a setting"),
+        ({"optimizer": 3}, "optimizer is 3; expected a name"),
+        ({"objective": "beauty"}, "objective 'beauty' is unknown"),
+        ({"first": "visibility"}, "first 'visibility' is unknown"),
+        ({"first": None}, "way_points is 0"),
+        ({"first": None, "way_points": 2}, "scatter is 'disc'"),
+    ):
+        with pytest.raises(InputError, match=message):
+            SwarmPlanner(**settings)
+    with pytest.raises(InputError, match="expected at least 4"):
+        make_optimizer("de").move(np.zeros((3, 2)), np.zeros(3), np.zeros(2), 0, None)
+    with pytest.raises(InputError, match="lower <= upper"):
+        begin(np.zeros((4, 2)), 1.0, 0.0)
+    planner = SwarmPlanner(optimizer=make_optimizer({"name": "pso", "ring": 2}))
+    assert planner.optimizer["ring"] == 2
+
+
+def test_any_optimiser_of_mealpy_takes_part():
+    problem = among_blocks()
+    planner = SwarmPlanner(optimizer="mealpy", iterations=5, population=10, way_points=3)
+    try:
+        import mealpy  # noqa: F401
+    except ImportError:
+        with pytest.raises(InputError, match="mealpy: not installed"):
+            planner.plan(problem, np.random.default_rng(0))
+        return
+    for name in ("OriginalWOA", "OriginalGWO"):
+        planner = replace(planner, optimizer={"name": "mealpy", "algorithm": name})
+        plan = planner.plan(problem, np.random.default_rng(0))
+        assert plan.status == Status.SOLVED
+        assert not faults(plan.path, problem.space.solid, problem.space.bounds)
+    with pytest.raises(InputError, match="mealpy: Ghosts"):
+        replace(planner, optimizer={"name": "mealpy", "algorithm": "Ghosts"}).plan(
+            problem, np.random.default_rng(0)
+        )
