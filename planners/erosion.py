@@ -104,6 +104,8 @@ def _fitted(arrays: SpaceArrays, radii: Array, bounds: Array) -> Array | None:
     pieces, good = bare(arrays, radii)
     if not good or not len(pieces.source):
         return np.empty((0, 4)) if good else None
+    if (pieces.high - pieces.low < JOIN).any():  # what just touches, but for rounding
+        return None
     far, follows = cKDTree(pieces.ends[:, :2]).query(pieces.ends[:, 2:])
     if (far > JOIN).any() or len(np.unique(follows)) < len(follows):
         return None
@@ -122,7 +124,7 @@ def _fitted(arrays: SpaceArrays, radii: Array, bounds: Array) -> Array | None:
     return None
 
 
-def eroded(arrays: SpaceArrays, radius: float) -> Array | None:
+def eroded(arrays: SpaceArrays, radius: float) -> Array:
     """Segments (n, 4) [m] round where a disc's centre may be; what it may not enter on their left.
 
     No point of what they leave is nearer than the radius to anything, and no point that keeps
@@ -132,9 +134,9 @@ def eroded(arrays: SpaceArrays, radius: float) -> Array | None:
         arrays: of what is free; its borders move in by exactly the radius, if that can be.
         radius: of the disc [m], above 0.
 
-    Returns:
-        None if pieces do not fit together, as where segments lie nearer to each other than
-        rounding can tell.
+    Raises:
+        ValueError: pieces do not fit together, as where segments lie nearer to each other than
+            rounding can tell.
     """
     segments, bounds = arrays.segments, arrays.bounds
     x, y = segments[:, ::2], segments[:, 1::2]
@@ -146,4 +148,4 @@ def eroded(arrays: SpaceArrays, radius: float) -> Array | None:
         edges = _fitted(arrays, radii, bounds + radius * np.array([1.0, 1.0, -1.0, -1.0]))
         if edges is not None:
             return edges
-    return None
+    raise ValueError(f"pieces of edge at {radius} m do not fit together")

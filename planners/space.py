@@ -124,10 +124,13 @@ class Space:
         if radius not in self._inflated:
             xmin, ymin, xmax, ymax = self.bounds
             bounds = (xmin + radius, ymin + radius, xmax - radius, ymax - radius)
-            edges = eroded(self.arrays, radius)
-            solid = solids.grown(self.solid, radius) if edges is None else None
             discs = self.discs + np.array([0.0, 0.0, radius])
-            self._inflated[radius] = Space(solid, bounds, discs, edges)
+            try:
+                grown = Space(None, bounds, discs, eroded(self.arrays, radius))
+                grown.mesh  # noqa: B018 - which proves that the edges form loops that never cross
+            except ValueError:
+                grown = Space(solids.grown(self.solid, radius), bounds, discs)
+            self._inflated[radius] = grown
         return self._inflated[radius]
 
     @cached_property
