@@ -21,6 +21,7 @@ class Nearby(NamedTuple):
     """Which segments of a map's boundary lie near each cell of a coarse grid."""
 
     segments: Array  # (n, 4) m
+    box: Array  # (4,) m: xmin, ymin, xmax, ymax of the map
     origin: Array  # (2,) m: lower left corner of the cells
     columns: int
     first: NDArray[np.int64]  # (cells + 1,): where each cell's members begin
@@ -64,7 +65,7 @@ def nearby(space: Space, reach: float) -> Nearby:
     first = np.concatenate([[0], np.cumsum(counts)])
     members = np.empty(first[-1], dtype=np.int32)
     _list_near(arrays.segments, low, rows, columns, reach, first[:-1].copy(), members)
-    return Nearby(arrays.segments, low, columns, first, members)
+    return Nearby(arrays.segments, arrays.bounds, low, columns, first, members)
 
 
 @borrowing_kernel

@@ -1,0 +1,142 @@
+"""How long it is to the goal for the axle alone: what guides a search over poses.
+
+The disc about the axle that fits into the outline must pass wherever the outline passes. Over a
+grid of its places, Dijkstra's algorithm from the goal counts the seconds, dearer near walls, no
+farther than it is asked to.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.graphs.heap import pop, push
+from planners.space import Space
+from wheelchair_gym.geometry import point_segment_distance
+from wheelchair_gym.kernel import borrowing_kernel
+
+Array = NDArray[np.float64]
+Field = NDArray[np.float32]
+
+SPACING = 0.05  # m: of the grid of places
+ROUNDING = SPACING / math.sqrt(2.0)  # m: a place is at most this far from its grid point
+SEED = 0.15  # m: grid points this near to the goal are at the goal, whatever stands there
+
+
+class Guide(NamedTuple):
+    """Seconds to the goal for the axle, as far as they are known."""
+
+    gaps: Field  # (rows, columns) m: distance to what is solid, at most what matters
+    origin: Array  # (2,) m
+    left: Field  # (rows, columns) s; inf where not known, or no way
+    settled: NDArray[np.bool_]  # (rows, columns)
+    keys: Array
+    items: NDArray[np.int64]
+    size: NDArray[np.int64]  # (1,): of the heap
+    radius: float  # m: of the disc about the axle
+    wish: float  # m: gap beyond which more is worth nothing
+    dear: float  # how many times dearer a metre is at no gap
+    speed: float  # m/s
+
+
+@borrowing_kernel
+def paint_gaps(segments: Array, origin: Array, gaps: Field) -> None:
+    """Lower each grid point's distance to what lies nearer than it holds."""
+    rows, columns = gaps.shape
+    most = gaps[0, 0]
+    for k in range(segments.shape[0]):
+        ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+        low_i = max(0, math.ceil((min(ay, by) - most - origin[1]) / SPACING))
+        high_i = min(rows - 1, int((max(ay, by) + most - origin[1]) / SPACING))
+        low_j = max(0, math.ceil((min(ax, bx) - most - origin[0]) / SPACING))
+        high_j = min(columns - 1, int((max(ax, bx) + most - origin[0]) / SPACING))
+        for i in range(low_i, high_i + 1):
+            for j in range(low_j, high_j + 1):
+                x, y = origin[0] + j * SPACING, origin[1] + i * SPACING
+                gap = np.float32(point_segment_distance(x, y, ax, ay, bx, by))
+                gaps[i, j] = min(gaps[i, j], gap)
+
+
+def gaps_of(space: Space, most: float) -> Field:
+    """Distance (rows, columns) [m] from grid points to what is not free, at most `most`."""
+    arrays = space.arrays
+    low, high = arrays.bounds[:2].copy(), arrays.bounds[2:]
+    columns, rows = (int(n) for n in np.ceil(np.maximum(high - low, 0.0) / SPACING) + 1)
+    gaps = np.full((rows, columns), most, dtype=np.float32)
+    paint_gaps(arrays.segments, low, gaps)
+    return gaps
+
+
+def guide_to(
+    goal: Array, gaps: Field, origin: Array, radius: float, wish: float, dear: float, speed: float
+) -> Guide:
+    """A guide to a goal (2,) that knows nothing yet but the goal."""
+    n = gaps.size
+    guide = Guide(
+        gaps, origin, np.full(gaps.shape, np.inf, np.float32), np.zeros(gaps.shape, np.bool_),
+        np.empty(8 * n), np.empty(8 * n, np.int64), np.zeros(1, np.int64),
+        radius, wish, dear, speed,
+    )  # fmt: skip
+    _seed(guide, goal)
+    return guide
+
+
+@borrowing_kernel
+def _seed(guide: Guide, goal: Array) -> None:
+    rows, columns = guide.gaps.shape
+    reach = int(SEED / SPACING) + 1
+    row = int((goal[1] - guide.origin[1]) / SPACING + 0.5)
+    column = int((goal[0] - guide.origin[0]) / SPACING + 0.5)
+    for i in range(max(0, row - reach), min(rows, row + reach + 1)):
+        for j in range(max(0, column - reach), min(columns, column + reach + 1)):
+            x, y = guide.origin[0] + j * SPACING, guide.origin[1] + i * SPACING
+            far = math.hypot(x - goal[0], y - goal[1])
+            if far <= SEED:
+                guide.left[i, j] = far / guide.speed
+                push(guide.keys, guide.items, guide.size[0], far / guide.speed, i * columns + j)
+                guide.size[0] += 1
+
+
+@borrowing_kernel
+def seconds_left(guide: Guide, x: float, y: float) -> float:
+    """Seconds [s] from a place to the goal, infinite where the disc does not pass."""
+    rows, columns = guide.gaps.shape
+    row = int((y - guide.origin[1]) / SPACING + 0.5)
+    column = int((x - guide.origin[0]) / SPACING + 0.5)
+    if row < 0 or column < 0 or row >= rows or column >= columns:
+        return math.inf
+    if guide.settled[row, column]:
+        return float(guide.left[row, column])
+    least = guide.radius - ROUNDING
+    if guide.gaps[row, column] < least and guide.left[row, column] == math.inf:
+        return math.inf
+    keys, items, left, settled = guide.keys, guide.items, guide.left, guide.settled
+    size = guide.size[0]
+    while size > 0 and not settled[row, column]:
+        item = pop(keys, items, size)
+        size -= 1
+        i, j = item // columns, item % columns
+        if settled[i, j]:
+            continue
+        settled[i, j] = True
+        here = float(left[i, j])
+        for di in range(-1, 2):
+            for dj in range(-1, 2):
+                r, c = i + di, j + dj
+                if r < 0 or c < 0 or r >= rows or c >= columns or settled[r, c]:
+                    continue
+                gap = float(guide.gaps[r, c])
+                if gap < least:
+                    continue
+                short = min(1.0, max(0.0, 1.0 - (gap - guide.radius) / guide.wish))
+                way = SPACING * (math.sqrt(2.0) if di != 0 and dj != 0 else 1.0)
+                key = np.float32(here + way / guide.speed * (1.0 + guide.dear * short * short))
+                if key < left[r, c]:
+                    left[r, c] = key
+                    push(keys, items, size, float(key), r * columns + c)
+                    size += 1
+    guide.size[0] = size
+    return float(left[row, column]) if settled[row, column] else math.inf

@@ -1,0 +1,391 @@
+"""The search over poses: A* from pose to pose over stretches that the outline sweeps freely.
+
+States share a cell of position and heading but keep their own continuous pose (hybrid A*: Dolgov
+et al. 2010). Some poses, the anchors, are reached exactly: the goal, and those in line with narrow
+places. To them lead pivot, straight and pivot, or two arcs that meet in one direction (Bolton
+1975, Biarc curves).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.footprint import Sweeps, stretch_gap, sweep
+from planners.graphs.guide import Guide, seconds_left
+from planners.graphs.heap import pop, push
+from planners.nearby import Nearby, seen_from
+from wheelchair_gym.geometry import wrap
+from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.kinematics import arc_step
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+PIECE = 0.3  # m: longer stretches are looked at in pieces, each from its own beginning
+AT_GOAL = -2  # the anchor of a node at a goal whose heading is free
+STILL = 1e-9  # m, rad: less is no motion
+COUNT, SIZE, EXPANDED, GOAL = range(4)  # of `Tree.state`
+
+
+class Manner(NamedTuple):
+    """How the chair drives, and what it likes."""
+
+    outline: Array  # (3,) m: front, rear, half width
+    margin: float  # m: least gap
+    wish: float  # m: gap beyond which more is worth nothing
+    dear: float  # how many times dearer a move is at no gap
+    forward: float  # m/s
+    backward: float  # m/s that a way back is counted at
+    turn: float  # rad/s
+    lateral: float  # m/s2
+    switch: float  # s: to stop, and to start in another way
+    steer: float  # s per 1/m of a change of curvature
+
+
+class Lines(NamedTuple):
+    """Poses to reach exactly; those of one line follow each other at a move's way."""
+
+    poses: Array  # (n, 3)
+    ahead: Whole  # (n,) the anchor one straight move ahead, or -1
+    behind: Whole  # (n,)
+    reach: Array  # (n,) m: from how far it is tried
+    turn: Array  # (n,) rad: by how much the heading may differ for that
+    goal: int  # the anchor that is the goal, -1: the goal has no heading
+
+
+class Grid(NamedTuple):
+    """What is one state: cells of position and sectors of heading; and the moves."""
+
+    origin: Array  # (2,) m
+    cell: float  # m
+    columns: int
+    headings: int
+    moves: Sweeps
+    hull: Array  # (4,) m: what bounds all
+    greed: float  # multiple of the time left that is believed
+
+
+class Tree(NamedTuple):
+    """Nodes: poses reached, how, and at what cost; and which are open."""
+
+    pose: Array  # (n, 3)
+    cost: Array  # (n,) s
+    parent: Whole  # (n,)
+    way: Array  # (n,) m of the stretch from the parent
+    turn: Array  # (n,) rad
+    anchor: Whole  # (n,) the anchor it is at, -1: none
+    keys: Array  # (n,) of the heap
+    items: Whole  # (n,)
+    best: NDArray[np.float32]  # (slots,) s: least cost of each state, 0: none
+    best_anchor: Array  # (anchors + 1,) s; the last one is that of a goal without a heading
+    state: Whole  # (4,): how many nodes, how many open, how many expanded, the node at the goal
+
+
+@borrowing_kernel
+def seconds(manner: Manner, way: float, turn: float) -> float:
+    """Time [s] that a stretch takes at the speed it allows."""
+    if abs(way) < STILL:
+        return abs(turn) / manner.turn
+    bend = abs(turn / way)
+    speed = manner.forward if way > 0.0 else manner.backward
+    if bend > 0.0:
+        speed = min(speed, min(manner.turn / bend, math.sqrt(manner.lateral / bend)))
+    return abs(way) / speed
+
+
+@borrowing_kernel
+def _kind(way: float, turn: float) -> int:
+    """1: ahead, -1: back, 2: a pivot, 0: none."""
+    if abs(way) < STILL:
+        return 2 if abs(turn) > STILL else 0
+    return 1 if way > 0.0 else -1
+
+
+@borrowing_kernel
+def _priced(manner: Manner, way: float, turn: float, gap: float) -> float:
+    short = (manner.wish - gap) / manner.wish
+    return seconds(manner, way, turn) * (1.0 + manner.dear * short * short)
+
+
+@borrowing_kernel
+def free_gap(
+    near: Nearby, manner: Manner, x: float, y: float, yaw: float, way: float, turn: float,
+    room: Sweeps, seen: Array,
+) -> float:  # fmt: skip
+    """Least gap [m] of a stretch of any length, at most the wish; below the margin any."""
+    pieces = max(1, math.ceil(abs(way) / PIECE))
+    gap = manner.wish
+    part, bend = way / pieces, turn / pieces
+    sweep(room, 0, part, bend, manner.outline)
+    for k in range(pieces):
+        ax, ay, ayaw = arc_step(x, y, yaw, way, turn, k / pieces)
+        if not (near.box[0] <= ax <= near.box[2] and near.box[1] <= ay <= near.box[3]):
+            return 0.0
+        count = seen_from(near, ax, ay, ayaw, room.box[0], gap, seen)
+        gap = stretch_gap(room, 0, manner.outline, seen, count, gap, manner.margin)
+        if gap < manner.margin:
+            break
+    return gap
+
+
+@borrowing_kernel
+def connect(
+    near: Nearby, manner: Manner, x: float, y: float, yaw: float, kind: int,
+    tx: float, ty: float, tyaw: float, budget: float, room: Sweeps, seen: Array, out: Array,
+) -> float:  # fmt: skip
+    """The cheapest of a few ways to a target pose; its heading is free if it is NaN.
+
+    Writes ways and turns (3, 2) to `out`.
+
+    Returns:
+        The cost [s], infinite where no way is free or below the budget.
+    """
+    dx, dy = tx - x, ty - y
+    far, towards = math.hypot(dx, dy), wrap(math.atan2(dy, dx) - yaw)
+    best = budget
+    found = False
+    for option in range(4):
+        back = option % 2 == 1
+        sign = -1.0 if back else 1.0
+        a, b = 0.0, 0.0  # ways
+        s, t, u = 0.0, 0.0, 0.0  # turns
+        aim = wrap(towards + math.pi) if back else towards
+        if option < 2:
+            if far <= STILL:
+                continue
+            if math.isnan(tyaw):  # one arc
+                if abs(aim) > 0.5 * math.pi:
+                    continue
+                half = aim
+                a = sign * far * (half / math.sin(half) if abs(half) > STILL else 1.0)
+                s = 2.0 * half
+            else:  # two arcs
+                c0, s0 = math.cos(yaw), math.sin(yaw)
+                c1, s1 = math.cos(tyaw), math.sin(tyaw)
+                vt = dx * (c0 + c1) + dy * (s0 + s1)
+                less = 2.0 - 2.0 * (c0 * c1 + s0 * s1)  # 4 - |t0 + t1|^2
+                square = dx * dx + dy * dy
+                if less > 1e-9:
+                    root = math.sqrt(vt * vt + less * square)
+                    d = (-vt + sign * root) / less
+                elif sign * vt > 1e-9:
+                    d = 0.5 * square / vt
+                else:
+                    continue
+                if sign * d < STILL:
+                    continue
+                mx, my = 0.5 * (dx + d * (c0 - c1)), 0.5 * (dy + d * (s0 - s1))
+                first = math.hypot(mx, my)
+                half = wrap(math.atan2(my, mx) - yaw + (math.pi if back else 0.0))
+                middle = yaw + 2.0 * half
+                last = math.hypot(dx - mx, dy - my)
+                other = wrap(math.atan2(dy - my, dx - mx) - middle + (math.pi if back else 0.0))
+                if abs(half) > 0.5 * math.pi or abs(other) > 0.5 * math.pi:
+                    continue
+                a = sign * first * (half / math.sin(half) if abs(half) > STILL else 1.0)
+                b = sign * last * (other / math.sin(other) if abs(other) > STILL else 1.0)
+                s, t = 2.0 * half, 2.0 * other
+        else:  # pivot, straight, pivot
+            if far > STILL:
+                s, b = aim, sign * far
+            u = 0.0 if math.isnan(tyaw) else wrap(tyaw - yaw - s)
+        cost = 0.0
+        before = kind
+        for part in range(3):
+            way, turn = (a, b, 0.0)[part], (s, t, u)[part]
+            now = _kind(way, turn)
+            if now != 0:
+                cost += seconds(manner, way, turn)
+                if before != 0 and before != now:
+                    cost += manner.switch
+                before = now
+        if cost >= best:
+            continue
+        px, py, pyaw = x, y, yaw
+        for part in range(3):
+            way, turn = (a, b, 0.0)[part], (s, t, u)[part]
+            if _kind(way, turn) == 0:
+                continue
+            gap = free_gap(near, manner, px, py, pyaw, way, turn, room, seen)
+            if gap < manner.margin:
+                cost = math.inf
+                break
+            cost += _priced(manner, way, turn, gap) - seconds(manner, way, turn)
+            if cost >= best:
+                break
+            px, py, pyaw = arc_step(px, py, pyaw, way, turn, 1.0)
+        if cost < best:
+            best, found = cost, True
+            out[0, 0], out[1, 0], out[2, 0] = a, b, 0.0
+            out[0, 1], out[1, 1], out[2, 1] = s, t, u
+    return best if found else math.inf
+
+
+@borrowing_kernel
+def _add(tree: Tree, node: int, way: float, turn: float, cost: float, anchor: int) -> int:
+    """Make a node at the end of a stretch."""
+    new = tree.state[COUNT]
+    x, y, yaw = arc_step(tree.pose[node, 0], tree.pose[node, 1], tree.pose[node, 2], way, turn, 1.0)
+    tree.pose[new, 0], tree.pose[new, 1], tree.pose[new, 2] = x, y, yaw
+    tree.way[new], tree.turn[new], tree.cost[new] = way, turn, cost
+    tree.parent[new], tree.anchor[new] = node, anchor
+    tree.state[COUNT] = new + 1
+    return int(new)
+
+
+@borrowing_kernel
+def _open(tree: Tree, node: int, key: float) -> None:
+    push(tree.keys, tree.items, tree.state[SIZE], key, node)
+    tree.state[SIZE] += 1
+
+
+@borrowing_kernel
+def _join(
+    near: Nearby, manner: Manner, guide: Guide, lines: Lines, grid: Grid, goal: Array, tree: Tree,
+    node: int, room: Sweeps, seen: Array, out: Array,
+) -> None:  # fmt: skip
+    """Lead from a node to every anchor in its reach that it reaches at less than any other."""
+    x, y, yaw = tree.pose[node, 0], tree.pose[node, 1], tree.pose[node, 2]
+    kind = _kind(tree.way[node], tree.turn[node])
+    many = lines.poses.shape[0]
+    for a in range(many + 1):
+        free_heading = a == many
+        if free_heading:
+            if lines.goal >= 0:
+                continue
+            tx, ty, tyaw = goal[0], goal[1], math.nan
+            dx, dy = tx - x, ty - y
+            far = math.hypot(dx, dy)
+            if far > goal[2]:
+                continue
+            least = far / manner.forward
+        else:
+            tx, ty, tyaw = lines.poses[a, 0], lines.poses[a, 1], lines.poses[a, 2]
+            dx, dy = tx - x, ty - y
+            reach = lines.reach[a]
+            if abs(dx) > reach or abs(dy) > reach or a == tree.anchor[node]:
+                continue
+            far = math.hypot(dx, dy)
+            turn = abs(wrap(tyaw - yaw))
+            if far > reach or turn > lines.turn[a]:
+                continue
+            least = max(far / manner.forward, turn / manner.turn)
+        budget = tree.best_anchor[a] - tree.cost[node]
+        if least >= budget:
+            continue
+        more = connect(near, manner, x, y, yaw, kind, tx, ty, tyaw, budget, room, seen, out)
+        if not more < budget:
+            continue
+        left = 0.0
+        if not free_heading and a != lines.goal:
+            left = seconds_left(guide, tx, ty)
+            if not left < math.inf:
+                continue
+        cost = tree.cost[node] + more
+        tree.best_anchor[a] = cost
+        last = node
+        for part in range(3):
+            if _kind(out[part, 0], out[part, 1]) != 0:
+                last = _add(tree, last, out[part, 0], out[part, 1], cost, -1)
+        if last == node:  # it stands there
+            last = _add(tree, node, 0.0, 0.0, cost, -1)
+        tree.anchor[last] = AT_GOAL if free_heading else a
+        # To the bit: what follows along the line is where its anchors are.
+        tree.pose[last, 0], tree.pose[last, 1] = tx, ty
+        if not free_heading:
+            tree.pose[last, 2] = tyaw
+        else:
+            best = tree.state[GOAL]
+            if best < 0 or cost < tree.cost[best]:
+                tree.state[GOAL] = last
+        if a == lines.goal:
+            tree.state[GOAL] = last
+        _open(tree, last, cost + grid.greed * left)
+
+
+@borrowing_kernel
+def grow(
+    near: Nearby, manner: Manner, guide: Guide, lines: Lines, grid: Grid, goal: Array, tree: Tree,
+    most: int, room: Sweeps, seen: Array, out: Array,
+) -> bool:  # fmt: skip
+    """Expand nodes until the goal's turn comes, none is open or `most` were; is it over?"""
+    slots = tree.best.shape[0]
+    while tree.state[SIZE] > 0:
+        if tree.state[EXPANDED] >= most:
+            return False
+        node = pop(tree.keys, tree.items, tree.state[SIZE])
+        tree.state[SIZE] -= 1
+        anchor = tree.anchor[node]
+        if anchor == AT_GOAL or (anchor >= 0 and anchor == lines.goal):
+            if node == tree.state[GOAL]:
+                return True
+            continue
+        x, y, yaw = tree.pose[node, 0], tree.pose[node, 1], tree.pose[node, 2]
+        if anchor >= 0:
+            if tree.cost[node] > tree.best_anchor[anchor]:
+                continue
+        else:
+            slot = _slot(grid, x, y, yaw)
+            if slot < slots and tree.cost[node] > tree.best[slot] * (1.0 + 1e-6):
+                continue
+        tree.state[EXPANDED] += 1
+        _join(near, manner, guide, lines, grid, goal, tree, node, room, seen, out)
+        kind = _kind(tree.way[node], tree.turn[node])
+        bend = tree.turn[node] / tree.way[node] if abs(kind) == 1 else 0.0
+        count = seen_from(near, x, y, yaw, grid.hull, manner.wish, seen)
+        for m in range(grid.moves.way.shape[0]):
+            way, turn = grid.moves.way[m], grid.moves.turn[m]
+            now = _kind(way, turn)
+            cost = tree.cost[node] + seconds(manner, way, turn)
+            if kind != 0 and kind != now:
+                cost += manner.switch
+            if kind == now and now != 2:
+                cost += manner.steer * abs(bend - turn / way)
+            ax, ay, ayaw = arc_step(x, y, yaw, way, turn, 1.0)
+            onto = -1
+            if anchor >= 0 and turn == 0.0:
+                onto = lines.ahead[anchor] if way > 0.0 else lines.behind[anchor]
+            if not (near.box[0] <= ax <= near.box[2] and near.box[1] <= ay <= near.box[3]):
+                continue
+            slot = _slot(grid, ax, ay, ayaw)
+            if onto >= 0:
+                if cost >= tree.best_anchor[onto]:
+                    continue
+            elif tree.best[slot] > 0.0 and cost >= tree.best[slot]:
+                continue
+            left = seconds_left(guide, ax, ay)
+            if not left < math.inf:
+                continue
+            gap = stretch_gap(
+                grid.moves, m, manner.outline, seen, count, manner.wish, manner.margin
+            )
+            if gap < manner.margin:
+                continue
+            cost += _priced(manner, way, turn, gap) - seconds(manner, way, turn)
+            if onto >= 0:
+                if cost >= tree.best_anchor[onto]:
+                    continue
+                tree.best_anchor[onto] = cost
+            else:
+                if tree.best[slot] > 0.0 and cost >= tree.best[slot]:
+                    continue
+                tree.best[slot] = cost
+            new = _add(tree, node, way, turn, cost, onto)
+            if onto >= 0:
+                for axis in range(3):
+                    tree.pose[new, axis] = lines.poses[onto, axis]
+                if onto == lines.goal:
+                    tree.state[GOAL] = new
+            _open(tree, new, cost + grid.greed * left)
+    return True
+
+
+@borrowing_kernel
+def _slot(grid: Grid, x: float, y: float, yaw: float) -> int:
+    i, j = int((y - grid.origin[1]) / grid.cell), int((x - grid.origin[0]) / grid.cell)
+    sector = math.floor(yaw / (2.0 * math.pi) * grid.headings + 0.5) % grid.headings
+    return (i * grid.columns + j) * grid.headings + int(sector)
