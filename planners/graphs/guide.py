@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from planners.graphs.heap import pop, push
 from planners.space import Space
-from wheelchair_gym.geometry import point_segment_distance
+from wheelchair_gym.geometry import point_segment_distance, wrap
 from wheelchair_gym.kernel import borrowing_kernel
 
 Array = NDArray[np.float64]
@@ -23,7 +23,9 @@ Field = NDArray[np.float32]
 
 SPACING = 0.05  # m: of the grid of places
 ROUNDING = SPACING / math.sqrt(2.0)  # m: a place is at most this far from its grid point
-SEED = 0.15  # m: grid points this near to the goal are at the goal, whatever stands there
+AHEAD = 12  # grid points: the way is aimed at so far ahead
+NO_AIM = 0.2  # m: what is nearer gives no direction
+SEED = 0.15  # m: grid points this near to where ways end are free, whatever stands there
 
 
 class Guide(NamedTuple):
@@ -33,6 +35,7 @@ class Guide(NamedTuple):
     origin: Array  # (2,) m
     left: Field  # (rows, columns) s; inf where not known, or no way
     settled: NDArray[np.bool_]  # (rows, columns)
+    onward: NDArray[np.int32]  # (rows, columns): the next grid point on the way, itself at the goal
     keys: Array
     items: NDArray[np.int64]
     size: NDArray[np.int64]  # (1,): of the heap
@@ -71,33 +74,37 @@ def gaps_of(space: Space, most: float) -> Field:
 
 
 def guide_to(
-    goal: Array, gaps: Field, origin: Array, radius: float, wish: float, dear: float, speed: float
+    seeds: Array, gaps: Field, origin: Array, radius: float, wish: float, dear: float, speed: float
 ) -> Guide:
-    """A guide to a goal (2,) that knows nothing yet but the goal."""
-    n = gaps.size
+    """A guide to where seeds (k, 3) are: x, y [m], and the seconds left from there."""
+    n, room = gaps.size, len(seeds) * (2 * int(SEED / SPACING) + 3) ** 2
     guide = Guide(
         gaps, origin, np.full(gaps.shape, np.inf, np.float32), np.zeros(gaps.shape, np.bool_),
-        np.empty(8 * n), np.empty(8 * n, np.int64), np.zeros(1, np.int64),
-        radius, wish, dear, speed,
+        np.empty(gaps.shape, np.int32), np.empty(8 * n + room), np.empty(8 * n + room, np.int64),
+        np.zeros(1, np.int64), radius, wish, dear, speed,
     )  # fmt: skip
-    _seed(guide, goal)
+    _sow(guide, seeds)
     return guide
 
 
 @borrowing_kernel
-def _seed(guide: Guide, goal: Array) -> None:
+def _sow(guide: Guide, seeds: Array) -> None:
     rows, columns = guide.gaps.shape
     reach = int(SEED / SPACING) + 1
-    row = int((goal[1] - guide.origin[1]) / SPACING + 0.5)
-    column = int((goal[0] - guide.origin[0]) / SPACING + 0.5)
-    for i in range(max(0, row - reach), min(rows, row + reach + 1)):
-        for j in range(max(0, column - reach), min(columns, column + reach + 1)):
-            x, y = guide.origin[0] + j * SPACING, guide.origin[1] + i * SPACING
-            far = math.hypot(x - goal[0], y - goal[1])
-            if far <= SEED:
-                guide.left[i, j] = far / guide.speed
-                push(guide.keys, guide.items, guide.size[0], far / guide.speed, i * columns + j)
-                guide.size[0] += 1
+    for k in range(seeds.shape[0]):
+        row = int((seeds[k, 1] - guide.origin[1]) / SPACING + 0.5)
+        column = int((seeds[k, 0] - guide.origin[0]) / SPACING + 0.5)
+        for i in range(max(0, row - reach), min(rows, row + reach + 1)):
+            for j in range(max(0, column - reach), min(columns, column + reach + 1)):
+                dx = guide.origin[0] + j * SPACING - seeds[k, 0]
+                dy = guide.origin[1] + i * SPACING - seeds[k, 1]
+                far = math.hypot(dx, dy)
+                key = np.float32(seeds[k, 2] + far / guide.speed)
+                if far <= SEED and key < guide.left[i, j]:
+                    guide.left[i, j] = key
+                    guide.onward[i, j] = i * columns + j
+                    push(guide.keys, guide.items, guide.size[0], float(key), i * columns + j)
+                    guide.size[0] += 1
 
 
 @borrowing_kernel
@@ -136,7 +143,27 @@ def seconds_left(guide: Guide, x: float, y: float) -> float:
                 key = np.float32(here + way / guide.speed * (1.0 + guide.dear * short * short))
                 if key < left[r, c]:
                     left[r, c] = key
+                    guide.onward[r, c] = item
                     push(keys, items, size, float(key), r * columns + c)
                     size += 1
     guide.size[0] = size
     return float(left[row, column]) if settled[row, column] else math.inf
+
+
+@borrowing_kernel
+def turn_left(guide: Guide, x: float, y: float, yaw: float) -> float:
+    """By how much [rad] a heading differs from the way to the goal, a little ahead of a place.
+
+    The seconds left from there must be known. Near the goal 0.
+    """
+    columns = guide.gaps.shape[1]
+    row = int((y - guide.origin[1]) / SPACING + 0.5)
+    column = int((x - guide.origin[0]) / SPACING + 0.5)
+    for _ in range(AHEAD):
+        item = guide.onward[row, column]
+        row, column = item // columns, item % columns
+    dx = guide.origin[0] + column * SPACING - x
+    dy = guide.origin[1] + row * SPACING - y
+    if dx * dx + dy * dy < NO_AIM * NO_AIM:
+        return 0.0
+    return abs(wrap(math.atan2(dy, dx) - yaw))

@@ -30,13 +30,14 @@ from planners.graphs.states import (
     Tree,
     free_gap,
     grow,
+    traced,
 )
 from planners.nearby import Nearby, nearby
 from planners.space import Space
 from planners.types import Plan, Problem, Status, check
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.kinematics import Limits, arc_step
+from wheelchair_gym.kinematics import Limits
 
 Array = NDArray[np.float64]
 
@@ -45,6 +46,7 @@ TOUCH = 1e-6  # m: the outline keeps at least this gap, so that rounding brings 
 NARROW = 0.15  # m beyond the half width on each side: wider places are passed without lines
 YAWS = 360  # headings tried of a goal that has none
 LEAVE = 0.98  # of the gap at a start that is nearer to a wall than the margin, to be kept
+ROOM = 4096  # nodes of a tree at first
 POINTS = 0.05  # m, and rad of a pivot times 2: between poses of the path
 
 
@@ -110,7 +112,12 @@ class Lattice:
     steer: float = setting(
         default=0.03, unit="s m", source="of a change of curvature; against wobble", low=0.0
     )
-    greed: float = setting(default=1.3, source="more is faster and less good", low=1.0, high=10.0)
+    greed: float = setting(
+        default=2.0, source="more is faster and less good; tuned", low=1.0, high=10.0
+    )
+    askew: float = setting(
+        default=1.0, source="of the time to turn to the way ahead, in what is left; tuned", low=0.0
+    )
     join: float = setting(
         default=1.5, unit="m", source="how far from the goal it is led to exactly", low=0.1
     )
@@ -213,63 +220,49 @@ class Lattice:
         near, part = ground.near, 0.5**level
         radius = min(self.footprint.front, self.footprint.rear, self.footprint.half_width)
         low = near.box[:2].copy()
-        guide = guide_to(goal, ground.gaps, low, radius, self.wish, self.dear, self.limits.forward)
-        lines = lines_of(near, manner, ground.narrows, goal, self.stride * part, self.join)
+        lines, seeds = lines_of(near, manner, ground.narrows, goal, self.stride * part, self.join)
+        guide = guide_to(seeds, ground.gaps, low, radius, self.wish, self.dear, self.limits.forward)
         moves = self.moves(level)
         hull = np.concatenate([moves.box[:, :2].min(axis=0), moves.box[:, 2:].max(axis=0)])
         cell, headings = self.cell * part, self.headings * 2**level
         columns, rows = (int(n) + 1 for n in (near.box[2:] - low) / cell)
-        grid = Grid(low, cell, columns, headings, moves, hull, self.greed)
+        grid = Grid(
+            low, cell, columns, headings, moves, hull, self.greed, self.askew / self.limits.turn
+        )
         slots = np.zeros(rows * columns * headings, np.float32)
         tree = _rooted(start, slots, len(lines.poses))
         aim = np.array([goal[0], goal[1], self.join])
         room, seen, out = sweeps(1), np.empty_like(near.segments), np.empty((3, 2))
-        per_pose = len(moves.way) + 3 * (len(lines.poses) + 1)
         over = False
+        most_made = len(moves.way) + 3 * (len(lines.poses) + 1)  # of one expansion
         while not over and tree.state[EXPANDED] < most:
             if end is not None and time.perf_counter() >= end:
                 break
+            if tree.state[COUNT] + most_made > len(tree.cost):
+                tree = _roomier(tree, most_made)
             until = min(most, int(tree.state[EXPANDED]) + CHUNK)
-            tree = _grown(tree, (until - int(tree.state[EXPANDED])) * per_pose)
             over = grow(near, manner, guide, lines, grid, aim, tree, until, room, seen, out)
-        path = _traced(tree, int(tree.state[GOAL])) if tree.state[GOAL] >= 0 else np.empty((0, 3))
+        node = int(tree.state[GOAL])
+        path = traced(tree, node, POINTS) if node >= 0 else np.empty((0, 3))
         return path, int(tree.state[EXPANDED]), int(tree.state[COUNT]), over
 
 
 def _rooted(start: Array, slots: NDArray[np.float32], anchors: int) -> Tree:
     """A tree of the start alone, open."""
-    whole = np.zeros(1, np.int64)
+    pose, numbers, none = np.empty((ROOM, 3)), np.zeros((4, ROOM)), np.full((2, ROOM), -1)
+    pose[0] = start
     return Tree(
-        start[None].copy(), np.zeros(1), whole - 1, np.zeros(1), np.zeros(1), whole - 1,
-        np.zeros(1), whole.copy(), slots, np.full(anchors + 1, np.inf), np.array([1, 1, 0, -1]),
+        pose, numbers[0], none[0], numbers[1], numbers[2], none[1], numbers[3],
+        np.zeros(ROOM, np.int64), slots, np.full(anchors + 1, np.inf), np.array([1, 1, 0, -1]),
     )  # fmt: skip
 
 
-def _grown(tree: Tree, more: int) -> Tree:
-    """The tree with room for so many more nodes."""
-    need, room = int(tree.state[COUNT]) + more, len(tree.cost)
-    if need <= room:
-        return tree
-    need = max(need, 2 * room)
+def _roomier(tree: Tree, more: int) -> Tree:
+    """The tree with room for twice as many nodes, and so many more."""
+    room, need = len(tree.cost), 2 * len(tree.cost) + more
     arrays = {}
     for name in ("pose", "cost", "parent", "way", "turn", "anchor", "keys", "items"):
         old = getattr(tree, name)
         arrays[name] = np.empty((need, *old.shape[1:]), old.dtype)
         arrays[name][:room] = old
     return tree._replace(**arrays)
-
-
-def _traced(tree: Tree, node: int) -> Array:
-    """The poses (n, 3) from the root to a node."""
-    parts = [tree.pose[node][None]]
-    while tree.parent[node] >= 0:
-        way, turn = float(tree.way[node]), float(tree.turn[node])
-        node = int(tree.parent[node])
-        x, y, yaw = tree.pose[node]
-        count = max(1, math.ceil(abs(way) / POINTS), math.ceil(0.5 * abs(turn) / POINTS))
-        parts.append(
-            np.array([arc_step(x, y, yaw, way, turn, k / count) for k in range(count - 1, -1, -1)])
-        )
-    path = np.concatenate(parts)[::-1].copy()
-    path[:, 2] = np.unwrap(path[:, 2])
-    return path

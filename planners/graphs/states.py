@@ -15,18 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.footprint import Sweeps, stretch_gap, sweep
-from planners.graphs.guide import Guide, seconds_left
+from planners.graphs.guide import Guide, seconds_left, turn_left
 from planners.graphs.heap import pop, push
 from planners.nearby import Nearby, seen_from
 from wheelchair_gym.geometry import wrap
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.kernel import borrowing_kernel, kernel
 from wheelchair_gym.kinematics import arc_step
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 PIECE = 0.3  # m: longer stretches are looked at in pieces, each from its own beginning
-AT_GOAL = -2  # the anchor of a node at a goal whose heading is free
+AT_GOAL = -2  # the anchor of a node at the goal
+ON_THE_WAY = 0.4  # rad: less is turned in passing
 STILL = 1e-9  # m, rad: less is no motion
 COUNT, SIZE, EXPANDED, GOAL = range(4)  # of `Tree.state`
 
@@ -54,7 +55,8 @@ class Lines(NamedTuple):
     behind: Whole  # (n,)
     reach: Array  # (n,) m: from how far it is tried
     turn: Array  # (n,) rad: by how much the heading may differ for that
-    goal: int  # the anchor that is the goal, -1: the goal has no heading
+    goals: int  # so many, the first ones, are at the goal
+    headed: bool  # whether the goal has a heading; else any will do
 
 
 class Grid(NamedTuple):
@@ -67,6 +69,7 @@ class Grid(NamedTuple):
     moves: Sweeps
     hull: Array  # (4,) m: what bounds all
     greed: float  # multiple of the time left that is believed
+    askew: float  # s/rad of the heading's difference from the way ahead, in the time left
 
 
 class Tree(NamedTuple):
@@ -81,7 +84,7 @@ class Tree(NamedTuple):
     keys: Array  # (n,) of the heap
     items: Whole  # (n,)
     best: NDArray[np.float32]  # (slots,) s: least cost of each state, 0: none
-    best_anchor: Array  # (anchors + 1,) s; the last one is that of a goal without a heading
+    best_anchor: Array  # (anchors + 1,) s; the last one is that of the goal
     state: Whole  # (4,): how many nodes, how many open, how many expanded, the node at the goal
 
 
@@ -244,6 +247,16 @@ def _open(tree: Tree, node: int, key: float) -> None:
 
 
 @borrowing_kernel
+def _time_left(guide: Guide, grid: Grid, x: float, y: float, yaw: float) -> float:
+    """Seconds to the goal, as far as they are believed."""
+    left = seconds_left(guide, x, y)
+    if not left < math.inf:
+        return left
+    askew = max(0.0, turn_left(guide, x, y, yaw) - ON_THE_WAY)
+    return grid.greed * (left + grid.askew * askew)
+
+
+@borrowing_kernel
 def _join(
     near: Nearby, manner: Manner, guide: Guide, lines: Lines, grid: Grid, goal: Array, tree: Tree,
     node: int, room: Sweeps, seen: Array, out: Array,
@@ -255,7 +268,7 @@ def _join(
     for a in range(many + 1):
         free_heading = a == many
         if free_heading:
-            if lines.goal >= 0:
+            if lines.headed:
                 continue
             tx, ty, tyaw = goal[0], goal[1], math.nan
             dx, dy = tx - x, ty - y
@@ -274,37 +287,35 @@ def _join(
             if far > reach or turn > lines.turn[a]:
                 continue
             least = max(far / manner.forward, turn / manner.turn)
-        budget = tree.best_anchor[a] - tree.cost[node]
+        at_goal = free_heading or a < lines.goals
+        entry = many if at_goal else a
+        budget = tree.best_anchor[entry] - tree.cost[node]
         if least >= budget:
             continue
         more = connect(near, manner, x, y, yaw, kind, tx, ty, tyaw, budget, room, seen, out)
         if not more < budget:
             continue
         left = 0.0
-        if not free_heading and a != lines.goal:
-            left = seconds_left(guide, tx, ty)
+        if not at_goal:
+            left = _time_left(guide, grid, tx, ty, tyaw)
             if not left < math.inf:
                 continue
         cost = tree.cost[node] + more
-        tree.best_anchor[a] = cost
+        tree.best_anchor[entry] = cost
         last = node
         for part in range(3):
             if _kind(out[part, 0], out[part, 1]) != 0:
                 last = _add(tree, last, out[part, 0], out[part, 1], cost, -1)
         if last == node:  # it stands there
             last = _add(tree, node, 0.0, 0.0, cost, -1)
-        tree.anchor[last] = AT_GOAL if free_heading else a
+        tree.anchor[last] = AT_GOAL if at_goal else a
         # To the bit: what follows along the line is where its anchors are.
         tree.pose[last, 0], tree.pose[last, 1] = tx, ty
         if not free_heading:
             tree.pose[last, 2] = tyaw
-        else:
-            best = tree.state[GOAL]
-            if best < 0 or cost < tree.cost[best]:
-                tree.state[GOAL] = last
-        if a == lines.goal:
+        if at_goal:
             tree.state[GOAL] = last
-        _open(tree, last, cost + grid.greed * left)
+        _open(tree, last, cost + left)
 
 
 @borrowing_kernel
@@ -312,15 +323,20 @@ def grow(
     near: Nearby, manner: Manner, guide: Guide, lines: Lines, grid: Grid, goal: Array, tree: Tree,
     most: int, room: Sweeps, seen: Array, out: Array,
 ) -> bool:  # fmt: skip
-    """Expand nodes until the goal's turn comes, none is open or `most` were; is it over?"""
+    """Expand nodes until the goal's turn comes or none is open; is it over?
+
+    It ends before when `most` were expanded in all, or where the tree has no room for what another
+    may lead to.
+    """
     slots = tree.best.shape[0]
+    room_left = tree.cost.shape[0] - grid.moves.way.shape[0] - 3 * (lines.poses.shape[0] + 1)
     while tree.state[SIZE] > 0:
-        if tree.state[EXPANDED] >= most:
+        if tree.state[EXPANDED] >= most or tree.state[COUNT] > room_left:
             return False
         node = pop(tree.keys, tree.items, tree.state[SIZE])
         tree.state[SIZE] -= 1
         anchor = tree.anchor[node]
-        if anchor == AT_GOAL or (anchor >= 0 and anchor == lines.goal):
+        if anchor == AT_GOAL:
             if node == tree.state[GOAL]:
                 return True
             continue
@@ -349,15 +365,16 @@ def grow(
             onto = -1
             if anchor >= 0 and turn == 0.0:
                 onto = lines.ahead[anchor] if way > 0.0 else lines.behind[anchor]
+            entry = lines.poses.shape[0] if 0 <= onto < lines.goals else onto
             if not (near.box[0] <= ax <= near.box[2] and near.box[1] <= ay <= near.box[3]):
                 continue
             slot = _slot(grid, ax, ay, ayaw)
             if onto >= 0:
-                if cost >= tree.best_anchor[onto]:
+                if cost >= tree.best_anchor[entry]:
                     continue
             elif tree.best[slot] > 0.0 and cost >= tree.best[slot]:
                 continue
-            left = seconds_left(guide, ax, ay)
+            left = _time_left(guide, grid, ax, ay, ayaw)
             if not left < math.inf:
                 continue
             gap = stretch_gap(
@@ -367,9 +384,9 @@ def grow(
                 continue
             cost += _priced(manner, way, turn, gap) - seconds(manner, way, turn)
             if onto >= 0:
-                if cost >= tree.best_anchor[onto]:
+                if cost >= tree.best_anchor[entry]:
                     continue
-                tree.best_anchor[onto] = cost
+                tree.best_anchor[entry] = cost
             else:
                 if tree.best[slot] > 0.0 and cost >= tree.best[slot]:
                     continue
@@ -378,9 +395,10 @@ def grow(
             if onto >= 0:
                 for axis in range(3):
                     tree.pose[new, axis] = lines.poses[onto, axis]
-                if onto == lines.goal:
+                if onto < lines.goals:
+                    tree.anchor[new] = AT_GOAL
                     tree.state[GOAL] = new
-            _open(tree, new, cost + grid.greed * left)
+            _open(tree, new, cost + left)
     return True
 
 
@@ -389,3 +407,31 @@ def _slot(grid: Grid, x: float, y: float, yaw: float) -> int:
     i, j = int((y - grid.origin[1]) / grid.cell), int((x - grid.origin[0]) / grid.cell)
     sector = math.floor(yaw / (2.0 * math.pi) * grid.headings + 0.5) % grid.headings
     return (i * grid.columns + j) * grid.headings + int(sector)
+
+
+@kernel
+def traced(tree: Tree, node: int, spacing: float) -> Array:
+    """The poses (n, 3) from the root to a node, at most so far apart [m, and half a rad]."""
+    count, last = 1, node
+    while tree.parent[last] >= 0:
+        count += _parts(tree.way[last], tree.turn[last], spacing)
+        last = tree.parent[last]
+    path = np.empty((count, 3))
+    path[count - 1] = tree.pose[node]
+    k = count - 1
+    while tree.parent[node] >= 0:
+        way, turn = tree.way[node], tree.turn[node]
+        node = tree.parent[node]
+        x, y, yaw = tree.pose[node, 0], tree.pose[node, 1], tree.pose[node, 2]
+        parts = _parts(way, turn, spacing)
+        for part in range(parts - 1, -1, -1):
+            k -= 1
+            path[k, 0], path[k, 1], path[k, 2] = arc_step(x, y, yaw, way, turn, part / parts)
+    for k in range(1, count):
+        path[k, 2] = path[k - 1, 2] + wrap(path[k, 2] - path[k - 1, 2])
+    return path
+
+
+@borrowing_kernel
+def _parts(way: float, turn: float, spacing: float) -> int:
+    return int(max(1, math.ceil(max(abs(way), 0.5 * abs(turn)) / spacing)))
