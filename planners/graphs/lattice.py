@@ -97,7 +97,7 @@ class Lattice:
     headings: int = setting(default=32, source="11 deg, below every move's turn", low=8, high=360)
     cell: float = setting(default=0.10, unit="m", source="half a move", low=0.02)
     refinements: int = setting(
-        default=2, source="times moves and cells are halved where nothing is found", low=0, high=4
+        default=1, source="times moves and cells are halved where nothing is found", low=0, high=4
     )
     wish: float = setting(
         default=0.25, unit="m", source="play beside the chair in a 1.1 m door", low=0.01
@@ -114,6 +114,12 @@ class Lattice:
     )
     greed: float = setting(
         default=2.0, source="more is faster and less good; tuned", low=1.0, high=10.0
+    )
+    content: float = setting(
+        default=0.8,
+        source="share of a way's cost that none hopes to undercut; tuned",
+        low=0.1,
+        high=1.0,
     )
     askew: float = setting(
         default=1.0, source="of the time to turn to the way ahead, in what is left; tuned", low=0.0
@@ -227,8 +233,9 @@ class Lattice:
         cell, headings = self.cell * part, self.headings * 2**level
         columns, rows = (int(n) + 1 for n in (near.box[2:] - low) / cell)
         grid = Grid(
-            low, cell, columns, headings, moves, hull, self.greed, self.askew / self.limits.turn
-        )
+            low, cell, columns, headings, moves, hull, self.greed, self.content,
+            self.askew / self.limits.turn,
+        )  # fmt: skip
         slots = np.zeros(rows * columns * headings, np.float32)
         tree = _rooted(start, slots, len(lines.poses))
         aim = np.array([goal[0], goal[1], self.join])
@@ -253,7 +260,8 @@ def _rooted(start: Array, slots: NDArray[np.float32], anchors: int) -> Tree:
     pose[0] = start
     return Tree(
         pose, numbers[0], none[0], numbers[1], numbers[2], none[1], numbers[3],
-        np.zeros(ROOM, np.int64), slots, np.full(anchors + 1, np.inf), np.array([1, 1, 0, -1]),
+        np.zeros(ROOM, np.int64), slots, np.full(anchors, -1.0), np.full(anchors + 1, np.inf),
+        np.array([1, 1, 0, -1]),
     )  # fmt: skip
 
 

@@ -40,15 +40,16 @@ def entries(
 ) -> tuple[Array, Array]:
     """Where the straight last stretch to each of some goal poses (n, 3) begins.
 
-    That is the nearest place from which it is free, ahead or back, and where the chair can turn; or
-    the farthest from which it is free.
+    That is the nearest place from which it is free, ahead or back, and where the chair can turn;
+    if there is none, the farthest from which it is free.
 
     Returns:
-        Places (2 n, 3): x, y and the seconds left; and how far [m] the farther is from each goal.
+        Places (k, 3): x, y and the seconds left; and how far [m] the farther is from each goal.
     """
     n = goals.shape[0]
     seen = np.empty_like(near.segments)
     places, far = np.empty((2 * n, 3)), np.zeros(n)
+    open_ = np.zeros(2 * n, np.bool_)
     for k in range(2 * n):
         x, y, yaw = goals[k // 2]
         sign = 1.0 if k % 2 == 0 else -1.0
@@ -61,6 +62,7 @@ def entries(
                     gap = free_gap(near, manner, px, py, yaw, 0.0, turn, room, seen)
                     turns = gap >= manner.margin
             if turns:
+                open_[k] = True
                 break
             qx, qy = px - sign * step * math.cos(yaw), py - sign * step * math.sin(yaw)
             if free_gap(near, manner, qx, qy, yaw, sign * step, 0.0, room, seen) < manner.margin:
@@ -69,7 +71,7 @@ def entries(
         places[k, 0], places[k, 1] = x - sign * d * math.cos(yaw), y - sign * d * math.sin(yaw)
         places[k, 2] = seconds(manner, sign * d, 0.0)
         far[k // 2] = max(far[k // 2], d)
-    return places, far
+    return (places[open_] if open_.any() else places), far
 
 
 def lines_of(

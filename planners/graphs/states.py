@@ -69,6 +69,7 @@ class Grid(NamedTuple):
     moves: Sweeps
     hull: Array  # (4,) m: what bounds all
     greed: float  # multiple of the time left that is believed
+    content: float  # a way is taken if no other is hoped to cost less than this share of it
     askew: float  # s/rad of the heading's difference from the way ahead, in the time left
 
 
@@ -84,6 +85,7 @@ class Tree(NamedTuple):
     keys: Array  # (n,) of the heap
     items: Whole  # (n,)
     best: NDArray[np.float32]  # (slots,) s: least cost of each state, 0: none
+    left_anchor: Array  # (anchors,) s left from each, -1: not known yet
     best_anchor: Array  # (anchors + 1,) s; the last one is that of the goal
     state: Whole  # (4,): how many nodes, how many open, how many expanded, the node at the goal
 
@@ -264,7 +266,7 @@ def _join(
     """Lead from a node to every anchor in its reach that it reaches at less than any other."""
     x, y, yaw = tree.pose[node, 0], tree.pose[node, 1], tree.pose[node, 2]
     kind = _kind(tree.way[node], tree.turn[node])
-    many = lines.poses.shape[0]
+    many, here = lines.poses.shape[0], _time_left(guide, grid, x, y, yaw)
     for a in range(many + 1):
         free_heading = a == many
         if free_heading:
@@ -292,14 +294,16 @@ def _join(
         budget = tree.best_anchor[entry] - tree.cost[node]
         if least >= budget:
             continue
+        left = 0.0
+        if not at_goal:
+            if tree.left_anchor[a] < 0.0:
+                tree.left_anchor[a] = _time_left(guide, grid, tx, ty, tyaw)
+            left = tree.left_anchor[a]
+            if not left < here:
+                continue
         more = connect(near, manner, x, y, yaw, kind, tx, ty, tyaw, budget, room, seen, out)
         if not more < budget:
             continue
-        left = 0.0
-        if not at_goal:
-            left = _time_left(guide, grid, tx, ty, tyaw)
-            if not left < math.inf:
-                continue
         cost = tree.cost[node] + more
         tree.best_anchor[entry] = cost
         last = node
@@ -315,7 +319,9 @@ def _join(
             tree.pose[last, 2] = tyaw
         if at_goal:
             tree.state[GOAL] = last
-        _open(tree, last, cost + left)
+            _open(tree, last, cost * grid.content)
+        else:
+            _open(tree, last, cost + left)
 
 
 @borrowing_kernel
@@ -398,6 +404,7 @@ def grow(
                 if onto < lines.goals:
                     tree.anchor[new] = AT_GOAL
                     tree.state[GOAL] = new
+                    left = (grid.content - 1.0) * cost
             _open(tree, new, cost + left)
     return True
 
