@@ -97,7 +97,7 @@ def sweep(sweeps: Sweeps, m: int, way: float, turn: float, outline: Array) -> No
 @borrowing_kernel
 def _apart(box: Array, px: float, py: float, qx: float, qy: float, gap: float) -> bool:
     """Whether a segment's own box is at least a gap away from a box, along x or y."""
-    return (
+    return bool(
         min(px, qx) - box[2] >= gap
         or box[0] - max(px, qx) >= gap
         or min(py, qy) - box[3] >= gap

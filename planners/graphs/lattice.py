@@ -16,9 +16,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.exact import clearance
 from planners.footprint import Sweeps, sweep, sweeps
 from planners.graphs.guide import Field, gaps_of, guide_to
-from planners.graphs.lines import lines_of
+from planners.graphs.lines import gaps_at, lines_of
 from planners.graphs.narrows import narrow_places
 from planners.graphs.states import (
     COUNT,
@@ -28,7 +29,6 @@ from planners.graphs.states import (
     Grid,
     Manner,
     Tree,
-    free_gap,
     grow,
     traced,
 )
@@ -142,7 +142,7 @@ class Lattice:
         start[: len(problem.start)] = problem.start
         ground = ground_of(problem.space, self.footprint, self.reach, self.wish)
         manner = self.manner(max(TOUCH, problem.clearance - self.footprint.half_width))
-        status, manner = self._ends(ground, manner, start, goal)
+        status, manner = self._ends(problem, ground, manner, start, goal)
         if status is not None:
             return Plan(status)
         iterations, nodes, path, level = 0, 0, np.empty((0, 3)), 0
@@ -190,27 +190,26 @@ class Lattice:
         return moves
 
     def _ends(
-        self, ground: Ground, manner: Manner, start: Array, goal: Array
+        self, problem: Problem, ground: Ground, manner: Manner, start: Array, goal: Array
     ) -> tuple[Status | None, Manner]:
         """Why the outline cannot stand at an end, if so; and the manner, its margin as it can."""
-        room = sweeps(1), np.empty_like(ground.near.segments)
-        gap = free_gap(ground.near, manner, *start, 0.0, 0.0, *room)
-        tight = manner._replace(margin=TOUCH)
-        gap = free_gap(ground.near, tight, *start, 0.0, 0.0, *room)
+        near, room = ground.near, sweeps(1)
+        if len(near.segments) and clearance(problem.space.arrays, *start[:2]) < manner.margin:
+            return Status.START_OCCUPIED, manner  # of its axle alone
+        gap = float(gaps_at(near, manner._replace(margin=TOUCH), start[None], room)[0])
         if gap < TOUCH:
             return Status.START_OCCUPIED, manner
         if gap < manner.margin:  # it may leave at the gap that it has
             manner = manner._replace(margin=LEAVE * gap)
-        if len(goal) == 3:
-            yaws, smaller = goal[2:], manner
-        else:  # if not even a smaller outline stands there, none does between the headings tried
+        poses, smaller = goal[None], manner
+        if len(goal) == 2:  # of headings; where not even a smaller outline fits, none between does
             yaws = np.arange(YAWS) * (2.0 * math.pi / YAWS)
+            poses = np.column_stack([np.tile(goal, (YAWS, 1)), yaws])
             less = 2.0 * self.footprint.reach * math.sin(0.5 * math.pi / YAWS)
             smaller = manner._replace(outline=manner.outline - less)
-        for yaw in yaws:
-            if free_gap(ground.near, smaller, *goal[:2], yaw, 0.0, 0.0, *room) >= manner.margin:
-                return None, manner
-        return Status.GOAL_OCCUPIED, manner
+        if (gaps_at(near, smaller, poses, room) < manner.margin).all():
+            return Status.GOAL_OCCUPIED, manner
+        return None, manner
 
     def _search(
         self,

@@ -23,15 +23,13 @@ ASKEW = 0.8  # rad: by how much the heading may differ there
 
 
 @kernel
-def _standing(near: Nearby, manner: Manner, poses: Array, room: Sweeps) -> NDArray[np.bool_]:
-    """At which poses (n, 3) the outline keeps the margin."""
-    seen = np.empty_like(near.segments)
-    free = np.empty(poses.shape[0], np.bool_)
+def gaps_at(near: Nearby, manner: Manner, poses: Array, room: Sweeps) -> Array:
+    """Gaps (n,) [m] of the outline at poses (n, 3), at most the wish; below the margin any."""
+    seen, gaps = np.empty_like(near.segments), np.empty(poses.shape[0])
     for k in range(poses.shape[0]):
         x, y, yaw = poses[k]
-        gap = free_gap(near, manner, x, y, yaw, 0.0, 0.0, room, seen)
-        free[k] = gap >= manner.margin
-    return free
+        gaps[k] = free_gap(near, manner, x, y, yaw, 0.0, 0.0, room, seen)
+    return gaps
 
 
 @kernel
@@ -49,7 +47,7 @@ def entries(
     n = goals.shape[0]
     seen = np.empty_like(near.segments)
     places, far = np.empty((2 * n, 3)), np.zeros(n)
-    open_ = np.zeros(2 * n, np.bool_)
+    roomy = np.zeros(2 * n, np.bool_)
     for k in range(2 * n):
         x, y, yaw = goals[k // 2]
         sign = 1.0 if k % 2 == 0 else -1.0
@@ -62,7 +60,7 @@ def entries(
                     gap = free_gap(near, manner, px, py, yaw, 0.0, turn, room, seen)
                     turns = gap >= manner.margin
             if turns:
-                open_[k] = True
+                roomy[k] = True
                 break
             qx, qy = px - sign * step * math.cos(yaw), py - sign * step * math.sin(yaw)
             if free_gap(near, manner, qx, qy, yaw, sign * step, 0.0, room, seen) < manner.margin:
@@ -71,7 +69,7 @@ def entries(
         places[k, 0], places[k, 1] = x - sign * d * math.cos(yaw), y - sign * d * math.sin(yaw)
         places[k, 2] = seconds(manner, sign * d, 0.0)
         far[k // 2] = max(far[k // 2], d)
-    return (places[open_] if open_.any() else places), far
+    return (places[roomy] if roomy.any() else places), far
 
 
 def lines_of(
@@ -98,7 +96,7 @@ def lines_of(
     if not headed:
         yaws = np.arange(YAWS) * (2.0 * math.pi / YAWS)
         at_goal = np.column_stack([np.tile(goal, (YAWS, 1)), yaws])
-        free = _standing(near, manner, at_goal, sweeps(1))
+        free = gaps_at(near, manner, at_goal, sweeps(1)) >= manner.margin
         at_goal = at_goal[free & (not free.all())]
     seeds, reach = np.array([[goal[0], goal[1], 0.0]]), np.zeros(0)
     if len(at_goal):
@@ -111,7 +109,8 @@ def lines_of(
     poses = np.repeat(middles[:, None], len(along), axis=1)  # (lines, along, 3)
     poses[..., 0] += along * np.cos(middles[:, 2:])
     poses[..., 1] += along * np.sin(middles[:, 2:])
-    free = _standing(near, manner, poses.reshape(-1, 3), sweeps(1)).reshape(poses.shape[:2])
+    standing = gaps_at(near, manner, poses.reshape(-1, 3), sweeps(1)) >= manner.margin
+    free = standing.reshape(poses.shape[:2])
     # Anchors: where the goal is reached, then the rest; the goal's own place in its line is first.
     index = np.full((len(middles), len(along) + 2), -1)
     if headed:

@@ -93,6 +93,54 @@ def _pivot_hits(px, py, qx, qy, low, high, corners):
 
 
 @kernel
+def _pose_free(seen, around, heading, inland, x, y, outline, corners, box):
+    """Whether the rectangle at (x, y) is free of edges and discs (relative to it), and inside."""
+    front, rear, half = outline[0], outline[1], outline[2]
+    c, s = math.cos(heading), math.sin(heading)
+    if not inland:
+        for k in range(4):
+            u = x + c * corners[k, 0] - s * corners[k, 1]
+            v = y + s * corners[k, 0] + c * corners[k, 1]
+            if not (box[0] <= u <= box[2] and box[1] <= v <= box[3]):
+                return False
+    for k in range(seen.shape[0]):
+        ax, ay, bx, by = seen[k, 0], seen[k, 1], seen[k, 2], seen[k, 3]
+        px, py, qx, qy = c * ax + s * ay, c * ay - s * ax, c * bx + s * by, c * by - s * bx
+        if _overlaps(px, py, qx, qy, front, rear, half):
+            return False
+    for k in range(around.shape[0]):
+        dx, dy = around[k, 0], around[k, 1]
+        u, v = c * dx + s * dy, c * dy - s * dx
+        ux, vy = max(max(u - front, -rear - u), 0.0), max(abs(v) - half, 0.0)
+        if math.hypot(ux, vy) < around[k, 2] - PLAY:
+            return False
+    return True
+
+
+@kernel
+def _pivot_free(seen, around, low, high, inland, x, y, corners, box):
+    """Whether the turn from `low` to `high` is free, where the rectangle is free at both."""
+    for q in range(4):
+        cr, ca = math.hypot(corners[q, 0], corners[q, 1]), math.atan2(corners[q, 1], corners[q, 0])
+        if not inland:  # the corner's farthest points to the map's sides
+            for side in range(4):
+                room = (box[2] - x, box[3] - y, x - box[0], y - box[1])[side]
+                if cr > room + PLAY and _between(0.5 * math.pi * side - ca, low, high):
+                    return False
+        for k in range(around.shape[0]):
+            far = math.hypot(around[k, 0], around[k, 1])
+            if far - cr < around[k, 2] - PLAY and _between(
+                math.atan2(around[k, 1], around[k, 0]) - ca, low, high
+            ):
+                return False
+    for k in range(seen.shape[0]):
+        ax, ay, bx, by = seen[k, 0], seen[k, 1], seen[k, 2], seen[k, 3]
+        if _pivot_hits(ax, ay, bx, by, low, high, corners):
+            return False
+    return True
+
+
+@kernel
 def fill(edges, discs, solid, frame, headings, outline, box, poses, pivots):
     """Mark free poses and free pivots to the next heading, (headings, rows, columns)."""
     front, rear, half = outline[0], outline[1], outline[2]
@@ -101,6 +149,7 @@ def fill(edges, discs, solid, frame, headings, outline, box, poses, pivots):
     inner = min(min(front, rear), half)
     count = headings.shape[0]
     near, round_ones = np.empty(edges.shape[0], np.int64), np.empty(discs.shape[0], np.int64)
+    seen, around = np.empty((edges.shape[0], 4)), np.empty((discs.shape[0], 3))
     for i in range(poses.shape[1]):
         for j in range(poses.shape[2]):
             x, y = frame[0] + j * frame[2], frame[1] + i * frame[2]
@@ -121,65 +170,29 @@ def fill(edges, discs, solid, frame, headings, outline, box, poses, pivots):
                     m += 1
             if gap < inner - PLAY:
                 continue
+            inland = min(min(box[2] - x, box[3] - y), min(x - box[0], y - box[1])) > reach
+            if inland and n == 0 and m == 0:
+                poses[:, i, j] = True
+                pivots[:, i, j] = True
+                continue
+            for k in range(n):
+                for axis in range(4):
+                    seen[k, axis] = edges[near[k], axis] - (x if axis % 2 == 0 else y)
+            for k in range(m):
+                dx, dy = discs[round_ones[k], 0] - x, discs[round_ones[k], 1] - y
+                around[k, 0], around[k, 1], around[k, 2] = dx, dy, discs[round_ones[k], 2]
             for h in range(count):
-                c, s = math.cos(headings[h]), math.sin(headings[h])
-                free = True
-                for k in range(4):
-                    u, v = (
-                        c * corners[k, 0] - s * corners[k, 1],
-                        s * corners[k, 0] + c * corners[k, 1],
-                    )
-                    if not (box[0] <= x + u <= box[2] and box[1] <= y + v <= box[3]):
-                        free = False
-                for k in near[:n]:
-                    ax, ay, bx, by = (
-                        edges[k, 0] - x,
-                        edges[k, 1] - y,
-                        edges[k, 2] - x,
-                        edges[k, 3] - y,
-                    )
-                    if free and _overlaps(
-                        c * ax + s * ay, c * ay - s * ax, c * bx + s * by, c * by - s * bx,
-                        front, rear, half,
-                    ):  # fmt: skip
-                        free = False
-                for k in round_ones[:m]:
-                    dx, dy = discs[k, 0] - x, discs[k, 1] - y
-                    u, v = c * dx + s * dy, c * dy - s * dx
-                    ux, vy = max(max(u - front, -rear - u), 0.0), max(abs(v) - half, 0.0)
-                    if math.hypot(ux, vy) < discs[k, 2] - PLAY:
-                        free = False
-                poses[h, i, j] = free
+                poses[h, i, j] = _pose_free(
+                    seen[:n], around[:m], headings[h], inland, x, y, outline, corners, box
+                )
             for h in range(pivots.shape[0]):
                 after = (h + 1) % count
                 low, high = headings[h], headings[after] + (2.0 * math.pi if after == 0 else 0.0)
-                free = poses[h, i, j] and poses[after, i, j]
-                for k in range(4):  # the map's border: a corner's farthest points to its sides
-                    cr = math.hypot(corners[k, 0], corners[k, 1])
-                    ca = math.atan2(corners[k, 1], corners[k, 0])
-                    for side in range(4):
-                        room = (box[2] - x, box[3] - y, x - box[0], y - box[1])[side]
-                        if cr > room + PLAY and _between(0.5 * math.pi * side - ca, low, high):
-                            free = False
-                for k in near[:n]:
-                    ax, ay, bx, by = (
-                        edges[k, 0] - x,
-                        edges[k, 1] - y,
-                        edges[k, 2] - x,
-                        edges[k, 3] - y,
-                    )
-                    if free and _pivot_hits(ax, ay, bx, by, low, high, corners):
-                        free = False
-                for k in round_ones[:m]:
-                    dx, dy = discs[k, 0] - x, discs[k, 1] - y
-                    for q in range(4):
-                        cr = math.hypot(corners[q, 0], corners[q, 1])
-                        ca = math.atan2(corners[q, 1], corners[q, 0])
-                        if math.hypot(dx, dy) - cr < discs[k, 2] - PLAY and _between(
-                            math.atan2(dy, dx) - ca, low, high
-                        ):
-                            free = False
-                pivots[h, i, j] = free
+                pivots[h, i, j] = (
+                    poses[h, i, j]
+                    and poses[after, i, j]
+                    and _pivot_free(seen[:n], around[:m], low, high, inland, x, y, corners, box)
+                )
 
 
 @kernel
