@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 TOLERANCE = 1e-6  # m
-FINE_TURN = 0.002  # rad: pieces of a sweep; their hulls err by 1 m x 0.002^2 / 8 = 5e-7 m
+FINE_TURN = 0.002  # rad: pieces of a sweep; a corner's arc bulges 1 m x 0.002^2 / 8 = 5e-7 m
 
 
 def faults(path, solid, bounds, clearance=0.0):
@@ -36,12 +36,38 @@ def faults(path, solid, bounds, clearance=0.0):
     return found
 
 
-def sweep_faults(path, footprint, solid, bounds, margin=0.0):
-    """What is wrong with a path of poses (n, 3) that a footprint drives; empty if it is valid.
+def _swept(footprint, start, turn, chord):
+    """Polygons that cover what a rectangle sweeps on one stretch, to second order in `FINE_TURN`.
 
-    From pose to pose the chair drives and turns at constant rates. Each such stretch is cut into
-    pieces whose turns are so small that the hull of the outline at both ends differs from what is
-    swept by less than the tolerance.
+    The rectangle is cut where it turns about: of each part the hull of two poses is what it sweeps
+    between them but for the bulge of its corners' arcs.
+    """
+    half = 0.5 * turn
+    way = chord * half / np.sin(half) if abs(half) > 1e-9 else chord
+    (x0, y0), (x1, y1) = footprint.min(axis=0), footprint.max(axis=0)
+    xs, ys = [x0, x1], [y0, y1]
+    if abs(turn) > 1e-9:
+        centre = way / turn
+        xs, ys = [x0, 0.0, x1], ([y0, centre, y1] if y0 < centre < y1 else ys)
+    t = np.linspace(0.0, 1.0, int(np.ceil(abs(turn) / FINE_TURN)) + 2)
+    share = np.sin(half * t) / np.sin(half) if abs(half) > 1e-9 else t
+    yaw, along = start[2] + turn * t, start[2] + half * t
+    place = start[:2] + chord * (share * np.stack([np.cos(along), np.sin(along)])).T
+    c, s = np.cos(yaw), np.sin(yaw)
+    frames = np.moveaxis(np.array([(c, s), (-s, c)]), -1, 0)  # (pieces, 2, 2)
+    parts = []
+    for a, b in itertools.pairwise(xs):
+        for d, e in itertools.pairwise(ys):
+            corners = np.array([(a, d), (b, d), (b, e), (a, e)]) @ frames + place[:, None]
+            ends = np.concatenate([corners[:-1], corners[1:]], axis=1)
+            parts.append(shapely.convex_hull(shapely.multipoints(ends)))
+    return np.concatenate(parts)
+
+
+def sweep_faults(path, footprint, solid, bounds, margin=0.0):
+    """What is wrong with a path of poses (n, 3) that a rectangle drives; empty if it is valid.
+
+    From pose to pose the chair drives and turns at constant rates.
 
     Args:
         path: poses [m, m, rad].
@@ -59,33 +85,14 @@ def sweep_faults(path, footprint, solid, bounds, margin=0.0):
     found = [
         f"step {k} slips {aside[k]} m sideways" for k in np.flatnonzero(abs(aside) > TOLERANCE)
     ]
-    poses = [path[:1]]
-    for start, turn, chord in zip(path[:-1], turns, ahead, strict=True):
-        t = np.linspace(0.0, 1.0, int(np.ceil(abs(turn) / FINE_TURN)) + 1)[1:, None]
-        share = np.sin(0.5 * turn * t) / np.sin(0.5 * turn) if abs(turn) > 1e-9 else t
-        yaw = start[2] + turn * t
-        along = start[2] + 0.5 * turn * t
-        poses.append(
-            np.hstack([start[:2] + chord * share * np.hstack([np.cos(along), np.sin(along)]), yaw])
-            if len(t)
-            else start[None] + [[chord * np.cos(start[2]), chord * np.sin(start[2]), 0]]
-        )
-    poses = np.vstack(poses)
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    corners = footprint @ np.moveaxis(np.array([(c, s), (-s, c)]), -1, 0) + poses[:, None, :2]
-    swept = (
-        shapely.convex_hull(
-            shapely.multipoints(np.concatenate([corners[:-1], corners[1:]], axis=1))
-        )
-        if len(poses) > 1
-        else shapely.polygons(corners)
-    )
+    swept = [_swept(footprint, *stretch) for stretch in zip(path[:-1], turns, ahead, strict=True)]
+    swept = np.concatenate(swept) if swept else _swept(footprint, path[0], 0.0, 0.0)
     if not shapely.covers(shapely.box(*bounds).buffer(TOLERANCE - margin), swept).all():
         found.append("the outline leaves the map")
-    gaps = shapely.distance(swept, solid)
+    gap = shapely.distance(swept, solid).min() if not solid.is_empty else np.inf
+    if margin > 0.0 and gap < margin - TOLERANCE:
+        found.append(f"the outline is {gap} m from an obstacle")
     core = shapely.buffer(solid, -TOLERANCE, join_style="mitre")
-    if margin > 0.0 and not solid.is_empty and gaps.min() < margin - TOLERANCE:
-        found.append(f"the outline is {gaps.min()} m from an obstacle")
     if shapely.relate_pattern(swept, core, "T********").any():
         found.append("the outline is inside an obstacle")
     return found
