@@ -26,7 +26,7 @@ from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
 
-STRAIGHT = 1e-9  # rad: a stretch that turns less is straight
+STRAIGHT = 1e-6  # rad: a stretch that turns less counts as straight, and is within 1e-6 of it
 
 
 class Sweeps(NamedTuple):

@@ -46,10 +46,10 @@ class Guide(NamedTuple):
 
 
 @borrowing_kernel
-def paint_gaps(segments: Array, origin: Array, gaps: Field) -> None:
-    """Lower each grid point's distance to what lies nearer than it holds."""
+def _paint(segments: Array, origin: Array, gaps: Field, nearest: NDArray[np.int32]) -> None:
+    """Write the nearest segment, and its distance, where it passes within two grid points."""
     rows, columns = gaps.shape
-    most = gaps[0, 0]
+    most = 2.0 * SPACING
     for k in range(segments.shape[0]):
         ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
         low_i = max(0, math.ceil((min(ay, by) - most - origin[1]) / SPACING))
@@ -60,16 +60,55 @@ def paint_gaps(segments: Array, origin: Array, gaps: Field) -> None:
             for j in range(low_j, high_j + 1):
                 x, y = origin[0] + j * SPACING, origin[1] + i * SPACING
                 gap = np.float32(point_segment_distance(x, y, ax, ay, bx, by))
-                gaps[i, j] = min(gaps[i, j], gap)
+                if gap < gaps[i, j]:
+                    gaps[i, j], nearest[i, j] = gap, k
+
+
+@borrowing_kernel
+def _spread(segments: Array, origin: Array, gaps: Field, nearest: NDArray[np.int32]) -> None:
+    """Hand the nearest segments on from point to point, there and back (Danielsson 1980)."""
+    rows, columns = gaps.shape
+    for turn in range(2):
+        sign = 1 - 2 * turn
+        for m in range(rows):
+            i = m if turn == 0 else rows - 1 - m
+            for again in range(2):
+                for n in range(columns):
+                    j = n if again == 0 else columns - 1 - n
+                    x, y = origin[0] + j * SPACING, origin[1] + i * SPACING
+                    last = -1
+                    for part in range(4):  # beside it, and the three of the row before
+                        r = i if part == 0 else i - sign
+                        c = (j - 1 if again == 0 else j + 1) if part == 0 else j + part - 2
+                        if r < 0 or r >= rows or c < 0 or c >= columns or (again and part > 0):
+                            continue
+                        k = nearest[r, c]
+                        if k < 0 or k == last or k == nearest[i, j]:
+                            continue
+                        last = k
+                        ax, ay, bx, by = (
+                            segments[k, 0],
+                            segments[k, 1],
+                            segments[k, 2],
+                            segments[k, 3],
+                        )
+                        gap = np.float32(point_segment_distance(x, y, ax, ay, bx, by))
+                        if gap < gaps[i, j]:
+                            gaps[i, j], nearest[i, j] = gap, k
 
 
 def gaps_of(space: Space, most: float) -> Field:
-    """Distance (rows, columns) [m] from grid points to what is not free, at most `most`."""
+    """Distance (rows, columns) [m] from grid points to what is not free, at most `most`.
+
+    Where three segments are about as near the one found may not be the nearest, by little.
+    """
     arrays = space.arrays
     low, high = arrays.bounds[:2].copy(), arrays.bounds[2:]
     columns, rows = (int(n) for n in np.ceil(np.maximum(high - low, 0.0) / SPACING) + 1)
     gaps = np.full((rows, columns), most, dtype=np.float32)
-    paint_gaps(arrays.segments, low, gaps)
+    nearest = np.full((rows, columns), -1, dtype=np.int32)
+    _paint(arrays.segments, low, gaps, nearest)
+    _spread(arrays.segments, low, gaps, nearest)
     return gaps
 
 

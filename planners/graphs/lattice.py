@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from planners.exact import clearance
 from planners.footprint import Sweeps, sweep, sweeps
+from planners.graphs.drive import PIECE, Manner
 from planners.graphs.guide import Field, gaps_of, guide_to
 from planners.graphs.lines import gaps_at, lines_of
 from planners.graphs.narrows import narrow_places
@@ -25,9 +26,7 @@ from planners.graphs.states import (
     COUNT,
     EXPANDED,
     GOAL,
-    PIECE,
     Grid,
-    Manner,
     Tree,
     grow,
     traced,
@@ -42,7 +41,7 @@ from wheelchair_gym.kinematics import Limits
 Array = NDArray[np.float64]
 
 CHUNK = 256  # expansions between two looks at the clock
-TOUCH = 1e-6  # m: the outline keeps at least this gap, so that rounding brings it into nothing
+TOUCH = 2e-6  # m: the outline keeps at least this gap, more than rounding and tiny turns are
 NARROW = 0.15  # m beyond the half width on each side: wider places are passed without lines
 YAWS = 360  # headings tried of a goal that has none
 LEAVE = 0.98  # of the gap at a start that is nearer to a wall than the margin, to be kept
@@ -194,7 +193,7 @@ class Lattice:
     ) -> tuple[Status | None, Manner]:
         """Why the outline cannot stand at an end, if so; and the manner, its margin as it can."""
         near, room = ground.near, sweeps(1)
-        if len(near.segments) and clearance(problem.space.arrays, *start[:2]) < manner.margin:
+        if clearance(problem.space.arrays, *start[:2]) < manner.margin:
             return Status.START_OCCUPIED, manner  # of its axle alone
         gap = float(gaps_at(near, manner._replace(margin=TOUCH), start[None], room)[0])
         if gap < TOUCH:

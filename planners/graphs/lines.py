@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.footprint import Sweeps, sweeps
-from planners.graphs.states import Lines, Manner, free_gap, seconds
+from planners.graphs.drive import Manner, free_gap, seconds
+from planners.graphs.states import Lines
 from planners.nearby import Nearby
 from wheelchair_gym.kernel import kernel
 

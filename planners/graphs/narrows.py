@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from planners.graphs.guide import SPACING, Field
 from planners.nearby import CELL, Nearby
+from wheelchair_gym.geometry import point_segment_distance
 from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
@@ -36,21 +37,45 @@ def _nearest_side(
     cell = int((y - near.origin[1]) / CELL) * near.columns + int((x - near.origin[0]) / CELL)
     best, bx, by = most, x, y
     for m in range(near.first[cell], near.first[cell + 1]):
-        k = near.members[m]
-        px, py = near.segments[k, 0] - x, near.segments[k, 1] - y
-        ex, ey = near.segments[k, 2] - x - px, near.segments[k, 3] - y - py
-        square = ex * ex + ey * ey
-        t = min(1.0, max(0.0, -(px * ex + py * ey) / square)) if square > 0.0 else 0.0
-        dx, dy = px + t * ex, py + t * ey
-        far = math.hypot(dx, dy)
-        if far < best and dx * ux + dy * uy <= OPPOSITE * far * math.hypot(ux, uy):
-            best, bx, by = far, x + dx, y + dy
+        run = near.members[m]
+        spine = near.spines[run]
+        far = point_segment_distance(x, y, spine[0], spine[1], spine[2], spine[3])
+        if far - spine[4] >= best:
+            continue
+        for k in range(near.runs[run], near.runs[run + 1]):
+            px, py = near.segments[k, 0] - x, near.segments[k, 1] - y
+            ex, ey = near.segments[k, 2] - x - px, near.segments[k, 3] - y - py
+            square = ex * ex + ey * ey
+            t = min(1.0, max(0.0, -(px * ex + py * ey) / square)) if square > 0.0 else 0.0
+            dx, dy = px + t * ex, py + t * ey
+            far = math.hypot(dx, dy)
+            if far < best and dx * ux + dy * uy <= OPPOSITE * far * math.hypot(ux, uy):
+                best, bx, by = far, x + dx, y + dy
     return bx, by, best
 
 
+@borrowing_kernel
+def _known(places: Array, count: int, x: float, y: float, yaw: float) -> bool:
+    """Whether a place is in line with one of the first places, and near to it."""
+    for k in range(count):
+        dx, dy = places[k, 0] - x, places[k, 1] - y
+        aside = abs(math.cos(yaw) * dy - math.sin(yaw) * dx)
+        askew = abs(math.sin(places[k, 2] - yaw))
+        if aside < 0.2 * SPACING and askew < ALIGNED and math.hypot(dx, dy) < APART:
+            return True
+    return False
+
+
 @kernel
-def _saddles(near: Nearby, gaps: Field, least: float, most: float) -> Array:
-    """Middles and directions (n, 3) of the gaps whose half width lies between two lengths."""
+def narrow_places(near: Nearby, gaps: Field, least: float, most: float) -> Array:
+    """Middles and directions through them (n, 3) [m, m, rad] of narrow places.
+
+    Args:
+        near: what lies where, up to twice `most`.
+        gaps: distances at the points of a grid.
+        least: half widths [m] of a gap, from...
+        most: ... to.
+    """
     rows, columns = gaps.shape
     found = np.empty((gaps.size, 3))
     n = 0
@@ -77,33 +102,9 @@ def _saddles(near: Nearby, gaps: Field, least: float, most: float) -> Array:
                 x, y = mx, my
                 half = 0.5 * math.hypot(bx - ax, by - ay)
                 if moved < SETTLED or first <= 0.0:
-                    if least <= half <= most:
-                        found[n] = x, y, math.atan2(bx - ax, ay - by)
+                    yaw = math.atan2(bx - ax, ay - by) % math.pi
+                    if least <= half <= most and not _known(found, n, x, y, yaw):
+                        found[n, 0], found[n, 1], found[n, 2] = x, y, yaw
                         n += 1
                     break
     return found[:n].copy()
-
-
-def narrow_places(near: Nearby, gaps: Field, least: float, most: float) -> Array:
-    """Middles and directions through them (n, 3) [m, m, rad], in [0, pi).
-
-    Args:
-        near: what lies where, up to twice `most`.
-        gaps: distances at the points of a grid.
-        least: half widths [m] of a gap, from...
-        most: ... to.
-    """
-    kept: list[Array] = []
-    for x, y, yaw in _saddles(near, gaps, least, most):
-        yaw %= math.pi
-        place = np.array([x, y, yaw])
-        if kept:
-            others = np.array(kept)
-            turns = np.abs(np.sin(others[:, 2] - yaw))
-            dx, dy = others[:, 0] - x, others[:, 1] - y
-            aside = np.abs(-math.sin(yaw) * dx + math.cos(yaw) * dy)
-            in_line = (turns < ALIGNED) & (aside < 0.2 * SPACING)
-            if (in_line & (np.hypot(dx, dy) < APART)).any():
-                continue
-        kept.append(place)
-    return np.array(kept).reshape(-1, 3)

@@ -2,8 +2,7 @@
 
 States share a cell of position and heading but keep their own continuous pose (hybrid A*: Dolgov
 et al. 2010). Some poses, the anchors, are reached exactly: the goal, and those in line with narrow
-places. To them lead pivot, straight and pivot, or two arcs that meet in one direction (Bolton
-1975, Biarc curves).
+places.
 """
 
 from __future__ import annotations
@@ -14,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.footprint import Sweeps, stretch_gap, sweep
+from planners.footprint import Sweeps, stretch_gap
+from planners.graphs.drive import Manner, connect, kind_of, priced, seconds
 from planners.graphs.guide import Guide, seconds_left, turn_left
 from planners.graphs.heap import pop, push
 from planners.nearby import Nearby, seen_from
@@ -25,26 +25,9 @@ from wheelchair_gym.kinematics import arc_step
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
-PIECE = 0.3  # m: longer stretches are looked at in pieces, each from its own beginning
 AT_GOAL = -2  # the anchor of a node at the goal
 ON_THE_WAY = 0.4  # rad: less is turned in passing
-STILL = 1e-9  # m, rad: less is no motion
 COUNT, SIZE, EXPANDED, GOAL = range(4)  # of `Tree.state`
-
-
-class Manner(NamedTuple):
-    """How the chair drives, and what it likes."""
-
-    outline: Array  # (3,) m: front, rear, half width
-    margin: float  # m: least gap
-    wish: float  # m: gap beyond which more is worth nothing
-    dear: float  # how many times dearer a move is at no gap
-    forward: float  # m/s
-    backward: float  # m/s that a way back is counted at
-    turn: float  # rad/s
-    lateral: float  # m/s2
-    switch: float  # s: to stop, and to start in another way
-    steer: float  # s per 1/m of a change of curvature
 
 
 class Lines(NamedTuple):
@@ -91,146 +74,6 @@ class Tree(NamedTuple):
 
 
 @borrowing_kernel
-def seconds(manner: Manner, way: float, turn: float) -> float:
-    """Time [s] that a stretch takes at the speed it allows."""
-    if abs(way) < STILL:
-        return abs(turn) / manner.turn
-    bend = abs(turn / way)
-    speed = manner.forward if way > 0.0 else manner.backward
-    if bend > 0.0:
-        speed = min(speed, min(manner.turn / bend, math.sqrt(manner.lateral / bend)))
-    return abs(way) / speed
-
-
-@borrowing_kernel
-def _kind(way: float, turn: float) -> int:
-    """1: ahead, -1: back, 2: a pivot, 0: none."""
-    if abs(way) < STILL:
-        return 2 if abs(turn) > STILL else 0
-    return 1 if way > 0.0 else -1
-
-
-@borrowing_kernel
-def _priced(manner: Manner, way: float, turn: float, gap: float) -> float:
-    short = (manner.wish - gap) / manner.wish
-    return seconds(manner, way, turn) * (1.0 + manner.dear * short * short)
-
-
-@borrowing_kernel
-def free_gap(
-    near: Nearby, manner: Manner, x: float, y: float, yaw: float, way: float, turn: float,
-    room: Sweeps, seen: Array,
-) -> float:  # fmt: skip
-    """Least gap [m] of a stretch of any length, at most the wish; below the margin any."""
-    pieces = max(1, math.ceil(abs(way) / PIECE))
-    gap = manner.wish
-    part, bend = way / pieces, turn / pieces
-    sweep(room, 0, part, bend, manner.outline)
-    for k in range(pieces):
-        ax, ay, ayaw = arc_step(x, y, yaw, way, turn, k / pieces)
-        if not (near.box[0] <= ax <= near.box[2] and near.box[1] <= ay <= near.box[3]):
-            return 0.0
-        count = seen_from(near, ax, ay, ayaw, room.box[0], gap, seen)
-        gap = stretch_gap(room, 0, manner.outline, seen, count, gap, manner.margin)
-        if gap < manner.margin:
-            break
-    return gap
-
-
-@borrowing_kernel
-def connect(
-    near: Nearby, manner: Manner, x: float, y: float, yaw: float, kind: int,
-    tx: float, ty: float, tyaw: float, budget: float, room: Sweeps, seen: Array, out: Array,
-) -> float:  # fmt: skip
-    """The cheapest of a few ways to a target pose; its heading is free if it is NaN.
-
-    Writes ways and turns (3, 2) to `out`.
-
-    Returns:
-        The cost [s], infinite where no way is free or below the budget.
-    """
-    dx, dy = tx - x, ty - y
-    far, towards = math.hypot(dx, dy), wrap(math.atan2(dy, dx) - yaw)
-    best = budget
-    found = False
-    for option in range(4):
-        back = option % 2 == 1
-        sign = -1.0 if back else 1.0
-        a, b = 0.0, 0.0  # ways
-        s, t, u = 0.0, 0.0, 0.0  # turns
-        aim = wrap(towards + math.pi) if back else towards
-        if option < 2:
-            if far <= STILL:
-                continue
-            if math.isnan(tyaw):  # one arc
-                if abs(aim) > 0.5 * math.pi:
-                    continue
-                half = aim
-                a = sign * far * (half / math.sin(half) if abs(half) > STILL else 1.0)
-                s = 2.0 * half
-            else:  # two arcs
-                c0, s0 = math.cos(yaw), math.sin(yaw)
-                c1, s1 = math.cos(tyaw), math.sin(tyaw)
-                vt = dx * (c0 + c1) + dy * (s0 + s1)
-                less = 2.0 - 2.0 * (c0 * c1 + s0 * s1)  # 4 - |t0 + t1|^2
-                square = dx * dx + dy * dy
-                if less > 1e-9:
-                    root = math.sqrt(vt * vt + less * square)
-                    d = (-vt + sign * root) / less
-                elif sign * vt > 1e-9:
-                    d = 0.5 * square / vt
-                else:
-                    continue
-                if sign * d < STILL:
-                    continue
-                mx, my = 0.5 * (dx + d * (c0 - c1)), 0.5 * (dy + d * (s0 - s1))
-                first = math.hypot(mx, my)
-                half = wrap(math.atan2(my, mx) - yaw + (math.pi if back else 0.0))
-                middle = yaw + 2.0 * half
-                last = math.hypot(dx - mx, dy - my)
-                other = wrap(math.atan2(dy - my, dx - mx) - middle + (math.pi if back else 0.0))
-                if abs(half) > 0.5 * math.pi or abs(other) > 0.5 * math.pi:
-                    continue
-                a = sign * first * (half / math.sin(half) if abs(half) > STILL else 1.0)
-                b = sign * last * (other / math.sin(other) if abs(other) > STILL else 1.0)
-                s, t = 2.0 * half, 2.0 * other
-        else:  # pivot, straight, pivot
-            if far > STILL:
-                s, b = aim, sign * far
-            u = 0.0 if math.isnan(tyaw) else wrap(tyaw - yaw - s)
-        cost = 0.0
-        before = kind
-        for part in range(3):
-            way, turn = (a, b, 0.0)[part], (s, t, u)[part]
-            now = _kind(way, turn)
-            if now != 0:
-                cost += seconds(manner, way, turn)
-                if before != 0 and before != now:
-                    cost += manner.switch
-                before = now
-        if cost >= best:
-            continue
-        px, py, pyaw = x, y, yaw
-        for part in range(3):
-            way, turn = (a, b, 0.0)[part], (s, t, u)[part]
-            if _kind(way, turn) == 0:
-                continue
-            gap = free_gap(near, manner, px, py, pyaw, way, turn, room, seen)
-            if gap < manner.margin:
-                cost = math.inf
-                break
-            cost += _priced(manner, way, turn, gap) - seconds(manner, way, turn)
-            if cost >= best:
-                break
-            px, py, pyaw = arc_step(px, py, pyaw, way, turn, 1.0)
-        if cost < best:
-            best, found = cost, True
-            out[0, 0], out[1, 0], out[2, 0] = a, b, 0.0
-            out[0, 1], out[1, 1], out[2, 1] = s, t, u
-    return best if found else math.inf
-
-
-@borrowing_kernel
 def _add(tree: Tree, node: int, way: float, turn: float, cost: float, anchor: int) -> int:
     """Make a node at the end of a stretch."""
     new = tree.state[COUNT]
@@ -265,7 +108,7 @@ def _join(
 ) -> None:  # fmt: skip
     """Lead from a node to every anchor in its reach that it reaches at less than any other."""
     x, y, yaw = tree.pose[node, 0], tree.pose[node, 1], tree.pose[node, 2]
-    kind = _kind(tree.way[node], tree.turn[node])
+    kind = kind_of(tree.way[node], tree.turn[node])
     many, here = lines.poses.shape[0], _time_left(guide, grid, x, y, yaw)
     for a in range(many + 1):
         free_heading = a == many
@@ -308,7 +151,7 @@ def _join(
         tree.best_anchor[entry] = cost
         last = node
         for part in range(3):
-            if _kind(out[part, 0], out[part, 1]) != 0:
+            if kind_of(out[part, 0], out[part, 1]) != 0:
                 last = _add(tree, last, out[part, 0], out[part, 1], cost, -1)
         if last == node:  # it stands there
             last = _add(tree, node, 0.0, 0.0, cost, -1)
@@ -356,12 +199,12 @@ def grow(
                 continue
         tree.state[EXPANDED] += 1
         _join(near, manner, guide, lines, grid, goal, tree, node, room, seen, out)
-        kind = _kind(tree.way[node], tree.turn[node])
+        kind = kind_of(tree.way[node], tree.turn[node])
         bend = tree.turn[node] / tree.way[node] if abs(kind) == 1 else 0.0
         count = seen_from(near, x, y, yaw, grid.hull, manner.wish, seen)
         for m in range(grid.moves.way.shape[0]):
             way, turn = grid.moves.way[m], grid.moves.turn[m]
-            now = _kind(way, turn)
+            now = kind_of(way, turn)
             cost = tree.cost[node] + seconds(manner, way, turn)
             if kind != 0 and kind != now:
                 cost += manner.switch
@@ -388,7 +231,7 @@ def grow(
             )
             if gap < manner.margin:
                 continue
-            cost += _priced(manner, way, turn, gap) - seconds(manner, way, turn)
+            cost += priced(manner, way, turn, gap) - seconds(manner, way, turn)
             if onto >= 0:
                 if cost >= tree.best_anchor[entry]:
                     continue
