@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from planners.graphs.a_star import AStar
+from planners.graphs.disc_then_lattice import DiscThenLattice
 from planners.graphs.lattice import Lattice
 from planners.graphs.visibility import Visibility
 from planners.space import Space
@@ -21,6 +22,7 @@ __all__ = ["PLANNERS", "Plan", "Planner", "Problem", "Space", "Status", "make_pl
 
 PLANNERS: Final[dict[str, type]] = {
     "a_star": AStar,
+    "disc_then_lattice": DiscThenLattice,
     "lattice": Lattice,
     "rrt": Rrt,
     "rrt_connect": RrtConnect,

@@ -46,14 +46,11 @@ def faults(answer, problem, footprint, margin=0.0):
     return sweep_faults(answer.path, footprint.corners, space.solid, space.bounds, margin)
 
 
-def of_case(name):
-    case = CASES[name]
-    planner = make_planner({"name": "lattice", "footprint": dump(case.footprint)})
-    return planner.plan(case.problem, np.random.default_rng(0)), case
-
-
-def check_case(name):
-    answer, (problem, footprint, verdict) = of_case(name)
+def check_case(name, planner):
+    problem, footprint, verdict = CASES[name]
+    own = {"footprint": dump(footprint)}
+    spec = {"name": planner} | (own if planner == "lattice" else {"lattice": own})
+    answer = make_planner(spec).plan(problem, np.random.default_rng(0))
     if not verdict.feasible:
         assert answer.status in {Status.EXHAUSTED, Status.SOLVED}
         assert answer.status is Status.EXHAUSTED or verdict.feasible is None
@@ -67,15 +64,28 @@ def check_case(name):
     assert verdict.lower <= answer.length <= FACTOR * verdict.upper
 
 
+@pytest.mark.parametrize("planner", ["disc_then_lattice", "lattice"])
 @pytest.mark.parametrize("name", QUICK)
-def test_problems_are_solved_within_the_oracles_bounds(name):
-    check_case(name)
+def test_problems_are_solved_within_the_oracles_bounds(name, planner):
+    check_case(name, planner)
+
+
+def test_the_lattice_is_asked_where_it_is_tight():
+    planner = make_planner("disc_then_lattice")
+    tight = {}
+    for door in (DOOR, 1.8):
+        _, problem = plan((0.6, 0.6, 0.0), (5.0, 4.0, 2.0), 0.36, door)
+        answer = planner.plan(problem, np.random.default_rng(0))
+        assert answer.status is Status.SOLVED
+        assert not faults(answer, problem, Footprint(), 0.36 - 0.31)
+        tight[door] = answer.counters["tight"]
+    assert tight == {DOOR: 1, 1.8: 0}
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", sorted(HARD))
 def test_hard_problems_are_solved_within_the_oracles_bounds(name):
-    check_case(name)
+    check_case(name, "lattice")
 
 
 @pytest.mark.parametrize(
