@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from planners.geometric import Geometric
 from planners.graphs.cell_decomposition import CellDecomposition
+from planners.graphs.disc_then_lattice import DiscThenLattice
 from planners.graphs.grid import AStar, Bfs, Dfs, Dijkstra, ThetaStar
 from planners.graphs.lattice import Lattice
 from planners.graphs.prm import Prm
@@ -49,6 +50,7 @@ PLANNERS: Final[dict[str, type]] = {
     "cell_decomposition": CellDecomposition,
     "dfs": Dfs,
     "dijkstra": Dijkstra,
+    "disc_then_lattice": DiscThenLattice,
     "geometric": Geometric,
     "informed_rrt_star": InformedRrtStar,
     "lattice": Lattice,

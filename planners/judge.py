@@ -10,11 +10,14 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from planners.types import Problem
 
+Array = NDArray[np.float64]
+
 TOLERANCE = 1e-6  # m
+FINE_TURN = 0.002  # rad: pieces of a sweep; a corner's arc bulges 1 m x 0.002^2 / 8 = 5e-7 m
 
 
 class Judge:
@@ -86,3 +89,67 @@ class Judge:
 def faults(path: ArrayLike, solid: Any, bounds: ArrayLike, clearance: float = 0.0) -> list[str]:
     """What is wrong with one path (n, 2), as text; see `Judge`."""
     return Judge(solid, bounds, clearance).faults(path)
+
+
+def _swept(footprint: Array, start: Array, turn: float, chord: float) -> NDArray[Any]:
+    """Polygons that cover what a rectangle sweeps on one stretch, to second order in `FINE_TURN`.
+
+    The rectangle is cut where it turns about: of each part the hull of two poses is what it sweeps
+    between them but for the bulge of its corners' arcs.
+    """
+    half = 0.5 * turn
+    way = chord * half / np.sin(half) if abs(half) > 1e-9 else chord
+    (x0, y0), (x1, y1) = footprint.min(axis=0), footprint.max(axis=0)
+    xs, ys = [x0, x1], [y0, y1]
+    if abs(turn) > 1e-9:
+        centre = way / turn
+        xs, ys = [x0, 0.0, x1], ([y0, centre, y1] if y0 < centre < y1 else ys)
+    t = np.linspace(0.0, 1.0, int(np.ceil(abs(turn) / FINE_TURN)) + 2)
+    share = np.sin(half * t) / np.sin(half) if abs(half) > 1e-9 else t
+    yaw, along = start[2] + turn * t, start[2] + half * t
+    place = start[:2] + chord * (share * np.stack([np.cos(along), np.sin(along)])).T
+    c, s = np.cos(yaw), np.sin(yaw)
+    frames = np.moveaxis(np.array([(c, s), (-s, c)]), -1, 0)  # (pieces, 2, 2)
+    parts = []
+    for a, b in itertools.pairwise(xs):
+        for d, e in itertools.pairwise(ys):
+            corners = np.array([(a, d), (b, d), (b, e), (a, e)]) @ frames + place[:, None]
+            ends = np.concatenate([corners[:-1], corners[1:]], axis=1)
+            parts.append(shapely.convex_hull(shapely.multipoints(ends)))
+    return np.concatenate(parts)
+
+
+def sweep_faults(
+    path: ArrayLike, footprint: Array, solid: Any, bounds: ArrayLike, margin: float = 0.0
+) -> list[str]:
+    """What is wrong with a path of poses (n, 3) that a rectangle drives; empty if it is valid.
+
+    From pose to pose the chair drives and turns at constant rates.
+
+    Args:
+        path: poses [m, m, rad].
+        footprint: corners (4, 2) [m] in the chair's frame.
+        solid: shapely geometry of all obstacles.
+        bounds: xmin, ymin, xmax, ymax [m].
+        margin: distance [m] that the outline keeps from obstacles and from the border.
+    """
+    poses = np.asarray(path, dtype=np.float64)
+    turns = np.remainder(np.diff(poses[:, 2]) + np.pi, 2 * np.pi) - np.pi
+    steps = np.diff(poses[:, :2], axis=0)
+    middle = poses[:-1, 2] + 0.5 * turns
+    ahead = np.cos(middle) * steps[:, 0] + np.sin(middle) * steps[:, 1]
+    aside = np.cos(middle) * steps[:, 1] - np.sin(middle) * steps[:, 0]
+    found = [
+        f"step {k} slips {aside[k]} m sideways" for k in np.flatnonzero(abs(aside) > TOLERANCE)
+    ]
+    pieces = [_swept(footprint, *stretch) for stretch in zip(poses[:-1], turns, ahead, strict=True)]
+    swept = np.concatenate(pieces) if pieces else _swept(footprint, poses[0], 0.0, 0.0)
+    if not shapely.covers(shapely.box(*np.asarray(bounds)).buffer(TOLERANCE - margin), swept).all():
+        found.append("the outline leaves the map")
+    gap = shapely.distance(swept, solid).min() if not solid.is_empty else np.inf
+    if margin > 0.0 and gap < margin - TOLERANCE:
+        found.append(f"the outline is {gap} m from an obstacle")
+    core = shapely.buffer(solid, -TOLERANCE, join_style="mitre")
+    if shapely.relate_pattern(swept, core, "T********").any():
+        found.append("the outline is inside an obstacle")
+    return found

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.judge import Judge, faults
+from planners.judge import Judge, faults, sweep_faults
+from wheelchair_gym.geometry import Footprint
 
 BLOCK = shapely.box(4, 4, 6, 6)
 BOUNDS = (0, 0, 10, 10)
@@ -35,3 +36,24 @@ def test_judge_looks_at_both_ends():
     (fault,) = judge.faults(path, start=(1, 1.1))
     assert fault.startswith("its start is 0.1")
     assert len(judge.faults(path, start=(1, 1), goal=(9, 2))) == 1
+
+
+CHAIR = Footprint()
+TURN = CHAIR.reach  # m: a front corner's way from the axle
+
+
+@pytest.mark.parametrize(
+    ("path", "block", "valid"),
+    [
+        ([(0, 0, 0), (3, 0, 0)], (1, 0.311, 2, 1), True),  # past, 1 mm beside
+        ([(0, 0, 0), (3, 0, 0)], (1, 0.309, 2, 1), False),
+        ([(0, 0, 0), (0, 0, 1.5)], (TURN + 0.001, -1, 3, 1), True),  # outside the corner's circle
+        ([(0, 0, 0), (0, 0, -1.5)], (-0.1, -3, 0.1, -TURN + 0.001), False),  # just inside
+        ([(0, 0, 0), (0, 0, 0.01)], (-0.01, 0.31 + 2e-4, 0.01, 1), True),  # where it turns about
+        ([(0, 0, 0), (0, 0.1, 0)], (5, 5, 6, 6), False),  # sideways
+        ([(0, 0, 0), (9.5, 0, 0)], (5, 5, 6, 6), False),  # out of the map
+    ],
+)
+def test_judge_knows_what_an_outline_sweeps(path, block, valid):
+    found = sweep_faults(path, CHAIR.corners, shapely.box(*block), (-10, -10, 10, 10))
+    assert (not found) == valid

@@ -1,0 +1,172 @@
+"""Problems for a chair's outline, each with the oracle's verdict.
+
+`python -m tests.planners.footprints` judges them anew and prints the content of `footprint.json`.
+Starts and goals lie on the oracle's grid, and so do the middles of doors and corridors.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from planners import Problem, Space
+from tests.planners.oracle import Oracle, Verdict
+from tests.planners.pose_grid import LONGEST, STEP, WIDEST
+from wheelchair_gym.config import dump, load
+from wheelchair_gym.geometry import Footprint, polygon_edges
+
+FILE = Path(__file__).with_name("footprint.json")
+MARGINS = (0.02, 0.05, 0.10, 0.20)  # m beyond the chair's width
+WIDTH = 2.0 * Footprint().half_width  # m
+UP, DOWN, LEFT = math.pi / 2, -math.pi / 2, math.pi
+MIDWHEEL = Footprint(front=0.45, rear=0.45, half_width=0.29)  # turns about its middle
+
+
+class Case(NamedTuple):
+    """A problem for a footprint, and what the oracle says of it."""
+
+    problem: Problem
+    footprint: Footprint
+    verdict: Verdict
+
+
+def _outside(rooms, size):
+    """Everything but some rectangular rooms, as rectangles."""
+    xs = sorted({0.0, size[0], *(v for room in rooms for v in room[::2])})
+    rects = []
+    for x0, x1 in itertools.pairwise(xs):
+        y = 0.0
+        over = sorted((r[1], r[3]) for r in rooms if r[0] <= x0 and r[2] >= x1)
+        for low, high in [*over, (size[1], size[1])]:
+            if low > y + 1e-9:
+                rects.append((x0, round(y, 6), x1, low))
+            y = max(y, high)
+    return rects
+
+
+def drawn():
+    """(name, size, rectangles, start, goal, footprint) of every problem."""
+    chair, cases = Footprint(), []
+    for margin in MARGINS:
+        cm, half = round(100 * margin), round((WIDTH + margin) / 2, 6)
+        walls = [(0.0, 1.2, 3.0 - half, 1.32), (3.0 + half, 1.2, 6.0, 1.32)]
+        ends = (0.6, 0.6, 0.0), (3.0, 3.6)
+        cases.append((f"side_door_{cm}", (6.0, 4.8), walls, *ends, chair))
+        walls = [(3.0, 0.0, 3.12, 1.8 - half), (3.0, 1.8 + half, 3.12, 3.6)]
+        ends = (1.2, 0.9, UP), (4.8, 2.7)
+        cases.append((f"door_ahead_{cm}", (6.0, 3.6), walls, *ends, chair))
+        walls = [(2.0, 0.0, 5.0, 1.5 - half), (2.0, 1.5 + half, 5.0, 3.0)]
+        ends = (0.9, 0.9, LEFT), (6.0, 1.8, 0.0)
+        cases.append((f"corridor_{cm}", (7.0, 3.0), walls, *ends, chair))
+    for width in (0.66, 0.84, 0.96, 1.2):
+        size, half = (3.9, 3.9), width / 2
+        rooms = [(0.0, 0.9 - half, 3.0 + half, 0.9 + half), (3.0 - half, 0.9, 3.0 + half, 3.9)]
+        ends = (0.6, 0.9, 0.0), (3.0, 3.0)
+        cases.append((f"l_turn_{round(100 * width)}", size, _outside(rooms, size), *ends, chair))
+    for width in (0.78, 0.9):
+        size, half = (6.0, 3.6), width / 2
+        rooms = [(0.0, 0.0, 6.0, 1.2), (3.0 - half, 1.2, 3.0 + half, 3.6)]
+        ends = (0.9, 0.6, 0.0), (3.0, 2.7)
+        cases.append((f"t_turn_{round(100 * width)}", size, _outside(rooms, size), *ends, chair))
+    size = (5.4, 3.0)
+    rooms = [(0.0, 0.0, 2.4, 3.0), (2.4, 1.11, 5.4, 1.89)]
+    inside, outside = (4.5, 1.5, 0.0), (0.9, 0.6)
+    cases.append(("dead_end", size, _outside(rooms, size), inside, outside, chair))
+    cases.append(
+        (
+            "dead_end_in_backwards",
+            size,
+            _outside(rooms, size),
+            (0.9, 0.6, 0.0),
+            (4.5, 1.5, LEFT),
+            chair,
+        )
+    )
+    desk = [(0.9, 2.7, 1.5, 3.6), (2.22, 2.7, 2.7, 3.6), (1.5, 3.2, 2.22, 3.6)]
+    cases.append(("desk", (3.6, 3.6), desk, (0.9, 0.9, 0.0), (1.86, 2.4, UP), chair))
+    bed = [(1.2, 1.5, 2.1, 3.6), (2.91, 2.4, 3.6, 3.6)]
+    cases.append(("beside_bed", (3.6, 3.6), bed, (0.6, 0.9, 0.0), (2.49, 2.4, UP), chair))
+    cases.append(
+        ("beside_bed_backwards", (3.6, 3.6), bed, (0.6, 0.9, 0.0), (2.49, 2.7, DOWN), chair)
+    )
+    size = (4.8, 2.1)
+    rooms = [(0.0, 0.0, 4.8, 1.2), (1.5, 1.2, 3.3, 2.1)]
+    cases.append(
+        ("parallel", size, _outside(rooms, size), (0.6, 0.6, 0.0), (2.1, 1.62, 0.0), chair)
+    )
+    size = (5.4, 2.4)
+    rooms = [(0.0, 0.0, 5.4, 0.9), (2.1, 0.9, 3.0, 2.4)]
+    cases.append(
+        (
+            "three_point_turn",
+            size,
+            _outside(rooms, size),
+            (0.6, 0.45, 0.0),
+            (0.9, 0.45, LEFT),
+            chair,
+        )
+    )
+    half = 0.3
+    walls = [(0.0, 1.2, 3.0 - half, 1.32), (3.0 + half, 1.2, 6.0, 1.32)]
+    ends = (0.6, 0.6, 0.0), (3.0, 3.6)
+    cases.append(("midwheel_side_door", (6.0, 4.8), walls, *ends, MIDWHEEL))
+    half = 0.25
+    walls = [(0.0, 1.2, 3.0 - half, 1.32), (3.0 + half, 1.2, 6.0, 1.32)]
+    cases.append(("no_door", (6.0, 4.8), walls, *ends, chair))
+    return cases
+
+
+def judged(size, rects, start, goal, footprint):
+    """The oracle's verdict."""
+    corners = [[(a, b), (c, b), (c, d), (a, d)] for a, b, c, d in rects]
+    solid = shapely.union_all([shapely.polygons(c) for c in corners])
+    edges = np.vstack([polygon_edges(c) for c in corners])
+    return Oracle(edges, [], solid, (0.0, 0.0, *size), footprint, start).judge(start, goal)
+
+
+def read():
+    """The cases of the file."""
+    cases = []
+    for item in json.loads(FILE.read_text())["problems"]:
+        bounds = (0.0, 0.0, *item["size"])
+        footprint = load(Footprint, item["footprint"], item["name"])
+        space = Space.from_rectangles(item["rects"], bounds)
+        problem = Problem(space, np.array(item["start"]), np.array(item["goal"]), name=item["name"])
+        lower, upper = (math.inf if v is None else v for v in (item["lower"], item["upper"]))
+        cases.append(Case(problem, footprint, Verdict(item["feasible"], lower, upper)))
+    return cases
+
+
+def main():
+    """Judge every problem and print the file."""
+    problems = []
+    for name, size, rects, start, goal, footprint in drawn():
+        verdict = judged(size, rects, start, goal, footprint)
+        bounds = {k: None if math.isinf(v) else round(v, 4)
+                  for k, v in dataclasses.asdict(verdict).items() if k != "feasible"}  # fmt: skip
+        problems.append(
+            {"name": name, "size": size, "rects": rects, "start": start, "goal": goal,
+             "footprint": dump(footprint), "feasible": verdict.feasible, **bounds}
+        )  # fmt: skip
+    provenance = {
+        "command": "python -m tests.planners.footprints > tests/planners/footprint.json",
+        "units": "m, rad; footprint: front, rear of and half width beside the drive axle's centre",
+        "oracle": {"step_m": STEP, "headings_apart_deg": math.degrees(WIDEST),
+                   "longest_step": LONGEST},
+        "feasible": "true: a way is known; false: proven that there is none; null: neither",
+        "lower": "m: no way of the axle's centre is shorter (disc within the outline)",
+        "upper": "m: a way of this length is known: straight on the grid's headings, and pivots",
+    }  # fmt: skip
+    lines = ",\n".join("  " + json.dumps(p) for p in problems)
+    print(f'{{"provenance": {json.dumps(provenance, indent=1)},\n "problems": [\n{lines}\n]}}')
+
+
+if __name__ == "__main__":
+    main()

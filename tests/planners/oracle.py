@@ -1,0 +1,143 @@
+"""An exhaustive oracle for a rectangular chair, independent of the planners' code.
+
+Every position of a 3 cm grid, every one of some 100 headings, at most 4 deg apart. Headings are
+those of whole steps on the grid, so a chair that drives straight goes from grid point to grid point
+exactly; between headings it pivots. Both are tested with the exact swept rectangle against
+polygons' edges and discs: a straight way of less than the chair's length sweeps what the chair
+covers at its two ends, and a pivot sweeps the corners' arcs.
+
+What the answers mean:
+- A way that is found can be driven: it proves that there is a way, and its length (translation of
+  the axle's centre, pivots free) bounds the shortest way's length from above.
+- Without one, the chair made smaller by how far any of its points lies from where it is at the
+  nearest grid pose moves over the grid in any direction, sideways too. If even that has no way,
+  there is none; else the grid is too coarse to tell.
+- The shortest way of the disc round the axle that fits into the chair bounds the length from below.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from tests.planners.pose_grid import STEP, fill, flood, grid_headings, shortest
+from wheelchair_gym.geometry import Footprint
+
+CHAIR = Footprint()
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the oracle says of one problem."""
+
+    feasible: bool | None  # None: the grid is too coarse to tell
+    lower: float  # m: no way is shorter
+    upper: float  # m: a way of this length is known
+
+
+class Oracle:
+    """A map of edges (n, 4) and discs (m, 3) [m] for a footprint, on a grid through an anchor."""
+
+    def __init__(self, edges, discs, solid, bounds, footprint=CHAIR, anchor=(0.0, 0.0)):
+        """Take the map; `solid` is the geometry of all that is solid, for what lies inside it."""
+        self.edges = np.asarray(edges, dtype=float).reshape(-1, 4)
+        self.discs = np.asarray(discs, dtype=float).reshape(-1, 3)
+        self.solid, self.bounds, self.footprint = solid, np.array(bounds, dtype=float), footprint
+        self.steps, self.headings = grid_headings()
+        lag = np.asarray(anchor[:2]) - self.bounds[:2]
+        self.frame = np.array([*(self.bounds[:2] + lag % STEP), STEP])
+        size = np.floor((self.bounds[2:] - self.frame[:2]) / STEP).astype(int) + 1
+        self.shape = (len(self.headings), size[1], size[0])
+
+    def _marked(self, outline, pivots):
+        x = self.frame[0] + STEP * np.arange(self.shape[2])
+        y = self.frame[1] + STEP * np.arange(self.shape[1])
+        inside = shapely.contains_xy(self.solid, *np.meshgrid(x, y))
+        poses = np.zeros(self.shape, bool)
+        turns = np.zeros(self.shape if pivots else (0, 0, 0), bool)
+        fill(self.edges, self.discs, inside, self.frame, self.headings, np.array(outline),
+              self.bounds, poses, turns)  # fmt: skip
+        return poses, turns
+
+    @cached_property
+    def free(self):
+        """Free poses, and free pivots to the next heading, (headings, rows, columns) each."""
+        return self._marked(self.footprint.array, True)
+
+    @cached_property
+    def regions(self):
+        """Numbers of the regions that a chair can drive through, 0 where not free."""
+        labels = np.zeros(self.shape, np.int32)
+        flood(*self.free, self.steps, False, labels)
+        return labels
+
+    @cached_property
+    def relaxed(self):
+        """Numbers of the regions for a smaller chair that moves in any direction."""
+        gaps = np.diff(np.append(self.headings, self.headings[0] + 2 * math.pi))
+        less = STEP / math.sqrt(2.0) + 2.0 * self.footprint.reach * math.sin(0.25 * gaps.max())
+        poses, _ = self._marked(self.footprint.array - less, False)
+        labels = np.zeros(self.shape, np.int32)
+        flood(poses, poses, self.steps, True, labels)
+        return labels
+
+    def cell(self, point):
+        """(row, column) of the grid point nearest to a point."""
+        return tuple(np.round((np.asarray(point)[1::-1] - self.frame[1::-1]) / STEP).astype(int))
+
+    def heading(self, yaw):
+        """Index of the heading nearest to a yaw [rad]."""
+        return int(np.argmin(np.abs(np.sin(0.5 * (self.headings - yaw)))))
+
+    def snapped(self, pose):
+        """The grid pose nearest to a pose (3,)."""
+        i, j = self.cell(pose)
+        yaw = self.headings[self.heading(pose[2])]
+        return np.array([self.frame[0] + STEP * j, self.frame[1] + STEP * i, yaw])
+
+    def _at(self, field, pose):
+        """A field's values at a pose (3,), or at all headings of a point (2,)."""
+        every = field[(slice(None), *self.cell(pose))]
+        return every if len(pose) == 2 else every[self.heading(pose[2])][None]
+
+    def feasible(self, start, goal):
+        """Whether grid poses (3,) are connected, the goal perhaps a point (2,); None: not known."""
+        for labels, verdict in ((self.regions, True), (self.relaxed, False)):
+            one, other = self._at(labels, start), self._at(labels, goal)
+            if bool(np.isin(one[one > 0], other).any()) == verdict:
+                return verdict
+        return None
+
+    def lower(self, start, goal):
+        """The shortest way [m] of the disc round the axle within the chair."""
+        radius = min(self.footprint.front, self.footprint.rear, self.footprint.half_width)
+        # shapely's arcs lie inside true ones: what is solid is never too large.
+        solid = shapely.buffer(self.solid, radius - 1e-6, quad_segs=8)
+        low = self.bounds[:2] + radius - 1e-6
+        high = self.bounds[2:] - radius + 1e-6
+        room = shapely.difference(shapely.box(*low, *high), solid).buffer(1e-9)
+        nodes = np.vstack([start[:2], goal[:2], shapely.get_coordinates(room)])
+        pairs = np.array(list(itertools.combinations(range(len(nodes)), 2)))
+        shapely.prepare(room)
+        pairs = pairs[shapely.covers(room, shapely.linestrings(nodes[pairs]))]
+        ways = np.hypot(*(nodes[pairs[:, 0]] - nodes[pairs[:, 1]]).T)
+        graph = coo_array((ways, pairs.T), shape=(len(nodes), len(nodes)))
+        return float(dijkstra(graph.tocsr(), directed=False, indices=0)[1])
+
+    def judge(self, start, goal):
+        """The verdict on grid poses (3,), the goal perhaps a point (2,)."""
+        poses, pivots = self.free
+        begin = (self.heading(start[2]), *self.cell(start))
+        upper = math.inf
+        if poses[begin]:
+            upper = float(self._at(shortest(poses, pivots, self.steps, begin, STEP), goal).min())
+        if upper < math.inf:
+            return Verdict(True, self.lower(start, goal), upper)
+        return Verdict(self.feasible(start, goal), self.lower(start, goal), upper)
