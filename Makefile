@@ -37,6 +37,7 @@ lint: $(READY)
 
 bench: $(READY)
 	$(BIN)/wheelchair bench env
+	$(BIN)/wheelchair bench planners --only floor_plan,clutter,thesis_5 --seeds 5 --plot runs/bench/planners.png
 	$(BIN)/python -m tests.benchmarks.parts
 	$(BIN)/python -m tests.benchmarks
 	$(BIN)/python -m tests.benchmarks.maps

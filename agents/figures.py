@@ -16,11 +16,11 @@ from wheelchair_gym.view import palette
 
 Record = Mapping[str, Any]
 
-_COLOURS = tuple(palette.css(colour) for colour in palette.SERIES)
-_MARKS = "osD^vPX*"  # shape tells policies apart where colour cannot
-_DASHES = ("-", "--", "-.", ":")
+COLOURS = tuple(palette.css(colour) for colour in palette.SERIES)
+MARKS = "osD^vPX*"  # shape tells policies apart where colour cannot
+DASHES = ("-", "--", "-.", ":")
 _WIDTH = 4.4  # inches: on a phone, letters then keep the size of the text around them
-_LOOK: Any = {
+LOOK: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
     "axes.spines.top": False,
@@ -54,7 +54,7 @@ def figures(evaluation: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
             lambda: _clearance(policies, records),
         ),
     }
-    with mpl.rc_context(_LOOK):
+    with mpl.rc_context(LOOK):
         return {name: (words, _svg(make())) for name, (words, make) in drawn.items()}
 
 
@@ -96,7 +96,7 @@ def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[R
         # Rounding may put a bound a hair inside the share.
         error = np.maximum([share - low, high - share], 0.0)
         axes.errorbar(
-            share, y, xerr=error, fmt=_MARKS[i % 8], color=_COLOURS[i % 8], label=policy,
+            share, y, xerr=error, fmt=MARKS[i % 8], color=COLOURS[i % 8], label=policy,
             markersize=5, capsize=2.5, linewidth=1.3,
         )  # fmt: skip
     axes.set_yticks(range(len(places)), ["all scenes" if p == "all" else p for p in places])
@@ -119,7 +119,7 @@ def _time(policies: Sequence[str], records: Sequence[Record]) -> Figure:
             some = [r for r in of if bool(r["success"]) == good]
             axes.scatter(
                 [r["geodesic"] for r in some], [r["time"] for r in some], s=20 if good else 26,
-                marker=_MARKS[i % 8] if good else "x", color=_COLOURS[i % 8], alpha=0.75,
+                marker=MARKS[i % 8] if good else "x", color=COLOURS[i % 8], alpha=0.75,
                 linewidths=0.0 if good else 1.2, label=policy if good else None,
             )  # fmt: skip
     # From zero, with room for whole marks at the far ends.
@@ -143,7 +143,7 @@ def _clearance(policies: Sequence[str], records: Sequence[Record]) -> Figure:
             axes.step(
                 np.concatenate([[0.0], values, [end]]), np.concatenate([[0.0], share, [100.0]]),
                 where="post",
-                color=_COLOURS[i % 8], linestyle=_DASHES[i % 4], linewidth=1.6, label=policy,
+                color=COLOURS[i % 8], linestyle=DASHES[i % 4], linewidth=1.6, label=policy,
             )  # fmt: skip
     axes.set_xlim(-0.02 * end, end)
     axes.set_ylim(0, 102)

@@ -14,7 +14,9 @@ from typing import Any
 
 from wheelchair_gym.files import whole
 
-PACKAGES = ("wheelchair_gym", "numpy", "numba", "gymnasium", "pymunk", "scipy", "torch")
+PACKAGES = (
+    "wheelchair_gym", "numpy", "numba", "gymnasium", "pymunk", "scipy", "shapely", "torch",
+)  # fmt: skip
 
 
 def commit() -> str | None:

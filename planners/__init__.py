@@ -22,8 +22,10 @@ from planners.space import Space
 from planners.swarm.optimizers import OPTIMIZERS, make_optimizer
 from planners.swarm.planner import SwarmPlanner
 from planners.swarm.rrt_woa import RrtWoa
-from planners.trees.connect import RrtConnect
-from planners.trees.rrt import Rrt, RrtStar, RrtStarWoaGlobal, RrtStarWoaLocal
+from planners.trees.rrt import Rrt, RrtConnect, RrtStar
+from planners.trees.spline import SplineRrtStar
+from planners.trees.variants import InformedRrtStar, RrtStarFn, RrtStarLimited, RrtStarSmart
+from planners.trees.whales import RrtStarWoaGlobal, RrtStarWoaLocal
 from planners.types import Plan, Planner, Problem, Status
 from wheelchair_gym.config import InputError, load
 
@@ -48,15 +50,20 @@ PLANNERS: Final[dict[str, type]] = {
     "dfs": Dfs,
     "dijkstra": Dijkstra,
     "geometric": Geometric,
+    "informed_rrt_star": InformedRrtStar,
     "lattice": Lattice,
     "potential_field": PotentialField,
     "prm": Prm,
     "rrt": Rrt,
     "rrt_connect": RrtConnect,
     "rrt_star": RrtStar,
+    "rrt_star_fn": RrtStarFn,
+    "rrt_star_limited": RrtStarLimited,
+    "rrt_star_smart": RrtStarSmart,
     "rrt_star_woa_global": RrtStarWoaGlobal,
     "rrt_star_woa_local": RrtStarWoaLocal,
     "rrt_woa": RrtWoa,
+    "spline_rrt_star": SplineRrtStar,
     "swarm": SwarmPlanner,
     "theta_star": ThetaStar,
     "visibility": Visibility,

@@ -178,12 +178,10 @@ def blocked_by(
 
 
 @borrowing_kernel
-def edge_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> bool:
-    """Whether the straight way from a to b [m] stays in what is free; touching is allowed."""
+def way_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> bool:
+    """Whether the straight way from a point a known to be free to b [m] stays in what is free."""
     bounds, grid = arrays.bounds, arrays.grid
     if not (bounds[0] <= bx <= bounds[2] and bounds[1] <= by <= bounds[3]):
-        return False
-    if not point_free(arrays, ax, ay):
         return False
     segments, before, first, members = arrays.segments, arrays.before, arrays.first, arrays.members
     rows, columns = arrays.corner_free.shape
@@ -212,6 +210,12 @@ def edge_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -
         else:
             i += step_i
             next_y += per_y
+
+
+@borrowing_kernel
+def edge_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> bool:
+    """Whether the straight way from a to b [m] stays in what is free; touching is allowed."""
+    return point_free(arrays, ax, ay) and way_free(arrays, ax, ay, bx, by)
 
 
 @borrowing_kernel

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from time import perf_counter
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -75,9 +77,38 @@ class Plan:
 class Planner(Protocol):
     """A frozen settings object that plans: same problem, same rng state, same plan."""
 
-    def plan(self, problem: Problem, rng: np.random.Generator) -> Plan:
-        """Answer a problem; what the world makes impossible is a status, not an exception."""
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Answer a problem; what the world makes impossible is a status, not an exception.
+
+        Args:
+            problem: what is asked.
+            rng: draws the numbers, if any.
+            deadline: seconds of wall time from the call after which the planner answers with its
+                best path so far, or, where it has none, with `Status.EXHAUSTED`; None: its own
+                limits alone count. It looks at the clock between chunks of work, which change
+                nothing else: `counters["iterations"]`, given as the planner's iterations (its
+                tree's, where it has none), makes the very same plan without a clock.
+
+        Raises:
+            InputError: the deadline is negative or NaN, or the problem is not made of numbers.
+        """
         ...
+
+
+def begin(deadline: float | None) -> tuple[float, float]:
+    """The clock now, and when a deadline [s] from now ends (infinite for None): `perf_counter`.
+
+    Raises:
+        InputError: the deadline is negative or NaN.
+    """
+    now = perf_counter()
+    if deadline is None:
+        return now, math.inf
+    if not deadline >= 0.0:
+        raise InputError(f"deadline is {deadline}; expected seconds, at least 0, or None")
+    return now, now + deadline
 
 
 def check(problem: Problem) -> Status | None:
@@ -86,19 +117,20 @@ def check(problem: Problem) -> Status | None:
     Raises:
         InputError: the start, the goal or the clearance is not made of finite numbers.
     """
-    ends = {"start": np.asarray(problem.start), "goal": np.asarray(problem.goal)}
     where = f"problem {problem.name}".rstrip()
-    for name, point in ends.items():
-        if point.shape not in ((2,), (3,)) or not np.isfinite(point).all():
-            raise InputError(f"{where}: {name} is {point.tolist()}; expected finite x, y (and yaw)")
+    points = {}
+    for name, end in (("start", problem.start), ("goal", problem.goal)):
+        point = points[name] = np.asarray(end).tolist()
+        if np.shape(end) not in ((2,), (3,)) or not all(map(math.isfinite, point)):
+            raise InputError(f"{where}: {name} is {point}; expected finite x, y (and yaw)")
     if not 0.0 <= problem.clearance < np.inf:
         raise InputError(f"{where}: clearance is {problem.clearance}; expected metres, at least 0")
     xmin, ymin, xmax, ymax = problem.space.bounds
-    for name, point in ends.items():
-        x, y = float(point[0]), float(point[1])
+    arrays = problem.free.arrays
+    for name, (x, y, *_) in points.items():
         if not (xmin <= x <= xmax and ymin <= y <= ymax):
             return Status(f"{name}_outside")
-        if not point_free(problem.free.arrays, x, y):
+        if not point_free(arrays, float(x), float(y)):
             return Status(f"{name}_occupied")
     return None
 
@@ -108,7 +140,7 @@ def trivial(problem: Problem) -> Plan | None:
     status = check(problem)
     if status is not None:
         return Plan(status)
-    start, goal = np.asarray(problem.start)[:2], np.asarray(problem.goal)[:2]
-    if np.array_equal(start, goal):
-        return Plan(Status.SOLVED, np.array([start, goal], dtype=np.float64))
+    start, goal = problem.start, problem.goal
+    if start[0] == goal[0] and start[1] == goal[1]:
+        return Plan(Status.SOLVED, np.array([start[:2], goal[:2]], dtype=np.float64))
     return None

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planners.trees.rrt import RrtStarWoaGlobal
+from planners.trees.whales import RrtStarWoaGlobal
 from tests.configs import SINGLE
 from wheelchair_gym.config import InputError, dump, load, read
 from wheelchair_gym.kinematics import Limits

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from planners.thesis import ThesisFile
 
 CLEARANCE = 0.36  # m: the chair's half width of 0.31 m and a margin of 0.05 m
+OUTLINES = 0.8  # m between the outlines drawn along a path
 
 
 def add(parts: Any) -> None:
@@ -158,7 +159,7 @@ def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
                 f", none at all than {bounds.touching:.3f} m"
             )
         if given.picture:
-            _draw(problem, plan, text, given.picture)
+            _draw(problem, plan, planner, text, given.picture)
         report(given, answer, text)
         return 0
     if given.json:
@@ -206,7 +207,7 @@ def _run_problems(given: argparse.Namespace, planner: Any) -> int:
     return 0
 
 
-def _draw(problem: Problem, plan: Plan, caption: str, file: str) -> None:
+def _draw(problem: Problem, plan: Plan, planner: Any, caption: str, file: str) -> None:
     import shapely
 
     from wheelchair_gym.view import draw_plan, write_png
@@ -215,6 +216,38 @@ def _draw(problem: Problem, plan: Plan, caption: str, file: str) -> None:
     loops = [shapely.get_coordinates(ring)[:-1] for ring in rings]
     image = draw_plan(
         problem.space.bounds, problem.start, problem.goal, plan.path, plan.tree,
-        polygons=loops, size=960, caption=caption,
+        polygons=loops, optimum=_shortest(problem), swarm=getattr(plan, "swarm", ()),
+        outlines=_outlines(problem, plan, planner), size=960, caption=caption, legend=True,
     )  # fmt: skip
     write_png(file, image)
+
+
+def _shortest(problem: Problem) -> Any:
+    """The shortest path of a disc (n, 2) [m]; None where there is none."""
+    from planners import make_planner
+
+    best = make_planner("visibility").plan(problem, np.random.default_rng(0))
+    return best.path if len(best.path) else None
+
+
+def _outlines(problem: Problem, plan: Plan, planner: Any) -> list[Any]:
+    """What moves, at the path's ends and about every `OUTLINES` metres between: (k, 2) [m] each.
+
+    A path with headings is driven by the planner's footprint, any other by the disc that keeps
+    the clearance.
+    """
+    from wheelchair_gym.geometry import Footprint, to_world
+
+    path = plan.path
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))])
+    stops = np.linspace(0.0, way[-1], max(2, round(way[-1] / OUTLINES) + 1))
+    if path.shape[1] == 3:
+        corners = getattr(planner, "footprint", Footprint()).corners
+        near = np.abs(way[:, None] - stops).argmin(axis=0)
+        return [to_world(corners, path[k]) for k in near]
+    if problem.clearance == 0.0:
+        return []
+    around = np.linspace(0.0, 2.0 * np.pi, 49)[:-1]
+    disc = problem.clearance * np.stack([np.cos(around), np.sin(around)], axis=-1)
+    places = np.stack([np.interp(stops, way, path[:, axis]) for axis in range(2)], axis=-1)
+    return [place + disc for place in places]

@@ -19,8 +19,7 @@ from planners.swarm.search import Search, run
 from planners.swarm.start import Start, along, blocked_legs, bowed, halved, in_discs
 from planners.swarm.state import FEWEST, begin
 from planners.swarm.worth import Task
-from planners.trees.connect import RrtConnect
-from planners.trees.rrt import Rrt, RrtStar
+from planners.trees.rrt import Rrt, RrtConnect, RrtStar
 from planners.types import Plan, Planner, Problem, Status, trivial
 from wheelchair_gym.config import InputError, load, setting, settings
 

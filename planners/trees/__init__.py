@@ -1,1 +1,1 @@
-"""Planners that grow trees: RRT, RRT*, its two whale variants and RRT-Connect."""
+"""Planners that grow trees: RRT, RRT-Connect, RRT* and its variants, values of one loop."""

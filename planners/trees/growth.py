@@ -1,126 +1,134 @@
-"""The one loop that grows a tree towards a goal: RRT, RRT* and the local variant are its values."""
+"""The one loop that grows trees towards a goal: every planner of this folder is its values."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.draws import Stream, uniform
-from planners.exact import SpaceArrays, edge_free, point_free
+from planners.draws import Stream
+from planners.exact import SpaceArrays, point_free
 from planners.swarm.woa import Whales
+from planners.trees.parents import (
+    childless,
+    choose_parent,
+    climb,
+    link_goal,
+    shorten,
+)
+from planners.trees.sampling import sample
 from planners.trees.steering import Pull, School, whale_target
-from planners.trees.tree import NONE, Tree, insert, nearest, rewire, within
-from wheelchair_gym.kernel import borrowing_kernel
+from planners.trees.tree import NONE, Tree, insert, nearest, put, remove, rewire, within
+from planners.trees.values import GAIN, Growth, Room, passes
+from wheelchair_gym.kernel import borrowing_kernel, whole
 
 Array = NDArray[np.float64]
 
-# Neighbours looked at round one new node; the shrinking radius keeps their number near 3 log n.
-_NEIGHBOURS = 256
-# Redraws of a sample that falls on something solid, before the iteration is given up.
-_REDRAWS = 100
-# Costs must fall by more than this to rewire [m]: rounding alone may not make a loop.
-_GAIN = 1e-9
-
-
-class Growth(NamedTuple):
-    """The values that make one planner of the loop."""
-
-    iterations: int
-    step: float  # m, longest edge towards a sample
-    goal_bias: float  # part of the samples laid on the goal until it is reached
-    reach: float  # m, from where the straight edge to the goal is tried
-    rewiring: bool  # choose the best parent and rewire (RRT*)
-    radius: float  # m, of the search for neighbours; 0 for the shrinking rule
-    gamma: float  # m, of the shrinking rule gamma sqrt(log n / n)
-    stop_at_first: bool  # end with the first path
-    whales: bool  # steer by whales (the local variant)
-
-
-class Room(NamedTuple):
-    """Room that the loop works in."""
-
-    found: NDArray[np.int32]  # neighbours of the new node,
-    distances: Array  # m, their distances,
-    through: Array  # m, and what the new node costs through each
-    stack: NDArray[np.int32]  # nodes whose children's costs are still to follow
-
-
-def new_room(capacity: int) -> Room:
-    """Room to grow a tree of at most so many nodes."""
-    return Room(
-        np.empty(_NEIGHBOURS, np.int32),
-        np.empty(_NEIGHBOURS),
-        np.empty(_NEIGHBOURS),
-        np.empty(capacity, np.int32),
-    )
+# Iterations after which a best path that improved is shortened again.
+_PERIOD = 64
+# A path this near the straight line is the straight line, by rounding.
+_STRAIGHT = 1.0 + 1e-12
 
 
 @borrowing_kernel
-def sample_free(space: SpaceArrays, state: Stream) -> tuple[float, float]:
-    """A point of the free space, uniform; after many vain draws the last one, free or not."""
-    bounds = space.bounds
-    x, y = bounds[0], bounds[1]
-    for _ in range(_REDRAWS):
-        x = bounds[0] + uniform(state) * (bounds[2] - bounds[0])
-        y = bounds[1] + uniform(state) * (bounds[3] - bounds[1])
-        if point_free(space, x, y):
-            break
-    return x, y
+def reach_for(
+    space: SpaceArrays, tree: Tree, x: float, y: float, growth: Growth, room: Room
+) -> tuple[int, bool]:
+    """Extend a tree from its node nearest to a point step by step until blocked.
+
+    Returns:
+        The last node of the way, and whether it lies on the point.
+    """
+    nodes = tree.nodes
+    i = nearest(tree, x, y)
+    while True:
+        from_x, from_y = nodes[i].x, nodes[i].y
+        gap = math.hypot(x - from_x, y - from_y)
+        if gap == 0.0:
+            return i, True
+        if tree.grid[0].count >= growth.limit:
+            return i, False
+        part = min(1.0, growth.step / gap)
+        to_x, to_y = x, y
+        if part < 1.0:
+            to_x, to_y = from_x + part * (x - from_x), from_y + part * (y - from_y)
+        if not passes(space, room.run[0], from_x, from_y, to_x, to_y):
+            return i, False
+        i = insert(tree, to_x, to_y, i, part * gap)
 
 
 @borrowing_kernel
-def choose_parent(
+def graft(ahead: Tree, back: Tree, node: int, twin: int) -> int:
+    """Add the way from a node of the goal's tree, met by its twin, to the goal; returns that."""
+    nodes = back.nodes
+    i = nodes[twin].parent
+    edge = nodes[twin].edge
+    while i != NONE:
+        node = insert(ahead, nodes[i].x, nodes[i].y, node, edge)
+        edge = nodes[i].edge
+        i = nodes[i].parent
+    return node
+
+
+@borrowing_kernel
+def add_node(
     space: SpaceArrays,
     tree: Tree,
     x: float,
     y: float,
-    room: Room,
-    n: int,
-    parent: int,
+    near: int,
     edge: float,
-) -> tuple[int, float]:
-    """The neighbour through which a point is reached at least cost, and the edge's length.
+    goal: Array,
+    growth: Growth,
+    room: Room,
+    state: Stream,
+) -> int:
+    """Add a point [m] seen from a node by an edge [m], at its best place; NONE if it is no use.
 
-    Neighbours are tried in order of cost, so that few edges are tested; `parent` is known to do.
+    At the limit of nodes a childless one makes room, where the values say so.
     """
-    nodes, through = tree.nodes, room.through
+    nodes, grid, run = tree.nodes, tree.grid[0], room.run[0]
+    found, distances = room.found, room.distances
+    parent, n = near, 0
+    rewiring = growth.rewiring and (run.first != NONE or not growth.both_ways)
+    if rewiring:
+        radius = growth.radius
+        if radius == 0.0:
+            count = grid.count + 1
+            radius = growth.gamma * math.sqrt(run.area * math.log(count) / count)
+        n = within(tree, x, y, radius, found, distances)
+        if run.beacon != NONE and n < len(found):  # the way goes on to the vertex after
+            found[n] = room.chain[run.beacon - 1]
+            distances[n] = math.hypot(nodes[found[n]].x - x, nodes[found[n]].y - y)
+            n += 1
+        parent, edge = choose_parent(space, tree, x, y, room, n, near, edge)
+        if growth.climbing:
+            parent, edge = climb(space, tree, x, y, parent, edge, run)
+        if growth.informed:
+            least = nodes[parent].cost + edge + math.hypot(goal[0] - x, goal[1] - y)
+            if least >= nodes[run.goal].cost - GAIN:
+                return NONE
+    if grid.count < growth.limit:
+        new = insert(tree, x, y, parent, edge)
+    else:
+        new = childless(tree, parent, near, run.goal, state) if growth.recycling else NONE
+        if new == NONE:
+            return NONE
+        remove(tree, new)
+        put(tree, new, x, y, parent, edge)
+    cost = nodes[new].cost
     for k in range(n):
-        through[k] = nodes[room.found[k]].cost + room.distances[k]
-    while True:
-        least, choice = nodes[parent].cost + edge, NONE
-        for k in range(n):
-            if through[k] < least:
-                least, choice = through[k], k
-        if choice == NONE:
-            return parent, edge
-        through[choice] = np.inf
-        j = room.found[choice]
-        if edge_free(space, nodes[j].x, nodes[j].y, x, y):
-            return int(j), room.distances[choice]
+        j = found[k]
+        if cost + distances[k] < nodes[j].cost - GAIN and passes(
+            space, run, x, y, nodes[j].x, nodes[j].y
+        ):
+            rewire(tree, whole(j), whole(new), distances[k], room.stack)
+    return int(new)
 
 
 @borrowing_kernel
-def goal_parent(
-    space: SpaceArrays, tree: Tree, gx: float, gy: float, reach: float
-) -> tuple[int, float]:
-    """The node that leads to the goal at least cost by a free edge within reach, and that cost."""
-    nodes = tree.nodes
-    best, parent = np.inf, NONE
-    for i in range(tree.grid[0].count):
-        if nodes[i].cost >= best or abs(nodes[i].x - gx) > reach:
-            continue
-        gap = math.hypot(nodes[i].x - gx, nodes[i].y - gy)
-        cost = nodes[i].cost + gap
-        if gap <= reach and cost < best and edge_free(space, nodes[i].x, nodes[i].y, gx, gy):
-            best, parent = cost, i
-    return parent, best
-
-
-@borrowing_kernel
-def grow(
+def extend(
     space: SpaceArrays,
     tree: Tree,
     start: Array,
@@ -131,76 +139,124 @@ def grow(
     school: School,
     room: Room,
     state: Stream,
-) -> tuple[int, int, int]:
-    """Grow a tree from a start until the goal is reached, or samples or room run out.
+) -> int:
+    """Draw a sample, steer towards it and add a node; NONE if that was blocked or no use."""
+    run = room.run[0]
+    x, y = sample(space, tree, start, goal, growth, room, state)
+    far = run.beacon == NONE
+    near = nearest(tree, x, y) if far else whole(room.chain[run.beacon + 1])
+    near_x, near_y = tree.nodes[near].x, tree.nodes[near].y
+    if growth.whales:
+        x, y = whale_target(
+            space, near_x, near_y, x, y, goal[0], goal[1], swarm, pull, school, state
+        )
+    edge = math.hypot(x - near_x, y - near_y)
+    if edge <= GAIN:
+        return NONE
+    if far and edge > growth.step:
+        x = near_x + (x - near_x) * growth.step / edge
+        y = near_y + (y - near_y) * growth.step / edge
+        edge = math.hypot(x - near_x, y - near_y)
+    if passes(space, run, near_x, near_y, x, y):
+        return add_node(space, tree, x, y, near, edge, goal, growth, room, state)
+    if growth.in_strip:
+        run.blocked += 1
+        run.cuts += point_free(space, x, y)
+        run.margin += growth.widening
+    return NONE
+
+
+@borrowing_kernel
+def improve(
+    space: SpaceArrays, tree: Tree, start: Array, goal: Array, growth: Growth, room: Room
+) -> None:
+    """Shorten the best path if it fell, and say how large the ellipse of what may help is."""
+    nodes, run = tree.nodes, room.run[0]
+    if nodes[run.goal].cost >= run.length - GAIN:
+        return
+    shorten(space, tree, room)
+    run.length = nodes[run.goal].cost
+    apart = math.hypot(goal[0] - start[0], goal[1] - start[1])
+    if growth.informed:
+        across = math.sqrt(max(run.length * run.length - apart * apart, 0.0))
+        run.area = min(run.area, 0.25 * math.pi * run.length * across)
+    run.done |= run.length <= apart * _STRAIGHT
+
+
+@borrowing_kernel
+def lacks_room(ahead: Tree, back: Tree, growth: Growth) -> bool:
+    """Whether the arrays may be too small for another iteration that the limit allows."""
+    # The start's tree may have to take up the way from the goal's.
+    both = ahead.grid[0].count + back.grid[0].count + growth.reserve
+    return both > len(ahead.nodes) or (growth.both_ways and both > len(back.nodes))
+
+
+@borrowing_kernel
+def grow(
+    space: SpaceArrays,
+    ahead: Tree,
+    back: Tree,
+    start: Array,
+    goal: Array,
+    growth: Growth,
+    swarm: Whales,
+    pull: Pull,
+    school: School,
+    room: Room,
+    until: int,
+    state: Stream,
+) -> None:
+    """Grow trees until the goal is reached as the values ask, or samples or nodes run out.
+
+    It returns early where the arrays have no room for another iteration, too. All state is in the
+    arguments, so that any chunks of iterations and any room make the very same run.
 
     Args:
         space: what is free.
-        tree: an empty tree; its capacity bounds the nodes.
-        start: the root (2,) [m].
+        ahead: the tree of the start; both are planted here if it is empty.
+        back: the tree of the goal; it grows where trees grow both ways.
+        start: root of the one (2,) [m].
         goal: where the path shall end (2,) [m].
-        growth: what kind of tree, and how long.
+        growth: what kind of tree.
         swarm: the whales that steer, where they do.
         pull: what draws these whales.
         school: room for them.
-        room: room for the rest; the capacity is the tree's.
+        room: the state of the run, and room for the rest.
+        until: the iteration to stop at.
         state: stream of random numbers.
-
-    Returns:
-        The node before the goal (NONE if it was not reached), the iterations made, and the
-        iteration that reached the goal first (NONE likewise).
     """
-    nodes, grid = tree.nodes, tree.grid[0]
-    capacity = len(nodes)
-    gx, gy = goal[0], goal[1]
-    found, distances = room.found, room.distances
-    insert(tree, start[0], start[1], NONE, 0.0)
-    first = NONE
-    iteration = 0
-    if math.hypot(gx - start[0], gy - start[1]) <= growth.reach and edge_free(
-        space, start[0], start[1], gx, gy
-    ):
-        return 0, 0, 0  # nothing is shorter than the straight edge
-    while iteration < growth.iterations and grid.count < capacity:
-        iteration += 1
-        if first == NONE and uniform(state) < growth.goal_bias:
-            x, y = gx, gy
-        else:
-            x, y = sample_free(space, state)
-        near = nearest(tree, x, y)
-        near_x, near_y = nodes[near].x, nodes[near].y
-        if growth.whales:
-            x, y = whale_target(space, near_x, near_y, x, y, gx, gy, swarm, pull, school, state)
-        edge = math.hypot(x - near_x, y - near_y)
-        if edge <= _GAIN:
-            continue
-        if edge > growth.step:
-            x = near_x + (x - near_x) * growth.step / edge
-            y = near_y + (y - near_y) * growth.step / edge
-            edge = math.hypot(x - near_x, y - near_y)
-        if not edge_free(space, near_x, near_y, x, y):
-            continue
-        if growth.rewiring:
-            radius = growth.radius
-            if radius == 0.0:
-                radius = growth.gamma * math.sqrt(math.log(grid.count + 1) / (grid.count + 1))
-            n = within(tree, x, y, radius, found, distances)
-            parent, edge = choose_parent(space, tree, x, y, room, n, near, edge)
-            new = insert(tree, x, y, parent, edge)
-            cost = nodes[new].cost
-            for k in range(n):
-                j = found[k]
-                if cost + distances[k] < nodes[j].cost - _GAIN and edge_free(
-                    space, x, y, nodes[j].x, nodes[j].y
-                ):
-                    rewire(tree, j, new, distances[k], room.stack)
-        else:
-            new = insert(tree, x, y, near, edge)
-        if first == NONE:
-            gap = math.hypot(gx - x, gy - y)
-            if gap <= growth.reach and edge_free(space, x, y, gx, gy):
-                first = iteration
-                if growth.stop_at_first:
-                    return new, iteration, first
-    parent, _ = goal_parent(space, tree, gx, gy, growth.reach)
-    return parent, iteration, first
+    run = room.run[0]
+    if run.iteration == 0:  # nothing is shorter than the straight edge
+        if ahead.grid[0].count == 0:
+            insert(ahead, start[0], start[1], NONE, 0.0)
+            insert(back, goal[0], goal[1], NONE, 0.0)
+        link_goal(space, ahead, 0, goal, growth.reach, room)
+        if run.goal != NONE:
+            run.done = ahead.nodes[run.goal].parent == 0
+            if growth.shortening:
+                improve(space, ahead, start, goal, growth, room)
+    while run.iteration < until and not run.done:
+        tree, other = (back, ahead) if run.backward else (ahead, back)
+        if not growth.recycling and max(ahead.grid[0].count, back.grid[0].count) >= growth.limit:
+            run.done = True
+            break
+        if lacks_room(ahead, back, growth):
+            break
+        run.iteration += 1
+        new = extend(space, tree, start, goal, growth, swarm, pull, school, room, state)
+        if growth.both_ways and run.first == NONE:
+            if new != NONE:
+                x, y = tree.nodes[new].x, tree.nodes[new].y
+                met, there = reach_for(space, other, x, y, growth, room)
+                if there:
+                    node, twin = (met, new) if run.backward else (new, met)
+                    run.goal = graft(ahead, back, node, twin)
+                    run.first = run.iteration
+            run.backward = run.first == NONE and not run.backward
+        elif new != NONE:
+            link_goal(space, ahead, new, goal, growth.reach, room)
+        if run.first == run.iteration:
+            run.done = growth.stop_at_first
+        due = run.first == run.iteration or (run.first != NONE and run.iteration % _PERIOD == 0)
+        if growth.shortening and due:
+            improve(space, ahead, start, goal, growth, room)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.draws import Stream, in_disc
-from planners.exact import SpaceArrays, edge_free
+from planners.exact import SpaceArrays, way_free
 from planners.swarm.woa import Whales, move
 from wheelchair_gym.kernel import borrowing_kernel
 
@@ -88,9 +88,9 @@ def whale_target(
             to_goal = math.hypot(goal_x - x - u, goal_y - y - v)
             cost = pull.to_sample * math.hypot(u, v) + pull.to_goal * to_goal
             # Views are looked at only while the whale may still be the best.
-            if cost < least and not edge_free(space, near_x, near_y, x + u, y + v):
+            if cost < least and not way_free(space, near_x, near_y, x + u, y + v):
                 cost += pull.hidden_near
-            if cost < least and not edge_free(space, x + u, y + v, goal_x, goal_y):
+            if cost < least and not way_free(space, goal_x, goal_y, x + u, y + v):
                 cost += pull.hidden_goal
             if cost < least:
                 least = cost

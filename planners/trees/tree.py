@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
 NONE = -1  # no node
@@ -63,10 +63,24 @@ def new_tree(bounds: Array, capacity: int) -> Tree:
     grid = np.zeros(1, GRID)
     cols, rows = int(width / cell) + 1, int(height / cell) + 1
     grid[0] = (bounds[0], bounds[1], width, height, cell, cols, rows, 0)
-    # Cells double in each direction while nodes are twice as many as cells: at most this many.
-    heads = np.empty(4 * (cols + 1) * (rows + 1) + 8 * capacity, np.int32)
+    heads = np.empty(_most_cells(cols, rows, capacity), np.int32)
     heads[: cols * rows] = NONE
     return Tree(np.empty(capacity, NODE), heads, grid)
+
+
+def _most_cells(cols: int, rows: int, capacity: int) -> int:
+    """Cells double in each direction while nodes are six times as many: at most to this many."""
+    return 4 * (cols + 1) * (rows + 1) + 8 * capacity
+
+
+def enlarged(tree: Tree, capacity: int) -> Tree:
+    """The same tree with room for more nodes."""
+    count, cols, rows = (int(tree.grid[name][0]) for name in ("count", "cols", "rows"))
+    nodes = np.empty(capacity, NODE)
+    nodes[:count] = tree.nodes[:count]
+    heads = np.empty(_most_cells(cols, rows, capacity), np.int32)
+    heads[: cols * rows] = tree.heads[: cols * rows]
+    return Tree(nodes, heads, tree.grid)
 
 
 @borrowing_kernel
@@ -104,13 +118,9 @@ def adopt(tree: Tree, i: int, parent: int, edge: float) -> None:
 
 
 @borrowing_kernel
-def insert(tree: Tree, x: float, y: float, parent: int, edge: float) -> int:
-    """Add a point [m] below a parent (NONE for the root); returns its index."""
+def put(tree: Tree, i: int, x: float, y: float, parent: int, edge: float) -> None:
+    """Make slot i the node of a point [m] below a parent (NONE for the root)."""
     nodes, heads, grid = tree.nodes, tree.heads, tree.grid[0]
-    if grid.count >= 6 * grid.cols * grid.rows:
-        refine_grid(tree)
-    i = grid.count
-    grid.count = i + 1
     nodes[i].x = x
     nodes[i].y = y
     nodes[i].child = NONE
@@ -124,7 +134,48 @@ def insert(tree: Tree, x: float, y: float, parent: int, edge: float) -> int:
     k = row * grid.cols + col
     nodes[i].following = heads[k]
     heads[k] = i
+
+
+@borrowing_kernel
+def insert(tree: Tree, x: float, y: float, parent: int, edge: float) -> int:
+    """Add a point [m] below a parent (NONE for the root); returns its index."""
+    grid = tree.grid[0]
+    if grid.count >= 6 * grid.cols * grid.rows:
+        refine_grid(tree)
+    i = grid.count
+    grid.count = i + 1
+    put(tree, i, x, y, parent, edge)
     return int(i)
+
+
+@borrowing_kernel
+def disown(tree: Tree, i: int) -> None:
+    """Take node i from its parent's children."""
+    nodes = tree.nodes
+    parent = nodes[i].parent
+    if nodes[parent].child == i:
+        nodes[parent].child = nodes[i].sibling
+        return
+    k = nodes[parent].child
+    while nodes[k].sibling != i:
+        k = nodes[k].sibling
+    nodes[k].sibling = nodes[i].sibling
+
+
+@borrowing_kernel
+def remove(tree: Tree, i: int) -> None:
+    """Take a childless node i, not the root, out of the tree; its slot is free for `put`."""
+    nodes, heads, grid = tree.nodes, tree.heads, tree.grid[0]
+    disown(tree, i)
+    col, row = cell_of(grid, nodes[i].x, nodes[i].y)
+    cell = row * grid.cols + col
+    if heads[cell] == i:
+        heads[cell] = nodes[i].following
+        return
+    k = heads[cell]
+    while nodes[k].following != i:
+        k = nodes[k].following
+    nodes[k].following = nodes[i].following
 
 
 @borrowing_kernel
@@ -190,14 +241,7 @@ def rewire(tree: Tree, i: int, parent: int, edge: float, stack: NDArray[np.int32
         stack: room for as many indices as the tree has nodes.
     """
     nodes = tree.nodes
-    before = nodes[i].parent
-    if nodes[before].child == i:
-        nodes[before].child = nodes[i].sibling
-    else:
-        k = nodes[before].child
-        while nodes[k].sibling != i:
-            k = nodes[k].sibling
-        nodes[k].sibling = nodes[i].sibling
+    disown(tree, i)
     adopt(tree, i, parent, edge)
     stack[0], height = i, 1
     while height > 0:
@@ -211,17 +255,43 @@ def rewire(tree: Tree, i: int, parent: int, edge: float, stack: NDArray[np.int32
             child = nodes[child].sibling
 
 
-def edges(nodes: NDArray[Any]) -> Array:
-    """The edges (k, 4) [m] of a tree's nodes, parent first."""
-    below = nodes[nodes["parent"] != NONE]
-    above = nodes[below["parent"]]
-    return np.column_stack([above["x"], above["y"], below["x"], below["y"]])
+@kernel
+def edges(tree: Tree) -> Array:
+    """The edges (k, 4) [m] of a tree, parent first."""
+    nodes, count = tree.nodes, tree.grid[0].count
+    out = np.empty((count, 4))
+    k = 0
+    for i in range(count):
+        parent = nodes[i].parent
+        if parent != NONE:
+            out[k, 0], out[k, 1] = nodes[parent].x, nodes[parent].y
+            out[k, 2], out[k, 3] = nodes[i].x, nodes[i].y
+            k += 1
+    return out[:k]
 
 
-def branch(nodes: NDArray[Any], i: int) -> Array:
+@borrowing_kernel
+def chain(tree: Tree, i: int, out: NDArray[np.int32]) -> int:
+    """Write node i and its ancestors up to the root; returns their number, at most out's."""
+    n = 0
+    while i != NONE and n < len(out):
+        out[n] = i
+        n += 1
+        i = tree.nodes[i].parent
+    return n
+
+
+@kernel
+def branch(tree: Tree, i: int) -> Array:
     """The points (n, 2) [m] from the root to node i."""
-    chain = []
+    nodes = tree.nodes
+    n, k = 0, i
+    while k != NONE:
+        n += 1
+        k = nodes[k].parent
+    out = np.empty((n, 2))
     while i != NONE:
-        chain.append((nodes["x"][i], nodes["y"][i]))
-        i = int(nodes["parent"][i])
-    return np.array(chain[::-1])
+        n -= 1
+        out[n, 0], out[n, 1] = nodes[i].x, nodes[i].y
+        i = nodes[i].parent
+    return out

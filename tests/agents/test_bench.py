@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from agents import cli
-from agents.peers import irsim_world, loops
+from agents.peers.irsim import irsim_world, loops
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.scenes import make_scene
 
@@ -38,7 +38,7 @@ def test_each_size_is_measured_and_written(tmp_path, capsys):
     [
         (["bench", "env", "--envs", "0"], "0 is too few; expected at least 1"),
         (["bench", "env", "--seconds", "0"], "--seconds is 0; expected more than 0"),
-        (["bench", "planners"], "invalid choice: 'planners'"),
+        (["bench", "doors"], "invalid choice: 'doors'"),
     ],
 )
 def test_wrong_sizes_are_refused_in_one_line(arguments, message, capsys):

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from planners import Problem, Space, Status, make_planner
 from planners.graphs.visibility import optima
+from planners.judge import faults
 from planners.shortcut import shortcut, way_cost
 from planners.space import edge_free
-from tests.planners.judge import faults
 from tests.planners.test_planners import on
 from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid

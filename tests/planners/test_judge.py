@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.planners.judge import faults
+from planners.judge import Judge, faults
 
 BLOCK = shapely.box(4, 4, 6, 6)
 BOUNDS = (0, 0, 10, 10)
@@ -19,8 +19,19 @@ BOUNDS = (0, 0, 10, 10)
         ([(3, 3), (3, 7)], 0.9, True),
         ([(3, 3), (3, 7)], 1.1, False),
         ([(0.5, 1), (0.5, 9)], 1.0, False),  # too near the border
+        ([(1, 1), (1, 1), (2, 1)], 0.0, True),  # standing still is no fault
+        ([(5, 5), (5, 5)], 0.0, False),  # but not inside
+        ([(1, 1), (np.nan, 1), (2, 1)], 0.0, False),
     ],
 )
 def test_judge_knows_good_from_bad(path, clearance, valid):
     path = np.array(path, dtype=float)
     assert (not faults(path, BLOCK, BOUNDS, clearance)) == valid
+
+
+def test_judge_looks_at_both_ends():
+    judge, path = Judge(BLOCK, BOUNDS), [(1.0, 1.0), (9.0, 1.0)]
+    assert not judge.faults(path, start=(1, 1, 0.5), goal=(9, 1))
+    (fault,) = judge.faults(path, start=(1, 1.1))
+    assert fault.startswith("its start is 0.1")
+    assert len(judge.faults(path, start=(1, 1), goal=(9, 2))) == 1

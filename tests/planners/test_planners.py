@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from planners import PLANNERS, Problem, Space, Status, make_planner
+from planners.judge import TOLERANCE, faults
 from planners.problems import read_problems
-from tests.planners.judge import TOLERANCE, faults
 from wheelchair_gym.config import InputError
 
 # Planners that prove it where there is no path, and those that always find one on these maps.

@@ -8,7 +8,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from planners import PLANNERS, Problem, Space, Status, make_planner
-from tests.planners.judge import TOLERANCE
+from planners.judge import TOLERANCE
+from tests.planners.replay import limited_to
 from tests.planners.test_planners import BOX, COMPLETE, GIVEN_UP, PROVE, assert_valid, on, quick
 
 SIZE = 8
@@ -119,7 +120,7 @@ def test_a_deadline_is_no_error_and_its_iterations_replay(name):
     if plan.status == Status.SOLVED:
         assert_valid(plan, problem)
     if "iterations" in plan.counters:
-        again = make_planner({"name": name, "iterations": plan.counters["iterations"]})
+        again = limited_to(make_planner(name), plan.counters["iterations"])
         same = again.plan(problem, np.random.default_rng(2))
         assert same.status == plan.status
         np.testing.assert_array_equal(same.path, plan.path)

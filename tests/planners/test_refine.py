@@ -7,9 +7,9 @@ import pytest
 
 from planners import Plan, Status, make_planner
 from planners.comfort import path_cost
+from planners.judge import faults
 from planners.problems import read_problems
 from planners.refine import REFINERS
-from tests.planners.judge import faults
 from tests.planners.test_planners import on
 from wheelchair_gym.config import dump, load
 

@@ -9,6 +9,7 @@ import pytest
 from planners import OPTIMIZERS, Problem, Space, Status, make_optimizer, make_planner
 from planners.curves import CURVES
 from planners.draws import stream
+from planners.judge import faults
 from planners.swarm.gwo import hunt
 from planners.swarm.moves import told
 from planners.swarm.objectives import OBJECTIVES, make_objective
@@ -19,7 +20,6 @@ from planners.swarm.search import run
 from planners.swarm.start import along
 from planners.swarm.state import begin
 from planners.swarm.worth import new_room, value
-from tests.planners.judge import faults
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import path_length

@@ -1,18 +1,32 @@
-"""Trees: paths are free and end on the goal, RRT* converges, whales do what they are for."""
+"""Trees: paths are free and end on the goal, RRT* converges, variants do what they are for."""
 
 import numpy as np
 import pytest
 import shapely
 
 from planners import PLANNERS
+from planners.judge import faults
 from planners.problems import read_problems
 from planners.space import Space
-from planners.trees.rrt import RrtStar, RrtStarWoaGlobal, RrtStarWoaLocal
-from planners.trees.tree import NONE, insert, nearest, new_tree, within
+from planners.trees.rrt import RrtStar
+from planners.trees.spline import SplineRrtStar
+from planners.trees.tree import (
+    NONE,
+    enlarged,
+    insert,
+    nearest,
+    new_tree,
+    put,
+    remove,
+    within,
+)
+from planners.trees.variants import InformedRrtStar, RrtStarFn, RrtStarLimited, RrtStarSmart
+from planners.trees.whales import RrtStarWoaGlobal, RrtStarWoaLocal
 from planners.types import Problem, Status
-from tests.planners.judge import faults
+from tests.planners.replay import limited_to
+from wheelchair_gym.config import InputError
 
-TREES = [name for name in PLANNERS if name.startswith("rrt")]
+TREES = [name for name, planner in PLANNERS.items() if ".trees." in planner.__module__]
 RECTANGLES = np.array([(4.0, 0.0, 5.0, 7.0), (7.0, 3.0, 8.0, 10.0), (1.0, 4.0, 3.0, 5.0)])
 # Over the first wall, under the second: (1, 1) (4, 7) (5, 7) (7, 3) (8, 3) (9, 9), but for the
 # block in the way, (3, 4).
@@ -36,6 +50,37 @@ def assert_free(problem, path):
     np.testing.assert_array_equal(path[[0, -1]], [problem.start, problem.goal])
     assert not faults(path, space.solid, space.bounds)
     assert (np.hypot(*np.diff(path, axis=0).T) > 0).all()
+
+
+def plans(planner, problem, seeds=6):
+    return [planner.plan(problem, np.random.default_rng(seed)) for seed in range(seeds)]
+
+
+def mean_length(planner, problem, seeds=6):
+    return np.mean([plan.length for plan in plans(planner, problem, seeds)])
+
+
+@pytest.mark.parametrize("name", TREES)
+@pytest.mark.parametrize("deadline", [0.0, 1e-3, 0.02])
+def test_iterations_replay_a_plan_made_under_a_deadline(name, deadline, stored):
+    problem, _ = stored["maze29_s4_d1.0"]
+    planner = PLANNERS[name]()
+    plan = planner.plan(problem, np.random.default_rng(2), deadline)
+    assert plan.status in (Status.SOLVED, Status.EXHAUSTED)
+    made = plan.counters["iterations"]
+    assert made >= 1
+    again = limited_to(planner, made).plan(problem, np.random.default_rng(2))
+    assert again.status == plan.status
+    np.testing.assert_array_equal(again.path, plan.path)
+    np.testing.assert_array_equal(again.tree, plan.tree)
+    assert again.counters == plan.counters
+
+
+@pytest.mark.parametrize("name", TREES)
+@pytest.mark.parametrize("deadline", [-1.0, np.nan])
+def test_deadlines_that_are_none_are_input_errors(name, deadline, problem):
+    with pytest.raises(InputError, match="deadline"):
+        PLANNERS[name]().plan(problem, np.random.default_rng(0), deadline)
 
 
 @pytest.mark.parametrize("name", TREES)
@@ -130,3 +175,135 @@ def test_neighbours_are_those_of_brute_force():
             assert gaps[nearest(tree, *query)] == gaps.min()
             n = within(tree, *query, 3.0, found, distances)
             assert sorted(found[:n]) == list(np.flatnonzero(gaps <= 3.0))
+
+
+def test_trees_keep_their_nodes_through_removal_and_more_room():
+    rng = np.random.default_rng(6)
+    points = rng.uniform(0, 10, (400, 2))
+    tree = new_tree(np.array([0.0, 0.0, 10.0, 10.0]), 200)
+    for i, (x, y) in enumerate(points[:200]):
+        insert(tree, x, y, NONE if i == 0 else 0, 1.0)
+    tree = enlarged(tree, 400)
+    for x, y in points[200:]:
+        insert(tree, x, y, 0, 1.0)
+    for i in rng.permutation(np.arange(1, 400))[:150]:
+        points[i] = rng.uniform(0, 10, 2)
+        remove(tree, i)
+        put(tree, i, *points[i], 0, 1.0)
+    found, distances = np.empty(400, np.int32), np.empty(400)
+    for query in rng.uniform(0, 10, (50, 2)):
+        gaps = np.hypot(*(points - query).T)
+        assert gaps[nearest(tree, *query)] == gaps.min()
+        n = within(tree, *query, 2.0, found, distances)
+        assert sorted(found[:n]) == list(np.flatnonzero(gaps <= 2.0))
+
+
+def test_rrt_connect_solves_every_problem(stored):
+    planner = PLANNERS["rrt_connect"]()
+    for problem, _ in stored.values():
+        for plan in plans(planner, problem, 20):
+            assert plan.status == Status.SOLVED
+
+
+@pytest.mark.parametrize("name", ["rrt_connect", "informed_rrt_star"])
+def test_the_straight_line_needs_no_sample(name, stored):
+    problem, optimum = stored["empty50"]
+    plan = PLANNERS[name]().plan(problem, np.random.default_rng(0))
+    assert plan.counters["iterations"] == 0
+    assert plan.length == pytest.approx(optimum)
+
+
+@pytest.mark.parametrize("name", ["clutter50_s7", "slabs30_s1", "maze29_s4_d1.0"])
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_informed_rrt_star_falls_to_the_optimum(name, share, stored):
+    problem, optimum = stored[name]
+    lengths = []
+    for iterations in (1_500, 3_000, 6_000):
+        planner = InformedRrtStar(iterations=iterations, corner_share=share)
+        plan = planner.plan(problem, np.random.default_rng(0))
+        if plan.status == Status.SOLVED:
+            lengths.append(plan.length)
+    assert (np.diff(lengths) <= 1e-9).all()  # one run, further on
+    assert lengths[-1] <= optimum * (1.001 if share else 1.015)
+
+
+def test_informed_samples_stay_where_they_can_help(stored):
+    problem, _ = stored["clutter50_s7"]
+    first = InformedRrtStar(iterations=200, nodes=500)
+    done = InformedRrtStar(iterations=5_000, nodes=500)
+    before, after = (planner.plan(problem, np.random.default_rng(0)) for planner in (first, done))
+    assert after.counters["nodes"] <= 2 * 500 + 30  # though it went on long after the tree was full
+    assert after.length < before.length
+    new = after.tree[len(before.tree) :, 2:]
+    ends = (problem.start, problem.goal)
+    assert (sum(np.hypot(*(new - end).T) for end in ends) <= before.length).mean() > 0.95
+
+
+def test_fixed_nodes_are_kept_and_paths_fall_all_the_same(stored):
+    problem, _ = stored["clutter50_s7"]
+    few = RrtStar(nodes=400)
+    for plan in plans(RrtStarFn(tree=few), problem):
+        assert plan.counters["nodes"] <= few.nodes + 1  # and the goal
+        assert plan.counters["iterations"] == few.iterations
+    assert mean_length(RrtStarFn(tree=few), problem) < 0.99 * mean_length(few, problem)
+
+
+def test_smart_trees_are_ahead_of_plain_ones(stored):
+    problem, optimum = stored["clutter50_s7"]
+    plain = RrtStar(iterations=2_000)
+    smart = mean_length(RrtStarSmart(tree=plain), problem)
+    assert smart - optimum < 0.7 * (mean_length(plain, problem) - optimum)
+
+
+def test_smart_paths_join_vertices_that_see_each_other(stored):
+    problem, _ = stored["clutter50_s7"]
+    tree = RrtStar(return_on_first_path=True, step=1.5, search_radius=1.6)
+    solid = shapely.buffer(problem.space.solid, -1e-9)
+    pairs = zip(plans(tree, problem), plans(RrtStarSmart(tree=tree), problem), strict=True)
+    for plain, smart in pairs:
+        assert smart.length < plain.length
+        assert {tuple(point) for point in smart.path} <= {tuple(point) for point in plain.path}
+        skipping = np.hstack([smart.path[:-2], smart.path[2:]]).reshape(-1, 2, 2)
+        assert shapely.intersects(shapely.linestrings(skipping), solid).all()
+
+
+def test_limited_trees_stay_in_their_strip():
+    """Between the start and the goal in x, wider by a step for each edge that was blocked."""
+    space = Space.from_rectangles([(14.0, 3.0, 16.0, 20.0)], (0.0, 0.0, 30.0, 20.0))
+    problem = Problem(space, np.array([10.0, 18.0]), np.array([20.0, 18.0]))
+    tree = RrtStar(return_on_first_path=True, step=2.0, goal_reach=2.0)
+    for plan in plans(RrtStarLimited(tree=tree, widening=0.01), problem):
+        assert_free(problem, plan.path)
+        margin = 0.01 * plan.counters["blocked"]
+        assert plan.tree[:, 0].min() >= 10.0 - margin
+        assert plan.tree[:, 0].max() <= 20.0 + margin
+        assert 0 <= plan.counters["walls_cut"] <= plan.counters["blocked"]
+    assert plan.counters["blocked"] > 0
+    thin = Space.from_rectangles([(14.9, 3.0, 15.0, 20.0)], (0.0, 0.0, 30.0, 20.0))
+    across = Problem(thin, problem.start, problem.goal)
+    assert all(plan.counters["walls_cut"] > 0 for plan in plans(RrtStarLimited(), across))
+
+
+def turns(path):
+    """Changes of direction [rad] at the inner points of a path (n, 2)."""
+    steps = np.diff(path, axis=0)
+    headings = np.arctan2(steps[:, 1], steps[:, 0])
+    return np.abs((np.diff(headings) + np.pi) % (2 * np.pi) - np.pi)
+
+
+def test_splines_have_no_corners_where_the_path_of_the_tree_has(problem):
+    """The finer the polyline, the less it turns at each point: by the root of the tolerance."""
+    for seed in range(3):
+        path = SplineRrtStar().tree.plan(problem, np.random.default_rng(seed)).path
+        coarse, fine, finest = (
+            SplineRrtStar(tolerance=tolerance).plan(problem, np.random.default_rng(seed))
+            for tolerance in (1e-4, 1e-7, 1e-9)
+        )
+        assert turns(path).max() > 0.5
+        assert fine.counters["straight_legs"] == 0
+        assert turns(finest.path).max() < 0.15 * turns(fine.path).max()
+        assert_free(problem, coarse.path)
+        curve = shapely.LineString(fine.path)
+        assert shapely.distance(curve, shapely.points(path)).max() == 0.0
+        middles = shapely.points((coarse.path[1:] + coarse.path[:-1]) / 2)
+        assert shapely.distance(curve, middles).max() < 1.01e-4

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from planners.judge import faults
 from planners.swarm.objectives import make_objective
 from planners.swarm.planner import SwarmPlanner
 from planners.swarm.worth import new_room, push_out, value
-from tests.planners.judge import faults
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
 from wheelchair_gym.geometry import path_length
 from wheelchair_gym.scenes.papers import CHAOTIC_PSO_DISCS

@@ -213,6 +213,30 @@ def test_plan_shows_solids_holes_path_and_tree():
     assert np.abs(np.array(at(4.0, 2.5)) - palette.FREE).sum() > 60
 
 
+def test_a_legend_names_what_is_drawn_and_nothing_else():
+    ways = (0.0, 0.0, 6.0, 4.0), (0.5, 0.5), (5.5, 3.5)
+    drawn = {
+        "path": [(0.5, 0.5), (5.5, 0.5), (5.5, 3.5)],
+        "tree": [(4.0, 2.0, 4.0, 3.0)],
+        "optimum": [(0.5, 0.5), (5.5, 3.5)],
+        "swarm": [[(0.5, 0.5), (0.5, 3.5), (5.5, 3.5)]],
+        "outlines": [[(0.2, 0.2), (0.8, 0.2), (0.8, 0.8), (0.2, 0.8)]],
+    }
+    colours = {
+        "path": palette.TRAIL, "tree": palette.TREE, "optimum": palette.OPTIMUM,
+        "swarm": palette.SWARM, "outlines": palette.OUTLINE,
+    }  # fmt: skip
+    plain = draw_plan(*ways, **drawn)
+    full = draw_plan(*ways, **drawn, legend=True)
+    rows = len(full) - len(plain)
+    np.testing.assert_array_equal(full[rows:], plain)
+    for left_out in drawn:
+        some = {name: what for name, what in drawn.items() if name != left_out}
+        legend = draw_plan(*ways, **some, legend=True)[:rows]
+        for name, colour in colours.items():
+            assert (legend == colour).all(axis=-1).any() == (name != left_out), (name, left_out)
+
+
 @pytest.mark.parametrize("beam", [0, 135, 270])
 def test_a_lone_beam_without_echo_is_no_spike(view, beam):
     pose = (4.0, 3.0, 0.0)

@@ -31,6 +31,8 @@ LASER = VERMILION
 NARROW = ORANGE
 WIDE: Colour = (176, 158, 0)  # yellow, dark enough for a white floor
 TREE = SKY
+SWARM = ORANGE
+OUTLINE = PURPLE  # of what moves along a path
 OPTIMUM = BLACK
 
 SERIES: tuple[Colour, ...] = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, SOLID, WIDE)

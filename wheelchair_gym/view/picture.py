@@ -1,18 +1,17 @@
-"""Top views: a chair in its world, frame by frame, and a plan in its space."""
+"""Top views: a chair in its world, frame by frame."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.geometry import Footprint, polygon_edges, to_world, wrap_angle
+from wheelchair_gym.geometry import Footprint, to_world, wrap_angle
 from wheelchair_gym.kinematics import DriveGeometry
 from wheelchair_gym.sensing.settings import SensorSettings, UltrasonicSettings
-from wheelchair_gym.types import Episode, Reading, no_discs, no_walls
+from wheelchair_gym.types import Episode, Reading
 from wheelchair_gym.view import floor, palette
 from wheelchair_gym.view.canvas import Canvas, Image
 
@@ -151,64 +150,6 @@ class TopView:
         canvas.line(to_world(self.footprint.corners, pose), palette.ESTIMATE, 1.5, closed=True)
         heading = to_world([(0.0, 0.0), (self.footprint.front, 0.0)], pose)
         canvas.line(heading, palette.ESTIMATE, 1.5)
-
-
-def draw_plan(
-    bounds: ArrayLike,
-    start: ArrayLike,
-    goal: ArrayLike,
-    path: ArrayLike | None = None,
-    tree: ArrayLike | None = None,
-    *,
-    walls: ArrayLike | None = None,
-    discs: ArrayLike | None = None,
-    polygons: Sequence[ArrayLike] = (),
-    optimum: ArrayLike | None = None,
-    tolerance: float = 0.0,
-    size: int | tuple[int, int] = 640,
-    caption: str = "",
-) -> Image:
-    """A picture (h, w, 3) RGB of a plan: solids, tree thin, path thick, optimum dashed.
-
-    Args:
-        bounds: xmin, ymin, xmax, ymax [m].
-        start: (2,) or (3,) [m, m, rad].
-        goal: (2,) or (3,).
-        path: (n, 2 or 3) [m].
-        tree: edges (k, 4) [m].
-        walls: segments (n, 4) [m] of closed loops.
-        discs: (m, 3) [m]: x, y, radius.
-        polygons: closed loops (k, 2) [m], filled with the walls by the even-odd rule.
-        optimum: the best path known (n, 2 or 3) [m].
-        tolerance: how near the goal counts [m].
-        size: height and width, or the long side alone [pixels].
-        caption: one line below the picture, ASCII.
-    """
-    box = np.asarray(bounds, dtype=np.float64)
-    margin = 0.01 * float((box[2:] - box[:2]).max())
-    canvas = floor.blank(box + np.array([-margin, -margin, margin, margin]), size)
-    fine = canvas.enlarged(floor.FINE)
-    x0, y0, x1, y1 = box
-    fine.fill([[(x0, y0), (x1, y0), (x1, y1), (x0, y1)]], palette.FREE)
-    segments = [no_walls() if walls is None else np.asarray(walls, dtype=np.float64)]
-    segments += [polygon_edges(polygon) for polygon in polygons]
-    floor.lay_solids(fine, np.concatenate(segments), no_discs() if discs is None else discs)
-    if tree is not None:
-        fine.segments(tree, palette.TREE, 0.8)
-    if path is not None:
-        fine.line(path, palette.TRAIL, 4.0)
-    if optimum is not None:
-        fine.dashes(optimum, palette.OPTIMUM, 1.6)
-    if tolerance > 0.0:
-        floor.mark_goal(fine, goal, tolerance)
-    else:
-        fine.dot(goal, 7.0, palette.FREE)
-        fine.dot(goal, 5.5, palette.GOAL)
-    floor.mark_start(fine, start)
-    floor.rule_strip(fine)
-    picture = fine.shrunk(floor.FINE)
-    floor.write_caption(picture, caption)
-    return picture.image
 
 
 def _cones(settings: UltrasonicSettings) -> tuple[Array, Array, list[palette.Colour]]:

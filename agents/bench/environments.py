@@ -176,7 +176,7 @@ def measure(
         settings = bench_settings(count, bank)
         theirs = None
         if peer:
-            from agents.peers import irsim_rate
+            from agents.peers.irsim import irsim_rate
 
             theirs = irsim_rate(settings, worlds.course(0, 0).episode, seconds)
             yield {"what": "IR-SIM", "beams": count, "envs": 1, "threads": 1, "rate": theirs}

@@ -1,0 +1,45 @@
+"""Other simulators and planners in the same worlds, for comparison; they are an extra (`peers`).
+
+A peer among planners is a settings object like ours whose `at(case)` prepares it for one map,
+untimed; what that gives has our planners' `plan(problem, rng, deadline)`, or is None where the map
+is not one that the peer can take.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from typing import Any, Final, NamedTuple
+
+from agents.peers.ompl import Ompl
+from agents.peers.pathplanning import LazyThetaStar, Tree
+from agents.peers.swarms import Mealpy, Niapy
+
+
+class Peer(NamedTuple):
+    """A planner of another package."""
+
+    package: str
+    settings: Any
+    timed: bool = True  # whether it keeps a deadline
+
+
+PEERS: Final[dict[str, Peer]] = {
+    "ompl_rrt_connect": Peer("ompl", Ompl("RRTConnect")),
+    "ompl_informed_rrt_star": Peer("ompl", Ompl("InformedRRTstar")),
+    "ompl_bit_star": Peer("ompl", Ompl("BITstar")),
+    "ompl_rrt_connect_sampled": Peer("ompl", Ompl("RRTConnect", exact=False)),
+    "ompl_informed_rrt_star_sampled": Peer("ompl", Ompl("InformedRRTstar", exact=False)),
+    "ompl_bit_star_sampled": Peer("ompl", Ompl("BITstar", exact=False)),
+    "pathplanning_rrt_connect": Peer("pathplanning", Tree("rrt_connect")),
+    "pathplanning_rrt_star_5": Peer("pathplanning", Tree("rrt_star")),
+    "pathplanning_rrt_star_1": Peer("pathplanning", Tree("rrt_star", step=1.0)),
+    "pathplanning_lazy_theta_star": Peer("pathplanning", LazyThetaStar(), timed=False),
+    "mealpy_woa": Peer("mealpy", Mealpy("WOA")),
+    "mealpy_pso": Peer("mealpy", Mealpy("PSO")),
+    "niapy_pso": Peer("niapy", Niapy()),
+}
+
+
+def installed(package: str) -> bool:
+    """Whether a package can be imported."""
+    return importlib.util.find_spec(package) is not None

@@ -1,0 +1,161 @@
+"""Planners of the package `pathplanning`, written in C and C++."""
+
+from __future__ import annotations
+
+import importlib
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from planners import Plan, Problem, Status
+from planners.exact import edge_free
+from wheelchair_gym.config import setting, settings
+
+Array = NDArray[np.float64]
+
+UNLIMITED = 1_000_000_000  # iterations, where time is what ends a run
+
+
+@settings
+class Tree:
+    """Its trees among axis-aligned boxes, whose edges it tests exactly.
+
+    Boxes are closed sets to it: a path may not touch them.
+    """
+
+    planner: Literal["rrt_connect", "rrt_star"]
+    step: float = setting(default=5.0, unit="m", source="measured: its best on maps of 50 m")
+    gamma: float = setting(default=70.0, source="measured; its default of 2 never improves")
+    iterations: int = setting(
+        default=10_000, source="its own default; of rrt_star without a deadline", low=1
+    )
+    limit: float = setting(
+        default=10.0, unit="s", source="of rrt_connect without a deadline", low=0.0
+    )
+
+    def at(self, case: Any) -> TreeOnMap | None:
+        """Prepare for a map of rectangles; None for any other."""
+        if case.rectangles is None or case.problem.clearance > 0.0:
+            return None
+        return TreeOnMap(self, case.problem, case.rectangles)
+
+
+class TreeOnMap:
+    """Its description of one map, made once."""
+
+    def __init__(self, own: Tree, problem: Problem, rectangles: Array) -> None:
+        model = importlib.import_module("pathplanning.native.continuous_model")
+        self.own = own
+        self.bounds = np.array(problem.space.bounds).reshape(2, 2)
+        self._model = model.NativeContinuousSpaceModel(
+            *self.bounds, box_minima=rectangles[:, :2], box_maxima=rectangles[:, 2:]
+        )
+        self.dimension, self.distance_metric = 2, "euclidean"
+
+    def to_native_model(self) -> Any:
+        """What its native code needs of a space."""
+        return self._model
+
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Answer with the first path, or the best at the deadline or of so many iterations."""
+        api = importlib.import_module("pathplanning.api")
+        contracts = importlib.import_module("pathplanning.core.contracts")
+        params = importlib.import_module("pathplanning.core.params")
+        own, limit = self.own, deadline
+        if deadline is None and own.planner == "rrt_connect":
+            limit = own.limit
+        begun = perf_counter()
+        start, goal = (np.array(end[:2]) for end in (problem.start, problem.goal))
+        found = api.plan_continuous(
+            contracts.ContinuousProblem(self, start, contracts.GoalState(goal)),
+            planner=own.planner,
+            params=params.RrtParams(
+                max_iters=own.iterations if limit is None else UNLIMITED,
+                step_size=own.step,
+                rrt_star_radius_gamma=own.gamma,
+                time_budget_s=limit,
+            ),
+            rng=rng,
+        )
+        return _plan(found.path if found.path is not None else found.best_path, found, begun)
+
+
+@settings
+class LazyThetaStar:
+    """Its any-angle search on a grid of cells; a cell that meets anything solid is blocked."""
+
+    resolution: float = setting(default=0.1, unit="m", source="as our a_star", low=0.01)
+
+    def at(self, case: Any) -> ThetaOnMap:
+        """Prepare for a map."""
+        return ThetaOnMap(self, case.problem)
+
+
+class ThetaOnMap:
+    """The cells of one map, made once."""
+
+    def __init__(self, own: LazyThetaStar, problem: Problem) -> None:
+        grid = importlib.import_module("pathplanning.spaces.grid2d")
+        self.own = own
+        free = problem.free
+        self._arrays = free.arrays
+        x0, y0, x1, y1 = free.bounds
+        step = own.resolution
+        columns, rows = int((x1 - x0) / step + 1e-9), int((y1 - y0) / step + 1e-9)
+        left, low = np.meshgrid(x0 + step * np.arange(columns), y0 + step * np.arange(rows))
+        cells = shapely.box(left + 1e-9, low + 1e-9, left + step - 1e-9, low + step - 1e-9)
+        solid = free.solid
+        shapely.prepare(solid)
+        self.origin, self.shape = np.array([x0, y0]), np.array([columns, rows])
+        self.space = grid.Grid2DSearchSpace(columns, rows)
+        self.space.set_occupancy(shapely.intersects(solid, cells))
+
+    def _cell(self, point: Array) -> tuple[int, int]:
+        place = ((np.asarray(point)[:2] - self.origin) / self.own.resolution + 1e-9).astype(int)
+        column, row = np.clip(place, 0, self.shape - 1)
+        return int(column), int(row)
+
+    def _joined(self, start: Array, way: list[Array], goal: Array) -> list[Array]:
+        """The way with its ends, without the middles of their cells where that is free."""
+        arrays = self._arrays
+        if len(way) > 1 and edge_free(arrays, *start, *way[1]):
+            del way[0]
+        if len(way) > 1 and edge_free(arrays, *way[-2], *goal):
+            del way[-1]
+        return [start, *way, goal]
+
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Answer with its one path; it knows no deadline."""
+        api = importlib.import_module("pathplanning.api")
+        contracts = importlib.import_module("pathplanning.core.contracts")
+        begun = perf_counter()
+        start, goal = (np.array(end[:2]) for end in (problem.start, problem.goal))
+        ends = self._cell(start), self._cell(goal)
+        if not all(map(self.space.is_valid_node, ends)):
+            return Plan(Status.EXHAUSTED)  # in a cell that is partly solid
+        found = api.plan_discrete(
+            contracts.DiscreteProblem(self.space, *ends), planner="lazy_theta_star", rng=rng
+        )
+        path = found.path
+        if path is not None:
+            middles = self.origin + (np.asarray(path) + 0.5) * self.own.resolution
+            path = self._joined(start, list(middles), goal)
+        return _plan(path, found, begun)
+
+
+def _plan(path: Any, found: Any, begun: float) -> Plan:
+    """A plan of ours for an answer of theirs."""
+    counters = {"nodes": int(found.nodes), "iterations": int(found.iters)}
+    timings = {"time_s": perf_counter() - begun}
+    if path is None:
+        return Plan(Status.EXHAUSTED, counters=counters, timings=timings)
+    return Plan(
+        Status.SOLVED, np.asarray(path, dtype=np.float64), np.empty((0, 4)), counters, timings
+    )
