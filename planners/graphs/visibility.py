@@ -11,8 +11,8 @@ import numpy as np
 
 from planners.erosion import ARC, SHIFT
 from planners.graphs.cones import shortest
-from planners.types import Plan, Problem, Status, trivial
-from wheelchair_gym.config import InputError, settings
+from planners.types import Plan, Problem, Status, begin, trivial
+from wheelchair_gym.config import settings
 
 ALL = 2**62  # cones: more than there is room for
 FIRST, MORE = (
@@ -37,9 +37,7 @@ class Visibility:
         A search that would outlast the deadline [s] begins anew with more cones while there is
         time, and ends `exhausted`; what a map needs once (arrays, triangles) is not cut short.
         """
-        began = time.perf_counter()
-        if deadline is not None and not deadline >= 0.0:
-            raise InputError(f"deadline is {deadline}; expected seconds, at least 0, or None")
+        began, ends = begin(deadline)
         plan = trivial(problem)
         if plan is not None:
             return plan
@@ -48,7 +46,7 @@ class Visibility:
         most = ALL if deadline is None else FIRST
         while True:
             path, proven, settled, cones = shortest(mesh, corners, start, goal, most)
-            if proven or (deadline is not None and time.perf_counter() - began >= deadline):
+            if proven or time.perf_counter() >= ends:
                 break
             most *= MORE
         failed = Status.NO_PATH if proven else Status.EXHAUSTED
