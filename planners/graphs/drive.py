@@ -34,6 +34,7 @@ class Manner(NamedTuple):
     forward: float  # m/s
     backward: float  # m/s that a way back is counted at
     turn: float  # rad/s
+    spin: float  # rad/s of a pivot
     lateral: float  # m/s2
     switch: float  # s: to stop, and to start in another way
     steer: float  # s per 1/m of a change of curvature
@@ -43,7 +44,7 @@ class Manner(NamedTuple):
 def seconds(manner: Manner, way: float, turn: float) -> float:
     """Time [s] that a stretch takes at the speed it allows."""
     if abs(way) < STILL:
-        return abs(turn) / manner.turn
+        return abs(turn) / manner.spin
     bend = abs(turn / way)
     speed = manner.forward if way > 0.0 else manner.backward
     if bend > 0.0:

@@ -105,6 +105,12 @@ class Lattice:
     lateral: float = setting(
         default=0.35, unit="m/s2", source="comfort, as a follower's in curves", low=0.01
     )
+    spin: float = setting(
+        default=0.6,
+        source="of the turn limit: what followers turn in place with",
+        low=0.05,
+        high=1.0,
+    )
     back: float = setting(
         default=2.0, source="times a way back is dearer: nothing looks back", low=1.0
     )
@@ -112,7 +118,7 @@ class Lattice:
         default=0.03, unit="s m", source="of a change of curvature; against wobble", low=0.0
     )
     greed: float = setting(
-        default=2.0, source="more is faster and less good; tuned", low=1.0, high=10.0
+        default=1.6, source="more is faster and less good; tuned", low=1.0, high=10.0
     )
     content: float = setting(
         default=0.8,
@@ -121,7 +127,7 @@ class Lattice:
         high=1.0,
     )
     askew: float = setting(
-        default=1.0, source="of the time to turn to the way ahead, in what is left; tuned", low=0.0
+        default=0.5, source="of the time to turn to the way ahead, in what is left; tuned", low=0.0
     )
     join: float = setting(
         default=1.5, unit="m", source="how far from the goal it is led to exactly", low=0.1
@@ -171,7 +177,8 @@ class Lattice:
         switch = 0.5 * limits.forward / limits.acceleration
         return Manner(
             self.footprint.array, margin, self.wish, self.dear, limits.forward,
-            limits.backward / self.back, limits.turn, self.lateral, switch, self.steer,
+            limits.backward / self.back, limits.turn, self.spin * limits.turn, self.lateral,
+            switch, self.steer,
         )  # fmt: skip
 
     def moves(self, level: int) -> Sweeps:
