@@ -132,7 +132,7 @@ class Lattice:
     join: float = setting(
         default=1.5, unit="m", source="how far from the goal it is led to exactly", low=0.1
     )
-    iterations: int = setting(default=200_000, source="poses expanded: some 200 MB", low=1)
+    iterations: int = setting(default=200_000, source="poses expanded: some 200 MB", low=0)
 
     def plan(
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None

@@ -195,6 +195,7 @@ def test_wrong_input_is_one_line_and_code_2(problems, tmp_path, capsys):
         assert lines[0].startswith("wheelchair: ")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", PEERS)
 def test_a_peer_that_is_installed_solves_and_keeps_to_a_deadline(name, problems):
     if not installed(PEERS[name].package):

@@ -44,12 +44,13 @@ def assert_answered(name, problem):
     plan = quick(name).plan(problem, np.random.default_rng(0))
     best = make_planner("visibility").plan(problem, np.random.default_rng(0))
     assert isinstance(plan.status, Status)
+    larger = "lattice" in name  # an outline may not fit where a point does
     if plan.status == Status.SOLVED:
         assert_valid(plan, problem)
-        assert plan.length >= best.length - TOLERANCE
+        # Obstacles grown for a point shut a gap exactly as wide as the clearance; no outline grows.
+        assert plan.length >= best.length - TOLERANCE or (larger and best.status == Status.NO_PATH)
     else:
         assert len(plan.path) == 0
-        larger = hasattr(make_planner(name), "footprint")  # it may not fit where a point does
         assert plan.status == best.status or plan.status in GIVEN_UP or larger
         if name in PROVE:
             assert plan.status == best.status
