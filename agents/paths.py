@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from planners.exact import SpaceArrays, clearance
+from planners.swarm import worth
 from planners.types import Problem
 from wheelchair_gym.geometry import path_length
 from wheelchair_gym.kernel import borrowing_kernel
@@ -20,26 +21,14 @@ SPACING = 0.1  # m between the points of a path whose clearances are averaged
 
 def turning(path: ArrayLike) -> float:
     """Mean absolute angle [rad] between successive legs of a path (n, 2); 0 for a single leg."""
-    legs = np.diff(_apart(path), axis=0)
-    if len(legs) < 2:
-        return 0.0
-    cross = legs[:-1, 0] * legs[1:, 1] - legs[:-1, 1] * legs[1:, 0]
-    return float(np.abs(np.arctan2(cross, (legs[:-1] * legs[1:]).sum(axis=1))).mean())
+    points = _apart(path)
+    return worth.mean_turning(points, len(points))
 
 
 def printed_turning(path: ArrayLike) -> float:
-    """Smoothness f1 as the paper on RRT-WOA prints it, its (1)-(5): less is called smoother.
-
-    A is a leg, B the way to the point after it; the paper takes (A^2 + B^2) / (2 A B) for the
-    cosine of an angle, though it lacks the third side of the law of cosines, and its mean over
-    the legs.
-    """
+    """Smoothness f1 as the paper on RRT-WOA prints it, its (1)-(5): less is called smoother."""
     points = _apart(path)
-    if len(points) < 3:
-        return 0.0
-    A = np.hypot(*(points[1:-1] - points[:-2]).T)
-    B = np.maximum(np.hypot(*(points[2:] - points[:-2]).T), 1e-12)
-    return float(((A * A + B * B) / (2.0 * A * B)).sum() / (len(points) - 1))
+    return worth.printed_turning(points, len(points)) if len(points) > 1 else 0.0
 
 
 def _apart(path: ArrayLike) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from time import perf_counter
 from typing import NamedTuple
 
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from planners.contour import blockers
 from planners.exact import edge_free
 from planners.space import Space
-from planners.types import Plan, Problem, Status, trivial
+from planners.types import Plan, Problem, Status, begin, trivial
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]
@@ -76,11 +75,10 @@ class Geometric:
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
         """Find a path, or say why the method ends; the generator is not used."""
-        began = perf_counter()
+        began, end = begin(deadline)
         plan = trivial(problem)
         if plan is not None:
             return plan
-        end = began + (math.inf if deadline is None else deadline)
         space = problem.free
         obstacles = _obstacles(space)
         start: Point = (float(problem.start[0]), float(problem.start[1]))

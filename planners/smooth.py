@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
+from scipy.interpolate import CubicHermiteSpline
 
+from planners.curves import pchip_slopes, spline_slopes
 from planners.exact import SpaceArrays, edge_free
 from wheelchair_gym.kernel import kernel
 
@@ -36,18 +37,21 @@ def blocked_edges(arrays: SpaceArrays, path: Array) -> Flags:
 
 
 def pchip(way: Array, knots: Array) -> Any:
-    """A piecewise cubic without overshoot (Fritsch and Butland 1984), in a frame turned by 45 deg.
+    """PCHIP, a piecewise cubic without overshoot, in a frame turned by 45 deg.
 
     Where a coordinate stops rising its slope is zero: in a frame along the walls, a right angle
     would stay as sharp as it is.
     """
-    turned = PchipInterpolator(way, knots @ _TURN)
-    return PPoly(turned.c @ _TURN.T, turned.x)
+    slopes = np.empty_like(knots)
+    pchip_slopes(way, knots @ _TURN, len(knots), slopes)
+    return CubicHermiteSpline(way, knots, slopes @ _TURN.T)
 
 
 def spline(way: Array, knots: Array) -> Any:
     """A natural cubic spline: its second derivative is continuous."""
-    return CubicSpline(way, knots, bc_type="natural")
+    slopes = np.empty_like(knots)
+    spline_slopes(way, knots, len(knots), True, np.empty(len(knots)), slopes)
+    return CubicHermiteSpline(way, knots, slopes)
 
 
 class Sampled(NamedTuple):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from time import perf_counter
 
 import numpy as np
@@ -14,7 +13,7 @@ from planners.exact import SpaceArrays
 from planners.graphs.cells import cells_at, decompose, joined
 from planners.graphs.roadmap import shortest
 from planners.shortcut import shortcut
-from planners.types import Plan, Problem, Status, trivial
+from planners.types import Plan, Problem, Status, begin, trivial
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]
@@ -51,11 +50,10 @@ class CellDecomposition:
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
         """Find a path, within a deadline [s] if there is one; the generator is not used."""
-        began = perf_counter()
+        began, end = begin(deadline)
         plan = trivial(problem)
         if plan is not None:
             return plan
-        end = began + (math.inf if deadline is None else deadline)
         arrays = problem.free.arrays
         ends = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
         walls, spans, sides, windows = cut(arrays)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from planners.footprint import path_gap
 from planners.graphs.lattice import POINTS, TOUCH, Lattice
 from planners.graphs.visibility import Visibility
-from planners.types import Plan, Problem, Status
+from planners.types import Plan, Problem, Status, begin
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import wrap
 
@@ -74,11 +74,11 @@ class DiscThenLattice:
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
         """See `Planner.plan`; nothing is drawn. `tight` counts whether the lattice was asked."""
-        begun = time.perf_counter()
+        begun, end = begin(deadline)
         footprint = self.lattice.footprint
         margin = max(TOUCH, problem.clearance - footprint.half_width)
         wide = replace(problem, clearance=max(problem.clearance, footprint.half_width) + self.play)
-        disc = Visibility().plan(wide, rng)
+        disc = Visibility().plan(wide, rng, deadline)
         start = np.zeros(3)
         start[: len(problem.start)] = problem.start
         goal = np.asarray(problem.goal, dtype=np.float64)
@@ -92,8 +92,8 @@ class DiscThenLattice:
         if solved:
             status, counters = disc.status, {**disc.counters, "iterations": 0, "tight": 0}
         else:
-            left = None if deadline is None else deadline - (time.perf_counter() - begun)
-            plan = self.lattice.plan(problem, rng, left)
+            left = max(0.0, end - time.perf_counter())
+            plan = self.lattice.plan(problem, rng, None if deadline is None else left)
             status, path, counters = plan.status, plan.path, {**plan.counters, "tight": 1}
         spent = {"time_s": time.perf_counter() - begun}
         return Plan(status, path, counters=counters, timings=spent)

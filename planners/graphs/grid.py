@@ -28,7 +28,7 @@ from planners.graphs.grid_search import (
 )
 from planners.shortcut import shortcut
 from planners.space import SpaceArrays
-from planners.types import Plan, Problem, Status, trivial
+from planners.types import Plan, Problem, Status, begin, trivial
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]
@@ -101,11 +101,10 @@ def _planned(
     deadline: float | None,
 ) -> Plan:
     """The plan of a search in some order, on finer and finer grids."""
-    began = perf_counter()
+    began, end = begin(deadline)
     plan = trivial(problem)
     if plan is not None:
         return plan
-    end = began + (math.inf if deadline is None else deadline)
     arrays = problem.free.arrays
     ends = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
     xmin, ymin, xmax, ymax = problem.free.bounds

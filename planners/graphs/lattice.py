@@ -33,7 +33,7 @@ from planners.graphs.states import (
 )
 from planners.nearby import Nearby, nearby
 from planners.space import Space
-from planners.types import Plan, Problem, Status, check
+from planners.types import Plan, Problem, Status, begin, check
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kinematics import Limits
@@ -138,7 +138,7 @@ class Lattice:
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
         """See `Planner.plan`; nothing is drawn. The iterations counted are poses expanded."""
-        begun = time.perf_counter()
+        begun, end = begin(deadline)
         # Points may come as near as they like; what is no number stays none.
         status = check(replace(problem, clearance=0.0 * problem.clearance))
         if status is not None:
@@ -153,7 +153,6 @@ class Lattice:
         iterations, nodes, path, level = 0, 0, np.empty((0, 3)), 0
         for level in range(self.refinements + 1):
             most = self.iterations - iterations
-            end = None if deadline is None else begun + deadline
             path, expanded, made, over = self._search(ground, manner, start, goal, level, most, end)
             iterations, nodes = iterations + expanded, nodes + made
             if len(path) or not over:
@@ -225,7 +224,7 @@ class Lattice:
         goal: Array,
         level: int,
         most: int,
-        end: float | None,
+        end: float,
     ) -> tuple[Array, int, int, bool]:
         """The path (n, 3) or none, poses expanded, nodes made, and whether all was searched."""
         near, part = ground.near, 0.5**level
@@ -248,7 +247,7 @@ class Lattice:
         over = False
         most_made = len(moves.way) + 3 * (len(lines.poses) + 1)  # of one expansion
         while not over and tree.state[EXPANDED] < most:
-            if end is not None and time.perf_counter() >= end:
+            if time.perf_counter() >= end:
                 break
             if tree.state[COUNT] + most_made > len(tree.cost):
                 tree = _roomier(tree, most_made)

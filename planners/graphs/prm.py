@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from planners.draws import Stream, stream, uniform
 from planners.exact import SpaceArrays, point_free
 from planners.graphs.roadmap import shortest
-from planners.types import Plan, Problem, Status, trivial
+from planners.types import Plan, Problem, Status, begin, trivial
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.kernel import kernel
 
@@ -54,11 +54,10 @@ class Prm:
 
         A roadmap proves nothing, so failure is `exhausted`.
         """
-        began = perf_counter()
+        began, end = begin(deadline)
         plan = trivial(problem)
         if plan is not None:
             return plan
-        end = began + (math.inf if deadline is None else deadline)
         arrays, state = problem.free.arrays, stream(rng)
         least = 2.0 * math.sqrt(1.5 * problem.free.free.area / math.pi)  # d = 2
         nodes = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from time import perf_counter
 
 import numpy as np
@@ -12,7 +11,7 @@ from scipy.spatial import Voronoi as Diagram
 
 from planners.exact import SpaceArrays
 from planners.graphs.roadmap import shortest
-from planners.types import Plan, Problem, Status, trivial
+from planners.types import Plan, Problem, Status, begin, trivial
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]
@@ -66,11 +65,10 @@ class Voronoi:
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
         """Find a path; samples prove nothing, so failure is `exhausted`. No use of `rng`."""
-        began = perf_counter()
+        began, end = begin(deadline)
         plan = trivial(problem)
         if plan is not None:
             return plan
-        end = began + (math.inf if deadline is None else deadline)
         arrays = problem.free.arrays
         ends = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
         path, tested, halvings, note = np.empty((0, 2)), 0, 0, "no way along the finest axis"

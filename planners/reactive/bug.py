@@ -25,7 +25,7 @@ from planners.contour import (
     part_of,
 )
 from planners.exact import SpaceArrays, edge_free, side
-from planners.types import Plan, Problem, Status, trivial
+from planners.types import Plan, Problem, Status, begin, trivial
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import path_length
 from wheelchair_gym.kernel import kernel
@@ -181,11 +181,10 @@ def round_to_the_line(
 
 def _walked(problem: Problem, deadline: float | None, detour: Detour) -> Plan:
     """The plan of a bug that goes round things in its own way."""
-    began = perf_counter()
+    began, end = begin(deadline)
     plan = trivial(problem)
     if plan is not None:
         return plan
-    end = began + (math.inf if deadline is None else deadline)
     solids = Solids(problem.free.arrays, *pairing(problem.free.arrays))
     goal = np.array(problem.goal[:2], dtype=np.float64)
     path, hits = [np.array([problem.start[:2]], dtype=np.float64)], 0

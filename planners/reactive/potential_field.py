@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.exact import SpaceArrays, clearance, edge_free
-from planners.types import Plan, Problem, Status, trivial
+from planners.types import Plan, Problem, Status, begin, trivial
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.kernel import borrowing_kernel
 
@@ -104,11 +104,10 @@ class PotentialField:
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
         """Walk down to the goal, or until nothing leads down; the generator is not used."""
-        began = perf_counter()
+        began, end = begin(deadline)
         plan = trivial(problem)
         if plan is not None:
             return plan
-        end = began + (math.inf if deadline is None else deadline)
         x, y = (float(v) for v in problem.goal[:2])
         field = Field(x, y, self.strength, self.reach, self.step, self.headings)
         walk = np.empty((self.iterations + 2, 2))

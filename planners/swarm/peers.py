@@ -15,6 +15,8 @@ from wheelchair_gym.config import InputError, setting, settings
 
 Array = NDArray[np.float64]
 
+LEAST_TIME = 0.1  # s: mealpy refuses less
+
 
 @settings
 class Mealpy:
@@ -68,7 +70,7 @@ class Mealpy:
             {"obj_func": cost_of, "bounds": bounds, "minmax": "min", "log_to": None},
             starting_solutions=list(start.population),
             seed=int(rng.integers(2**31)),
-            termination=None if deadline is None else {"max_time": max(deadline, 1e-3)},
+            termination=None if deadline is None else {"max_time": max(deadline, LEAST_TIME)},
         )
         costs = np.array([agent.target.fitness for agent in model.history.list_global_best])
         value(start.task, worth, np.asarray(best.solution), np.inf, np.inf, room)

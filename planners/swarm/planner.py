@@ -17,10 +17,11 @@ from planners.swarm.optimizers import OPTIMIZERS, make_optimizer, named
 from planners.swarm.peers import Mealpy
 from planners.swarm.search import Search, run
 from planners.swarm.start import Start, along, blocked_legs, bowed, halved, in_discs
-from planners.swarm.state import FEWEST, begin
+from planners.swarm.state import FEWEST
+from planners.swarm.state import begin as begin_swarm
 from planners.swarm.worth import Task
 from planners.trees.rrt import Rrt, RrtConnect, RrtStar
-from planners.types import Plan, Planner, Problem, Status, trivial
+from planners.types import Plan, Planner, Problem, Status, begin, trivial
 from wheelchair_gym.config import InputError, load, setting, settings
 
 Array = NDArray[np.float64]
@@ -160,7 +161,7 @@ class SwarmPlanner:
             start.task,
             worth,
             optimizer.moves,
-            begin(start.population, start.lower, start.upper),
+            begin_swarm(start.population, start.lower, start.upper),
             self.iterations,
             self.cycle,
             stream(rng),
@@ -171,9 +172,7 @@ class SwarmPlanner:
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
         """Answer a problem with the valid path that costs least of all that the swarm tried."""
-        began = perf_counter()
-        if deadline is not None and not deadline >= 0.0:
-            raise InputError(f"deadline is {deadline}; expected seconds, at least 0, or None")
+        began, end = begin(deadline)
         answer = trivial(problem)
         if answer is not None:
             return answer
@@ -188,8 +187,8 @@ class SwarmPlanner:
         start = self.start(problem, path, rng)
         counters = {"nodes": first.counters.get("nodes", 0), "iterations": 0}
         if len(start.task.anchors) > 0:
-            left = None if deadline is None else deadline - (perf_counter() - began)
-            found = self.search(start, rng, left)
+            left = max(0.0, end - perf_counter())
+            found = self.search(start, rng, None if deadline is None else left)
             counters |= {"iterations": found.iterations, "found_iterations": found.found}
             if len(found.line):
                 path = found.line

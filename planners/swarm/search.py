@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Final, NamedTuple
@@ -26,6 +25,7 @@ from planners.swarm.worth import (
     push_out,
     value,
 )
+from planners.types import begin
 from wheelchair_gym.kernel import borrowing_kernel
 
 Array = NDArray[np.float64]
@@ -154,7 +154,7 @@ def run(
         state: stream of random numbers.
         deadline: seconds of wall time from now; None for none.
     """
-    began = perf_counter()
+    _, end = begin(deadline)
     room = new_room(len(task.anchors), task.pieces)
     valid = Valid(np.empty_like(room.line), np.full(1, np.inf), np.zeros(1, np.int64))
     made, chunk = 0, iterations if deadline is None else min(1, iterations)
@@ -165,7 +165,7 @@ def run(
         if made >= iterations:
             break
         now = perf_counter()
-        left = math.inf if deadline is None else deadline - (now - began)
+        left = end - now
         if left <= 0.0:
             break
         spent = (now - before) / max(chunk, 1)

@@ -117,7 +117,10 @@ def mean_turning(points: Array, n: int) -> float:
 
 @borrowing_kernel
 def printed_turning(points: Array, n: int) -> float:
-    """Smoothness as P1 (1)-(5) print it: A the next leg, B the way to the point after it."""
+    """Smoothness as P1 (1)-(5) print it: A the next leg, B the way to the point after it.
+
+    (A^2 + B^2) / (2 A B) lacks the third side of the law of cosines: it is no cosine of an angle.
+    """
     total = 0.0
     for i in range(n - 2):
         A = math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])

@@ -11,6 +11,7 @@ from planners import PLANNERS, Problem, Space, Status, make_planner
 from planners.judge import TOLERANCE
 from tests.planners.replay import limited_to
 from tests.planners.test_planners import BOX, COMPLETE, GIVEN_UP, PROVE, assert_valid, on, quick
+from wheelchair_gym.config import InputError
 
 SIZE = 8
 WITH_DEADLINE = [
@@ -125,3 +126,10 @@ def test_a_deadline_is_no_error_and_its_iterations_replay(name):
         same = again.plan(problem, np.random.default_rng(2))
         assert same.status == plan.status
         np.testing.assert_array_equal(same.path, plan.path)
+
+
+@pytest.mark.parametrize("name", WITH_DEADLINE)
+@pytest.mark.parametrize("wrong", [-1.0, np.nan])
+def test_a_deadline_that_is_no_time_is_an_input_error(name, wrong):
+    with pytest.raises(InputError, match="deadline"):
+        make_planner(name).plan(on([(2, 3, 6, 5)]), np.random.default_rng(0), deadline=wrong)
