@@ -135,6 +135,7 @@ def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, 
         "optimum": None,
         "time_s": spent,
         "nodes": plan.counters.get("nodes"),
+        "note": plan.note,
         "path": plan.path.tolist(),
     }
 
@@ -167,15 +168,20 @@ def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
     start, goal = f"the start {_at(problem.start)}", f"the goal {_at(problem.goal)}"
     places = {
         Status.START_OUTSIDE: f"{start} lies outside the map",
-        Status.START_OCCUPIED: f"{start} is not {clearance} m from obstacles",
+        Status.START_OCCUPIED: f"{start} is not {clearance:g} m from obstacles",
         Status.GOAL_OUTSIDE: f"{goal} lies outside the map",
-        Status.GOAL_OCCUPIED: f"{goal} is not {clearance} m from obstacles",
+        Status.GOAL_OCCUPIED: f"{goal} is not {clearance:g} m from obstacles",
     }
     if plan.status in places:
         raise InputError(f"plan: {plan.status}: {places[plan.status]}")
     import sys
 
-    print(f"wheelchair: plan: {plan.status}: no path with {clearance} m clearance", file=sys.stderr)
+    none = "there is no path" if plan.status is Status.NO_PATH else "no path was found"
+    why = f": {plan.note}" if plan.note else ""
+    print(
+        f"wheelchair: plan: {plan.status}: {none} with {clearance:g} m clearance{why}",
+        file=sys.stderr,
+    )
     return 1
 
 
@@ -202,7 +208,8 @@ def _run_problems(given: argparse.Namespace, planner: Any) -> int:
             text += f", {answer['length']:.3f} m"
             if answer["optimum"]:
                 text += f" ({answer['length'] / answer['optimum']:.4f} of the optimum)"
-        lines.append(f"{text}, {1e3 * answer['time_s']:.1f} ms")
+        why = f": {answer['note']}" if answer["note"] else ""
+        lines.append(f"{text}, {1e3 * answer['time_s']:.1f} ms{why}")
     report(given, answers, "\n".join(lines))
     return 0
 

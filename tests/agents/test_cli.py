@@ -177,6 +177,12 @@ def test_a_failure_of_the_world_has_its_name(hall, capsys, change, status):
     assert status in capsys.readouterr().err
 
 
+def test_a_planner_that_finds_nothing_says_why(hall, capsys):
+    assert run(*plan(hall, "hall.yaml", planner="potential_field")) == 1
+    said = capsys.readouterr().err
+    assert "stuck: no path was found with 0.36 m clearance: a local minimum at [" in said
+
+
 def test_a_plan_is_json_and_a_picture(hall, capsys, tmp_path):
     picture = tmp_path / "plan.png"
     assert run(*plan(hall, "hall.yaml"), "--json", "-", "--picture", picture) == 0
@@ -210,7 +216,7 @@ def test_problems_are_answered_one_by_one(hall, capsys):
     arguments = ["plan", "--problems", hall / "problems.json", "--planner", "rrt_star"]
     assert run(*arguments, "--json", "-") == 0
     (answer,) = json.loads(capsys.readouterr().out)
-    assert set(answer) == {"name", "status", "length", "optimum", "time_s", "nodes", "path"}
+    assert set(answer) == {"name", "status", "length", "optimum", "time_s", "nodes", "note", "path"}
     assert answer["length"] >= answer["optimum"] - 1e-3
 
 

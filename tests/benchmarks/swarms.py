@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.metrics import wilson
 from planners import Problem, Space, make_planner
 from planners.curves import curve
 from planners.problems import read_problems
@@ -93,13 +94,6 @@ def say(*words: Any) -> None:
     print(*words, file=sys.stderr, flush=True)
 
 
-def interval(hits: int, runs: int) -> tuple[float, float]:
-    """Wilson's 95 % interval of a share."""
-    z, p = 1.96, hits / runs
-    middle, half = p + z * z / 2 / runs, z * math.sqrt(p * (1 - p) / runs + (z / 2 / runs) ** 2)
-    return (middle - half) / (1 + z * z / runs), (middle + half) / (1 + z * z / runs)
-
-
 def spread(values: list[float]) -> dict[str, float]:
     """Mean, half the width of its 95 % interval, and least of what is finite."""
     finite = np.array([v for v in values if np.isfinite(v)])
@@ -149,7 +143,7 @@ def p2(runs: int) -> list[dict[str, Any]]:
                     found.append(search.found)
                 row = {"settings": settings, "curve": name, "optimizer": optimizer, "hits": hits}
                 row["hits_of_valid_paths_tried"] = tried
-                row |= {"interval": interval(hits, runs), "length_m": spread(lengths)}
+                row |= {"interval": wilson(hits, runs), "length_m": spread(lengths)}
                 row |= {"violated": int(np.isinf(lengths).sum()), "iterations": spread(found)}
                 rows.append(row)
                 low, high = row["interval"]
@@ -200,7 +194,7 @@ def r1(runs: int) -> list[dict[str, Any]]:
             free = plan.status == "solved" and nearest(plan.path, GREY_WOLF_DISCS) >= 1.0
             lengths.append(plan.length if free else math.inf)
             hits += lengths[-1] <= 1.03 * optimum
-        row = {"variant": "ours", "goal": goal, "hits": hits, "interval": interval(hits, runs)}
+        row = {"variant": "ours", "goal": goal, "hits": hits, "interval": wilson(hits, runs)}
         row |= {"length_m": spread(lengths), "invalid": int(np.isinf(lengths).sum())}
         rows.append(row)
         m, (low, high) = row["length_m"], row["interval"]
