@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.exact import SpaceArrays, blocked_by, into_solid, side
+from planners.exact import SpaceArrays, into_solid, stops
+from planners.side import side
 from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
@@ -38,13 +39,11 @@ def blockers(
     arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float
 ) -> tuple[Indices, Array]:
     """The segments (n,) that stop the way from a to b [m], and the part of it before each."""
-    one = np.empty(1, dtype=np.int32)
     found = np.empty(arrays.segments.shape[0], dtype=np.int64)
     parts = np.empty(arrays.segments.shape[0])
     count = 0
     for k in range(arrays.segments.shape[0]):
-        one[0] = k
-        if blocked_by(arrays.segments, arrays.before, one, ax, ay, bx, by):
+        if stops(arrays.segments, arrays.before, k, ax, ay, bx, by):
             x, y = crossing(arrays.segments, k, ax, ay, bx, by)
             found[count], parts[count] = k, part_of(ax, ay, bx, by, x, y)
             count += 1

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.exact import SpaceArrays, fill_buckets, mark_corners, side
+from planners.exact import SpaceArrays, fill_buckets, mark_corners
+from planners.side import side
 from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]

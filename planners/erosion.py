@@ -15,7 +15,8 @@ from scipy.spatial import cKDTree
 
 from planners.cover import Pieces, bare
 from planners.edges import buckets
-from planners.exact import SpaceArrays, side
+from planners.exact import SpaceArrays
+from planners.side import side
 from wheelchair_gym.kernel import kernel
 
 Array = NDArray[np.float64]

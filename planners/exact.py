@@ -1,8 +1,7 @@
 """Exact tests of points and edges against polygons, and the distance to them, as kernels.
 
-Exact for the numbers given: signs of areas are computed in double, and once more with twice the
-digits where rounding could decide. A uniform grid of buckets holds the segments near each cell,
-and whether the cell's lower left corner is free, so a test looks at a few segments.
+Exact for the numbers given, since `side` is. A uniform grid of buckets holds the segments near each
+cell, and whether the cell's lower left corner is free, so a test looks at a few segments.
 """
 
 from __future__ import annotations
@@ -13,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.side import side
 from wheelchair_gym.geometry import point_segment_distance
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.kernel import borrowing_kernel, whole
 
 Array = NDArray[np.float64]
 
@@ -29,49 +29,6 @@ class SpaceArrays(NamedTuple):
     first: NDArray[np.int64]  # (rows * columns + 1,): where each bucket's members begin
     members: NDArray[np.int32]  # indices of segments, bucket by bucket
     corner_free: NDArray[np.bool_]  # (rows, columns): is each bucket's lower left corner free
-
-
-@borrowing_kernel
-def _product(a: float, b: float) -> tuple[float, float]:
-    """Product of a and b as the sum of two doubles, exactly (Dekker 1971)."""
-    p = a * b
-    t = 134217729.0 * a
-    ah = t - (t - a)
-    t = 134217729.0 * b
-    bh = t - (t - b)
-    al, bl = a - ah, b - bh
-    return p, ((ah * bh - p) + ah * bl + al * bh) + al * bl
-
-
-@borrowing_kernel
-def _difference(a: float, b: float) -> tuple[float, float]:
-    """Difference a - b as the sum of two doubles, exactly (Knuth)."""
-    d = a - b
-    t = d - a
-    return d, (a - (d - t)) - (b + t)
-
-
-@borrowing_kernel
-def _side_of_doubt(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """`side` with twice the digits."""
-    ux, ux_low = _difference(bx, ax)
-    uy, uy_low = _difference(by, ay)
-    vx, vx_low = _difference(cx, ax)
-    vy, vy_low = _difference(cy, ay)
-    p, p_low = _product(ux, vy)
-    q, q_low = _product(uy, vx)
-    low = (p_low - q_low) + ((ux * vy_low + ux_low * vy) - (uy * vx_low + uy_low * vx))
-    return (p - q) + low
-
-
-@borrowing_kernel
-def side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Positive if c lies left of the line from a to b, negative if right, 0 if exactly on it."""
-    p, q = (bx - ax) * (cy - ay), (by - ay) * (cx - ax)
-    area = p - q
-    if abs(area) > 4e-16 * (abs(p) + abs(q)) or (p == 0.0 and q == 0.0):
-        return area
-    return _side_of_doubt(ax, ay, bx, by, cx, cy)
 
 
 @borrowing_kernel
@@ -144,45 +101,39 @@ def point_free(arrays: SpaceArrays, x: float, y: float) -> bool:
 
 
 @borrowing_kernel
-def blocked_by(
-    segments: Array,
-    before: Array,
-    near: NDArray[np.int32],
-    ax: float,
-    ay: float,
-    bx: float,
-    by: float,
+def stops(
+    segments: Array, before: Array, k: int, ax: float, ay: float, bx: float, by: float
 ) -> bool:
-    """Whether one of the segments `near` stops the edge from a to b."""
+    """Whether segment k stops the edge from a to b."""
     low_x, high_x, low_y, high_y = min(ax, bx), max(ax, bx), min(ay, by), max(ay, by)
-    for k in near:
-        cx, cy, dx, dy = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
-        if max(cx, dx) < low_x or min(cx, dx) > high_x:
-            continue
-        if max(cy, dy) < low_y or min(cy, dy) > high_y:
-            continue
-        c, d = side(ax, ay, bx, by, cx, cy), side(ax, ay, bx, by, dx, dy)
-        if (c > 0.0 and d > 0.0) or (c < 0.0 and d < 0.0):
-            continue
-        if c != 0.0 and d != 0.0:  # a and b on one side, or do they meet, from or to the solid?
-            a, b = side(cx, cy, dx, dy, ax, ay), side(cx, cy, dx, dy, bx, by)
-            if (a > 0.0 and b <= 0.0) or (b > 0.0 and a <= 0.0):
-                return True
-        elif c == 0.0 and low_x <= cx <= high_x and low_y <= cy <= high_y:
-            px, py = before[k, 0], before[k, 1]
-            if (cx != ax or cy != ay) and into_solid(px, py, cx, cy, dx, dy, ax, ay):
-                return True
-            if (cx != bx or cy != by) and into_solid(px, py, cx, cy, dx, dy, bx, by):
-                return True
+    cx, cy, dx, dy = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+    if max(cx, dx) < low_x or min(cx, dx) > high_x:
+        return False
+    if max(cy, dy) < low_y or min(cy, dy) > high_y:
+        return False
+    c, d = side(ax, ay, bx, by, cx, cy), side(ax, ay, bx, by, dx, dy)
+    if (c > 0.0 and d > 0.0) or (c < 0.0 and d < 0.0):
+        return False
+    if c != 0.0 and d != 0.0:  # a and b on one side, or do they meet, from or to the solid?
+        a, b = side(cx, cy, dx, dy, ax, ay), side(cx, cy, dx, dy, bx, by)
+        return (a > 0.0 and b <= 0.0) or (b > 0.0 and a <= 0.0)
+    if c == 0.0 and low_x <= cx <= high_x and low_y <= cy <= high_y:
+        px, py = before[k, 0], before[k, 1]
+        if (cx != ax or cy != ay) and into_solid(px, py, cx, cy, dx, dy, ax, ay):
+            return True
+        return (cx != bx or cy != by) and into_solid(px, py, cx, cy, dx, dy, bx, by)
     return False
 
 
 @borrowing_kernel
-def way_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> bool:
-    """Whether the straight way from a point a known to be free to b [m] stays in what is free."""
+def blocker(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> int:
+    """The segment that stops the straight way from a point a known to be free to b [m].
+
+    -1 if the way stays in what is free, -2 if b lies outside the map.
+    """
     bounds, grid = arrays.bounds, arrays.grid
     if not (bounds[0] <= bx <= bounds[2] and bounds[1] <= by <= bounds[3]):
-        return False
+        return -2
     segments, before, first, members = arrays.segments, arrays.before, arrays.first, arrays.members
     rows, columns = arrays.corner_free.shape
     left, low, size = grid[0], grid[1], grid[2]
@@ -199,17 +150,24 @@ def way_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) ->
     next_x = (left + (j + (step_j > 0)) * size - ax) / (bx - ax) if j != last_j else math.inf
     next_y = (low + (i + (step_i > 0)) * size - ay) / (by - ay) if i != last_i else math.inf
     while True:
-        begin, end = first[i * columns + j], first[i * columns + j + 1]
-        if begin < end and blocked_by(segments, before, members[begin:end], ax, ay, bx, by):
-            return False
+        for place in range(first[i * columns + j], first[i * columns + j + 1]):
+            k: int = whole(members[place])
+            if stops(segments, before, k, ax, ay, bx, by):
+                return k
         if i == last_i and j == last_j:
-            return True
+            return -1
         if i == last_i or (j != last_j and next_x < next_y):
             j += step_j
             next_x += per_x
         else:
             i += step_i
             next_y += per_y
+
+
+@borrowing_kernel
+def way_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> bool:
+    """Whether the straight way from a point a known to be free to b [m] stays in what is free."""
+    return blocker(arrays, ax, ay, bx, by) == -1
 
 
 @borrowing_kernel

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.exact import SpaceArrays, side
+from planners.exact import SpaceArrays
+from planners.side import side
 from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]

@@ -24,7 +24,8 @@ from planners.contour import (
     pairing,
     part_of,
 )
-from planners.exact import SpaceArrays, edge_free, side
+from planners.exact import SpaceArrays, edge_free
+from planners.side import side
 from planners.types import Plan, Problem, Status, begin, trivial
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import path_length

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.draws import Stream, in_disc
-from planners.exact import SpaceArrays, way_free
+from planners.exact import SpaceArrays, blocker, stops
 from planners.swarm.woa import Whales, move
 from wheelchair_gym.kernel import borrowing_kernel
 
@@ -45,6 +45,14 @@ def new_school(swarm: Whales, pull: Pull) -> School:
 
 
 @borrowing_kernel
+def hider(space: SpaceArrays, ax: float, ay: float, bx: float, by: float, last: int) -> int:
+    """What hides b from a, as `blocker` says; what hid a whale last is looked at first."""
+    if last >= 0 and stops(space.segments, space.before, last, ax, ay, bx, by):
+        return last
+    return blocker(space, ax, ay, bx, by)
+
+
+@borrowing_kernel
 def whale_target(
     space: SpaceArrays,
     near_x: float,
@@ -77,7 +85,7 @@ def whale_target(
     """
     population, best = school.positions, school.best
     best[0], best[1] = 0.0, 0.0
-    least = np.inf
+    least, from_near, from_goal = np.inf, -1, -1  # what hid a whale last
     for i in range(swarm.population):
         u, v = in_disc(state)
         population[i, 0] = u * pull.width
@@ -85,13 +93,18 @@ def whale_target(
     for t in range(swarm.iterations + 1):
         for i in range(swarm.population):
             u, v = population[i, 0], population[i, 1]
-            to_goal = math.hypot(goal_x - x - u, goal_y - y - v)
-            cost = pull.to_sample * math.hypot(u, v) + pull.to_goal * to_goal
-            # Views are looked at only while the whale may still be the best.
-            if cost < least and not way_free(space, near_x, near_y, x + u, y + v):
-                cost += pull.hidden_near
-            if cost < least and not way_free(space, goal_x, goal_y, x + u, y + v):
-                cost += pull.hidden_goal
+            to_goal = math.sqrt((goal_x - x - u) ** 2 + (goal_y - y - v) ** 2)
+            cost = pull.to_sample * math.sqrt(u * u + v * v) + pull.to_goal * to_goal
+            # Views are looked at only while the whale may still be the best. What hid the goal from
+            # one whale hides it from most: that costs least to tell.
+            if cost < least:
+                hidden = hider(space, goal_x, goal_y, x + u, y + v, from_goal)
+                if hidden != -1:
+                    cost, from_goal = cost + pull.hidden_goal, hidden
+            if cost < least:
+                hidden = hider(space, near_x, near_y, x + u, y + v, from_near)
+                if hidden != -1:
+                    cost, from_near = cost + pull.hidden_near, hidden
             if cost < least:
                 least = cost
                 best[0], best[1] = u, v
