@@ -14,6 +14,7 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_guidance
 from wheelchair_gym.envs.worlds import Worlds
 from wheelchair_gym.geometry import to_world
+from wheelchair_gym.mapping.chair import LocalisedChair
 from wheelchair_gym.sensing.noise import episode_key
 from wheelchair_gym.simulation.chair import SimulatedChair
 from wheelchair_gym.task.course import Course
@@ -97,7 +98,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 bank, chair, sensors, physics, task; the other arguments go before it.
             beams: observed laser beams; fewer than the laser has are pooled by their minimum.
             rate: of control [Hz]; a period is a whole number of physics steps.
-            pose_source: what the chair believes about its pose: truth, odometry or modelled.
+            pose_source: what the chair believes about its pose: truth, odometry, modelled, or mcl
+                (Monte Carlo localisation on the map).
             guidance: 'geodesic', 'module:function' or a callable that gives a path from a task.
             noise: false makes every sensor exact.
             randomise: true draws mass, friction and motor gain anew each episode.
@@ -125,6 +127,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             **unknown,
         )
         self.chair: Chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
+        if s.sensors.pose_source == "mcl":
+            self.chair = LocalisedChair(self.chair, s.localisation, s.sensors.laser)
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, make_guidance(s.guidance))
         self.worlds = Worlds(s, self.task)
         self.observation_space = cast("gym.Space[Observation]", self.task.space)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, load, read, setting, settings
+from wheelchair_gym.mapping.localise import Localisation
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.task.settings import TaskSettings
@@ -47,6 +48,7 @@ class EnvSettings:
     bank: BankSettings = BankSettings()
     chair: ChairSettings = ChairSettings()
     sensors: SensorSettings = SensorSettings()
+    localisation: Localisation = Localisation()
     physics: PhysicsSettings = PhysicsSettings()
     task: TaskSettings = TaskSettings()
 

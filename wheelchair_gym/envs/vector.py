@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.batch import Batch, Results, begin_chairs, step_chairs
 from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_guidance
+from wheelchair_gym.envs.spare import Spare
 from wheelchair_gym.envs.worlds import Worlds
 from wheelchair_gym.sensing.laser import SCRATCH
 from wheelchair_gym.sensing.noise import episode_key
@@ -34,26 +34,6 @@ Info = dict[str, Any]
 
 _ROWS_A_THREAD = 64  # fewer are done sooner than a second thread has woken up
 _CORES: int = vars(numba.config)["NUMBA_NUM_THREADS"]  # that this process may use
-
-
-class Spare:
-    """Arrays to write results to, none of which anyone still holds.
-
-    An array is used again once nothing outside refers to it or to a part of it, so that large
-    results need no fresh memory at each step and yet are never overwritten.
-    """
-
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self._shape = shape
-        self._arrays: list[Floats] = []
-
-    def take(self) -> Floats:
-        """An array that only this store knows."""
-        for array in self._arrays:
-            if sys.getrefcount(array) == 3:  # by the list, by the loop and by the question
-                return array
-        self._arrays.append(np.zeros(self._shape, np.float32))
-        return self._arrays[-1]
 
 
 class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
@@ -97,6 +77,9 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         if mode is None:
             raise InputError(f"autoreset_mode is {autoreset_mode}; expected {' or '.join(modes)}")
         self.settings = s = env_settings(config, **settings)
+        if s.sensors.pose_source == "mcl":
+            known = "truth, odometry or modelled, where there are many chairs at once"
+            raise InputError(f"sensors.pose_source is 'mcl'; expected {known}")
         self.num_envs = n = num_envs
         self.metadata = {"autoreset_mode": mode, "render_modes": [], "render_fps": round(s.rate)}
         self.render_mode = None

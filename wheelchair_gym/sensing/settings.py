@@ -179,7 +179,7 @@ class SensorSettings:
     ultrasonic: UltrasonicSettings = UltrasonicSettings()
     odometry: OdometrySettings = OdometrySettings()
     modelled: ModelledPose = ModelledPose()
-    pose_source: Literal["truth", "odometry", "modelled"] = setting(
+    pose_source: Literal["truth", "odometry", "modelled", "mcl"] = setting(
         default="truth", source="what the chair believes about where it is"
     )
     noise: bool = setting(

@@ -1,0 +1,1 @@
+"""Maps from scans, and where a chair is on a map."""

@@ -1,0 +1,55 @@
+"""Any chair, with its pose from localisation on the map instead of from dead reckoning."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.geometry import wrap
+from wheelchair_gym.mapping.localise import Localisation, Localiser
+from wheelchair_gym.sensing.settings import LaserSettings
+from wheelchair_gym.types import Chair, Episode, Reading, Truth
+
+Array = NDArray[np.float64]
+
+
+class LocalisedChair:
+    """A chair that finds itself on the episode's map, from where the episode says it starts.
+
+    Args:
+        chair: whose readings hold dead-reckoned poses, in any frame.
+        settings: of the localiser.
+        laser: of the chair.
+    """
+
+    def __init__(self, chair: Chair, settings: Localisation, laser: LaserSettings) -> None:
+        self.chair = chair
+        self.localiser = Localiser(settings, laser)
+
+    def reset(self, episode: Episode, key: int) -> Reading:
+        """See `Chair.reset`."""
+        reading = self.chair.reset(episode, key)
+        self._reckoned = reading.pose
+        self.localiser.begin(episode.map, episode.start, key)
+        return reading._replace(pose=self.localiser.update(0.0, 0.0, reading.laser))
+
+    def drive(self, twist: Array) -> Reading:
+        """See `Chair.drive`."""
+        reading = self.chair.drive(twist)
+        (x, y, yaw), (x0, y0, yaw0) = reading.pose.tolist(), self._reckoned.tolist()
+        self._reckoned = reading.pose
+        turn = wrap(yaw - yaw0)
+        middle = yaw0 + 0.5 * turn
+        way = (x - x0) * math.cos(middle) + (y - y0) * math.sin(middle)
+        return reading._replace(pose=self.localiser.update(way, turn, reading.laser))
+
+    @property
+    def truth(self) -> Truth:
+        """See `Chair.truth`."""
+        return self.chair.truth
+
+    def close(self) -> None:
+        """See `Chair.close`."""
+        self.chair.close()
