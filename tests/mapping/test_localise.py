@@ -183,3 +183,5 @@ def test_many_chairs_refuse_it_and_settings_contradict():
         gym.make_vec(NAVIGATION, num_envs=2, pose_source="mcl")
     with pytest.raises(InputError, match="most is 20"):
         Localisation(least=30, most=20)
+    with pytest.raises(InputError, match="tries is 5"):
+        Localisation(tries=5, candidates=6)

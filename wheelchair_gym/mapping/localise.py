@@ -26,7 +26,7 @@ from wheelchair_gym.mapping.particles import (
     scatter,
     weigh,
 )
-from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.sensing.noise import LOCALISE, bits
 from wheelchair_gym.sensing.settings import LaserSettings
 
@@ -92,6 +92,10 @@ class Localisation:
     def __post_init__(self) -> None:
         if self.most < self.least:
             raise InputError(f"Localisation.most is {self.most}; expected {self.least} or more")
+        if self.tries < self.candidates:
+            raise InputError(
+                f"Localisation.tries is {self.tries}; expected {self.candidates} or more"
+            )
 
 
 class Localiser:
@@ -129,7 +133,7 @@ class Localiser:
         """
         if map_ is not self._map:
             self._field = surface_field(map_, 10.0 * self.settings.sigma)
-            self._free = np.flatnonzero(map_.cells.ravel() == 0)
+            self._free = np.flatnonzero(map_.cells.ravel() == FREE)
             self._map = map_
         if len(self._free) == 0:
             raise ValueError("the map has no free cell")
