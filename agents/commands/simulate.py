@@ -28,6 +28,9 @@ def add(parts: Any) -> None:
     shown.add_argument("--window", action="store_true", help="show it live")
     shown.add_argument("--video", metavar="FILE", help="write a video (mp4)")
     shown.add_argument("--picture", metavar="FILE", help="draw the end, with the way driven")
+    parser.add_argument(
+        "--record", metavar="FILE.mcap", help="write what the chair was told and did"
+    )
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -45,6 +48,10 @@ def run(given: argparse.Namespace) -> int:
     if given.scene is not None:
         scene = spec(given.scene)
     env = make_env(scene, settings, "human" if given.window else "rgb_array")
+    if given.record:
+        from wheelchair_gym.view.record import Recorded
+
+        env = Recorded(env, given.record)
     frames: list[Any] = []
     film = (lambda e: frames.append(e.render())) if given.video else None
     try:

@@ -1,0 +1,93 @@
+"""`wheelchair replay`: a recorded run, judged again, drawn again, asked of another policy."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from agents.commands.arguments import add_json, report, spec, whole
+
+if TYPE_CHECKING:
+    from wheelchair_gym.view.replay import Chapter
+
+
+def add(parts: Any) -> None:
+    """Add the subcommand's parser."""
+    parser: argparse.ArgumentParser = parts.add_parser(
+        "replay",
+        help="judge, draw or re-run a recorded run",
+        description="Judge each episode of a recording again, and say whether the rewards are the "
+        "recorded ones to the bit (exit code 1 if not).",
+        epilog="example: wheelchair replay run.mcap --policy lattice+window --video run.mp4",
+    )
+    parser.add_argument("file", metavar="FILE.mcap", help="as simulate --record writes it")
+    parser.add_argument("--episode", type=whole, help="this one only; the first is 0")
+    parser.add_argument(
+        "--policy", help="what it would have done, open loop: PLANNER+FOLLOWER, random, ..."
+    )
+    shown = parser.add_mutually_exclusive_group()
+    shown.add_argument("--video", metavar="FILE", help="write a video (mp4)")
+    shown.add_argument("--picture", metavar="FILE", help="draw the end, with the way driven")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(given: argparse.Namespace) -> int:
+    """Replay and report."""
+    from wheelchair_gym.config import InputError
+    from wheelchair_gym.view.replay import read_recording
+    from wheelchair_gym.view.video import write_png, write_video
+
+    chapters = read_recording(given.file)
+    chosen = range(len(chapters)) if given.episode is None else [given.episode]
+    if given.episode is not None and given.episode >= len(chapters):
+        raise InputError(f"--episode {given.episode}: {given.file} has {len(chapters)}, from 0")
+    frames: list[Any] = []
+    records, lines = [], []
+    for number in chosen:
+        record = {"episode": number} | _again(chapters[number], given, frames)
+        records.append(record)
+        same = "the same rewards" if record["same"] else "OTHER rewards"
+        line = f"episode {number}: {record['steps']} steps, reward {record['reward']:.4f}; {same}"
+        if given.policy:
+            line += (
+                f"; {given.policy} differs by {record['difference']:.3f} of an action on average"
+            )
+        lines.append(line)
+    if given.video:
+        write_video(given.video, frames, round(chapters[0].settings.rate))
+    if given.picture:
+        write_png(given.picture, frames[-1])
+    report(given, records, "\n".join(lines))
+    return 0 if all(record["same"] for record in records) else 1
+
+
+def _again(chapter: Chapter, given: argparse.Namespace, frames: list[Any]) -> dict[str, Any]:
+    """Judge an episode again; with a policy, ask it at every step what it would do."""
+    import numpy as np
+
+    from agents.policy import make_policy
+    from wheelchair_gym.view.replay import replayed
+
+    drawn = given.video or given.picture
+    env = replayed(chapter, "rgb_array" if drawn else None)
+    observation, _ = env.reset(seed=0, options={"episode": chapter.episode})
+    policy = make_policy(spec(given.policy)) if given.policy else None
+    if policy is not None:
+        policy.reset(env.task)
+    rewards, same, differences = 0.0, True, []
+    for action, verdict in zip(chapter.actions, chapter.verdicts, strict=True):
+        if policy is not None:
+            differences.append(np.abs(policy.act(observation) - np.clip(action, -1.0, 1.0)).mean())
+        if given.video:
+            frames.append(env.render())
+        observation, reward, terminated, truncated, info = env.step(action)
+        judged = {"reward": reward, "terms": info["reward_terms"]}
+        judged |= {"terminated": terminated, "truncated": truncated}
+        same &= judged == verdict
+        rewards += reward
+    if drawn:
+        frames.append(env.render())
+    env.close()
+    record = {"steps": len(chapter.actions), "reward": rewards, "same": same}
+    return record | ({"difference": float(np.mean(differences))} if differences else {})

@@ -1,0 +1,150 @@
+"""Replay: a recording read back as a chair that was driven before, judged by the same loop."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError, load
+from wheelchair_gym.envs import EnvSettings, NavigationEnv
+from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.types import Episode, Reading, Truth
+from wheelchair_gym.view.record import COMMAND, EPISODE, READING, VERDICT
+
+Array = NDArray[np.float64]
+Record = dict[str, Any]
+
+
+class Chapter(NamedTuple):
+    """One episode of a recording; entry k + 1 of the readings follows from action k."""
+
+    settings: EnvSettings
+    episode: Episode
+    path: Array | None  # guidance (n, 2) [m]
+    readings: list[tuple[Reading, Truth]]  # (n + 1,)
+    actions: list[NDArray[Any]]  # (n,) of (2,), as they were given
+    verdicts: list[Record]  # (n,) of reward, terms, terminated, truncated
+
+
+class ReplayedChair:
+    """A chair that was driven before: it says again what it said, whatever it is asked to do.
+
+    Args:
+        readings: the first of an episode, then one a control period.
+    """
+
+    def __init__(self, readings: list[tuple[Reading, Truth]]) -> None:
+        self._readings = readings
+        self._at = 0
+
+    def reset(self, episode: Episode, key: int) -> Reading:
+        """The first reading."""
+        self._at = 0
+        return self._readings[0][0]
+
+    def drive(self, twist: Array) -> Reading:
+        """The next reading.
+
+        Raises:
+            ValueError: there is none.
+        """
+        if self._at + 1 >= len(self._readings):
+            raise ValueError("the recording ends here")
+        self._at += 1
+        return self._readings[self._at][0]
+
+    @property
+    def truth(self) -> Truth:
+        """How things were."""
+        return self._readings[self._at][1]
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def read_recording(file: str | Path) -> list[Chapter]:
+    """The episodes of a recording.
+
+    Raises:
+        InputError: the extra 'record' is not installed, or the file is no whole recording of ours.
+    """
+    try:
+        from mcap.exceptions import McapError
+        from mcap.reader import make_reader
+    except ImportError:
+        raise InputError("replaying needs: pip install 'wheelchair_gym[record]'") from None
+    chapters: list[Chapter] = []
+    try:
+        with Path(file).open("rb") as stream:
+            reader = make_reader(stream, validate_crcs=True)
+            messages = reader.iter_messages([EPISODE, READING, COMMAND, VERDICT])
+            for _, channel, message in messages:
+                _take(chapters, channel.topic, json.loads(message.data))
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror or error})") from None
+    except (McapError, EOFError, ValueError, LookupError, TypeError) as error:
+        why = str(error) or type(error).__name__
+        raise InputError(f"{file}: expected a whole recording as MCAP ({why})") from None
+    for chapter in chapters:
+        if not len(chapter.readings) - 1 == len(chapter.actions) == len(chapter.verdicts):
+            raise InputError(f"{file}: expected a reading after each command, and a verdict")
+    if not chapters:
+        raise InputError(f"{file}: expected a recording of a chair; there is no {EPISODE} in it")
+    return chapters
+
+
+def _take(chapters: list[Chapter], topic: str, content: Record) -> None:
+    if topic == EPISODE:
+        chapters.append(_begun(content))
+    elif topic == READING:
+        chapters[-1].readings.append(_reading(content))
+    elif topic == COMMAND:
+        chapters[-1].actions.append(np.array(content["action"]))
+    else:
+        chapters[-1].verdicts.append(content)
+
+
+def _floats(text: str, kind: str) -> NDArray[Any]:
+    return np.frombuffer(base64.b64decode(text), kind)
+
+
+def _begun(content: Record) -> Chapter:
+    grid = content["map"]
+    cells = _floats(grid["cells"], "<i1").reshape(grid["shape"])
+    episode = Episode(
+        OccupancyGrid(cells, grid["resolution"], tuple(grid["origin"])),
+        np.array(content["start"]),
+        np.array(content["goal"]),
+        np.array(content["walls"]).reshape(-1, 4),
+        np.array(content["discs"]).reshape(-1, 3),
+        *(content[name] for name in ("tolerance", "time_limit", "name")),
+    )
+    path = None if content["path"] is None else np.array(content["path"])
+    settings = load(EnvSettings, content["settings"], EPISODE)
+    return Chapter(settings, episode, path, [], [], [])
+
+
+def _reading(content: Record) -> tuple[Reading, Truth]:
+    truth = content.pop("truth")
+    arrays: Record = {name: np.array(content.pop(name)) for name in ("pose", "twist")}
+    arrays |= {name: _floats(content.pop(name), "<f4") for name in ("laser", "ultrasonic", "age")}
+    real: Record = {name: np.array(truth.pop(name)) for name in ("pose", "twist")}
+    return Reading(**arrays, **content), Truth(**real, **truth)
+
+
+def replayed(chapter: Chapter, render_mode: str | None = None) -> NavigationEnv:
+    """An environment whose next `reset()` and steps repeat an episode, observed and judged anew."""
+    sensors = chapter.settings.sensors
+    if sensors.pose_source == "mcl":  # the recorded pose is what it came to; nobody looks again
+        sensors = dataclasses.replace(sensors, pose_source="odometry")
+    path = chapter.path
+    guidance = None if path is None else (lambda task: path)
+    settings = dataclasses.replace(chapter.settings, sensors=sensors, guidance=guidance)
+    chair = ReplayedChair(chapter.readings)
+    return NavigationEnv(config=settings, chair=chair, render_mode=render_mode)
