@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import sys
+import time
 from typing import Any
 
 from agents.commands.arguments import POSE, add_env, add_json, report, spec, whole
@@ -31,6 +33,10 @@ def add(parts: Any) -> None:
     parser.add_argument(
         "--record", metavar="FILE.mcap", help="write what the chair was told and did"
     )
+    parser.add_argument(
+        "--live", metavar="PORT", type=whole, nargs="?", const=8765,
+        help="in real time, for Foxglove's viewers to join on this port (8765)",
+    )  # fmt: skip
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -47,13 +53,16 @@ def run(given: argparse.Namespace) -> int:
     scene = settings.get("config", {}).get("scene", "floor_plan")
     if given.scene is not None:
         scene = spec(given.scene)
-    env = make_env(scene, settings, "human" if given.window else "rgb_array")
-    if given.record:
+    env: Any = make_env(scene, settings, "human" if given.window else "rgb_array")
+    frames: list[Any] = []
+    film: Any = (lambda e: frames.append(e.render())) if given.video else None
+    if given.record or given.live is not None:
         from wheelchair_gym.view.record import Recorded
 
-        env = Recorded(env, given.record)
-    frames: list[Any] = []
-    film = (lambda e: frames.append(e.render())) if given.video else None
+        env = Recorded(env, given.record, given.live)
+        if env.port is not None:
+            print(f"ws://127.0.0.1:{env.port}", file=sys.stderr)
+            film = _paced(env.unwrapped.task.period, film)
     try:
         record = drive_episode(env, policy, given.seed, film)
         if given.video:
@@ -71,3 +80,17 @@ def run(given: argparse.Namespace) -> int:
     )
     report(given, record, text)
     return 0
+
+
+def _paced(period: float, film: Any) -> Any:
+    """Called once a control period [s]: waits for its time, then films if that is asked for."""
+    begun, calls = time.perf_counter(), 0
+
+    def each(env: Any) -> None:
+        nonlocal calls
+        calls += 1
+        time.sleep(max(0.0, begun + calls * period - time.perf_counter()))
+        if film is not None:
+            film(env)
+
+    return each

@@ -1,4 +1,4 @@
-"""Recording: what a chair was told, did and was judged by, as an MCAP file that viewers open.
+"""Recording: what a chair was told, did and was judged by: an MCAP file, or live, for viewers.
 
 Typed messages are for viewers: map, transforms, scan, path, goal, poses. The topics READING,
 COMMAND and VERDICT hold the same once more to the last bit, so that a run can be driven and judged
@@ -29,6 +29,8 @@ COMMAND: Final = "/command"
 VERDICT: Final = "/verdict"
 SETTINGS: Final = ("rate", "chair", "sensors", "task")  # of an environment: what judging needs
 _NANO = 1_000_000_000
+_NAME = "wheelchair_gym"
+_AGAIN = 10  # steps between two messages of what stays, while viewers may join
 
 
 def packed(values: ArrayLike, kind: str) -> str:
@@ -37,17 +39,24 @@ def packed(values: ArrayLike, kind: str) -> str:
 
 
 class Recorded(gym.Wrapper[Any, Any, Any, Any]):
-    """An environment all of whose episodes are written to an MCAP file.
+    """An environment all of whose episodes are written to a file, shown live, or both.
 
     Args:
         env: a `NavigationEnv`, wrapped or not.
-        file: to write; what was there is lost. It is whole after `close`.
+        file: MCAP to write; what was there is lost. It is whole after `close`.
+        port: of this machine, where Foxglove's viewers may join (WebSocket); 0: a free one.
+
+    Attributes:
+        port: where viewers may join, or None.
 
     Raises:
-        InputError: the extra 'record' is not installed, or the file cannot be written.
+        InputError: the extra 'record' is not installed, the file cannot be written, or the port is
+            taken.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], file: str | Path) -> None:
+    def __init__(
+        self, env: gym.Env[Any, Any], file: str | Path | None = None, port: int | None = None
+    ) -> None:
         super().__init__(env)
         try:
             import foxglove
@@ -55,13 +64,14 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         except ImportError:
             raise InputError("recording needs: pip install 'wheelchair_gym[record]'") from None
         self._context = context = foxglove.Context()  # channels end with it
-        try:
-            Path(file).parent.mkdir(parents=True, exist_ok=True)
-            with Path(file).open("wb"):
-                pass
-            self._file = foxglove.open_mcap(file, allow_overwrite=True, context=context)
-        except OSError as error:
-            raise refused(Path(file), error) from None
+        self._file = None if file is None else _opened(file, context)
+        self._server = None
+        if port is not None:
+            try:
+                self._server = foxglove.start_server(name=_NAME, port=port, context=context)
+            except (OSError, OverflowError, RuntimeError) as error:
+                raise InputError(f"port {port}: nobody can join there ({error})") from None
+        self.port = self._server.port if self._server else None
         self._m: Any = messages
         kinds = {
             "/map": channels.GridChannel,
@@ -79,12 +89,15 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
             schema = {"type": "object", "title": topic[1:]}
             self._channels[topic] = foxglove.Channel(topic, schema=schema, context=context)
         self._base = self._now = 0  # ns: episodes follow each other in time
+        self._steps = 0  # of this episode
 
     def reset(self, **arguments: Any) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode, and a chapter of the recording."""
         observation, info = self.env.reset(**arguments)
         self._base = self._now = self._now + _NANO if self._now else 0
+        self._steps = 0
         self._log_episode()
+        self._log_map()
         self._log_reading()
         return observation, info
 
@@ -96,14 +109,21 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         chosen = np.asarray(action, np.float64).tolist()
         twist = self._env.task.limits.twist(action).tolist()
         self._json(COMMAND, {"action": chosen, "v": twist[0], "w": twist[1]})
+        self._steps += 1
+        if self._server and self._steps % _AGAIN == 0:
+            self._log_map()
         self._log_reading()
         ends = {"terminated": terminated, "truncated": truncated}
         self._json(VERDICT, {"reward": reward, "terms": info["reward_terms"], **ends})
         return observation, float(reward), terminated, truncated, info
 
     def close(self) -> None:
-        """Finish the file and close the environment."""
-        self._file.close()
+        """Finish the file, let viewers go and close the environment."""
+        if self._file:
+            self._file.close()
+        if self._server:
+            self._server.stop()
+        self._file = self._server = None
         super().close()
 
     @property
@@ -118,9 +138,9 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         self._channels[topic].log(message, log_time=self._now)
 
     def _log_episode(self) -> None:
-        env, m = self._env, self._m
+        env = self._env
         episode, task = env.episode, env.task
-        grid, path = episode.map, task.path
+        grid = episode.map
         self._json(
             EPISODE,
             {
@@ -133,9 +153,14 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
                 },
                 **{name: np.asarray(getattr(episode, name)).tolist() for name in _ARRAYS},
                 **{name: getattr(episode, name) for name in _VALUES},
-                "path": None if env.task.guidance is None else np.asarray(path).tolist(),
+                "path": None if env.task.guidance is None else np.asarray(task.path).tolist(),
             },
         )
+
+    def _log_map(self) -> None:
+        """What stays as it is, for those who come late."""
+        env, m = self._env, self._m
+        grid, path = env.episode.map, env.task.path
         kind = m.PackedElementFieldNumericType.Int8
         self._log(
             "/map",
@@ -151,7 +176,7 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
                 data=grid.cells.tobytes(),
             ),
         )
-        self._log("/goal", self._placed(episode.goal))
+        self._log("/goal", self._placed(env.episode.goal))
         if path is not None:
             headed = [(x, y, 0.0) for x, y in np.asarray(path)[:, :2].tolist()]
             poses = [self._pose(*pose) for pose in headed]
@@ -214,6 +239,18 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
             translation=self._m.Vector3(x=float(x), y=float(y), z=0.0),
             rotation=self._turned(yaw),
         )
+
+
+def _opened(file: str | Path, context: Any) -> Any:
+    import foxglove
+
+    try:
+        Path(file).parent.mkdir(parents=True, exist_ok=True)
+        with Path(file).open("wb"):
+            pass
+        return foxglove.open_mcap(file, allow_overwrite=True, context=context)
+    except OSError as error:
+        raise refused(Path(file), error) from None
 
 
 _ARRAYS = ("start", "goal", "walls", "discs")  # of an episode
