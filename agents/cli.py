@@ -13,10 +13,10 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from agents.commands import bench, compare, plan, scenes, settings, simulate
+from agents.commands import bench, compare, map, plan, scenes, settings, simulate
 from agents.interrupt import by_hand
 
-COMMANDS = (plan, simulate, compare, scenes, settings, bench)
+COMMANDS = (plan, simulate, compare, map, scenes, settings, bench)
 
 
 class Parser(argparse.ArgumentParser):
