@@ -50,8 +50,10 @@ class MappingSettings:
         default=0.65, source="from this a cell is occupied: map_server", low=0.51, high=0.99
     )
     free: float = setting(
-        default=0.41, source="up to this a cell is free: one beam is enough, as in gmapping",
-        low=0.01, high=0.49,
+        default=0.41,
+        source="up to this a cell is free: one beam is enough, as in gmapping",
+        low=0.01,
+        high=0.49,
     )
     clear: float = setting(
         default=3.0, unit="m", low=0.0, high=100.0,
