@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from wheelchair_gym.mapping.log import Log
-from wheelchair_gym.mapping.occupancy import MappingSettings, OccupancyMap, placed, read_scan
+from wheelchair_gym.mapping.occupancy import MappingSettings, OccupancyMap
+from wheelchair_gym.mapping.scan import placed, read_scan
 from wheelchair_gym.mapping.slam import Slam, SlamSettings
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 from wheelchair_gym.sensing.settings import LaserSettings

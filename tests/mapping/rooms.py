@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wheelchair_gym.mapping.occupancy import bearings
+from wheelchair_gym.mapping.scan import bearings
 from wheelchair_gym.sensing.settings import LaserSettings
 
 LASER = LaserSettings(x=0.2, beams=361, reach=8.0, nearest=0.05)

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from tests.mapping.rooms import LASER, ranges, tour
-from wheelchair_gym.mapping.matching import MatchSettings, match, search
-from wheelchair_gym.mapping.occupancy import OccupancyMap, read_scan
+from wheelchair_gym.mapping.matching import MatchSettings, match
+from wheelchair_gym.mapping.occupancy import OccupancyMap
+from wheelchair_gym.mapping.scan import read_scan
+from wheelchair_gym.mapping.search import search
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,9 @@ import pytest
 
 from tests.mapping.rooms import LASER, away, ranges, tour
 from wheelchair_gym.config import InputError
-from wheelchair_gym.mapping.occupancy import (
-    MappingSettings,
-    OccupancyMap,
-    cells_passed,
-    read_scan,
-)
+from wheelchair_gym.mapping.occupancy import MappingSettings, OccupancyMap
+from wheelchair_gym.mapping.rays import cells_passed
+from wheelchair_gym.mapping.scan import read_scan
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN
 
 
