@@ -77,6 +77,23 @@ def to_world(points: ArrayLike, pose: ArrayLike) -> Array:
     return placed
 
 
+def compose(pose: ArrayLike, increment: ArrayLike) -> Array:
+    """Poses (..., 3) moved by increments (..., 3), each in its pose's own frame."""
+    a, b = np.asarray(pose, dtype=np.float64), np.asarray(increment, dtype=np.float64)
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    x = a[..., 0] + c * b[..., 0] - s * b[..., 1]
+    y = a[..., 1] + s * b[..., 0] + c * b[..., 1]
+    return np.stack([x, y, wrap_angle(a[..., 2] + b[..., 2])], axis=-1)
+
+
+def between(before: ArrayLike, after: ArrayLike) -> Array:
+    """The increments (..., 3) that `compose` adds to poses to reach others."""
+    a, b = np.asarray(before, dtype=np.float64), np.asarray(after, dtype=np.float64)
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    dx, dy = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
+    return np.stack([c * dx + s * dy, c * dy - s * dx, wrap_angle(b[..., 2] - a[..., 2])], axis=-1)
+
+
 def path_length(path: ArrayLike) -> float:
     """Euclidean length [m] of a polyline (n, 2 or 3); a third column (yaw) does not count."""
     points = np.asarray(path, dtype=np.float64)[:, :2]

@@ -16,6 +16,8 @@ OWN = {
     "drive": "wheelchair_gym.kinematics:DriveGeometry",
     "sensors": "wheelchair_gym.sensing.settings:SensorSettings",
     "chair": "wheelchair_gym.simulation.settings:ChairSettings",
+    "log": "wheelchair_gym.mapping.log:LogFormat",
+    "slam": "wheelchair_gym.mapping.slam:SlamSettings",
     "physics": "wheelchair_gym.simulation.settings:PhysicsSettings",
     "task": "wheelchair_gym.task.settings:TaskSettings",
 }

@@ -230,7 +230,9 @@ def test_json_stands_alone_on_stdout(capsys, arguments):
     assert capsys.readouterr().out.strip()
 
 
-@pytest.mark.parametrize("command", ["", "plan", "simulate", "compare", "scenes", "settings"])
+@pytest.mark.parametrize(
+    "command", ["", "plan", "simulate", "compare", "map", "scenes", "settings"]
+)
 def test_help_has_an_example(capsys, command):
     assert run(*command.split(), "--help") == 0
     assert "example: wheelchair" in capsys.readouterr().out

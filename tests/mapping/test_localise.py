@@ -130,7 +130,8 @@ def test_a_lost_chair_finds_itself(seed, carried):
 
     def each(info):
         v, w = task.reading.twist / 10.0
-        errors.append(off(localiser.update(v, w, task.reading.laser), info["pose"]))
+        moved = np.array([v * math.cos(0.5 * w), v * math.sin(0.5 * w), w])
+        errors.append(off(localiser.update(moved, task.reading.laser), info["pose"]))
 
     if carried:
         drive(env, each, 20)
@@ -166,7 +167,7 @@ def test_a_silent_laser_leaves_dead_reckoning(home):
     silent = np.full(LASER.beams, np.nan, np.float32)
     silent[::3], silent[1::3] = np.inf, -np.inf
     for _ in range(10):
-        pose = localiser.update(0.05, 0.0, silent)
+        pose = localiser.update(np.array([0.05, 0.0, 0.0]), silent)
     ahead = home.start[:2] + 0.5 * np.array([np.cos(home.start[2]), np.sin(home.start[2])])
     assert np.hypot(*(pose[:2] - ahead)) < 0.05
     assert abs(wrap_angle(pose[2] - home.start[2])) < 0.05

@@ -1,1 +1,1 @@
-"""Maps from scans, and where a chair is on a map."""
+"""Mapping and localisation: what a chair learns of a place, and where in it the chair is."""

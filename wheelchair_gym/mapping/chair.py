@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.geometry import wrap
+from wheelchair_gym.geometry import between
 from wheelchair_gym.mapping.localise import Localisation, Localiser
 from wheelchair_gym.sensing.settings import LaserSettings
 from wheelchair_gym.types import Chair, Episode, Reading, Truth
@@ -33,17 +31,14 @@ class LocalisedChair:
         reading = self.chair.reset(episode, key)
         self._reckoned = reading.pose
         self.localiser.begin(episode.map, episode.start, key)
-        return reading._replace(pose=self.localiser.update(0.0, 0.0, reading.laser))
+        return reading._replace(pose=self.localiser.update(np.zeros(3), reading.laser))
 
     def drive(self, twist: Array) -> Reading:
         """See `Chair.drive`."""
         reading = self.chair.drive(twist)
-        (x, y, yaw), (x0, y0, yaw0) = reading.pose.tolist(), self._reckoned.tolist()
+        increment = between(self._reckoned, reading.pose)
         self._reckoned = reading.pose
-        turn = wrap(yaw - yaw0)
-        middle = yaw0 + 0.5 * turn
-        way = (x - x0) * math.cos(middle) + (y - y0) * math.sin(middle)
-        return reading._replace(pose=self.localiser.update(way, turn, reading.laser))
+        return reading._replace(pose=self.localiser.update(increment, reading.laser))
 
     @property
     def truth(self) -> Truth:

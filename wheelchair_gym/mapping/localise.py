@@ -26,6 +26,7 @@ from wheelchair_gym.mapping.particles import (
     scatter,
     weigh,
 )
+from wheelchair_gym.mapping.scan import bearings
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.sensing.noise import LOCALISE, bits
 from wheelchair_gym.sensing.settings import LaserSettings
@@ -114,7 +115,7 @@ class Localiser:
         self.count, self.fit, self.lost = 0, 0.0, False
         self._particles = new_particles(s.most)
         self._drift = Drift(s.way_by_way, s.way_by_turn, s.turn_by_way, s.turn_by_turn, s.aside)
-        angles = laser.yaw + np.linspace(-0.5 * laser.fov, 0.5 * laser.fov, laser.beams)
+        angles = bearings(laser)
         self._mount = np.array([laser.x, laser.y])
         self._rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)  # (beams, 2)
         self._reach = laser.reach
@@ -153,9 +154,20 @@ class Localiser:
         level(own, self.count)
         return self.pose
 
-    def update(self, way: float, turn: float, ranges: NDArray[np.float32]) -> Array:
-        """The pose (3,) after a way [m] and turn [rad] by odometry, then a scan (beams,) [m]."""
+    def update(self, increment: Array, ranges: NDArray[np.float32]) -> Array:
+        """Move on and look.
+
+        Args:
+            increment: (3,) [m, m, rad] what the odometry says was driven since the last update, in
+                the chair's frame then.
+            ranges: (beams,) [m] as in `Reading.laser`.
+
+        Returns:
+            The pose (3,) [m, m, rad].
+        """
         s, own = self.settings, self._particles
+        x, y, turn = increment.tolist()
+        way = x * math.cos(0.5 * turn) + y * math.sin(0.5 * turn)
         self._step += 1
         advance(own.poses, self.count, way, turn, self._drift, self._key, self._step)
         self._moved += abs(way), abs(turn)

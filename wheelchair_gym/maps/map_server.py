@@ -19,7 +19,7 @@ import yaml
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.files import refused
+from wheelchair_gym.files import whole
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -184,8 +184,7 @@ def write_map(
         "occupied_thresh": occupied_thresh,
         "free_thresh": free_thresh,
     }
-    try:
-        path.with_suffix(suffix).write_bytes(cv2.imencode(suffix, image)[1].tobytes())
-        path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
-    except OSError as error:
-        raise refused(path, error) from None
+    with whole(path.with_suffix(suffix)) as part:
+        part.write_bytes(cv2.imencode(suffix, image)[1].tobytes())
+    with whole(path) as part:
+        part.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")

@@ -2,6 +2,7 @@
 
 from wheelchair_gym.view.picture import TopView
 from wheelchair_gym.view.plan import draw_plan
+from wheelchair_gym.view.survey import draw_map
 from wheelchair_gym.view.video import contact_sheet, video_suffix, webp, write_png, write_video
 from wheelchair_gym.view.window import Window
 
@@ -9,6 +10,7 @@ __all__ = [
     "TopView",
     "Window",
     "contact_sheet",
+    "draw_map",
     "draw_plan",
     "video_suffix",
     "webp",

@@ -1,0 +1,197 @@
+"""Log-odds occupancy mapping: exact rays, cell by cell, and a field of what is near walls.
+
+A map grows where a scan leaves it. Several layers may share one frame, one for each particle of a
+SLAM. Beside its log-odds each layer keeps a field to match scans with: 1 in occupied cells, falling
+off around them (Olson 2009); it follows every cell that turns occupied or free, and nothing else.
+Kernels work in cells from the lower-left corner of cell (0, 0).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.mapping.rays import Odds, add_scan
+from wheelchair_gym.mapping.scan import Scan, reach_of
+from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+_CHUNK = 64  # cells that a side grows by at least, so that it grows seldom
+_MOST = 400_000_000  # cells of all layers: 3.2 GB; a pose that asks for more has lost its way
+
+
+@settings
+class MappingSettings:
+    """How beams become a map."""
+
+    resolution: float = setting(
+        default=0.04, unit="m", source="gmapping's 0.05 errs a quarter more", low=0.005, high=1.0
+    )
+    hit: float = setting(
+        default=0.7, source="p(occupied | echo), Hornung et al. 2013", low=0.51, high=0.99
+    )
+    miss: float = setting(
+        default=0.4, source="p(occupied | passed), Hornung et al. 2013", low=0.01, high=0.49
+    )
+    least: float = setting(default=0.12, source="clamp, Hornung et al. 2013", low=1e-4, high=0.49)
+    most: float = setting(default=0.97, source="clamp, Hornung et al. 2013", low=0.51, high=0.9999)
+    occupied: float = setting(
+        default=0.65, source="from this a cell is occupied: map_server", low=0.51, high=0.99
+    )
+    free: float = setting(
+        default=0.41,
+        source="up to this a cell is free: one beam is enough, as in gmapping",
+        low=0.01,
+        high=0.49,
+    )
+    clear: float = setting(
+        default=3.0, unit="m", low=0.0, high=100.0,
+        source="a beam without echo frees so far; black or slanted walls give none, either",
+    )  # fmt: skip
+    smear: float = setting(
+        default=0.03, unit="m", low=0.001, high=1.0,
+        source="standard deviation of the field round a wall: twice a scanner's; wider ones pull "
+        "matches towards walls already mapped",
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        if self.free <= self.least:
+            raise InputError("MappingSettings.free must lie above least, or no cell is ever free")
+        if self.occupied >= self.most:
+            raise InputError("MappingSettings.occupied must lie below most")
+
+    @property
+    def odds(self) -> Odds:
+        """The log-odds that kernels take."""
+        return Odds(*map(_log_odds, (self.hit, self.miss, self.least, self.most, self.occupied)))
+
+    @property
+    def weights(self) -> Floats:
+        """The field (2 r + 1, 2 r + 1) round one occupied cell, cut at three deviations."""
+        sigma = self.smear / self.resolution
+        reach = max(1, math.ceil(2.5 * sigma))
+        steps = np.arange(-reach, reach + 1) ** 2
+        field: Floats = np.exp(-0.5 * (steps[:, None] + steps) / sigma**2).astype(np.float32)
+        return field
+
+
+def _log_odds(p: float) -> float:
+    return math.log(p / (1.0 - p))
+
+
+class OccupancyMap:
+    """A map that grows, in one layer or several.
+
+    Args:
+        settings: how beams become a map.
+        layers: how many maps share the frame.
+    """
+
+    def __init__(self, settings: MappingSettings | None = None, layers: int = 1) -> None:
+        self.settings = settings = settings or MappingSettings()
+        self.law, self.weights = settings.odds, settings.weights
+        self.corner = np.zeros(2)  # m: the lower-left corner of cell (0, 0)
+        self._mark = 0
+        self._shape(np.zeros((layers, 0, 0), np.float32), np.zeros((layers, 0, 0), np.float32))
+
+    def _shape(self, odds: Floats, field: Floats) -> None:
+        self.odds, self.field = odds, field  # (layers, rows, cols)
+        self.struck = np.zeros(odds.shape[1:], np.int32)
+        self.wide = np.empty(odds.shape[1:], np.float32)  # scratch of the matcher
+        self.path = np.empty(sum(odds.shape[1:]) + 2, np.uint32)
+
+    def make_room(self, centres: ArrayLike, reach: float) -> None:
+        """Grow so that all within `reach` [m] of the points (n, 2 or 3) [m] lies on the map.
+
+        Raises:
+            InputError: the map would be larger than memory should hold.
+        """
+        step = self.settings.resolution
+        places = np.atleast_2d(np.asarray(centres, dtype=np.float64))[:, :2]
+        margin = reach + 2.0 * step  # rounding, and a neighbour to interpolate with
+        if self.odds.shape[1] == 0:
+            self.corner = np.floor((places.min(axis=0) - margin) / step) * step
+        low = np.floor((places.min(axis=0) - margin - self.corner) / step).astype(np.int64)
+        high = np.ceil((places.max(axis=0) + margin - self.corner) / step).astype(np.int64)
+        layers, rows, cols = self.odds.shape
+        before = np.where(low < 0, np.maximum(-low, _CHUNK), 0)  # cols, rows
+        after = high - (cols, rows)
+        after = np.where(after > 0, np.maximum(after, _CHUNK), 0)
+        if not (before.any() or after.any()):
+            return
+        grown = before + after + (cols, rows)
+        if layers * int(grown[0]) * int(grown[1]) > _MOST:
+            raise InputError(
+                f"the map would have {layers} x {grown[1]} x {grown[0]} cells of {step} m; "
+                f"expected at most {_MOST} in all"
+            )
+        pad = ((0, 0), (before[1], after[1]), (before[0], after[0]))
+        self.corner = self.corner - before * step
+        self._shape(np.pad(self.odds, pad), np.pad(self.field, pad))
+        self._mark = 0
+
+    def next_marks(self, count: int) -> int:
+        """Numbers for so many scans: the first of them."""
+        self._mark += count
+        return self._mark - count + 1
+
+    def lattice(self, poses: ArrayLike) -> Array:
+        """Poses (..., 3) [m, m, rad] with x and y in cells."""
+        placed = np.array(poses, dtype=np.float64)
+        placed[..., :2] = (placed[..., :2] - self.corner) / self.settings.resolution
+        return placed
+
+    def world(self, poses: ArrayLike) -> Array:
+        """The inverse of `lattice`."""
+        placed = np.array(poses, dtype=np.float64)
+        placed[..., :2] = placed[..., :2] * self.settings.resolution + self.corner
+        return placed
+
+    def points(self, scan: Scan) -> Array:
+        """A scan's origin and ends (n + 1, 2) [cells], in the chair's frame."""
+        return np.vstack([scan.origin, scan.ends]) / self.settings.resolution
+
+    def integrate(self, scan: Scan, pose: ArrayLike, layer: int = 0) -> None:
+        """Add a scan taken at a pose (3,) [m, m, rad].
+
+        Raises:
+            InputError: the pose is not three finite numbers.
+        """
+        place = np.asarray(pose, dtype=np.float64)
+        if place.shape != (3,) or not np.isfinite(place).all():
+            raise InputError(f"pose is {pose!r}; expected three finite numbers")
+        self.make_room(place, reach_of(scan))
+        add_scan(
+            self.odds[layer], self.field[layer], self.struck, self.next_marks(1),
+            self.points(scan), scan.hits, self.lattice(place), self.law, self.weights, self.path,
+        )  # fmt: skip
+
+    def keep(self, parents: ArrayLike) -> None:
+        """Make each layer a copy of the one named for it (layers,)."""
+        chosen = np.asarray(parents, dtype=np.int64)
+        if np.array_equal(chosen[chosen], chosen):  # no copy's source is overwritten
+            for layer in np.flatnonzero(chosen != np.arange(len(chosen))):
+                self.odds[layer] = self.odds[chosen[layer]]
+                self.field[layer] = self.field[chosen[layer]]
+        else:
+            self.odds, self.field = self.odds[chosen], self.field[chosen]
+
+    def to_grid(self, layer: int = 0) -> OccupancyGrid:
+        """The map of a layer: free, occupied or unknown by the settings' thresholds.
+
+        Raises:
+            InputError: nothing was added so far.
+        """
+        odds = self.odds[layer]
+        if odds.size == 0:
+            raise InputError("the map is empty: no scan was added to it")
+        cells = np.full(odds.shape, UNKNOWN, np.int8)
+        cells[odds <= _log_odds(self.settings.free)] = FREE
+        cells[odds >= self.law.occupied] = OCCUPIED
+        x, y = self.corner.tolist()
+        return OccupancyGrid(cells, self.settings.resolution, (x, y, 0.0))

@@ -1,0 +1,226 @@
+"""Grid SLAM: Rao-Blackwellised particles, each with a pose and a map (Grisetti et al. 2007).
+
+Each particle matches the scan with its own map; a Gaussian about the match, weighed by the
+odometry's motion model, is its proposal, and how well that explains the scan is its weight. Where
+the paper draws random samples to fit the Gaussian, the six nodes of a cubature rule serve
+(Arasaratnam and Haykin 2009): nothing varies, and a Gaussian posterior is fitted exactly. One
+particle is plain scan matching.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import compose
+from wheelchair_gym.mapping.matching import MatchSettings, thin
+from wheelchair_gym.mapping.occupancy import MappingSettings, OccupancyMap
+from wheelchair_gym.mapping.scan import Scan, reach_of, read_scan
+from wheelchair_gym.mapping.slam_particles import Matcher, Moved, advance
+from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.sensing.noise import SLAM, uniform
+from wheelchair_gym.sensing.settings import LaserSettings
+
+Array = NDArray[np.float64]
+
+_LUCK = 60_000  # index of the draw that resampling takes; those below are the particles'
+
+
+@settings
+class SlamSettings:
+    """Particles, when they look, and what is thought of the odometry."""
+
+    particles: int = setting(
+        default=30, source="gmapping; 1 is plain scan matching", low=1, high=10000
+    )
+    way: float = setting(
+        default=0.20, unit="m", source="driven before the next scan is used", low=0.0, high=10.0
+    )
+    turn: float = setting(
+        default=0.15, unit="rad", source="turned before the next scan is used", low=0.0, high=7.0
+    )
+    resample: float = setting(
+        default=0.5, source="below this share of effective particles; Grisetti et al. 2007",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    smooth: float = setting(
+        default=3.0, low=0.01, high=1000.0,
+        source="gmapping's ogain: weights are their product's root of this times the particles, "
+        "for beams err alike, and particles are soon all of one kind",
+    )  # fmt: skip
+    way_error: float = setting(
+        default=0.05, source="gmapping's srr is 0.1 for worse wheels", low=0.0, high=1.0
+    )
+    turn_error: float = setting(default=0.05, source="gmapping: stt is 0.2", low=0.0, high=1.0)
+    turn_per_way: float = setting(
+        default=0.05, unit="rad/m", source="gmapping: srt is 0.1", low=0.0, high=10.0
+    )
+    way_floor: float = setting(
+        default=0.010,
+        unit="m",
+        source="an encoder's quanta and a scan's motion",
+        low=1e-4,
+        high=1.0,
+    )
+    turn_floor: float = setting(
+        default=0.010, unit="rad", source="likewise, at 0.5 m of track", low=1e-4, high=1.0
+    )
+    mapping: MappingSettings = MappingSettings()
+    matching: MatchSettings = MatchSettings()
+
+
+class Slam:
+    """Maps an unknown place and knows where the chair is in it.
+
+    The same seed and the same scans give the same run, bit for bit.
+
+    Args:
+        laser: where it sits and what it sees.
+        settings: particles, mapping, matching, odometry.
+        seed: of the draws.
+        pose: where it begins (3,) [m, m, rad].
+    """
+
+    def __init__(
+        self,
+        laser: LaserSettings,
+        settings: SlamSettings | None = None,
+        seed: int = 0,
+        pose: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> None:
+        self.laser, self.settings = laser, settings or SlamSettings()
+        count = self.settings.particles
+        self.maps = OccupancyMap(self.settings.mapping, count)
+        self._key = np.uint64(seed % 2**64)
+        self._poses = np.tile(np.asarray(pose, dtype=np.float64), (count, 1))
+        self._weights = np.zeros(count)  # logarithms, since the last resampling
+        self._worth = np.zeros(count)  # since the beginning, along each particle's own past
+        self._moved = np.zeros(3)  # since the last scan used
+        self._ways = np.zeros(2)  # m, rad: driven and turned since then
+        self._poses_then: list[Array] = []  # after each scan used, and ...
+        self._parents: list[NDArray[np.int64]] = []  # ... whose copies those particles were
+        self._steps: list[tuple[int, Array]] = []  # scans used so far, and the way since
+        self._stamp = -math.inf
+        self.resampled = 0  # times
+
+    def update(
+        self,
+        increment: ArrayLike,
+        ranges: ArrayLike | None,
+        stamp: float,
+        learn: bool = True,
+    ) -> Array:
+        """Move on and look.
+
+        Args:
+            increment: (3,) [m, m, rad] what the odometry says was driven since the last update, in
+                the chair's frame then.
+            ranges: (beams,) [m] as in `Reading.laser`; None: nothing seen.
+            stamp: when [s].
+            learn: false: match the scan, but keep it out of the maps, to test them with.
+
+        Returns:
+            The pose (3,) [m, m, rad].
+
+        Raises:
+            InputError: an increment that is not three finite numbers, a scan of another length, or
+                time goes back.
+        """
+        way = np.asarray(increment, dtype=np.float64)
+        if way.shape != (3,) or not np.isfinite(way).all():
+            raise InputError(f"increment is {increment!r}; expected three finite numbers")
+        if not stamp > self._stamp:
+            raise InputError(f"stamp is {stamp} s after {self._stamp} s; expected time to go on")
+        own = self.settings
+        scan = None if ranges is None else read_scan(self.laser, ranges, own.mapping.clear)
+        self._stamp = float(stamp)
+        self._moved = compose(self._moved, way)
+        self._ways += math.hypot(way[0], way[1]), abs(way[2])
+        due = self._ways[0] >= own.way or self._ways[1] >= own.turn or not self._poses_then
+        if scan is not None and (due or not learn) and len(scan.ends):
+            self._look(scan, learn)
+        self._steps.append((len(self._poses_then), self._moved))
+        return self.pose
+
+    def _look(self, scan: Scan, learn: bool) -> None:
+        """Match a scan, weigh the particles, and perhaps add it to their maps."""
+        own, maps = self.settings, self.maps
+        expected = compose(self._poses, self._moved)
+        unit = own.mapping.resolution
+        # The search's blocks reach beyond the window.
+        maps.make_room(expected, reach_of(scan) + 2.0 * own.matching.window + 5.0 * unit)
+        points = scan.echoes if self._poses_then else scan.echoes[:0]  # the first finds no map
+        points = thin(points, own.matching.spacing, own.matching.points) / unit
+        way, turn = self._ways
+        along = own.way_floor + own.way_error * way
+        round_ = own.turn_floor + own.turn_error * turn + own.turn_per_way * way
+        x, y, yaw = self._moved
+        moved = Moved(x / unit, y / unit, yaw, (along / unit) ** 2, round_**2)
+        how = Matcher(
+            own.matching.spread, own.matching.iterations, round(own.matching.window / unit),
+            round(own.matching.turn / own.matching.step), own.matching.step, own.matching.doubt,
+        )  # fmt: skip
+        poses, gained = maps.lattice(self._poses), np.zeros(len(self._poses))
+        advance(
+            maps.odds, maps.field, maps.struck, maps.wide, maps.path,
+            maps.next_marks(len(poses)), poses, gained, moved, points, maps.points(scan),
+            scan.hits, how, maps.law, maps.weights, self._key, len(self._poses_then), learn,
+        )  # fmt: skip
+        self._poses = maps.world(poses)
+        self._weights += gained / (own.smooth * len(gained))
+        self._worth += gained
+        self._moved, self._ways = np.zeros(3), np.zeros(2)
+        self._poses_then.append(self._poses)
+        self._parents.append(self._resample())
+
+    def _resample(self) -> NDArray[np.int64]:
+        """Keep the likely particles, if too few count: the systematic draw; whose copies stay."""
+        count = len(self._weights)
+        share = np.exp(self._weights - self._weights.max())
+        share /= share.sum()
+        own = np.arange(count)
+        if count == 1 or 1.0 / (share**2).sum() >= self.settings.resample * count:
+            return own
+        start = uniform(self._key, len(self._poses_then), SLAM, _LUCK)
+        drawn = np.searchsorted(np.cumsum(share), (start + own) / count).clip(0, count - 1)
+        # Those drawn stay where they are, and their copies take the places of the others.
+        times = np.bincount(drawn, minlength=count)
+        parents = own.copy()
+        parents[times == 0] = np.repeat(own, np.maximum(times - 1, 0))
+        self.maps.keep(parents)
+        self._poses, self._worth = self._poses[parents], self._worth[parents]
+        self._weights = np.zeros(count)
+        self.resampled += 1
+        return parents
+
+    @property
+    def best(self) -> int:
+        """The particle whose whole past explains the scans best."""
+        return int(np.argmax(self._worth))
+
+    @property
+    def pose(self) -> Array:
+        """Where the best particle is (3,) [m, m, rad]."""
+        return compose(self._poses[self.best], self._moved)
+
+    @property
+    def map(self) -> OccupancyGrid:
+        """The best particle's map.
+
+        Raises:
+            InputError: no scan was seen so far.
+        """
+        return self.maps.to_grid(self.best)
+
+    @property
+    def trail(self) -> Array:
+        """Poses (updates, 3) [m, m, rad] of the best particle, as it sees its past now."""
+        line = np.empty((len(self._poses_then) + 1, 3))
+        particle = self.best
+        for k in range(len(self._poses_then) - 1, -1, -1):
+            particle = self._parents[k][particle]
+            line[k + 1] = self._poses_then[k][particle]
+        return np.stack([compose(line[scans], moved) for scans, moved in self._steps])
