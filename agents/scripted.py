@@ -19,6 +19,7 @@ from planners import make_planner
 from planners.space import Space
 from planners.types import Plan, Problem, Status
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.maps.distance import near
 
 Array = NDArray[np.float64]
 Observation = Mapping[str, NDArray[np.float32]]
@@ -103,11 +104,13 @@ class StraightDriver:
 
 @settings
 class Planned:
-    """A planner in the known map, and a follower along its path; replans, and backs out.
+    """A planner in the map, and a follower along its path; replans, and backs out.
 
-    Each new plan begins where the chair is, in the same map: what stands there unmapped is the
-    follower's to see and to go round. Where it closes the only passage the map shows, the chair
-    plans through it again and again, and runs out of time.
+    Each new plan begins where the chair is, in the map that the chair knows. In one that it was
+    given, what stands unmapped is the follower's to see and to go round: where it closes the only
+    passage the map shows, the chair plans through it again and again, and runs out of time. A map
+    that the chair draws itself is taken for free wherever it is unknown, and as soon as a wall
+    shows on the way, another way is planned (the free-space assumption: Koenig and Likhachev 2005).
     """
 
     planner: Mapping[str, Any] = field(default_factory=lambda: {"name": "a_star"})
@@ -119,6 +122,12 @@ class Planned:
     )  # fmt: skip
     least: float = setting(default=0.28, unit="m", source="a cell under the half width", low=0.0)
     astray: float = setting(default=0.8, unit="m", source="farther off the path: replan", low=0.05)
+    beyond: float = setting(
+        default=5.0, unit="m", source="ways through the unknown may lead so far round", low=0.5
+    )
+    redraw: float = setting(
+        default=0.5, unit="s", source="between two looks at a map that grows", low=0.0
+    )
     patience: float = setting(default=4.0, unit="s", source="without progress: act", low=0.5)
     backing: float = setting(default=2.5, unit="s", source="about half a chair's length", low=0.1)
 
@@ -153,12 +162,19 @@ class PlannedDriver:
 
     def _replan(self) -> None:
         """Plan at the widest clearance that leads to the goal, and begin the new path."""
-        space = Space.from_grid(self._task.map)
+        self._mapped = 0.0
+        known = self._task.map
+        if self._task.chart is not None:
+            ends = np.stack([self._around.pose[:2], self._task.goal[:2]])
+            known = known.holding(ends, self.own.beyond)
+            self._around.chart(known)
+        space = Space.from_grid(known)
         start, goal = self._around.pose, np.asarray(self._task.goal, dtype=np.float64)
         clearance = self.own.clearance
         while True:
             problem = Problem(space, start, goal, clearance)
             self.plan = self._planner.plan(problem, self._rng)
+            self._clearance = clearance
             clearance -= FINER
             if self.plan.status is Status.SOLVED or clearance < self.own.least:
                 break
@@ -189,7 +205,7 @@ class PlannedDriver:
             self._backing -= period
             if self._backing <= 0.0:
                 self._replan()
-        elif off > self.own.astray:
+        elif off > self.own.astray or self._walled():
             self._replan()
         elif self._since > patience:
             self._tries += 1
@@ -205,6 +221,21 @@ class PlannedDriver:
         self._chair.command(twist)
         action: Array = self._task.limits.action(twist)
         return action
+
+    def _walled(self) -> bool:
+        """Whether a wall that was drawn since the last plan stands on the way."""
+        self._mapped += self._task.period
+        if self._task.chart is None or self._mapped < self.own.redraw:
+            return False
+        self._mapped = 0.0
+        known, reference = self._task.map, self._reference
+        assert reference is not None
+        ahead = known.to_cell(reference.rows[reference.at :, :2])
+        ahead = ahead[((ahead >= 0) & (ahead < known.shape)).all(axis=1)]
+        # A wall's cells come and go by one when it is seen anew.
+        radius = self._clearance / known.resolution - 2.0
+        close = near(known.solid().view(np.int8), radius) != 0
+        return bool(close[ahead[:, 0], ahead[:, 1]].any())
 
     def _back_out(self) -> Array | None:
         """The straightest slow way back that leaves room to stop."""

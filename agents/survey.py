@@ -133,15 +133,15 @@ def by_slam(
     Raises:
         InputError: the log has no scan to map.
     """
-    told = enumerate(zip(log.increments, log.ranges, log.stamps, strict=True))
-    Slam(laser, own).update(np.zeros(3), np.full(laser.beams, laser.reach), 0.0)  # compiles
+    told = enumerate(zip(log.increments, log.ranges, strict=True))
+    Slam(laser, own).update(np.zeros(3), np.full(laser.beams, laser.reach))  # compiles
     slam = Slam(laser, own, seed)
     seconds = 0.0
-    for k, (increment, ranges, stamp) in told:
+    for k, (increment, ranges) in told:
         begun = time.perf_counter()
-        slam.update(increment, ranges, float(stamp), learn=not held_out(k))
+        slam.update(increment, ranges, learn=not held_out(k))
         seconds += time.perf_counter() - begun
         tell(1)
     many = own.particles > 1
     name = f"SLAM, {own.particles} particles" if many else "scan matching"
-    return _surveyed(name, log, laser, slam.map, slam.trail, seconds)
+    return _surveyed(name, log, laser, slam.maps.to_grid(slam.best), slam.trail, seconds)

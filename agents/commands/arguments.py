@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-POSES = ("truth", "odometry", "modelled", "mcl")
+POSES = ("truth", "odometry", "modelled", "mcl", "slam")
 POSE = "modelled"
 
 

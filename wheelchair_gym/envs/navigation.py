@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_guidance
+from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_finder, make_guidance
 from wheelchair_gym.envs.worlds import Worlds
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.mapping.chair import LocalisedChair
@@ -98,8 +98,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 bank, chair, sensors, physics, task; the other arguments go before it.
             beams: observed laser beams; fewer than the laser has are pooled by their minimum.
             rate: of control [Hz]; a period is a whole number of physics steps.
-            pose_source: what the chair believes about its pose: truth, odometry, modelled, or mcl
-                (Monte Carlo localisation on the map).
+            pose_source: what the chair believes about its pose: truth, odometry, modelled, mcl
+                (Monte Carlo localisation on the map), or slam (the world is unknown: the chair
+                draws its own map, in the frame of its start, and finds itself on it).
             guidance: 'geodesic', 'module:function' or a callable that gives a path from a task.
             noise: false makes every sensor exact.
             randomise: true draws mass, friction and motor gain anew each episode.
@@ -127,9 +128,11 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             **unknown,
         )
         self.chair: Chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
-        if s.sensors.pose_source == "mcl":
-            self.chair = LocalisedChair(self.chair, s.localisation, s.sensors.laser)
+        if s.sensors.finds_itself:
+            self.chair = LocalisedChair(self.chair, make_finder(s))
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, make_guidance(s.guidance))
+        if s.sensors.pose_source == "slam":
+            self.task.chart = lambda: cast("LocalisedChair", self.chair).finder.map
         self.worlds = Worlds(s, self.task)
         self.observation_space = cast("gym.Space[Observation]", self.task.space)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)

@@ -21,6 +21,7 @@ class Scan(NamedTuple):
     ends: Array  # (n, 2) m: where beams end
     hits: Mask  # (n,) at an echo; others met nothing so far
     origin: Array  # (2,) m: where beams begin
+    step: float  # rad between two beams
 
     @property
     def echoes(self) -> Array:
@@ -54,7 +55,7 @@ def read_scan(laser: LaserSettings, ranges: ArrayLike, clear: float) -> Scan:
     r = np.where(hits, r, min(clear, laser.reach))
     origin = np.array([laser.x, laser.y])
     ends = origin + np.stack([r * np.cos(angles), r * np.sin(angles)], axis=-1)  # (n, 2)
-    return Scan(ends, hits, origin)
+    return Scan(ends, hits, origin, laser.fov / (laser.beams - 1))
 
 
 def reach_of(scan: Scan) -> float:

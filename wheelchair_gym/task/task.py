@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.address import address_of
 from wheelchair_gym.config import InputError
-from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
+from wheelchair_gym.maps import UNKNOWN, Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.task.assess import ALONE, PROGRESS, RULES, VERDICT, assess_alone, start_task
@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Rows = NDArray[np.void]
 Observation = dict[str, Floats]
+UNSEEN = OccupancyGrid(np.full((1, 1), UNKNOWN, np.int8), 0.05)  # before the first look
 Guidance = Callable[["Task"], Array]  # a path (n, 2) [m] from the start to the goal
 
 TWIST_ROOM = 1.5  # a chair pushed or overshooting is seen up to this multiple of its limits
@@ -34,7 +35,8 @@ class Task:
     """Navigation to a goal; made once, begun anew each episode.
 
     Attributes:
-        map: what the chair is told about the world.
+        map: what the chair knows of the world: what it was told, or what it has drawn itself.
+        chart: gives what it has drawn, if the world is unknown.
         start: where the episode begins (3,) [m, m, rad].
         goal: (3,) [m, m, rad].
         geodesic: the shortest ways to the goal.
@@ -49,7 +51,6 @@ class Task:
         rules: what kernels need to know of all this (1,), a record of RULES.
     """
 
-    map: OccupancyGrid
     start: Array
     goal: Array
     geodesic: Geodesic
@@ -78,6 +79,7 @@ class Task:
         self.tolerance = settings.tolerance
         self.time_limit = settings.time_base
         self.path: Array | None = None
+        self.chart: Callable[[], OccupancyGrid | None] | None = None
         rangers = sensors.ultrasonic
         self._reaches = np.array(
             [
@@ -147,6 +149,11 @@ class Task:
             boxes["path"] = gym.spaces.Box(-PATH_REACH, PATH_REACH, shape, np.float32)
         return boxes
 
+    @property
+    def map(self) -> OccupancyGrid:
+        """What the chair knows of the world."""
+        return self._told if self.chart is None else self.chart() or UNSEEN
+
     def prepare(self, episode: Episode) -> Course:
         """What an episode is driven on: the ways to its goal, and the guidance.
 
@@ -168,7 +175,7 @@ class Task:
         return Course.of(episode, ways, path, self.settings.tolerance)
 
     def _take(self, episode: Episode, ways: Geodesic) -> None:
-        self.map, self.start, self.goal = episode.map, episode.start, episode.goal
+        self._told, self.start, self.goal = episode.map, episode.start, episode.goal
         self.geodesic = ways
         self._goal = tuple(episode.goal.tolist())
 

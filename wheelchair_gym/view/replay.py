@@ -140,7 +140,7 @@ def _reading(content: Record) -> tuple[Reading, Truth]:
 def replayed(chapter: Chapter, render_mode: str | None = None) -> NavigationEnv:
     """An environment whose next `reset()` and steps repeat an episode, observed and judged anew."""
     sensors = chapter.settings.sensors
-    if sensors.pose_source == "mcl":  # the recorded pose is what it came to; nobody looks again
+    if sensors.finds_itself:  # the recorded pose is what it came to; nobody looks again
         sensors = dataclasses.replace(sensors, pose_source="odometry")
     path = chapter.path
     guidance = None if path is None else (lambda task: path)
