@@ -15,11 +15,12 @@ from agents.motion import Motion
 from agents.reference import Reference
 from agents.rollout import stops_clear
 from agents.surroundings import Surroundings
+from agents.unseen import assumed, walled
 from planners import make_planner
 from planners.space import Space
 from planners.types import Plan, Problem, Status
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.maps.distance import near
+from wheelchair_gym.maps import OccupancyGrid
 
 Array = NDArray[np.float64]
 Observation = Mapping[str, NDArray[np.float32]]
@@ -161,25 +162,14 @@ class PlannedDriver:
         self._replan()
 
     def _replan(self) -> None:
-        """Plan at the widest clearance that leads to the goal, and begin the new path."""
-        self._mapped = 0.0
-        known = self._task.map
-        if self._task.chart is not None:
-            ends = np.stack([self._around.pose[:2], self._task.goal[:2]])
-            known = known.holding(ends, self.own.beyond)
-            self._around.chart(known)
-        space = Space.from_grid(known)
+        """Plan from where the chair is, and begin the new path."""
         start, goal = self._around.pose, np.asarray(self._task.goal, dtype=np.float64)
-        clearance = self.own.clearance
-        while True:
-            problem = Problem(space, start, goal, clearance)
-            self.plan = self._planner.plan(problem, self._rng)
-            self._clearance = clearance
-            clearance -= FINER
-            if self.plan.status is Status.SOLVED or clearance < self.own.least:
+        for known in self._maps(start, goal):
+            if self._plan(Space.from_grid(known), start, goal):
                 break
+        assert self.plan is not None
         path = self.plan.path
-        self._since = 0.0
+        self._mapped = self._since = 0.0
         if self.plan.status is not Status.SOLVED:
             if self._reference is not None:
                 return  # the old path is better than none
@@ -189,6 +179,26 @@ class PlannedDriver:
         self._reference = Reference(np.asarray(path, dtype=np.float64), start)
         self._follower = self._follower_settings.make()
         self._best = 0.0
+
+    def _maps(self, start: Array, goal: Array) -> list[OccupancyGrid]:
+        """Maps to plan in, the next one if the last leads nowhere."""
+        known = self._task.map
+        if self._task.chart is None:
+            return [known]
+        known = known.holding(np.stack([start[:2], goal[:2]]), self.own.beyond)
+        careful = assumed(known, start, self._task.footprint)
+        self._around.chart(careful)
+        return [careful, known]
+
+    def _plan(self, space: Space, start: Array, goal: Array) -> bool:
+        """Plan at the widest clearance that leads to the goal."""
+        clearance = self.own.clearance
+        while True:
+            self.plan = self._planner.plan(Problem(space, start, goal, clearance), self._rng)
+            self._clearance = clearance
+            clearance -= FINER
+            if self.plan.status is Status.SOLVED or clearance < self.own.least:
+                return self.plan.status is Status.SOLVED
 
     def act(self, observation: Observation) -> Array:
         """See `Policy.act`."""
@@ -228,14 +238,9 @@ class PlannedDriver:
         if self._task.chart is None or self._mapped < self.own.redraw:
             return False
         self._mapped = 0.0
-        known, reference = self._task.map, self._reference
-        assert reference is not None
-        ahead = known.to_cell(reference.rows[reference.at :, :2])
-        ahead = ahead[((ahead >= 0) & (ahead < known.shape)).all(axis=1)]
-        # A wall's cells come and go by one when it is seen anew.
-        radius = self._clearance / known.resolution - 2.0
-        close = near(known.solid().view(np.int8), radius) != 0
-        return bool(close[ahead[:, 0], ahead[:, 1]].any())
+        assert self._reference is not None
+        ahead = self._reference.rows[self._reference.at :]
+        return walled(self._task.map, ahead, self._clearance)
 
     def _back_out(self) -> Array | None:
         """The straightest slow way back that leaves room to stop."""
