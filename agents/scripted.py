@@ -159,18 +159,33 @@ class PlannedDriver:
         self._tries = 0  # plans made since there was progress
         self.plan: Plan | None = None
         self._reference: Reference | None = None
+        self.aim(task.goal)
+
+    def aim(self, goal: Array) -> None:
+        """Drive to a goal (2 or 3,) [m, m, rad] from now on; without a heading any will do."""
+        self.goal = np.asarray(goal, dtype=np.float64)
         self._replan()
+
+    @property
+    def solved(self) -> bool:
+        """Whether the last plan leads to the goal."""
+        return self.plan is not None and self.plan.status is Status.SOLVED
+
+    @property
+    def ended(self) -> bool:
+        """Whether the chair has come to the end of its path."""
+        return self._reference is not None and self._reference.ended
 
     def _replan(self) -> None:
         """Plan from where the chair is, and begin the new path."""
-        start, goal = self._around.pose, np.asarray(self._task.goal, dtype=np.float64)
+        start, goal = self._around.pose, self.goal
         for known in self._maps(start, goal):
             if self._plan(Space.from_grid(known), start, goal):
                 break
         assert self.plan is not None
         path = self.plan.path
         self._mapped = self._since = 0.0
-        if self.plan.status is not Status.SOLVED:
+        if not self.solved:
             if self._reference is not None:
                 return  # the old path is better than none
             # Straight on: the follower still touches nothing, and the next plan begins elsewhere.
@@ -197,8 +212,8 @@ class PlannedDriver:
             self.plan = self._planner.plan(Problem(space, start, goal, clearance), self._rng)
             self._clearance = clearance
             clearance -= FINER
-            if self.plan.status is Status.SOLVED or clearance < self.own.least:
-                return self.plan.status is Status.SOLVED
+            if self.solved or clearance < self.own.least:
+                return self.solved
 
     def act(self, observation: Observation) -> Array:
         """See `Policy.act`."""

@@ -29,16 +29,24 @@ def assumed(known: OccupancyGrid, pose: Array, footprint: Footprint) -> Occupanc
         pose: of the chair (3,) [m, m, rad].
         footprint: of the chair.
     """
-    cells = known.cells.copy()
-    (x, y), reach = known.to_lattice(pose[:2]), math.ceil(BLIND / known.resolution)
-    first = [max(0, int(y) - reach), max(0, int(x) - reach)]
-    part = cells[first[0] : int(y) + reach + 1, first[1] : int(x) + reach + 1]
-    row, col = np.indices(part.shape)
-    far = np.hypot(row + first[0] + 0.5 - y, col + first[1] + 0.5 - x) * known.resolution
-    hidden = part == UNKNOWN
     turning = math.hypot(footprint.rear, footprint.half_width) + BESIDE
-    part[hidden & (far < BLIND)] = OCCUPIED
-    part[hidden & (far < turning)] = FREE
+    return _told(_told(known, pose, turning, FREE), pose, BLIND, OCCUPIED)
+
+
+def standing(known: OccupancyGrid, pose: Array, footprint: Footprint) -> OccupancyGrid:
+    """A map with what the chair hides from itself for free, so that ways begin where it stands."""
+    return _told(known, pose, footprint.reach, FREE)
+
+
+def _told(known: OccupancyGrid, pose: Array, radius: float, value: int) -> OccupancyGrid:
+    """A map with a value for all that is unknown within a radius [m] of a pose."""
+    cells = known.cells.copy()
+    (x, y), reach = known.to_lattice(pose[:2]), radius / known.resolution
+    row, col = max(0, int(y - reach)), max(0, int(x - reach))
+    part = cells[row : int(y + reach) + 1, col : int(x + reach) + 1]
+    rows, cols = np.indices(part.shape)
+    within = np.hypot(rows + row + 0.5 - y, cols + col + 0.5 - x) < reach
+    part[within & (part == UNKNOWN)] = value
     return OccupancyGrid(cells, known.resolution, known.origin)
 
 
