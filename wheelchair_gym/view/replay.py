@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
+from wheelchair_gym.kinematics import odometric_step
+from wheelchair_gym.mapping.log import Log
 from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.sensing.settings import LaserSettings
 from wheelchair_gym.types import Episode, Reading, Truth
 from wheelchair_gym.view.record import COMMAND, EPISODE, READING, VERDICT
 
@@ -135,6 +138,24 @@ def _reading(content: Record) -> tuple[Reading, Truth]:
     arrays |= {name: _floats(content.pop(name), "<f4") for name in ("laser", "ultrasonic", "age")}
     real: Record = {name: np.array(truth.pop(name)) for name in ("pose", "twist")}
     return Reading(**arrays, **content), Truth(**real, **truth)
+
+
+def recorded_log(file: str | Path) -> tuple[Log, LaserSettings]:
+    """What the wheels and the laser said in a recording's first episode, to build a map of.
+
+    Raises:
+        InputError: see `read_recording`.
+    """
+    chapter = read_recording(file)[0]
+    readings = [reading for reading, _ in chapter.readings]
+    stamps = np.array([reading.stamp for reading in readings])
+    ways = (
+        np.array([reading.twist for reading in readings])
+        * np.diff(stamps, prepend=stamps[0])[:, None]
+    )
+    increments = np.array([odometric_step(0.0, 0.0, 0.0, way, turn) for way, turn in ways])
+    ranges = np.stack([reading.laser for reading in readings])
+    return Log(stamps - stamps[0], increments, ranges, {}), chapter.settings.sensors.laser
 
 
 def replayed(chapter: Chapter, render_mode: str | None = None) -> NavigationEnv:
