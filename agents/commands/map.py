@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from agents.commands.arguments import add_json, count, report, whole
+from agents.commands.arguments import add_json, add_watch, count, report, watch, whole
 
 
 def add(parts: Any) -> None:
@@ -31,6 +31,7 @@ def add(parts: Any) -> None:
     )
     parser.add_argument("--odometry-only", action="store_true", help="trust the wheels: no SLAM")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_watch(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -43,19 +44,30 @@ def run(given: argparse.Namespace) -> int:
     from agents.survey import HOLD, by_odometry, by_slam, progress
     from wheelchair_gym.config import InputError, dump
     from wheelchair_gym.mapping.log import LogFormat, read_log
-    from wheelchair_gym.mapping.slam import SlamSettings
+    from wheelchair_gym.mapping.slam import Slam, SlamSettings
     from wheelchair_gym.maps import write_map
     from wheelchair_gym.view import draw_map, write_png
 
     if given.picture and Path(given.picture).suffix.lower() != ".png":
         raise InputError(f"{given.picture}: a picture is a .png")
+    if given.odometry_only and watch(given):
+        raise InputError("--odometry-only: viewers and recordings are told of the SLAM")
     form = LogFormat()
     log = read_log(given.log, form)
     own = SlamSettings() if given.particles is None else SlamSettings(particles=given.particles)
     with progress(len(log.stamps), not given.quiet) as bar:
         surveys = [by_odometry(log, form.laser, own.mapping)]
         if not given.odometry_only:
-            surveys.append(by_slam(log, form.laser, own, given.seed, bar.update))
+            each, end = watch(given).on_survey(log, form.laser)
+
+            def tell(slam: Slam) -> None:
+                each(slam)
+                bar.update(1)
+
+            try:
+                surveys.append(by_slam(log, form.laser, own, given.seed, tell))
+            finally:
+                end(None)
     folder = Path(given.out)
     path = folder / "map.yaml"
     for survey in surveys:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
-import time
 from typing import Any
 
-from agents.commands.arguments import POSE, add_env, add_json, report, spec, whole
+from agents.commands.arguments import POSE, add_env, add_json, add_watch, report, spec, watch, whole
 
 
 def add(parts: Any) -> None:
@@ -30,13 +28,7 @@ def add(parts: Any) -> None:
     shown.add_argument("--window", action="store_true", help="show it live")
     shown.add_argument("--video", metavar="FILE", help="write a video (mp4)")
     shown.add_argument("--picture", metavar="FILE", help="draw the end, with the way driven")
-    parser.add_argument(
-        "--record", metavar="FILE.mcap", help="write what the chair was told and did"
-    )
-    parser.add_argument(
-        "--live", metavar="PORT", type=whole, nargs="?", const=8765,
-        help="in real time, for Foxglove's viewers to join on this port (8765)",
-    )  # fmt: skip
+    add_watch(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -56,13 +48,7 @@ def run(given: argparse.Namespace) -> int:
     env: Any = make_env(scene, settings, "human" if given.window else "rgb_array")
     frames: list[Any] = []
     film: Any = (lambda e: frames.append(e.render())) if given.video else None
-    if given.record or given.live is not None:
-        from wheelchair_gym.view.record import Recorded
-
-        env = Recorded(env, given.record, given.live)
-        if env.port is not None:
-            print(f"ws://127.0.0.1:{env.port}", file=sys.stderr)
-            film = _paced(env.unwrapped.task.period, film)
+    env, film = watch(given).on(env, film)
     try:
         record = drive_episode(env, policy, given.seed, film)
         if given.video:
@@ -80,17 +66,3 @@ def run(given: argparse.Namespace) -> int:
     )
     report(given, record, text)
     return 0
-
-
-def _paced(period: float, film: Any) -> Any:
-    """Called once a control period [s]: waits for its time, then films if that is asked for."""
-    begun, calls = time.perf_counter(), 0
-
-    def each(env: Any) -> None:
-        nonlocal calls
-        calls += 1
-        time.sleep(max(0.0, begun + calls * period - time.perf_counter()))
-        if film is not None:
-            film(env)
-
-    return each

@@ -244,7 +244,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             reading=task.reading,
             trail=np.array(self._trail)[:, :2],
             path=task.path,
-            look_ahead=self._points_ahead(),
+            look_ahead=self.points_ahead,
             caption=self._caption(task.reading),
         )
         if self.render_mode == "rgb_array":
@@ -256,7 +256,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._window.show(frame)
         return None
 
-    def _points_ahead(self) -> Array | None:
+    @property
+    def points_ahead(self) -> Array | None:
+        """The points (n, 2) [m] of the guidance that a policy is shown, on the map; or None."""
         ahead = self.task.observation.get("path")
         return None if ahead is None else to_world(ahead.reshape(-1, 2), self.task.reading.pose)
 

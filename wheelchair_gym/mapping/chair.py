@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.geometry import between
 from wheelchair_gym.mapping.localise import Localisation, Localiser
 from wheelchair_gym.sensing.settings import LaserSettings
-from wheelchair_gym.types import Chair, Episode, Reading, Truth
+from wheelchair_gym.types import Belief, Chair, Episode, Reading, Truth
 
 Array = NDArray[np.float64]
 
@@ -39,6 +39,11 @@ class LocalisedChair:
         increment = between(self._reckoned, reading.pose)
         self._reckoned = reading.pose
         return reading._replace(pose=self.localiser.update(increment, reading.laser))
+
+    @property
+    def belief(self) -> Belief:
+        """The pose before localisation, and the particles."""
+        return Belief(self._reckoned, self.localiser.poses)
 
     @property
     def truth(self) -> Truth:

@@ -207,6 +207,11 @@ class Slam:
         return compose(self._poses[self.best], self._moved)
 
     @property
+    def poses(self) -> Array:
+        """Where each particle is (particles, 3) [m, m, rad]."""
+        return compose(self._poses, self._moved)
+
+    @property
     def map(self) -> OccupancyGrid:
         """The best particle's map.
 

@@ -45,6 +45,7 @@ class Task:
         reading: the latest; its pose is the chair's own estimate.
         observation, verdict: of that reading.
         path: guidance (n, 2) [m], or None; a policy may set it, so that it is drawn.
+        note: what a policy says it is about, for people; a policy may set it.
         key: of the episode's randomness; seeds whatever a policy draws.
         rules: what kernels need to know of all this (1,), a record of RULES.
     """
@@ -78,6 +79,7 @@ class Task:
         self.tolerance = settings.tolerance
         self.time_limit = settings.time_base
         self.path: Array | None = None
+        self.note = ""
         rangers = sensors.ultrasonic
         self._reaches = np.array(
             [
@@ -175,7 +177,7 @@ class Task:
     def begin(self, course: Course, reading: Reading, key: int) -> Observation:
         """Take up a new episode with its first reading."""
         self._take(course.episode, course.geodesic)
-        self._course, self.path = course, course.path
+        self._course, self.path, self.note = course, course.path, ""
         self._alone["course"] = address_of(course.record)
         self.reading, self.key = reading, key
         out, verdict = np.empty(self.room, np.float32), self._judged
