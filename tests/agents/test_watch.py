@@ -8,7 +8,18 @@ from mcap.reader import make_reader
 from agents.cli import main
 from wheelchair_gym.view.replay import read_recording
 
-SHORT = "--scenes empty --policies straight --suite demo --no-video --quiet --jobs 1".split()
+SHORT = [
+    "--scenes",
+    "empty",
+    "--policies",
+    "straight",
+    "--suite",
+    "demo",
+    "--no-video",
+    "--quiet",
+    "--jobs",
+    "1",
+]
 
 
 def counts(file):
