@@ -20,6 +20,7 @@ from agents.policy import make_policy
 from agents.watch import Watch
 from wheelchair_gym.config import InputError, dump, load, read_json
 from wheelchair_gym.files import refused
+from wheelchair_gym.types import Episode
 
 ENV = "wheelchair_gym/Navigation-v0"
 STORE = "episodes.jsonl"
@@ -85,7 +86,9 @@ def make_env(scene: Spec, env: Mapping[str, Any], render_mode: str | None = "rgb
     return gymnasium.make(ENV, scene=_plain(scene), render_mode=render_mode, **env)
 
 
-def drive_episode(env: Any, policy: Any, seed: int, frames: Any = None) -> Record:
+def drive_episode(
+    env: Any, policy: Any, seed: int, frames: Any = None, episode: Episode | None = None
+) -> Record:
     """Drive one episode to its end.
 
     Args:
@@ -93,11 +96,12 @@ def drive_episode(env: Any, policy: Any, seed: int, frames: Any = None) -> Recor
         policy: a policy.
         seed: of the episode.
         frames: called with the environment after reset and each step, to film it.
+        episode: to be driven, in place of the scene's.
 
     Returns:
         Its figures, see `agents.metrics.measure`.
     """
-    observation, info = env.reset(seed=seed)
+    observation, info = env.reset(seed=seed, options=episode and {"episode": episode})
     task = env.unwrapped.task
     trace = Trace(task.period)
     trace.add(info)

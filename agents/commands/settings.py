@@ -42,13 +42,14 @@ def known() -> dict[str, type]:
     from agents.followers import FOLLOWERS
     from agents.policy import policy_settings
     from planners import PLANNERS
+    from wheelchair_gym.hardware.chairs import CHAIRS
     from wheelchair_gym.scenes import SCENES
 
     classes: dict[str, type] = {}
     for name, place in OWN.items():
         module, _, attribute = place.partition(":")
         classes[name] = getattr(importlib.import_module(module), attribute)
-    for registry in (PLANNERS, FOLLOWERS, policy_settings(), SCENES):
+    for registry in (PLANNERS, FOLLOWERS, policy_settings(), SCENES, CHAIRS):
         classes.update(registry)
     return classes
 

@@ -3,9 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import signal
 from typing import Any
 
-from agents.commands.arguments import POSE, add_env, add_json, add_watch, report, spec, watch, whole
+from agents.commands.arguments import (
+    POSE,
+    add_env,
+    add_json,
+    add_watch,
+    pose,
+    report,
+    spec,
+    watch,
+    whole,
+)
 
 
 def add(parts: Any) -> None:
@@ -23,6 +34,17 @@ def add(parts: Any) -> None:
     )  # fmt: skip
     parser.add_argument("--policy", default="lattice+window", help="PLANNER+FOLLOWER, random, ...")
     parser.add_argument("--seed", type=whole, default=0, help="of the episode (default 0)")
+    parser.add_argument(
+        "--chair", metavar="CHAIR",
+        help="a real one in place of the simulated: ros://HOST:PORT, or FILE.json:NAME as in "
+        "configs/chairs.json",
+    )  # fmt: skip
+    parser.add_argument(
+        "--goal", metavar="X,Y[,YAW]", type=pose, help="of a real chair, on the map that it tells"
+    )
+    parser.add_argument(
+        "--start", metavar="X,Y,YAW", type=pose, help="where it is, if it does not tell"
+    )
     add_env(parser)
     shown = parser.add_mutually_exclusive_group()
     shown.add_argument("--window", action="store_true", help="show it live")
@@ -37,32 +59,67 @@ def run(given: argparse.Namespace) -> int:
     """Drive the episode and report it."""
     from agents.evaluate import drive_episode, env_settings, label, make_env
     from agents.policy import make_policy
+    from wheelchair_gym.config import InputError
     from wheelchair_gym.view.video import write_png, write_video
 
     policy = make_policy(spec(given.policy))
-    pose = POSE if given.pose is None and given.config is None else given.pose
-    settings = env_settings(pose_source=pose, config=given.config)
+    source = POSE if given.pose is None and given.config is None else given.pose
+    settings = env_settings(pose_source=source, config=given.config)
     scene = settings.get("config", {}).get("scene", "floor_plan")
     if given.scene is not None:
         scene = spec(given.scene)
-    env: Any = make_env(scene, settings, "human" if given.window else "rgb_array")
+    mode, episode = "human" if given.window else "rgb_array", None
+    if given.chair is not None:
+        env, episode = _real(given, settings, scene, mode)
+    elif given.goal or given.start:
+        raise InputError("--goal and --start are of a real chair (--chair)")
+    else:
+        env = make_env(scene, settings, mode)
     frames: list[Any] = []
     film: Any = (lambda e: frames.append(e.render())) if given.video else None
-    env, film = watch(given).on(env, film)
     try:
-        record = drive_episode(env, policy, given.seed, film)
+        env, film = watch(given).on(env, film)
+        record = drive_episode(env, policy, given.seed, film, episode)
         if given.video:
             write_video(given.video, frames, round(1.0 / env.unwrapped.task.period))
         if given.picture:
             write_png(given.picture, env.render())
     finally:
         env.close()
+    halted = env.unwrapped.task.reading.halted
     record |= {"policy": given.policy, "scene": label(scene), "seed": given.seed}
     least = record["clearance_min"]
     text = (
         f"{given.policy} on {label(scene)}, seed {given.seed}: {record['outcome']} after "
         f"{record['time']:.1f} s and {record['length']:.2f} m (shortest {record['geodesic']:.2f}"
         f" m), least clearance {'-' if least is None else f'{least:.3f}'} m"
+        + (f"; it stands: {halted}" if halted else "")
     )
     report(given, record, text)
     return 0
+
+
+def _real(
+    given: argparse.Namespace, settings: dict[str, Any], scene: Any, mode: str
+) -> tuple[Any, Any]:
+    """An environment of a real chair, and the episode on its own map if a goal is given."""
+    from wheelchair_gym.config import InputError
+    from wheelchair_gym.envs import NavigationEnv
+    from wheelchair_gym.envs.settings import env_settings
+    from wheelchair_gym.hardware.chairs import make_chair
+
+    if given.goal is None and given.scene is None:
+        raise InputError("--chair: expected --goal X,Y on its own map, or --scene with one")
+    if given.start is not None and len(given.start) != 3:
+        raise InputError("--start of a real chair: expected X,Y,YAW (m, m, rad)")
+    for name in ("SIGTERM", "SIGHUP"):  # as Ctrl-C: whoever ends this, the chair is told to stop
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.default_int_handler)
+    named = given.chair if "://" in given.chair else spec(given.chair)
+    chair = make_chair(named, env_settings(**{"config": None, **settings}))
+    try:
+        episode = None if given.goal is None else chair.episode(given.goal, given.start)
+        return NavigationEnv(scene=scene, chair=chair, render_mode=mode, **settings), episode
+    except BaseException:
+        chair.close()
+        raise

@@ -86,7 +86,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         noise: bool | None = None,
         randomise: bool | None = None,
         bank: Any = None,
-        chair: Chair | None = None,
+        chair: Chair | str | Mapping[str, Any] | None = None,
         render_mode: str | None = None,
         **unknown: Any,
     ) -> None:
@@ -105,7 +105,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             randomise: true draws mass, friction and motor gain anew each episode.
             bank: of how many worlds episodes draw, or a mapping of size, turnover and seed; 0:
                 each episode has a world of its own.
-            chair: drives instead of the simulated chair.
+            chair: drives instead of the simulated chair; or names a real one, such as
+                'ros://HOST:PORT' (see `hardware.chairs`).
             render_mode: 'human' (a window), 'rgb_array', or None.
             unknown: nothing else is taken.
 
@@ -126,6 +127,10 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             bank=bank,
             **unknown,
         )
+        if isinstance(chair, str | Mapping):
+            from wheelchair_gym.hardware.chairs import make_chair
+
+            chair = make_chair(chair, s)
         self.chair: Chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
         if s.sensors.pose_source == "mcl":
             self.chair = LocalisedChair(self.chair, s.localisation, s.sensors.laser)
