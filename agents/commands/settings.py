@@ -17,6 +17,7 @@ OWN = {
     "sensors": "wheelchair_gym.sensing.settings:SensorSettings",
     "chair": "wheelchair_gym.simulation.settings:ChairSettings",
     "log": "wheelchair_gym.mapping.log:LogFormat",
+    "recording": "wheelchair_gym.view.record:Recording",
     "slam": "wheelchair_gym.mapping.slam:SlamSettings",
     "physics": "wheelchair_gym.simulation.settings:PhysicsSettings",
     "task": "wheelchair_gym.task.settings:TaskSettings",

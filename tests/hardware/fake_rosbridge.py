@@ -60,6 +60,14 @@ class FakeRosbridge:
         self.reading = self.chair.reset(self.episode, 1)
         self.commands, self.mute, self.mangle = [], set(), {}
         self.skew, self.advertised = 0.0, {}
+        laser = sensors.laser
+        self.mounted = laser.x, laser.y, laser.yaw  # of the laser, as tf tells
+        self._latched = {
+            "/map": self._map,
+            "/tf_static": lambda: {
+                "transforms": [self._edge("base_link", "laser_link", self.mounted)]
+            },
+        }
         self._told = {}  # connection -> topics
         self._command = np.zeros(2)
         self._ended = threading.Event()
@@ -108,8 +116,8 @@ class FakeRosbridge:
         operation, topic = content["op"], content.get("topic")
         if operation == "subscribe":
             topics.add(topic)
-            if topic == "/map":  # latched
-                self._publish(connection, "/map", self._map())
+            if topic in self._latched:
+                self._publish(connection, topic, self._latched[topic]())
         elif operation == "unsubscribe":
             topics.discard(topic)
         elif operation == "advertise":

@@ -27,6 +27,7 @@ from wheelchair_gym.hardware.arrivals import Arrivals
 from wheelchair_gym.hardware.chairs import chair_settings, make_chair
 from wheelchair_gym.hardware.ros_senses import Senses
 from wheelchair_gym.hardware.ros_settings import RosSettings
+from wheelchair_gym.kernel import kernel
 
 CONFIG = {"sensors": {"laser": {"beams": 181}}, "task": {"beams": 181}}
 # A busy machine that runs the chair, the bridge and the policy at once is late now and then.
@@ -161,11 +162,22 @@ def test_periods_end_at_deadlines(bridge, chair):
     assert reading.stamp == pytest.approx(0.8, abs=0.08)
 
 
+@kernel
+def spin(rounds: int) -> float:
+    """Keep a core busy, as a planner does."""
+    total = 0.0
+    for k in range(rounds):
+        total += math.sin(total + k)
+    return total
+
+
 def test_a_late_policy_does_not_drive_on(bridge, chair):
+    spin(10)
     begun(chair)
     last = time.monotonic()
     assert not bridge.still
-    assert until(lambda: bridge.still)
+    while not bridge.still and time.monotonic() < last + 3.0:
+        spin(20_000_000)
     assert bridge.commands[-1][0] - last < chair.settings.hold + ROOM
     assert until(lambda: abs(bridge.reading.twist).max() < 0.01)
     assert chair.drive(AHEAD).halted == ""  # it goes on when told to
@@ -414,6 +426,16 @@ def test_what_never_comes_is_named(bridge, topic, why):
     first = chair.episode if topic != "/scan" else chair.reset
     with pytest.raises(InputError, match=why):
         first(np.ones(2), 0) if topic == "/scan" else first(np.ones(2))
+    chair.close()
+
+
+def test_a_laser_that_sits_elsewhere_is_not_driven_by(bridge, chair):
+    """Turned round in the settings or on the chair: obstacles would stand on the wrong side."""
+    chair.close()
+    bridge.mounted = 0.66, 0.0, math.pi
+    chair = make_chair(spec(bridge), env_settings(CONFIG))
+    with pytest.raises(InputError, match=r"180 deg; sensors.laser says \(0.66, 0.00\) m, 0 deg"):
+        chair.reset(None, 0)
     chair.close()
 
 

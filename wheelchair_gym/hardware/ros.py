@@ -83,12 +83,15 @@ class RosChair:
             key: nothing is drawn.
 
         Raises:
-            InputError: something stays silent, or the chair does not come to rest.
+            InputError: something stays silent, the chair does not come to rest, or the laser does
+                not sit where the settings say.
             ConnectionError: the link is lost.
         """
         self._stop()
         self._senses.forget()
         self._await(lambda: self._senses.silent(time.monotonic()) or self._senses.unrest())
+        if wrong := self._senses.misplaced():
+            raise InputError(f"{self.url}: {wrong}")
         self._due = self._begun = time.monotonic()
         self._way = 0.0
         self._before: Array = self._senses.odometry[0]
@@ -185,7 +188,10 @@ class RosChair:
         self._link.publish(self.settings.velocity, _twist(v, w))
 
     def _guard(self) -> None:
-        """Take a command back that may not stand any longer; runs in a thread of its own."""
+        """Take a command back that may not stand any longer; runs in a thread of its own.
+
+        A planner at work does not hold it up: kernels let go of Python's lock.
+        """
         while not self._link.gone.wait(min(_NAP, 0.25 * self.period)):
             with self._lock:
                 now = time.monotonic()

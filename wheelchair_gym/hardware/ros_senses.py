@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.geometry import compose
+from wheelchair_gym.geometry import between, compose
 from wheelchair_gym.hardware import ros_messages as ros
 from wheelchair_gym.hardware.arrivals import Arrivals, Heard
 from wheelchair_gym.hardware.ros_settings import RosSettings
@@ -43,7 +43,8 @@ class Senses:
     """
 
     def __init__(self, settings: RosSettings, sensors: SensorSettings, on_map: bool) -> None:
-        self.settings, self.on_map, s = settings, on_map, settings
+        self.settings, self.sensors, self.on_map, s = settings, sensors, on_map, settings
+        self._laser = ""  # its frame
         null = math.nan if s.null == "invalid" else math.inf
         self.topics = {
             s.scan: Topic(
@@ -86,6 +87,8 @@ class Senses:
                 edges = {child: (parent, pose, math.inf) for parent, child, pose in value}
                 self._rigid = {**self._rigid, **edges}
             else:
+                if topic == s.scan:
+                    self._laser = str(message["header"]["frame_id"]).lstrip("/")
                 clock = self._arrivals.setdefault(topic, Arrivals(s.drift))
                 self._heard[topic] = Heard(value, clock.taken(ros.stamp(message["header"]), came))
             self._wrong.pop(topic, None)
@@ -147,10 +150,30 @@ class Senses:
 
     def place(self) -> Heard | None:
         """The pose (3,) on the map that tf tells, as old as the oldest transform on the way."""
+        return self._chain(self.settings.base_frame, self.settings.map_frame)
+
+    def misplaced(self) -> str:
+        """That tf has the laser elsewhere than the settings; empty: it has not, or is silent."""
+        told = self._chain(self._laser, self.settings.base_frame)
+        laser = self.sensors.laser
+        if told is None:
+            return ""
+        apart = between((laser.x, laser.y, laser.yaw), told.value)
+        if np.hypot(*apart[:2]) <= self.settings.mount and abs(apart[2]) <= self.settings.mount:
+            return ""
+        x, y, yaw = told.value
+        return (
+            f"{self.settings.tf} has the laser at ({x:.2f}, {y:.2f}) m, {math.degrees(yaw):.0f} "
+            f"deg; sensors.laser says ({laser.x:.2f}, {laser.y:.2f}) m, "
+            f"{math.degrees(laser.yaw):.0f} deg"
+        )
+
+    def _chain(self, frame: str, root: str) -> Heard | None:
+        """The pose (3,) of a frame in one above it."""
         edges = {**self._rigid, **self._moved}
-        frame, pose, taken = self.settings.base_frame, np.zeros(3), math.inf
+        pose, taken = np.zeros(3), math.inf
         for _ in range(len(edges) + 1):
-            if frame == self.settings.map_frame:
+            if frame == root:
                 return Heard(pose, taken)
             if frame not in edges:
                 return None

@@ -44,6 +44,9 @@ class RosSettings:
         default=1e-3, source="s per s that the two clocks may part", low=0.0, high=0.1
     )
     patience: float = setting(default=5.0, unit="s", source="for fresh data at reset", low=0.1)
+    mount: float = setting(
+        default=0.05, unit="m, rad", source="most that tf and sensors.laser may differ", low=0.0
+    )
     still: float = setting(
         default=0.05, unit="m/s, rad/s", source="a chair at reset stands", low=0.001
     )
