@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -310,13 +311,12 @@ def test_a_link_that_breaks_is_one_line_and_a_last_zero(bridge, chair, way):
 
 @pytest.mark.parametrize("way", ["close", "exception", "closed twice", "lost"])
 def test_every_way_out_ends_with_zero(bridge, way):
-    env = NavigationEnv(chair=spec(bridge), config=CONFIG)
-    env.reset(
-        options={"episode": env.chair.episode(bridge.episode.start[:2] + np.array([2.0, 0.0]))}
-    )
+    env = gym.make("wheelchair_gym/Navigation-v0", chair=spec(bridge), config=CONFIG)
+    chair = env.unwrapped.chair
+    env.reset(options={"episode": chair.episode(bridge.episode.start[:2] + np.array([2.0, 0.0]))})
     try:
         for _ in range(4):
-            env.step(np.array([0.4, 0.0]))
+            env.step(np.array([0.4, 0.0], np.float32))
         if way == "exception":
             raise ZeroDivisionError
         if way == "lost":
@@ -330,7 +330,7 @@ def test_every_way_out_ends_with_zero(bridge, way):
     assert until(lambda: bridge.still)
     assert until(lambda: abs(bridge.reading.twist).max() < 0.01)
     with pytest.raises(ValueError, match="closed"):
-        env.chair.drive(AHEAD)
+        chair.drive(AHEAD)
     assert not [t for t in threading.enumerate() if t.name.startswith(bridge.url) and t.is_alive()]
 
 

@@ -6,6 +6,7 @@ import base64
 import json
 import struct
 import threading
+import time
 from functools import partial
 from typing import Any
 
@@ -17,6 +18,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from websockets.sync.client import connect
 
 from agents.cli import main
+from tests.view.test_record import OLD
 from wheelchair_gym.mapping.localise import Localisation
 from wheelchair_gym.view.record import Recorded, Recording
 
@@ -110,8 +112,6 @@ def test_a_port_that_is_taken_or_none_is_one_line(capsys):
 
 
 def test_it_is_driven_in_real_time(capsys):
-    import time
-
     begun = time.perf_counter()
     assert main(["simulate", "--scene", "empty", "--policy", "straight", "--live", "0"]) == 0
     spent = time.perf_counter() - begun
@@ -125,3 +125,12 @@ def test_what_is_no_port_is_one_line(arguments, capsys):
         main(["simulate", *arguments])
     assert left.value.code == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_a_replay_is_shown_in_real_time(capsys):
+    begun = time.perf_counter()
+    assert main(["replay", str(OLD), "--live", "0"]) == 0
+    assert time.perf_counter() - begun > 8 / RATE  # eight steps
+    said = capsys.readouterr()
+    assert "ws://127.0.0.1:" in said.err
+    assert said.out.count("the same rewards") == 2
