@@ -144,7 +144,7 @@ def test_a_reading_is_what_the_topics_said(bridge):
 
 def test_reset_stays_where_it_is(bridge, chair):
     """It stops, ignores where an episode starts, and begins its clock anew."""
-    begun(chair, 8)
+    begun(chair, 12)
     reading = chair.reset(bridge.episode, 0)
     assert bridge.still
     assert np.abs(reading.twist).max() <= chair.settings.still
@@ -170,6 +170,22 @@ def spin(rounds: int) -> float:
     for k in range(rounds):
         total += math.sin(total + k)
     return total
+
+
+def test_what_it_is_told_keeps_to_the_limits(bridge, chair):
+    """A base may have no ramps of its own: speed, acceleration and jerk, whatever is asked."""
+    limits, period = EnvSettings().chair.limits, chair.period
+    chair.reset(None, 0)
+    for twist in ([9.0, -9.0], [-9.0, 9.0]):
+        before = len(bridge.commands)
+        for _ in range(10):
+            chair.drive(np.array(twist))
+        _, v, w = np.array(bridge.commands[before:]).T
+        assert -limits.backward <= v.min() <= v.max() <= limits.forward
+        assert np.abs(w).max() <= limits.turn
+        assert np.abs(np.diff(v)).max() <= limits.deceleration * period + 1e-9
+        assert np.abs(np.diff(v, 2)).max() <= limits.jerk * period**2 + 1e-9
+        assert np.abs(np.diff(w)).max() <= limits.turn_acceleration * period + 1e-9
 
 
 def test_a_late_policy_does_not_drive_on(bridge, chair):

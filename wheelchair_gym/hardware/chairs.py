@@ -54,4 +54,4 @@ def make_chair(spec: str | Mapping[str, Any], settings: EnvSettings) -> RosChair
     own = chair_settings(spec)
     sensors = settings.sensors
     worked_out = sensors.pose_source not in ("truth", "modelled")
-    return RosChair(own, sensors, settings.chair.footprint, 1.0 / settings.rate, not worked_out)
+    return RosChair(own, sensors, settings.chair, 1.0 / settings.rate, not worked_out)

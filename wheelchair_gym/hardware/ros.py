@@ -23,13 +23,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import Footprint, between
+from wheelchair_gym.geometry import between
 from wheelchair_gym.hardware.ros_senses import Senses
 from wheelchair_gym.hardware.ros_settings import RosSettings
 from wheelchair_gym.hardware.rosbridge import Rosbridge
+from wheelchair_gym.kinematics import approach
 from wheelchair_gym.mapping.scan import read_scan
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.sensing.settings import SensorSettings
+from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
 
 Array = NDArray[np.float64]
@@ -43,7 +45,7 @@ class RosChair:
     Args:
         settings: topics, frames, limits.
         sensors: where the laser and the ultrasonics sit, and how many beams there are.
-        footprint: the chair's outline.
+        chair: its outline, and the limits of what it is told: a base may have none of its own.
         period: of control [s].
         on_map: the pose is that of the frame `map_frame`, from tf; false: the odometry's.
 
@@ -55,15 +57,16 @@ class RosChair:
         self,
         settings: RosSettings,
         sensors: SensorSettings,
-        footprint: Footprint,
+        chair: ChairSettings,
         period: float,
         on_map: bool = True,
     ) -> None:
         self.settings, self.sensors, self.period = settings, sensors, period
-        self._outline, s = footprint, settings
+        self._outline, self._limits, s = chair.footprint, chair.limits, settings
         self._senses = Senses(settings, sensors, on_map)
         self._lock = threading.Lock()  # of what is commanded
-        self._moving, self._until, self._due = False, -math.inf, 0.0
+        self._set = np.zeros(4)  # speed, its slope, turn, its slope: what it was told last
+        self._until, self._due = -math.inf, 0.0
         self._begun, self._way, self._truth = math.nan, 0.0, _NOWHERE
         self._link = Rosbridge(s.host, s.port, self._senses.take, s.link)
         self.url = self._link.url
@@ -87,7 +90,9 @@ class RosChair:
                 not sit where the settings say.
             ConnectionError: the link is lost.
         """
-        self._stop()
+        self._begun = math.nan
+        with self._lock:
+            self._stop()
         self._senses.forget()
         self._await(lambda: self._senses.silent(time.monotonic()) or self._senses.unrest())
         if wrong := self._senses.misplaced():
@@ -98,9 +103,10 @@ class RosChair:
         return self._reading("")
 
     def drive(self, twist: Array) -> Reading:
-        """Send a twist (2,) [m/s, rad/s], wait for the end of the control period, and sense.
+        """Move what the chair is told towards a twist (2,) [m/s, rad/s], wait a period, and sense.
 
-        Where a sensor is silent the chair stands instead, and `Reading.halted` says so.
+        Within the limits of speed, acceleration and jerk; but where a sensor is silent the chair is
+        told to stand at once, and `Reading.halted` says so.
 
         Raises:
             ValueError: the twist is not two finite numbers, or the chair was never reset.
@@ -115,8 +121,12 @@ class RosChair:
             now = time.monotonic()
             why = self._senses.silent(now)
             self._until = now + self.period + self.settings.hold
-            self._send(*((0.0, 0.0) if why else (v, w)))
-        self._due = max(self._due + self.period, now)  # one that is late begins anew
+            if why:
+                self._stop()
+            else:
+                self._approach(v, w)
+        missed = math.floor((now - self._due) / self.period)  # periods that a policy slept through
+        self._due += self.period * (1 + max(0, missed))
         self._link.gone.wait(max(0.0, self._due - time.monotonic()))
         self._check()
         return self._reading(why)
@@ -180,12 +190,25 @@ class RosChair:
             raise ConnectionError(f"{self.url}: the link is lost: {self._link.lost}")
 
     def _stop(self) -> None:
-        with self._lock:
-            self._send(0.0, 0.0)
+        """Tell it to stand at once."""
+        self._set = np.zeros(4)
+        self._link.publish(self.settings.velocity, _twist(0.0, 0.0))
 
-    def _send(self, v: float, w: float) -> None:
-        self._moving = (v, w) != (0.0, 0.0)
-        self._link.publish(self.settings.velocity, _twist(v, w))
+    def _approach(self, v: float, w: float) -> None:
+        """Tell it to come as near to a twist as the limits let it within a period."""
+        own, limits = self._set, self._limits
+        v = min(limits.forward, max(-limits.backward, v))
+        w = min(limits.turn, max(-limits.turn, w))
+        up, down, jerk = limits.acceleration, limits.deceleration, limits.jerk
+        turn, turn_jerk = limits.turn_acceleration, limits.turn_jerk
+        self._set = np.array(
+            [
+                *approach(own[0], own[1], v, up, down, jerk, self.period),
+                *approach(own[2], own[3], w, turn, turn, turn_jerk, self.period),
+            ]
+        )
+        told = _twist(float(self._set[0]), float(self._set[2]))
+        self._link.publish(self.settings.velocity, told)
 
     def _guard(self) -> None:
         """Take a command back that may not stand any longer; runs in a thread of its own.
@@ -195,8 +218,8 @@ class RosChair:
         while not self._link.gone.wait(min(_NAP, 0.25 * self.period)):
             with self._lock:
                 now = time.monotonic()
-                if self._moving and (now > self._until or self._senses.silent(now)):
-                    self._send(0.0, 0.0)
+                if self._set.any() and (now > self._until or self._senses.silent(now)):
+                    self._stop()
 
     def _reading(self, why: str) -> Reading:
         """What is known now; `why` the chair was not driven as it was told to."""
