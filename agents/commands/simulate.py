@@ -87,10 +87,11 @@ def run(given: argparse.Namespace) -> int:
     finally:
         env.close()
     halted = env.unwrapped.task.reading.halted
-    record |= {"policy": given.policy, "scene": label(scene), "seed": given.seed}
+    place = label(scene) if episode is None else episode.name
+    record |= {"policy": given.policy, "scene": place, "seed": given.seed}
     least = record["clearance_min"]
     text = (
-        f"{given.policy} on {label(scene)}, seed {given.seed}: {record['outcome']} after "
+        f"{given.policy} on {place}, seed {given.seed}: {record['outcome']} after "
         f"{record['time']:.1f} s and {record['length']:.2f} m (shortest {record['geodesic']:.2f}"
         f" m), least clearance {'-' if least is None else f'{least:.3f}'} m"
         + (f"; it stands: {halted}" if halted else "")

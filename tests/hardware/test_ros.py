@@ -29,6 +29,7 @@ from wheelchair_gym.hardware.chairs import chair_settings, make_chair
 from wheelchair_gym.hardware.ros_senses import Senses
 from wheelchair_gym.hardware.ros_settings import RosSettings
 from wheelchair_gym.kernel import kernel
+from wheelchair_gym.maps import OCCUPIED
 
 CONFIG = {"sensors": {"laser": {"beams": 181}}, "task": {"beams": 181}}
 # A busy machine that runs the chair, the bridge and the policy at once is late now and then.
@@ -443,6 +444,14 @@ def test_what_never_comes_is_named(bridge, topic, why):
     with pytest.raises(InputError, match=why):
         first(np.ones(2), 0) if topic == "/scan" else first(np.ones(2))
     chair.close()
+
+
+def test_a_goal_must_be_on_free_ground(bridge, chair):
+    solid = np.argwhere(bridge.episode.map.cells == OCCUPIED)[0]
+    inside = bridge.episode.map.to_world(solid)
+    for goal, start in ((inside, None), ([100.0, 1.0], None), ([1.0, 1.0], [-50.0, 1.0, 0.0])):
+        with pytest.raises(InputError, match="free ground of /map"):
+            chair.episode(goal, start)
 
 
 def test_a_laser_that_sits_elsewhere_is_not_driven_by(bridge, chair):

@@ -29,7 +29,7 @@ from wheelchair_gym.hardware.ros_settings import RosSettings
 from wheelchair_gym.hardware.rosbridge import Rosbridge
 from wheelchair_gym.kinematics import approach
 from wheelchair_gym.mapping.scan import read_scan
-from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
@@ -145,7 +145,8 @@ class RosChair:
             start: (3,) where the chair is, where tf does not tell.
 
         Raises:
-            InputError: there is no map, or nobody knows where on it the chair is.
+            InputError: there is no map, nobody knows where on it the chair is, or the goal is not
+                on free ground.
             ConnectionError: the link is lost.
         """
         own, senses = self.settings, self._senses
@@ -159,6 +160,11 @@ class RosChair:
         begin = np.asarray(start, np.float64) if place is None or start is not None else place.value
         end = np.zeros(3)
         end[: np.size(goal)] = goal
+        ground = chart.inside(end[:2]) and chart.cells[tuple(chart.to_cell(end[:2]))] == FREE
+        if not ground or not chart.inside(begin[:2]):
+            who, at = ("the chair", begin) if ground else ("the goal", end)
+            where = f"({at[0]:g}, {at[1]:g}) m"
+            raise InputError(f"{self.url}: {who} is at {where}; expected free ground of {own.map}")
         return Episode(chart, begin, end, chart.walls(), name=self.url)
 
     @property
