@@ -16,8 +16,12 @@ from mcap_protobuf.decoder import DecoderFactory
 from agents.cli import main
 from agents.policy import make_policy
 from wheelchair_gym import InputError
+from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import compose
+from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.sensing import SensorSettings
+from wheelchair_gym.simulation import SimulatedChair
+from wheelchair_gym.types import Belief
 from wheelchair_gym.view.record import Recorded, Recording
 from wheelchair_gym.view.replay import read_recording, replayed
 
@@ -181,6 +185,45 @@ def test_viewers_see_what_the_chair_was_told(run):
         assert np.hypot(*(places[:, :2] - moment.reading.pose[:2]).T).min() < 0.3
     corners = messages["/footprint"][0].entities[0].lines[0].points
     assert len(corners) == 4
+
+
+class Surveyor:
+    """A chair that maps as it goes: cells become known one by one."""
+
+    def __init__(self, chair):
+        self._chair, self.charted = chair, 0
+
+    def __getattr__(self, name):
+        return getattr(self._chair, name)
+
+    @property
+    def belief(self):
+        def chart():
+            self.charted += 1
+            cells = np.full((4, 5), -1)
+            cells.flat[: self.charted] = 0
+            return OccupancyGrid(cells, 0.5, (1.0, 2.0, 0.3))
+
+        return Belief(self._chair.belief.odometry, np.ones((3, 3)), chart)
+
+
+def test_a_map_that_grows_is_sent_again_slowly_and_kept(tmp_path):
+    chair, file = Surveyor(SimulatedChair()), tmp_path / "grows.mcap"
+    env = Recorded(NavigationEnv("empty", chair=chair), file, recording=Recording(again=0.5))
+    env.reset(seed=0)
+    for _ in range(20):
+        env.step(np.zeros(2, np.float32))
+    env.close()
+    maps = [(stamp, np.frombuffer(m.data, np.int8)) for _, stamp, m in told(file, "/map")]
+    assert chair.charted == 5  # at 0.0, 0.5, ... 2.0 s
+    assert [int((cells == 0).sum()) for _, cells in maps[1:]] == [1, 2, 3, 4, 5]
+    np.testing.assert_array_equal(np.diff([stamp for stamp, _ in maps[1:]]), 500_000_000)
+    (chapter,) = read_recording(file)
+    for k, moment in enumerate(chapter.readings):
+        grid = moment.belief.chart()
+        assert (grid.cells == 0).sum() == k // 5 + 1
+        assert grid.origin == (1.0, 2.0, 0.3)
+    assert (chapter.episode.map.cells != -1).any()
 
 
 def test_the_command_records_and_replays(tmp_path, capsys):

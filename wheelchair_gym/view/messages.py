@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from functools import cache
 from typing import Any, Final
 
 import cv2
@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 _NANO = 1_000_000_000
 _SPOKES = 9  # points on the arc of a cone
+_FAN = [corner for k in range(1, _SPOKES) for corner in (0, k, k + 1)]  # its triangles
 _LINE = 0.03  # m, thickness of what is drawn
 
 TYPED: Final[dict[str, Any]] = {
@@ -177,6 +178,13 @@ def scan(now: int, laser: LaserSettings, ranges: NDArray[np.float32]) -> Any:
     )
 
 
+@cache
+def _fan(cone: float) -> list[tuple[float, float]]:
+    """The tip of a cone [rad] and points on its arc, as far away as 1."""
+    angles = np.linspace(-0.5 * cone, 0.5 * cone, _SPOKES).tolist()
+    return [(0.0, 0.0), *((math.cos(angle), math.sin(angle)) for angle in angles)]
+
+
 def cones(
     now: int,
     rangers: UltrasonicSettings,
@@ -195,12 +203,11 @@ def cones(
         fans = []
         if value > 0.0:
             echo = value < math.inf
-            angles = np.linspace(-0.5 * model.cone, 0.5 * model.cone, _SPOKES)
-            rim = min(value, model.reach) * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-            corners = [point for a, b in pairwise(rim) for point in ((0.0, 0.0), a, b)]
+            far = min(value, model.reach)
+            corners = [m.Point3(x=far * x, y=far * y, z=0.0) for x, y in _fan(model.cone)]
             alpha = max(0.1, 0.5 - 0.4 * age) if echo else 0.05
             colour = _colour(NARROW if narrow else WIDE, alpha)
-            fans = [m.TriangleListPrimitive(points=_points(corners), color=colour)]
+            fans = [m.TriangleListPrimitive(points=corners, color=colour, indices=_FAN)]
         name = f"ultrasonic_{k}"
         words = {"range": value, "age": age}
         found.append(
