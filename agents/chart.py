@@ -114,7 +114,7 @@ def chart(
         seconds: at most so long.
         each: called with the environment at each step.
     """
-    env.reset(seed=seed)
+    env.unwrapped.reset(seed=seed)  # unseen by recorders
     scene: Episode = env.unwrapped.episode
     endless = replace(scene, tolerance=ENDLESS, time_limit=seconds)
     observation, info = env.reset(seed=seed, options={"episode": endless})

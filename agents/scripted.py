@@ -185,6 +185,7 @@ class PlannedDriver:
         assert self.plan is not None
         path = self.plan.path
         self._mapped = self._since = 0.0
+        self._task.note = " ".join((self.plan.status.name, self.plan.note)).strip()
         if not self.solved:
             if self._reference is not None:
                 return  # the old path is better than none
@@ -238,6 +239,7 @@ class PlannedDriver:
                 self._replan()
             else:
                 self._backing, self._since = self.own.backing, 0.0
+                self._task.note = "backs out"
         twist = self._back_out() if self._backing > 0.0 else None
         if twist is None:
             twist = self._follower.twist(self._around, self._reference, self._chair)

@@ -119,7 +119,7 @@ def by_slam(
     laser: LaserSettings,
     own: SlamSettings,
     seed: int,
-    tell: Callable[[int], object] = lambda scans: None,
+    tell: Callable[[Slam], object] = lambda slam: None,
 ) -> Survey:
     """The map that SLAM gives; held-out scans are matched with it, and never added to it.
 
@@ -128,7 +128,7 @@ def by_slam(
         laser: what recorded it.
         own: settings of the SLAM.
         seed: of its draws.
-        tell: called with how many scans were done since it was last called.
+        tell: called after each scan.
 
     Raises:
         InputError: the log has no scan to map.
@@ -141,7 +141,7 @@ def by_slam(
         begun = time.perf_counter()
         slam.update(increment, ranges, learn=not held_out(k))
         seconds += time.perf_counter() - begun
-        tell(1)
+        tell(slam)
     many = own.particles > 1
     name = f"SLAM, {own.particles} particles" if many else "scan matching"
-    return _surveyed(name, log, laser, slam.maps.to_grid(slam.best), slam.trail, seconds)
+    return _surveyed(name, log, laser, slam.map, slam.trail, seconds)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from agents.commands.arguments import add_json, count, finite, report, spec, whole
+from agents.commands.arguments import add_json, add_watch, count, finite, report, spec, watch, whole
 
 SECONDS = 900.0  # s: most homes are mapped in a quarter of that
 
@@ -48,6 +48,7 @@ def add(parts: Any) -> None:
     parser.add_argument("--picture", metavar="FILE.png", help="draw the maps with the way driven")
     parser.add_argument("--odometry-only", action="store_true", help="trust the wheels: no SLAM")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_watch(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -102,10 +103,11 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     try:
         with progress(round(given.time), not given.quiet, "s") as bar:
 
-            def each(env: Any) -> None:
+            def count_seconds(env: Any) -> None:
                 bar.update(env.unwrapped.task.reading.stamp - bar.n)
 
-            made = chart(env, policy, given.seed, given.time, each)
+            env, each = watch(given).on(env, count_seconds)
+            made = chart(env, policy, given.seed, given.time, each or count_seconds)
     finally:
         env.close()
     write_map(made.grid, Path(given.out) / "map.yaml")
@@ -128,13 +130,15 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
 def _surveyed(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     """Maps from a log or a recording; figures, and lines for a person."""
     from agents.survey import HOLD, by_odometry, by_slam, progress
-    from wheelchair_gym.config import dump
+    from wheelchair_gym.config import InputError, dump
     from wheelchair_gym.mapping.log import LogFormat, read_log
-    from wheelchair_gym.mapping.slam import SlamSettings
+    from wheelchair_gym.mapping.slam import Slam, SlamSettings
     from wheelchair_gym.maps import write_map
     from wheelchair_gym.view import draw_map, write_png
     from wheelchair_gym.view.replay import recorded_log
 
+    if given.odometry_only and watch(given):
+        raise InputError("--odometry-only: viewers and recordings are told of the SLAM")
     form = LogFormat()
     file = given.log or given.recording
     log, laser = (read_log(file, form), form.laser) if given.log else recorded_log(file)
@@ -142,7 +146,16 @@ def _surveyed(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     with progress(len(log.stamps), not given.quiet) as bar:
         surveys = [by_odometry(log, laser, own.mapping)]
         if not given.odometry_only:
-            surveys.append(by_slam(log, laser, own, given.seed, bar.update))
+            each, end = watch(given).on_survey(log, laser)
+
+            def tell(slam: Slam) -> None:
+                each(slam)
+                bar.update(1)
+
+            try:
+                surveys.append(by_slam(log, laser, own, given.seed, tell))
+            finally:
+                end(None)
     for survey in surveys:
         name = "map" if survey is surveys[-1] else "odometry"
         write_map(survey.grid, Path(given.out) / f"{name}.yaml")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import between
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.types import Chair, Episode, Reading, Truth
+from wheelchair_gym.types import Belief, Chair, Episode, Reading, Truth
 
 Array = NDArray[np.float64]
 
@@ -31,8 +32,8 @@ class Finder(Protocol):
         ...
 
     @property
-    def map(self) -> OccupancyGrid | None:
-        """What the poses lie on."""
+    def chart(self) -> Callable[[], OccupancyGrid] | None:
+        """Gives the map so far, where the finder draws it itself."""
         ...
 
 
@@ -62,6 +63,12 @@ class LocalisedChair:
         increment = between(self._reckoned, reading.pose)
         self._reckoned = reading.pose
         return reading._replace(pose=self.finder.update(increment, reading.laser))
+
+    @property
+    def belief(self) -> Belief:
+        """The pose before it was found, the particles, and the map that SLAM draws."""
+        finder = self.finder
+        return Belief(self._reckoned, finder.poses, finder.chart)
 
     @property
     def truth(self) -> Truth:

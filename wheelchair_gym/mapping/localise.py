@@ -111,6 +111,8 @@ class Localiser:
         map: the one it looks at.
     """
 
+    chart = None  # it draws none
+
     def __init__(self, settings: Localisation, laser: LaserSettings) -> None:
         self.settings, s = settings, settings
         self.pose = np.zeros(3)

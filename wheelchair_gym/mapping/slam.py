@@ -10,6 +10,7 @@ particle is plain scan matching.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +21,7 @@ from wheelchair_gym.mapping.matching import MatchSettings, thin
 from wheelchair_gym.mapping.occupancy import MappingSettings, OccupancyMap
 from wheelchair_gym.mapping.scan import Scan, reach_of, read_scan
 from wheelchair_gym.mapping.slam_particles import Matcher, Moved, advance
-from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.maps import UNKNOWN, OccupancyGrid
 from wheelchair_gym.sensing.noise import SLAM, uniform
 from wheelchair_gym.sensing.settings import LaserSettings
 from wheelchair_gym.types import Episode
@@ -223,14 +224,21 @@ class Slam:
         return compose(self._poses, self._moved)
 
     @property
-    def map(self) -> OccupancyGrid | None:
-        """The best particle's map; None: nothing was seen so far."""
+    def map(self) -> OccupancyGrid:
+        """The best particle's map; a single unknown cell before anything was seen."""
         if self.maps.odds.size == 0:
-            return None
+            return OccupancyGrid(
+                np.full((1, 1), UNKNOWN, np.int8), self.settings.mapping.resolution
+            )
         seen = len(self._poses_then)
         if self._drawn is None or self._drawn[0] != seen:
             self._drawn = seen, self.maps.to_grid(self.best)
         return self._drawn[1]
+
+    @property
+    def chart(self) -> Callable[[], OccupancyGrid]:
+        """Gives the map as it is when asked."""
+        return lambda: self.map
 
     @property
     def trail(self) -> Array:

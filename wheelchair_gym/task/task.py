@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.address import address_of
 from wheelchair_gym.config import InputError
-from wheelchair_gym.maps import UNKNOWN, Geodesic, OccupancyGrid, geodesic
+from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.task.assess import ALONE, PROGRESS, RULES, VERDICT, assess_alone, start_task
@@ -25,7 +25,6 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Rows = NDArray[np.void]
 Observation = dict[str, Floats]
-UNSEEN = OccupancyGrid(np.full((1, 1), UNKNOWN, np.int8), 0.05)  # before the first look
 Guidance = Callable[["Task"], Array]  # a path (n, 2) [m] from the start to the goal
 
 TWIST_ROOM = 1.5  # a chair pushed or overshooting is seen up to this multiple of its limits
@@ -47,6 +46,7 @@ class Task:
         reading: the latest; its pose is the chair's own estimate.
         observation, verdict: of that reading.
         path: guidance (n, 2) [m], or None; a policy may set it, so that it is drawn.
+        note: what a policy says it is about, for people; a policy may set it.
         key: of the episode's randomness; seeds whatever a policy draws.
         rules: what kernels need to know of all this (1,), a record of RULES.
     """
@@ -79,7 +79,8 @@ class Task:
         self.tolerance = settings.tolerance
         self.time_limit = settings.time_base
         self.path: Array | None = None
-        self.chart: Callable[[], OccupancyGrid | None] | None = None
+        self.chart: Callable[[], OccupancyGrid] | None = None
+        self.note = ""
         rangers = sensors.ultrasonic
         self._reaches = np.array(
             [
@@ -152,7 +153,7 @@ class Task:
     @property
     def map(self) -> OccupancyGrid:
         """What the chair knows of the world."""
-        return self._told if self.chart is None else self.chart() or UNSEEN
+        return self._told if self.chart is None else self.chart()
 
     def prepare(self, episode: Episode) -> Course:
         """What an episode is driven on: the ways to its goal, and the guidance.
@@ -182,7 +183,7 @@ class Task:
     def begin(self, course: Course, reading: Reading, key: int) -> Observation:
         """Take up a new episode with its first reading."""
         self._take(course.episode, course.geodesic)
-        self._course, self.path = course, course.path
+        self._course, self.path, self.note = course, course.path, ""
         self._alone["course"] = address_of(course.record)
         self.reading, self.key = reading, key
         out, verdict = np.empty(self.room, np.float32), self._judged
