@@ -13,10 +13,11 @@ from agents.scripted import Planned
 from agents.unseen import standing
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.mapping.frontier import Frontier, frontiers
-from wheelchair_gym.maps import geodesic
+from wheelchair_gym.maps import UNKNOWN, geodesic
 
 Array = NDArray[np.float64]
 SAME = 1.0  # m: a frontier that recedes is the same one so far away
+MORE = 1.02  # times as many cells known: worth another try
 Observation = Mapping[str, NDArray[np.float32]]
 
 
@@ -75,6 +76,7 @@ class Explorer:
         self._task = task
         self._given_up: list[Array] = []  # places (2,) that could not be reached, or told nothing
         self._spent = self._since = 0.0  # s on this frontier, and since the last look
+        self._seen = 0  # cells known when frontiers were given up for good
         self.state = "explore"
         self._driver = self.own.planned().make()
         self._driver.reset(task)
@@ -102,8 +104,7 @@ class Explorer:
             self._driver.aim(task.goal)
             return
         aim = self._driver.goal[:2]
-        reached = self._driver.ended or np.hypot(*(aim - pose[:2])) < 2.0 * own.clearance
-        over = reached or not self._driver.solved or self._spent > own.patience
+        over = self._driver.ended or not self._driver.solved or self._spent > own.patience
         if over:
             self._given_up.append(aim)
         found = frontiers(known, pose, own.clearance, own.least)
@@ -118,6 +119,11 @@ class Explorer:
             if self._driver.solved:
                 return
             self._given_up.append(one.place)
+        seen = int((known.cells != UNKNOWN).sum())
+        if found and seen > MORE * self._seen:  # much was seen since: what was given up may open
+            self._seen = seen
+            self._given_up.clear()
+            return
         self.state = "drive" if own.seek else "done"
         self._driver.aim(task.goal if own.seek else pose)
 
