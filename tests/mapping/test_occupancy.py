@@ -6,7 +6,7 @@ import pytest
 from tests.mapping.rooms import LASER, away, ranges, tour
 from wheelchair_gym.config import InputError
 from wheelchair_gym.mapping.occupancy import MappingSettings, OccupancyMap
-from wheelchair_gym.mapping.rays import cells_passed
+from wheelchair_gym.mapping.rays import HITS, PART, cells_passed
 from wheelchair_gym.mapping.scan import read_scan
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN
 
@@ -75,7 +75,7 @@ def test_the_field_is_what_the_occupied_cells_say(known):
     wanted = np.zeros(known.field[0].shape)
     for r, c in np.argwhere(solid):
         part = wanted[r - reach : r + reach + 1, c - reach : c + reach + 1]
-        np.maximum(part, known.weights[int(known.surface[0, r, c, 3])], out=part)
+        np.maximum(part, known.weights[known.tally[0, r, c, PART]], out=part)
     np.testing.assert_array_equal(known.field[0], wanted)
 
 
@@ -86,8 +86,10 @@ def test_surfaces_stay_where_the_wall_is_however_often_it_is_seen():
         pose = rng.uniform((0.2, -0.3, -3.0), (0.8, 0.3, 3.0))
         made.integrate(read_scan(LASER, ranges(pose, rng), 3.0), pose)
     cells = np.argwhere(made.odds[0] >= made.law.occupied)
-    x, y, hits = made.surface[0][tuple(cells.T)].T[:3]
-    places = (cells[:, ::-1] + np.column_stack([x, y])) * made.settings.resolution + made.corner
+    hits = made.tally[0][tuple(cells.T)][:, HITS]
+    places = (
+        cells[:, ::-1] + made.mean[0][tuple(cells.T)]
+    ) * made.settings.resolution + made.corner
     east = (np.abs(places[:, 1]) < 1.0) & (places[:, 0] > 4.8)
     assert abs(np.average(places[east, 0], weights=hits[east]) - 5.0) < 0.005
 

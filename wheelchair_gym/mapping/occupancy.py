@@ -11,6 +11,7 @@ Kernels work in cells from the lower-left corner of cell (0, 0).
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +24,10 @@ from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-_CHUNK = 64  # cells that a side grows by at least, so that it grows seldom
+_CHUNK = 160  # cells that a side grows by at least, so that it grows seldom
+_PARTS: tuple[tuple[tuple[int, ...], type], ...] = (
+    ((), np.float32), ((), np.float32), ((2,), np.float32), ((2,), np.uint8),
+)  # fmt: skip
 _MOST = 400_000_000  # cells of all layers: 3.2 GB; a pose that asks for more has lost its way
 
 
@@ -100,15 +104,19 @@ class OccupancyMap:
         self.law, self.weights = settings.odds, settings.weights
         self.corner = np.zeros(2)  # m: the lower-left corner of cell (0, 0)
         self._mark = 0
-        nothing = np.zeros((layers, 0, 0), np.float32)
-        self._shape(nothing, nothing, nothing[..., None] * np.zeros(5, np.float32))
+        self._take([np.zeros((layers, 0, 0, *part), kind) for part, kind in _PARTS])
 
-    def _shape(self, odds: Floats, field: Floats, surface: Floats) -> None:
-        self.odds, self.field = odds, field  # (layers, rows, cols)
-        self.surface = surface  # (layers, rows, cols, 5) see `add_scan`
+    def _take(self, parts: list[NDArray[Any]]) -> None:
+        """Arrays (layers, rows, cols, ...): log-odds, the field, and see `add_scan`."""
+        self.odds, self.field, self.mean, self.tally = parts
+        odds = self.odds
         self.struck = np.zeros(odds.shape[1:], np.int32)
         self.wide = np.empty(odds.shape[1:], np.float32)  # scratch of the matcher
         self.path = np.empty(sum(odds.shape[1:]) + 2, np.uint32)
+
+    @property
+    def _all(self) -> list[NDArray[Any]]:
+        return [self.odds, self.field, self.mean, self.tally]
 
     def make_room(self, centres: ArrayLike, reach: float) -> None:
         """Grow so that all within `reach` [m] of the points (n, 2 or 3) [m] lies on the map.
@@ -137,8 +145,7 @@ class OccupancyMap:
             )
         pad = ((0, 0), (before[1], after[1]), (before[0], after[0]))
         self.corner = self.corner - before * step
-        surface = np.pad(self.surface, (*pad, (0, 0)))
-        self._shape(np.pad(self.odds, pad), np.pad(self.field, pad), surface)
+        self._take([np.pad(part, pad + ((0, 0),) * (part.ndim - 3)) for part in self._all])
         self._mark = 0
 
     def next_marks(self, count: int) -> int:
@@ -173,9 +180,9 @@ class OccupancyMap:
             raise InputError(f"pose is {pose!r}; expected three finite numbers")
         self.make_room(place, reach_of(scan))
         add_scan(
-            self.odds[layer], self.field[layer], self.surface[layer], self.struck,
-            self.next_marks(1), self.points(scan), scan.hits, self.lattice(place), self.law,
-            self.weights, self.path,
+            self.odds[layer], self.field[layer], self.mean[layer], self.tally[layer],
+            self.struck, self.next_marks(1), self.points(scan), scan.hits, self.lattice(place),
+            self.law, self.weights, self.path,
         )  # fmt: skip
 
     def keep(self, parents: ArrayLike) -> None:
@@ -183,11 +190,10 @@ class OccupancyMap:
         chosen = np.asarray(parents, dtype=np.int64)
         if np.array_equal(chosen[chosen], chosen):  # no copy's source is overwritten
             for layer in np.flatnonzero(chosen != np.arange(len(chosen))):
-                for part in (self.odds, self.field, self.surface):
+                for part in self._all:
                     part[layer] = part[chosen[layer]]
         else:
-            self.odds, self.field = self.odds[chosen], self.field[chosen]
-            self.surface = self.surface[chosen]
+            self._take([part[chosen] for part in self._all])
 
     def to_grid(self, layer: int = 0) -> OccupancyGrid:
         """The map of a layer: free, occupied or unknown by the settings' thresholds.

@@ -18,10 +18,12 @@ Floats = NDArray[np.float32]
 Index = NDArray[np.uint32]
 Marks = NDArray[np.int32]
 Mask = NDArray[np.bool_]
+Bytes = NDArray[np.uint8]
 
 
 PARTS = 8  # of a cell's side: how finely the field knows where in its cell a surface is
-_MOST_HITS = 128.0  # of which a cell keeps the mean; older ones count less and less from then on
+_MOST_HITS = 128  # of which a cell keeps the mean; older ones count less and less from then on
+HITS, PART = 0, 1  # of a tally: hits on a cell, and in which of its parts the field has them
 
 
 class Odds(NamedTuple):
@@ -89,14 +91,14 @@ def part_of(x: float, y: float) -> int:
 @borrowing_kernel
 def _lay(
     field: Floats,
-    surface: Floats,
+    tally: Bytes,
     row: int,
     col: int,
     weights: Floats,
     box: tuple[int, int, int, int],
 ) -> None:
     """Raise the field round an occupied cell, within a box of rows and columns."""
-    around = weights[int(surface[row, col, 3])]
+    around = weights[tally[row, col, PART]]
     reach = around.shape[0] // 2
     for r in range(max(row - reach, box[0]), min(row + reach + 1, box[1])):
         for c in range(max(col - reach, box[2]), min(col + reach + 1, box[3])):
@@ -109,7 +111,7 @@ def _lay(
 def _renew(
     odds: Floats,
     field: Floats,
-    surface: Floats,
+    tally: Bytes,
     row: int,
     col: int,
     weights: Floats,
@@ -126,14 +128,15 @@ def _renew(
     for r in range(max(box[0] - reach, 0), min(box[1] + reach, rows)):
         for c in range(max(box[2] - reach, 0), min(box[3] + reach, cols)):
             if odds[r, c] >= limit:
-                _lay(field, surface, r, c, weights, box)
+                _lay(field, tally, r, c, weights, box)
 
 
 @kernel
 def add_scan(
     odds: Floats,
     field: Floats,
-    surface: Floats,
+    mean: Floats,
+    tally: Bytes,
     struck: Marks,
     mark: int,
     points: Array,
@@ -151,8 +154,8 @@ def add_scan(
     Args:
         odds: log-odds (rows, cols).
         field: (rows, cols), kept in step.
-        surface: (rows, cols, 5) mean x and y of a cell's hits, in the cell; how many; in which part
-            the field has them; from how many hits on it is asked again.
+        mean: (rows, cols, 2) x and y of the mean of a cell's hits, from 0 to 1 in the cell.
+        tally: (rows, cols, 2) see HITS and PART.
         struck: scratch (rows, cols): number of the last scan that hit a cell.
         mark: number of this scan, never used before.
         points: (n + 1, 2) [cells], in the chair's frame: where beams begin, then where they end.
@@ -177,21 +180,20 @@ def add_scan(
             struck[row, col] = mark
             before = odds[row, col]
             odds[row, col] = min(before + law.hit, law.most)
-            own = surface[row, col]
-            told = own[2]
-            own[2] = min(told + 1.0, _MOST_HITS)
-            own[0] += (x - col - own[0]) / own[2]
-            own[1] += (y - row - own[1]) / own[2]
+            own, told = mean[row, col], min(tally[row, col, HITS] + 1, _MOST_HITS)
+            tally[row, col, HITS] = told
+            own[0] += (x - col - own[0]) / told
+            own[1] += (y - row - own[1]) / told
+            part = part_of(own[0], own[1])
             if before < law.occupied <= odds[row, col]:
-                own[3] = part_of(own[0], own[1])
-                _lay(field, surface, row, col, weights, (0, rows, 0, cols))
-            elif before >= law.occupied and told >= own[4]:
-                # Asked seldom: a mean of few hits wanders, and each move costs.
-                own[4] = 2.0 * told
-                part = part_of(own[0], own[1])
-                if part != own[3]:
-                    own[3] = part
-                    _renew(odds, field, surface, row, col, weights, law.occupied)
+                tally[row, col, PART] = part
+                _lay(field, tally, row, col, weights, (0, rows, 0, cols))
+            elif (
+                before >= law.occupied and told & (told - 1) == 0 and part != tally[row, col, PART]
+            ):
+                # Seldom, at powers of two: a mean of few hits wanders, and each move costs.
+                tally[row, col, PART] = part
+                _renew(odds, field, tally, row, col, weights, law.occupied)
     for k in range(n):
         px, py = points[k + 1, 0], points[k + 1, 1]
         qx, qy = pose[0] + c * px - s * py, pose[1] + s * px + c * py
@@ -203,6 +205,5 @@ def add_scan(
             flat[cell] = max(before + law.miss, law.least)
             if before >= law.occupied > flat[cell]:
                 row, col = int(cell) // cols, int(cell) % cols
-                surface[row, col, 2] = 0.0
-                surface[row, col, 4] = 0.0
-                _renew(odds, field, surface, row, col, weights, law.occupied)
+                tally[row, col, HITS] = 0
+                _renew(odds, field, tally, row, col, weights, law.occupied)

@@ -36,7 +36,10 @@ class SlamSettings:
     """Particles, when they look, and what is thought of the odometry."""
 
     particles: int = setting(
-        default=30, source="gmapping; 1 is plain scan matching", low=1, high=10000
+        default=8,
+        low=1,
+        high=10000,
+        source="gmapping: 30, which in 24 floor plans is no better; 1 is plain scan matching",
     )
     way: float = setting(
         default=0.4,
@@ -177,7 +180,7 @@ class Slam:
         )  # fmt: skip
         poses, gained = maps.lattice(self._poses), np.zeros(len(self._poses))
         advance(
-            maps.odds, maps.field, maps.surface, maps.struck, maps.wide, maps.path,
+            maps.odds, maps.field, maps.mean, maps.tally, maps.struck, maps.wide, maps.path,
             maps.next_marks(len(poses)), poses, gained, moved, points, maps.points(scan),
             scan.hits, how, maps.law, maps.weights, self._key, len(self._poses_then), learn,
         )  # fmt: skip

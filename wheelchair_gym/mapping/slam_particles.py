@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kernel import borrowing_kernel, kernel
 from wheelchair_gym.mapping.descent import Six, backward, cholesky, misfit, quadratic, refine
-from wheelchair_gym.mapping.rays import Odds, add_scan
+from wheelchair_gym.mapping.rays import Bytes, Odds, add_scan
 from wheelchair_gym.mapping.search import search
 from wheelchair_gym.sensing.noise import SLAM, normal
 
@@ -93,16 +93,18 @@ def _propose(
 
 @kernel
 def advance(
-    odds: Floats, field: Floats, surface: Floats, struck: Marks, wide: Floats, path: Index,
-    mark: int, poses: Array, weights: Array, moved: Moved, points: Array, ends: Array, hits: Mask,
-    how: Matcher, law: Odds, smear: Floats, key: np.uint64, step: int, learn: bool,
+    odds: Floats, field: Floats, mean: Floats, tally: Bytes, struck: Marks, wide: Floats,
+    path: Index, mark: int, poses: Array, weights: Array, moved: Moved, points: Array,
+    ends: Array, hits: Mask, how: Matcher, law: Odds, smear: Floats, key: np.uint64, step: int,
+    learn: bool,
 ) -> None:  # fmt: skip
     """Move, match, weigh and map every particle.
 
     Args:
         odds: log-odds (particles, rows, cols).
         field: likewise.
-        surface: (particles, rows, cols, 5).
+        mean: (particles, rows, cols, 2), see `add_scan`.
+        tally: likewise.
         struck: scratch (rows, cols).
         wide: scratch (rows, cols).
         path: scratch of `add_scan`.
@@ -149,5 +151,5 @@ def advance(
                                    key, step, i, count > 1)  # fmt: skip
             poses[i] = best
         if learn:
-            add_scan(odds[i], field[i], surface[i], struck, mark + i, ends, hits, poses[i], law,
-                     smear, path)  # fmt: skip
+            add_scan(odds[i], field[i], mean[i], tally[i], struck, mark + i, ends, hits, poses[i],
+                     law, smear, path)  # fmt: skip
