@@ -36,11 +36,16 @@ void fall(axis_t *axis, float bound, float rate, float dt)
     axis->slope = 0.0F;
 }
 
-void measure_wheel(wheel_t *wheel, const drive_values_t *p, int32_t counts)
+worked_t work_out(const drive_values_t *p)
 {
-    float measured = (float)(counts - wheel->counts) / (p->counts_per_metre * RUN);
+    return (worked_t){RUN / (p->smoothing + RUN), 1.0F / (p->counts_per_metre * RUN)};
+}
+
+void measure_wheel(wheel_t *wheel, worked_t k, int32_t counts)
+{
+    float measured = (float)(counts - wheel->counts) * k.quantum;
     wheel->counts = counts;
-    wheel->speed += RUN / (p->smoothing + RUN) * (measured - wheel->speed);
+    wheel->speed += k.share * (measured - wheel->speed);
     /* The way that is missing against half of the aim: grows when counts stay away. */
     float progress = wheel->aim < 0.0F ? -measured : measured;
     wheel->behind = most(0.0F, wheel->behind + (0.5F * fabsf(wheel->aim) - progress) * RUN);
@@ -48,17 +53,16 @@ void measure_wheel(wheel_t *wheel, const drive_values_t *p, int32_t counts)
         wheel->behind = 0.0F;
 }
 
-float control_wheel(wheel_t *wheel, const drive_values_t *p, float target, float rate,
+float control_wheel(wheel_t *wheel, const drive_values_t *p, worked_t k, float target, float rate,
                     float battery)
 {
     /* The target passes the same low-pass, so that its delay does not wind up the integral. */
-    wheel->aim += RUN / (p->smoothing + RUN) * (target - wheel->aim);
+    wheel->aim += k.share * (target - wheel->aim);
     float error = wheel->aim - wheel->speed;
-    float slope = (error - wheel->error) / RUN;
+    float slope = (error - wheel->error) * (1.0F / RUN);
     wheel->error = error;
     float volts = p->feed * target + p->ka * rate + p->kp * error + wheel->sum + p->kd * slope;
-    float quantum = 1.0F / (p->counts_per_metre * RUN);
-    if (target == 0.0F && fabsf(wheel->speed) < 0.5F * quantum) {
+    if (target == 0.0F && fabsf(wheel->speed) < 0.5F * k.quantum) {
         /* At rest both ends of the motor are joined: it holds without drawing current. */
         wheel->sum = volts = 0.0F;
         if (fabsf(wheel->aim) < THERE)

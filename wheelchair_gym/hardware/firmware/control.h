@@ -29,11 +29,19 @@ typedef struct {
     float behind;   /* m that the wheel is behind half of its aim */
 } wheel_t;
 
+/* Worked out of the parameters once a run: divisions are slow. */
+typedef struct {
+    float share;   /* of the low-pass */
+    float quantum; /* m/s of one count in a run */
+} worked_t;
+
+worked_t work_out(const drive_values_t *p);
+
 /* Take the encoder's count: the speed since the last run. */
-void measure_wheel(wheel_t *wheel, const drive_values_t *p, int32_t counts);
+void measure_wheel(wheel_t *wheel, worked_t k, int32_t counts);
 
 /* One run of PID with feed-forward. Returns volts for the motor within +-battery. */
-float control_wheel(wheel_t *wheel, const drive_values_t *p, float target, float rate,
+float control_wheel(wheel_t *wheel, const drive_values_t *p, worked_t k, float target, float rate,
                     float battery);
 
 /* Forget the past of the control; the measured speed stays. */

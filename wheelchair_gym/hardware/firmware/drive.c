@@ -71,12 +71,12 @@ static uint8_t rearm(drive_t *drive, uint16_t seen, bool zero, uint32_t now)
     return DONE;
 }
 
-static void measure(drive_t *drive, const inputs_t *in)
+static void measure(drive_t *drive, worked_t k, const inputs_t *in)
 {
     for (uint8_t i = 0; i < 2; i++) {
         if (!drive->begun)
             drive->wheels[i].counts = in->counts[i];
-        measure_wheel(&drive->wheels[i], &drive->p, in->counts[i]);
+        measure_wheel(&drive->wheels[i], k, in->counts[i]);
     }
     if (!drive->begun) {
         drive->battery = in->battery;
@@ -226,7 +226,8 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
 {
     target_t target;
     axis_t v = drive->v, w = drive->w;
-    measure(drive, inputs);
+    const worked_t k = work_out(&drive->p);
+    measure(drive, k, inputs);
     watch(drive, inputs);
     bool asked = choose(drive, inputs->now, &target);
     decide(drive, asked, inputs->now);
@@ -234,17 +235,17 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
     bool running = drive->mode != STOPPED;
     float v_rate = drive->v.slope, w_rate = drive->w.slope;
     if (drive->mode == STOPPING) { /* a hard stop feeds its rate forward */
-        v_rate = (drive->v.speed - v.speed) / RUN;
-        w_rate = (drive->w.speed - w.speed) / RUN;
+        v_rate = (drive->v.speed - v.speed) * (1.0F / RUN);
+        w_rate = (drive->w.speed - w.speed) * (1.0F / RUN);
     }
+    float battery = fmaxf(drive->battery, LEAST_BATTERY), per_battery = 1.0F / battery;
     for (uint8_t i = 0; i < 2; i++) {
         float half = (i ? 0.5F : -0.5F) * drive->p.track;
         drive->duty[i] = 0.0F;
         if (running) {
-            float battery = fmaxf(drive->battery, LEAST_BATTERY);
-            float target_speed = drive->v.speed + half * drive->w.speed;
-            drive->duty[i] = control_wheel(&drive->wheels[i], &drive->p, target_speed,
-                                           v_rate + half * w_rate, battery) / battery;
+            float speed = drive->v.speed + half * drive->w.speed, rate = v_rate + half * w_rate;
+            float volts = control_wheel(&drive->wheels[i], &drive->p, k, speed, rate, battery);
+            drive->duty[i] = fminf(1.0F, fmaxf(-1.0F, volts * per_battery));
         } else {
             release_wheel(&drive->wheels[i]);
         }
