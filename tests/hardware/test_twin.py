@@ -258,3 +258,24 @@ def test_a_low_battery_stops_the_chair(pilot):
     assert pilot.now.faults == Fault.UNDER_VOLTAGE
     assert abs(pilot.twin.motion.speed) < 1e-3
     assert pilot.now.battery == pytest.approx(27.0, abs=0.1)
+
+
+def test_a_flood_of_noise_stops_the_chair_and_nothing_else(pilot):
+    """The host's line at its full rate, all noise: the control goes on, and brings it to rest."""
+    pilot.start(0.5, 0.0, 2.0)
+    pilot.target = None
+    rng = np.random.default_rng(6)
+    speeds = []
+    for _ in range(100):
+        pilot.twin.drive.write(rng.bytes(500))
+        pilot.twin.advance(0.01)
+        pilot.listen()
+        speeds.append(abs(pilot.twin.motion.speed))
+    assert max(speeds) < 0.51
+    assert speeds[-1] < 1e-3
+    assert pilot.twin.braked
+    assert pilot.twin.drive.resets == 0
+    assert pilot.now.bad > 100
+    pilot.run(0.5)
+    pilot.start(0.3, 0.0, 1.5)
+    assert pilot.twin.motion.speed == pytest.approx(0.3, abs=0.02)

@@ -118,7 +118,7 @@ class Specs(NamedTuple):
     @property
     def angles(self) -> NDArray[np.float64]:
         """Directions (beams,) [rad], counter-clockwise from ahead."""
-        steps = np.arange(self.first, self.last + 1) - self.front
+        steps = np.arange(self.first, self.last + 1, dtype=np.float64) - self.front
         angles: NDArray[np.float64] = steps * (2.0 * math.pi / self.steps_per_turn)
         return angles
 
