@@ -16,7 +16,8 @@ import numpy as np
 
 from tests.hardware.bench import ibus
 from tests.hardware.pilot import Pilot
-from wheelchair_gym.hardware.protocol import Command, Fault, Mode, Odometry, Receiver, Switch
+from wheelchair_gym.hardware.messages import Command, Fault, Mode, Odometry, Switch
+from wheelchair_gym.hardware.protocol import Receiver
 from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
 from wheelchair_gym.hardware.twin.build import built
 from wheelchair_gym.hardware.twin.twin import IBUS_BAUD

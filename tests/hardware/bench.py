@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from tests.hardware.native import NativeDrive
-from wheelchair_gym.hardware.protocol import Answer, Command, Mode, Rearm, Status
+from wheelchair_gym.hardware.messages import Answer, Command, Mode, Rearm, Status
 from wheelchair_gym.simulation import ChairSettings
 
 CHAIR = ChairSettings()

@@ -7,7 +7,7 @@ import hashlib
 import numpy as np
 
 from tests.simulation.worlds import box
-from wheelchair_gym.hardware.protocol import (
+from wheelchair_gym.hardware.messages import (
     Answer,
     Command,
     Identity,
@@ -16,9 +16,8 @@ from wheelchair_gym.hardware.protocol import (
     Parameter,
     Ranges,
     Rearm,
-    Receiver,
-    encode,
 )
+from wheelchair_gym.hardware.protocol import Receiver, encode
 from wheelchair_gym.hardware.twin.plant import Plant
 from wheelchair_gym.hardware.twin.twin import Twin
 from wheelchair_gym.sensing import SensorSettings

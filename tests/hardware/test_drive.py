@@ -12,8 +12,7 @@ import pytest
 from tests.hardware.bench import Bench, ibus
 from tests.hardware.conftest import build
 from tests.hardware.native import NativeDrive
-from wheelchair_gym.hardware.parameters import DRIVE
-from wheelchair_gym.hardware.protocol import (
+from wheelchair_gym.hardware.messages import (
     Answer,
     Command,
     CommandFlag,
@@ -29,6 +28,7 @@ from wheelchair_gym.hardware.protocol import (
     Switch,
     Unknown,
 )
+from wheelchair_gym.hardware.parameters import DRIVE
 from wheelchair_gym.kinematics import approach
 
 STEP = 0.005  # s

@@ -8,7 +8,7 @@ import pytest
 from tests.hardware.conftest import build
 from tests.simulation.worlds import box
 from wheelchair_gym.hardware.link import RETRY, Link
-from wheelchair_gym.hardware.protocol import (
+from wheelchair_gym.hardware.messages import (
     Answer,
     Command,
     Identify,
@@ -16,9 +16,8 @@ from wheelchair_gym.hardware.protocol import (
     Mode,
     Odometry,
     Rearm,
-    Receiver,
-    encode,
 )
+from wheelchair_gym.hardware.protocol import Receiver, encode
 from wheelchair_gym.hardware.twin.plant import Plant
 from wheelchair_gym.hardware.twin.twin import Twin
 from wheelchair_gym.hardware.twin.wire import WIRES, Harm, Wire
@@ -226,7 +225,7 @@ def drive_in_noise(seed, corrupt, seconds):
 
 @pytest.mark.parametrize("corrupt", [0.02, 0.10])
 def test_corrupted_bytes_are_never_believed(corrupt):
-    drive_in_noise(1, corrupt, 4.0)
+    drive_in_noise(1, corrupt, 2.0)
 
 
 @pytest.mark.long

@@ -14,17 +14,14 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tests.hardware.native import NativeReceiver
-from wheelchair_gym.hardware import parameters, protocol
+from wheelchair_gym.hardware import messages, parameters, protocol
+from wheelchair_gym.hardware.messages import Command, Range, Ranges, Unknown
 from wheelchair_gym.hardware.protocol import (
     ENCODED_MAX,
     LAYOUTS,
     PAYLOAD_MAX,
     VERSION,
-    Command,
-    Range,
-    Ranges,
     Receiver,
-    Unknown,
     cobs_decode,
     cobs_encode,
     encode,
@@ -65,7 +62,7 @@ def test_tables_are_those_of_the_header(firmware):
         assert tuple(float(row[2].rstrip(",")) for row in rows)[: len(layout.steps)] == (
             layout.steps if layout.message is not Ranges else (1e-3, 1.0, 1e-3)
         )
-    named = [value for value in vars(protocol).values() if isinstance(value, enum.EnumMeta)]
+    named = [value for value in vars(messages).values() if isinstance(value, enum.EnumMeta)]
     assert {c.__name__ for c in named} | {"drive", "range"} == {
         name for name, (kind, _) in tables.items() if kind == 0
     }

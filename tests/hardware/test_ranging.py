@@ -7,7 +7,8 @@ import itertools
 
 import pytest
 
-from wheelchair_gym.hardware.protocol import Ranges, RangeStatus, Receiver
+from wheelchair_gym.hardware.messages import Ranges, RangeStatus
+from wheelchair_gym.hardware.protocol import Receiver
 from wheelchair_gym.sensing.settings import UltrasonicSettings
 
 SOUND = 343.0  # m/s

@@ -11,9 +11,7 @@ from tests.hardware.bench import ibus
 from tests.hardware.conftest import build
 from tests.hardware.pilot import Pilot
 from tests.simulation.worlds import box, exact_chair
-from wheelchair_gym.hardware.parameters import DRIVE
-from wheelchair_gym.hardware.protocol import (
-    BAUD,
+from wheelchair_gym.hardware.messages import (
     Answer,
     Fault,
     Get,
@@ -26,6 +24,8 @@ from wheelchair_gym.hardware.protocol import (
     Status,
     Switch,
 )
+from wheelchair_gym.hardware.parameters import DRIVE
+from wheelchair_gym.hardware.protocol import BAUD
 from wheelchair_gym.hardware.twin.board import FREQUENCY
 from wheelchair_gym.hardware.twin.twin import IBUS_BAUD
 

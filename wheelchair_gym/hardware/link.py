@@ -8,7 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from wheelchair_gym.hardware.protocol import BAUD, Frame, Message, Receiver, encode
+from wheelchair_gym.hardware.messages import Message
+from wheelchair_gym.hardware.protocol import BAUD, Frame, Receiver, encode
 
 RETRY = 0.5  # s between attempts to open a line that is not there
 TWIN = "wheelchair_gym.hardware.twin"  # knows URLs twin://NAME

@@ -278,10 +278,10 @@ answered_t drive_heed(drive_t *drive, const uint8_t *body, uint8_t size, uint32_
     return heed(&drive->parameters, body, size, at_rest, status, answer, save);
 }
 
-/* A value in steps of `step`, rounded, held at the ends of its type. */
-static int16_t steps(float value, float step)
+/* A value in so many steps a unit, rounded, held at the ends of its type. */
+static int16_t steps(float value, float per_unit)
 {
-    return (int16_t)lrintf(clamp(value / step, -32767.0F, 32767.0F));
+    return (int16_t)lrintf(clamp(value * per_unit, -32767.0F, 32767.0F));
 }
 
 odometry_t drive_tell(const drive_t *drive, uint32_t now, uint16_t bad, uint8_t lost)
@@ -291,12 +291,12 @@ odometry_t drive_tell(const drive_t *drive, uint32_t now, uint16_t bad, uint8_t 
         .stamp = drive->inputs.now,
         .left = drive->inputs.counts[0],
         .right = drive->inputs.counts[1],
-        .speed_left = steps(drive->wheels[0].speed, 1e-4F),
-        .speed_right = steps(drive->wheels[1].speed, 1e-4F),
-        .v = steps(drive->v.speed, 1e-4F),
-        .w = steps(drive->w.speed, 1e-4F),
-        .duty_left = steps(drive->duty[0], 1e-4F),
-        .duty_right = steps(drive->duty[1], 1e-4F),
+        .speed_left = steps(drive->wheels[0].speed, 1e4F),
+        .speed_right = steps(drive->wheels[1].speed, 1e4F),
+        .v = steps(drive->v.speed, 1e4F),
+        .w = steps(drive->w.speed, 1e4F),
+        .duty_left = steps(drive->duty[0], 1e4F),
+        .duty_right = steps(drive->duty[1], 1e4F),
         .battery = (uint16_t)lrintf(clamp(drive->battery * 1e3F, 0.0F, 65535.0F)),
         .mode = drive->mode,
         .faults = drive->faults,

@@ -82,6 +82,9 @@ static inline uint64_t cycles_of(const board_t *board, uint64_t us)
 /* Drive a pin from outside. */
 void set_pin(board_t *board, char port, uint8_t bit, uint8_t level);
 
+/* Drive again, after a reset, what was driven before it. */
+void restore_pins(board_t *board);
+
 /* Listen to the I2C bus, if there is one. */
 void wire_bus(board_t *board);
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from wheelchair_gym.hardware.protocol import BAUD, Switch
+from wheelchair_gym.hardware.messages import Switch
+from wheelchair_gym.hardware.protocol import BAUD
 from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
 from wheelchair_gym.hardware.twin.plant import STEP, Motion, Plant
 from wheelchair_gym.types import Episode
