@@ -42,6 +42,14 @@ def sizes():
     return result
 
 
+def untouched(board, first, last):
+    """RAM between the static data and the deepest stack so far [bytes]: still zero."""
+    address = first
+    while address <= last and board.peek(address) == 0:
+        address += 1
+    return address - first
+
+
 def loaded(seconds=20.0):
     """Waits and jitter while everything happens at once: top speed, turning, host and joystick."""
     pilot = Pilot()
@@ -61,7 +69,16 @@ def loaded(seconds=20.0):
     us = 1e6 / FREQUENCY
     each = np.diff(np.concatenate(beats)) * us
     waits = {name: round(drive.waited(v)[0] * us, 2) for name, v in VECTORS.items()}
+    ram = {name: size["ram"] for name, size in sizes().items()}
+    free = {
+        name: untouched(board, start + ram[name], end)
+        for name, board, start, end in (
+            ("drive", drive, 0x200, 0x21FF),
+            ("range", pilot.twin.range, 0x100, 0x8FF),
+        )
+    }
     return {
+        "ram_never_touched_bytes": free,
         "worst_wait_us": waits,
         "control_us": {
             "mean": round(float(each.mean()), 2),

@@ -135,6 +135,19 @@ def test_a_lost_encoder_stops_the_chair(pilot, wheel, driving):
     assert not pilot.twin.enabled
 
 
+def test_a_swapped_encoder_stops_the_chair(pilot):
+    """A wheel that is controlled the wrong way round would run away."""
+    pilot.start(0.0, 0.0, 0.2)
+    pilot.twin.faults.swapped[1] = True
+    pilot.target = (0.5, 0.0)
+    pilot.run(1.0)
+    assert pilot.now.faults & Fault.DIRECTION
+    pilot.run(0.5)
+    assert abs(pilot.twin.motion.speed) < 1e-3
+    assert pilot.twin.braked
+    assert np.abs(pilot.pose).max() < 0.3  # m, m, rad
+
+
 def test_a_hung_drive_board_is_reset_and_stays_stopped(pilot):
     pilot.start(0.8, 0.0, 3.0)
     pilot.twin.drive.hang()

@@ -141,14 +141,15 @@ void board_save_on(void)
 void board_sleep(uint32_t seen)
 {
     cli();
-    if (rx_tail == rx_head && ticks == seen) {
+    while (rx_tail == rx_head && ticks == seen) {
         SMCR = _BV(SE); /* idle: timers and serial lines go on */
-        sei();
+        sei();          /* the instruction after it runs before any interrupt */
         sleep_cpu();
-        SMCR = 0;
-    } else {
-        sei();
+        __asm__ volatile("nop"); /* the emulator wakes an instruction before the interrupt */
+        cli();
     }
+    SMCR = 0;
+    sei();
 }
 
 void board_begin(parameters_t *parameters)

@@ -20,7 +20,7 @@ void board_identify(const parameters_t *parameters);
 bool board_save(const parameters_t *parameters);
 void board_save_on(void);
 
-/* Sleep until any interrupt, unless a byte waits or the tick has moved on from `seen`. */
+/* Sleep until a byte waits or the tick has moved on from `seen`. */
 void board_sleep(uint32_t seen);
 
 #endif

@@ -150,7 +150,7 @@ static void listen(uint16_t since)
 static void converse(uint16_t since)
 {
     if (bus == GOING && since >= BUS_DEADLINE)
-        finish(FAILED); /* somebody holds the bus */
+        TWCR = 0, bus = FAILED; /* somebody holds the bus: begin anew next time */
     if (bus == FAILED) {
         phase = RESTING;
         ranging_silent(&ranging);
