@@ -32,7 +32,9 @@ _CHUNK = 65536
 
 
 class TcpPort:
-    """A TCP connection as a port: connects while others go on, never waits.
+    """A TCP connection as a port: connects while others go on, and never waits.
+
+    Give the host as an address: a name is looked up, which may take its time.
 
     Raises:
         OSError: the address cannot be resolved, or the connection fails at once.
