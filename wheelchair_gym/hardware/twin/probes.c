@@ -7,10 +7,9 @@ static void pending(avr_irq_t *irq, uint32_t value, void *given)
 {
     (void)irq;
     vector_t *vector = given;
-    if (value && !vector->pending) {
-        vector->pending = true;
+    if (value && !vector->pending)
         vector->since = vector->board->avr->cycle;
-    }
+    vector->pending = value; /* it is taken back where another run of the handler dealt with it */
 }
 
 static void served(avr_irq_t *irq, uint32_t value, void *given)
