@@ -49,6 +49,8 @@ bench: $(READY)
 	$(BIN)/python -m tests.benchmarks.maps
 
 emulator:
+	@command -v apt-get >/dev/null || { echo "make emulator knows Debian and its kin only;" \
+	  "install the like of: $(EMULATOR)" >&2; exit 2; }
 	@dpkg -s $(EMULATOR) >/dev/null 2>&1 || { $(SUDO) apt-get update -qq \
 	  && $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(EMULATOR); }
 

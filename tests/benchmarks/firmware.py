@@ -20,7 +20,7 @@ from wheelchair_gym.hardware.messages import Command, Fault, Mode, Odometry, Swi
 from wheelchair_gym.hardware.protocol import Receiver
 from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
 from wheelchair_gym.hardware.twin.build import built
-from wheelchair_gym.hardware.twin.twin import IBUS_BAUD
+from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 
 # Interrupt vectors of the ATmega2560, and the pin that changes with each run of the control.
 VECTORS = {"encoders": 9, "tick": 13, "host": 25, "joystick": 36}

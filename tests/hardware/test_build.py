@@ -27,3 +27,14 @@ def test_a_missing_compiler_is_named_with_the_command_that_installs_it(bare, tar
     assert build.missing(target) == needs
     with pytest.raises(InputError, match=f"{target} needs .*run `make emulator`"):
         build.built(target)
+
+
+def test_a_place_that_cannot_be_written_is_said_so(monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(build, "_folder", lambda: tmp_path / "file" / "built")
+    build.built.cache_clear()
+    if build.missing("libfirmware.so"):
+        pytest.skip("libfirmware.so needs a compiler: run `make emulator`")
+    with pytest.raises(InputError, match=r"cannot be made .*XDG_CACHE_HOME"):
+        build.built("libfirmware.so")
+    build.built.cache_clear()

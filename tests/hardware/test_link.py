@@ -18,8 +18,8 @@ from wheelchair_gym.hardware.messages import (
     Rearm,
 )
 from wheelchair_gym.hardware.protocol import Receiver, encode
+from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
-from wheelchair_gym.hardware.twin.twin import Twin
 from wheelchair_gym.hardware.twin.wire import WIRES, Harm, Wire
 from wheelchair_gym.sensing import SensorSettings
 

@@ -27,7 +27,7 @@ from wheelchair_gym.hardware.messages import (
 from wheelchair_gym.hardware.parameters import DRIVE
 from wheelchair_gym.hardware.protocol import BAUD
 from wheelchair_gym.hardware.twin.board import FREQUENCY
-from wheelchair_gym.hardware.twin.twin import IBUS_BAUD
+from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 
 WATCHDOG, BROWN_OUT, POWER = 0x08, 0x04, 0x01  # MCUSR
 COUNTS = 4346.0  # 1/m

@@ -61,7 +61,12 @@ def built(target: str) -> Path:
         return path
     if lacks := missing(target):
         raise InputError(f"{target} needs {' and '.join(lacks)}: run `make emulator`")
-    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{path.parent}: cannot be made ({error.strerror}); XDG_CACHE_HOME names another place"
+        ) from None
     # Others may be building the same: each builds aside, and the last to move it in place wins.
     with tempfile.TemporaryDirectory(dir=path.parent) as aside:
         made = subprocess.run(
