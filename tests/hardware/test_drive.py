@@ -236,6 +236,35 @@ def test_a_strip_stops_the_chair_and_lets_it_creep_away_only(bench, strip, v, le
     assert bench.speeds[0] == pytest.approx(math.copysign(0.1, leaves), abs=0.01)
 
 
+def test_a_touch_between_two_odometries_is_told(bench):
+    bench.start(0.2, seconds=1.0)
+    bench.odometry()
+    bench.switches = Switch.LEFT
+    bench.run(0.005)
+    bench.switches = 0
+    bench.run(0.015)
+    assert bench.odometry().switches == Switch.LEFT
+    assert bench.odometry().switches == 0
+
+
+def test_the_host_is_told_whether_a_person_is_needed(bench):
+    bench.target = (0.0, 0.0)
+    bench.run(0.1)
+    assert bench.odometry().mode == Mode.STOPPED
+    bench.target = None
+    bench.run(0.1)
+    assert bench.rearm() == Status.DONE
+    assert bench.odometry().mode == Mode.READY
+    bench.target = (0.0, 0.0)
+    bench.run(0.1)
+    assert bench.odometry().mode == Mode.HOST
+    bench.target = None
+    bench.run(0.5)
+    assert bench.odometry().mode == Mode.READY
+    bench.run(1.0)
+    assert bench.odometry().mode == Mode.STOPPED
+
+
 def test_protective_braking_is_exempt_from_jerk(bench):
     bench.start(0.8)
     bench.target = None

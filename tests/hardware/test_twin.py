@@ -101,9 +101,9 @@ def test_a_silent_host_stops_the_chair(pilot):
     pilot.run(0.1)
     assert pilot.twin.braked
     assert not pilot.twin.enabled
-    assert pilot.now.mode == Mode.STOPPED
+    assert pilot.now.mode == Mode.READY
     pilot.run(1.2)
-    assert pilot.now.faults == Fault.LINK
+    assert (pilot.now.mode, pilot.now.faults) == (Mode.STOPPED, Fault.LINK)
 
 
 def test_the_emergency_stop_cuts_the_power_without_any_board(pilot):

@@ -15,10 +15,11 @@ class CommandFlag(enum.IntFlag):
 class Mode(enum.IntEnum):
     """Who drives."""
 
-    STOPPED = 0  # drivers off, brakes on
+    STOPPED = 0  # drivers off, brakes on; a person must re-arm
     HOST = 1
     MANUAL = 2  # the joystick at the board
     STOPPING = 3  # on the way to rest, under control
+    READY = 4  # drivers off, brakes on; the next command drives
 
 
 class Fault(enum.IntFlag):
@@ -132,7 +133,7 @@ class Odometry(NamedTuple):
     battery: float  # V
     mode: int  # Mode
     faults: int  # Fault
-    switches: int  # Switch
+    switches: int  # Switch, any since the last odometry
     echo: int  # sequence of the last command accepted
     age: float  # s, of that command; 0.255 or more reads 0.255
     bad: int  # frames refused since reset

@@ -85,6 +85,7 @@ static void measure(drive_t *drive, worked_t k, const inputs_t *in)
     }
     drive->battery += BATTERY_SHARE * (in->battery - drive->battery);
     drive->inputs = *in;
+    drive->pressed |= in->switches;
 }
 
 /* Latch what is wrong. */
@@ -284,9 +285,11 @@ static int16_t steps(float value, float per_unit)
     return (int16_t)lrintf(clamp(value * per_unit, -32767.0F, 32767.0F));
 }
 
-odometry_t drive_tell(const drive_t *drive, uint32_t now, uint16_t bad, uint8_t lost)
+odometry_t drive_tell(drive_t *drive, uint32_t now, uint16_t bad, uint8_t lost)
 {
     uint32_t age = now - drive->command_at;
+    uint8_t pressed = drive->pressed | drive->inputs.switches;
+    drive->pressed = 0;
     return (odometry_t){
         .stamp = drive->inputs.now,
         .left = drive->inputs.counts[0],
@@ -298,9 +301,9 @@ odometry_t drive_tell(const drive_t *drive, uint32_t now, uint16_t bad, uint8_t 
         .duty_left = steps(drive->duty[0], 1e4F),
         .duty_right = steps(drive->duty[1], 1e4F),
         .battery = (uint16_t)lrintf(clamp(drive->battery * 1e3F, 0.0F, 65535.0F)),
-        .mode = drive->mode,
+        .mode = drive->mode == STOPPED && drive->armed ? READY : drive->mode,
         .faults = drive->faults,
-        .switches = drive->inputs.switches,
+        .switches = pressed,
         .echo = drive->echo,
         .age = drive->commanded && age < 255 ? (uint8_t)age : 255,
         .bad = bad,

@@ -47,6 +47,7 @@ typedef struct {
     uint8_t illegal;   /* at the last look */
     uint32_t look_at;
     inputs_t inputs;   /* of the last step */
+    uint8_t pressed;   /* any switch since the last odometry */
     bool begun;
 } drive_t;
 
@@ -60,7 +61,8 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs);
 answered_t drive_heed(drive_t *drive, const uint8_t *body, uint8_t size, uint32_t now,
                       uint8_t *answer, bool *save);
 
-odometry_t drive_tell(const drive_t *drive, uint32_t now, uint16_t bad, uint8_t lost);
+/* The odometry; what was pressed is told once. */
+odometry_t drive_tell(drive_t *drive, uint32_t now, uint16_t bad, uint8_t lost);
 
 bool drive_at_rest(const drive_t *drive);
 

@@ -58,7 +58,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             MUST(!outputs.enable || drive.armed || drive.mode == STOPPING);
             MUST(drive.armed || !(drive.mode == HOST || drive.mode == MANUAL));
             odometry_t told = drive_tell(&drive, now, receiver.bad, 0);
-            MUST(told.mode <= STOPPING);
+            MUST(told.mode <= READY && (told.mode != READY || drive.armed));
         }
     }
     return 0;

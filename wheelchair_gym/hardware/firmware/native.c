@@ -99,7 +99,7 @@ EXPORT unsigned drive_hear(drive_t *drive, receiver_t *receiver, const uint8_t *
     }
     return written;
 }
-EXPORT unsigned drive_say(const drive_t *drive, uint32_t now, uint8_t *out)
+EXPORT unsigned drive_say(drive_t *drive, uint32_t now, uint8_t *out)
 {
     odometry_t odometry = drive_tell(drive, now, 0, 0);
     return frame(ODOMETRY, 0, &odometry, sizeof odometry, out);

@@ -65,7 +65,7 @@
     F(uint16_t, battery, "1e-3 V")                                                      \
     F(uint8_t, mode, "1")              /* MODES */                                      \
     F(uint16_t, faults, "1")           /* FAULTS, latched */                            \
-    F(uint8_t, switches, "1")          /* SWITCHES */                                   \
+    F(uint8_t, switches, "1")          /* SWITCHES, any since the last odometry */      \
     F(uint8_t, echo, "1")              /* sequence of the last command accepted */      \
     F(uint8_t, age, "1e-3 s")          /* of that command, at most 255 ms */            \
     F(uint16_t, bad, "1")              /* frames refused since reset */                 \
@@ -129,10 +129,11 @@ typedef struct PACKED { IDENTITY_LAYOUT(MEMBER) } identity_t;
 #define COMMAND_FLAGS(N) N(PROTECTIVE, 0x01) /* brake at the protective rate, exempt from jerk */
 
 #define MODES(N)     \
-    N(STOPPED, 0)    /* drivers off, brakes on */            \
+    N(STOPPED, 0)    /* drivers off, brakes on; a person must re-arm */ \
     N(HOST, 1)       /* the host drives */                   \
     N(MANUAL, 2)     /* the joystick at the board drives */  \
-    N(STOPPING, 3)   /* on the way to rest, under control */
+    N(STOPPING, 3)   /* on the way to rest, under control */ \
+    N(READY, 4)      /* drivers off, brakes on; the next command drives */
 
 #define FAULTS(N)                                                                      \
     N(RESET, 0x0001)         /* the board has started anew */                          \
