@@ -135,6 +135,19 @@ def test_a_lost_encoder_stops_the_chair(pilot, wheel, driving):
     assert not pilot.twin.enabled
 
 
+@pytest.mark.parametrize("held", [(True, False), (True, True)])
+def test_a_blocked_wheel_cuts_the_motors(pilot, held):
+    pilot.start(0.4, 0.0, 2.0)
+    pilot.twin.faults.held = held
+    pilot.run(0.2)
+    assert pilot.now.faults & Fault.STALL
+    assert not pilot.twin.enabled
+    pilot.twin.faults.held = (False, False)
+    pilot.run(1.0)
+    assert abs(pilot.twin.motion.speed) < 1e-3
+    assert not pilot.twin.enabled
+
+
 def test_a_swapped_encoder_stops_the_chair(pilot):
     """A wheel that is controlled the wrong way round would run away."""
     pilot.start(0.0, 0.0, 0.2)
@@ -228,6 +241,13 @@ def test_a_sensor_that_does_not_answer_is_said_so(pilot):
     pilot.twin.faults.silent = set()
     pilot.run(0.6)
     assert RangeStatus.SILENT not in {told.status for told in pilot.ranges.ranges}
+    pilot.twin.faults.stuck = {0: 0.5, 5: 0.7}
+    pilot.run(0.6)
+    told = pilot.ranges.ranges
+    assert (told[0].range, told[5].range) == (
+        pytest.approx(0.5, abs=1e-3),
+        pytest.approx(0.7, abs=1e-3),
+    )
 
 
 def test_a_hung_range_board_is_reset(pilot):

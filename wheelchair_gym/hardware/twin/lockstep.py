@@ -41,7 +41,9 @@ class Faults:
     blind: list[bool] = field(default_factory=lambda: [False, False])  # encoders without signal
     swapped: list[bool] = field(default_factory=lambda: [False, False])  # encoders' A and B
     battery: float | None = None  # V: what the drive board sees
+    held: tuple[bool, bool] = (False, False)  # wheels that something blocks
     silent: set[int] = field(default_factory=set)  # ultrasonics that do not answer
+    stuck: dict[int, float] = field(default_factory=dict)  # and those that always say this [m]
 
 
 class Twin:
@@ -110,7 +112,9 @@ class Twin:
 
     def _step(self) -> None:
         before = self.motion
-        self.motion = motion = self.plant.push(self.duty, self.enabled, self.braked)
+        self.motion = motion = self.plant.push(
+            self.duty, self.enabled, self.braked, self.faults.held
+        )
         self.steps += 1
         until = self.steps * CYCLES
         self._show_switches()
@@ -150,7 +154,9 @@ class Twin:
             return -1
         if sonar != which:
             return 0
-        metres = self.plant.ping(which)
+        metres = self.faults.stuck.get(which)
+        if metres is None:
+            metres = self.plant.ping(which)
         return round(metres * 2.0 / SOUND * 1e6) if math.isfinite(metres) else 0
 
     def close(self) -> None:

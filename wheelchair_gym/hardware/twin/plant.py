@@ -53,7 +53,7 @@ class Motion(NamedTuple):
 
 @borrowing_kernel
 def push(
-    alone: Any, left: float, right: float, powered: bool, brake: float
+    alone: Any, left: float, right: float, powered: bool, brake: float, held: tuple[bool, bool]
 ) -> tuple[float, float, float, float, float, bool]:
     """One physics step under given duties; the fields of `Motion`.
 
@@ -63,6 +63,7 @@ def push(
         right: duty of the right one.
         powered: false: the drivers' outputs are open, the motors turn freely.
         brake: torque of each closed spring brake [N m]; 0 where they are held open.
+        held: wheels (left, right) that something blocks.
     """
     own = alone[0]
     p = _chairs_at(own.chair, 1)[0]
@@ -75,8 +76,10 @@ def push(
         free = p.constant * state.spin[i] / state.voltage
         state.duty[i] = (left if i == 0 else right) if powered else free
         # A brake takes from the wheel's own momentum; the tyre then takes from the chair's.
-        held = min(abs(state.spin[i]), brake * p.dt / p.wheel_inertia)
-        state.spin[i] -= math.copysign(held, state.spin[i])
+        slower = min(abs(state.spin[i]), brake * p.dt / p.wheel_inertia)
+        state.spin[i] -= math.copysign(slower, state.spin[i])
+        if held[i]:
+            state.spin[i], state.duty[i] = 0.0, 0.0
     hit = step_once(state, p, k, world.space, world.body, rig.step)
     state.tick += 1
     locate(state, p, doubles_at(world.body, BODY_DOUBLES))
@@ -132,10 +135,16 @@ class Plant:
         """Stand at the episode's start."""
         self.chair.reset(episode, key)
 
-    def push(self, duty: tuple[float, float], powered: bool, braked: bool) -> Motion:
-        """Move on by STEP under these duties."""
+    def push(
+        self,
+        duty: tuple[float, float],
+        powered: bool,
+        braked: bool,
+        held: tuple[bool, bool] = (False, False),
+    ) -> Motion:
+        """Move on by STEP under these duties; wheels that are held do not turn."""
         brake = self.brakes.torque if braked else 0.0
-        return Motion._make(push(self._alone, *duty, powered, brake))
+        return Motion._make(push(self._alone, *duty, powered, brake, held))
 
     def ping(self, which: int) -> float:
         """What an ultrasonic ranges now [m]; +inf without echo."""
