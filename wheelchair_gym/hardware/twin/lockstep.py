@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from wheelchair_gym.hardware.messages import Switch
 from wheelchair_gym.hardware.protocol import BAUD
 from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
+from wheelchair_gym.hardware.twin.laser import TURN, TwinLaser
 from wheelchair_gym.hardware.twin.plant import STEP, Motion, Plant
 from wheelchair_gym.types import Episode
 
@@ -53,6 +54,9 @@ class Twin:
         plant: the chair.
 
     Attributes:
+        drive: the drive board; bytes go through a `Wire`.
+        range: the range board.
+        laser: the laser; its `port` is the connection.
         faults: what is broken; change it at any time.
         motion: of the last step.
         steps: milliseconds since power-on.
@@ -68,6 +72,7 @@ class Twin:
         for i in range(4):
             self.range.add_bus_sonar(_BUS_SONAR + 2 * i)
         self.range.on_ping(self._ping)
+        self.laser = TwinLaser(self.plant.scan, self.plant.chair.sensors.laser)
         for bit in range(4):
             self.drive.pin("B", bit, False)
         self.steps = 0
@@ -131,6 +136,8 @@ class Twin:
             self._turned[wheel] = end
         self.drive.run(until)
         self.range.run(until)
+        if self.steps % TURN == 0:
+            self.laser.turn(self.steps)
 
     def _show_switches(self) -> None:
         if self.motion.hit:

@@ -10,17 +10,18 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wheelchair_gym.address import doubles_at, field_at, rows_of, table_at
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.sensing import SensorSettings
-from wheelchair_gym.sensing.laser import SCRATCH
+from wheelchair_gym.sensing.laser import SCRATCH, scan
 from wheelchair_gym.sensing.ultrasonic import fire
 from wheelchair_gym.simulation.chair import SimulatedChair
 from wheelchair_gym.simulation.engine import BODY_DOUBLES
 from wheelchair_gym.simulation.motion import locate, step_once, work_out
-from wheelchair_gym.simulation.rig import RIG, rangers_of
+from wheelchair_gym.simulation.rig import RIG, laser_of, rangers_of
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.simulation.state import PARAMETER, STATE
 from wheelchair_gym.simulation.world import WORLD
@@ -112,6 +113,24 @@ def ping(alone: Any, which: int) -> float:
     )
 
 
+@borrowing_kernel
+def look(alone: Any, turn: int, ranges: Any) -> None:
+    """One turn of the laser from where the chair stands now, as it reports it [m]."""
+    own = alone[0]
+    state = _states_at(own.state, 1)[0]
+    world = _worlds_at(own.world, 1)[0]
+    scan(
+        laser_of(_rigs_at(own.rig, 1)[0]),
+        state.pose,
+        table_at(world.walls, world.n_walls, 4),
+        table_at(world.discs, world.n_discs, 3),
+        state.key,
+        turn,
+        field_at(own.scratch, SCRATCH, own.walls),
+        ranges,
+    )
+
+
 class Plant:
     """A chair in a world, to be pushed by motors from outside.
 
@@ -150,7 +169,13 @@ class Plant:
         """What an ultrasonic ranges now [m]; +inf without echo."""
         return float(ping(self._alone, which))
 
+    def scan(self, turn: int) -> NDArray[np.float32]:
+        """What the laser reports in its turn of this number (beams,) [m], REP-117."""
+        ranges = np.empty(self.chair.sensors.laser.beams, np.float32)
+        look(self._alone, turn, ranges)
+        return ranges
+
     @property
-    def pose(self) -> np.ndarray[Any, np.dtype[np.float64]]:
+    def pose(self) -> NDArray[np.float64]:
         """The true pose (3,) [m, m, rad]."""
         return np.array(self.chair.state["pose"][0])
