@@ -21,11 +21,14 @@ from wheelchair_gym.hardware.protocol import Receiver
 from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
 from wheelchair_gym.hardware.twin.build import built
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
+from wheelchair_gym.simulation import ChairSettings
+from wheelchair_gym.simulation.settings import BodySettings
 
 # Interrupt vectors of the ATmega2560, and the pin that changes with each run of the control.
 VECTORS = {"encoders": 9, "tick": 13, "host": 25, "joystick": 36}
 BEAT = ("L", 4)
 TOP = 0.8  # m/s
+MASSES = (100.0, 180.0)  # kg: ISO 7176-11 dummies
 SLOWER = 0.02  # m/s: what counts as slowing down
 GIVEN_UP = 5000  # ms
 
@@ -139,8 +142,9 @@ STOPS = {
 
 def stop(name, trial):
     """Milliseconds until the chair slows, until it stands, and its mean deceleration."""
-    pilot = Pilot()
-    pilot.rng = np.random.default_rng([list(STOPS).index(name), trial])
+    rng = np.random.default_rng([list(STOPS).index(name), trial])
+    pilot = Pilot(chair=ChairSettings(body=BodySettings(mass=float(rng.uniform(*MASSES)))))
+    pilot.rng = rng
     speed = float(pilot.rng.uniform(0.3, TOP))
     pilot.start(speed, float(pilot.rng.uniform(-0.3, 0.3)), 2.0)
     pilot.twin.advance(round(float(pilot.rng.uniform(0, 0.1)), 3))
@@ -164,7 +168,7 @@ def stop(name, trial):
     assert pilot.now.faults & fault, pilot.now
     assert pilot.twin.braked
     pilot.twin.close()
-    mean = before / max(1e-3, (rests - slows) * 1e-3)
+    mean = (abs(before) - SLOWER) / max(1e-3, (rests - slows) * 1e-3)
     return {"slows_ms": slows, "rests_ms": rests, "deceleration": mean}
 
 

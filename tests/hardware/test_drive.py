@@ -103,7 +103,7 @@ def test_without_commands_the_set_point_falls_within_205_ms_and_the_brake_follow
             rests = since
         assert since < 2.0
     assert falls <= 0.205 + 1e-9
-    # The set point falls at 1.8 m/s2; the wheels rest at 1.5 or more of it all, and then brake.
+    # The set point falls at 2.2 m/s2; the wheels rest at 1.5 or more of it all, and then brake.
     assert 0.8 / (rests - falls) >= 1.5
     assert bench.odometry().faults == 0
     bench.target = (0.0, 0.0)

@@ -200,7 +200,7 @@ enum { BOARDS(NUMBER) };
     P(turn_acceleration, 1.5F, 0.05F, 10.0F, "rad/s2")                                 \
     P(jerk, 1.0F, 0.1F, 100.0F, "m/s3")                                                \
     P(turn_jerk, 6.0F, 0.1F, 100.0F, "rad/s3")                                         \
-    P(stop, 1.8F, 1.5F, 3.0F, "m/s2")           /* of the set point, after a fault */  \
+    P(stop, 2.2F, 1.5F, 3.0F, "m/s2")           /* of the set point, after a fault */  \
     P(feed, 22.424242F, 1.0F, 200.0F, "V s/m")  /* motor constant / wheel radius */    \
     P(kp, 40.0F, 0.0F, 400.0F, "V s/m")                                                \
     P(ki, 120.0F, 0.0F, 4000.0F, "V/m")                                                \

@@ -37,7 +37,7 @@ class BrakeSettings:
     """The spring brakes on the motors' axles: closed without current."""
 
     torque: float = setting(
-        default=25.0, unit="N m", source="each; 135 kg at 2.2 m/s2, 180 kg at 1.7", low=1.0
+        default=32.0, unit="N m", source="each; 180 kg at 1.5 m/s2 or more", low=1.0
     )
 
 
@@ -73,12 +73,12 @@ def push(
     rig = _rigs_at(own.rig, 1)[0]
     k = work_out(p)
     for i in range(2):
-        # An open motor draws nothing: its voltage is that which it makes itself.
-        free = p.constant * state.spin[i] / state.voltage
-        state.duty[i] = (left if i == 0 else right) if powered else free
         # A brake takes from the wheel's own momentum; the tyre then takes from the chair's.
         slower = min(abs(state.spin[i]), brake * p.dt / p.wheel_inertia)
         state.spin[i] -= math.copysign(slower, state.spin[i])
+        # An open motor draws nothing: its voltage is that which it makes itself.
+        free = p.constant * state.spin[i] / state.voltage
+        state.duty[i] = (left if i == 0 else right) if powered else free
         if held[i]:
             state.spin[i], state.duty[i] = 0.0, 0.0
     hit = step_once(state, p, k, world.space, world.body, rig.step)
