@@ -70,6 +70,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader has gone: nothing more to say
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
+    except ConnectionError as error:  # to a real chair
+        print("wheelchair: " + " ".join(str(error).split()), file=sys.stderr)
+        return 1
     return code
 
 

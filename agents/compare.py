@@ -10,11 +10,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from agents.evaluate import Spec, drive_episode, env_settings, evaluate, label, make_env
+from agents.evaluate import NOBODY, Spec, drive_episode, env_settings, evaluate, label, make_env
 from agents.metrics import Record, summarise
 from agents.policy import make_policy
 from agents.provenance import command_line, commit, machine, versions, write_json, write_text
 from agents.tables import markdown, overall
+from agents.watch import Watch
 from wheelchair_gym.config import InputError, dump
 
 Evaluation = dict[str, Any]
@@ -70,6 +71,7 @@ def compare(
     jobs: int = 1,
     progress: bool = True,
     seeds: Sequence[int] | None = None,
+    watch: Watch = NOBODY,
 ) -> Evaluation:
     """Evaluate a suite and write results.json, table.md, a video and report.html to a folder.
 
@@ -82,7 +84,7 @@ def compare(
     seeds = list(range(what.episodes)) if seeds is None else list(seeds)
     records = evaluate(
         what.policies, what.scenes, seeds, env=what.env, folder=folder, jobs=jobs,
-        progress=progress,
+        progress=progress, watch=watch,
     )  # fmt: skip
     summary = summarise(records)
     evaluation: Evaluation = {

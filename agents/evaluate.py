@@ -17,12 +17,15 @@ from typing import Any
 from agents.interrupt import by_hand
 from agents.metrics import Record, Trace, measure
 from agents.policy import make_policy
+from agents.watch import Watch
 from wheelchair_gym.config import InputError, dump, load, read_json
 from wheelchair_gym.files import refused
+from wheelchair_gym.types import Episode
 
 ENV = "wheelchair_gym/Navigation-v0"
 STORE = "episodes.jsonl"
 LOG_PAUSE = 10.0  # s between two lines of progress where they are kept, as in a log
+NOBODY = Watch()
 Spec = str | Mapping[str, Any]
 
 
@@ -83,7 +86,9 @@ def make_env(scene: Spec, env: Mapping[str, Any], render_mode: str | None = "rgb
     return gymnasium.make(ENV, scene=_plain(scene), render_mode=render_mode, **env)
 
 
-def drive_episode(env: Any, policy: Any, seed: int, frames: Any = None) -> Record:
+def drive_episode(
+    env: Any, policy: Any, seed: int, frames: Any = None, episode: Episode | None = None
+) -> Record:
     """Drive one episode to its end.
 
     Args:
@@ -91,11 +96,12 @@ def drive_episode(env: Any, policy: Any, seed: int, frames: Any = None) -> Recor
         policy: a policy.
         seed: of the episode.
         frames: called with the environment after reset and each step, to film it.
+        episode: to be driven, in place of the scene's.
 
     Returns:
         Its figures, see `agents.metrics.measure`.
     """
-    observation, info = env.reset(seed=seed)
+    observation, info = env.reset(seed=seed, options=episode and {"episode": episode})
     task = env.unwrapped.task
     trace = Trace(task.period)
     trace.add(info)
@@ -133,7 +139,12 @@ _warmed: set[str] = set()
 
 
 def run_episode(
-    policy: Spec, scene: Spec, seed: int, env: Mapping[str, Any], folder: str | None
+    policy: Spec,
+    scene: Spec,
+    seed: int,
+    env: Mapping[str, Any],
+    folder: str | None,
+    watch: Watch = NOBODY,
 ) -> Record:
     """One episode in this process; a failed one leaves a picture in the folder."""
     if os.environ.get("WHEELCHAIR_WORKER") == str(os.getppid()):
@@ -143,9 +154,9 @@ def run_episode(
     if label(policy) not in _warmed:
         warm(policy, scene, env)
         _warmed.add(label(policy))
-    world = make_env(scene, env)
+    world, each = watch.of_episode(label(policy), label(scene), seed).on(make_env(scene, env))
     try:
-        record = drive_episode(world, make_policy(_plain(policy)), seed)
+        record = drive_episode(world, make_policy(_plain(policy)), seed, each)
         picture = None
         if folder is not None and not record["success"]:
             picture = f"pictures/{label(policy)}-{label(scene)}-{seed}.png".replace(" ", "_")
@@ -192,6 +203,7 @@ def evaluate(
     folder: str | Path,
     jobs: int = 1,
     progress: bool = True,
+    watch: Watch = NOBODY,
 ) -> list[Record]:
     """Records of every policy on every scene and seed, in that order.
 
@@ -203,6 +215,8 @@ def evaluate(
         folder: where the store and the pictures of failed episodes go.
         jobs: worker processes; 1 stays in this one.
         progress: show a bar on stderr.
+        watch: who looks on; an episode without a recording in that folder is driven again, and
+            live viewers see one episode only.
 
     Raises:
         InputError: a spec or the folder is wrong.
@@ -223,10 +237,18 @@ def evaluate(
         for scene in scenes
         for seed in seeds
     }
+    if watch.live is not None and len(wanted) != 1:
+        raise InputError(f"viewers look on at one episode; there are {len(wanted)}")
+
+    def unseen(job: tuple[Spec, Spec, int]) -> bool:
+        own = watch.of_episode(label(job[0]), label(job[1]), job[2])
+        return own.live is not None or not (own.record is None or Path(own.record).exists())
+
     with _open_store(folder) as store:
-        known = {k: r for k, r in read_store(folder / STORE).items() if k in wanted}
+        stored = read_store(folder / STORE)
+        known = {k: stored[k] for k, job in wanted.items() if k in stored and not unseen(job)}
         missing = {key: job for key, job in wanted.items() if key not in known}
-        finished = _finished(missing, env, str(folder), jobs)
+        finished = _finished(missing, env, str(folder), jobs, watch)
         try:
             for key, record in _bar(finished, len(wanted), len(known), progress):
                 known[key] = record
@@ -259,12 +281,16 @@ def _job(key: str, *arguments: Any) -> tuple[str, Record]:
 
 
 def _finished(
-    missing: Mapping[str, tuple[Spec, Spec, int]], env: Mapping[str, Any], folder: str, jobs: int
+    missing: Mapping[str, tuple[Spec, Spec, int]],
+    env: Mapping[str, Any],
+    folder: str,
+    jobs: int,
+    watch: Watch,
 ) -> Generator[tuple[str, Record]]:
     """Records of the missing episodes, in the order in which they end."""
     if jobs == 1 or len(missing) < 2:
         for key, job in missing.items():
-            yield _job(key, *job, env, folder)
+            yield _job(key, *job, env, folder, watch)
         return
     from joblib import Parallel, delayed, parallel_config
     from joblib.externals.loky import get_reusable_executor
@@ -275,7 +301,8 @@ def _finished(
     try:
         with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
             pool = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
-            yield from pool(delayed(_job)(key, *job, env, folder) for key, job in missing.items())
+            jobs_ = (delayed(_job)(key, *job, env, folder, watch) for key, job in missing.items())
+            yield from pool(jobs_)
     except (KeyboardInterrupt, GeneratorExit):
         get_reusable_executor().shutdown(wait=False, kill_workers=True)
         raise

@@ -31,9 +31,17 @@ class Policy(Protocol):
 
 def policy_settings() -> dict[str, type]:
     """Settings class of every family of policies by name; each has `make() -> Policy`."""
+    from agents.explore import Explore
+    from agents.manual import Manual
     from agents.scripted import Planned, RandomPolicy, StraightPolicy
 
-    return {"random": RandomPolicy, "straight": StraightPolicy, "planned": Planned}
+    return {
+        "explore": Explore,
+        "manual": Manual,
+        "planned": Planned,
+        "random": RandomPolicy,
+        "straight": StraightPolicy,
+    }
 
 
 def policy_names() -> str:

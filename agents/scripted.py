@@ -15,10 +15,12 @@ from agents.motion import Motion
 from agents.reference import Reference
 from agents.rollout import stops_clear
 from agents.surroundings import Surroundings
+from agents.unseen import assumed, walled
 from planners import make_planner
 from planners.space import Space
 from planners.types import Plan, Problem, Status
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.maps import OccupancyGrid
 
 Array = NDArray[np.float64]
 Observation = Mapping[str, NDArray[np.float32]]
@@ -103,11 +105,13 @@ class StraightDriver:
 
 @settings
 class Planned:
-    """A planner in the known map, and a follower along its path; replans, and backs out.
+    """A planner in the map, and a follower along its path; replans, and backs out.
 
-    Each new plan begins where the chair is, in the same map: what stands there unmapped is the
-    follower's to see and to go round. Where it closes the only passage the map shows, the chair
-    plans through it again and again, and runs out of time.
+    Each new plan begins where the chair is, in the map that the chair knows. In one that it was
+    given, what stands unmapped is the follower's to see and to go round: where it closes the only
+    passage the map shows, the chair plans through it again and again, and runs out of time. A map
+    that the chair draws itself is taken for free wherever it is unknown, and as soon as a wall
+    shows on the way, another way is planned (the free-space assumption: Koenig and Likhachev 2005).
     """
 
     planner: Mapping[str, Any] = field(default_factory=lambda: {"name": "a_star"})
@@ -119,6 +123,12 @@ class Planned:
     )  # fmt: skip
     least: float = setting(default=0.28, unit="m", source="a cell under the half width", low=0.0)
     astray: float = setting(default=0.8, unit="m", source="farther off the path: replan", low=0.05)
+    beyond: float = setting(
+        default=5.0, unit="m", source="ways through the unknown may lead so far round", low=0.5
+    )
+    redraw: float = setting(
+        default=0.5, unit="s", source="between two looks at a map that grows", low=0.0
+    )
     patience: float = setting(default=4.0, unit="s", source="without progress: act", low=0.5)
     backing: float = setting(default=2.5, unit="s", source="about half a chair's length", low=0.1)
 
@@ -149,22 +159,34 @@ class PlannedDriver:
         self._tries = 0  # plans made since there was progress
         self.plan: Plan | None = None
         self._reference: Reference | None = None
+        self.aim(task.goal)
+
+    def aim(self, goal: Array) -> None:
+        """Drive to a goal (2 or 3,) [m, m, rad] from now on; without a heading any will do."""
+        self.goal = np.asarray(goal, dtype=np.float64)
         self._replan()
 
+    @property
+    def solved(self) -> bool:
+        """Whether the last plan leads to the goal."""
+        return self.plan is not None and self.plan.status is Status.SOLVED
+
+    @property
+    def ended(self) -> bool:
+        """Whether the chair has come to the end of its path."""
+        return self._reference is not None and self._reference.ended
+
     def _replan(self) -> None:
-        """Plan at the widest clearance that leads to the goal, and begin the new path."""
-        space = Space.from_grid(self._task.map)
-        start, goal = self._around.pose, np.asarray(self._task.goal, dtype=np.float64)
-        clearance = self.own.clearance
-        while True:
-            problem = Problem(space, start, goal, clearance)
-            self.plan = self._planner.plan(problem, self._rng)
-            clearance -= FINER
-            if self.plan.status is Status.SOLVED or clearance < self.own.least:
+        """Plan from where the chair is, and begin the new path."""
+        start, goal = self._around.pose, self.goal
+        for known in self._maps(start, goal):
+            if self._plan(Space.from_grid(known), start, goal):
                 break
+        assert self.plan is not None
         path = self.plan.path
-        self._since = 0.0
-        if self.plan.status is not Status.SOLVED:
+        self._mapped = self._since = 0.0
+        self._task.note = " ".join((self.plan.status.name, self.plan.note)).strip()
+        if not self.solved:
             if self._reference is not None:
                 return  # the old path is better than none
             # Straight on: the follower still touches nothing, and the next plan begins elsewhere.
@@ -173,6 +195,26 @@ class PlannedDriver:
         self._reference = Reference(np.asarray(path, dtype=np.float64), start)
         self._follower = self._follower_settings.make()
         self._best = 0.0
+
+    def _maps(self, start: Array, goal: Array) -> list[OccupancyGrid]:
+        """Maps to plan in, the next one if the last leads nowhere."""
+        known = self._task.map
+        if self._task.chart is None:
+            return [known]
+        known = known.holding(np.stack([start[:2], goal[:2]]), self.own.beyond)
+        careful = assumed(known, start, self._task.footprint)
+        self._around.chart(careful)
+        return [careful, known]
+
+    def _plan(self, space: Space, start: Array, goal: Array) -> bool:
+        """Plan at the widest clearance that leads to the goal."""
+        clearance = self.own.clearance
+        while True:
+            self.plan = self._planner.plan(Problem(space, start, goal, clearance), self._rng)
+            self._clearance = clearance
+            clearance -= FINER
+            if self.solved or clearance < self.own.least:
+                return self.solved
 
     def act(self, observation: Observation) -> Array:
         """See `Policy.act`."""
@@ -189,7 +231,7 @@ class PlannedDriver:
             self._backing -= period
             if self._backing <= 0.0:
                 self._replan()
-        elif off > self.own.astray:
+        elif off > self.own.astray or self._walled():
             self._replan()
         elif self._since > patience:
             self._tries += 1
@@ -197,6 +239,7 @@ class PlannedDriver:
                 self._replan()
             else:
                 self._backing, self._since = self.own.backing, 0.0
+                self._task.note = "backs out"
         twist = self._back_out() if self._backing > 0.0 else None
         if twist is None:
             twist = self._follower.twist(self._around, self._reference, self._chair)
@@ -205,6 +248,16 @@ class PlannedDriver:
         self._chair.command(twist)
         action: Array = self._task.limits.action(twist)
         return action
+
+    def _walled(self) -> bool:
+        """Whether a wall that was drawn since the last plan stands on the way."""
+        self._mapped += self._task.period
+        if self._task.chart is None or self._mapped < self.own.redraw:
+            return False
+        self._mapped = 0.0
+        assert self._reference is not None
+        ahead = self._reference.rows[self._reference.at :]
+        return walled(self._task.map, ahead, self._clearance)
 
     def _back_out(self) -> Array | None:
         """The straightest slow way back that leaves room to stop."""

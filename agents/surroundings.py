@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from agents.rollout import outline_gap
 from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.kinematics import odometric_step
+from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Reading
 
 Array = NDArray[np.float64]
@@ -28,12 +29,14 @@ SETTLE = 3.0  # s over which the pose estimate corrects the wheel counts; beyond
 
 def sampled_walls(walls: Array, spacing: float = 0.05) -> Array:
     """Points (k, 2) [m] along walls (n, 4), ends included, at most `spacing` apart."""
-    parts = [np.empty((0, 2))]
-    for x0, y0, x1, y1 in walls:
-        count = max(2, math.ceil(math.hypot(x1 - x0, y1 - y0) / spacing) + 1)
-        share = np.linspace(0.0, 1.0, count)[:, None]
-        parts.append((1 - share) * (x0, y0) + share * (x1, y1))
-    return np.concatenate(parts)
+    begin, step = walls[:, :2], walls[:, 2:] - walls[:, :2]
+    counts = np.maximum(1, np.ceil(np.hypot(*step.T) / spacing)).astype(np.int64)  # of legs
+    first = np.concatenate([[0], np.cumsum(counts + 1)[:-1]]).astype(np.int64)
+    nth = np.arange(len(walls) + counts.sum()) - np.repeat(first, counts + 1)
+    share = nth / np.repeat(counts, counts + 1)
+    points: Array = np.repeat(begin, counts + 1, axis=0)
+    points += share[:, None] * np.repeat(step, counts + 1, axis=0)
+    return points
 
 
 def voxel_means(points: Array, size: float) -> Array:
@@ -66,8 +69,7 @@ class Surroundings:
     def __init__(self, task: Any) -> None:
         reading: Reading = task.reading
         self._laser = task.sensors.laser
-        self._walls = sampled_walls(task.map.walls(unknown_is_solid=False))
-        self._near_walls, self._near = self._walls, np.full(2, np.inf)  # those near a point
+        self.chart(task.map)
         angles = self._laser.yaw + np.linspace(-0.5, 0.5, len(reading.laser)) * self._laser.fov
         self._beams = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         self._counted = np.zeros(3)  # dead reckoning, the frame of the memory
@@ -77,6 +79,11 @@ class Surroundings:
         self.hits: Array = np.empty((0, 2))
         self.points: Array = np.empty((0, 3))
         self._look(reading)
+
+    def chart(self, known: OccupancyGrid) -> None:
+        """Take the walls of a map for what the laser does not see."""
+        self._walls = sampled_walls(known.walls())
+        self._near_walls, self._near = self._walls, np.full(2, np.inf)  # those near a point
 
     def margins(self, footprint: Array, margin: float) -> tuple[float, float, float]:
         """Margins [m] to ask for, one after another where nothing leads on.

@@ -70,11 +70,11 @@ def held_out(scan: int) -> bool:
     return scan % HOLD == HOLD - 1
 
 
-def progress(total: int, shown: bool) -> Any:
-    """A bar that counts scans, on standard error."""
+def progress(total: int, shown: bool, unit: str = "scan") -> Any:
+    """A bar on standard error."""
     from tqdm import tqdm
 
-    return tqdm(total=total, unit="scan", disable=not shown or not sys.stderr.isatty())
+    return tqdm(total=total, unit=unit, disable=not shown or not sys.stderr.isatty())
 
 
 def _residuals(log: Log, laser: LaserSettings, grid: OccupancyGrid, trail: Array) -> Array:
@@ -119,7 +119,7 @@ def by_slam(
     laser: LaserSettings,
     own: SlamSettings,
     seed: int,
-    tell: Callable[[int], object] = lambda scans: None,
+    tell: Callable[[Slam], object] = lambda slam: None,
 ) -> Survey:
     """The map that SLAM gives; held-out scans are matched with it, and never added to it.
 
@@ -128,20 +128,20 @@ def by_slam(
         laser: what recorded it.
         own: settings of the SLAM.
         seed: of its draws.
-        tell: called with how many scans were done since it was last called.
+        tell: called after each scan.
 
     Raises:
         InputError: the log has no scan to map.
     """
-    told = enumerate(zip(log.increments, log.ranges, log.stamps, strict=True))
-    Slam(laser, own).update(np.zeros(3), np.full(laser.beams, laser.reach), 0.0)  # compiles
+    told = enumerate(zip(log.increments, log.ranges, strict=True))
+    Slam(laser, own).update(np.zeros(3), np.full(laser.beams, laser.reach))  # compiles
     slam = Slam(laser, own, seed)
     seconds = 0.0
-    for k, (increment, ranges, stamp) in told:
+    for k, (increment, ranges) in told:
         begun = time.perf_counter()
-        slam.update(increment, ranges, float(stamp), learn=not held_out(k))
+        slam.update(increment, ranges, learn=not held_out(k))
         seconds += time.perf_counter() - begun
-        tell(1)
+        tell(slam)
     many = own.particles > 1
     name = f"SLAM, {own.particles} particles" if many else "scan matching"
     return _surveyed(name, log, laser, slam.map, slam.trail, seconds)

@@ -8,6 +8,7 @@ from typing import Any, Final
 from planners import PLANNERS
 from tests.conftest import ROOT
 from wheelchair_gym.envs import EnvSettings
+from wheelchair_gym.hardware.chairs import CHAIRS
 from wheelchair_gym.scenes import SCENES
 from wheelchair_gym.sensing import SensorSettings
 from wheelchair_gym.simulation import ChairSettings
@@ -15,6 +16,7 @@ from wheelchair_gym.task import TaskSettings
 
 DEFAULTS: Final[dict[str, Any]] = {
     "chair": ChairSettings(),
+    "chairs": {name: chair() for name, chair in sorted(CHAIRS.items())},
     "env": EnvSettings(),
     "planners": {name: planner() for name, planner in sorted(PLANNERS.items())},
     "scenes": {name: scene() for name, scene in sorted(SCENES.items())},

@@ -27,6 +27,9 @@ ROOMS = {
     "pymunk": ("wheelchair_gym/simulation/",),
     "cv2": ("wheelchair_gym/maps/", "wheelchair_gym/view/"),
     "serial": ("wheelchair_gym/hardware/",),
+    "websockets": ("wheelchair_gym/hardware/",),
+    "foxglove": ("wheelchair_gym/view/",),
+    "mcap": ("wheelchair_gym/view/",),
     "torch": ("agents/",),
     "stable_baselines3": ("agents/",),
 }

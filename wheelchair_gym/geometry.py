@@ -94,6 +94,14 @@ def between(before: ArrayLike, after: ArrayLike) -> Array:
     return np.stack([c * dx + s * dy, c * dy - s * dx, wrap_angle(b[..., 2] - a[..., 2])], axis=-1)
 
 
+def correction(pose: ArrayLike, reckoned: ArrayLike) -> Array:
+    """The frames (..., 3) in which dead-reckoned poses are the believed ones: map -> odom.
+
+    Source: REP-105; `compose(correction(pose, reckoned), reckoned)` is `pose`.
+    """
+    return compose(pose, between(reckoned, np.zeros(3)))
+
+
 def path_length(path: ArrayLike) -> float:
     """Euclidean length [m] of a polyline (n, 2 or 3); a third column (yaw) does not count."""
     points = np.asarray(path, dtype=np.float64)[:, :2]

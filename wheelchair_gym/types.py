@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
@@ -28,6 +29,18 @@ class Reading(NamedTuple):
     bumped: bool  # a bumper strip is pressed
     battery: float  # V
     stamp: float  # s since reset
+    halted: str = ""  # why the chair stands whatever it is told; empty: it does as it is told
+
+
+class Belief(NamedTuple):
+    """What a pose source goes by: for viewers and logs, never for a policy.
+
+    A chair that can tell it has a property `belief`; of others, the pose alone is shown.
+    """
+
+    odometry: Array  # (3,) m, m, rad: dead-reckoned, in the frame odom (REP-105)
+    particles: Array | None = None  # (n, 3) m, m, rad: where on the map the chair may be
+    chart: Callable[[], OccupancyGrid] | None = None  # a map that grows; None: the episode's
 
 
 class Truth(NamedTuple):

@@ -6,9 +6,12 @@ import argparse
 import json
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-POSES = ("truth", "odometry", "modelled", "mcl")
+if TYPE_CHECKING:
+    from agents.watch import Watch
+
+POSES = ("truth", "odometry", "modelled", "mcl", "slam")
 POSE = "modelled"
 
 
@@ -43,7 +46,7 @@ def distance(text: str) -> float:
     """A finite number of at least 0."""
     value = finite(text)
     if value < 0:
-        raise argparse.ArgumentTypeError(f"{text} m is negative; expected at least 0")
+        raise argparse.ArgumentTypeError(f"{text} is negative; expected at least 0")
     return value
 
 
@@ -121,6 +124,27 @@ def add_env(parser: argparse.ArgumentParser) -> None:
         "--pose", choices=POSES,
         help=f"the chair's own estimate (default: the config's, or {POSE} without one)",
     )  # fmt: skip
+
+
+def add_watch(parser: argparse.ArgumentParser, record: str = "FILE.mcap") -> None:
+    """The options `--record`, `--live` and `--images`, see `agents.watch.Watch`."""
+    what = "one file an episode" if record == "FOLDER" else "what the chair was told and did"
+    parser.add_argument("--record", metavar=record, help=f"write {what}, as MCAP")
+    parser.add_argument(
+        "--live", metavar="PORT", type=whole, nargs="?", const=8765,
+        help="in real time, for Foxglove's viewers to join on this port (8765)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--images", metavar="HZ", type=distance, default=0.0,
+        help="rendered pictures for viewers, so many a second (default none)",
+    )  # fmt: skip
+
+
+def watch(given: argparse.Namespace) -> Watch:
+    """Who looks on, as those options say."""
+    from agents.watch import Watch
+
+    return Watch(given.record, given.live, given.images)
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

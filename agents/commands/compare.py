@@ -7,7 +7,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from agents.commands.arguments import add_env, add_json, count, names, report, spec, whole
+from agents.commands.arguments import (
+    add_env,
+    add_json,
+    add_watch,
+    count,
+    names,
+    report,
+    spec,
+    watch,
+    whole,
+)
 
 
 def add(parts: Any) -> None:
@@ -32,6 +42,7 @@ def add(parts: Any) -> None:
     parser.add_argument("--out", metavar="DIR", help="default runs/SUITE")
     parser.add_argument("--no-video", action="store_true", help="film nothing")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_watch(parser, "FOLDER")
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -67,8 +78,9 @@ def run(given: argparse.Namespace) -> int:
     seeds = range(given.first_seed, given.first_seed + what.episodes)
     try:
         evaluation = compare(
-            what, folder, jobs=given.jobs or cores(), progress=not given.quiet, seeds=seeds
-        )
+            what, folder, jobs=given.jobs or cores(), progress=not given.quiet, seeds=seeds,
+            watch=watch(given),
+        )  # fmt: skip
     except StoppedError as stopped:
         print(f"wheelchair: stopped; {stopped}; resume with: {command_line()}", file=sys.stderr)
         return 130

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from agents.commands.arguments import add_json, report, spec, whole
+from agents.commands.arguments import add_json, add_watch, report, spec, watch, whole
 
 if TYPE_CHECKING:
+    from agents.watch import Each, Watch
     from wheelchair_gym.view.replay import Chapter
 
 
@@ -28,6 +29,7 @@ def add(parts: Any) -> None:
     shown = parser.add_mutually_exclusive_group()
     shown.add_argument("--video", metavar="FILE", help="write a video (mp4)")
     shown.add_argument("--picture", metavar="FILE", help="draw the end, with the way driven")
+    add_watch(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -44,16 +46,22 @@ def run(given: argparse.Namespace) -> int:
         raise InputError(f"--episode {given.episode}: {given.file} has {len(chapters)}, from 0")
     frames: list[Any] = []
     records, lines = [], []
-    for number in chosen:
-        record = {"episode": number} | _again(chapters[number], given, frames)
-        records.append(record)
-        same = "the same rewards" if record["same"] else "OTHER rewards"
-        line = f"episode {number}: {record['steps']} steps, reward {record['reward']:.4f}; {same}"
-        if given.policy:
-            line += (
-                f"; {given.policy} differs by {record['difference']:.3f} of an action on average"
-            )
-        lines.append(line)
+    stage = Stage(watch(given), bool(given.video or given.picture or given.images))
+    try:
+        for number in chosen:
+            record = {"episode": number} | _again(chapters[number], stage, given, frames)
+            records.append(record)
+            same = "the same rewards" if record["same"] else "OTHER rewards"
+            line = f"episode {number}: {record['steps']} steps, reward {record['reward']:.4f}; "
+            line += same
+            if given.policy:
+                line += (
+                    f"; {given.policy} differs by {record['difference']:.3f} of an action on"
+                    " average"
+                )
+            lines.append(line)
+    finally:
+        stage.close()
     if given.video:
         write_video(given.video, frames, round(chapters[0].settings.rate))
     if given.picture:
@@ -62,32 +70,58 @@ def run(given: argparse.Namespace) -> int:
     return 0 if all(record["same"] for record in records) else 1
 
 
-def _again(chapter: Chapter, given: argparse.Namespace, frames: list[Any]) -> dict[str, Any]:
+class Stage:
+    """Where chapters are driven again, one after another, before whoever looks on."""
+
+    def __init__(self, watch: Watch, drawn: bool) -> None:
+        self._watch, self._mode = watch, "rgb_array" if drawn else None
+        self._env: Any = None
+        self.each: Each | None = None
+
+    def set(self, chapter: Chapter) -> Any:
+        """The environment that repeats a chapter."""
+        from wheelchair_gym.view.replay import replayed
+
+        env = replayed(chapter, self._mode)
+        if self._env is None or not self._watch:
+            self._env, self.each = self._watch.on(env)
+        else:
+            self._env.env = env  # one recording, and the same viewers, for all chapters
+        return self._env
+
+    def close(self) -> None:
+        """Finish the recording."""
+        if self._env is not None:
+            self._env.close()
+
+
+def _again(
+    chapter: Chapter, stage: Stage, given: argparse.Namespace, frames: list[Any]
+) -> dict[str, Any]:
     """Judge an episode again; with a policy, ask it at every step what it would do."""
     import numpy as np
 
     from agents.policy import make_policy
-    from wheelchair_gym.view.replay import replayed
 
-    drawn = given.video or given.picture
-    env = replayed(chapter, "rgb_array" if drawn else None)
+    env = stage.set(chapter)
     observation, _ = env.reset(seed=0, options={"episode": chapter.episode})
     policy = make_policy(spec(given.policy)) if given.policy else None
     if policy is not None:
-        policy.reset(env.task)
+        policy.reset(env.unwrapped.task)
     rewards, same, differences = 0.0, True, []
     for action, verdict in zip(chapter.actions, chapter.verdicts, strict=True):
         if policy is not None:
             differences.append(np.abs(policy.act(observation) - np.clip(action, -1.0, 1.0)).mean())
         if given.video:
-            frames.append(env.render())
+            frames.append(env.unwrapped.render())
+        if stage.each is not None:
+            stage.each(env)
         observation, reward, terminated, truncated, info = env.step(action)
         judged = {"reward": reward, "terms": info["reward_terms"]}
         judged |= {"terminated": terminated, "truncated": truncated}
         same &= judged == verdict
         rewards += reward
-    if drawn:
-        frames.append(env.render())
-    env.close()
+    if given.video or given.picture:
+        frames.append(env.unwrapped.render())
     record = {"steps": len(chapter.actions), "reward": rewards, "same": same}
     return record | ({"difference": float(np.mean(differences))} if differences else {})

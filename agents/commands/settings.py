@@ -17,6 +17,7 @@ OWN = {
     "sensors": "wheelchair_gym.sensing.settings:SensorSettings",
     "chair": "wheelchair_gym.simulation.settings:ChairSettings",
     "log": "wheelchair_gym.mapping.log:LogFormat",
+    "recording": "wheelchair_gym.view.record:Recording",
     "slam": "wheelchair_gym.mapping.slam:SlamSettings",
     "physics": "wheelchair_gym.simulation.settings:PhysicsSettings",
     "task": "wheelchair_gym.task.settings:TaskSettings",
@@ -42,13 +43,14 @@ def known() -> dict[str, type]:
     from agents.followers import FOLLOWERS
     from agents.policy import policy_settings
     from planners import PLANNERS
+    from wheelchair_gym.hardware.chairs import CHAIRS
     from wheelchair_gym.scenes import SCENES
 
     classes: dict[str, type] = {}
     for name, place in OWN.items():
         module, _, attribute = place.partition(":")
         classes[name] = getattr(importlib.import_module(module), attribute)
-    for registry in (PLANNERS, FOLLOWERS, policy_settings(), SCENES):
+    for registry in (PLANNERS, FOLLOWERS, policy_settings(), SCENES, CHAIRS):
         classes.update(registry)
     return classes
 

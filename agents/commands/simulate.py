@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import sys
-import time
+import signal
 from typing import Any
 
-from agents.commands.arguments import POSE, add_env, add_json, report, spec, whole
+from agents.commands.arguments import (
+    POSE,
+    add_env,
+    add_json,
+    add_watch,
+    pose,
+    report,
+    spec,
+    watch,
+    whole,
+)
 
 
 def add(parts: Any) -> None:
@@ -25,18 +34,23 @@ def add(parts: Any) -> None:
     )  # fmt: skip
     parser.add_argument("--policy", default="lattice+window", help="PLANNER+FOLLOWER, random, ...")
     parser.add_argument("--seed", type=whole, default=0, help="of the episode (default 0)")
+    parser.add_argument(
+        "--chair", metavar="CHAIR",
+        help="a real one in place of the simulated: ros://HOST:PORT, or FILE.json:NAME as in "
+        "configs/chairs.json",
+    )  # fmt: skip
+    parser.add_argument(
+        "--goal", metavar="X,Y[,YAW]", type=pose, help="of a real chair, on the map that it tells"
+    )
+    parser.add_argument(
+        "--start", metavar="X,Y,YAW", type=pose, help="where it is, if it does not tell"
+    )
     add_env(parser)
     shown = parser.add_mutually_exclusive_group()
     shown.add_argument("--window", action="store_true", help="show it live")
     shown.add_argument("--video", metavar="FILE", help="write a video (mp4)")
     shown.add_argument("--picture", metavar="FILE", help="draw the end, with the way driven")
-    parser.add_argument(
-        "--record", metavar="FILE.mcap", help="write what the chair was told and did"
-    )
-    parser.add_argument(
-        "--live", metavar="PORT", type=whole, nargs="?", const=8765,
-        help="in real time, for Foxglove's viewers to join on this port (8765)",
-    )  # fmt: skip
+    add_watch(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -45,52 +59,68 @@ def run(given: argparse.Namespace) -> int:
     """Drive the episode and report it."""
     from agents.evaluate import drive_episode, env_settings, label, make_env
     from agents.policy import make_policy
+    from wheelchair_gym.config import InputError
     from wheelchair_gym.view.video import write_png, write_video
 
     policy = make_policy(spec(given.policy))
-    pose = POSE if given.pose is None and given.config is None else given.pose
-    settings = env_settings(pose_source=pose, config=given.config)
+    source = POSE if given.pose is None and given.config is None else given.pose
+    settings = env_settings(pose_source=source, config=given.config)
     scene = settings.get("config", {}).get("scene", "floor_plan")
     if given.scene is not None:
         scene = spec(given.scene)
-    env: Any = make_env(scene, settings, "human" if given.window else "rgb_array")
+    mode, episode = "human" if given.window else "rgb_array", None
+    if given.chair is not None:
+        env, episode = _real(given, settings, scene, mode)
+    elif given.goal or given.start:
+        raise InputError("--goal and --start are of a real chair (--chair)")
+    else:
+        env = make_env(scene, settings, mode)
     frames: list[Any] = []
     film: Any = (lambda e: frames.append(e.render())) if given.video else None
-    if given.record or given.live is not None:
-        from wheelchair_gym.view.record import Recorded
-
-        env = Recorded(env, given.record, given.live)
-        if env.port is not None:
-            print(f"ws://127.0.0.1:{env.port}", file=sys.stderr)
-            film = _paced(env.unwrapped.task.period, film)
     try:
-        record = drive_episode(env, policy, given.seed, film)
+        env, film = watch(given).on(env, film)
+        record = drive_episode(env, policy, given.seed, film, episode)
         if given.video:
             write_video(given.video, frames, round(1.0 / env.unwrapped.task.period))
         if given.picture:
             write_png(given.picture, env.render())
     finally:
         env.close()
-    record |= {"policy": given.policy, "scene": label(scene), "seed": given.seed}
+    halted = env.unwrapped.task.reading.halted
+    place = label(scene) if episode is None else episode.name
+    record |= {"policy": given.policy, "scene": place, "seed": given.seed}
     least = record["clearance_min"]
     text = (
-        f"{given.policy} on {label(scene)}, seed {given.seed}: {record['outcome']} after "
+        f"{given.policy} on {place}, seed {given.seed}: {record['outcome']} after "
         f"{record['time']:.1f} s and {record['length']:.2f} m (shortest {record['geodesic']:.2f}"
         f" m), least clearance {'-' if least is None else f'{least:.3f}'} m"
+        + (f"; it stands: {halted}" if halted else "")
     )
     report(given, record, text)
     return 0
 
 
-def _paced(period: float, film: Any) -> Any:
-    """Called once a control period [s]: waits for its time, then films if that is asked for."""
-    begun, calls = time.perf_counter(), 0
+def _real(
+    given: argparse.Namespace, settings: dict[str, Any], scene: Any, mode: str
+) -> tuple[Any, Any]:
+    """An environment of a real chair, and the episode on its own map if a goal is given."""
+    from wheelchair_gym.config import InputError
+    from wheelchair_gym.envs import NavigationEnv
+    from wheelchair_gym.envs.settings import env_settings
+    from wheelchair_gym.hardware.chairs import make_chair
 
-    def each(env: Any) -> None:
-        nonlocal calls
-        calls += 1
-        time.sleep(max(0.0, begun + calls * period - time.perf_counter()))
-        if film is not None:
-            film(env)
-
-    return each
+    if given.goal is None and given.scene is None:
+        raise InputError("--chair: expected --goal X,Y on its own map, or --scene with one")
+    if given.start is not None and len(given.start) != 3:
+        raise InputError("--start of a real chair: expected X,Y,YAW (m, m, rad)")
+    for name in ("SIGTERM", "SIGHUP"):  # as Ctrl-C: whoever ends this, the chair is told to stop
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.default_int_handler)
+    named = given.chair if "://" in given.chair else spec(given.chair)
+    chair = make_chair(named, env_settings(**{"config": None, **settings}))
+    try:
+        episode = None if given.goal is None else chair.episode(given.goal, given.start)
+        return NavigationEnv(scene=scene, chair=chair, render_mode=mode, **settings), episode
+    except BaseException:
+        chair.close()
+        raise

@@ -43,6 +43,7 @@ class PaperWorld:
 
     def __init__(self, grid, start, goal, period=0.1):
         self.task = SimpleNamespace(
+            chart=None,
             map=grid, start=np.array(start, float), goal=np.array(goal, float), period=period,
             footprint=Footprint(), limits=Limits(), sensors=SensorSettings(laser=LaserSettings()),
             path=None, tolerance=0.3, time_limit=60.0, key=7,

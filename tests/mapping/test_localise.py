@@ -125,7 +125,7 @@ def test_a_lost_chair_finds_itself(seed, carried):
     env.reset(seed=seed)
     task, episode = env.unwrapped.task, env.unwrapped.episode
     localiser = Localiser(Localisation(), LASER)
-    localiser.begin(episode.map, episode.start if carried else None, seed)
+    localiser.start(episode.map, episode.start if carried else None, seed)
     errors = []
 
     def each(info):
@@ -149,7 +149,7 @@ def test_a_lost_chair_finds_itself(seed, carried):
 
 def test_what_a_chair_believes_depends_on_its_key_alone(home):
     """Not on other chairs; another key gives other particles."""
-    chairs = [LocalisedChair(SimulatedChair(), Localisation(), LASER) for _ in range(3)]
+    chairs = [LocalisedChair(SimulatedChair(), Localiser(Localisation(), LASER)) for _ in range(3)]
     keys, poses = (5, 5, 6), []
     for chair, key in zip(chairs, keys, strict=True):
         chair.reset(home, key)
@@ -158,12 +158,12 @@ def test_what_a_chair_believes_depends_on_its_key_alone(home):
     one, same, other = np.moveaxis(np.array(poses), 1, 0)
     np.testing.assert_array_equal(one, same)
     assert (one != other).any()
-    np.testing.assert_array_equal(chairs[0].localiser.poses, chairs[1].localiser.poses)
+    np.testing.assert_array_equal(chairs[0].finder.poses, chairs[1].finder.poses)
 
 
 def test_a_silent_laser_leaves_dead_reckoning(home):
     localiser = Localiser(Localisation(), LASER)
-    localiser.begin(home.map, home.start, 0)
+    localiser.start(home.map, home.start, 0)
     silent = np.full(LASER.beams, np.nan, np.float32)
     silent[::3], silent[1::3] = np.inf, -np.inf
     for _ in range(10):
@@ -176,7 +176,7 @@ def test_a_silent_laser_leaves_dead_reckoning(home):
 def test_nowhere_to_be_is_an_error():
     solid = OccupancyGrid(np.full((4, 4), 100, np.int8), 0.05)
     with pytest.raises(ValueError, match="no free cell"):
-        Localiser(Localisation(), LASER).begin(solid, np.zeros(3), 0)
+        Localiser(Localisation(), LASER).start(solid, np.zeros(3), 0)
 
 
 def test_many_chairs_refuse_it_and_settings_contradict():

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from tests.mapping.rooms import LASER, ranges, tour
-from wheelchair_gym.mapping.matching import MatchSettings, match
+from wheelchair_gym.mapping.matching import MatchSettings, match, thin
 from wheelchair_gym.mapping.occupancy import OccupancyMap
-from wheelchair_gym.mapping.scan import read_scan
+from wheelchair_gym.mapping.scan import bearings, read_scan
 from wheelchair_gym.mapping.search import search
+from wheelchair_gym.sensing.settings import LaserSettings
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +51,23 @@ def test_along_a_corridor_the_covariance_is_long():
     found = match(made, scan, (0.0, 0.05, 0.02))
     assert abs(found.pose[1]) < 0.02
     assert found.covariance[0, 0] > 100 * found.covariance[1, 1]
+
+
+def test_which_echoes_are_kept_is_not_for_noise_to_choose():
+    """Echoes off a flat wall to the right and to the left err by nothing in the mean."""
+    laser = LaserSettings(x=0.0, nearest=0.05)
+    angle = bearings(laser)
+    wall = np.abs(angle) < 1.2
+    rng = np.random.default_rng(0)
+    off = []
+    for _ in range(100):
+        seen = 1.5 / np.cos(np.where(wall, angle, 0.0)) + 0.015 * rng.standard_normal(len(angle))
+        kept = thin(read_scan(laser, np.where(wall, seen, np.inf), 3.0), 0.03, 10_000)
+        at = np.arctan2(kept[:, 1], kept[:, 0])
+        error = np.hypot(*kept.T) - 1.5 / np.cos(at)
+        off.append([error[at < -0.2].mean(), error[at > 0.2].mean()])
+    assert len(kept) < 0.5 * wall.sum()
+    assert np.abs(np.mean(off, axis=0)).max() < 0.001  # 3.5 mm each way if their gaps choose
 
 
 def test_the_search_finds_the_best_of_its_whole_lattice(known):

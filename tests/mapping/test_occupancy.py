@@ -71,12 +71,25 @@ def test_scans_from_known_poses_give_the_room(known):
 
 def test_the_field_is_what_the_occupied_cells_say(known):
     solid = known.odds[0] >= known.law.occupied
-    reach = len(known.weights) // 2
+    reach = known.weights.shape[1] // 2
     wanted = np.zeros(known.field[0].shape)
     for r, c in np.argwhere(solid):
         part = wanted[r - reach : r + reach + 1, c - reach : c + reach + 1]
-        np.maximum(part, known.weights, out=part)
+        np.maximum(part, known.weights[int(known.surface[0, r, c, 3])], out=part)
     np.testing.assert_array_equal(known.field[0], wanted)
+
+
+def test_surfaces_stay_where_the_wall_is_however_often_it_is_seen():
+    rng = np.random.default_rng(0)
+    made = OccupancyMap()
+    for _ in range(200):
+        pose = rng.uniform((0.2, -0.3, -3.0), (0.8, 0.3, 3.0))
+        made.integrate(read_scan(LASER, ranges(pose, rng), 3.0), pose)
+    cells = np.argwhere(made.odds[0] >= made.law.occupied)
+    x, y, hits = made.surface[0][tuple(cells.T)].T[:3]
+    places = (cells[:, ::-1] + np.column_stack([x, y])) * made.settings.resolution + made.corner
+    east = (np.abs(places[:, 1]) < 1.0) & (places[:, 0] > 4.8)
+    assert abs(np.average(places[east, 0], weights=hits[east]) - 5.0) < 0.005
 
 
 def test_what_moved_away_is_free_again_and_log_odds_stay_within_their_clamp():

@@ -2,28 +2,47 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+from typing import get_args, get_type_hints
+
 import gymnasium as gym
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 
 from agents.cli import main
 from agents.policy import make_policy
 from wheelchair_gym import InputError
-from wheelchair_gym.view.record import Recorded
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.geometry import compose
+from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.sensing import SensorSettings
+from wheelchair_gym.simulation import SimulatedChair
+from wheelchair_gym.types import Belief
+from wheelchair_gym.view.record import Recorded, Recording
 from wheelchair_gym.view.replay import read_recording, replayed
 
-KINDS = [("Navigation", "mcl"), ("GuidedNavigation", "modelled"), ("Navigation", "truth")]
+OLD = Path(__file__).parent / "data" / "first.mcap"  # as the first version wrote it
+NAMES = [name for name in gym.registry if name.startswith("wheelchair_gym/")]
+SOURCES = get_args(get_type_hints(SensorSettings)["pose_source"])
+# Every variant with every pose source, each once at least.
+KINDS = [(NAMES[k % len(NAMES)], source) for k, source in enumerate(SOURCES)]
+KINDS += [(name, SOURCES[k]) for k, name in enumerate(NAMES[1:])]
 STEPS = 25
+POLICY = "visibility+window"
 
 
-@pytest.fixture(scope="module", params=KINDS, ids=lambda kind: "-".join(kind))
+@pytest.fixture(scope="module", params=KINDS, ids=lambda kind: "-".join(kind).split("/")[1])
 def run(request, tmp_path_factory):
     """A recording of two episodes, and what the environment handed out."""
-    file = tmp_path_factory.mktemp("runs") / "run.mcap"
     name, pose_source = request.param
-    env = gym.make(f"wheelchair_gym/{name}-v0", pose_source=pose_source)
-    env, policy, seen = Recorded(env, file), make_policy("visibility+window"), []
+    file = tmp_path_factory.mktemp("runs") / f"{name.partition('/')[2]}-{pose_source}.mcap"
+    env = gym.make(name, pose_source=pose_source, render_mode="rgb_array")
+    env, policy = Recorded(env, file, recording=Recording(images=2.0)), make_policy(POLICY)
+    seen = []
     for seed in range(2):
         observation, _ = env.reset(seed=seed)
         policy.reset(env.unwrapped.task)
@@ -65,25 +84,149 @@ def assert_same(observation, other):
 
 
 def test_every_reader_opens_it(run):
-    """Check sums hold; typed messages come at each step, in the order of time."""
+    """Check sums hold, messages are as their schemas say, in the order of time; none is missing."""
     file, seen = run
     counts: dict[str, int] = {}
-    schemas, times = {}, []
+    schemas, times, validators = {}, [], {}
     with file.open("rb") as stream:
-        reader = make_reader(stream, validate_crcs=True)
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
         assert reader.get_summary() is not None
         for schema, channel, message in reader.iter_messages():
             counts[channel.topic] = counts.get(channel.topic, 0) + 1
             schemas[channel.topic] = schema.name
             times.append(message.log_time)
+            if channel.message_encoding == "json":
+                validators.setdefault(schema.id, Draft202012Validator(json.loads(schema.data)))
+                validators[schema.id].validate(json.loads(message.data))
     steps = len(seen) * (STEPS + 1)
-    assert counts["/scan"] == counts["/tf"] == counts["/pose"] == counts["/reading"] == steps
-    assert counts["/map"] == counts["/goal"] == counts["/episode"] == len(seen)
+    for topic in ("/scan", "/tf", "/pose", "/ultrasonic", "/odometry", "/battery", "/reading"):
+        assert counts[topic] == steps, topic
+    assert counts["/episode"] == len(seen)
+    for topic in ("/map", "/goal", "/tf_static", "/footprint"):  # again with a map that grows
+        assert (counts[topic] > len(seen)) == file.stem.endswith("slam"), topic
     assert counts["/command"] == counts["/verdict"] == len(seen) * STEPS
+    assert counts["/trail"] == len(seen) * (STEPS // 10 + 1)
+    assert counts["/image"] == len(seen) * (STEPS // 5 + 1)
+    assert counts["/path"] >= len(seen)
+    assert counts["/note"] >= len(seen)
+    assert counts.get("/lookahead", 0) == (steps if "Guided" in file.stem else 0)
     assert schemas["/scan"] == "foxglove.LaserScan"
     assert schemas["/tf"] == "foxglove.FrameTransforms"
     assert schemas["/map"] == "foxglove.Grid"
     assert times == sorted(times)
+
+
+def yaw_of(turned):
+    return 2.0 * np.arctan2(turned.z, turned.w)
+
+
+def told(file, *topics):
+    """Messages as another reader decodes them: topic, message."""
+    with file.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for _, channel, message, decoded in reader.iter_decoded_messages(topics):
+            yield channel.topic, message.log_time, decoded
+
+
+def test_the_tree_leads_from_the_map_to_the_sensors(run):
+    """The tree map -> odom -> base_link is the believed pose."""
+    file, seen = run
+    poses = [info["pose_estimate"] for _, *steps in seen for *_, info in steps]
+    chains, rigid = [], {}
+    for topic, _, message in told(file, "/tf", "/tf_static"):
+        edges = {
+            t.child_frame_id: (
+                t.parent_frame_id, (t.translation.x, t.translation.y, yaw_of(t.rotation))
+            )
+            for t in message.transforms
+        }  # fmt: skip
+        if topic == "/tf":
+            assert (edges["odom"][0], edges["base_link"][0]) == ("map", "odom")
+            chains.append((edges["odom"][1], edges["base_link"][1]))
+        else:
+            rigid |= edges
+    per = STEPS + 1
+    believed = [compose(*chain) for k, chain in enumerate(chains) if k % per]
+    np.testing.assert_allclose(believed, poses, atol=1e-9)
+    sensors = SensorSettings()
+    mounted = {"laser": sensors.laser}
+    mounted |= {f"ultrasonic_{k}": one for k, one in enumerate(sensors.ultrasonic.mounted)}
+    for name, one in mounted.items():
+        parent, place = rigid[name]
+        assert parent == "base_link"
+        np.testing.assert_allclose(place, (one.x, one.y, one.yaw), atol=1e-9)
+    corrections = np.array([chain[0] for chain in chains])
+    if file.stem.endswith(("truth", "odometry")):
+        np.testing.assert_allclose(corrections, 0.0, atol=1e-9)
+    else:
+        assert np.abs(corrections).max() > 1e-4
+
+
+def test_viewers_see_what_the_chair_was_told(run):
+    """Cones as long as the ranges, particles round the pose, an outline, the voltage."""
+    file, _ = run
+    messages = {}
+    for topic, _, message in told(file, "/ultrasonic", "/particles", "/footprint", "/odometry"):
+        messages.setdefault(topic, []).append(message)
+    moments = [moment for chapter in read_recording(file) for moment in chapter.readings]
+    rangers = SensorSettings().ultrasonic
+    for update, moment in zip(messages["/ultrasonic"], moments, strict=True):
+        assert len(update.entities) == len(rangers.mounted)
+        for entity, value, one in zip(
+            update.entities, moment.reading.ultrasonic, rangers.mounted, strict=True
+        ):
+            model = rangers.narrow if one.model == "narrow" else rangers.wide
+            points = [(p.x, p.y) for fan in entity.triangles for p in fan.points]
+            longest = np.hypot(*np.array(points).T).max() if points else 0.0
+            assert longest == pytest.approx(min(value, model.reach) if value > 0 else 0.0)
+    clouds = messages.get("/particles", [])
+    finds = "mcl" in file.stem or "slam" in file.stem
+    assert len(clouds) == (len(moments) if finds else 0)
+    for cloud, moment in zip(clouds, moments, strict=False):
+        places = np.frombuffer(cloud.data, "<f4").reshape(-1, cloud.point_stride // 4)
+        np.testing.assert_array_equal(places, moment.belief.particles)
+        assert np.hypot(*(places[:, :2] - moment.reading.pose[:2]).T).min() < 0.3
+    corners = messages["/footprint"][0].entities[0].lines[0].points
+    assert len(corners) == 4
+
+
+class Surveyor:
+    """A chair that maps as it goes: cells become known one by one."""
+
+    def __init__(self, chair):
+        self._chair, self.charted = chair, 0
+
+    def __getattr__(self, name):
+        return getattr(self._chair, name)
+
+    @property
+    def belief(self):
+        def chart():
+            self.charted += 1
+            cells = np.full((4, 5), -1)
+            cells.flat[: self.charted] = 0
+            return OccupancyGrid(cells, 0.5, (1.0, 2.0, 0.3))
+
+        return Belief(self._chair.belief.odometry, np.ones((3, 3)), chart)
+
+
+def test_a_map_that_grows_is_sent_again_slowly_and_kept(tmp_path):
+    chair, file = Surveyor(SimulatedChair()), tmp_path / "grows.mcap"
+    env = Recorded(NavigationEnv("empty", chair=chair), file, recording=Recording(again=0.5))
+    env.reset(seed=0)
+    for _ in range(20):
+        env.step(np.zeros(2, np.float32))
+    env.close()
+    maps = [(stamp, np.frombuffer(m.data, np.int8)) for _, stamp, m in told(file, "/map")]
+    assert chair.charted == 5  # at 0.0, 0.5, ... 2.0 s
+    assert [int((cells == 0).sum()) for _, cells in maps[1:]] == [1, 2, 3, 4, 5]
+    np.testing.assert_array_equal(np.diff([stamp for stamp, _ in maps[1:]]), 500_000_000)
+    (chapter,) = read_recording(file)
+    for k, moment in enumerate(chapter.readings):
+        grid = moment.belief.chart()
+        assert (grid.cells == 0).sum() == k // 5 + 1
+        assert grid.origin == (1.0, 2.0, 0.3)
+    assert (chapter.episode.map.cells != -1).any()
 
 
 def test_the_command_records_and_replays(tmp_path, capsys):
@@ -95,6 +238,18 @@ def test_the_command_records_and_replays(tmp_path, capsys):
     assert "the same rewards" in said
     assert "straight differs by 0.000 " in said
     assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_the_first_recordings_are_still_read(tmp_path, capsys):
+    """They know of no odometry and no particles; what they hold is judged the same."""
+    again = tmp_path / "again.mcap"
+    assert main(["replay", str(OLD), "--record", str(again)]) == 0
+    assert capsys.readouterr().out.count("the same rewards") == 2
+    assert main(["replay", str(again)]) == 0
+    for old, new in zip(read_recording(OLD), read_recording(again), strict=True):
+        for was, is_ in zip(old.readings, new.readings, strict=True):
+            np.testing.assert_equal(is_.reading, was.reading)
+            np.testing.assert_equal(is_.truth, was.truth)
 
 
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "text", "missing", "other"])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_guidance
+from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_finder, make_guidance
 from wheelchair_gym.envs.worlds import Worlds
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.mapping.chair import LocalisedChair
@@ -86,7 +86,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         noise: bool | None = None,
         randomise: bool | None = None,
         bank: Any = None,
-        chair: Chair | None = None,
+        chair: Chair | str | Mapping[str, Any] | None = None,
         render_mode: str | None = None,
         **unknown: Any,
     ) -> None:
@@ -98,14 +98,16 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 bank, chair, sensors, physics, task; the other arguments go before it.
             beams: observed laser beams; fewer than the laser has are pooled by their minimum.
             rate: of control [Hz]; a period is a whole number of physics steps.
-            pose_source: what the chair believes about its pose: truth, odometry, modelled, or mcl
-                (Monte Carlo localisation on the map).
+            pose_source: what the chair believes about its pose: truth, odometry, modelled, mcl
+                (Monte Carlo localisation on the map), or slam (the world is unknown: the chair
+                draws its own map, in the frame of its start, and finds itself on it).
             guidance: 'geodesic', 'module:function' or a callable that gives a path from a task.
             noise: false makes every sensor exact.
             randomise: true draws mass, friction and motor gain anew each episode.
             bank: of how many worlds episodes draw, or a mapping of size, turnover and seed; 0:
                 each episode has a world of its own.
-            chair: drives instead of the simulated chair.
+            chair: drives instead of the simulated chair; or names a real one, such as
+                'ros://HOST:PORT' (see `hardware.chairs`).
             render_mode: 'human' (a window), 'rgb_array', or None.
             unknown: nothing else is taken.
 
@@ -126,10 +128,17 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             bank=bank,
             **unknown,
         )
+        if isinstance(chair, str | Mapping):
+            from wheelchair_gym.hardware.chairs import make_chair
+
+            chair = make_chair(chair, s)
         self.chair: Chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
-        if s.sensors.pose_source == "mcl":
-            self.chair = LocalisedChair(self.chair, s.localisation, s.sensors.laser)
+        if s.sensors.finds_itself:
+            finder = make_finder(s)
+            self.chair = LocalisedChair(self.chair, finder)
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, make_guidance(s.guidance))
+        if s.sensors.finds_itself:
+            self.task.chart = finder.chart
         self.worlds = Worlds(s, self.task)
         self.observation_space = cast("gym.Space[Observation]", self.task.space)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -244,7 +253,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             reading=task.reading,
             trail=np.array(self._trail)[:, :2],
             path=task.path,
-            look_ahead=self._points_ahead(),
+            look_ahead=self.points_ahead,
             caption=self._caption(task.reading),
         )
         if self.render_mode == "rgb_array":
@@ -256,7 +265,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._window.show(frame)
         return None
 
-    def _points_ahead(self) -> Array | None:
+    @property
+    def points_ahead(self) -> Array | None:
+        """The points (n, 2) [m] of the guidance that a policy is shown, on the map; or None."""
         ahead = self.task.observation.get("path")
         return None if ahead is None else to_world(ahead.reshape(-1, 2), self.task.reading.pose)
 

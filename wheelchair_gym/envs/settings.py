@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, load, read, setting, settings
-from wheelchair_gym.mapping.localise import Localisation
+from wheelchair_gym.mapping.chair import Finder
+from wheelchair_gym.mapping.localise import Localisation, Localiser
+from wheelchair_gym.mapping.slam import Slam, SlamSettings
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.task.settings import TaskSettings
@@ -49,8 +51,16 @@ class EnvSettings:
     chair: ChairSettings = ChairSettings()
     sensors: SensorSettings = SensorSettings()
     localisation: Localisation = Localisation()
+    slam: SlamSettings = SlamSettings()
     physics: PhysicsSettings = PhysicsSettings()
     task: TaskSettings = TaskSettings()
+
+    def __post_init__(self) -> None:
+        if self.sensors.pose_source == "slam" and self.guidance is not None:
+            raise InputError(
+                f"guidance is {self.guidance!r}; expected none with the pose source slam: "
+                "nobody knows the way through an unknown world"
+            )
 
 
 _PLACES = {
@@ -96,6 +106,13 @@ def env_settings(
             part = dataclasses.replace(getattr(base, section), **{key: given.pop(name)})
             base = dataclasses.replace(base, **{section: part})
     return dataclasses.replace(base, **given)
+
+
+def make_finder(own: EnvSettings) -> Finder:
+    """What tells a chair its pose from what it sees."""
+    if own.sensors.pose_source == "slam":
+        return Slam(own.sensors.laser, own.slam)
+    return Localiser(own.localisation, own.sensors.laser)
 
 
 def geodesic_path(task: Task) -> NDArray[np.float64]:

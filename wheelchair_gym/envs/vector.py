@@ -77,9 +77,9 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         if mode is None:
             raise InputError(f"autoreset_mode is {autoreset_mode}; expected {' or '.join(modes)}")
         self.settings = s = env_settings(config, **settings)
-        if s.sensors.pose_source == "mcl":
+        if s.sensors.finds_itself:
             known = "truth, odometry or modelled, where there are many chairs at once"
-            raise InputError(f"sensors.pose_source is 'mcl'; expected {known}")
+            raise InputError(f"sensors.pose_source is {s.sensors.pose_source!r}; expected {known}")
         self.num_envs = n = num_envs
         self.metadata = {"autoreset_mode": mode, "render_modes": [], "render_fps": round(s.rate)}
         self.render_mode = None

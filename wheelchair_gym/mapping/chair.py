@@ -1,44 +1,74 @@
-"""Any chair, with its pose from localisation on the map instead of from dead reckoning."""
+"""Any chair, with its pose from what it sees instead of from dead reckoning."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import between
-from wheelchair_gym.mapping.localise import Localisation, Localiser
-from wheelchair_gym.sensing.settings import LaserSettings
-from wheelchair_gym.types import Chair, Episode, Reading, Truth
+from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.types import Belief, Chair, Episode, Reading, Truth
 
 Array = NDArray[np.float64]
 
 
+class Finder(Protocol):
+    """What finds a chair: localisation on a map that is known, or SLAM on the map it draws."""
+
+    def begin(self, episode: Episode, key: int) -> None:
+        """Start where an episode does; the key seeds every draw until the next one begins."""
+        ...
+
+    def update(self, increment: Array, ranges: NDArray[np.float32]) -> Array:
+        """Move on by what the odometry says (3,) [m, m, rad], look, and tell the pose (3,)."""
+        ...
+
+    @property
+    def poses(self) -> Array:
+        """Where the chair may be (particles, 3) [m, m, rad]."""
+        ...
+
+    @property
+    def chart(self) -> Callable[[], OccupancyGrid] | None:
+        """Gives the map so far, where the finder draws it itself."""
+        ...
+
+
 class LocalisedChair:
-    """A chair that finds itself on the episode's map, from where the episode says it starts.
+    """A chair that finds itself, from where the episode says that it starts.
 
     Args:
         chair: whose readings hold dead-reckoned poses, in any frame.
-        settings: of the localiser.
-        laser: of the chair.
+        finder: of its pose.
     """
 
-    def __init__(self, chair: Chair, settings: Localisation, laser: LaserSettings) -> None:
-        self.chair = chair
-        self.localiser = Localiser(settings, laser)
+    def __init__(self, chair: Chair, finder: Finder) -> None:
+        self.chair, self.finder = chair, finder
 
     def reset(self, episode: Episode, key: int) -> Reading:
         """See `Chair.reset`."""
         reading = self.chair.reset(episode, key)
+        self.finder.begin(episode, key)
         self._reckoned = reading.pose
-        self.localiser.begin(episode.map, episode.start, key)
-        return reading._replace(pose=self.localiser.update(np.zeros(3), reading.laser))
+        return self._found(reading)
 
     def drive(self, twist: Array) -> Reading:
         """See `Chair.drive`."""
-        reading = self.chair.drive(twist)
+        return self._found(self.chair.drive(twist))
+
+    def _found(self, reading: Reading) -> Reading:
         increment = between(self._reckoned, reading.pose)
         self._reckoned = reading.pose
-        return reading._replace(pose=self.localiser.update(increment, reading.laser))
+        return reading._replace(pose=self.finder.update(increment, reading.laser))
+
+    @property
+    def belief(self) -> Belief:
+        """The pose before it was found, the particles, and the map that SLAM draws."""
+        finder = self.finder
+        return Belief(self._reckoned, finder.poses, finder.chart)
 
     @property
     def truth(self) -> Truth:

@@ -30,6 +30,7 @@ from wheelchair_gym.mapping.scan import bearings
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.sensing.noise import LOCALISE, bits
 from wheelchair_gym.sensing.settings import LaserSettings
+from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
 
@@ -107,7 +108,10 @@ class Localiser:
         count: particles at present.
         fit: likelihood of a beam of the last scan there, between 0 and 1.
         lost: scans fit worse than they used to; particles are placed anywhere.
+        map: the one it looks at.
     """
+
+    chart = None  # it draws none
 
     def __init__(self, settings: Localisation, laser: LaserSettings) -> None:
         self.settings, s = settings, settings
@@ -119,23 +123,27 @@ class Localiser:
         self._mount = np.array([laser.x, laser.y])
         self._rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)  # (beams, 2)
         self._reach = laser.reach
-        self._map: OccupancyGrid | None = None
+        self.map: OccupancyGrid | None = None
 
     @property
     def poses(self) -> Array:
         """The particles' poses (count, 3) [m, m, rad]."""
         return np.array(self._particles.poses[: self.count])
 
-    def begin(self, map_: OccupancyGrid, pose: Array | None, key: int) -> Array:
+    def begin(self, episode: Episode, key: int) -> None:
+        """Start on an episode's map, near where it says that the chair stands."""
+        self.start(episode.map, episode.start, key)
+
+    def start(self, map_: OccupancyGrid, pose: Array | None, key: int) -> Array:
         """Start on a map near a pose (3,), or anywhere for None; returns the pose.
 
         Raises:
             ValueError: nothing on the map is free.
         """
-        if map_ is not self._map:
+        if map_ is not self.map:
             self._field = surface_field(map_, 10.0 * self.settings.sigma)
             self._free = np.flatnonzero(map_.cells.ravel() == FREE)
-            self._map = map_
+            self.map = map_
         if len(self._free) == 0:
             raise ValueError("the map has no free cell")
         s, own = self.settings, self._particles

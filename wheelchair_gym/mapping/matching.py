@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.kernel import borrowing_kernel, kernel
+from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.mapping.descent import misfit, refine
 from wheelchair_gym.mapping.occupancy import OccupancyMap
 from wheelchair_gym.mapping.scan import Scan, reach_of
@@ -41,7 +41,7 @@ class MatchSettings:
     step: float = setting(default=0.015, unit="rad", source="a cell at 3.3 m", low=0.001, high=0.5)
     spacing: float = setting(
         default=0.03, unit="m", source="points of a scan nearer to each other tell the same twice",
-        low=0.0, high=1.0,
+        low=0.001, high=1.0,
     )  # fmt: skip
     points: int = setting(default=300, source="at most, evenly thinned", low=10, high=20000)
     spread: float = setting(
@@ -63,26 +63,19 @@ class Match(NamedTuple):
     covariance: Array  # (3, 3) m2, m rad, rad2
 
 
-def thin(points: Array, spacing: float, most: int) -> Array:
-    """Points (n, 2) of a sweep, those left out that lie within `spacing` of the last one kept."""
-    kept = points[_spaced(points, spacing)]
+def thin(scan: Scan, spacing: float, most: int) -> Array:
+    """Echoes (n, 2) of a sweep, one for each `spacing` [m] of way across its beams, at most `most`.
+
+    How far two echoes are from each other would be no measure: their noise would choose, always
+    towards the end of the sweep, and turn the chair.
+    """
+    points = scan.echoes
+    ranges = np.hypot(*(points - scan.origin).T)
+    across = np.cumsum(ranges * scan.step)
+    kept = points[np.diff(np.floor(across / spacing), prepend=-1.0) > 0.0]
     if len(kept) > most:
         kept = kept[np.linspace(0, len(kept) - 1, most).astype(np.int64)]
     return np.ascontiguousarray(kept)
-
-
-@kernel
-def _spaced(points: Array, spacing: float) -> NDArray[np.bool_]:
-    kept = np.zeros(len(points), np.bool_)
-    last = -1
-    for k in range(len(points)):
-        if last >= 0:
-            dx, dy = points[k, 0] - points[last, 0], points[k, 1] - points[last, 1]
-            if dx * dx + dy * dy < spacing * spacing:
-                continue
-        kept[k] = True
-        last = k
-    return kept
 
 
 def match(
@@ -107,7 +100,7 @@ def match(
     start = np.asarray(guess, dtype=np.float64)
     known.make_room(start, reach_of(scan) + own.window)
     unit = known.settings.resolution
-    points = thin(scan.echoes, own.spacing, own.points) / unit
+    points = thin(scan, own.spacing, own.points) / unit
     scale = np.array([unit, unit, 1.0])
     told = (0.0,) * 6
     if prior is not None:

@@ -1,8 +1,10 @@
 """Log-odds occupancy mapping: exact rays, cell by cell, and a field of what is near walls.
 
 A map grows where a scan leaves it. Several layers may share one frame, one for each particle of a
-SLAM. Beside its log-odds each layer keeps a field to match scans with: 1 in occupied cells, falling
-off around them (Olson 2009); it follows every cell that turns occupied or free, and nothing else.
+SLAM. Beside its log-odds each layer keeps a field to match scans with: 1 at the surface in each
+occupied cell, falling off around it (Olson 2009). The surface is the mean of the cell's hits, as in
+gmapping: cells behind a wall that noise alone hits are never freed, and with their centres for
+surfaces a wall would move away from whoever looks at it, and take the chair along.
 Kernels work in cells from the lower-left corner of cell (0, 0).
 """
 
@@ -14,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.mapping.rays import Odds, add_scan
+from wheelchair_gym.mapping.rays import PARTS, Odds, add_scan
 from wheelchair_gym.mapping.scan import Scan, reach_of
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
@@ -54,9 +56,9 @@ class MappingSettings:
         source="a beam without echo frees so far; black or slanted walls give none, either",
     )  # fmt: skip
     smear: float = setting(
-        default=0.03, unit="m", low=0.001, high=1.0,
-        source="standard deviation of the field round a wall: twice a scanner's; wider ones pull "
-        "matches towards walls already mapped",
+        default=0.02, unit="m", low=0.001, high=1.0,
+        source="standard deviation of the field round a wall: a scanner's and a little; wider "
+        "ones pull matches towards walls already mapped",
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -72,12 +74,13 @@ class MappingSettings:
 
     @property
     def weights(self) -> Floats:
-        """The field (2 r + 1, 2 r + 1) round one occupied cell, cut at three deviations."""
+        """The field (PARTS * PARTS, n, n) round an occupied cell, by the part with its surface."""
         sigma = self.smear / self.resolution
         reach = max(1, math.ceil(2.5 * sigma))
-        steps = np.arange(-reach, reach + 1) ** 2
-        field: Floats = np.exp(-0.5 * (steps[:, None] + steps) / sigma**2).astype(np.float32)
-        return field
+        off = (np.arange(PARTS) + 0.5) / PARTS - 0.5
+        along = np.exp(-0.5 * ((np.arange(-reach, reach + 1) - off[:, None]) / sigma) ** 2)
+        field: Floats = np.einsum("ar,bc->abrc", along, along).astype(np.float32)
+        return field.reshape(PARTS * PARTS, *field.shape[2:])
 
 
 def _log_odds(p: float) -> float:
@@ -97,10 +100,12 @@ class OccupancyMap:
         self.law, self.weights = settings.odds, settings.weights
         self.corner = np.zeros(2)  # m: the lower-left corner of cell (0, 0)
         self._mark = 0
-        self._shape(np.zeros((layers, 0, 0), np.float32), np.zeros((layers, 0, 0), np.float32))
+        nothing = np.zeros((layers, 0, 0), np.float32)
+        self._shape(nothing, nothing, nothing[..., None] * np.zeros(5, np.float32))
 
-    def _shape(self, odds: Floats, field: Floats) -> None:
+    def _shape(self, odds: Floats, field: Floats, surface: Floats) -> None:
         self.odds, self.field = odds, field  # (layers, rows, cols)
+        self.surface = surface  # (layers, rows, cols, 5) see `add_scan`
         self.struck = np.zeros(odds.shape[1:], np.int32)
         self.wide = np.empty(odds.shape[1:], np.float32)  # scratch of the matcher
         self.path = np.empty(sum(odds.shape[1:]) + 2, np.uint32)
@@ -132,7 +137,8 @@ class OccupancyMap:
             )
         pad = ((0, 0), (before[1], after[1]), (before[0], after[0]))
         self.corner = self.corner - before * step
-        self._shape(np.pad(self.odds, pad), np.pad(self.field, pad))
+        surface = np.pad(self.surface, (*pad, (0, 0)))
+        self._shape(np.pad(self.odds, pad), np.pad(self.field, pad), surface)
         self._mark = 0
 
     def next_marks(self, count: int) -> int:
@@ -167,8 +173,9 @@ class OccupancyMap:
             raise InputError(f"pose is {pose!r}; expected three finite numbers")
         self.make_room(place, reach_of(scan))
         add_scan(
-            self.odds[layer], self.field[layer], self.struck, self.next_marks(1),
-            self.points(scan), scan.hits, self.lattice(place), self.law, self.weights, self.path,
+            self.odds[layer], self.field[layer], self.surface[layer], self.struck,
+            self.next_marks(1), self.points(scan), scan.hits, self.lattice(place), self.law,
+            self.weights, self.path,
         )  # fmt: skip
 
     def keep(self, parents: ArrayLike) -> None:
@@ -176,10 +183,11 @@ class OccupancyMap:
         chosen = np.asarray(parents, dtype=np.int64)
         if np.array_equal(chosen[chosen], chosen):  # no copy's source is overwritten
             for layer in np.flatnonzero(chosen != np.arange(len(chosen))):
-                self.odds[layer] = self.odds[chosen[layer]]
-                self.field[layer] = self.field[chosen[layer]]
+                for part in (self.odds, self.field, self.surface):
+                    part[layer] = part[chosen[layer]]
         else:
             self.odds, self.field = self.odds[chosen], self.field[chosen]
+            self.surface = self.surface[chosen]
 
     def to_grid(self, layer: int = 0) -> OccupancyGrid:
         """The map of a layer: free, occupied or unknown by the settings' thresholds.

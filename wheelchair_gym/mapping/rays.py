@@ -11,13 +11,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel, kernel
+from wheelchair_gym.kernel import borrowing_kernel, inlined, kernel
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Index = NDArray[np.uint32]
 Marks = NDArray[np.int32]
 Mask = NDArray[np.bool_]
+
+
+PARTS = 8  # of a cell's side: how finely the field knows where in its cell a surface is
+_MOST_HITS = 128.0  # of which a cell keeps the mean; older ones count less and less from then on
 
 
 class Odds(NamedTuple):
@@ -75,24 +79,45 @@ def cells_passed(x0: float, y0: float, x1: float, y1: float, cols: int, path: In
     return count
 
 
+@inlined
+def part_of(x: float, y: float) -> int:
+    """Which of its PARTS x PARTS parts a place in a cell lies in, from 0 to 1 each way."""
+    u, v = min(int(PARTS * x), PARTS - 1), min(int(PARTS * y), PARTS - 1)
+    return PARTS * v + u
+
+
 @borrowing_kernel
 def _lay(
-    field: Floats, row: int, col: int, weights: Floats, box: tuple[int, int, int, int]
+    field: Floats,
+    surface: Floats,
+    row: int,
+    col: int,
+    weights: Floats,
+    box: tuple[int, int, int, int],
 ) -> None:
     """Raise the field round an occupied cell, within a box of rows and columns."""
-    reach = weights.shape[0] // 2
+    around = weights[int(surface[row, col, 3])]
+    reach = around.shape[0] // 2
     for r in range(max(row - reach, box[0]), min(row + reach + 1, box[1])):
         for c in range(max(col - reach, box[2]), min(col + reach + 1, box[3])):
-            value = weights[r - row + reach, c - col + reach]
+            value = around[r - row + reach, c - col + reach]
             if value > field[r, c]:
                 field[r, c] = value
 
 
 @borrowing_kernel
-def _lift(odds: Floats, field: Floats, row: int, col: int, weights: Floats, limit: float) -> None:
-    """Make the field anew round a cell that is no longer occupied."""
+def _renew(
+    odds: Floats,
+    field: Floats,
+    surface: Floats,
+    row: int,
+    col: int,
+    weights: Floats,
+    limit: float,
+) -> None:
+    """Make the field anew round a cell that is no longer occupied, or whose surface moved."""
     rows, cols = odds.shape
-    reach = weights.shape[0] // 2
+    reach = weights.shape[1] // 2
     box = (max(row - reach, 0), min(row + reach + 1, rows),
            max(col - reach, 0), min(col + reach + 1, cols))  # fmt: skip
     for r in range(box[0], box[1]):
@@ -101,13 +126,14 @@ def _lift(odds: Floats, field: Floats, row: int, col: int, weights: Floats, limi
     for r in range(max(box[0] - reach, 0), min(box[1] + reach, rows)):
         for c in range(max(box[2] - reach, 0), min(box[3] + reach, cols)):
             if odds[r, c] >= limit:
-                _lay(field, r, c, weights, box)
+                _lay(field, surface, r, c, weights, box)
 
 
 @kernel
 def add_scan(
     odds: Floats,
     field: Floats,
+    surface: Floats,
     struck: Marks,
     mark: int,
     points: Array,
@@ -125,13 +151,15 @@ def add_scan(
     Args:
         odds: log-odds (rows, cols).
         field: (rows, cols), kept in step.
+        surface: (rows, cols, 5) mean x and y of a cell's hits, in the cell; how many; in which part
+            the field has them; from how many hits on it is asked again.
         struck: scratch (rows, cols): number of the last scan that hit a cell.
         mark: number of this scan, never used before.
         points: (n + 1, 2) [cells], in the chair's frame: where beams begin, then where they end.
         hits: (n,) whether a beam ends at an echo.
         pose: x, y [cells], yaw [rad].
         law: log-odds.
-        weights: of the field.
+        weights: of the field (PARTS * PARTS, n, n), by the part of the cell with the surface.
         path: scratch (rows + cols,).
     """
     rows, cols = odds.shape
@@ -144,13 +172,26 @@ def add_scan(
     for k in range(n):
         if hits[k]:
             px, py = points[k + 1, 0], points[k + 1, 1]
-            col = math.floor(pose[0] + c * px - s * py)
-            row = math.floor(pose[1] + s * px + c * py)
+            x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
+            col, row = math.floor(x), math.floor(y)
             struck[row, col] = mark
             before = odds[row, col]
             odds[row, col] = min(before + law.hit, law.most)
+            own = surface[row, col]
+            told = own[2]
+            own[2] = min(told + 1.0, _MOST_HITS)
+            own[0] += (x - col - own[0]) / own[2]
+            own[1] += (y - row - own[1]) / own[2]
             if before < law.occupied <= odds[row, col]:
-                _lay(field, row, col, weights, (0, rows, 0, cols))
+                own[3] = part_of(own[0], own[1])
+                _lay(field, surface, row, col, weights, (0, rows, 0, cols))
+            elif before >= law.occupied and told >= own[4]:
+                # Asked seldom: a mean of few hits wanders, and each move costs.
+                own[4] = 2.0 * told
+                part = part_of(own[0], own[1])
+                if part != own[3]:
+                    own[3] = part
+                    _renew(odds, field, surface, row, col, weights, law.occupied)
     for k in range(n):
         px, py = points[k + 1, 0], points[k + 1, 1]
         qx, qy = pose[0] + c * px - s * py, pose[1] + s * px + c * py
@@ -161,4 +202,7 @@ def add_scan(
                 continue
             flat[cell] = max(before + law.miss, law.least)
             if before >= law.occupied > flat[cell]:
-                _lift(odds, field, int(cell) // cols, int(cell) % cols, weights, law.occupied)
+                row, col = int(cell) // cols, int(cell) % cols
+                surface[row, col, 2] = 0.0
+                surface[row, col, 4] = 0.0
+                _renew(odds, field, surface, row, col, weights, law.occupied)

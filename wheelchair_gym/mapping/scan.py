@@ -21,6 +21,7 @@ class Scan(NamedTuple):
     ends: Array  # (n, 2) m: where beams end
     hits: Mask  # (n,) at an echo; others met nothing so far
     origin: Array  # (2,) m: where beams begin
+    step: float  # rad between two beams
 
     @property
     def echoes(self) -> Array:
@@ -37,6 +38,8 @@ def bearings(laser: LaserSettings) -> Array:
 def read_scan(laser: LaserSettings, ranges: ArrayLike, clear: float) -> Scan:
     """Beams of a sweep as points; those that are invalid (NaN) or too near (-inf) are left out.
 
+    One without echo between others that have one tells nothing, either: echoes get lost.
+
     Args:
         laser: where it sits and looks.
         ranges: (beams,) [m]; without echo +inf, as is anything beyond the laser's reach.
@@ -49,12 +52,14 @@ def read_scan(laser: LaserSettings, ranges: ArrayLike, clear: float) -> Scan:
     if r.shape != (laser.beams,):
         raise InputError(f"a scan has shape {r.shape}; expected ({laser.beams},)")
     valid = r >= laser.nearest  # neither NaN nor -inf
+    silent = np.pad(r > laser.reach, 1, mode="edge")
+    valid &= ~silent[1:-1] | (silent[:-2] & silent[2:])
     r, angles = r[valid], bearings(laser)[valid]
     hits = r <= laser.reach
     r = np.where(hits, r, min(clear, laser.reach))
     origin = np.array([laser.x, laser.y])
     ends = origin + np.stack([r * np.cos(angles), r * np.sin(angles)], axis=-1)  # (n, 2)
-    return Scan(ends, hits, origin)
+    return Scan(ends, hits, origin, laser.fov / (laser.beams - 1))
 
 
 def reach_of(scan: Scan) -> float:

@@ -93,8 +93,8 @@ def _propose(
 
 @kernel
 def advance(
-    odds: Floats, field: Floats, struck: Marks, wide: Floats, path: Index, mark: int,
-    poses: Array, weights: Array, moved: Moved, points: Array, ends: Array, hits: Mask,
+    odds: Floats, field: Floats, surface: Floats, struck: Marks, wide: Floats, path: Index,
+    mark: int, poses: Array, weights: Array, moved: Moved, points: Array, ends: Array, hits: Mask,
     how: Matcher, law: Odds, smear: Floats, key: np.uint64, step: int, learn: bool,
 ) -> None:  # fmt: skip
     """Move, match, weigh and map every particle.
@@ -102,6 +102,7 @@ def advance(
     Args:
         odds: log-odds (particles, rows, cols).
         field: likewise.
+        surface: (particles, rows, cols, 5).
         struck: scratch (rows, cols).
         wide: scratch (rows, cols).
         path: scratch of `add_scan`.
@@ -148,4 +149,5 @@ def advance(
                                    key, step, i, count > 1)  # fmt: skip
             poses[i] = best
         if learn:
-            add_scan(odds[i], field[i], struck, mark + i, ends, hits, poses[i], law, smear, path)
+            add_scan(odds[i], field[i], surface[i], struck, mark + i, ends, hits, poses[i], law,
+                     smear, path)  # fmt: skip

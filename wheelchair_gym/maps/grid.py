@@ -86,6 +86,25 @@ class OccupancyGrid:
         cell = self.to_cell(points)
         return np.asarray(((cell >= 0) & (cell < self.shape)).all(axis=-1))
 
+    def holding(self, points: ArrayLike, margin: float) -> OccupancyGrid:
+        """This grid, or a larger one with unknown cells round it.
+
+        Args:
+            points: (n, 2) [m] that it shall hold.
+            margin: at least so much [m] lies around them.
+        """
+        rows, cols = self.shape
+        lattice, room = self.to_lattice(points).reshape(-1, 2), margin / self.resolution
+        low = np.minimum(np.floor(lattice.min(axis=0) - room), 0).astype(np.int64)
+        high = np.maximum(np.ceil(lattice.max(axis=0) + room), (cols, rows)).astype(np.int64)
+        if not low.any() and (high == (cols, rows)).all():
+            return self
+        after = high - (cols, rows)
+        pad = ((-low[1], after[1]), (-low[0], after[0]))
+        cells = np.pad(self.cells, pad, constant_values=UNKNOWN)
+        x, y = self.from_lattice(low.astype(np.float64)).tolist()
+        return OccupancyGrid(cells, self.resolution, (x, y, self.origin[2]))
+
     def solid(self, unknown_is_solid: bool = False) -> Mask:
         """Cells (rows, cols) that are occupied; if asked, also those not known to be free."""
         solid: Mask = self.cells != FREE if unknown_is_solid else self.cells == OCCUPIED

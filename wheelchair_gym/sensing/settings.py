@@ -179,10 +179,15 @@ class SensorSettings:
     ultrasonic: UltrasonicSettings = UltrasonicSettings()
     odometry: OdometrySettings = OdometrySettings()
     modelled: ModelledPose = ModelledPose()
-    pose_source: Literal["truth", "odometry", "modelled", "mcl"] = setting(
+    pose_source: Literal["truth", "odometry", "modelled", "mcl", "slam"] = setting(
         default="truth", source="what the chair believes about where it is"
     )
     noise: bool = setting(
         default=True,
         source="false: exact ranges, no drop-outs, no ghosts, exact odometry parameters",
     )
+
+    @property
+    def finds_itself(self) -> bool:
+        """Whether the pose comes from what the chair sees, and not from the chair itself."""
+        return self.pose_source in ("mcl", "slam")

@@ -16,7 +16,7 @@ from wheelchair_gym.simulation.rig import Rig
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.simulation.state import SENSED, STATE, parameters
 from wheelchair_gym.simulation.world import WORLD, World
-from wheelchair_gym.types import Episode, Reading, Truth
+from wheelchair_gym.types import Belief, Episode, Reading, Truth
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.void]
@@ -130,6 +130,12 @@ class SimulatedChair:
         return self._truth
 
     @property
+    def belief(self) -> Belief:
+        """The dead-reckoned pose; with pose source 'truth', which has no drift, the true one."""
+        exact = self.sensors.pose_source == "truth"
+        return Belief(np.array(self._state["seen_pose" if exact else "odometry"][0]))
+
+    @property
     def state(self) -> Rows:
         """The whole state (1,), a record; see `simulation.state.STATE`."""
         return np.array(self._state)
@@ -155,4 +161,4 @@ class SimulatedChair:
     def _reading(self, ranges: NDArray[np.float32], sensed: Rows) -> Reading:
         told: Any = sensed.item()
         self._truth = Truth._make(told[7:])
-        return Reading._make((told[0], told[1], ranges, *told[2:7]))
+        return Reading(told[0], told[1], ranges, *told[2:7])

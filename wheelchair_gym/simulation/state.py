@@ -179,8 +179,8 @@ def parameters(
     p["battery_resistance"], p["idle"] = battery.resistance, battery.idle
     p["regeneration"], p["charge"] = battery.regeneration, battery.charge
     p["wheel_variance"] = errors * odometry.variance
-    # A chair that is located on a map from outside gives its dead reckoning to that.
-    own = "odometry" if sensors.pose_source == "mcl" else sensors.pose_source
+    # What finds a chair by what it sees is told of its dead reckoning.
+    own = "odometry" if sensors.finds_itself else sensors.pose_source
     p["pose_source"] = POSE_SOURCES.index(own)
     modelled = sensors.modelled
     p["pose_sigma"] = modelled.position, modelled.position, modelled.heading

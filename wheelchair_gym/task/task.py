@@ -34,7 +34,8 @@ class Task:
     """Navigation to a goal; made once, begun anew each episode.
 
     Attributes:
-        map: what the chair is told about the world.
+        map: what the chair knows of the world: what it was told, or what it has drawn itself.
+        chart: gives what it has drawn, if the world is unknown.
         start: where the episode begins (3,) [m, m, rad].
         goal: (3,) [m, m, rad].
         geodesic: the shortest ways to the goal.
@@ -45,11 +46,11 @@ class Task:
         reading: the latest; its pose is the chair's own estimate.
         observation, verdict: of that reading.
         path: guidance (n, 2) [m], or None; a policy may set it, so that it is drawn.
+        note: what a policy says it is about, for people; a policy may set it.
         key: of the episode's randomness; seeds whatever a policy draws.
         rules: what kernels need to know of all this (1,), a record of RULES.
     """
 
-    map: OccupancyGrid
     start: Array
     goal: Array
     geodesic: Geodesic
@@ -78,6 +79,8 @@ class Task:
         self.tolerance = settings.tolerance
         self.time_limit = settings.time_base
         self.path: Array | None = None
+        self.chart: Callable[[], OccupancyGrid] | None = None
+        self.note = ""
         rangers = sensors.ultrasonic
         self._reaches = np.array(
             [
@@ -147,6 +150,11 @@ class Task:
             boxes["path"] = gym.spaces.Box(-PATH_REACH, PATH_REACH, shape, np.float32)
         return boxes
 
+    @property
+    def map(self) -> OccupancyGrid:
+        """What the chair knows of the world."""
+        return self._told if self.chart is None else self.chart()
+
     def prepare(self, episode: Episode) -> Course:
         """What an episode is driven on: the ways to its goal, and the guidance.
 
@@ -168,14 +176,14 @@ class Task:
         return Course.of(episode, ways, path, self.settings.tolerance)
 
     def _take(self, episode: Episode, ways: Geodesic) -> None:
-        self.map, self.start, self.goal = episode.map, episode.start, episode.goal
+        self._told, self.start, self.goal = episode.map, episode.start, episode.goal
         self.geodesic = ways
         self._goal = tuple(episode.goal.tolist())
 
     def begin(self, course: Course, reading: Reading, key: int) -> Observation:
         """Take up a new episode with its first reading."""
         self._take(course.episode, course.geodesic)
-        self._course, self.path = course, course.path
+        self._course, self.path, self.note = course, course.path, ""
         self._alone["course"] = address_of(course.record)
         self.reading, self.key = reading, key
         out, verdict = np.empty(self.room, np.float32), self._judged

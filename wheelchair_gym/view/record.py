@@ -1,14 +1,12 @@
 """Recording: what a chair was told, did and was judged by: an MCAP file, or live, for viewers.
 
-Typed messages are for viewers: map, transforms, scan, path, goal, poses. The topics READING,
-COMMAND and VERDICT hold the same once more to the last bit, so that a run can be driven and judged
-again (`view.replay`). Frames follow REP-105: map, base_link, laser.
+Typed messages (`view.messages`) are for viewers. The topics READING, COMMAND and VERDICT hold the
+same once more to the last bit, so that a run can be driven and judged again (`view.replay`).
 """
 
 from __future__ import annotations
 
 import base64
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -17,8 +15,10 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.config import InputError, dump
-from wheelchair_gym.files import refused
+from wheelchair_gym.config import dump, setting, settings
+from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.types import Belief
+from wheelchair_gym.view.outlet import NANO, Outlet
 
 if TYPE_CHECKING:
     from wheelchair_gym.task.task import Observation
@@ -28,14 +28,38 @@ READING: Final = "/reading"
 COMMAND: Final = "/command"
 VERDICT: Final = "/verdict"
 SETTINGS: Final = ("rate", "chair", "sensors", "task")  # of an environment: what judging needs
-_NANO = 1_000_000_000
-_NAME = "wheelchair_gym"
-_AGAIN = 10  # steps between two messages of what stays, while viewers may join
+
+
+@settings
+class Recording:
+    """How often what is sent, beside what comes with every reading."""
+
+    again: float = setting(
+        default=1.0, unit="s", low=0.01,
+        source="between two messages of what seldom changes: map, path, mounts, outline, trail",
+    )  # fmt: skip
+    grain: float = setting(
+        default=0.05, unit="m", source="between two points of the trail", low=0.001
+    )
+    images: float = setting(
+        default=0.0, unit="Hz", source="rendered pictures; 0: none", low=0.0, high=60.0
+    )
+    quality: int = setting(default=80, source="of JPEG", low=1, high=100)
 
 
 def packed(values: ArrayLike, kind: str) -> str:
     """An array as text, to the bit, infinities and NaN included."""
     return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode()
+
+
+def packed_map(grid: OccupancyGrid) -> dict[str, Any]:
+    """A map as JSON takes it."""
+    return {
+        "cells": packed(grid.cells, "<i1"),
+        "shape": grid.shape,
+        "resolution": grid.resolution,
+        "origin": grid.origin,
+    }
 
 
 class Recorded(gym.Wrapper[Any, Any, Any, Any]):
@@ -45,6 +69,7 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         env: a `NavigationEnv`, wrapped or not.
         file: MCAP to write; what was there is lost. It is whole after `close`.
         port: of this machine, where Foxglove's viewers may join (WebSocket); 0: a free one.
+        recording: how often what is sent.
 
     Attributes:
         port: where viewers may join, or None.
@@ -55,49 +80,35 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
     """
 
     def __init__(
-        self, env: gym.Env[Any, Any], file: str | Path | None = None, port: int | None = None
+        self,
+        env: gym.Env[Any, Any],
+        file: str | Path | None = None,
+        port: int | None = None,
+        recording: Recording | None = None,
     ) -> None:
         super().__init__(env)
-        try:
-            import foxglove
-            from foxglove import channels, messages
-        except ImportError:
-            raise InputError("recording needs: pip install 'wheelchair_gym[record]'") from None
-        self._context = context = foxglove.Context()  # channels end with it
-        self._file = None if file is None else _opened(file, context)
-        self._server = None
-        if port is not None:
-            try:
-                self._server = foxglove.start_server(name=_NAME, port=port, context=context)
-            except (OSError, OverflowError, RuntimeError) as error:
-                raise InputError(f"port {port}: nobody can join there ({error})") from None
-        self.port = self._server.port if self._server else None
+        self._out = Outlet(file, port)
+        self.port = self._out.port
+        from wheelchair_gym.view import messages
+
         self._m: Any = messages
-        kinds = {
-            "/map": channels.GridChannel,
-            "/tf": channels.FrameTransformsChannel,
-            "/scan": channels.LaserScanChannel,
-            "/path": channels.PosesInFrameChannel,
-            "/goal": channels.PoseInFrameChannel,
-            "/pose": channels.PoseInFrameChannel,
-            "/truth": channels.PoseInFrameChannel,
-        }
-        self._channels: dict[str, Any] = {
-            topic: kind(topic, context=context) for topic, kind in kinds.items()
-        }
-        for topic in (EPISODE, READING, COMMAND, VERDICT):
-            schema = {"type": "object", "title": topic[1:]}
-            self._channels[topic] = foxglove.Channel(topic, schema=schema, context=context)
-        self._base = self._now = 0  # ns: episodes follow each other in time
-        self._steps = 0  # of this episode
+        self._own = recording or Recording()
+        self._base = 0  # ns: episodes follow each other in time
+        self._trail: list[Any] = []
 
     def reset(self, **arguments: Any) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode, and a chapter of the recording."""
         observation, info = self.env.reset(**arguments)
-        self._base = self._now = self._now + _NANO if self._now else 0
-        self._steps = 0
+        out = self._out
+        self._base = out.now = out.now + NANO if out.now else 0
+        self._seldom = self._image = -math.inf  # s: when they were sent last
+        self._trail.clear()
+        self._path: Any = None
+        self._chart: OccupancyGrid = self._env.episode.map
+        self._notes = {"policy": "", "chair": ""}
         self._log_episode()
-        self._log_map()
+        if self._env.task.chart is None:
+            self._log_map(self._chart)
         self._log_reading()
         return observation, info
 
@@ -108,151 +119,116 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         observation, reward, terminated, truncated, info = self.env.step(action)
         chosen = np.asarray(action, np.float64).tolist()
         twist = self._env.task.limits.twist(action).tolist()
-        self._json(COMMAND, {"action": chosen, "v": twist[0], "w": twist[1]})
-        self._steps += 1
-        if self._server and self._steps % _AGAIN == 0:
-            self._log_map()
+        self._out.tell(COMMAND, {"action": chosen, "v": twist[0], "w": twist[1]})
         self._log_reading()
         ends = {"terminated": terminated, "truncated": truncated}
-        self._json(VERDICT, {"reward": reward, "terms": info["reward_terms"], **ends})
+        self._out.tell(VERDICT, {"reward": reward, "terms": info["reward_terms"], **ends})
         return observation, float(reward), terminated, truncated, info
 
     def close(self) -> None:
-        """Finish the file, let viewers go and close the environment."""
-        if self._file:
-            self._file.close()
-        if self._server:
-            self._server.stop()
-        self._file = self._server = None
-        super().close()
+        """Stop the chair first; then finish the file and let viewers go."""
+        try:
+            super().close()
+        finally:
+            self._out.close()
 
     @property
     def _env(self) -> Any:
         return self.env.unwrapped
 
-    def _json(self, topic: str, content: dict[str, Any]) -> None:
-        text = json.dumps(content, allow_nan=False)
-        self._channels[topic].log(text.encode(), log_time=self._now)
-
-    def _log(self, topic: str, message: Any) -> None:
-        self._channels[topic].log(message, log_time=self._now)
+    def _send(self, topic: str, kind: str, *content: Any) -> None:
+        self._out.send(topic, getattr(self._m, kind)(self._out.now, *content))
 
     def _log_episode(self) -> None:
         env = self._env
         episode, task = env.episode, env.task
-        grid = episode.map
-        self._json(
+        self._out.tell(
             EPISODE,
             {
                 "settings": {name: dump(getattr(env.settings, name)) for name in SETTINGS},
-                "map": {
-                    "cells": packed(grid.cells, "<i1"),
-                    "shape": grid.shape,
-                    "resolution": grid.resolution,
-                    "origin": grid.origin,
-                },
+                "map": packed_map(episode.map),
                 **{name: np.asarray(getattr(episode, name)).tolist() for name in _ARRAYS},
                 **{name: getattr(episode, name) for name in _VALUES},
-                "path": None if env.task.guidance is None else np.asarray(task.path).tolist(),
+                "path": None if task.guidance is None else np.asarray(task.path).tolist(),
             },
         )
 
-    def _log_map(self) -> None:
-        """What stays as it is, for those who come late."""
-        env, m = self._env, self._m
-        grid, path = env.episode.map, env.task.path
-        kind = m.PackedElementFieldNumericType.Int8
-        self._log(
-            "/map",
-            m.Grid(
-                frame_id="map",
-                timestamp=self._stamp,
-                pose=self._pose(*grid.origin),
-                column_count=grid.shape[1],
-                cell_size=m.Vector2(x=grid.resolution, y=grid.resolution),
-                row_stride=grid.shape[1],
-                cell_stride=1,
-                fields=[m.PackedElementField(name="occupancy", offset=0, type=kind)],
-                data=grid.cells.tobytes(),
-            ),
-        )
-        self._log("/goal", self._placed(env.episode.goal))
-        if path is not None:
-            headed = [(x, y, 0.0) for x, y in np.asarray(path)[:, :2].tolist()]
-            poses = [self._pose(*pose) for pose in headed]
-            message = m.PosesInFrame(frame_id="map", timestamp=self._stamp, poses=poses)
-            self._log("/path", message)
+    def _log_map(self, chart: OccupancyGrid) -> None:
+        """What stays as it is, or nearly so."""
+        env, sensors = self._env, self._env.settings.sensors
+        self._chart = chart
+        self._send("/map", "grid", chart)
+        self._send("/goal", "pose_in_map", env.episode.goal)
+        self._send("/tf_static", "mounts", sensors.laser, sensors.ultrasonic)
+        self._send("/footprint", "footprint", env.settings.chair.footprint.corners)
+        self._path = None  # is sent, too
 
     def _log_reading(self) -> None:
-        env, m = self._env, self._m
-        reading, truth, laser = env.task.reading, env.chair.truth, env.settings.sensors.laser
-        self._now = self._base + round(reading.stamp * _NANO)
+        env = self._env
+        reading, truth, sensors = env.task.reading, env.chair.truth, env.settings.sensors
+        believed: Belief = getattr(env.chair, "belief", Belief(reading.pose))
+        self._out.now = self._base + round(reading.stamp * NANO)
+        changed = self._log_seldom(reading, believed)
         told = {"pose": reading.pose.tolist(), "twist": reading.twist.tolist()}
-        told |= {name: packed(getattr(reading, name), "<f4") for name in _FLOATS}
-        told |= {name: getattr(reading, name) for name in ("bumped", "battery", "stamp")}
+        told |= {name: packed(getattr(reading, name), "<f4") for name in FLOATS}
+        told |= {name: getattr(reading, name) for name in ("bumped", "stamp", "halted")}
+        told["battery"] = reading.battery if math.isfinite(reading.battery) else None
+        told["odometry"] = believed.odometry.tolist()
+        if believed.particles is not None:
+            told["particles"] = packed(believed.particles, "<f4")
+            self._send("/particles", "particles", believed.particles)
+        if changed:
+            told["map"] = packed_map(self._chart)
         real = truth._asdict()
         real |= {"pose": truth.pose.tolist(), "twist": truth.twist.tolist()}
-        self._json(READING, {**told, "truth": real})
-        half = 0.5 * laser.fov
-        self._log(
-            "/scan",
-            m.LaserScan(
-                frame_id="laser",
-                timestamp=self._stamp,
-                pose=self._pose(0.0, 0.0, 0.0),
-                start_angle=-half,
-                end_angle=half,
-                ranges=reading.laser.astype(float).tolist(),
-            ),
-        )
-        self._log("/pose", self._placed(reading.pose))
-        self._log("/truth", self._placed(truth.pose))
-        mount = (laser.x, laser.y, laser.yaw)
-        transforms = [
-            self._transform("map", "base_link", reading.pose),
-            self._transform("base_link", "laser", mount),
-        ]
-        self._log("/tf", m.FrameTransforms(transforms=transforms))
+        self._out.tell(READING, {**told, "truth": real})
+        self._out.tell("/battery", {"voltage": told["battery"]})
+        self._send("/scan", "scan", sensors.laser, reading.laser)
+        self._send("/ultrasonic", "cones", sensors.ultrasonic, reading.ultrasonic, reading.age)
+        self._send("/tf", "frames", reading.pose, believed.odometry)
+        self._send("/odometry", "odometry", believed.odometry, reading.twist)
+        self._send("/pose", "pose_in_map", reading.pose)
+        self._send("/truth", "pose_in_map", truth.pose)
+        ahead = env.points_ahead
+        if ahead is not None:
+            self._send("/lookahead", "poses_in_map", ahead)
+        self._log_news(env.task.path, {"policy": env.task.note, "chair": reading.halted})
 
-    @property
-    def _stamp(self) -> Any:
-        return self._m.Timestamp(self._now // _NANO, self._now % _NANO)
+    def _log_seldom(self, reading: Any, believed: Belief) -> bool:
+        """Trail, pictures and, for viewers that come late, what stays; whether the map changed."""
+        own, trail, changed = self._own, self._trail, False
+        place = reading.pose[:2]
+        if not trail or np.hypot(*(place - trail[-1])) >= own.grain:
+            trail.append(place)
+        if own.images and _due(reading.stamp - self._image, 1.0 / own.images):
+            self._image = reading.stamp
+            picture = self._env.render()
+            if picture is not None:
+                self._send("/image", "image", picture, own.quality)
+        if _due(reading.stamp - self._seldom, own.again):
+            first, self._seldom = self._seldom < 0.0, reading.stamp
+            self._send("/trail", "trail", trail)
+            chart = self._chart if believed.chart is None else believed.chart()
+            changed = chart is not self._chart
+            if changed or (self.port is not None and not first):
+                self._log_map(chart)
+        return changed
 
-    def _turned(self, yaw: float) -> Any:
-        return self._m.Quaternion(x=0.0, y=0.0, z=math.sin(0.5 * yaw), w=math.cos(0.5 * yaw))
-
-    def _pose(self, x: float, y: float, yaw: float) -> Any:
-        place = self._m.Vector3(x=float(x), y=float(y), z=0.0)
-        return self._m.Pose(position=place, orientation=self._turned(yaw))
-
-    def _placed(self, pose: Any) -> Any:
-        x, y, yaw = pose
-        message = self._m.PoseInFrame
-        return message(frame_id="map", timestamp=self._stamp, pose=self._pose(x, y, yaw))
-
-    def _transform(self, parent: str, child: str, pose: Any) -> Any:
-        x, y, yaw = pose
-        return self._m.FrameTransform(
-            timestamp=self._stamp,
-            parent_frame_id=parent,
-            child_frame_id=child,
-            translation=self._m.Vector3(x=float(x), y=float(y), z=0.0),
-            rotation=self._turned(yaw),
-        )
+    def _log_news(self, path: Any, notes: dict[str, str]) -> None:
+        """What is told when it changes."""
+        if path is not None and path is not self._path:
+            self._send("/path", "poses_in_map", path)
+        self._path = path
+        for who, said in notes.items():
+            if said != self._notes[who]:
+                self._send("/note", "note", who, said or "goes on", bool(said) and who == "chair")
+        self._notes = notes
 
 
-def _opened(file: str | Path, context: Any) -> Any:
-    import foxglove
-
-    try:
-        Path(file).parent.mkdir(parents=True, exist_ok=True)
-        with Path(file).open("wb"):
-            pass
-        return foxglove.open_mcap(file, allow_overwrite=True, context=context)
-    except OSError as error:
-        raise refused(Path(file), error) from None
+def _due(since: float, period: float) -> bool:
+    return since > period - 1e-6  # of rounding: a period may be a whole number of readings
 
 
 _ARRAYS = ("start", "goal", "walls", "discs")  # of an episode
 _VALUES = ("tolerance", "time_limit", "name")
-_FLOATS = ("laser", "ultrasonic", "age")  # of a reading
+FLOATS: Final = ("laser", "ultrasonic", "age")  # of a reading

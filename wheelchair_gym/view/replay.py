@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import dataclasses
 import json
+import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,12 +14,23 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
+from wheelchair_gym.kinematics import odometric_step
+from wheelchair_gym.mapping.log import Log
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.types import Episode, Reading, Truth
-from wheelchair_gym.view.record import COMMAND, EPISODE, READING, VERDICT
+from wheelchair_gym.sensing.settings import LaserSettings
+from wheelchair_gym.types import Belief, Episode, Reading, Truth
+from wheelchair_gym.view.record import COMMAND, EPISODE, FLOATS, READING, VERDICT
 
 Array = NDArray[np.float64]
 Record = dict[str, Any]
+
+
+class Moment(NamedTuple):
+    """What a chair knew, how things were, and what its pose source went by."""
+
+    reading: Reading
+    truth: Truth
+    belief: Belief
 
 
 class Chapter(NamedTuple):
@@ -27,7 +39,7 @@ class Chapter(NamedTuple):
     settings: EnvSettings
     episode: Episode
     path: Array | None  # guidance (n, 2) [m]
-    readings: list[tuple[Reading, Truth]]  # (n + 1,)
+    readings: list[Moment]  # (n + 1,)
     actions: list[NDArray[Any]]  # (n,) of (2,), as they were given
     verdicts: list[Record]  # (n,) of reward, terms, terminated, truncated
 
@@ -39,14 +51,14 @@ class ReplayedChair:
         readings: the first of an episode, then one a control period.
     """
 
-    def __init__(self, readings: list[tuple[Reading, Truth]]) -> None:
+    def __init__(self, readings: list[Moment]) -> None:
         self._readings = readings
         self._at = 0
 
     def reset(self, episode: Episode, key: int) -> Reading:
         """The first reading."""
         self._at = 0
-        return self._readings[0][0]
+        return self._readings[0].reading
 
     def drive(self, twist: Array) -> Reading:
         """The next reading.
@@ -57,12 +69,23 @@ class ReplayedChair:
         if self._at + 1 >= len(self._readings):
             raise ValueError("the recording ends here")
         self._at += 1
-        return self._readings[self._at][0]
+        return self._readings[self._at].reading
 
     @property
     def truth(self) -> Truth:
         """How things were."""
-        return self._readings[self._at][1]
+        return self._readings[self._at].truth
+
+    def chart(self) -> OccupancyGrid:
+        """The map that the chair had drawn, as it was last recorded."""
+        told = self.belief.chart
+        assert told is not None  # each episode's first reading holds one
+        return told()
+
+    @property
+    def belief(self) -> Belief:
+        """What the pose source went by."""
+        return self._readings[self._at].belief
 
     def close(self) -> None:
         """Nothing is held."""
@@ -102,7 +125,8 @@ def _take(chapters: list[Chapter], topic: str, content: Record) -> None:
     if topic == EPISODE:
         chapters.append(_begun(content))
     elif topic == READING:
-        chapters[-1].readings.append(_reading(content))
+        readings = chapters[-1].readings
+        readings.append(_moment(content, readings[-1] if readings else None))
     elif topic == COMMAND:
         chapters[-1].actions.append(np.array(content["action"]))
     else:
@@ -113,11 +137,14 @@ def _floats(text: str, kind: str) -> NDArray[Any]:
     return np.frombuffer(base64.b64decode(text), kind)
 
 
+def _grid(content: Record) -> OccupancyGrid:
+    cells = _floats(content["cells"], "<i1").reshape(content["shape"])
+    return OccupancyGrid(cells, content["resolution"], tuple(content["origin"]))
+
+
 def _begun(content: Record) -> Chapter:
-    grid = content["map"]
-    cells = _floats(grid["cells"], "<i1").reshape(grid["shape"])
     episode = Episode(
-        OccupancyGrid(cells, grid["resolution"], tuple(grid["origin"])),
+        _grid(content["map"]),
         np.array(content["start"]),
         np.array(content["goal"]),
         np.array(content["walls"]).reshape(-1, 4),
@@ -129,21 +156,54 @@ def _begun(content: Record) -> Chapter:
     return Chapter(settings, episode, path, [], [], [])
 
 
-def _reading(content: Record) -> tuple[Reading, Truth]:
-    truth = content.pop("truth")
-    arrays: Record = {name: np.array(content.pop(name)) for name in ("pose", "twist")}
-    arrays |= {name: _floats(content.pop(name), "<f4") for name in ("laser", "ultrasonic", "age")}
-    real: Record = {name: np.array(truth.pop(name)) for name in ("pose", "twist")}
-    return Reading(**arrays, **content), Truth(**real, **truth)
+def _moment(content: Record, before: Moment | None) -> Moment:
+    """A moment as it was recorded; what older recordings do not hold is as good as unknown."""
+    told = {name: content[name] for name in ("bumped", "stamp")}
+    told |= {name: np.array(content[name]) for name in ("pose", "twist")}
+    told |= {name: _floats(content[name], "<f4") for name in FLOATS}
+    voltage = content["battery"]
+    told["battery"] = math.nan if voltage is None else voltage
+    real = content["truth"] | {name: np.array(content["truth"][name]) for name in ("pose", "twist")}
+    particles, chart = content.get("particles"), before.belief.chart if before else None
+    if "map" in content:
+        grid = _grid(content["map"])
+        chart = lambda: grid  # noqa: E731
+    belief = Belief(
+        np.array(content.get("odometry", content["pose"])),
+        None if particles is None else _floats(particles, "<f4").reshape(-1, 3),
+        chart,
+    )
+    return Moment(Reading(**told, halted=content.get("halted", "")), Truth(**real), belief)
+
+
+def recorded_log(file: str | Path) -> tuple[Log, LaserSettings]:
+    """What the wheels and the laser said in a recording's first episode, to build a map of.
+
+    Raises:
+        InputError: see `read_recording`.
+    """
+    chapter = read_recording(file)[0]
+    readings = [moment.reading for moment in chapter.readings]
+    stamps = np.array([reading.stamp for reading in readings])
+    ways = (
+        np.array([reading.twist for reading in readings])
+        * np.diff(stamps, prepend=stamps[0])[:, None]
+    )
+    increments = np.array([odometric_step(0.0, 0.0, 0.0, way, turn) for way, turn in ways])
+    ranges = np.stack([reading.laser for reading in readings])
+    return Log(stamps - stamps[0], increments, ranges, {}), chapter.settings.sensors.laser
 
 
 def replayed(chapter: Chapter, render_mode: str | None = None) -> NavigationEnv:
     """An environment whose next `reset()` and steps repeat an episode, observed and judged anew."""
     sensors = chapter.settings.sensors
-    if sensors.pose_source == "mcl":  # the recorded pose is what it came to; nobody looks again
+    if sensors.pose_source != "truth":  # the recorded pose is what it came to; nobody looks again
         sensors = dataclasses.replace(sensors, pose_source="odometry")
     path = chapter.path
     guidance = None if path is None else (lambda task: path)
     settings = dataclasses.replace(chapter.settings, sensors=sensors, guidance=guidance)
     chair = ReplayedChair(chapter.readings)
-    return NavigationEnv(config=settings, chair=chair, render_mode=render_mode)
+    env = NavigationEnv(config=settings, chair=chair, render_mode=render_mode)
+    if chapter.settings.sensors.pose_source == "slam":
+        env.task.chart = chair.chart
+    return env

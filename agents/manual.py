@@ -1,0 +1,74 @@
+"""A person drives: arrow keys or WASD in the window, or a joystick or gamepad."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError, setting, settings
+
+Array = NDArray[np.float64]
+
+
+@settings
+class Manual:
+    """Drives as a person's hands say; needs the window, which has the keyboard's attention."""
+
+    speed: float = setting(default=0.6, source="share of full speed with a key", low=0.0, high=1.0)
+    turn: float = setting(default=0.6, source="share of full turn with a key", low=0.0, high=1.0)
+    slow: float = setting(default=0.4, source="of both with shift", low=0.0, high=1.0)
+    idle: float = setting(
+        default=0.12, source="of a stick's travel that is still rest", low=0.0, high=0.9
+    )
+
+    def make(self) -> Driver:
+        """A fresh policy."""
+        return Driver(self)
+
+
+class Driver:
+    """Reads keys and sticks each time it is asked to act."""
+
+    def __init__(self, own: Manual) -> None:
+        self.own = own
+
+    def reset(self, task: Any) -> None:
+        """See `Policy.reset`.
+
+        Raises:
+            InputError: there is no window.
+        """
+        try:
+            import pygame
+        except ImportError:
+            raise InputError(
+                "policy manual needs pygame-ce: pip install 'wheelchair_gym[view]'"
+            ) from None
+        if not pygame.display.get_init():
+            raise InputError("policy manual: expected a window (--window), whose keys it reads")
+        self._pygame = pygame
+        pygame.joystick.init()
+        self._sticks = [pygame.joystick.Joystick(k) for k in range(pygame.joystick.get_count())]
+
+    def act(self, observation: Mapping[str, NDArray[np.float32]]) -> Array:
+        """See `Policy.act`; at rest once the window is closed."""
+        pygame, own = self._pygame, self.own
+        if not pygame.display.get_init():
+            return np.zeros(2)
+        keys = pygame.key.get_pressed()
+
+        def held(*names: int) -> float:
+            return float(any(keys[name] for name in names))
+
+        v = held(pygame.K_UP, pygame.K_w) - held(pygame.K_DOWN, pygame.K_s)
+        w = held(pygame.K_LEFT, pygame.K_a) - held(pygame.K_RIGHT, pygame.K_d)
+        share = own.slow if held(pygame.K_LSHIFT, pygame.K_RSHIFT) else 1.0
+        action = share * np.array([own.speed * v, own.turn * w])
+        for stick in self._sticks:
+            if stick.get_numaxes() >= 2 and not action.any():
+                tilt = -np.array([stick.get_axis(1), stick.get_axis(0)])  # ahead, to the left
+                action = np.where(np.abs(tilt) > own.idle, tilt, 0.0)
+        return np.clip(action, -1.0, 1.0)

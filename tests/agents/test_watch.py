@@ -1,0 +1,93 @@
+"""Whoever looks on sees the same run: a comparison's episodes, a survey, a replay."""
+
+from __future__ import annotations
+
+import pytest
+from mcap.reader import make_reader
+
+from agents.cli import main
+from wheelchair_gym.view.replay import read_recording
+
+SHORT = [
+    "--scenes",
+    "empty",
+    "--policies",
+    "straight",
+    "--suite",
+    "demo",
+    "--no-video",
+    "--quiet",
+    "--jobs",
+    "1",
+]
+
+
+def counts(file):
+    with file.open("rb") as stream:
+        summary = make_reader(stream, validate_crcs=True).get_summary()
+    topics = {c.id: c.topic for c in summary.channels.values()}
+    return {topics[k]: n for k, n in summary.statistics.channel_message_counts.items()}
+
+
+def test_a_comparison_records_every_episode_once(tmp_path, capsys):
+    out, folder = tmp_path / "out", tmp_path / "runs"
+    arguments = ["compare", *SHORT, "--episodes", "2", "--out", str(out), "--record", str(folder)]
+    assert main([*arguments[:-2]]) == 0  # stored already, but not recorded
+    assert main(arguments) == 0
+    files = sorted(folder.iterdir())
+    assert [file.name for file in files] == [f"straight-empty-{k}.mcap" for k in range(2)]
+    before = [file.stat().st_mtime_ns for file in files]
+    assert main(arguments) == 0
+    assert [file.stat().st_mtime_ns for file in files] == before
+    for file in files:
+        assert main(["replay", str(file)]) == 0
+        assert "the same rewards" in capsys.readouterr().out
+
+
+def test_viewers_look_on_at_one_episode(tmp_path, capsys):
+    arguments = ["compare", *SHORT, "--out", str(tmp_path), "--live", "0"]
+    assert main([*arguments, "--episodes", "2"]) == 2
+    assert capsys.readouterr().err.strip() == (
+        "wheelchair: viewers look on at one episode; there are 2"
+    )
+    assert main([*arguments, "--episodes", "1"]) == 0
+    assert "ws://127.0.0.1:" in capsys.readouterr().err
+
+
+def test_a_survey_is_recorded_with_its_growing_map(shared, tmp_path, capsys):
+    log, file = tmp_path / "short.dat", tmp_path / "map.mcap"
+    lines = (shared / "logs" / "mines_exp1.dat").read_text().splitlines()[:60]
+    log.write_text("\n".join(lines))
+    drive = ["map", "--log", str(log), "--particles", "2", "--quiet", "--record", str(file)]
+    assert main([*drive, "--out", str(tmp_path / "map")]) == 0
+    told = counts(file)
+    assert told["/scan"] == told["/tf"] == told["/particles"] == told["/odometry"] == len(lines)
+    assert 2 <= told["/map"] == told["/trail"] < len(lines)
+    assert main([*drive, "--odometry-only"]) == 2
+
+
+def test_a_replay_is_watched_like_a_drive(tmp_path, capsys):
+    """What a replay records is what was recorded, and can be replayed."""
+    first, again = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    drive = ["simulate", "--scene", "empty", "--policy", "straight", "--pose", "mcl"]
+    assert main([*drive, "--record", str(first)]) == 0
+    assert main(["replay", str(first), "--record", str(again), "--images", "1"]) == 0
+    assert main(["replay", str(again)]) == 0
+    assert capsys.readouterr().out.count("the same rewards") == 2
+    told, retold = counts(first), counts(again)
+    assert retold.pop("/image") >= 3
+    assert told == retold
+    moments = [
+        [m for chapter in read_recording(file) for m in chapter.readings] for file in (first, again)
+    ]
+    for one, other in zip(*moments, strict=True):
+        assert (one.belief.particles == other.belief.particles).all()
+        assert (one.belief.odometry == other.belief.odometry).all()
+
+
+@pytest.mark.parametrize("command", ["simulate", "compare", "replay x.mcap", "map --log x"])
+def test_the_options_are_the_same_everywhere(command, capsys):
+    with pytest.raises(SystemExit) as left:
+        main([*command.split(), "--images", "-1"])
+    assert left.value.code == 2
+    assert "negative" in capsys.readouterr().err

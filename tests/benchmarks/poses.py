@@ -1,0 +1,111 @@
+"""What chairs believe about where they are, and what they draw: python -m tests.benchmarks.poses.
+
+In floor plans with all noise: a chair explores and draws its map (SLAM); then the best scripted
+policy drives there with each pose source, `mcl` once on the true map and once on the drawn one. For
+each: how far the believed pose is off, and for how long (the lag at which its correlation with
+itself falls to 1/e), beside the error model `modelled`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from agents.chart import chart
+from agents.compare import BEST
+from agents.evaluate import make_env
+from agents.policy import make_policy
+from wheelchair_gym.geometry import wrap_angle
+
+
+def drive(source: str, seed: int, scene: Any, grid: Any = None) -> tuple[np.ndarray, bool]:
+    """Errors (n, 3) [m, m, rad] of the believed pose along one episode, and whether it arrived."""
+    env = make_env(scene, {"pose_source": source})
+    env.reset(seed=seed)
+    episode = env.unwrapped.episode
+    given = episode if grid is None else replace(episode, map=grid)
+    observation, info = env.reset(seed=seed, options={"episode": given})
+    policy, errors, over = make_policy(BEST), [], False
+    policy.reset(env.unwrapped.task)
+    while not over:
+        errors.append(np.subtract(info["pose_estimate"], info["pose"]))
+        observation, _, ended, late, info = env.step(policy.act(observation))
+        over = ended or late
+    env.close()
+    off = np.array(errors)
+    off[:, 2] = wrap_angle(off[:, 2])
+    return off, bool(info["is_success"])
+
+
+def lasting(runs: list[np.ndarray], period: float = 0.1) -> float:
+    """Lag [s] at which errors along x and y correlate with themselves by less than 1/e."""
+    longest = 200
+    kept = [run[:, k] for run in runs for k in (0, 1) if len(run) > longest]
+    if not kept:
+        return float("nan")
+    for lag in range(1, longest):
+        if (
+            sum(float(e[:-lag] @ e[lag:]) / (len(e) - lag) for e in kept)
+            < sum(float(e @ e) / len(e) for e in kept) / np.e
+        ):
+            return lag * period
+    return longest * period
+
+
+def row(name: str, runs: list[np.ndarray], arrived: int) -> str:
+    """A line of figures."""
+    off = np.concatenate(runs)
+    far, turn = 100 * np.hypot(off[:, 0], off[:, 1]), np.degrees(np.abs(off[:, 2]))
+    worst = max(100 * np.sqrt((run[:, :2] ** 2).sum(axis=1).mean()) for run in runs)
+    return (
+        f"{name:22s}{np.sqrt((far**2).mean()):7.2f}{np.percentile(far, 50):7.2f}"
+        f"{np.percentile(far, 95):7.2f}{np.percentile(far, 99):7.2f}{worst:7.2f}"
+        f"{np.sqrt((turn**2).mean()):9.3f}{np.percentile(turn, 99):8.3f}{lasting(runs):8.1f}"
+        f"{arrived:6d}/{len(runs)}"
+    )
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=10, help="0 to N - 1")
+    parser.add_argument("--scene", default="floor_plan")
+    given = parser.parse_args()
+    seeds = range(given.seeds)
+    charts = []
+    print(f"{given.scene}, all noise: explored by frontiers with SLAM, 30 particles")
+    print(
+        "seed  ended   time s   way m  cells right %  wall p50 cm  p95 cm  floor %  pose cm   deg"
+    )
+    for seed in seeds:
+        env = make_env(given.scene, {"pose_source": "slam"})
+        policy = make_policy({"name": "explore", "seek": False})
+        begun = time.perf_counter()
+        made = chart(env, policy, seed, 900.0)
+        env.close()
+        charts.append(made)
+        of = made.figures
+        print(
+            f"{seed:4d}  {made.ended:8s}{made.seconds:6.1f}{made.way:8.1f}{100 * of['right']:12.2f}"
+            f"{100 * of['wall_median']:13.2f}{100 * of['wall_p95']:9.2f}"
+            f"{100 * of['floor_seen']:9.1f}{100 * of['pose_rms_m']:9.2f}"
+            f"{of['heading_rms_deg']:7.3f}   ({time.perf_counter() - begun:.0f} s of computing)",
+            flush=True,
+        )
+    print(f"\n{BEST}, error of the believed pose [cm, deg], its memory [s], arrivals")
+    print("source                    RMS    p50    p95    p99  worst  deg RMS     p99  memory")
+    for name, source in (
+        ("truth", "truth"), ("modelled", "modelled"), ("mcl", "mcl"), ("mcl on SLAM's map", "mcl"),
+        ("slam, map unknown", "slam"), ("odometry", "odometry"),
+    ):  # fmt: skip
+        grids = [made.grid for made in charts] if "SLAM" in name else [None] * len(charts)
+        runs = [drive(source, s, given.scene, grid) for s, grid in zip(seeds, grids, strict=True)]
+        print(row(name, [off for off, _ in runs], sum(ok for _, ok in runs)), flush=True)
+
+
+if __name__ == "__main__":
+    main()

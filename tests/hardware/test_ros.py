@@ -1,0 +1,554 @@
+"""Laws of a chair under ROS: driven by the same loop, and whatever happens, it is told to stop."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents.cli import main
+from agents.evaluate import drive_episode
+from agents.policy import make_policy
+from tests.conftest import ROOT
+from tests.hardware.fake_rosbridge import RANGERS, SENSORS, FakeRosbridge
+from wheelchair_gym import InputError
+from wheelchair_gym.envs import EnvSettings, NavigationEnv
+from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.hardware.arrivals import Arrivals
+from wheelchair_gym.hardware.chairs import chair_settings, make_chair
+from wheelchair_gym.hardware.ros_senses import Senses
+from wheelchair_gym.hardware.ros_settings import RosSettings
+from wheelchair_gym.hardware.rosbridge import Link, Rosbridge
+from wheelchair_gym.kernel import kernel
+from wheelchair_gym.maps import OCCUPIED
+
+CONFIG = {"sensors": {"laser": {"beams": 181}}, "task": {"beams": 181}}
+# A busy machine that runs the chair, the bridge and the policy at once is late now and then.
+STALE = {"stale_scan": 0.4, "stale_odometry": 0.4, "stale_pose": 0.6, "hold": 0.5}
+ROOM = 0.3  # s, for a busy machine
+AHEAD = np.array([0.3, 0.0])
+
+
+@pytest.fixture
+def bridge():
+    server = FakeRosbridge()
+    yield server
+    server.close()
+
+
+def spec(bridge, **changes):
+    return {"name": "ros", "host": "127.0.0.1", "port": bridge.port, **STALE, **changes}
+
+
+@pytest.fixture
+def chair(bridge):
+    made = make_chair(spec(bridge), env_settings(CONFIG))
+    yield made
+    made.close()
+
+
+def until(true, seconds=3.0):
+    """Wait for something that is to happen; whether it did."""
+    end = time.monotonic() + seconds
+    while not true() and time.monotonic() < end:
+        time.sleep(0.005)
+    return true()
+
+
+def lost(chair, periods=30):
+    """What a chair says when its link is found to be gone."""
+    for _ in range(periods):
+        try:
+            chair.drive(AHEAD)
+        except ConnectionError as error:
+            return str(error)
+    return ""
+
+
+def begun(chair, periods=3):
+    """The chair, driving."""
+    chair.reset(None, 0)
+    for _ in range(periods):
+        reading = chair.drive(AHEAD)
+    assert reading.halted == ""
+    return chair
+
+
+@pytest.mark.parametrize("pose_source", ["modelled", "mcl"])
+def test_a_policy_drives_it_from_start_to_goal(bridge, pose_source):
+    """By the poses that tf tells, and by those that are worked out from odometry and map."""
+    env = NavigationEnv(chair=spec(bridge), config=CONFIG, pose_source=pose_source)
+    inner = getattr(env.chair, "chair", env.chair)
+    goal = bridge.episode.start[:2] + np.array([1.0, 0.3])
+    episode = inner.episode(goal)
+    np.testing.assert_array_equal(episode.map.cells, bridge.episode.map.cells)
+    np.testing.assert_allclose(episode.start, bridge.episode.start, atol=1e-6)
+    record = drive_episode(env, make_policy("visibility+window"), 0, episode=episode)
+    env.close()
+    assert record["success"]
+    assert np.hypot(*(bridge.chair.truth.pose[:2] - goal)) < 0.3
+    assert until(lambda: abs(bridge.reading.twist).max() < 0.01)  # which nobody but we told it to
+    assert bridge.still
+    assert not bridge.chair.truth.touched
+    assert bridge.advertised == {"/ARDUINO1/Velocity": "geometry_msgs/Twist"}
+
+
+def test_the_command_drives_it(bridge, tmp_path, capsys):
+    config, file = tmp_path / "chair.json", tmp_path / "run.mcap"
+    config.write_text(json.dumps(CONFIG))
+    x, y = bridge.episode.start[:2] + np.array([0.6, 0.1])
+    chairs = tmp_path / "chairs.json"
+    chairs.write_text(json.dumps({"ros": spec(bridge)}))
+    drive = ["simulate", "--chair", f"{chairs}:ros", "--policy", "straight"]
+    drive += ["--config", str(config), "--pose", "odometry"]
+    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGHUP)
+    try:
+        assert main([*drive, "--goal", f"{x},{y}", "--record", str(file)]) == 0
+    finally:
+        signal.signal(signal.SIGTERM, before[0])
+        signal.signal(signal.SIGHUP, before[1])
+    assert "success" in capsys.readouterr().out
+    assert until(lambda: bridge.still)
+    assert main(["replay", str(file)]) == 0
+    assert main(drive) == 2
+    assert "--goal" in capsys.readouterr().err
+
+
+def test_a_reading_is_what_the_topics_said(bridge):
+    """Ranges, pose and twist to float32's rounding; what JSON cannot say is invalid."""
+    ultrasonic = {"ultrasonic": RANGERS, "battery": "/battery"}
+    chair = make_chair(spec(bridge, **ultrasonic), env_settings(CONFIG))
+    chair.reset(None, 0)
+    until(lambda: np.isfinite(chair.drive(np.zeros(2)).age).all())
+    reading = chair.drive(np.zeros(2))
+    told = bridge.reading  # it stands: only the noise varies
+    chair.close()
+    assert reading.laser.shape == told.laser.shape
+    both = np.isfinite(reading.laser) & np.isfinite(told.laser)
+    np.testing.assert_allclose(reading.laser[both], told.laser[both], atol=0.15)
+    assert not np.isinf(reading.laser).any()
+    np.testing.assert_allclose(reading.pose, bridge.chair.truth.pose, atol=1e-3)
+    assert (reading.age < STALE["stale_pose"]).all()
+    assert 30.0 < reading.battery < 42.0
+    assert chair.truth.clearance > 0.0
+    assert reading.halted == ""
+
+
+def test_reset_stays_where_it_is(bridge, chair):
+    """It stops, ignores where an episode starts, and begins its clock anew."""
+    begun(chair, 12)
+    reading = chair.reset(bridge.episode, 0)
+    assert bridge.still
+    assert np.abs(reading.twist).max() <= chair.settings.still
+    assert np.hypot(*(reading.pose - bridge.episode.start)[:2]) > 0.05
+    assert reading.stamp < 0.1
+
+
+def test_periods_end_at_deadlines(bridge, chair):
+    """A policy that takes part of each period does not stretch them."""
+    chair.reset(None, 0)
+    begin = time.monotonic()
+    for _ in range(8):
+        time.sleep(0.05)
+        reading = chair.drive(np.zeros(2))
+    assert time.monotonic() - begin == pytest.approx(0.8, abs=0.08)
+    assert reading.stamp == pytest.approx(0.8, abs=0.08)
+
+
+@kernel
+def spin(rounds: int) -> float:
+    """Keep a core busy, as a planner does."""
+    total = 0.0
+    for k in range(rounds):
+        total += math.sin(total + k)
+    return total
+
+
+def test_what_it_is_told_keeps_to_the_limits(bridge, chair):
+    """A base may have no ramps of its own: speed, acceleration and jerk, whatever is asked."""
+    limits, period = EnvSettings().chair.limits, chair.period
+    chair.reset(None, 0)
+    for twist in ([9.0, -9.0], [-9.0, 9.0]):
+        before = len(bridge.commands)
+        for _ in range(10):
+            chair.drive(np.array(twist))
+        _, v, w = np.array(bridge.commands[before:]).T
+        assert -limits.backward <= v.min() <= v.max() <= limits.forward
+        assert np.abs(w).max() <= limits.turn
+        assert np.abs(np.diff(v)).max() <= limits.deceleration * period + 1e-9
+        assert np.abs(np.diff(v, 2)).max() <= limits.jerk * period**2 + 1e-9
+        assert np.abs(np.diff(w)).max() <= limits.turn_acceleration * period + 1e-9
+
+
+def test_a_late_policy_does_not_drive_on(bridge, chair):
+    spin(10)
+    begun(chair)
+    last = time.monotonic()
+    assert not bridge.still
+    while not bridge.still and time.monotonic() < last + 3.0:
+        spin(20_000_000)
+    assert bridge.commands[-1][0] - last < chair.settings.hold + ROOM
+    assert until(lambda: abs(bridge.reading.twist).max() < 0.01)
+    assert chair.drive(AHEAD).halted == ""  # it goes on when told to
+
+
+def lengthened(message):
+    return {**message, "ranges": message["ranges"][:-1]}
+
+
+def backwards(message):
+    header = message["header"]
+    stamp = {**header["stamp"], "secs": header["stamp"]["secs"] - 100}
+    return {**message, "header": {**header, "stamp": stamp}}
+
+
+def nowhere(message):
+    message["pose"]["pose"]["position"]["x"] = None
+    return message
+
+
+def tipped(message):
+    half = math.sqrt(0.5)
+    message["pose"]["pose"]["orientation"] = {"x": half, "y": 0.0, "z": 0.0, "w": half}
+    return message
+
+
+WRONG = {
+    "a beam too few": ("/scan", lengthened, "180 ranges; expected 181"),
+    "words for ranges": ("/scan", lambda m: {**m, "ranges": ["x"] * 181}, "could not convert"),
+    "ranges in ranges": ("/scan", lambda m: {**m, "ranges": [[1.0, 2.0], [3.0]]}, "inhomogeneous"),
+    "another fan": ("/scan", lambda m: {**m, "angle_increment": 0.001}, "laser.fov"),
+    "no angle": ("/scan", lambda m: {**m, "angle_min": None}, "not made as its type says"),
+    "time goes back": ("/scan", backwards, "older than the one before"),
+    "time stands still": ("/scan", lambda m: m, "older than the one before"),
+    "odometry is null": ("/ARDUINO1/Odom", nowhere, "not made as its type says"),
+    "odometry is a list": ("/ARDUINO1/Odom", lambda m: [m], "not made as its type says"),
+    "odometry lacks its twist": ("/ARDUINO1/Odom", lambda m: {"pose": m["pose"]}, "'twist'"),
+    "odometry has NaN": (
+        "/ARDUINO1/Odom", lambda m: json.loads(json.dumps(m).replace('"x": ', '"x": NaN, "_": ')),
+        "finite",
+    ),
+    "it lies on its side": ("/ARDUINO1/Odom", tipped, "not upright"),
+    "no quaternion": (
+        "/ARDUINO1/Odom", lambda m: json.loads(json.dumps(m).replace('"w": ', '"w": 7, "_": ')),
+        "norm is not 1",
+    ),
+    "a cell too few": ("/map", lambda m: {**m, "data": m["data"][1:]}, "cells; expected"),
+    "a cell of 101": ("/map", lambda m: {**m, "data": [101, *m["data"][1:]]}, "beyond -1 to 100"),
+    "a map of nothing": ("/map", lambda m: {**m, "info": {**m["info"], "width": 0}}, "some at"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_wrong_messages_are_not_used_and_named(bridge, wrong, caplog):
+    topic, mangle, why = WRONG[wrong]
+    senses = Senses(RosSettings(), SENSORS, False)
+    message = bridge._map() if topic == "/map" else bridge._messages()[topic]()
+    senses.take(topic, message, 1.0)
+    known = dict(senses._heard)
+    assert senses.quiet(topic) == f"{topic} is silent"
+    for _ in range(3):
+        senses.take(topic, mangle(json.loads(json.dumps(message))), 1.1)
+    assert why in senses.quiet(topic)
+    assert senses._heard == known
+    assert len(caplog.records) == 1  # said once
+
+
+FAULTS = {
+    "scan is silent": ("/scan", None, "/scan is silent"),
+    "odometry is silent": ("/ARDUINO1/Odom", None, "/ARDUINO1/Odom is silent"),
+    "tf is silent": ("/tf", None, "base_link"),
+    "a beam too few": ("/scan", lengthened, "180 ranges; expected 181"),
+    "time goes back": ("/scan", backwards, "older than the one before"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_is_silent_or_wrong_stops_it(bridge, chair, fault):
+    """Zero within the limit and a period; the reading says why; it goes on when all is well."""
+    topic, mangle, why = FAULTS[fault]
+    begun(chair)
+    if mangle is None:
+        bridge.mute.add(topic)
+    else:
+        bridge.mangle[topic] = mangle
+    wrong = time.monotonic()
+    while not (reading := chair.drive(AHEAD)).halted:
+        assert time.monotonic() - wrong < 3.0
+    assert why in reading.halted
+    assert until(lambda: bridge.still)
+    first = next(t for t, v, w in bridge.commands if t > wrong and (v, w) == (0.0, 0.0))
+    limit = STALE["stale_pose"] if topic == "/tf" else STALE["stale_scan"]
+    assert first - wrong < limit + chair.period + ROOM
+    reading = chair.drive(AHEAD)  # in vain
+    assert np.isnan(reading.laser).all() == (topic == "/scan")
+    assert bridge.still
+    bridge.mute.clear()
+    bridge.mangle.clear()
+    assert until(lambda: chair.drive(AHEAD).halted == "")
+    chair.drive(AHEAD)
+    assert not bridge.still
+
+
+BREAKS = {
+    "garbage": lambda bridge: bridge.say('{"op": "publish", "topic": "/scan", "msg": {"ra'),
+    "no object": lambda bridge: bridge.say("[1, 2]"),
+    "no operation": lambda bridge: bridge.say('{"topic": "/scan"}'),
+    "deep": lambda bridge: bridge.say("[" * 100_000),
+    "bytes": lambda bridge: bridge.say(b"\x81\xa2op"),
+    "fragment": lambda bridge: bridge.say('{"op": "fragment", "id": "0", "data": "", "num": 0}'),
+    "png": lambda bridge: bridge.say('{"op": "png", "data": "iVBORw0"}'),
+    "cut": FakeRosbridge.cut,
+    "closed": lambda bridge: [c.close() for c in list(bridge._told)],
+}
+
+
+@pytest.mark.parametrize("way", BREAKS)
+def test_a_link_that_cannot_be_trusted_is_given_up_with_a_last_word(bridge, way):
+    heard = []
+    link = Rosbridge("127.0.0.1", bridge.port, lambda *told: heard.append(told), Link())
+    link.last_words = ("/v", {"linear": {"x": 0.0}, "angular": {"z": 0.0}})
+    link.advertise("/v", "geometry_msgs/Twist")
+    link.publish("/v", {"linear": {"x": 1.0}, "angular": {"z": 0.0}})
+    assert until(lambda: len(bridge.commands) == 1)
+    BREAKS[way](bridge)
+    assert link.gone.wait(3.0)
+    assert link.lost
+    assert "\n" not in link.lost
+    link.publish("/v", {"linear": {"x": 1.0}, "angular": {"z": 0.0}})  # nothing follows
+    link.close()
+    if way not in ("cut", "closed"):
+        assert until(lambda: [v for _, v, _ in bridge.commands] == [1.0, 0.0])
+    assert heard == []
+
+
+@pytest.mark.parametrize("way", ["garbage", "cut"])
+def test_a_link_that_breaks_is_one_line_and_a_last_zero(bridge, chair, way):
+    begun(chair)
+    count = len(bridge.commands)
+    BREAKS[way](bridge)
+    said = lost(chair)
+    assert "\n" not in said
+    assert said.startswith(f"{bridge.url}: the link is lost")
+    if way == "garbage":  # the words were heard: the last is to stand
+        assert until(lambda: len(bridge.commands) > count and bridge.still)
+    with pytest.raises(ConnectionError):  # it stays lost
+        chair.reset(None, 0)
+
+
+@pytest.mark.parametrize("way", ["close", "exception"])
+def test_every_way_out_ends_with_zero(bridge, way):
+    env = gym.make("wheelchair_gym/Navigation-v0", chair=spec(bridge), config=CONFIG)
+    chair = env.unwrapped.chair
+    env.reset(options={"episode": chair.episode(bridge.episode.start[:2] + np.array([2.0, 0.0]))})
+    try:
+        for _ in range(4):
+            env.step(np.array([0.4, 0.0], np.float32))
+        if way == "exception":
+            raise ZeroDivisionError
+    except ZeroDivisionError:
+        pass
+    finally:
+        env.close()
+    env.close()  # twice does no harm
+    assert until(lambda: bridge.still)
+    assert until(lambda: abs(bridge.reading.twist).max() < 0.01)
+    with pytest.raises(ValueError, match="closed"):
+        chair.drive(AHEAD)
+    assert not [t for t in threading.enumerate() if t.name.startswith(bridge.url) and t.is_alive()]
+
+
+SCRIPT = """
+import sys, numpy as np
+from wheelchair_gym.envs import EnvSettings
+from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.hardware.chairs import make_chair
+chair = make_chair({spec!r}, env_settings({config!r}))
+chair.reset(None, 0)
+while True:
+    chair.drive(np.array([0.3, 0.0]))
+    print("drives", flush=True)
+"""
+
+
+@pytest.mark.parametrize(
+    "end", [pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGTERM]
+)
+def test_a_program_that_is_ended_stops_it(bridge, end, tmp_path):
+    """Ctrl-C in a script that never closes anything; a terminated command."""
+    if end == signal.SIGINT:
+        command = ["-c", SCRIPT.format(spec=spec(bridge), config=CONFIG)]
+    else:
+        config, chairs = tmp_path / "chair.json", tmp_path / "chairs.json"
+        config.write_text(json.dumps(CONFIG))
+        chairs.write_text(json.dumps({"ros": spec(bridge)}))
+        x, y = bridge.episode.goal[:2]
+        command = ["-m", "agents.cli", "simulate", "--chair", f"{chairs}:ros", "--policy"]
+        command += ["straight", "--config", str(config), "--goal", f"{x},{y}"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    program = subprocess.Popen(
+        [sys.executable, *command], env=environment, stderr=subprocess.PIPE, text=True,
+        stdout=subprocess.DEVNULL,
+    )  # fmt: skip
+    assert until(lambda: not bridge.still, 60.0)
+    program.send_signal(end)
+    said = program.communicate(timeout=20)[1]
+    assert until(lambda: bridge.still)
+    assert program.returncode != 0
+    if end == signal.SIGTERM:
+        assert said.strip().splitlines()[-1] == "wheelchair: stopped"
+
+
+def test_a_killed_server_is_one_line():
+    """SIGKILL, from the command's point of view: exit code 1."""
+    server = subprocess.Popen(
+        [sys.executable, "-m", "tests.hardware.fake_rosbridge"], cwd=ROOT, text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    port = int(server.stdout.readline())
+    chair = make_chair({"name": f"ros://127.0.0.1:{port}", **STALE}, env_settings(CONFIG))
+    begun(chair, 2)
+    server.kill()
+    server.wait()
+    assert "the link is lost" in lost(chair)
+    chair.close()
+
+
+def test_what_does_not_answer_is_one_line(capsys):
+    plain = socket.create_server(("127.0.0.1", 0))  # listens, and says nothing
+    taken = plain.getsockname()[1]
+    free = socket.create_server(("127.0.0.1", 0))
+    nobody = free.getsockname()[1]
+    free.close()
+    for chair, why in (
+        (f"ros://127.0.0.1:{nobody}", "no rosbridge answers"),
+        (f"ros://127.0.0.1:{taken}", "no rosbridge answers"),
+        ("ros://", "expected ros://HOST:PORT"),
+        ("ros://x:y", "expected ros://HOST:PORT"),
+        ("ros://x:99999", "expected ros://HOST:PORT"),
+        ("tcp://x:1", "known: ros"),
+    ):
+        assert main(["simulate", "--chair", chair, "--goal", "1,1"]) == 2
+        said = capsys.readouterr().err.strip().splitlines()
+        assert len(said) == 1
+        assert why in said[0]
+    plain.close()
+    with pytest.raises(InputError, match="beamz"):
+        chair_settings({"name": "ros", "beamz": 3})
+    with pytest.raises(InputError, match="expected 8"):
+        chair_settings({"name": "ros", "ultrasonic": ["/a"]})
+
+
+@pytest.mark.parametrize(
+    ("topic", "why"),
+    [("/scan", "/scan is silent"), ("/tf", "base_link is on map"), ("/map", "/map is silent")],
+)
+def test_what_never_comes_is_named(bridge, topic, why):
+    bridge.mute.add(topic)
+    bridge.mangle[topic] = lambda message: None
+    chair = make_chair(spec(bridge, patience=0.3), env_settings(CONFIG))
+    first = chair.episode if topic != "/scan" else chair.reset
+    with pytest.raises(InputError, match=why):
+        first(np.ones(2), 0) if topic == "/scan" else first(np.ones(2))
+    chair.close()
+
+
+def test_a_goal_must_be_on_free_ground(bridge, chair):
+    solid = np.argwhere(bridge.episode.map.cells == OCCUPIED)[0]
+    inside = bridge.episode.map.to_world(solid)
+    for goal, start in ((inside, None), ([100.0, 1.0], None), ([1.0, 1.0], [-50.0, 1.0, 0.0])):
+        with pytest.raises(InputError, match="free ground of /map"):
+            chair.episode(goal, start)
+
+
+def test_a_laser_that_sits_elsewhere_is_not_driven_by(bridge, chair):
+    """Turned round in the settings or on the chair: obstacles would stand on the wrong side."""
+    chair.close()
+    bridge.mounted = 0.66, 0.0, math.pi
+    chair = make_chair(spec(bridge), env_settings(CONFIG))
+    with pytest.raises(InputError, match=r"180 deg; sensors.laser says \(0.66, 0.00\) m, 0 deg"):
+        chair.reset(None, 0)
+    chair.close()
+
+
+def test_a_chair_that_rolls_on_is_not_begun_with(bridge):
+    chair = make_chair(spec(bridge, patience=0.3), env_settings(CONFIG))
+
+    def rolls(message):
+        message["twist"]["twist"]["linear"]["x"] = 0.4
+        return message
+
+    bridge.mangle["/ARDUINO1/Odom"] = rolls
+    with pytest.raises(InputError, match=r"does not come to rest \(0.40 m/s"):
+        chair.reset(None, 0)
+    chair.close()
+
+
+def test_ages_hold_whatever_the_other_clock_says():
+    """A message is as old as it took longer than the quickest one before it."""
+    rng = np.random.default_rng(0)
+    clock, now, quickest = Arrivals(drift=0.0), 0.0, math.inf
+    for step, delay in rng.uniform((0.3, 0.0), (1.0, 0.3), (200, 2)).tolist():
+        now += step
+        taken = clock.taken(now - delay + 1e6, now)
+        quickest = min(quickest, delay)
+        assert now - taken == pytest.approx(delay - quickest, abs=1e-6)
+    with pytest.raises(ValueError, match="older"):
+        clock.taken(now - 10.0 + 1e6, now + 1.0)
+    assert clock.taken(math.nan, 5.0) == 5.0  # it says no time: when it came
+
+
+WORDS = (
+    "header", "stamp", "secs", "nsecs", "ranges", "angle_min", "pose", "transforms", "x", "info",
+    "data", "width", "height", "range", "transform", "rotation", "translation", "voltage",
+)  # fmt: skip
+
+
+def anything(rng, depth=4):
+    """Whatever JSON can say."""
+    kind = int(rng.integers(8 if depth else 6))
+    if kind == 6:
+        return [anything(rng, depth - 1) for _ in range(rng.integers(4))]
+    if kind == 7:
+        return {str(key): anything(rng, depth - 1) for key in rng.choice(WORDS, 6)}
+    return (None, True, 10**400, math.nan, "x", -1.5)[kind]
+
+
+def test_no_message_does_harm(bridge):
+    """Neither random ones, nor right ones with a part exchanged."""
+    rng = np.random.default_rng(0)
+    senses = Senses(RosSettings(ultrasonic=RANGERS, battery="/battery"), SENSORS, True)
+    right = {topic: make() for topic, make in bridge._messages().items()}
+    for _ in range(300):
+        for topic in ("/scan", "/ARDUINO1/Odom", "/tf", "/map", "/battery", RANGERS[0]):
+            senses.take(topic, anything(rng), 1.0)
+            message = json.loads(json.dumps(right.get(topic, {})))
+            part = message
+            while isinstance(part, dict) and part and rng.random() < 0.7:
+                key = str(rng.choice(list(part)))
+                if not isinstance(part[key], dict):
+                    part[key] = anything(rng, 1)
+                part = part[key]
+            senses.take(topic, message, 1.0)
+            senses.place()
+
+
+def test_the_defaults_are_the_thesis_topics():
+    own = RosSettings()
+    assert (own.scan, own.odometry, own.velocity) == (
+        "/scan",
+        "/ARDUINO1/Odom",
+        "/ARDUINO1/Velocity",
+    )
+    assert (own.stale_scan, own.stale_odometry, own.stale_pose) == (0.2, 0.1, 0.5)
+    assert EnvSettings().rate == 10.0

@@ -1,0 +1,36 @@
+"""How old a message is: clocks of two computers, and the newest of each topic."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+
+class Heard(NamedTuple):
+    """The newest of a topic."""
+
+    value: Any
+    taken: float  # s, `time.monotonic`
+
+
+class Arrivals:
+    """When messages of one topic were made, by this computer's clock."""
+
+    def __init__(self, drift: float) -> None:
+        self._drift = drift
+        self._last, self._ahead, self._came = -math.inf, math.inf, 0.0
+
+    def taken(self, stamp: float, came: float) -> float:
+        """When a message was made that came then [s]; `stamp` is by its maker's clock, or NaN.
+
+        Raises:
+            ValueError: it is no newer than the one before.
+        """
+        if math.isnan(stamp):
+            return came
+        if stamp <= self._last:
+            raise ValueError(f"is {self._last - stamp:.3g} s older than the one before")
+        # How far the clocks are apart, at most: what the quickest message showed, and their drift.
+        ahead = min(came - stamp, self._ahead + self._drift * (came - self._came))
+        self._last, self._ahead, self._came = stamp, ahead, came
+        return stamp + ahead

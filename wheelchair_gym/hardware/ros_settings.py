@@ -1,0 +1,62 @@
+"""Settings of a chair that runs under ROS."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.hardware.rosbridge import Link
+from wheelchair_gym.sensing.settings import RANGERS
+
+
+@settings
+class RosSettings:
+    """Topics, frames and limits of a chair under ROS; defaults as the thesis's chair has them."""
+
+    host: str = setting(default="localhost", source="where rosbridge_server runs")
+    port: int = setting(default=9090, source="rosbridge_server", low=1, high=65535)
+    scan: str = setting(default="/scan", source="thesis: urg_node")
+    odometry: str = setting(default="/ARDUINO1/Odom", source="thesis: first microcontroller")
+    velocity: str = setting(default="/ARDUINO1/Velocity", source="thesis: navigation_node")
+    map: str = setting(default="/map", source="thesis: gmapping_node")
+    tf: str = setting(default="/tf", source="thesis: gmapping_node and tf_transform_node")
+    tf_static: str = setting(default="/tf_static", source="ROS")
+    ultrasonic: tuple[str, ...] = setting(
+        default=(), source="sensor_msgs/Range, as sensors.ultrasonic.mounted; the thesis names none"
+    )
+    battery: str = setting(default="", source="sensor_msgs/BatteryState; the thesis names none")
+    map_frame: str = setting(default="map", source="REP-105")
+    base_frame: str = setting(default="base_link", source="REP-105, thesis")
+    null: Literal["invalid", "no echo"] = setting(
+        default="invalid", source="a range that JSON cannot say: NaN or an infinity, nobody knows"
+    )
+    free: int = setting(default=25, unit="%", source="map_saver", low=0, high=100)
+    occupied: int = setting(default=65, unit="%", source="map_saver", low=0, high=100)
+    stale_scan: float = setting(default=0.2, unit="s", source="of the laser", low=0.01)
+    stale_odometry: float = setting(default=0.1, unit="s", source="of the encoders", low=0.01)
+    stale_pose: float = setting(default=0.5, unit="s", source="of the localiser", low=0.01)
+    stale_ultrasonic: float = setting(default=1.0, unit="s", source="of each", low=0.01)
+    hold: float = setting(
+        default=0.5, unit="s", source="twist_mux: a command counts so long beyond its period",
+        low=0.0,
+    )  # fmt: skip
+    drift: float = setting(
+        default=1e-3, source="s per s that the two clocks may part", low=0.0, high=0.1
+    )
+    patience: float = setting(default=5.0, unit="s", source="for fresh data at reset", low=0.1)
+    mount: float = setting(
+        default=0.05, unit="m, rad", source="most that tf and sensors.laser may differ", low=0.0
+    )
+    still: float = setting(
+        default=0.05, unit="m/s, rad/s", source="a chair at reset stands", low=0.001
+    )
+    link: Link = Link()
+
+    def __post_init__(self) -> None:
+        if self.ultrasonic and len(self.ultrasonic) != RANGERS:
+            raise InputError(
+                f"RosSettings.ultrasonic has {len(self.ultrasonic)} topics; expected {RANGERS}, "
+                "or none"
+            )
+        if self.occupied <= self.free:
+            raise InputError(f"RosSettings.occupied is {self.occupied}; expected above free")

@@ -1,0 +1,163 @@
+"""One rosbridge v2 link: a ROS system's topics as JSON over a WebSocket.
+
+roslibpy (2.1, MIT, maintained) speaks this protocol, too, but not so that a person may sit in what
+it drives: its default transport runs Twisted's reactor, which cannot run twice in one process
+(roslibpy#56); it connects again by itself, so that a chair would go on after a lost link; messages
+that it cannot read are dropped in silence; and its `publish` only queues, so that nobody knows
+whether a command to stop has left. Here a message is on its way when `publish` returns, what cannot
+be read ends the link, and a lost link stays lost.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import socket
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from typing import Any
+
+from wheelchair_gym.config import InputError, setting, settings
+
+_LOG = logging.getLogger(__name__)
+
+Hear = Callable[[str, Any, float], None]
+
+
+@settings
+class Link:
+    """How a link is kept."""
+
+    patience: float = setting(default=3.0, unit="s", source="for an answer at all", low=0.1)
+    ping: float = setting(
+        default=1.0, unit="s", source="between signs of life; two missed end the link", low=0.1
+    )
+    largest: int = setting(
+        default=128 << 20, unit="bytes", source="of a message: a map of 30 million cells", low=1024
+    )
+
+
+class Rosbridge:
+    """A link that is open from when it is made until `close`, or until it is lost.
+
+    Args:
+        host: where rosbridge_server runs.
+        port: of its WebSocket.
+        hear: called in a thread with topic, message and when it came [s, `time.monotonic`].
+        link: how it is kept.
+
+    Attributes:
+        lost: why the link is gone, in a line; empty while it stands.
+        gone: is set when it is.
+        last_words: a topic and a message that are published before the link is given up.
+
+    Raises:
+        InputError: the extra 'ros' is not installed, or no rosbridge answers there.
+    """
+
+    def __init__(self, host: str, port: int, hear: Hear, link: Link) -> None:
+        try:
+            from websockets.exceptions import ConnectionClosed, WebSocketException
+            from websockets.sync.client import connect
+        except ImportError:
+            raise InputError("a chair under ROS needs: pip install 'wheelchair_gym[ros]'") from None
+        self._broken: tuple[type[Exception], ...] = (ConnectionClosed, EOFError, OSError)
+        name = f"[{host}]" if ":" in host else host
+        self.url = f"ros://{name}:{port}"
+        self.lost, self.gone = "", threading.Event()
+        self._pen = threading.RLock()
+        self.last_words: tuple[str, Any] | None = None
+        self._hear, self._stack = hear, ExitStack()
+        try:
+            plug = socket.create_connection((host, port), link.patience)
+            self._socket = self._stack.enter_context(
+                connect(
+                    f"ws://{name}:{port}", sock=plug, open_timeout=link.patience,
+                    close_timeout=link.ping, ping_interval=link.ping, ping_timeout=link.ping,
+                    max_size=link.largest, compression=None,
+                )
+            )  # fmt: skip
+        except (OSError, WebSocketException, EOFError) as error:
+            why = " ".join((str(error) or type(error).__name__).split())
+            raise InputError(f"{self.url}: no rosbridge answers there ({why})") from None
+        self._thread = threading.Thread(target=self._listen, name=self.url, daemon=True)
+        self._thread.start()
+
+    def subscribe(self, topic: str, kind: str) -> None:
+        """Ask for a topic of a type; of messages that wait, only the newest."""
+        self._send({"op": "subscribe", "topic": topic, "type": kind, "queue_length": 1})
+
+    def unsubscribe(self, topic: str) -> None:
+        """Ask for a topic no longer."""
+        self._send({"op": "unsubscribe", "topic": topic})
+
+    def advertise(self, topic: str, kind: str) -> None:
+        """Say that messages of a type will be published."""
+        self._send({"op": "advertise", "topic": topic, "type": kind})
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Send a message; nothing happens where the link is lost."""
+        self._send({"op": "publish", "topic": topic, "msg": message})
+
+    def close(self) -> None:
+        """Say the last words and let go; may be called again."""
+        self._end("closed")
+        self._stack.close()
+        if threading.current_thread() is not self._thread:
+            self._thread.join()
+
+    def _send(self, content: dict[str, Any]) -> None:
+        with self._pen:  # nothing follows the last words
+            if self.lost:
+                return
+            try:
+                self._socket.send(json.dumps(content, allow_nan=False))
+            except self._broken as error:
+                self._end(f"it broke ({error})")
+
+    def _listen(self) -> None:
+        why = "the other side closed it"
+        try:
+            while not self.lost:
+                why = self._take(self._socket.recv(), time.monotonic())
+                if why:
+                    break
+        except self._broken as error:
+            why = f"it broke ({error})"
+        self._end(why)
+        with suppress(Exception):  # whatever a broken socket says of being closed
+            self._stack.close()
+
+    def _take(self, text: str | bytes, now: float) -> str:
+        """Take in a message; why the link cannot be trusted any longer, or nothing."""
+        if isinstance(text, bytes):
+            return "it sends bytes; expected JSON"
+        try:
+            content = json.loads(text)  # NaN and Infinity, too, which rosbridge may write
+        except (ValueError, RecursionError):
+            return f"it sends what is not JSON: {text[:40]!r}"
+        operation = content.get("op") if isinstance(content, dict) else None
+        if operation == "publish" and isinstance(content.get("topic"), str):
+            self._hear(content["topic"], content.get("msg"), now)
+        elif operation == "status":
+            if content.get("level") in ("error", "warning"):
+                _LOG.warning("%s says: %s", self.url, " ".join(str(content.get("msg")).split()))
+        elif operation in ("fragment", "png", "cbor", "cbor-raw"):
+            return f"it sends {operation!r}, which was not asked for"
+        elif not isinstance(operation, str):
+            return f"it sends what is no rosbridge message: {text[:40]!r}"
+        return ""
+
+    def _end(self, why: str) -> None:
+        """Say the last words, and remember why; the first time only."""
+        with self._pen:
+            if not self.lost:
+                self.lost = " ".join(why.split())
+                if self.last_words is not None:
+                    topic, message = self.last_words
+                    last = {"op": "publish", "topic": topic, "msg": message}
+                    with suppress(Exception):  # the link may be the very thing that is broken
+                        self._socket.send(json.dumps(last))
+        self.gone.set()
