@@ -6,7 +6,11 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.installed
 CLEAN_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
-.PHONY: demo test test-all lint bench clean help
+# What builds the firmware and emulates its boards: Debian packages, for tests and the twin only.
+EMULATOR := gcc-avr avr-libc libsimavr-dev gcc libc6-dev make
+SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
+
+.PHONY: demo test test-all lint bench clean help emulator firmware
 
 help:
 	@echo "make demo      planners drive a wheelchair through floor plans; prints where the report is"
@@ -14,6 +18,8 @@ help:
 	@echo "make test-all  the long ones, too"
 	@echo "make lint      ruff and mypy"
 	@echo "make bench     how fast it is on this machine"
+	@echo "make emulator  compilers and emulator of the chair's boards (Debian; root or sudo)"
+	@echo "make firmware  builds the boards' firmware and prints its sizes"
 
 $(READY): pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -42,6 +48,15 @@ bench: $(READY)
 	$(BIN)/python -m tests.benchmarks
 	$(BIN)/python -m tests.benchmarks.maps
 
+emulator:
+	@command -v apt-get >/dev/null || { echo "make emulator knows Debian and its kin only;" \
+	  "install the like of: $(EMULATOR)" >&2; exit 2; }
+	@dpkg -s $(EMULATOR) >/dev/null 2>&1 || { $(SUDO) apt-get update -qq \
+	  && $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(EMULATOR); }
+
+firmware: emulator
+	$(MAKE) -C wheelchair_gym/hardware/firmware
+
 clean:
-	rm -rf $(VENV) runs build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) wheelchair_gym/hardware/firmware/build runs build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

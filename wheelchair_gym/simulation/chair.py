@@ -145,6 +145,11 @@ class SimulatedChair:
         """The parameters (1,) of this episode, a record; see `simulation.state.PARAMETER`."""
         return np.array(self._chair)
 
+    @property
+    def rows(self) -> Rows:
+        """Where its rows lie (1,), a record of `advance.ALONE`: for who moves it by other means."""
+        return self._alone
+
     def _blank_reading(self) -> tuple[NDArray[np.float32], Rows]:
         # Fresh memory for each reading: what was handed out is never written again. Small records
         # come from a common store, since numpy is slow to make them one by one.

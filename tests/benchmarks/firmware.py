@@ -1,0 +1,192 @@
+"""The firmware on its emulated boards: sizes, waits of interrupts, jitter, stop times.
+
+`python -m tests.benchmarks.firmware [trials]`: JSON on stdout; 20 trials of each stop by default.
+All times are of the emulated world, so they are the same on any machine; `times_real_time` alone
+depends on this one.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+
+import numpy as np
+
+from tests.hardware.bench import ibus
+from tests.hardware.pilot import Pilot
+from wheelchair_gym.hardware.messages import Command, Fault, Mode, Odometry, Switch
+from wheelchair_gym.hardware.protocol import Receiver
+from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
+from wheelchair_gym.hardware.twin.build import built
+from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
+from wheelchair_gym.simulation import ChairSettings
+from wheelchair_gym.simulation.settings import BodySettings
+
+# Interrupt vectors of the ATmega2560, and the pin that changes with each run of the control.
+VECTORS = {"encoders": 9, "tick": 13, "host": 25, "joystick": 36}
+BEAT = ("L", 4)
+TOP = 0.8  # m/s
+MASSES = (100.0, 180.0)  # kg: ISO 7176-11 dummies
+SLOWER = 0.02  # m/s: what counts as slowing down
+GIVEN_UP = 5000  # ms
+
+
+def sizes():
+    """Flash and static RAM of both boards [bytes]."""
+    result = {}
+    for board in ("drive", "range"):
+        text = subprocess.run(
+            ["avr-size", built(f"{board}.elf")], capture_output=True, text=True, check=True
+        ).stdout
+        code, data, zeroed = map(int, text.splitlines()[1].split()[:3])
+        result[board] = {"flash": code + data, "ram": data + zeroed}
+    return result
+
+
+def untouched(board, first, last):
+    """RAM between the static data and the deepest stack so far [bytes]: still zero."""
+    address = first
+    while address <= last and board.peek(address) == 0:
+        address += 1
+    return address - first
+
+
+def loaded(seconds=20.0):
+    """Waits and jitter while everything happens at once: top speed, turning, host and joystick."""
+    pilot = Pilot()
+    drive = pilot.twin.drive
+    pilot.start(0.5, 0.0, 1.0)
+    for vector in VECTORS.values():
+        drive.watch(vector)
+    drive.note(*BEAT)
+    rng = np.random.default_rng(1)
+    beats, began = [], time.perf_counter()
+    for k in range(round(seconds / 0.1)):
+        pilot.target = (TOP, float(rng.uniform(-1, 1))) if k % 10 else (0.0, 0.0)
+        drive.write(b"".join(ibus() for _ in range(13)), 1)
+        pilot.run(0.1)
+        beats.append(drive.notes().astype(np.int64))
+    took = time.perf_counter() - began
+    us = 1e6 / FREQUENCY
+    each = np.diff(np.concatenate(beats)) * us
+    waits = {name: round(drive.waited(v)[0] * us, 2) for name, v in VECTORS.items()}
+    ram = {name: size["ram"] for name, size in sizes().items()}
+    free = {
+        name: untouched(board, start + ram[name], end)
+        for name, board, start, end in (
+            ("drive", drive, 0x200, 0x21FF),
+            ("range", pilot.twin.range, 0x100, 0x8FF),
+        )
+    }
+    return {
+        "ram_never_touched_bytes": free,
+        "worst_wait_us": waits,
+        "control_us": {
+            "mean": round(float(each.mean()), 2),
+            "least": round(float(each.min()), 1),
+            "most": round(float(each.max()), 1),
+            "deviation": round(float(each.std()), 1),
+        },
+        "refused_or_lost": [pilot.bad, pilot.now.bad, pilot.now.lost, drive.overruns],
+        "times_real_time": round(seconds / took, 1),
+    }
+
+
+def encoder_limit():
+    """The most edges a second of both encoders together at which not a count is lost."""
+    best = 0
+    for rate in range(20_000, 200_001, 10_000):
+        board = EmulatedBoard("atmega2560", "drive.elf", (500_000, IBUS_BAUD))
+        for bit in range(4):
+            board.pin("B", bit, False)
+        board.run(FREQUENCY // 50)
+        n = rate // 2 // 5  # counts of each wheel in 0.2 s
+        until = FREQUENCY // 50 + FREQUENCY // 5
+        board.turn("B", 0, 0.0, n + 0.25, until)
+        board.turn("B", 2, 0.0, n + 0.75, until)
+        board.run(until + FREQUENCY // 20)
+        heard = [f.message for f in Receiver().feed(board.read())]
+        last = [m for m in heard if isinstance(m, Odometry)][-1]
+        board.close()
+        if (last.left, last.right) != (n, n):
+            break
+        best = rate
+    return best
+
+
+def silence(pilot):
+    pilot.target = None
+
+
+def press(pilot):
+    pilot.twin.faults.switches = Switch.STOP_PRESSED
+
+
+def blind(pilot):
+    pilot.twin.faults.blind[int(pilot.rng.integers(2))] = True
+
+
+def hang(pilot):
+    pilot.twin.drive.hang()
+
+
+STOPS = {
+    "host silent": (silence, Fault.LINK),
+    "emergency stop": (press, Fault.EMERGENCY_STOP),
+    "encoder lost": (blind, Fault.STALL | Fault.DIRECTION),
+    "drive board hung": (hang, Fault.RESET),
+}
+
+
+def stop(name, trial):
+    """Milliseconds until the chair slows, until it stands, and its mean deceleration."""
+    rng = np.random.default_rng([list(STOPS).index(name), trial])
+    pilot = Pilot(chair=ChairSettings(body=BodySettings(mass=float(rng.uniform(*MASSES)))))
+    pilot.rng = rng
+    speed = float(pilot.rng.uniform(0.3, TOP))
+    pilot.start(speed, float(pilot.rng.uniform(-0.3, 0.3)), 2.0)
+    pilot.twin.advance(round(float(pilot.rng.uniform(0, 0.1)), 3))
+    cause, fault = STOPS[name]
+    cause(pilot)
+    before, began = pilot.twin.motion.speed, pilot.twin.steps
+    slows = None
+    while abs(pilot.twin.motion.speed) > 1e-3:
+        elapsed = pilot.twin.steps - began
+        if slows is None and pilot.twin.motion.speed < before - SLOWER:
+            slows = elapsed
+        if elapsed > GIVEN_UP:
+            return {"slows_ms": GIVEN_UP, "rests_ms": GIVEN_UP, "deceleration": 0.0}
+        if elapsed % 20 == 0 and pilot.target is not None:
+            pilot.send(Command(*pilot.target))
+        pilot.twin.advance(0.001)
+        pilot.listen()
+    rests = pilot.twin.steps - began
+    pilot.run(1.4)
+    assert pilot.now.mode == Mode.STOPPED, pilot.now
+    assert pilot.now.faults & fault, pilot.now
+    assert pilot.twin.braked
+    pilot.twin.close()
+    mean = (abs(before) - SLOWER) / max(1e-3, (rests - slows) * 1e-3)
+    return {"slows_ms": slows, "rests_ms": rests, "deceleration": mean}
+
+
+def main():
+    trials = int(sys.argv[1]) if len(sys.argv) > 1 else 20
+    report = {"sizes_bytes": sizes(), **loaded(), "encoder_edges_per_s": encoder_limit()}
+    report["stops"] = {}
+    for name in STOPS:
+        rows = [stop(name, trial) for trial in range(trials)]
+        print(name, file=sys.stderr, flush=True)
+        report["stops"][name] = {
+            "trials": trials,
+            "slows_ms": max(row["slows_ms"] for row in rows),
+            "rests_ms": max(row["rests_ms"] for row in rows),
+            "least_deceleration": round(min(row["deceleration"] for row in rows), 2),
+        }
+    print(json.dumps(report, indent=1))
+
+
+if __name__ == "__main__":
+    main()

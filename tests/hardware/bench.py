@@ -1,0 +1,70 @@
+"""The drive board's mind on a bench: two wheels that follow their volts, and faults on command."""
+
+from __future__ import annotations
+
+import math
+
+from tests.hardware.native import NativeDrive
+from wheelchair_gym.hardware.messages import Answer, Command, Mode, Rearm, Status
+from wheelchair_gym.simulation import ChairSettings
+
+CHAIR = ChairSettings()
+FEED = CHAIR.motor.constant / CHAIR.drive.wheel_radius  # V s/m
+LAG = 0.13  # s: of 135 kg behind two motors
+BRAKE = 2.0  # m/s2: of the spring brakes
+EVERYTHING = 0xFFFF
+
+
+class Bench(NativeDrive):
+    """One wheel law for both: speed follows volts with a lag; brakes and friction end it."""
+
+    def __init__(self, native):
+        super().__init__(native)
+        self.speeds, self.ways = [0.0, 0.0], [0.0, 0.0]
+        self.seen = [True, True]  # a wheel whose encoder is seen
+        self.sign = [1, 1]  # of its encoder
+        self.target = None  # command sent every 20 ms
+        self.runs = 0
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / 0.005)):
+            if self.target is not None and self.runs % 4 == 0:
+                assert self.send(Command(*self.target)) == []
+            self.runs += 1
+            for i in range(2):
+                if self.enable:
+                    aim = self.duty[i] * self.battery / FEED
+                    self.speeds[i] += (aim - self.speeds[i]) * (1 - math.exp(-0.005 / LAG))
+                if not self.release:
+                    slower = max(0.0, abs(self.speeds[i]) - BRAKE * 0.005)
+                    self.speeds[i] = math.copysign(slower, self.speeds[i])
+                self.ways[i] += self.speeds[i] * 0.005
+                if self.seen[i]:
+                    ticks = self.ways[i] * CHAIR.drive.counts_per_metre
+                    self.counts[i] = self.sign[i] * math.floor(ticks)
+            self.step()
+
+    def rearm(self) -> Status:
+        """A person re-arms at zero; the answer."""
+        (answer,) = self.send(Rearm(EVERYTHING))
+        assert isinstance(answer, Answer)
+        return Status(answer.status)
+
+    def start(self, v=0.0, w=0.0, seconds=3.0):
+        """Re-arm, and drive until the speed is steady."""
+        self.target = (0.0, 0.0)
+        self.run(0.1)
+        assert self.rearm() == Status.DONE
+        self.target = (v, w)
+        self.run(seconds)
+        assert self.odometry().mode == Mode.HOST
+        return self
+
+
+def ibus(ahead=0.0, aside=0.0, manual=False, held=False) -> bytes:
+    """A frame of a FlySky receiver: sticks in [-1, 1], left positive."""
+    values = [1500] * 14
+    values[0], values[1] = round(1500 - 500 * aside), round(1500 + 500 * ahead)
+    values[4], values[5] = 2000 if manual else 1000, 2000 if held else 1000
+    data = b"\x20\x40" + b"".join(v.to_bytes(2, "little") for v in values)
+    return data + (0xFFFF - sum(data)).to_bytes(2, "little")

@@ -1,0 +1,27 @@
+"""What the tests of the hardware need: compilers, and the emulator."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from wheelchair_gym.hardware.twin.build import built, missing
+
+
+def build(target):
+    """The path of a built target; a skip, or a failure where it is required."""
+    if lacks := missing(target):
+        reason = f"{target} needs {' and '.join(lacks)}: run `make emulator`"
+        if os.environ.get("WHEELCHAIR_EMULATOR") == "required":
+            pytest.fail(reason)
+        pytest.skip(reason)
+    return built(target)
+
+
+@pytest.fixture(scope="session")
+def firmware():
+    """The firmware, compiled natively."""
+    from tests.hardware.native import Native
+
+    return Native(build("libfirmware.so"))

@@ -1,0 +1,110 @@
+"""The firmware's pure part as a native library."""
+
+from __future__ import annotations
+
+import ctypes as c
+from pathlib import Path
+
+from wheelchair_gym.hardware.protocol import Receiver, encode
+
+
+class Native:
+    """Functions of native.c; bytes in, bytes out."""
+
+    def __init__(self, path: Path) -> None:
+        self.library = lib = c.CDLL(str(path))
+        for name in ("receiver_new", "drive_new", "ranging_new", "receiver_body"):
+            getattr(lib, name).restype = c.c_void_p
+        for name in ("table_name", "table_text"):
+            getattr(lib, name).restype = c.c_char_p
+        lib.drive_run.argtypes = [c.c_void_p, c.c_uint32, c.c_int32, c.c_int32, c.c_uint8]
+        lib.drive_run.argtypes += [c.c_uint8, c.c_float, c.c_void_p, c.c_void_p]
+        lib.drive_restore.restype = c.c_bool
+
+    def tables(self):
+        """The tables of protocol.h: name -> (kind, rows of words)."""
+        index, tables = 0, {}
+        while name := self.library.table_name(index):
+            rows = [row.split(" ") for row in self.library.table_text(index).decode().splitlines()]
+            tables[name.decode()] = self.library.table_kind(index), rows
+            index += 1
+        return tables
+
+    def frame(self, kind: int, sequence: int, payload: bytes) -> bytes:
+        out = c.create_string_buffer(256)
+        size = self.library.frame_of(kind, sequence, payload, len(payload), out)
+        return out.raw[:size]
+
+
+class NativeReceiver:
+    """The boards' receiver."""
+
+    def __init__(self, native: Native) -> None:
+        self.library = native.library
+        self.pointer = c.c_void_p(self.library.receiver_new())
+
+    def feed(self, data: bytes) -> list[bytes]:
+        out = c.create_string_buffer(2 * len(data) + 1)
+        size = self.library.receive_all(self.pointer, data, len(data), out)
+        bodies, at = [], 0
+        while at < size:
+            end = at + 1 + out.raw[at]
+            bodies.append(out.raw[at + 1 : end])
+            at = end
+        return bodies
+
+    @property
+    def bad(self) -> int:
+        return self.library.receiver_bad(self.pointer)
+
+    def __del__(self) -> None:
+        self.library.free_it(self.pointer)
+
+
+class NativeDrive:
+    """The drive board's mind, without a board: time, counts and switches are given."""
+
+    def __init__(self, native: Native) -> None:
+        self.library = native.library
+        self.pointer = c.c_void_p(self.library.drive_new())
+        self.inbox = c.c_void_p(self.library.receiver_new())
+        self.now, self.counts, self.illegal = 0, [0, 0], 0
+        self.switches, self.battery = 0, 38.0
+        self.duty, self.enable, self.release = (0.0, 0.0), False, False
+        self._receiver, self._sequence = Receiver(), 0
+
+    def send(self, message) -> list:
+        """Say something; what the board answers."""
+        self._sequence += 1
+        data, out = encode(message, self._sequence), c.create_string_buffer(4096)
+        size = self.library.drive_hear(self.pointer, self.inbox, data, len(data), self.now, out)
+        return [frame.message for frame in self._receiver.feed(out.raw[:size])]
+
+    def step(self) -> None:
+        """One run of the control: 5 ms."""
+        self.now += 5
+        duty, pins = (c.c_float * 2)(), c.c_uint8()
+        self.library.drive_run(
+            self.pointer,
+            self.now,
+            *self.counts,
+            self.illegal & 0xFF,
+            self.switches,
+            self.battery,
+            duty,
+            c.byref(pins),
+        )
+        self.duty = tuple(duty)
+        self.enable, self.release = bool(pins.value & 1), bool(pins.value & 2)
+
+    def odometry(self):
+        out = c.create_string_buffer(256)
+        size = self.library.drive_say(self.pointer, self.now, out)
+        return self._receiver.feed(out.raw[:size])[0].message
+
+    def stick(self, data: bytes) -> None:
+        self.library.drive_stick(self.pointer, data, len(data), self.now)
+
+    def __del__(self) -> None:
+        self.library.free_it(self.pointer)
+        self.library.free_it(self.inbox)

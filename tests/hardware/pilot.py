@@ -1,0 +1,110 @@
+"""A host at the twin's wires: commands every 20 ms, odometry and ranges heard."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+
+from tests.simulation.worlds import box
+from wheelchair_gym.hardware.messages import (
+    Answer,
+    Command,
+    Identity,
+    Mode,
+    Odometry,
+    Parameter,
+    Ranges,
+    Rearm,
+)
+from wheelchair_gym.hardware.protocol import Receiver, encode
+from wheelchair_gym.hardware.twin.lockstep import Twin
+from wheelchair_gym.hardware.twin.plant import Plant
+from wheelchair_gym.sensing import SensorSettings
+from wheelchair_gym.simulation import ChairSettings
+
+PERIOD = 0.02  # s
+
+
+class Pilot:
+    """Drives a twin in a large room; what was heard last stands in `heard`, by kind."""
+
+    def __init__(self, half=50.0, noise=False, chair: ChairSettings | None = None):
+        self.twin = Twin(Plant(chair, SensorSettings(noise=noise)))
+        self.twin.reset(box(half), 0)
+        self.target = None
+        self.heard, self.odometry = {}, []
+        self.bad = 0
+        self._receivers = Receiver(), Receiver()
+        self._sequence = 0
+        self._digest = hashlib.sha256()
+
+    def send(self, message, board="drive"):
+        self._sequence += 1
+        getattr(self.twin, board).write(b"\0" + encode(message, self._sequence))
+
+    def run(self, seconds):
+        for _ in range(round(seconds / PERIOD)):
+            if self.target is not None:
+                self.send(Command(*self.target))
+            self.twin.advance(PERIOD)
+            self.listen()
+        return self
+
+    def listen(self):
+        for board, receiver in zip(
+            (self.twin.drive, self.twin.range), self._receivers, strict=True
+        ):
+            data = board.read()
+            self._digest.update(data)
+            for frame in receiver.feed(data):
+                self.heard[type(frame.message)] = frame.message
+                if isinstance(frame.message, Odometry):
+                    self.odometry.append(frame.message)
+        self.bad = sum(receiver.bad for receiver in self._receivers)
+
+    def ask(self, message, kind=Parameter, board="drive"):
+        """Send a message; the answer."""
+        self.heard.pop(kind, None)
+        self.send(message, board)
+        self.twin.advance(0.01)
+        self.listen()
+        return self.heard[kind]
+
+    def start(self, v=0.0, w=0.0, seconds=3.0):
+        self.target = (0.0, 0.0)
+        self.run(0.1)
+        answer = self.ask(Rearm(0xFFFF), Answer)
+        assert answer.status == 0, answer
+        self.target = (v, w)
+        self.run(seconds)
+        assert self.now.mode == Mode.HOST, self.now
+        return self
+
+    def until_rest(self, most=3.0):
+        """Seconds until the chair stands, by truth, in steps of the world."""
+        steps = self.twin.steps
+        while abs(self.twin.motion.speed) > 1e-3 or abs(self.twin.motion.turn) > 1e-3:
+            self.twin.advance(0.001)
+            assert self.twin.steps - steps < most * 1000, self.twin.motion
+        return (self.twin.steps - steps) * 0.001
+
+    @property
+    def now(self) -> Odometry:
+        return self.heard[Odometry]
+
+    @property
+    def ranges(self) -> Ranges:
+        return self.heard[Ranges]
+
+    @property
+    def identity(self) -> Identity:
+        return self.heard[Identity]
+
+    @property
+    def digest(self):
+        return self._digest.hexdigest()
+
+    @property
+    def pose(self):
+        return np.array(self.twin.plant.pose)

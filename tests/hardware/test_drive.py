@@ -1,0 +1,375 @@
+"""Whatever happens, the chair stops: the drive board's mind, run natively."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import subprocess
+
+import numpy as np
+import pytest
+
+from tests.hardware.bench import Bench, ibus
+from tests.hardware.conftest import build
+from tests.hardware.native import NativeDrive
+from wheelchair_gym.hardware.messages import (
+    Answer,
+    Command,
+    CommandFlag,
+    Fault,
+    Get,
+    Identify,
+    Identity,
+    Mode,
+    Rearm,
+    Save,
+    Set,
+    Status,
+    Switch,
+    Unknown,
+)
+from wheelchair_gym.hardware.parameters import DRIVE
+from wheelchair_gym.kinematics import approach
+
+STEP = 0.005  # s
+
+
+@pytest.fixture
+def bench(firmware):
+    return Bench(firmware)
+
+
+def off(bench):
+    return bench.duty == (0.0, 0.0) and not bench.enable and not bench.release
+
+
+def test_set_points_are_those_of_the_simulated_chair(firmware):
+    """One definition: the boards' `approach` is that of kinematics, to float32."""
+    rng = np.random.default_rng(5)
+    for _ in range(40):
+        target, up, down = rng.uniform(-1, 1), *rng.uniform(0.2, 2.0, 2)
+        jerk, start = rng.uniform(0.5, 8.0), rng.uniform(-1, 1)
+        axis, out = (ctypes.c_float * 2)(start, 0.0), (ctypes.c_float * 600)()
+        real = [ctypes.c_float(x) for x in (target, up, down, jerk, STEP)]
+        firmware.library.approach_all(axis, *real, 600, out)
+        speed, slope, speeds = start, 0.0, []
+        for _ in range(600):
+            speed, slope = approach(speed, slope, target, up, down, jerk, STEP)
+            speeds.append(speed)
+        assert np.abs(np.array(out) - speeds).max() < 2e-4
+
+
+@pytest.mark.parametrize(("v", "w"), [(0.5, 0.0), (-0.3, 0.4), (0.8, 1.0), (0.05, 0.0)])
+def test_speed_follows_the_command(bench, v, w):
+    bench.start(v, w)
+    told = bench.odometry()
+    assert (told.v, told.w) == (pytest.approx(v, abs=1e-4), pytest.approx(w, abs=1e-4))
+    half = 0.5 * 0.54 * w
+    assert bench.speeds == [pytest.approx(v - half, abs=0.01), pytest.approx(v + half, abs=0.01)]
+
+
+def test_commands_beyond_the_limits_are_held_at_them(bench):
+    bench.start(3.0, -3.0, seconds=4.0)
+    told = bench.odometry()
+    assert (told.v, told.w) == (pytest.approx(0.8, abs=1e-4), pytest.approx(-1.0, abs=1e-4))
+
+
+def test_nothing_moves_before_a_person_has_re_armed(bench):
+    bench.target = (0.5, 0.0)
+    bench.run(1.0)
+    assert off(bench)
+    assert bench.odometry().faults == Fault.RESET
+    assert bench.rearm() == Status.NOT_AT_ZERO
+    bench.target = (0.0, 0.0)
+    bench.run(0.1)
+    assert bench.send(Rearm(Fault.STALL))[0].status == Status.OTHER_FAULTS
+    assert bench.rearm() == Status.DONE
+    bench.run(0.5)
+    assert bench.odometry().mode == Mode.HOST
+    assert bench.duty == (0.0, 0.0)
+
+
+def test_without_commands_the_set_point_falls_within_205_ms_and_the_brake_follows(bench):
+    bench.start(0.8)
+    bench.target = None
+    bench.send(Command(0.8, 0.0))
+    since, falls, rests = 0.0, None, None
+    while rests is None:
+        bench.run(STEP)
+        since += STEP
+        if falls is None and bench.odometry().v < 0.8 - 1e-3:
+            falls = since
+        if off(bench):
+            rests = since
+        assert since < 2.0
+    assert falls <= 0.205 + 1e-9
+    # The set point falls at 2.2 m/s2; the wheels rest at 1.5 or more of it all, and then brake.
+    assert 0.8 / (rests - falls) >= 1.5
+    assert bench.odometry().faults == 0
+    bench.target = (0.0, 0.0)
+    bench.run(0.1)
+    assert bench.odometry().mode == Mode.HOST  # a short silence heals
+    bench.target = None
+    bench.run(1.3)
+    assert bench.odometry().faults == Fault.LINK  # a long one needs a person
+    bench.target = (0.5, 0.0)
+    bench.run(1.0)
+    assert off(bench)
+
+
+def press(switch):
+    def cause(bench):
+        bench.switches |= switch
+
+    return cause
+
+
+def blind(wheel):
+    def cause(bench):
+        bench.seen[wheel] = False
+
+    return cause
+
+
+def swap(bench):
+    bench.sign[1] = -1
+
+
+def sag(bench):
+    bench.battery = 28.0
+
+
+def noise(bench):
+    bench.illegal += 30
+
+
+def race(bench):
+    bench.ways[0] += 0.1
+
+
+CAUSES = {
+    "emergency stop": (press(Switch.STOP_PRESSED), Fault.EMERGENCY_STOP, 0.005),
+    "driver": (press(Switch.DRIVER_LEFT), Fault.DRIVER, 0.005),
+    "left encoder": (blind(0), Fault.STALL, 0.1),
+    "right encoder": (blind(1), Fault.STALL, 0.1),
+    "encoder noise": (noise, Fault.ENCODER, 0.105),
+    "over-speed": (race, Fault.OVER_SPEED, 0.005),
+    "battery": (sag, Fault.UNDER_VOLTAGE, 0.9),
+}
+
+
+@pytest.mark.parametrize("name", CAUSES)
+def test_faults_stop_the_chair_and_stay_until_a_person_has_seen_to_them(bench, name):
+    cause, fault, within = CAUSES[name]
+    bench.start(0.5)
+    cause(bench)
+    bench.run(within)
+    assert bench.odometry().faults & fault, Fault(bench.odometry().faults)
+    # From 0.5 m/s at 1.5 m/s2, and the delay of the control where it still brakes.
+    bench.run(0.5 / 1.5 + 0.15)
+    assert off(bench)
+    assert bench.speeds == [0.0, 0.0]
+    bench.run(1.0)
+    assert off(bench)  # though the host still asks for 0.5 m/s
+    bench.target = (0.0, 0.0)
+    bench.switches, bench.battery = 0, 38.0
+    bench.seen = [True, True]
+    bench.run(0.5)
+    assert off(bench)
+    assert bench.rearm() == Status.DONE
+    bench.target = (0.3, 0.0)
+    bench.run(1.5)
+    assert min(bench.speeds) == pytest.approx(0.3, abs=0.01)
+
+
+def test_a_blind_wheel_at_the_start_never_winds_up(bench):
+    """Without counts the integral would rise to full power."""
+    bench.start()
+    bench.seen[0], bench.target = False, (0.8, 0.0)
+    bench.run(1.0)
+    assert bench.odometry().faults == Fault.STALL
+    assert off(bench)
+    assert bench.ways[0] < 0.15
+    bench.run(1.0)
+    assert bench.speeds == [0.0, 0.0]
+
+
+def test_a_wheel_that_turns_against_its_motor_is_cut(bench):
+    bench.start()
+    swap(bench)
+    bench.target = (0.5, 0.0)
+    bench.run(1.0)
+    assert bench.odometry().faults & Fault.DIRECTION
+    assert off(bench)
+    assert max(map(abs, bench.ways)) < 0.15
+
+
+@pytest.mark.parametrize("switch", [Switch.STOP_PRESSED, Switch.FREEWHEEL, Switch.DRIVER_RIGHT])
+def test_what_still_stands_refuses_the_re_arm(bench, switch):
+    bench.target, bench.switches = (0.0, 0.0), switch
+    bench.run(0.1)
+    assert bench.rearm() == Status.CAUSE_STANDS
+
+
+def test_the_freewheel_lever_takes_the_motors_off(bench):
+    bench.start(0.3)
+    bench.switches = Switch.FREEWHEEL
+    bench.run(0.01)
+    assert off(bench)
+    bench.switches = 0
+    bench.run(1.0)
+    assert off(bench)
+
+
+@pytest.mark.parametrize(
+    ("strip", "v", "leaves"), [(Switch.FRONT, 0.5, -0.3), (Switch.REAR, -0.3, 0.5)]
+)
+def test_a_strip_stops_the_chair_and_lets_it_creep_away_only(bench, strip, v, leaves):
+    bench.start(v)
+    bench.switches = strip
+    bench.run(abs(v) / 1.5 + 0.1)
+    assert max(map(abs, bench.speeds)) < 0.02
+    bench.run(1.0)
+    assert max(map(abs, bench.speeds)) < 0.01
+    bench.target = (leaves, 0.0)
+    bench.run(2.0)
+    assert bench.speeds[0] == pytest.approx(math.copysign(0.1, leaves), abs=0.01)
+
+
+def test_a_touch_between_two_odometries_is_told(bench):
+    bench.start(0.2, seconds=1.0)
+    bench.odometry()
+    bench.switches = Switch.LEFT
+    bench.run(0.005)
+    bench.switches = 0
+    bench.run(0.015)
+    assert bench.odometry().switches == Switch.LEFT
+    assert bench.odometry().switches == 0
+
+
+def test_the_host_is_told_whether_a_person_is_needed(bench):
+    bench.target = (0.0, 0.0)
+    bench.run(0.1)
+    assert bench.odometry().mode == Mode.STOPPED
+    bench.target = None
+    bench.run(0.1)
+    assert bench.rearm() == Status.DONE
+    assert bench.odometry().mode == Mode.READY
+    bench.target = (0.0, 0.0)
+    bench.run(0.1)
+    assert bench.odometry().mode == Mode.HOST
+    bench.target = None
+    bench.run(0.5)
+    assert bench.odometry().mode == Mode.READY
+    bench.run(1.0)
+    assert bench.odometry().mode == Mode.STOPPED
+
+
+def test_protective_braking_is_exempt_from_jerk(bench):
+    bench.start(0.8)
+    bench.target = None
+    bench.send(Command(0.0, 0.0, CommandFlag.PROTECTIVE))
+    bench.run(0.1)
+    assert bench.odometry().v == pytest.approx(0.8 - 1.5 * 0.1, abs=0.01)
+
+
+def test_parameters_keep_their_bounds_and_change_at_rest_only(bench):
+    for index, name in enumerate(DRIVE):
+        (told,) = bench.send(Get(index))
+        assert told.low <= told.value <= told.high, name
+        for value in (math.nan, math.inf, -math.inf, told.low - 1.0, told.high * 1.01 + 1.0):
+            (answer,) = bench.send(Set(index, value))
+            assert (answer.status, answer.value) == (Status.OUT_OF_RANGE, told.value)
+        (answer,) = bench.send(Set(index, told.high))
+        assert (answer.status, answer.value) == (Status.DONE, told.high)
+        bench.send(Set(index, told.value))
+    assert bench.send(Get(len(DRIVE)))[0].status == Status.UNKNOWN
+    bench.start(0.3)
+    assert bench.send(Set(DRIVE.index("kp"), 10.0))[0].status == Status.MOVING
+    assert bench.send(Save())[0].status == Status.MOVING
+
+
+def test_what_cannot_be_understood_is_said_so(bench):
+    assert bench.send(Unknown(0x55, b"abc")) == [Answer(0x55, 1, Status.UNKNOWN)]
+    assert bench.send(Unknown(0x01, b"ab")) == [Answer(0x01, 2, Status.UNKNOWN)]
+    assert bench.send(Identify()) == [Identity(1, len(DRIVE), 0, 0)]
+
+
+def test_a_store_with_any_bit_wrong_is_refused(firmware):
+    drive = NativeDrive(firmware)
+    drive.send(Set(DRIVE.index("kp"), 55.0))
+    size = drive.library.drive_store_size(drive.pointer)
+    image = ctypes.create_string_buffer(size)
+    drive.library.drive_store(drive.pointer, image)
+    for bit in range(8 * size):
+        broken = bytearray(image.raw)
+        broken[bit // 8] ^= 1 << bit % 8
+        assert not drive.library.drive_restore(drive.pointer, bytes(broken))
+    for garbage in (bytes(size), b"\xff" * size, np.random.default_rng(1).bytes(size)):
+        assert not drive.library.drive_restore(drive.pointer, garbage)
+    assert drive.send(Get(DRIVE.index("kp")))[0].value == 40.0
+    assert drive.library.drive_restore(drive.pointer, image.raw)
+    assert drive.send(Get(DRIVE.index("kp")))[0].value == 55.0
+
+
+def by_hand(bench, seconds, **stick):
+    for _ in range(round(seconds / 0.01)):
+        bench.stick(ibus(**stick))
+        bench.run(0.01)
+
+
+def test_a_person_drives_by_joystick_while_the_host_is_dead(bench):
+    by_hand(bench, 0.5, manual=True)
+    assert off(bench)
+    by_hand(bench, 0.2, ahead=1.0, manual=True, held=True)
+    assert off(bench)  # not re-armed with the stick pushed
+    by_hand(bench, 0.1, manual=True)
+    by_hand(bench, 0.1, manual=True, held=True)
+    assert bench.odometry().mode == Mode.MANUAL
+    by_hand(bench, 3.0, ahead=1.0, manual=True, held=True)
+    assert bench.speeds[0] == pytest.approx(0.5 * 0.8, abs=0.01)
+    by_hand(bench, 0.6, ahead=1.0, manual=True, held=False)  # let go
+    assert max(map(abs, bench.speeds)) < 0.01
+
+
+def test_the_joystick_goes_before_the_host_and_its_silence_stops(bench):
+    bench.start(0.5)
+    by_hand(bench, 1.5, manual=True)
+    assert bench.odometry().mode == Mode.MANUAL
+    assert max(map(abs, bench.speeds)) < 0.01
+    by_hand(bench, 1.0, manual=False)
+    # The host still asks for 0.5 m/s, but has not asked for zero since.
+    assert bench.odometry().mode == Mode.HOST
+    assert max(map(abs, bench.speeds)) < 0.01
+    bench.target = (0.0, 0.0)
+    by_hand(bench, 0.1)
+    bench.target = (0.5, 0.0)
+    by_hand(bench, 2.0)
+    assert min(bench.speeds) == pytest.approx(0.5, abs=0.01)
+    by_hand(bench, 0.1, manual=True, held=True, ahead=0.2)
+    bench.run(0.2 + 0.5 / 1.5 + 0.1)  # silent: the host does not take over
+    assert off(bench)
+    assert max(map(abs, bench.speeds)) < 0.03
+
+
+def test_a_joystick_frame_with_any_byte_wrong_is_not_heeded(firmware):
+    drive = Bench(firmware)
+    good = ibus(manual=True, held=True)
+    for at in range(len(good)):
+        broken = bytearray(good)
+        broken[at] ^= 0x10
+        drive.stick(bytes(broken) + b"\0" * 32)
+    drive.target = (0.0, 0.0)
+    drive.run(0.1)
+    assert drive.rearm() == Status.DONE
+    drive.run(0.1)
+    assert drive.odometry().mode == Mode.HOST
+
+
+@pytest.mark.parametrize("count", [5_000, pytest.param(1_000_000, marks=pytest.mark.long)])
+def test_no_bytes_break_a_law_of_the_boards(count):
+    """Sanitizers watch; fuzz.c states the laws."""
+    fuzz = subprocess.run(
+        [build("fuzz"), str(count), "1"], capture_output=True, text=True, check=False
+    )
+    assert fuzz.returncode == 0, fuzz.stderr[:2000]

@@ -1,0 +1,266 @@
+"""The line between host and board: noise, silence, unplugging; no damaged word is ever believed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.hardware.conftest import build
+from tests.simulation.worlds import box
+from wheelchair_gym.hardware.link import RETRY, Link
+from wheelchair_gym.hardware.messages import (
+    Answer,
+    Command,
+    Identify,
+    Identity,
+    Mode,
+    Odometry,
+    Rearm,
+)
+from wheelchair_gym.hardware.protocol import Receiver, encode
+from wheelchair_gym.hardware.twin.lockstep import Twin
+from wheelchair_gym.hardware.twin.plant import Plant
+from wheelchair_gym.hardware.twin.wire import WIRES, Harm, Wire
+from wheelchair_gym.sensing import SensorSettings
+
+serial = pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
+
+
+class Clock:
+    """Time that a test lets pass."""
+
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+class FakePort:
+    """A port whose bytes a test gives and takes; raises while unplugged."""
+
+    def __init__(self):
+        self.given, self.taken, self.plugged, self.full = b"", b"", True, False
+
+    @property
+    def in_waiting(self):
+        self._check()
+        return len(self.given)
+
+    def read(self, size):
+        self._check()
+        data, self.given = self.given[:size], self.given[size:]
+        return data
+
+    def write(self, data):
+        self._check()
+        if self.full:
+            raise type("SerialTimeoutException", (OSError,), {})("Write timeout")
+        self.taken += data
+
+    def close(self):
+        self._check()
+
+    def _check(self):
+        if not self.plugged:
+            raise OSError(5, "Input/output error")
+
+
+def test_a_loop_gives_back_what_was_sent():
+    link = Link("loop://", opener=lambda url: serial.serial_for_url(url, timeout=0))
+    numbers = [link.send(Command(0.1 * k, 0.0)) for k in range(5)]
+    frames = link.poll()
+    assert [frame.sequence for frame in frames] == numbers
+    assert [frame.message.v for frame in frames] == pytest.approx([0.1 * k for k in range(5)])
+    assert link.statistics.received == link.statistics.sent == 5
+    assert link.statistics.bad == link.statistics.missed == 0
+    link.close()
+    assert link.send(Identify()) is None
+    assert link.poll() == []
+
+
+@pytest.mark.parametrize("url", ["/dev/no-such-device", "nonsense://x", "twin://nobody"])
+def test_a_line_that_is_not_there_is_said_so_and_tried_again(url):
+    clock = Clock()
+    link = Link(url, clock)
+    assert link.poll() == []
+    assert not link.connected
+    assert link.why
+    assert link.silence == float("inf")
+    assert link.send(Identify()) is None
+    assert link.statistics.unsent == 1
+
+
+def test_an_unplugged_line_opens_again():
+    clock, ports = Clock(), []
+
+    def opener(_url):
+        ports.append(FakePort())
+        if plugged:
+            return ports[-1]
+        raise OSError(2, "No such file or directory")
+
+    plugged = True
+    link = Link("x", clock, opener)
+    assert link.send(Identify()) == 1
+    assert ports[0].taken[:2] == b"\0\0"  # a zero at the opening, and one ahead of each frame
+    ports[0].given = encode(Identity(1, 2, 3, 4), 10) + encode(Identity(1, 2, 3, 4), 14)
+    assert len(link.poll()) == 2
+    assert link.statistics.missed == 3
+    ports[0].given = encode(Identity(1, 2, 3, 4), 15)[:5]
+    link.poll()
+    plugged = ports[0].plugged = False
+    assert link.poll() == []
+    assert not link.connected
+    assert "Input/output" in link.why
+    for _ in range(5):
+        assert link.send(Identify()) is None
+    clock.now += RETRY
+    link.poll()
+    plugged = True
+    assert not link.connected
+    clock.now += RETRY
+    assert link.send(Identify()) is not None
+    # The half frame from before is no part of what comes now.
+    ports[-1].given = encode(Identity(1, 2, 3, 4), 99)
+    assert len(link.poll()) == 1
+    assert link.statistics.bad == 0
+    assert link.statistics.opened == 2
+    assert link.statistics.missed == 3
+    clock.now += 2.0
+    assert link.silence == 2.0
+
+
+def test_a_full_line_loses_one_frame_only():
+    port = FakePort()
+    link = Link("x", Clock(), lambda _: port)
+    assert link.send(Identify()) is not None
+    port.full = True
+    assert link.send(Identify()) is None
+    port.full = False
+    assert link.send(Identify()) is not None
+    assert (link.connected, link.statistics.unsent, link.statistics.sent) == (True, 1, 2)
+
+
+def test_random_bytes_are_no_frames():
+    port = FakePort()
+    link = Link("x", Clock(), lambda _: port)
+    port.given = np.random.default_rng(1).bytes(100_000)
+    assert link.poll() == []
+    assert link.statistics.bad > 100
+
+
+class NoisyChair:
+    """A twin, and a host that commands it at 50 Hz over a wire that harms."""
+
+    def __init__(self, seed):
+        for target in ("libemulator.so", "drive.elf", "range.elf"):
+            build(target)
+        self.twin = Twin(Plant(sensors=SensorSettings(noise=False)))
+        self.twin.reset(box(50), 0)
+        name = f"noisy-{seed}"
+        self.wire = WIRES[name] = Wire(self.twin.drive, np.random.default_rng(seed), log=[])
+        self.link = Link(f"twin://{name}", lambda: self.twin.steps * 1e-3)
+        self.frames = []
+        self.sent = {}  # sequence -> the last command of that number
+
+    def run(self, seconds, v=0.0):
+        for _ in range(round(seconds / 0.02)):
+            number = self.link.send(Command(v, 0.0))
+            if number is not None:
+                self.sent[number] = v
+            self.twin.advance(0.02)
+            self.frames += self.link.poll()
+        return self
+
+    def rearm(self):
+        self.run(0.1)
+        self.link.send(Rearm(0xFFFF))
+        self.run(0.1)
+        assert any(isinstance(f.message, Answer) and not f.message.status for f in self.frames)
+
+    @property
+    def now(self):
+        return next(f.message for f in self.frames[::-1] if isinstance(f.message, Odometry))
+
+
+def drive_in_noise(seed, corrupt, seconds):
+    """Drive while bytes are corrupted each way; what came of it."""
+    chair = NoisyChair(seed)
+    chair.rearm()
+    chair.run(2.0, 0.5)
+    chair.wire.harm = Harm(corrupt=corrupt)
+    heard = len(chair.frames)
+    stops, worst = 0, 0.0
+    for _ in range(round(seconds / 0.1)):
+        chair.run(0.1, 0.5)
+        worst = max(worst, abs(chair.twin.motion.speed), abs(chair.twin.motion.turn))
+        if chair.now.mode == Mode.STOPPED and chair.now.faults:  # a long gap latched
+            stops += 1
+            chair.wire.harm = Harm()
+            chair.rearm()
+            chair.wire.harm = Harm(corrupt=corrupt)
+    frames = chair.frames[heard:]
+    # Every frame believed is one that the board said.
+    said = set()
+    for frame in Receiver().feed(b"".join(chair.wire.log)):
+        said.add(frame)
+    forged = sum(frame not in said for frame in frames)
+    # And every command that the board believed is one that the host said.
+    odometry = [f.message for f in frames if isinstance(f.message, Odometry)]
+    assert forged == 0
+    assert worst < 0.55
+    assert all(abs(told.w) < 1e-9 and -1e-4 <= told.v <= 0.5001 for told in odometry)
+    assert all(told.echo in chair.sent for told in odometry)
+    assert chair.link.statistics.bad > 0
+    # As soon as the noise ends, both ends hear each other again: within 100 ms.
+    chair.wire.harm = Harm()
+    before = len(chair.frames)
+    chair.run(0.1, 0.4)
+    assert len(chair.frames) > before
+    assert chair.now.age < 0.05
+    assert chair.now.bad > 0
+    chair.twin.close()
+    return {"frames": len(frames), "forged": forged, "latched": stops}
+
+
+@pytest.mark.parametrize("corrupt", [0.02, 0.10])
+def test_corrupted_bytes_are_never_believed(corrupt):
+    drive_in_noise(1, corrupt, 2.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("corrupt", [0.02, 0.10])
+def test_corrupted_bytes_are_never_believed_for_ten_minutes(corrupt):
+    drive_in_noise(2, corrupt, 600.0)
+
+
+@pytest.mark.parametrize("harm", [Harm(flip=0.02), Harm(lose=0.02), Harm(burst=0.005)])
+def test_other_harm_is_not_believed_either(harm):
+    chair = NoisyChair(3)
+    chair.rearm()
+    chair.wire.harm = harm
+    chair.run(2.0, 0.3)
+    said = set(Receiver().feed(b"".join(chair.wire.log)))
+    assert all(frame in said for frame in chair.frames)
+    assert abs(chair.twin.motion.speed) < 0.33
+    chair.twin.close()
+
+
+def test_an_unplugged_cable_stops_the_chair_and_heals():
+    chair = NoisyChair(4)
+    chair.rearm()
+    chair.run(2.0, 0.5)
+    chair.wire.plugged = False
+    chair.run(0.2 + 0.5 / 1.5 + 0.05, 0.5)
+    assert abs(chair.twin.motion.speed) < 1e-3
+    assert not chair.link.connected
+    chair.run(1.0, 0.5)
+    chair.wire.plugged = True
+    chair.run(0.6, 0.5)
+    assert chair.link.connected
+    assert chair.now.mode == Mode.STOPPED  # latched: a person must re-arm
+    assert chair.twin.braked
+    chair.rearm()
+    chair.run(1.0, 0.3)
+    assert chair.twin.motion.speed > 0.2
+    chair.twin.close()

@@ -1,0 +1,98 @@
+"""The range board's mind, run natively: who fires when, what an echo means, how old it is."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+
+import pytest
+
+from wheelchair_gym.hardware.messages import Ranges, RangeStatus
+from wheelchair_gym.hardware.protocol import Receiver
+from wheelchair_gym.sensing.settings import UltrasonicSettings
+
+SOUND = 343.0  # m/s
+NARROW, WIDE = range(4), range(4, 8)
+
+
+class Ranging:
+    """The board's mind: each millisecond whoever fires hears the flight that is given."""
+
+    def __init__(self, native):
+        self.library = native.library
+        self.pointer = ctypes.c_void_p(self.library.ranging_new())
+        self.now, self.fired = 0, []
+
+    def run(self, milliseconds, flight):
+        for _ in range(milliseconds):
+            who = self.library.ranging_run(self.pointer, self.now, int(flight))
+            if who >= 0:
+                self.fired.append((self.now, who))
+            self.now += 1
+
+    def tell(self) -> Ranges:
+        out = ctypes.create_string_buffer(256)
+        size = self.library.ranging_say(self.pointer, self.now, out)
+        (frame,) = Receiver().feed(out.raw[:size])
+        return frame.message
+
+    def __del__(self):
+        self.library.free_it(self.pointer)
+
+
+@pytest.fixture
+def ranging(firmware):
+    return Ranging(firmware)
+
+
+def flight(metres):
+    return round(2e6 * metres / SOUND)
+
+
+def test_one_fires_at_a_time_in_the_order_of_the_simulated_chair(ranging):
+    ranging.run(1000, flight(1.0))
+    times, who = zip(*ranging.fired, strict=True)
+    assert who[:8] == UltrasonicSettings().order
+    assert {b - a for a, b in itertools.pairwise(times)} == {60}
+    # Neither neighbours nor the same model follow each other.
+    assert all((a in NARROW) != (b in NARROW) for a, b in itertools.pairwise(who))
+
+
+@pytest.mark.parametrize(
+    ("metres", "narrow", "wide"),
+    [
+        (1.0, 1.0, 1.0),
+        (3.999, 3.999, 3.999),
+        (4.01, None, 4.01),
+        (5.99, None, 5.99),
+        (6.01, None, None),
+        (0.01, 0.02, 0.03),
+        (0.0, None, None),
+    ],
+)
+def test_a_flight_becomes_a_range(ranging, metres, narrow, wide):
+    ranging.run(600, flight(metres))
+    for which, told in enumerate(ranging.tell().ranges):
+        expected = narrow if which in NARROW else wide
+        if expected is None:
+            assert (told.range, told.status) == (65.535, RangeStatus.NO_ECHO)
+        else:
+            assert (told.range, told.status) == (
+                pytest.approx(expected, abs=1e-3),
+                RangeStatus.ECHO,
+            )
+
+
+def test_38_ms_are_no_echo_for_both(ranging):
+    ranging.run(600, 38_000)
+    assert {told.status for told in ranging.tell().ranges} == {RangeStatus.NO_ECHO}
+
+
+def test_what_never_fired_and_what_is_silent_is_said_so(ranging):
+    ranging.run(1, flight(1.0))
+    told = ranging.tell().ranges
+    assert [one.status for one in told] == [RangeStatus.ECHO] + 7 * [RangeStatus.UNTRIED]
+    assert told[1].age == 65.535
+    ranging.run(600, -1)
+    assert {one.status for one in ranging.tell().ranges} == {RangeStatus.SILENT}
+    assert all(one.age <= 0.48 for one in ranging.tell().ranges)

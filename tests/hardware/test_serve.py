@@ -1,0 +1,74 @@
+"""The twin behind devices: hosts that know nothing of it open them, and are served."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from tests.hardware.conftest import build
+from tests.simulation.worlds import box
+from wheelchair_gym.hardware.hokuyo import Hokuyo
+from wheelchair_gym.hardware.link import Link
+from wheelchair_gym.hardware.messages import Command, Mode, Odometry, Ranges, Rearm
+from wheelchair_gym.hardware.twin.lockstep import Twin
+from wheelchair_gym.hardware.twin.plant import Plant
+from wheelchair_gym.hardware.twin.serve import ServedTwin
+from wheelchair_gym.sensing import SensorSettings
+
+pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
+
+MOST = 60.0  # s: a slow machine runs the world slower
+
+
+@pytest.fixture
+def served():
+    for target in ("libemulator.so", "drive.elf", "range.elf"):
+        build(target)
+    twin = Twin(Plant(sensors=SensorSettings(noise=False)))
+    twin.reset(box(3.0), 0)
+    twin.advance(0.001)
+    twin.plant.scan(0)  # compiled before real time begins
+    twin.plant.ping(0)
+    served, done = ServedTwin(twin), threading.Event()
+    thread = threading.Thread(target=served.run, args=(done.is_set,))
+    thread.start()
+    yield served
+    done.set()
+    thread.join()
+    served.close()
+    twin.close()
+
+
+def test_a_host_drives_through_devices(served):
+    drive, ranges = Link(served.drive.path), Link(served.range.path)
+    laser = Hokuyo(f"tcp://127.0.0.1:{served.laser.port}")
+    heard, scans = {}, []
+    end = time.monotonic() + MOST
+    while time.monotonic() < end:
+        for link in (drive, ranges):
+            heard |= {type(frame.message): frame.message for frame in link.poll()}
+        scans += laser.poll()
+        told = heard.get(Odometry)
+        stopped = told is None or told.mode == Mode.STOPPED  # again, where this machine was slow
+        drive.send(Command(0.0 if stopped else 0.3, 0.0))
+        if stopped:
+            drive.send(Rearm(0xFFFF))
+        if told and told.v > 0.1 and told.mode == Mode.HOST and Ranges in heard and len(scans) > 5:
+            break
+        time.sleep(0.01)
+    else:
+        pytest.fail(f"not served: {sorted(kind.__name__ for kind in heard)}, {len(scans)} scans")
+    assert np.isfinite(scans[-1].scan.ranges).all()
+    # The host leaves; the chair stops by itself, and the devices stay for the next one.
+    for line in (drive, ranges, laser):
+        line.close()
+    again, told = Link(served.drive.path), None
+    while time.monotonic() < end and (told is None or told.mode != Mode.STOPPED):
+        frames = [f.message for f in again.poll() if isinstance(f.message, Odometry)]
+        told = frames[-1] if frames else told
+        time.sleep(0.02)
+    assert told.mode == Mode.STOPPED
+    again.close()

@@ -1,0 +1,358 @@
+"""The real firmware on emulated boards: the chair does as told, and whatever happens, it stops."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.hardware.bench import ibus
+from tests.hardware.conftest import build
+from tests.hardware.pilot import Pilot
+from tests.simulation.worlds import box, exact_chair
+from wheelchair_gym.config import InputError
+from wheelchair_gym.hardware.hokuyo import Hokuyo
+from wheelchair_gym.hardware.messages import (
+    Answer,
+    Fault,
+    Get,
+    Identify,
+    Identity,
+    Mode,
+    RangeStatus,
+    Save,
+    Set,
+    Status,
+    Switch,
+)
+from wheelchair_gym.hardware.parameters import DRIVE
+from wheelchair_gym.hardware.protocol import BAUD
+from wheelchair_gym.hardware.twin.board import FREQUENCY
+from wheelchair_gym.hardware.twin.laser import model_of
+from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
+from wheelchair_gym.sensing.settings import LaserSettings
+from wheelchair_gym.simulation.settings import MotorSettings
+
+WATCHDOG, BROWN_OUT, POWER = 0x08, 0x04, 0x01  # MCUSR
+COUNTS = 4346.0  # 1/m
+
+
+@pytest.fixture
+def pilot():
+    for target in ("libemulator.so", "drive.elf", "range.elf"):
+        build(target)
+    pilot = Pilot()
+    yield pilot
+    pilot.twin.close()
+
+
+@pytest.mark.parametrize(("v", "w"), [(0.5, 0.0), (-0.3, 0.4), (0.8, 0.9)])
+def test_the_chair_drives_as_it_is_told(pilot, v, w):
+    pilot.start(v, w, 3.0)
+    assert pilot.twin.motion.speed == pytest.approx(v, abs=0.01)
+    assert pilot.twin.motion.turn == pytest.approx(w, abs=0.02)
+    # Not a count is lost, and none is made up: but for those of the last step, under way.
+    pilot.target = (0.0, 0.0)
+    pilot.run(2.0)
+    true = pilot.twin.motion.left, pilot.twin.motion.right
+    assert (pilot.now.left, pilot.now.right) == tuple(math.floor(count) for count in true)
+    assert (pilot.bad, pilot.now.bad, pilot.now.lost, pilot.twin.drive.overruns) == (0, 0, 0, 0)
+    assert pilot.twin.drive.resets == 0
+
+
+def test_the_boards_drive_like_the_simulated_chair(pilot):
+    """Law 3 at the motors, where both control at 200 Hz: twist within 2 % or a count a period.
+
+    The boards' control runs up to 5 ms after a command came, which a few instants show.
+    """
+    commands = np.random.default_rng(4).uniform((-0.3, -0.8), (0.8, 0.8), (5, 2))
+    sim = exact_chair(step=0.005, motor=MotorSettings(rate=200.0))
+    sim.reset(box(50), 0)
+    pilot.start(seconds=0.1)
+    start = pilot.pose
+    quantum = np.array([1.0, 2.0 / 0.54]) / COUNTS / 0.1
+    within = []
+    for command in [*commands, np.zeros(2)]:
+        pilot.target = tuple(command)
+        for _ in range(20):
+            pilot.run(0.1)
+            sim.drive(command)
+            twist = pilot.twin.motion.speed, pilot.twin.motion.turn
+            allowed = np.maximum(0.02 * np.abs(sim.truth.twist), quantum)
+            within.append(np.all(np.abs(twist - sim.truth.twist) <= allowed))
+            off = np.hypot(*(pilot.pose - start - sim.truth.pose)[:2])
+            assert off < 0.005 + 0.01 * sim.truth.way
+    assert np.mean(within) > 0.95
+    end, true = pilot.pose - start, sim.truth.pose
+    assert sim.truth.way > 3.0
+    assert np.hypot(*(end - true)[:2]) < 0.002 * sim.truth.way
+    assert abs(end[2] - true[2]) < math.radians(0.2)
+
+
+def test_two_runs_say_the_same_bytes(pilot):
+    other = Pilot()
+    for one in (pilot, other):
+        one.start(0.4, 0.3, 1.0)
+    assert pilot.digest == other.digest
+    other.twin.close()
+
+
+def test_a_silent_host_stops_the_chair(pilot):
+    """The set point falls within 205 ms of the last command; 1.5 m/s2 or more; then the brake."""
+    pilot.start(0.8, 0.0, 3.0)
+    pilot.target = None
+    steps = pilot.twin.steps - 20  # the last command was sent 20 ms ago
+    while pilot.now.v > 0.7995:
+        pilot.twin.advance(0.001)
+        pilot.listen()
+        assert pilot.twin.steps - steps <= 205 + 20 + 1  # odometry tells every 20 ms
+    rest = pilot.until_rest()
+    assert 0.8 / rest >= 1.5
+    pilot.run(0.1)
+    assert pilot.twin.braked
+    assert not pilot.twin.enabled
+    assert pilot.now.mode == Mode.READY
+    pilot.run(1.2)
+    assert (pilot.now.mode, pilot.now.faults) == (Mode.STOPPED, Fault.LINK)
+
+
+def test_the_emergency_stop_cuts_the_power_without_any_board(pilot):
+    pilot.start(0.8, 0.0, 3.0)
+    pilot.twin.drive.hang()  # the board is dead, and its pins stay as they are
+    pilot.twin.faults.switches = Switch.STOP_PRESSED
+    assert not pilot.twin.enabled
+    assert pilot.twin.braked
+    assert 0.8 / pilot.until_rest() >= 1.5
+
+
+@pytest.mark.parametrize("wheel", [0, 1])
+@pytest.mark.parametrize("driving", [False, True])
+def test_a_lost_encoder_stops_the_chair(pilot, wheel, driving):
+    """Without counts the control would rise to full power."""
+    pilot.start(0.5 if driving else 0.0, 0.0, 2.0)
+    pilot.twin.faults.blind[wheel] = True
+    pilot.target = (0.5, 0.0)
+    speeds = []
+    steps = pilot.twin.steps
+    while not pilot.now.faults & Fault.STALL:
+        pilot.run(0.02)
+        speeds.append(abs(pilot.twin.motion.speed))
+        assert pilot.twin.steps - steps < (120 if driving else 800)
+    assert max(speeds) < 0.6
+    pilot.until_rest()
+    pilot.run(0.5)
+    assert pilot.twin.braked
+    assert not pilot.twin.enabled
+
+
+@pytest.mark.parametrize("held", [(True, False), (True, True)])
+def test_a_blocked_wheel_cuts_the_motors(pilot, held):
+    pilot.start(0.4, 0.0, 2.0)
+    pilot.twin.faults.held = held
+    pilot.run(0.2)
+    assert pilot.now.faults & Fault.STALL
+    assert not pilot.twin.enabled
+    pilot.twin.faults.held = (False, False)
+    pilot.run(1.0)
+    assert abs(pilot.twin.motion.speed) < 1e-3
+    assert not pilot.twin.enabled
+
+
+def test_a_swapped_encoder_stops_the_chair(pilot):
+    """A wheel that is controlled the wrong way round would run away."""
+    pilot.start(0.0, 0.0, 0.2)
+    pilot.twin.faults.swapped[1] = True
+    pilot.target = (0.5, 0.0)
+    pilot.run(1.0)
+    assert pilot.now.faults & Fault.DIRECTION
+    pilot.run(0.5)
+    assert abs(pilot.twin.motion.speed) < 1e-3
+    assert pilot.twin.braked
+    assert np.abs(pilot.pose).max() < 0.3  # m, m, rad
+
+
+def test_a_hung_drive_board_is_reset_and_stays_stopped(pilot):
+    pilot.start(0.8, 0.0, 3.0)
+    pilot.twin.drive.hang()
+    steps = pilot.twin.steps
+    while not pilot.twin.braked:
+        pilot.twin.advance(0.001)
+        assert pilot.twin.steps - steps < 100
+    assert 0.8 / pilot.until_rest() >= 1.5
+    pilot.run(0.5)
+    assert pilot.twin.drive.resets == 1
+    assert pilot.now.faults & Fault.RESET
+    assert pilot.ask(Identify(), Identity).cause & WATCHDOG
+    assert abs(pilot.twin.motion.speed) < 1e-6  # though the host goes on asking for 0.8 m/s
+    pilot.start(0.3, 0.0, 2.0)
+    assert pilot.twin.motion.speed == pytest.approx(0.3, abs=0.01)
+
+
+def test_parameters_outlive_power_off_and_garbage_does_not(pilot):
+    kp = DRIVE.index("kp")
+    pilot.run(0.1)
+    assert pilot.now.faults == Fault.RESET | Fault.STORE  # a new chip
+    assert pilot.ask(Set(kp, 55.0)).status == Status.DONE
+    assert pilot.ask(Save(), Answer).status == Status.DONE
+    pilot.run(1.0)
+    pilot.twin.drive.reset()
+    pilot.run(0.1)
+    assert pilot.now.faults == Fault.RESET
+    assert pilot.ask(Get(kp)).value == 55.0
+    kept = bytearray(pilot.twin.drive.eeprom(64))
+    kept[20] ^= 0x04
+    pilot.twin.drive.set_eeprom(bytes(kept))
+    pilot.twin.drive.reset()
+    pilot.run(0.1)
+    assert pilot.now.faults == Fault.RESET | Fault.STORE
+    assert pilot.ask(Get(kp)).value == 40.0
+
+
+def test_baud_rates_are_those_of_the_wire(pilot):
+    """The emulator does not model a mismatch: the registers themselves are looked at."""
+    pilot.run(0.02)
+    for board in (pilot.twin.drive, pilot.twin.range):
+        ubrr, double = board.peek_word(0xC4), board.peek(0xC0) & 0x02
+        assert double
+        assert FREQUENCY / (8 * (ubrr + 1)) == BAUD
+    ubrr = pilot.twin.drive.peek_word(0xCC)
+    assert pilot.twin.drive.peek(0xC8) & 0x02
+    assert FREQUENCY / (8 * (ubrr + 1)) == pytest.approx(IBUS_BAUD, rel=0.022)
+
+
+def test_ultrasonics_see_the_world(pilot):
+    """Both models, to their resolution; ages follow the order of firing."""
+    pilot.twin.reset(box(2.0, (0.3, -0.2, 0.4)), 0)
+    pilot.run(0.6)
+    for which, told in enumerate(pilot.ranges.ranges):
+        true = pilot.twin.plant.ping(which)
+        if math.isfinite(true):
+            assert (told.range, told.status) == (pytest.approx(true, abs=2e-3), RangeStatus.ECHO)
+    ages = [told.age for told in pilot.ranges.ranges]
+    order = sorted(range(8), key=lambda which: -ages[which])
+    start = order.index(0)
+    assert tuple(order[start:] + order[:start]) == (0, 4, 1, 5, 2, 6, 3, 7)
+    assert max(ages) < 0.5
+
+
+def test_a_pulse_without_echo_is_none(pilot):
+    """38 ms wrap a 16-bit clock of half microseconds: it would read as 0.897 m."""
+    pilot.run(0.6)
+    assert {told.status for told in pilot.ranges.ranges} == {RangeStatus.NO_ECHO}
+    assert {told.range for told in pilot.ranges.ranges} == {65.535}
+
+
+def test_a_sensor_that_does_not_answer_is_said_so(pilot):
+    pilot.twin.reset(box(2.0), 0)
+    pilot.twin.faults.silent = {1, 6}
+    pilot.run(0.6)
+    silent = {i for i, told in enumerate(pilot.ranges.ranges) if told.status == RangeStatus.SILENT}
+    assert silent == {1, 6}
+    pilot.twin.faults.silent = set()
+    pilot.run(0.6)
+    assert RangeStatus.SILENT not in {told.status for told in pilot.ranges.ranges}
+    pilot.twin.faults.stuck = {0: 0.5, 5: 0.7}
+    pilot.run(0.6)
+    told = pilot.ranges.ranges
+    assert (told[0].range, told[5].range) == (
+        pytest.approx(0.5, abs=1e-3),
+        pytest.approx(0.7, abs=1e-3),
+    )
+
+
+def test_a_hung_range_board_is_reset(pilot):
+    pilot.run(0.3)
+    pilot.twin.range.hang()
+    pilot.run(0.4)
+    assert pilot.twin.range.resets == 1
+    assert pilot.ask(Identify(), Identity, "range") == Identity(2, 6, WATCHDOG, 0)
+
+
+def test_the_strip_stops_the_chair_at_a_wall(pilot):
+    pilot.twin.reset(box(2.0), 0)
+    pilot.start(0.3, 0.0, 3.0)
+    pilot.run(4.0)
+    assert abs(pilot.twin.motion.speed) < 0.02
+    assert any(told.switches & Switch.FRONT for told in pilot.odometry)
+
+
+def test_a_person_drives_by_joystick_while_the_host_is_dead(pilot):
+    def by_hand(seconds, **stick):
+        for _ in range(round(seconds / 0.01)):
+            pilot.twin.drive.write(ibus(**stick), 1)
+            pilot.twin.advance(0.01)
+        pilot.listen()
+
+    by_hand(0.3, manual=True)
+    by_hand(0.1, manual=True, held=True)
+    by_hand(2.0, manual=True, held=True, ahead=1.0)
+    assert pilot.now.mode == Mode.MANUAL
+    assert pilot.twin.motion.speed == pytest.approx(0.4, abs=0.01)
+    pilot.twin.advance(0.2)  # silence
+    pilot.until_rest()
+    pilot.run(0.1)
+    assert pilot.twin.braked
+
+
+def test_a_low_battery_stops_the_chair(pilot):
+    pilot.start(0.5, 0.0, 2.0)
+    pilot.twin.faults.battery = 27.0
+    pilot.run(1.5)
+    assert pilot.now.faults == Fault.UNDER_VOLTAGE
+    assert abs(pilot.twin.motion.speed) < 1e-3
+    assert pilot.now.battery == pytest.approx(27.0, abs=0.1)
+
+
+def test_a_flood_of_noise_stops_the_chair_and_nothing_else(pilot):
+    """The host's line at its full rate, all noise: the control goes on, and brings it to rest."""
+    pilot.start(0.5, 0.0, 2.0)
+    pilot.target = None
+    rng = np.random.default_rng(6)
+    speeds = []
+    for _ in range(100):
+        pilot.twin.drive.write(rng.bytes(500))
+        pilot.twin.advance(0.01)
+        pilot.listen()
+        speeds.append(abs(pilot.twin.motion.speed))
+    assert max(speeds) < 0.51
+    assert speeds[-1] < 1e-3
+    assert pilot.twin.braked
+    assert pilot.twin.drive.resets == 0
+    assert pilot.now.bad > 100
+    pilot.run(0.5)
+    pilot.start(0.3, 0.0, 1.5)
+    assert pilot.twin.motion.speed == pytest.approx(0.3, abs=0.02)
+
+
+def test_the_laser_says_what_it_sees(pilot):
+    """Scans at 40 Hz in simulated time, through SCIP, to the millimetre."""
+    pilot.twin.reset(box(3.0, (0.5, -0.4, 0.3)), 0)
+    laser = Hokuyo("twin", 10.0, lambda: pilot.twin.steps * 1e-3, lambda _: pilot.twin.laser)
+    scans = []
+    for _ in range(25):
+        pilot.twin.advance(0.02)
+        scans += laser.poll()
+    assert len(scans) in (19, 20)
+    assert np.diff([one.stamp for one in scans]) == pytest.approx(0.025)
+    assert laser.specs.angles == pytest.approx(np.radians(np.linspace(-135, 135, 1081)))
+    true = pilot.twin.plant.scan(0)
+    assert scans[-1].scan.ranges == pytest.approx(true, abs=6e-4)
+    pilot.twin.laser.silent = True
+    pilot.twin.advance(0.02)
+    laser.poll()
+    pilot.twin.advance(1.1)
+    assert laser.poll() == []
+    assert "no answer" in laser.why
+    pilot.twin.laser.silent = False
+    for _ in range(100):
+        pilot.twin.advance(0.02)
+        scans += laser.poll()
+    assert laser.why == ""
+
+
+def test_beams_that_no_hokuyo_has_are_said_so():
+    assert model_of(LaserSettings()).steps_per_turn == 1440
+    assert model_of(LaserSettings(beams=181, fov=math.pi)).steps_per_turn == 360
+    with pytest.raises(InputError, match="64 beams over 270 deg"):
+        model_of(LaserSettings(beams=64))

@@ -1,0 +1,26 @@
+/* What both boards have: a tick, a serial line to the host, a watchdog timer, EEPROM. */
+#ifndef BOARD_H
+#define BOARD_H
+
+#include "parameters.h"
+
+void board_begin(parameters_t *parameters);
+
+uint32_t board_now(void);       /* ms since reset */
+uint8_t board_lost(void);       /* bytes and frames dropped for want of room */
+uint16_t board_bad(void);       /* frames refused */
+
+/* The next good frame from the host, or 0; its size, head included. */
+uint8_t board_receive(const uint8_t **body);
+void board_send(uint8_t kind, const void *payload, uint8_t length);
+void board_answer(answered_t answered, uint8_t *answer);
+void board_identify(const parameters_t *parameters);
+
+/* Write the parameters to EEPROM, a byte whenever it is ready: never waits. */
+bool board_save(const parameters_t *parameters);
+void board_save_on(void);
+
+/* Sleep until a byte waits or the tick has moved on from `seen`. */
+void board_sleep(uint32_t seen);
+
+#endif

@@ -1,0 +1,312 @@
+#include "drive.h"
+
+#include <math.h>
+#include <string.h>
+
+#ifdef __AVR__
+#include <avr/pgmspace.h>
+#else
+#define PROGMEM
+#endif
+
+#define LEAST_BATTERY 10.0F  /* V: what volts are divided by at least */
+#define BATTERY_SHARE 0.05F  /* of a reading a run: low-pass of 0.1 s */
+#define REST 0.03F           /* m/s at the rims: less is at rest; one count a run is 0.046 */
+#define CREEP_TURN 0.2F      /* rad/s, while a strip is pressed */
+#define SAG 500U             /* ms below `under_voltage`: starting currents pass */
+#define LOOK 100U            /* ms over which impossible encoder steps are counted */
+#define ILLEGAL_MOST 20U     /* in that time: a few are noise */
+#define RUNAWAY_AFTER 1000U  /* ms at set point zero, and still not at rest */
+
+/* What takes the drivers' power and closes the brakes at once: control itself may be what fails. */
+#define CUTTING (EMERGENCY_STOP | STALL | DIRECTION | ENCODER | OVER_SPEED | DRIVER | RUNAWAY)
+
+#define BOUNDS(name, initial, low, high, unit) {initial, low, high},
+static const bounds_t bounds[] PROGMEM = {DRIVE_PARAMETERS(BOUNDS)};
+#define COUNT ((uint8_t)(sizeof bounds / sizeof bounds[0]))
+
+void drive_begin(drive_t *drive)
+{
+    memset(drive, 0, sizeof *drive);
+    drive->parameters = (parameters_t){bounds, &drive->p.track, COUNT, DRIVE_BOARD, false};
+    use_defaults(&drive->parameters);
+    drive->faults = RESET;
+    drive->must_zero = true;
+}
+
+bool drive_at_rest(const drive_t *drive)
+{
+    return drive->v.speed == 0.0F && drive->w.speed == 0.0F &&
+           fabsf(drive->wheels[0].speed) < REST && fabsf(drive->wheels[1].speed) < REST;
+}
+
+static uint16_t milliseconds(float seconds) { return (uint16_t)(seconds * 1000.0F + 0.5F); }
+
+static bool command_fresh(const drive_t *drive, uint32_t now)
+{
+    return drive->commanded && now - drive->command_at < milliseconds(drive->p.timeout);
+}
+
+/* Causes of faults that stand now, as far as switches and meters tell. */
+static bool cause_stands(const drive_t *drive)
+{
+    return drive->inputs.switches & (STOP_PRESSED | FREEWHEEL | DRIVER_LEFT | DRIVER_RIGHT) ||
+           drive->battery < drive->p.under_voltage;
+}
+
+static uint8_t rearm(drive_t *drive, uint16_t seen, bool zero, uint32_t now)
+{
+    if (drive->faults & ~seen)
+        return OTHER_FAULTS;
+    if (drive->mode != STOPPED || !drive_at_rest(drive))
+        return drive->armed && !drive->faults ? DONE : MOVING;
+    if (cause_stands(drive))
+        return CAUSE_STANDS;
+    if (!zero)
+        return NOT_AT_ZERO;
+    drive->faults = 0;
+    drive->armed = true;
+    drive->must_zero = false; /* zero was asked for just now */
+    drive->valid_at = now;
+    return DONE;
+}
+
+static void measure(drive_t *drive, worked_t k, const inputs_t *in)
+{
+    for (uint8_t i = 0; i < 2; i++) {
+        if (!drive->begun)
+            drive->wheels[i].counts = in->counts[i];
+        measure_wheel(&drive->wheels[i], k, in->counts[i]);
+    }
+    if (!drive->begun) {
+        drive->battery = in->battery;
+        drive->illegal = in->illegal;
+        drive->begun = true;
+    }
+    drive->battery += BATTERY_SHARE * (in->battery - drive->battery);
+    drive->inputs = *in;
+    drive->pressed |= in->switches;
+}
+
+/* Latch what is wrong. */
+static void watch(drive_t *drive, const inputs_t *in)
+{
+    if (in->switches & STOP_PRESSED)
+        drive->faults |= EMERGENCY_STOP;
+    if (in->switches & (DRIVER_LEFT | DRIVER_RIGHT) && drive->mode != STOPPED)
+        drive->faults |= DRIVER;
+    for (uint8_t i = 0; i < 2; i++) {
+        const wheel_t *wheel = &drive->wheels[i];
+        if (fabsf(wheel->speed) > drive->p.over_speed)
+            drive->faults |= OVER_SPEED;
+        if (wheel->behind > drive->p.missing)
+            drive->faults |= wheel->speed * wheel->aim < -REST * fabsf(wheel->aim) ? DIRECTION
+                                                                                   : STALL;
+    }
+    if (in->now - drive->look_at >= LOOK) {
+        if ((uint8_t)(in->illegal - drive->illegal) > ILLEGAL_MOST)
+            drive->faults |= ENCODER;
+        drive->illegal = in->illegal;
+        drive->look_at = in->now;
+    }
+    if (drive->battery >= drive->p.under_voltage)
+        drive->low_at = in->now;
+    else if (in->now - drive->low_at > SAG)
+        drive->faults |= UNDER_VOLTAGE;
+    if (drive->faults || in->switches & FREEWHEEL)
+        drive->armed = false;
+}
+
+typedef struct {
+    float v, w;
+    bool protective;
+} target_t;
+
+/* What is asked for, by whoever may ask. Returns false if nobody does. */
+static bool choose(drive_t *drive, uint32_t now, target_t *target)
+{
+    const joystick_t *stick = &drive->joystick;
+    bool fresh = joystick_fresh(stick, now);
+    if (fresh && stick->manual != drive->manual) {
+        drive->manual = stick->manual;
+        drive->must_zero = true;
+    }
+    if (drive->manual) {
+        /* A joystick that falls silent keeps the chair: the host never takes over by itself. */
+        float share = stick->held ? drive->p.manual : 0.0F;
+        float v = share * stick->ahead;
+        *target = (target_t){v * (v > 0.0F ? drive->p.forward : drive->p.backward),
+                             share * stick->aside * drive->p.turn, !stick->held};
+        bool centred = stick->ahead == 0.0F && stick->aside == 0.0F;
+        if (fresh && stick->held && !drive->was_held)
+            rearm(drive, UINT16_MAX, centred, now);
+        if (fresh)
+            drive->was_held = stick->held;
+        if (centred)
+            drive->must_zero = false;
+    } else {
+        fresh = command_fresh(drive, now);
+        *target = (target_t){(float)drive->command.v * 1e-4F, (float)drive->command.w * 1e-4F,
+                             (drive->command.flags & PROTECTIVE) != 0};
+        if (fresh && drive->command.v == 0 && drive->command.w == 0)
+            drive->must_zero = false;
+    }
+    if (drive->must_zero)
+        *target = (target_t){0.0F, 0.0F, false};
+    return fresh;
+}
+
+/* Who drives from here on, or how the chair comes to rest. */
+static void decide(drive_t *drive, bool asked, uint32_t now)
+{
+    if (drive->armed && asked) {
+        drive->valid_at = now;
+        drive->mode = drive->manual ? MANUAL : HOST;
+        return;
+    }
+    if (drive->armed && now - drive->valid_at > milliseconds(drive->p.latch)) {
+        drive->faults |= LINK;
+        drive->armed = false;
+    }
+    if (drive->mode == HOST || drive->mode == MANUAL) {
+        drive->mode = STOPPING;
+        drive->still_at = now;
+    }
+    if (drive->mode == STOPPING) {
+        if (drive->v.speed != 0.0F || drive->w.speed != 0.0F)
+            drive->still_at = now;
+        else if (now - drive->still_at > RUNAWAY_AFTER)
+            drive->faults |= RUNAWAY;
+        if (drive_at_rest(drive))
+            drive->mode = STOPPED;
+    }
+    if (drive->faults & CUTTING || drive->inputs.switches & FREEWHEEL)
+        drive->mode = STOPPED;
+}
+
+static float clamp(float value, float low, float high)
+{
+    return value < low ? low : value > high ? high : value;
+}
+
+static void move_set_point(drive_t *drive, target_t target)
+{
+    const drive_values_t *p = &drive->p;
+    float per_track = 1.0F / fmaxf(p->track, 0.1F);
+    if (drive->mode == STOPPED) {
+        drive->v = drive->w = (axis_t){0.0F, 0.0F};
+        return;
+    }
+    if (drive->mode == STOPPING || target.protective) {
+        float rate = drive->mode == STOPPING ? p->stop : p->protective;
+        fall(&drive->v, 0.0F, rate, RUN);
+        fall(&drive->w, 0.0F, rate * per_track, RUN);
+        return;
+    }
+    float low = -p->backward, high = p->forward, turn = p->turn;
+    uint8_t pressed = drive->inputs.switches & STRIPS;
+    if (pressed) {
+        low = pressed & REAR ? 0.0F : -fminf(p->creep, p->backward);
+        high = pressed & FRONT ? 0.0F : fminf(p->creep, p->forward);
+        turn = CREEP_TURN;
+    }
+    /* What a strip forbids ends at once; within bounds the limits of comfort hold. */
+    if (drive->v.speed < low || drive->v.speed > high)
+        fall(&drive->v, clamp(drive->v.speed, low, high), p->stop, RUN);
+    else
+        approach(&drive->v, clamp(target.v, low, high), p->acceleration, p->deceleration, p->jerk,
+                 RUN);
+    if (fabsf(drive->w.speed) > turn)
+        fall(&drive->w, copysignf(turn, drive->w.speed), p->stop * per_track, RUN);
+    else
+        approach(&drive->w, clamp(target.w, -turn, turn), p->turn_acceleration,
+                 p->turn_acceleration, p->turn_jerk, RUN);
+}
+
+void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
+{
+    target_t target;
+    axis_t v = drive->v, w = drive->w;
+    const worked_t k = work_out(&drive->p);
+    measure(drive, k, inputs);
+    watch(drive, inputs);
+    bool asked = choose(drive, inputs->now, &target);
+    decide(drive, asked, inputs->now);
+    move_set_point(drive, target);
+    bool running = drive->mode != STOPPED;
+    float v_rate = drive->v.slope, w_rate = drive->w.slope;
+    if (drive->mode == STOPPING) { /* a hard stop feeds its rate forward */
+        v_rate = (drive->v.speed - v.speed) * (1.0F / RUN);
+        w_rate = (drive->w.speed - w.speed) * (1.0F / RUN);
+    }
+    float battery = fmaxf(drive->battery, LEAST_BATTERY), per_battery = 1.0F / battery;
+    for (uint8_t i = 0; i < 2; i++) {
+        float half = (i ? 0.5F : -0.5F) * drive->p.track;
+        drive->duty[i] = 0.0F;
+        if (running) {
+            float speed = drive->v.speed + half * drive->w.speed, rate = v_rate + half * w_rate;
+            float volts = control_wheel(&drive->wheels[i], &drive->p, k, speed, rate, battery);
+            drive->duty[i] = fminf(1.0F, fmaxf(-1.0F, volts * per_battery));
+        } else {
+            release_wheel(&drive->wheels[i]);
+        }
+        outputs->duty[i] = drive->duty[i];
+    }
+    outputs->enable = outputs->release = running;
+}
+
+answered_t drive_heed(drive_t *drive, const uint8_t *body, uint8_t size, uint32_t now,
+                      uint8_t *answer, bool *save)
+{
+    const uint8_t kind = body[1], *payload = body + HEAD_SIZE;
+    uint8_t length = (uint8_t)(size - HEAD_SIZE), status = UNKNOWN;
+    if (kind == COMMAND && length == sizeof(command_t)) {
+        memcpy(&drive->command, payload, sizeof(command_t));
+        drive->echo = body[2];
+        drive->command_at = now;
+        drive->commanded = true;
+        return (answered_t){0, 0};
+    }
+    if (kind == REARM && length == sizeof(rearm_t)) {
+        rearm_t seen;
+        memcpy(&seen, payload, sizeof seen);
+        bool zero = command_fresh(drive, now) && drive->command.v == 0 && drive->command.w == 0;
+        status = rearm(drive, seen.faults, zero, now);
+        if (status == DONE && !joystick_fresh(&drive->joystick, now))
+            drive->manual = false; /* a person at the host takes over from a dead joystick */
+    }
+    bool at_rest = drive->mode == STOPPED && drive_at_rest(drive);
+    return heed(&drive->parameters, body, size, at_rest, status, answer, save);
+}
+
+/* A value in so many steps a unit, rounded, held at the ends of its type. */
+static int16_t steps(float value, float per_unit)
+{
+    return (int16_t)lrintf(clamp(value * per_unit, -32767.0F, 32767.0F));
+}
+
+odometry_t drive_tell(drive_t *drive, uint32_t now, uint16_t bad, uint8_t lost)
+{
+    uint32_t age = now - drive->command_at;
+    uint8_t pressed = drive->pressed | drive->inputs.switches;
+    drive->pressed = 0;
+    return (odometry_t){
+        .stamp = drive->inputs.now,
+        .left = drive->inputs.counts[0],
+        .right = drive->inputs.counts[1],
+        .speed_left = steps(drive->wheels[0].speed, 1e4F),
+        .speed_right = steps(drive->wheels[1].speed, 1e4F),
+        .v = steps(drive->v.speed, 1e4F),
+        .w = steps(drive->w.speed, 1e4F),
+        .duty_left = steps(drive->duty[0], 1e4F),
+        .duty_right = steps(drive->duty[1], 1e4F),
+        .battery = (uint16_t)lrintf(clamp(drive->battery * 1e3F, 0.0F, 65535.0F)),
+        .mode = drive->mode == STOPPED && drive->armed ? READY : drive->mode,
+        .faults = drive->faults,
+        .switches = pressed,
+        .echo = drive->echo,
+        .age = drive->commanded && age < 255 ? (uint8_t)age : 255,
+        .bad = bad,
+        .lost = lost,
+    };
+}

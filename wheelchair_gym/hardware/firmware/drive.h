@@ -1,0 +1,69 @@
+/* The drive board's mind: who drives, what is wrong, what the motors get. Knows no registers. */
+#ifndef DRIVE_H
+#define DRIVE_H
+
+#include "control.h"
+#include "joystick.h"
+#include "parameters.h"
+
+typedef struct {
+    uint32_t now;      /* ms since reset */
+    int32_t counts[2]; /* left, right */
+    uint8_t illegal;   /* encoder steps that cannot be, a running count */
+    uint8_t switches;  /* SWITCHES */
+    float battery;     /* V, as converted */
+} inputs_t;
+
+typedef struct {
+    float duty[2]; /* -1 to 1 of the battery's voltage */
+    bool enable;   /* of both drivers; off, the motors turn freely */
+    bool release;  /* the spring brakes are held off */
+} outputs_t;
+
+typedef struct {
+    drive_values_t p;
+    parameters_t parameters;
+    joystick_t joystick;
+
+    uint8_t mode;
+    uint16_t faults;
+    bool armed;       /* no fault since a person re-armed */
+    bool manual;      /* the joystick has it */
+    bool must_zero;   /* whoever drives must ask for zero once before it is heeded */
+    bool was_held;
+    uint32_t valid_at; /* ms, when someone last drove */
+    uint32_t still_at; /* ms, when the set point was last away from zero */
+
+    command_t command;
+    uint8_t echo;      /* its sequence */
+    bool commanded;    /* there was one */
+    uint32_t command_at;
+
+    axis_t v, w;       /* set point */
+    wheel_t wheels[2];
+    float duty[2];
+    float battery;     /* V, low-passed */
+    uint32_t low_at;   /* ms, when the battery was last well */
+    uint8_t illegal;   /* at the last look */
+    uint32_t look_at;
+    inputs_t inputs;   /* of the last step */
+    uint8_t pressed;   /* any switch since the last odometry */
+    bool begun;
+} drive_t;
+
+void drive_begin(drive_t *drive);
+
+/* One run of the control, every 5 ms. */
+void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs);
+
+/* Heed a message (head and payload). The answer's payload goes to `answer` (PAYLOAD_MAX); returns
+ * the answer's kind and its size, kind 0 for none. `save` is set when EEPROM is to be written. */
+answered_t drive_heed(drive_t *drive, const uint8_t *body, uint8_t size, uint32_t now,
+                      uint8_t *answer, bool *save);
+
+/* The odometry; what was pressed is told once. */
+odometry_t drive_tell(drive_t *drive, uint32_t now, uint16_t bad, uint8_t lost);
+
+bool drive_at_rest(const drive_t *drive);
+
+#endif

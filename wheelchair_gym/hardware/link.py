@@ -1,0 +1,187 @@
+"""A serial line to one board: frames out and in, never waiting, opened anew when it was lost."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from wheelchair_gym.hardware.messages import Message
+from wheelchair_gym.hardware.protocol import BAUD, Frame, Receiver, encode
+
+RETRY = 0.5  # s between attempts to open a line that is not there
+TWIN = "wheelchair_gym.hardware.twin"  # knows URLs twin://NAME
+_CHUNK = 4096  # bytes read at once
+
+
+class Port(Protocol):
+    """What a link needs of a serial port; pyserial's are such."""
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that can be read at once."""
+        ...
+
+    def read(self, size: int) -> bytes:
+        """At most so many bytes, at once."""
+        ...
+
+    def write(self, data: bytes) -> int | None:
+        """Send bytes."""
+        ...
+
+    def close(self) -> None:
+        """Let the port go."""
+        ...
+
+
+def open_port(url: str) -> Port:
+    """Open a device, or any URL that pyserial knows, without waiting for anything later.
+
+    Raises:
+        OSError: it cannot be opened.
+    """
+    import serial
+
+    if TWIN not in serial.protocol_handler_packages:
+        serial.protocol_handler_packages.append(TWIN)
+    port: Any = serial.serial_for_url(
+        url, baudrate=BAUD, timeout=0, write_timeout=0, do_not_open=True
+    )
+    port.dtr = False  # an Arduino takes it for a reset
+    port.open()
+    opened: Port = port
+    return opened
+
+
+@dataclass
+class LinkStatistics:
+    """What passed over a link since it was made."""
+
+    sent: int = 0  # frames
+    received: int = 0  # good frames
+    bad: int = 0  # frames refused
+    missed: int = 0  # gaps in the board's sequence, by frames
+    unsent: int = 0  # frames given while there was no line, or no room
+    opened: int = 0  # times that the line was opened
+
+
+class Link:
+    """A line to a board that heals: what fails is data, never an exception.
+
+    Args:
+        url: device or URL for `open_port`.
+        clock: seconds that only grow; simulated time runs on another than the wall's.
+        opener: makes the port.
+
+    Attributes:
+        statistics: what passed.
+        why: why the line is not open, as a line of text; empty while it is.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        clock: Callable[[], float] = time.monotonic,
+        opener: Callable[[str], Port] = open_port,
+    ) -> None:
+        self.url = url
+        self.statistics = LinkStatistics()
+        self.why = "not opened yet"
+        self._clock, self._opener = clock, opener
+        self._port: Port | None = None
+        self._receiver = Receiver()
+        self._tried: float | None = None
+        self._heard: float | None = None
+        self._sequence = 0
+        self._last: int | None = None  # sequence of the board
+        self._bad_before = 0  # frames refused before the line was opened this time
+        self._closed = False
+
+    @property
+    def connected(self) -> bool:
+        """Whether the line is open; a board may still be silent."""
+        return self._port is not None
+
+    @property
+    def silence(self) -> float:
+        """Seconds since the last good frame; +inf before the first."""
+        return float("inf") if self._heard is None else self._clock() - self._heard
+
+    def send(self, message: Message) -> int | None:
+        """Send a message; its sequence number, None if it could not be sent.
+
+        Raises:
+            ValueError: a value is not finite or does not fit its field.
+        """
+        self._sequence = (self._sequence + 1) & 0xFF
+        # A zero byte ahead: what noise put there costs itself only.
+        data = b"\0" + encode(message, self._sequence)
+        port = self._ready()
+        if port is None:
+            self.statistics.unsent += 1
+            return None
+        try:
+            written = port.write(data)
+        except OSError as error:  # pyserial's errors are OSErrors
+            self.statistics.unsent += 1
+            if "timeout" not in type(error).__name__.lower():  # no room: only this frame is lost
+                self._drop(error)
+            return None
+        if written is not None and written < len(data):  # no room; the board drops what it got
+            self.statistics.unsent += 1
+            return None
+        self.statistics.sent += 1
+        return self._sequence
+
+    def poll(self) -> list[Frame]:
+        """All good frames that have come; never waits."""
+        port = self._ready()
+        frames: list[Frame] = []
+        try:
+            while port is not None and (waiting := port.in_waiting):
+                frames += self._receiver.feed(port.read(min(waiting, _CHUNK)))
+        except OSError as error:
+            self._drop(error)
+        self.statistics.bad = self._bad_before + self._receiver.bad
+        for frame in frames:
+            if self._last is not None:
+                self.statistics.missed += (frame.sequence - self._last - 1) & 0xFF
+            self._last = frame.sequence
+        if frames:
+            self._heard = self._clock()
+            self.statistics.received += len(frames)
+        return frames
+
+    def close(self) -> None:
+        """Let the line go for good."""
+        self._closed = True
+        self._drop("closed")
+
+    def _ready(self) -> Port | None:
+        if self._port is not None or self._closed:
+            return self._port
+        now = self._clock()
+        if self._tried is not None and now - self._tried < RETRY:
+            return None
+        self._tried = now
+        try:
+            port = self._opener(self.url)
+            port.write(b"\0")  # ends whatever the board has half heard
+        except (OSError, ValueError) as error:  # ValueError: pyserial's for a malformed URL
+            self.why = str(error)
+            return None
+        self._port, self._last, self.why = port, None, ""
+        self._bad_before = self.statistics.bad
+        self._receiver = Receiver()
+        self.statistics.opened += 1
+        return port
+
+    def _drop(self, why: object) -> None:
+        port, self._port = self._port, None
+        self.why = str(why)
+        if port is not None:
+            with contextlib.suppress(OSError):  # it may be gone already
+                port.close()

@@ -1,0 +1,60 @@
+"""Parameters of the boards: names in the boards' order, and the values that a chair's settings ask.
+
+Defaults and bounds live in the firmware (protocol.h), which tells them on request.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+from wheelchair_gym.sensing.settings import UltrasonicSettings
+from wheelchair_gym.simulation.settings import ChairSettings
+
+DRIVE = (
+    "track",
+    "counts_per_metre",
+    "forward",
+    "backward",
+    "turn",
+    "acceleration",
+    "deceleration",
+    "protective",
+    "turn_acceleration",
+    "jerk",
+    "turn_jerk",
+    "stop",
+    "feed",
+    "kp",
+    "ki",
+    "kd",
+    "ka",
+    "smoothing",
+    "timeout",
+    "latch",
+    "missing",
+    "over_speed",
+    "under_voltage",
+    "battery_full",
+    "manual",
+    "creep",
+)
+RANGE = ("interval", "sound", "narrow_reach", "wide_reach", "narrow_blind", "wide_blind")
+
+
+def drive_parameters(chair: ChairSettings) -> dict[str, float]:
+    """What the drive board must hold for a chair; its other parameters are the board's own."""
+    drive, limits, motor = chair.drive, chair.limits, chair.motor
+    values = {field.name: float(getattr(limits, field.name)) for field in fields(limits)}
+    values |= {"track": drive.track, "counts_per_metre": drive.counts_per_metre}
+    values |= {name: float(getattr(motor, name)) for name in ("kp", "ki", "kd", "ka", "smoothing")}
+    values["feed"] = motor.constant / drive.wheel_radius
+    values["under_voltage"] = chair.battery.empty
+    return values
+
+
+def range_parameters(rangers: UltrasonicSettings) -> dict[str, float]:
+    """What the range board must hold for a chair's ultrasonics."""
+    values = {"interval": rangers.interval}
+    for name, model in (("narrow", rangers.narrow), ("wide", rangers.wide)):
+        values |= {f"{name}_reach": model.reach, f"{name}_blind": model.blind}
+    return values

@@ -1,0 +1,173 @@
+"""Both boards and the world in lock step: a millisecond of physics, then a millisecond of boards.
+
+What the boards' registers say at a step's start drives the physics over it. What the physics does
+in it reaches the boards in the next: edges of the encoders at their exact cycles, voltages and
+switches at its start.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from wheelchair_gym.hardware.messages import Switch
+from wheelchair_gym.hardware.protocol import BAUD
+from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
+from wheelchair_gym.hardware.twin.laser import TURN, TwinLaser
+from wheelchair_gym.hardware.twin.plant import STEP, Motion, Plant
+from wheelchair_gym.types import Episode
+
+IBUS_BAUD = 115_200  # 1/s, of the joystick's receiver
+CYCLES = round(STEP * FREQUENCY)
+SOUND = 343.0  # m/s, at 20 C: as the range board's `sound`
+BATTERY_FULL = 60.0  # V at the ADC's full scale: as the drive board's `battery_full`
+ADC_FULL = 5.0  # V
+STRIP_HELD = 100  # steps that a strip stays pressed after a hit
+
+# Data memory of the ATmega2560.
+_TCCR4A, _ICR4, _OCR4A, _OCR4B, _DDRL, _PORTL = 0xA0, 0xA6, 0xA8, 0xAA, 0x10A, 0x10B
+_COM4A1, _COM4B1, _ENABLE, _RELEASE = 0x80, 0x20, 0x04, 0x08
+# Bits of port C, in the order of Switch; the drivers' fault outputs are low when they speak.
+_ACTIVE_LOW = Switch.DRIVER_LEFT | Switch.DRIVER_RIGHT
+_BUS_SONAR = 0xE0  # address of the first
+
+_NONE = Switch(0)
+
+
+@dataclass
+class Faults:
+    """What is broken, on command."""
+
+    switches: Switch = _NONE  # pressed or pulled
+    blind: list[bool] = field(default_factory=lambda: [False, False])  # encoders without signal
+    swapped: list[bool] = field(default_factory=lambda: [False, False])  # encoders' A and B
+    battery: float | None = None  # V: what the drive board sees
+    held: tuple[bool, bool] = (False, False)  # wheels that something blocks
+    silent: set[int] = field(default_factory=set)  # ultrasonics that do not answer
+    stuck: dict[int, float] = field(default_factory=dict)  # and those that always say this [m]
+
+
+class Twin:
+    """An emulated drive board and range board on a simulated chair; time passes in `advance`.
+
+    Args:
+        plant: the chair.
+
+    Attributes:
+        drive: the drive board; bytes go through a `Wire`.
+        range: the range board.
+        laser: the laser; its `port` is the connection.
+        faults: what is broken; change it at any time.
+        motion: of the last step.
+        steps: milliseconds since power-on.
+    """
+
+    def __init__(self, plant: Plant | None = None) -> None:
+        self.plant = plant or Plant()
+        self.faults = Faults()
+        self.drive = EmulatedBoard("atmega2560", "drive.elf", (BAUD, IBUS_BAUD))
+        self.range = EmulatedBoard("atmega328p", "range.elf", (BAUD, 0))
+        for i in range(4):
+            self.range.add_pulse_sonar(("D", 4 + i), ("B", i))
+        for i in range(4):
+            self.range.add_bus_sonar(_BUS_SONAR + 2 * i)
+        self.range.on_ping(self._ping)
+        self.laser = TwinLaser(self.plant.scan, self.plant.chair.sensors.laser)
+        for bit in range(4):
+            self.drive.pin("B", bit, False)
+        self.steps = 0
+        self.motion = Motion(0.0, 0.0, 0.0, 0.0, 0.0, False)
+        self._turned = [0.0, 0.0]
+        self._shown: Switch | None = None
+        self._strip, self._strip_until = _NONE, 0
+
+    def reset(self, episode: Episode, key: int) -> None:
+        """Put the chair at an episode's start; the boards and their time go on."""
+        self.plant.reset(episode, key)
+        # Counts within a step are worked out from differences: a jump of the chair is none.
+        self.motion = self.plant.push((0.0, 0.0), False, True)
+
+    @property
+    def duty(self) -> tuple[float, float]:
+        """Duties at the motors' terminals, read from the drive board's registers."""
+        board = self.drive
+        top, way, on = board.peek_word(_ICR4) + 1, board.peek(_PORTL), board.peek(_TCCR4A)
+        left = (board.peek_word(_OCR4A) + 1) / top if on & _COM4A1 else 0.0
+        right = (board.peek_word(_OCR4B) + 1) / top if on & _COM4B1 else 0.0
+        return (-left if way & 1 else left), (-right if way & 2 else right)
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the drivers are switched on, by the board and by the emergency stop's contact."""
+        on = self.drive.peek(_PORTL) & self.drive.peek(_DDRL) & _ENABLE
+        return bool(on) and not self.faults.switches & Switch.STOP_PRESSED
+
+    @property
+    def braked(self) -> bool:
+        """Whether the spring brakes are closed; their current runs by the emergency stop, too."""
+        if self.faults.switches & Switch.FREEWHEEL:
+            return False
+        held = self.drive.peek(_PORTL) & self.drive.peek(_DDRL) & _RELEASE
+        return not held or bool(self.faults.switches & Switch.STOP_PRESSED)
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass, a whole number of milliseconds."""
+        for _ in range(round(seconds / STEP)):
+            self._step()
+
+    def _step(self) -> None:
+        before = self.motion
+        self.motion = motion = self.plant.push(
+            self.duty, self.enabled, self.braked, self.faults.held
+        )
+        self.steps += 1
+        until = self.steps * CYCLES
+        self._show_switches()
+        battery = motion.battery if self.faults.battery is None else self.faults.battery
+        self.drive.voltage(0, battery / BATTERY_FULL * ADC_FULL)
+        ways = motion.left - before.left, motion.right - before.right
+        for wheel, way in enumerate(ways):
+            if self.faults.blind[wheel]:
+                continue
+            start = self._turned[wheel]
+            end = start + (-way if self.faults.swapped[wheel] else way)
+            if math.floor(start) != math.floor(end):
+                self.drive.turn("B", 2 * wheel, start, end, until)
+            self._turned[wheel] = end
+        self.drive.run(until)
+        self.range.run(until)
+        if self.steps % TURN == 0:
+            self.laser.turn(self.steps)
+
+    def _show_switches(self) -> None:
+        if self.motion.hit:
+            forward, turning = self.motion.speed, self.motion.turn
+            ahead = abs(forward) > 0.1 * abs(turning)
+            sides = Switch.LEFT | Switch.RIGHT
+            self._strip = (Switch.FRONT if forward > 0.0 else Switch.REAR) if ahead else sides
+            self._strip_until = self.steps + STRIP_HELD
+        shown = self.faults.switches
+        if self.steps < self._strip_until:
+            shown |= self._strip
+        if shown == self._shown:
+            return
+        self._shown = shown
+        for bit in range(8):
+            self.drive.pin("C", bit, bool((shown ^ _ACTIVE_LOW) >> bit & 1))
+
+    def _ping(self, sonar: int, _cycle: int) -> int:
+        which = sonar & 0x7F
+        if which in self.faults.silent:
+            return -1
+        if sonar != which:
+            return 0
+        metres = self.faults.stuck.get(which)
+        if metres is None:
+            metres = self.plant.ping(which)
+        return round(metres * 2.0 / SOUND * 1e6) if math.isfinite(metres) else 0
+
+    def close(self) -> None:
+        """Let the boards go."""
+        self.drive.close()
+        self.range.close()
+        self.plant.chair.close()

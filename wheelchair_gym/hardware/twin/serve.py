@@ -1,0 +1,147 @@
+"""The twin in real time: a pseudo-terminal for each board, a TCP port for the laser.
+
+Whatever speaks to the chair speaks to this, unchanged. One thing is not shown: opening a terminal
+does not reset a board, as a real Arduino does.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import termios
+import time
+import tty
+from collections.abc import Callable
+
+import numpy as np
+
+from wheelchair_gym.hardware.twin.lockstep import Twin
+from wheelchair_gym.hardware.twin.wire import Wire
+
+SLICE = 0.005  # s of the world between two looks at the lines
+LATE = 0.5  # s behind real time at which the rest is forgiven
+_CHUNK = 65536
+
+
+class Terminal:
+    """A pseudo-terminal at a wire; what nobody reads is dropped.
+
+    Attributes:
+        path: of the device that a host opens.
+    """
+
+    def __init__(self, wire: Wire) -> None:
+        self.wire = wire
+        # Our copy of the far end stays open: else each host that leaves would look like an error.
+        self._near, self._far = os.openpty()
+        tty.setraw(self._far)
+        os.set_blocking(self._near, False)
+        self.path = os.ttyname(self._far)
+
+    def pump(self) -> None:
+        """Pass bytes both ways; never waits."""
+        with contextlib.suppress(BlockingIOError):
+            self.wire.write(os.read(self._near, _CHUNK))
+        if data := self.wire.read():
+            try:
+                os.write(self._near, data)
+            except BlockingIOError:  # nobody reads: what waits is old
+                termios.tcflush(self._far, termios.TCIFLUSH)
+
+    def close(self) -> None:
+        """Take the device away."""
+        os.close(self._near)
+        os.close(self._far)
+
+
+class LaserServer:
+    """A TCP port at the twin's laser, for one host at a time; a newer one replaces the older."""
+
+    def __init__(self, twin: Twin, host: str, port: int) -> None:
+        self._laser = twin.laser
+        self._listener = socket.create_server((host, port))
+        self._listener.setblocking(False)
+        self._peer: socket.socket | None = None
+        self._unsent = b""
+        self.port = int(self._listener.getsockname()[1])
+
+    def pump(self) -> None:
+        """Pass bytes both ways; never waits."""
+        with contextlib.suppress(BlockingIOError):
+            peer, _ = self._listener.accept()
+            peer.setblocking(False)
+            self._hang_up()
+            self._peer = peer
+        if self._peer is None:
+            return
+        try:
+            with contextlib.suppress(BlockingIOError):
+                data = self._peer.recv(_CHUNK)
+                if not data:
+                    self._hang_up()
+                    return
+                self._laser.write(data)
+            if not self._unsent:  # a host that does not read misses scans, not parts of them
+                self._unsent = self._laser.read(_CHUNK)
+            with contextlib.suppress(BlockingIOError):
+                self._unsent = self._unsent[self._peer.send(self._unsent) :]
+        except OSError:
+            self._hang_up()
+
+    def _hang_up(self) -> None:
+        if self._peer is not None:
+            self._peer.close()
+        self._peer, self._unsent = None, b""
+        self._laser.close()
+
+    def close(self) -> None:
+        """Let the port go."""
+        self._hang_up()
+        self._listener.close()
+
+
+class ServedTwin:
+    """A twin that runs in real time, behind devices.
+
+    Args:
+        twin: stands at an episode's start.
+        host: address for the laser's TCP port.
+        port: of the laser; 0 chooses one.
+
+    Attributes:
+        drive: terminal of the drive board.
+        range: terminal of the range board.
+        laser: server of the laser.
+        behind: the most seconds that the world was late so far.
+
+    Raises:
+        OSError: no pseudo-terminal, or the port is taken.
+    """
+
+    def __init__(self, twin: Twin, host: str = "127.0.0.1", port: int = 0) -> None:
+        self.twin = twin
+        self.laser = LaserServer(twin, host, port)
+        self.drive = Terminal(Wire(twin.drive, np.random.default_rng(0)))
+        self.range = Terminal(Wire(twin.range, np.random.default_rng(1)))
+        self.behind = 0.0
+
+    def run(self, until: Callable[[], bool]) -> None:
+        """Let real time pass until something is so; paced to absolute deadlines."""
+        due = time.monotonic()
+        while not until():
+            self.twin.advance(SLICE)
+            for end in (self.drive, self.range, self.laser):
+                end.pump()
+            due += SLICE
+            late = time.monotonic() - due
+            self.behind = max(self.behind, late)
+            if late < 0.0:
+                time.sleep(-late)
+            elif late > LATE:  # a machine too slow: the world is slower than it should be
+                due += late
+
+    def close(self) -> None:
+        """Take devices and port away; the twin stays."""
+        for end in (self.drive, self.range, self.laser):
+            end.close()
