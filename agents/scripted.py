@@ -182,6 +182,8 @@ class PlannedDriver:
         for known in self._maps(start, goal):
             if self._plan(Space.from_grid(known), start, goal):
                 break
+        if self._task.chart is not None:
+            self._around.chart(known)
         assert self.plan is not None
         path = self.plan.path
         self._mapped = self._since = 0.0
@@ -202,9 +204,7 @@ class PlannedDriver:
         if self._task.chart is None:
             return [known]
         known = known.holding(np.stack([start[:2], goal[:2]]), self.own.beyond)
-        careful = assumed(known, start, self._task.footprint)
-        self._around.chart(careful)
-        return [careful, known]
+        return assumed(known, start, self._task.footprint)
 
     def _plan(self, space: Space, start: Array, goal: Array) -> bool:
         """Plan at the widest clearance that leads to the goal."""

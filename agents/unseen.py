@@ -7,45 +7,61 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry import Footprint, to_frame
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from wheelchair_gym.maps.distance import near
 
 Array = NDArray[np.float64]
 
 BLIND = 1.5  # m: what has not been seen so near the chair may be hit before it is seen
-BESIDE = 0.10  # m round the circle in which the chair turns, where it is taken to stand free
+BESIDE = 0.10  # m round the chair, where it is taken to stand free
 JITTER = 2.0  # cells by which a wall that is seen anew may come nearer
 
 
-def assumed(known: OccupancyGrid, pose: Array, footprint: Footprint) -> OccupancyGrid:
-    """A map with what is unknown near the chair for solid, but where the chair could turn.
+def assumed(known: OccupancyGrid, pose: Array, footprint: Footprint) -> list[OccupancyGrid]:
+    """Maps to plan in, the next one where the last leads nowhere.
 
-    What is unknown farther off is left so: planners take it for free (the free-space assumption:
-    Koenig and Likhachev 2005), and the laser sees it before the chair is there.
+    What is unknown near the chair is solid in the first but where the chair stands: it sees nothing
+    behind it, and had better go ahead before it turns. In the second it may turn, in the third it
+    may go anywhere. What is unknown farther off is left so: planners take it for free (the
+    free-space assumption: Koenig and Likhachev 2005), and the laser sees it before the chair is
+    there.
 
     Args:
         known: what was seen so far.
         pose: of the chair (3,) [m, m, rad].
         footprint: of the chair.
     """
-    turning = math.hypot(footprint.rear, footprint.half_width) + BESIDE
-    return _told(_told(known, pose, turning, FREE), pose, BLIND, OCCUPIED)
+    stands = _told(known, pose, footprint, -BESIDE, FREE)
+    turns = _told(known, pose, footprint, math.hypot(footprint.rear, footprint.half_width), FREE)
+    return [_told(each, pose, footprint, BLIND, OCCUPIED) for each in (stands, turns)] + [known]
 
 
 def standing(known: OccupancyGrid, pose: Array, footprint: Footprint) -> OccupancyGrid:
     """A map with what the chair hides from itself for free, so that ways begin where it stands."""
-    return _told(known, pose, footprint.reach, FREE)
+    return _told(known, pose, footprint, footprint.reach, FREE)
 
 
-def _told(known: OccupancyGrid, pose: Array, radius: float, value: int) -> OccupancyGrid:
-    """A map with a value for all that is unknown within a radius [m] of a pose."""
+def _told(
+    known: OccupancyGrid, pose: Array, footprint: Footprint, radius: float, value: int
+) -> OccupancyGrid:
+    """A map with a value for what is unknown within a radius [m] of a pose.
+
+    A negative radius is a margin round the footprint instead.
+    """
     cells = known.cells.copy()
-    (x, y), reach = known.to_lattice(pose[:2]), radius / known.resolution
-    row, col = max(0, int(y - reach)), max(0, int(x - reach))
-    part = cells[row : int(y + reach) + 1, col : int(x + reach) + 1]
+    (x, y), far = known.to_lattice(pose[:2]), max(radius, footprint.reach) + BESIDE
+    row, col = (max(0, int(v - far / known.resolution)) for v in (y, x))
+    part = cells[
+        row : int(y + far / known.resolution) + 1, col : int(x + far / known.resolution) + 1
+    ]
     rows, cols = np.indices(part.shape)
-    within = np.hypot(rows + row + 0.5 - y, cols + col + 0.5 - x) < reach
+    places = to_frame(known.to_world(np.stack([rows + row, cols + col], axis=-1)), pose)
+    if radius < 0.0:
+        low, high = footprint.corners[0] + radius, footprint.corners[2] - radius
+        within = ((places > low) & (places < high)).all(axis=-1)
+    else:
+        within = np.hypot(places[..., 0], places[..., 1]) < radius + BESIDE
     part[within & (part == UNKNOWN)] = value
     return OccupancyGrid(cells, known.resolution, known.origin)
 
