@@ -126,4 +126,5 @@ class Record:
 def test_offsets_are_all_different():
     assert len(set(OFFSETS)) == len(OFFSETS)
     assert len(set(SHAPE[:6])) == 6
-    assert len(set(SHAPE[6:])) == 3
+    assert len(set(SHAPE[6:9])) == 3
+    assert len(set(SHAPE[9:])) == 3

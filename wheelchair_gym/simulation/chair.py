@@ -74,14 +74,20 @@ class SimulatedChair:
         """Stand at the episode's start and sense; see `Chair.reset`."""
         walls = np.ascontiguousarray(episode.walls, np.float64)
         discs = np.ascontiguousarray(episode.discs, np.float64)
-        self._world.make_room(len(walls), len(discs))
+        movers = np.ascontiguousarray(episode.movers.rows)
+        routes = np.ascontiguousarray(episode.movers.routes, np.float64)
+        self._world.make_room(episode)
         place = self._place
-        place["walls"], place["n_walls"] = address_of(walls), len(walls)
-        place["discs"], place["n_discs"] = address_of(discs), len(discs)
-        self._solid = walls, discs  # kept alive
-        self._scratch = np.empty((SCRATCH, len(walls)), np.float32)
-        self._alone["scratch"], self._alone["walls"] = address_of(self._scratch), len(walls)
+        for name, array in (("walls", walls), ("discs", discs), ("movers", movers)):
+            place[name], place[f"n_{name}"] = address_of(array), len(array)
+        place["routes"], place["n_routes"] = address_of(routes), len(routes)
+        place["n_fixed_walls"], place["n_fixed_discs"] = len(walls), len(discs)
+        self._solid = walls, discs, movers, routes  # kept alive
+        segments = len(walls) + episode.movers.segments
+        self._scratch = np.empty((SCRATCH, segments), np.float32)
+        self._alone["scratch"], self._alone["walls"] = address_of(self._scratch), segments
         ranges, sensed = self._blank_reading()
+        self._episode = episode
         begin(
             0,
             self._rig.record,
@@ -96,7 +102,6 @@ class SimulatedChair:
             ranges,
             sensed,
         )
-        self._episode = episode
         return self._reading(ranges, sensed)
 
     def drive(self, twist: Array) -> Reading:
@@ -149,5 +154,5 @@ class SimulatedChair:
 
     def _reading(self, ranges: NDArray[np.float32], sensed: Rows) -> Reading:
         told: Any = sensed.item()
-        self._truth = Truth._make(told[7:])
+        self._truth = Truth._make((*told[7:], self._world.poses()))
         return Reading._make((told[0], told[1], ranges, *told[2:7]))

@@ -16,6 +16,13 @@ import numpy as np
 
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import approach, wheels_of_twist
+from wheelchair_gym.simulation.contact import (
+    Motion,
+    forget_contacts,
+    note_contacts,
+    stop_people,
+)
+from wheelchair_gym.simulation.doors import keep_times, turn_leaves
 from wheelchair_gym.simulation.engine import (
     ANGLE,
     FX,
@@ -29,6 +36,8 @@ from wheelchair_gym.simulation.engine import (
     body_view,
     step_space,
 )
+from wheelchair_gym.simulation.moving import carry, follow, push, show, take_shot
+from wheelchair_gym.simulation.people import walk
 from wheelchair_gym.simulation.state import GRAVITY
 
 _SWEEPS = 20  # of Gauss-Seidel, when a wheel slips
@@ -257,9 +266,8 @@ def step_once(
 def drive(
     state: Any,
     p: Any,
-    space: np.uint64,
-    body: np.uint64,
-    engine: np.uint64,
+    world: Any,
+    engine: Any,
     v: float,
     w: float,
     order: Any,
@@ -269,25 +277,40 @@ def drive(
     Args:
         state: of the chair; its truth, set point, wheels and battery move on.
         p: its parameters.
-        space: address of the cpSpace.
-        body: address of the chair's cpBody.
-        engine: address of cpSpaceStep.
+        world: record of WORLD; its movers move on.
+        engine: record with the fields of ENGINE.
         v: target speed [m/s].
         w: target turn [rad/s].
         order: (n,) which ranger fires k-th.
     """
     k = work_out(p)
     state.contact, state.bumped = False, False
-    fields = body_view(body)
+    state.noted, state.caused, state.met = False, False, -1
+    state.closing[0], state.closing[1] = 0.0, 0.0
+    fields = body_view(world.body)
     for _ in range(p.substeps):
         if state.tick % p.speed_every == 0:
             track_set_point(state, p, v, w, state.bumped, k.run)
             control_speed(state, p, k)
-        hit = step_once(state, p, k, space, body, engine)
+        before = (fields[X], fields[Y], fields[VX], fields[VY], fields[W])
+        bump = 0.0
+        if world.n_movers > 0:
+            bump = move_on(state, p, world, before)
+            carry(engine, world)
+        hit = step_once(state, p, k, world.space, world.body, engine.step)
         state.tick += 1
+        if world.n_movers > 0:
+            follow(world)
+        if bump > _TOUCH:
+            state.contact = True
+            state.bumped |= bump > p.bumper * p.dt
         if hit > _TOUCH:
             state.contact = True
             state.bumped |= hit > p.bumper * p.dt
+            locate(state, p, fields)
+            show(world)
+            now = (fields[X], fields[Y], before[2], before[3], before[4])
+            note_contacts(world, state, p, now)
         if state.tick % p.fire_every == 0:
             locate(state, p, fields)
             which = order[state.firings % order.shape[0]]
@@ -295,8 +318,34 @@ def drive(
             for i in range(3):
                 state.fire_pose[which, i] = state.pose[i]
             state.firings += 1
+            if world.n_movers > 0:
+                take_shot(world, which)
     locate(state, p, fields)
     state.step += 1
+
+
+@borrowing_kernel
+def move_on(state: Any, p: Any, world: Any, chair: Motion) -> float:
+    """What movers decide before a physics step, and what then pushes them.
+
+    Args:
+        state: of the chair.
+        p: its parameters.
+        world: record of WORLD.
+        chair: its motion.
+
+    Returns:
+        The impulse [N s] of the hardest who walks into the chair.
+    """
+    locate(state, p, body_view(world.body))
+    if state.tick % p.choose_every == 0:
+        show(world)
+        forget_contacts(world, state, p)
+        keep_times(world, p, state.pose, state.tick * p.dt)
+        walk(world, p, state.key, state.tick, state.pose, state.twist)
+    turn_leaves(world, p, state.pose)
+    push(world, p)
+    return stop_people(world, state, p, chair)
 
 
 @borrowing_kernel

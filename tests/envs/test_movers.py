@@ -1,0 +1,55 @@
+"""Laws of many chairs among movers: row i is the single env, bit for bit; truth reaches info."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.envs.test_vector import NEXT, SAME, compare
+from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
+
+CROWDED = {
+    "scene": {"name": "crowd", "people": {"density": (0.05, 0.15), "crossing": 0.3, "blind": 0.3}},
+    "bank": {"size": 12, "turnover": 0.5},
+    "beams": 64,
+}
+SHORT = {"task": {"time_base": 6.0, "time_factor": 0.0}}
+
+
+@pytest.mark.parametrize(("mode", "threads"), [(NEXT, 1), (NEXT, 2), (SAME, 2)])
+def test_each_row_is_a_single_env_among_movers(mode, threads):
+    """Worlds with many movers, few and none in one batch, over thousands of steps and resets."""
+    ends = compare(mode, threads, n=8, steps=300, config=SHORT, randomise=True, **CROWDED)
+    assert ends >= 40
+
+
+def test_each_row_is_a_single_env_where_things_appear():
+    settings = {"scene": {"name": "temporary", "count": (3, 6)}, "pose_source": "modelled"}
+    assert compare(NEXT, 2, n=3, steps=80, config=SHORT, **settings) >= 3
+
+
+def test_worlds_with_and_without_movers_share_a_batch():
+    """A batch row that goes from a crowd to an empty floor and back is as fresh."""
+    crowd = NavigationEnv(config=SHORT, **CROWDED)
+    crowd.reset(seed=3)
+    episode = crowd.episode
+    plain = type(episode)(episode.map, episode.start, episode.goal, episode.walls, episode.discs)
+    seen = []
+    for given in (episode, plain, episode, plain):
+        crowd.reset(seed=5, options={"episode": given})
+        seen.append(np.array([crowd.step(np.array([0.6, 0.1]))[0]["laser"] for _ in range(20)]))
+    assert np.array_equal(seen[0], seen[2])
+    assert np.array_equal(seen[1], seen[3])
+    assert not np.array_equal(seen[0], seen[1])
+
+
+def test_truth_reaches_info_and_never_the_observation():
+    env = NavigationEnv(config={"task": {"time_base": 60.0}}, **CROWDED)
+    observation, info = env.reset(seed=1)
+    assert set(observation) == {"laser", "ultrasonic", "twist", "goal"}
+    assert (info["caused"], info["met"], info["closing"].tolist()) == (False, -1, [0.0, 0.0])
+    assert env.chair.truth.movers.shape == (len(env.episode.movers), 3)
+    batch = NavigationVectorEnv(2, SHORT, **CROWDED)
+    _, infos = batch.reset(seed=1)
+    assert infos["closing"].shape == (2, 2)
+    assert infos["met"].tolist() == [-1, -1]
