@@ -25,7 +25,7 @@ from wheelchair_gym.sensing.settings import LaserSettings, UltrasonicSettings
 from wheelchair_gym.sensing.ultrasonic import UltrasonicArrays, fire
 from wheelchair_gym.simulation.advance import tell
 from wheelchair_gym.simulation.engine import step_space
-from wheelchair_gym.simulation.motion import drive
+from wheelchair_gym.simulation.period import drive
 from wheelchair_gym.task.assess import assess
 from wheelchair_gym.task.observe import pool
 

@@ -12,11 +12,8 @@ from tests.simulation.worlds import cluttered, exact_chair
 from wheelchair_gym.simulation import motion
 from wheelchair_gym.simulation.engine import (
     ANGLE,
-    BODY_DOUBLES,
     FX,
     FY,
-    OFFSETS,
-    SHAPE,
     STEP,
     TORQUE,
     VX,
@@ -25,6 +22,7 @@ from wheelchair_gym.simulation.engine import (
     X,
     Y,
 )
+from wheelchair_gym.simulation.offsets import BODY_DOUBLES, OFFSETS, SHAPE
 
 
 class Oracle:

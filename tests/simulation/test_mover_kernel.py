@@ -12,10 +12,9 @@ from tests.simulation.test_kernel import Oracle, Record
 from tests.simulation.worlds import busy, exact_chair
 from wheelchair_gym.address import address_of
 from wheelchair_gym.movers import DOOR, FURNITURE, NOBODY, OBSTACLE, PERSON
-from wheelchair_gym.simulation import motion
+from wheelchair_gym.simulation import motion, period
 from wheelchair_gym.simulation.engine import (
     ANGLE,
-    BODY_DOUBLES,
     FX,
     FY,
     TORQUE,
@@ -26,6 +25,7 @@ from wheelchair_gym.simulation.engine import (
     Y,
 )
 from wheelchair_gym.simulation.moving import FAR
+from wheelchair_gym.simulation.offsets import BODY_DOUBLES
 
 STEP_ONCE = motion.step_once.py_func
 
@@ -120,20 +120,21 @@ class BusyOracle(Oracle):
             self.read()
 
         with self.monkeypatch.context() as patch:
+            patch.setattr(motion, "body_view", lambda address: self.fields[0])
             patch.setattr(motion, "step_space", step_space)
             return STEP_ONCE(Record(self.lent._state), Record(self.lent._chair), k, 0, 0, 0)
 
     def drive(self, monkeypatch, v, w):
-        """`motion.drive` as plain Python, over the API."""
+        """`period.drive` as plain Python, over the API."""
         self.monkeypatch = monkeypatch
         lent = self.lent
         with monkeypatch.context() as patch:
-            patch.setattr(motion, "body_view", lambda address: self.fields[0])
-            patch.setattr(motion, "carry", self.carry)
-            patch.setattr(motion, "step_once", self.step)
+            patch.setattr(period, "body_view", lambda address: self.fields[0])
+            patch.setattr(period, "carry", self.carry)
+            patch.setattr(period, "step_once", self.step)
             own = [a.view(np.recarray)[0] for a in (lent._state, lent._chair, lent._place)]
             engine = lent._rig.record.view(np.recarray)[0]
-            motion.drive.py_func(*own, engine, v, w, lent._rig.rangers.order)
+            period.drive.py_func(*own, engine, v, w, lent._rig.rangers.order)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -149,19 +150,19 @@ def test_movers_equal_the_plain_api_exactly(seed, monkeypatch):
     chair.reset(episode, seed)
     oracle = BusyOracle(exact_chair(), episode, seed)
     met = set()
-    for period in range(150):
-        if period % 30 == 0:
+    for k in range(150):
+        if k % 30 == 0:
             twist = rng.uniform((0.2, -0.8), (0.8, 0.8))
         chair.drive(twist)
         oracle.drive(monkeypatch, *twist.tolist())
-        assert chair.state["pose"].tolist() == oracle.lent._state["pose"].tolist(), period
+        assert chair.state["pose"].tolist() == oracle.lent._state["pose"].tolist(), k
         moving = chair._world._kept["moving"]
         others = oracle.lent._world._kept["moving"]
-        for k, body in enumerate(oracle.movers):
-            assert moving["pose"][k].tolist() == [*body.position, body.angle], (period, k)
+        for i, body in enumerate(oracle.movers):
+            assert moving["pose"][i].tolist() == [*body.position, body.angle], (k, i)
             for name in moving.dtype.names:
                 if name not in ("body", "shape"):
-                    assert moving[name][k].tolist() == others[name][k].tolist(), name
+                    assert moving[name][i].tolist() == others[name][i].tolist(), name
         for name in ("tick", "spin", "contact", "caused", "met", "closing", "bumped"):
             assert chair.state[name].tolist() == oracle.lent._state[name].tolist(), name
         if chair.truth.contact:

@@ -249,6 +249,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             path=task.path,
             look_ahead=self._points_ahead(),
             caption=self._caption(task.reading),
+            movers=truth.movers if len(truth.movers) else None,
         )
         if self.render_mode == "rgb_array":
             return frame

@@ -13,10 +13,10 @@ from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.sensing.laser import SCRATCH, scan
 from wheelchair_gym.sensing.odometry import locate_self, reckon
 from wheelchair_gym.sensing.ultrasonic import UltrasonicArrays, fire
-from wheelchair_gym.simulation.engine import BODY_DOUBLES
-from wheelchair_gym.simulation.motion import drive, locate
-from wheelchair_gym.simulation.moving import show, show_shot
+from wheelchair_gym.simulation.offsets import BODY_DOUBLES
+from wheelchair_gym.simulation.period import drive, locate
 from wheelchair_gym.simulation.rig import RIG, laser_of, rangers_of
+from wheelchair_gym.simulation.shown import show, show_shot
 from wheelchair_gym.simulation.state import PARAMETER, STATE, vary
 from wheelchair_gym.simulation.world import WORLD, enter
 

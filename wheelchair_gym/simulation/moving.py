@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import doubles_at, integers_at, rows_of, table_at
+from wheelchair_gym.address import integers_at, rows_of, table_at
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.movers import DOOR, FURNITURE, MOVER, NOBODY, OBSTACLE, PERSON
 from wheelchair_gym.simulation.engine import (
@@ -76,7 +76,8 @@ moving_at = rows_of(MOVING)
 
 
 @borrowing_kernel
-def _is_box(row: Any) -> bool:
+def is_box(row: Any) -> bool:
+    """Whether a mover has corners."""
     return bool(row.size[1] > 0.0)
 
 
@@ -121,7 +122,7 @@ def bring_movers(engine: Any, world: Any) -> None:
             own.slot, segment = segment, segment + 1
             own.body, own.shape = np.uint64(pair[0]), np.uint64(pair[1])
             set_segment(own.shape, 0.0, 0.0, row.size[0], 0.0)
-        elif _is_box(row):
+        elif is_box(row):
             pair = integers_at(world.boxes, 2 * (boxes + 1))[2 * boxes :]
             boxes += 1
             own.slot, segment = segment, segment + 4
@@ -166,7 +167,6 @@ def begin_movers(engine: Any, world: Any) -> None:
         if own.there:
             place(engine, world.space, own.body, row.pose[0], row.pose[1], row.pose[2])
     follow(world)
-    show(world)
 
 
 @borrowing_kernel
@@ -191,73 +191,6 @@ def follow(world: Any) -> None:
         own = moving[k]
         fields = body_view(own.body)
         own.pose[0], own.pose[1], own.pose[2] = fields[X], fields[Y], fields[ANGLE]
-
-
-@borrowing_kernel
-def show(world: Any) -> None:
-    """Write what sensors see of the movers behind the walls and discs that stay."""
-    n = world.n_movers
-    rows, moving = rows_at(world.movers, n), moving_at(world.moving, n)
-    walls = table_at(world.walls, world.n_walls, 4)
-    discs = table_at(world.discs, world.n_discs, 3)
-    for k in range(n):
-        row, own = rows[k], moving[k]
-        x, y = own.pose[0], own.pose[1]
-        at = own.slot
-        if row.kind != DOOR and not _is_box(row):
-            discs[at, 0], discs[at, 1], discs[at, 2] = x, y, row.size[0]
-            continue
-        c, s = math.cos(own.pose[2]), math.sin(own.pose[2])
-        if row.kind == DOOR:
-            walls[at, 0], walls[at, 1] = x, y
-            walls[at, 2], walls[at, 3] = x + c * row.size[0], y + s * row.size[0]
-            continue
-        a, b = 0.5 * row.size[0], 0.5 * row.size[1]
-        px, py = x - c * a - s * b, y - s * a + c * b
-        for i in range(4):
-            ex, ey = a if i == 1 or i == 2 else -a, b if i > 1 else -b
-            qx, qy = x + c * ex - s * ey, y + s * ex + c * ey
-            walls[at + i, 0], walls[at + i, 1] = px, py
-            walls[at + i, 2], walls[at + i, 3] = qx, qy
-            px, py = qx, qy
-
-
-@borrowing_kernel
-def _copy(source: Array, first: int, last: int, out: Array, at: int) -> int:
-    """Copy rows first to last of a table into a flat array from `at` on; where that ends."""
-    for k in range(first, last):
-        for i in range(source.shape[1]):
-            out[at] = source[k, i]
-            at += 1
-    return at
-
-
-@borrowing_kernel
-def take_shot(world: Any, which: int) -> None:
-    """Keep what a ranger sees of the movers at the instant when it fires."""
-    show(world)
-    walls = table_at(world.walls, world.n_walls, 4)
-    discs = table_at(world.discs, world.n_discs, 3)
-    shot = doubles_at(world.shots, world.shot * (which + 1))[world.shot * which :]
-    at = _copy(walls, world.n_fixed_walls, world.n_walls, shot, 0)
-    _copy(discs, world.n_fixed_discs, world.n_discs, shot, at)
-
-
-@borrowing_kernel
-def show_shot(world: Any, which: int) -> None:
-    """Show the movers as a ranger saw them when it fired."""
-    walls = table_at(world.walls, world.n_walls, 4)
-    discs = table_at(world.discs, world.n_discs, 3)
-    shot = doubles_at(world.shots, world.shot * (which + 1))[world.shot * which :]
-    at = 0
-    for k in range(world.n_fixed_walls, world.n_walls):
-        for i in range(4):
-            walls[k, i] = shot[at]
-            at += 1
-    for k in range(world.n_fixed_discs, world.n_discs):
-        for i in range(3):
-            discs[k, i] = shot[at]
-            at += 1
 
 
 @borrowing_kernel

@@ -25,7 +25,6 @@ from wheelchair_gym.simulation.engine import (
     UNIT_BOX,
     add_shape,
     place,
-    pointer,
     remove_shape,
     set_circle,
     set_segment,
@@ -39,7 +38,9 @@ from wheelchair_gym.simulation.moving import (
     bring_movers,
     clear_movers,
 )
+from wheelchair_gym.simulation.offsets import pointer
 from wheelchair_gym.simulation.orca import LINES
+from wheelchair_gym.simulation.shown import show
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
@@ -129,6 +130,7 @@ def enter(engine: Any, world: Any, p: Any, x: float, y: float, yaw: float) -> No
     place(engine, world.space, world.body, x + p.centre * c, y + p.centre * s, yaw)
     if world.n_movers > 0:
         begin_movers(engine, world)
+        show(world)
 
 
 class World:

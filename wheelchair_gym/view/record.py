@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.files import refused
+from wheelchair_gym.movers import MOVER, shapes
 
 if TYPE_CHECKING:
     from wheelchair_gym.task.task import Observation
@@ -33,7 +34,7 @@ _NAME = "wheelchair_gym"
 _AGAIN = 10  # steps between two messages of what stays, while viewers may join
 
 
-def packed(values: ArrayLike, kind: str) -> str:
+def packed(values: ArrayLike, kind: DTypeLike) -> str:
     """An array as text, to the bit, infinities and NaN included."""
     return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode()
 
@@ -81,6 +82,7 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
             "/goal": channels.PoseInFrameChannel,
             "/pose": channels.PoseInFrameChannel,
             "/truth": channels.PoseInFrameChannel,
+            "/movers": channels.SceneUpdateChannel,
         }
         self._channels: dict[str, Any] = {
             topic: kind(topic, context=context) for topic, kind in kinds.items()
@@ -153,6 +155,8 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
                 },
                 **{name: np.asarray(getattr(episode, name)).tolist() for name in _ARRAYS},
                 **{name: getattr(episode, name) for name in _VALUES},
+                "movers": packed(episode.movers.rows, MOVER),
+                "routes": episode.movers.routes.tolist(),
                 "path": None if env.task.guidance is None else np.asarray(task.path).tolist(),
             },
         )
@@ -191,7 +195,8 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         told |= {name: packed(getattr(reading, name), "<f4") for name in _FLOATS}
         told |= {name: getattr(reading, name) for name in ("bumped", "battery", "stamp")}
         real = truth._asdict()
-        real |= {"pose": truth.pose.tolist(), "twist": truth.twist.tolist()}
+        real |= {name: getattr(truth, name).tolist() for name in ("pose", "twist", "closing")}
+        real["movers"] = packed(truth.movers, "<f8")  # NaN: not there
         self._json(READING, {**told, "truth": real})
         half = 0.5 * laser.fov
         self._log(
@@ -207,12 +212,44 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         )
         self._log("/pose", self._placed(reading.pose))
         self._log("/truth", self._placed(truth.pose))
+        if len(truth.movers):
+            self._log("/movers", self._moving(truth.movers))
         mount = (laser.x, laser.y, laser.yaw)
         transforms = [
             self._transform("map", "base_link", reading.pose),
             self._transform("base_link", "laser", mount),
         ]
         self._log("/tf", m.FrameTransforms(transforms=transforms))
+
+    def _moving(self, poses: NDArray[np.float64]) -> Any:
+        """Movers as a scene: round ones as cylinders, the others as lines."""
+        m, (discs, segments) = self._m, shapes(self._env.episode.movers, poses)
+        colour = m.Color(r=0.34, g=0.71, b=0.91, a=0.9)
+        round_ones = [
+            m.CylinderPrimitive(
+                pose=self._pose(x, y, 0.0),
+                size=m.Vector3(x=2.0 * r, y=2.0 * r, z=0.1),
+                bottom_scale=1.0,
+                top_scale=1.0,
+                color=colour,
+            )
+            for x, y, r in discs.tolist()
+        ]
+        lines = m.LinePrimitive(
+            type=m.LinePrimitiveLineType.LineList,
+            pose=self._pose(0.0, 0.0, 0.0),
+            thickness=0.04,
+            points=[m.Point3(x=x, y=y, z=0.0) for x, y in segments.reshape(-1, 2).tolist()],
+            color=colour,
+        )
+        entity = m.SceneEntity(
+            timestamp=self._stamp,
+            frame_id="map",
+            id="movers",
+            cylinders=round_ones,
+            lines=[lines] if len(segments) else [],
+        )
+        return m.SceneUpdate(entities=[entity])
 
     @property
     def _stamp(self) -> Any:

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.movers import MOVER, Movers, no_movers
 from wheelchair_gym.types import Episode, Reading, Truth
 from wheelchair_gym.view.record import COMMAND, EPISODE, READING, VERDICT
 
@@ -109,7 +110,7 @@ def _take(chapters: list[Chapter], topic: str, content: Record) -> None:
         chapters[-1].verdicts.append(content)
 
 
-def _floats(text: str, kind: str) -> NDArray[Any]:
+def _floats(text: str, kind: DTypeLike) -> NDArray[Any]:
     return np.frombuffer(base64.b64decode(text), kind)
 
 
@@ -123,6 +124,9 @@ def _begun(content: Record) -> Chapter:
         np.array(content["walls"]).reshape(-1, 4),
         np.array(content["discs"]).reshape(-1, 3),
         *(content[name] for name in ("tolerance", "time_limit", "name")),
+        Movers(_floats(content["movers"], MOVER), np.array(content["routes"]).reshape(-1, 2))
+        if "movers" in content
+        else no_movers(),
     )
     path = None if content["path"] is None else np.array(content["path"])
     settings = load(EnvSettings, content["settings"], EPISODE)
@@ -133,7 +137,10 @@ def _reading(content: Record) -> tuple[Reading, Truth]:
     truth = content.pop("truth")
     arrays: Record = {name: np.array(content.pop(name)) for name in ("pose", "twist")}
     arrays |= {name: _floats(content.pop(name), "<f4") for name in ("laser", "ultrasonic", "age")}
-    real: Record = {name: np.array(truth.pop(name)) for name in ("pose", "twist")}
+    told = [name for name in ("pose", "twist", "closing") if name in truth]
+    real: Record = {name: np.array(truth.pop(name)) for name in told}
+    if "movers" in truth:
+        real["movers"] = _floats(truth.pop("movers"), "<f8").reshape(-1, 3)
     return Reading(**arrays, **content), Truth(**real, **truth)
 
 
