@@ -152,6 +152,16 @@ def bring_movers(engine: Any, world: Any) -> None:
 
 
 @borrowing_kernel
+def follow(world: Any) -> None:
+    """Read where the movers are from their bodies."""
+    moving = moving_at(world.moving, world.n_movers)
+    for k in range(world.n_movers):
+        own = moving[k]
+        fields = body_view(own.body)
+        own.pose[0], own.pose[1], own.pose[2] = fields[X], fields[Y], fields[ANGLE]
+
+
+@borrowing_kernel
 def begin_movers(engine: Any, world: Any) -> None:
     """Put the movers where they begin; obstacles stay away."""
     n = world.n_movers
@@ -184,16 +194,6 @@ def carry(engine: Any, world: Any) -> None:
 
 
 @borrowing_kernel
-def follow(world: Any) -> None:
-    """Read where the movers are from their bodies."""
-    moving = moving_at(world.moving, world.n_movers)
-    for k in range(world.n_movers):
-        own = moving[k]
-        fields = body_view(own.body)
-        own.pose[0], own.pose[1], own.pose[2] = fields[X], fields[Y], fields[ANGLE]
-
-
-@borrowing_kernel
 def _push_person(row: Any, own: Any, fields: Array, p: Any) -> None:
     """The force of legs: towards the wanted velocity, never more than they give."""
     ax = (own.want[0] - fields[VX]) / p.relax
@@ -219,6 +219,18 @@ def _drag(row: Any, fields: Array, dt: float) -> None:
 
 
 @borrowing_kernel
+def _move_leaf(row: Any, own: Any, fields: Array, dt: float) -> None:
+    """The velocity of a leaf that takes it where `hold_leaves` has allowed it to go."""
+    c, s = math.cos(row.pose[2]), math.sin(row.pose[2])
+    way = own.open * row.travel
+    if row.swings:
+        fields[W] = (row.pose[2] + way - fields[ANGLE]) / dt
+    else:
+        fields[VX] = (row.pose[0] + c * way - fields[X]) / dt
+        fields[VY] = (row.pose[1] + s * way - fields[Y]) / dt
+
+
+@borrowing_kernel
 def push(world: Any, p: Any) -> None:
     """What moves the movers in the coming physics step: forces, and velocities of doors."""
     n = world.n_movers
@@ -233,15 +245,3 @@ def push(world: Any, p: Any) -> None:
         elif row.kind == DOOR:
             _move_leaf(row, own, fields, p.dt)
         own.twist[0], own.twist[1], own.twist[2] = fields[VX], fields[VY], fields[W]
-
-
-@borrowing_kernel
-def _move_leaf(row: Any, own: Any, fields: Array, dt: float) -> None:
-    """The velocity of a leaf that takes it where `hold_leaves` has allowed it to go."""
-    c, s = math.cos(row.pose[2]), math.sin(row.pose[2])
-    way = own.open * row.travel
-    if row.swings:
-        fields[W] = (row.pose[2] + way - fields[ANGLE]) / dt
-    else:
-        fields[VX] = (row.pose[0] + c * way - fields[X]) / dt
-        fields[VY] = (row.pose[1] + s * way - fields[Y]) / dt

@@ -27,6 +27,7 @@ _WALLS = 16  # lines of walls and things at most: the others are for who moves
 _REACHED = 0.35  # m: a way point counts as reached; about a step
 _PASSED = 1.0  # m: and this near when its line has been crossed
 _TOUCH = 0.02  # m: whoever is this near to the chair stops pressing on
+_MANNERS = 0.10  # m that people leave between themselves and a chair that they see
 _SLOW = 0.25  # of the preferred speed: less than this along the way is no getting on
 _SWAY = 0.03  # rad: of each choice; breaks the symmetry of two who meet
 
@@ -116,8 +117,8 @@ def _hidden(world: Any, x: float, y: float, ex: float, ey: float) -> bool:
 
 
 @borrowing_kernel
-def _touch_line(p: Any, own: Any, radius: float, n: int, lines: Array, pose: Array) -> int:
-    """Whoever touches the chair does not press on."""
+def _outline_line(p: Any, own: Any, row: Any, n: int, lines: Array, pose: Array) -> int:
+    """The chair's outline as a wall, for who heeds it; nobody presses on who touches it."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     dx, dy = own.pose[0] - pose[0], own.pose[1] - pose[1]
     px, py = c * dx + s * dy, c * dy - s * dx
@@ -125,10 +126,11 @@ def _touch_line(p: Any, own: Any, radius: float, n: int, lines: Array, pose: Arr
     qy = min(p.outline[2], max(-p.outline[2], py))
     ex, ey = px - qx, py - qy
     d = math.sqrt(ex * ex + ey * ey)
-    if d > radius + _TOUCH or d == 0.0:
+    room = d - row.size[0] - (_MANNERS if row.heeds == EVERYBODY else _TOUCH)
+    if d == 0.0 or room > (p.sight if row.heeds == EVERYBODY else 0.0):
         return n
     nx, ny = (c * ex - s * ey) / d, (s * ex + c * ey) / d
-    return keep_from_wall(lines, n, nx, ny, 0.0, p.wall_horizon)
+    return keep_from_wall(lines, n, nx, ny, max(0.0, room), p.wall_horizon)
 
 
 @borrowing_kernel
@@ -164,7 +166,7 @@ def _avoid(
     hard = 0
     if row.heeds != NOBODY:
         hard = _walls_round(world, own, radius, radius + row.speed * p.wall_horizon, p)
-    hard = n = _touch_line(p, own, radius, hard, lines, pose)
+    hard = n = _outline_line(p, own, row, hard, lines, pose)
     if row.heeds == EVERYBODY:
         n = _chair_lines(p, own, row, vx, vy, n, lines, pose, twist)
     if row.heeds != NOBODY:

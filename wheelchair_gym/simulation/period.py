@@ -23,6 +23,42 @@ _TOUCH = 1e-6  # N s: smaller impulses are rounding
 
 
 @borrowing_kernel
+def locate(state: Any, p: Any, fields: Any) -> None:
+    """Read the true pose and twist of the axle's centre from the body."""
+    angle = fields[ANGLE]
+    c, s = math.cos(angle), math.sin(angle)
+    state.pose[0] = fields[X] - c * p.centre
+    state.pose[1] = fields[Y] - s * p.centre
+    state.pose[2] = angle
+    state.twist[0] = c * fields[VX] + s * fields[VY]
+    state.twist[1] = fields[W]
+
+
+@borrowing_kernel
+def move_on(state: Any, p: Any, world: Any, chair: Motion) -> float:
+    """What movers decide before a physics step, and what then pushes them.
+
+    Args:
+        state: of the chair.
+        p: its parameters.
+        world: record of WORLD.
+        chair: its motion.
+
+    Returns:
+        The impulse [N s] of the hardest who walks into the chair.
+    """
+    locate(state, p, body_view(world.body))
+    if state.tick % p.choose_every == 0:
+        show(world)
+        forget_contacts(world, state, p)
+        keep_times(world, p, state.pose, state.tick * p.dt)
+        walk(world, p, state.key, state.tick, state.pose, state.twist)
+    turn_leaves(world, p, state.pose)
+    push(world, p)
+    return stop_people(world, state, p, chair)
+
+
+@borrowing_kernel
 def drive(
     state: Any,
     p: Any,
@@ -82,39 +118,3 @@ def drive(
                 take_shot(world, which)
     locate(state, p, fields)
     state.step += 1
-
-
-@borrowing_kernel
-def move_on(state: Any, p: Any, world: Any, chair: Motion) -> float:
-    """What movers decide before a physics step, and what then pushes them.
-
-    Args:
-        state: of the chair.
-        p: its parameters.
-        world: record of WORLD.
-        chair: its motion.
-
-    Returns:
-        The impulse [N s] of the hardest who walks into the chair.
-    """
-    locate(state, p, body_view(world.body))
-    if state.tick % p.choose_every == 0:
-        show(world)
-        forget_contacts(world, state, p)
-        keep_times(world, p, state.pose, state.tick * p.dt)
-        walk(world, p, state.key, state.tick, state.pose, state.twist)
-    turn_leaves(world, p, state.pose)
-    push(world, p)
-    return stop_people(world, state, p, chair)
-
-
-@borrowing_kernel
-def locate(state: Any, p: Any, fields: Any) -> None:
-    """Read the true pose and twist of the axle's centre from the body."""
-    angle = fields[ANGLE]
-    c, s = math.cos(angle), math.sin(angle)
-    state.pose[0] = fields[X] - c * p.centre
-    state.pose[1] = fields[Y] - s * p.centre
-    state.pose[2] = angle
-    state.twist[0] = c * fields[VX] + s * fields[VY]
-    state.twist[1] = fields[W]

@@ -14,7 +14,7 @@ from numpy.typing import DTypeLike, NDArray
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.movers import MOVER, Movers, no_movers
+from wheelchair_gym.movers import MOVER, Movers
 from wheelchair_gym.types import Episode, Reading, Truth
 from wheelchair_gym.view.record import COMMAND, EPISODE, READING, VERDICT
 
@@ -124,10 +124,10 @@ def _begun(content: Record) -> Chapter:
         np.array(content["walls"]).reshape(-1, 4),
         np.array(content["discs"]).reshape(-1, 3),
         *(content[name] for name in ("tolerance", "time_limit", "name")),
-        Movers(_floats(content["movers"], MOVER), np.array(content["routes"]).reshape(-1, 2))
-        if "movers" in content
-        else no_movers(),
     )
+    if "movers" in content:  # not in recordings of the first release
+        rows, routes = _floats(content["movers"], MOVER), np.array(content["routes"])
+        episode = dataclasses.replace(episode, movers=Movers(rows, routes.reshape(-1, 2)))
     path = None if content["path"] is None else np.array(content["path"])
     settings = load(EnvSettings, content["settings"], EPISODE)
     return Chapter(settings, episode, path, [], [], [])
