@@ -82,6 +82,8 @@ class Movers(NamedTuple):
     @property
     def segments(self) -> int:
         """How many segments they show to the sensors."""
+        if not len(self.rows):
+            return 0
         return self.leaves + 4 * self.boxes
 
     def route(self, number: int) -> Array:

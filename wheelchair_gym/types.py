@@ -47,7 +47,8 @@ class Truth(NamedTuple):
     energy: float  # Wh drawn from the battery since reset
     caused: bool = False  # the chair caused a contact in that period (`simulation.contact`)
     met: int = -1  # the mover that it touched in that period; -1: none
-    closing: Array = np.zeros(2)  # m/s at which chair and other closed on each other at contact
+    closing: float = 0.0  # m/s at which the chair closed on what it touched
+    closed_on: float = 0.0  # m/s at which that closed on the chair
     movers: Array = np.empty((0, 3))  # (k, 3) m, m, rad: where movers are; NaN: not there
 
 

@@ -16,11 +16,19 @@ CROWDED = {
 SHORT = {"task": {"time_base": 6.0, "time_factor": 0.0}}
 
 
-@pytest.mark.parametrize(("mode", "threads"), [(NEXT, 1), (NEXT, 2), (SAME, 2)])
+@pytest.mark.parametrize(("mode", "threads"), [(NEXT, 2), (SAME, 1)])
 def test_each_row_is_a_single_env_among_movers(mode, threads):
     """Worlds with many movers, few and none in one batch, over thousands of steps and resets."""
-    ends = compare(mode, threads, n=8, steps=300, config=SHORT, randomise=True, **CROWDED)
-    assert ends >= 40
+    ends = compare(mode, threads, n=6, steps=300, config=SHORT, randomise=True, **CROWDED)
+    assert ends >= 25
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_many_steps_among_movers_are_those_of_single_envs(threads):
+    """Forty thousand steps with every sensor's noise and worlds of their own."""
+    settings = {"scene": CROWDED["scene"], "pose_source": "modelled", "randomise": True}
+    assert compare(NEXT, threads, n=8, steps=1_700, seed=5, config=SHORT, **settings) >= 150
 
 
 def test_each_row_is_a_single_env_where_things_appear():
@@ -47,9 +55,10 @@ def test_truth_reaches_info_and_never_the_observation():
     env = NavigationEnv(config={"task": {"time_base": 60.0}}, **CROWDED)
     observation, info = env.reset(seed=1)
     assert set(observation) == {"laser", "ultrasonic", "twist", "goal"}
-    assert (info["caused"], info["met"], info["closing"].tolist()) == (False, -1, [0.0, 0.0])
+    told = [info[name] for name in ("caused", "met", "closing", "closed_on")]
+    assert told == [False, -1, 0.0, 0.0]
     assert env.chair.truth.movers.shape == (len(env.episode.movers), 3)
     batch = NavigationVectorEnv(2, SHORT, **CROWDED)
     _, infos = batch.reset(seed=1)
-    assert infos["closing"].shape == (2, 2)
+    assert infos["closing"].shape == infos["closed_on"].shape == (2,)
     assert infos["met"].tolist() == [-1, -1]

@@ -166,7 +166,7 @@ def test_who_ignores_the_chair_is_stopped_and_does_not_move_it(heeds):
         reading = chair.drive(STILL)
         truth = chair.truth
         assert not truth.caused
-        if truth.contact and np.abs(truth.closing).max() > 0.1:
+        if truth.contact and truth.closed_on > 0.1:
             assert reading.bumped
             touched.add(truth.met)
         assert np.hypot(*(truth.pose - start)[:2]) < 1e-3
@@ -249,7 +249,7 @@ def test_who_drives_into_something_caused_it(thing, caused, met):
     assert truth.contact
     assert reading.bumped
     assert truth.met == met
-    own, other = truth.closing
+    own, other = truth.closing, truth.closed_on
     assert truth.caused == (own > CLOSING and own > other)
     assert caused is None or truth.caused == caused
     if met == -1 or caused:

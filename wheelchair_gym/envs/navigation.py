@@ -214,6 +214,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             "caused": truth.caused,
             "met": truth.met,
             "closing": truth.closing,
+            "closed_on": truth.closed_on,
             "clearance": truth.clearance,
             "energy": truth.energy,
             "distance": truth.way,

@@ -269,6 +269,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             "caused": sensed["caused"],
             "met": sensed["met"],
             "closing": sensed["closing"],
+            "closed_on": sensed["closed_on"],
             "clearance": sensed["clearance"],
             "energy": sensed["energy"],
             "distance": sensed["way"],

@@ -86,7 +86,7 @@ def tell(state: Any, p: Any, walls: Array, discs: Array, sensed: Any) -> None:
     sensed.touched = state.touched
     sensed.battery, sensed.stamp = state.voltage, state.tick * p.dt
     sensed.caused, sensed.met = state.caused, state.met
-    sensed.closing[0], sensed.closing[1] = state.closing[0], state.closing[1]
+    sensed.closing, sensed.closed_on = state.closing[0], state.closing[1]
     sensed.way, sensed.energy = state.way, state.energy / JOULES_PER_WH
     sensed.clearance = footprint_clearance(
         state.pose[0], state.pose[1], state.pose[2], p.outline[:], walls, discs, CLEARANCE_REACH

@@ -189,8 +189,6 @@ class World:
     def poses(self) -> Array:
         """Where the movers are (k, 3) [m, m, rad]; NaN: not there."""
         count = int(self._rows["movers_in"][0])
-        if not count:
-            return NOWHERE
         moving = self._kept["moving"][:count]
         there = moving["there"][:, None]
         return np.where(there, moving["pose"], np.nan)

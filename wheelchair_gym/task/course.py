@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,7 @@ class Course:
     record: NDArray[np.void]
     _kept: tuple[Any, ...]
 
-    @property
+    @cached_property
     def segments(self) -> int:
         """How many segments sensors see, those of movers among them."""
         return len(self.episode.walls) + self.episode.movers.segments

@@ -195,7 +195,7 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         told |= {name: packed(getattr(reading, name), "<f4") for name in _FLOATS}
         told |= {name: getattr(reading, name) for name in ("bumped", "battery", "stamp")}
         real = truth._asdict()
-        real |= {name: getattr(truth, name).tolist() for name in ("pose", "twist", "closing")}
+        real |= {"pose": truth.pose.tolist(), "twist": truth.twist.tolist()}
         real["movers"] = packed(truth.movers, "<f8")  # NaN: not there
         self._json(READING, {**told, "truth": real})
         half = 0.5 * laser.fov

@@ -137,8 +137,7 @@ def _reading(content: Record) -> tuple[Reading, Truth]:
     truth = content.pop("truth")
     arrays: Record = {name: np.array(content.pop(name)) for name in ("pose", "twist")}
     arrays |= {name: _floats(content.pop(name), "<f4") for name in ("laser", "ultrasonic", "age")}
-    told = [name for name in ("pose", "twist", "closing") if name in truth]
-    real: Record = {name: np.array(truth.pop(name)) for name in told}
+    real: Record = {name: np.array(truth.pop(name)) for name in ("pose", "twist")}
     if "movers" in truth:
         real["movers"] = _floats(truth.pop("movers"), "<f8").reshape(-1, 3)
     return Reading(**arrays, **content), Truth(**real, **truth)
