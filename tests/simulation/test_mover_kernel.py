@@ -26,6 +26,7 @@ from wheelchair_gym.simulation.engine import (
 )
 from wheelchair_gym.simulation.moving import FAR
 from wheelchair_gym.simulation.offsets import BODY_DOUBLES
+from wheelchair_gym.simulation.world import FIXED, LEAF
 
 STEP_ONCE = motion.step_once.py_func
 
@@ -46,6 +47,7 @@ def made_of(row, friction):
         body = pymunk.Body(mass, 0.5 * mass * length**2)
     if row["kind"] == DOOR:
         shape = pymunk.Segment(body, (0, 0), (length, 0), 0.0)
+        shape.filter = LEAF  # no contact with what is FIXED: neither would move
     else:
         shape = pymunk.Poly(body, box) if width else pymunk.Circle(body, length)
     shape.friction = 0.0 if row["kind"] == PERSON else friction
@@ -65,7 +67,7 @@ class BusyOracle(Oracle):
         self.lent, self.rows = lent, episode.movers.rows
         self.friction = lent.settings.body.wall_friction
         self.movers = []
-        super().__init__(lent, episode)
+        super().__init__(lent, episode, FIXED)
         self.fields = np.zeros((1 + len(self.movers), BODY_DOUBLES))
         lent._place["body"] = address_of(self.fields[0])
         moving = lent._world._kept["moving"]

@@ -65,8 +65,10 @@ def _walls_round(world: Any, own: Any, radius: float, sight: float, p: Any) -> i
     discs = table_at(world.discs, world.n_discs, 3)
     x, y, n = own.pose[0], own.pose[1], 0
     for k in range(world.n_walls):
-        ax, ay = walls[k, 0], walls[k, 1]
-        ex, ey = walls[k, 2] - ax, walls[k, 3] - ay
+        ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
+        if (ax < x - sight and bx < x - sight) or (ax > x + sight and bx > x + sight):
+            continue
+        ex, ey = bx - ax, by - ay
         along, square = (x - ax) * ex + (y - ay) * ey, ex * ex + ey * ey
         t = 0.0 if along <= 0.0 else (along / square if along < square else 1.0)
         dx, dy = x - ax - t * ex, y - ay - t * ey
@@ -110,8 +112,15 @@ def _thing(
 def _hidden(world: Any, x: float, y: float, ex: float, ey: float) -> bool:
     """Whether a wall or a leaf stands between two points."""
     walls = table_at(world.walls, world.n_walls, 4)
+    left, right, low, high = min(x, ex), max(x, ex), min(y, ey), max(y, ey)
     for k in range(world.n_walls):
-        if segments_cross(x, y, ex, ey, walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]):
+        ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
+        # Most walls lie wholly on one side: that is sooner seen than where they cross.
+        if (ax < left and bx < left) or (ax > right and bx > right):
+            continue
+        if (ay < low and by < low) or (ay > high and by > high):
+            continue
+        if segments_cross(x, y, ex, ey, ax, ay, bx, by):
             return True
     return False
 

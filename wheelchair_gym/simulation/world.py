@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pymunk
@@ -78,6 +78,9 @@ WORLD = np.dtype(
     align=True,
 )
 
+# A leaf slides inside its wall, and its hinge is in one: nothing has to look for that contact.
+FIXED: Final = pymunk.ShapeFilter(categories=1)
+LEAF: Final = pymunk.ShapeFilter(mask=pymunk.ShapeFilter.ALL_MASKS() ^ 1)
 NOWHERE: Array = np.empty((0, 3))  # poses of no movers
 _SLOP = 1e-4  # m: overlap that contacts leave
 _BIAS = 1e-4  # share of a remaining overlap after one second: pushed out within a few steps
@@ -131,6 +134,13 @@ def enter(engine: Any, world: Any, p: Any, x: float, y: float, yaw: float) -> No
     if world.n_movers > 0:
         begin_movers(engine, world)
         show(world)
+
+
+def _leaf(body: pymunk.Body) -> pymunk.Shape:
+    """A shape for a door."""
+    shape = pymunk.Segment(body, (0, 0), (1, 0), 0.0)
+    shape.filter = LEAF
+    return shape
 
 
 class World:
@@ -198,7 +208,7 @@ class World:
         makers: dict[str, tuple[int, Callable[[pymunk.Body], pymunk.Shape]]] = {
             "balls": (movers.discs, lambda body: pymunk.Circle(body, 1.0)),
             "boxes": (movers.boxes, lambda body: pymunk.Poly(body, UNIT_BOX)),
-            "leaves": (movers.leaves, lambda body: pymunk.Segment(body, (0, 0), (1, 0), 0.0)),
+            "leaves": (movers.leaves, _leaf),
         }
         for name, (wanted, make) in makers.items():
             pairs = self._kept.get(name, np.empty((0, 2), np.uint64))
@@ -238,7 +248,7 @@ class World:
 
     def _store(self, name: str, which: int, shapes: list[pymunk.Shape], new: int) -> None:
         for shape in shapes[-new:]:
-            shape.friction = self._friction
+            shape.friction, shape.filter = self._friction, FIXED
         fresh = np.array([pointer(shape._shape) for shape in shapes[-new:]], np.uint64)
         self._addresses[which] = np.concatenate([self._addresses[which], fresh])
         self._rows[name] = address_of(self._addresses[which])
