@@ -68,10 +68,10 @@ class Crowd:
         taken: list[Array] = []
         start, grid = episode.start, episode.map
         things = draw_light(rng, grid, self.light, start, taken)
-        if layout is not None:
-            things += draw_leaves(rng, grid, layout.doors, self.doors)
-        things += draw_people(rng, grid, start, self.people, taken)
-        return layout, dataclasses.replace(episode, movers=together(things), name="crowd")
+        leaves = [] if layout is None else draw_leaves(rng, grid, layout, self.doors)
+        people = draw_people(rng, grid, start, self.people, taken, leaves)
+        movers = together([*things, *leaves, *people])
+        return layout, dataclasses.replace(episode, movers=movers, name="crowd")
 
     def _hall(self, rng: np.random.Generator) -> Episode:
         """An open hall with a few columns; start and goal far apart."""

@@ -18,9 +18,10 @@ from wheelchair_gym.movers import (
     Mover,
     door,
     furniture,
+    outline_of,
     person,
 )
-from wheelchair_gym.scenes.layout import Door
+from wheelchair_gym.scenes.layout import Layout
 from wheelchair_gym.scenes.raster import CELL
 
 Array = NDArray[np.float64]
@@ -100,8 +101,9 @@ def draw_people(
     start: Array,
     who: PeopleOfScene,
     taken: list[Array],
+    leaves: list[Mover],
 ) -> list[Mover]:
-    """People on ways between places of a map.
+    """People on ways between places of a map; ways lead round open leaves, none begins behind one.
 
     Args:
         rng: every draw comes from it.
@@ -109,10 +111,15 @@ def draw_people(
         start: of the chair.
         who: they are.
         taken: places (x, y, reach) where something stands already; theirs are added.
+        leaves: doors.
     """
     count = round(rng.uniform(*who.density) * free_floor(grid))
-    own = OccupancyGrid(grid.cells, grid.resolution, grid.origin)  # keeps the chair's ways known
+    own = _barred(grid, leaves)
     places = np.argwhere(own.traversable(ROUND))
+    for leaf in leaves:
+        hinge, length = leaf.row["pose"][0, :2], leaf.row["size"][0, 0]
+        far = np.hypot(*(own.to_world(places) - hinge).T) > length + ROUND
+        places = places[far | ~leaf.row["swings"]]
     if not count or not len(places):
         return []
     goals = [_draw_place(rng, own, places) for _ in range(min(_PLACES, count))]
@@ -130,6 +137,21 @@ def draw_people(
             taken.append(np.array([*route[0], RADIUS]))
             found.append(person(route, speed, heeds=heeds, patience=who.patience))
     return found
+
+
+def _barred(grid: OccupancyGrid, leaves: list[Mover]) -> OccupancyGrid:
+    """A map of its own on which leaves that swing stand open."""
+    cells = grid.cells.copy()
+    for leaf in leaves:
+        row = leaf.row[0]
+        if row["swings"]:
+            x, y, heading = row["pose"]
+            ends = outline_of(row, x, y, heading + row["travel"])
+            steps = np.linspace(0.0, 1.0, 2 + math.ceil(4.0 * row["size"][0] / grid.resolution))
+            on = grid.to_cell(ends[0] + steps[:, None] * (ends[1] - ends[0]))
+            inside = ((on >= 0) & (on < grid.shape)).all(axis=1)
+            cells[tuple(on[inside].T)] = OCCUPIED
+    return OccupancyGrid(cells, grid.resolution, grid.origin)
 
 
 def _draw_route(
@@ -172,28 +194,39 @@ def _clear(grid: OccupancyGrid, here: Array, there: Array) -> bool:
 
 
 def draw_leaves(
-    rng: np.random.Generator, grid: OccupancyGrid, doors: list[Door], what: DoorsOfScene
+    rng: np.random.Generator, grid: OccupancyGrid, layout: Layout, what: DoorsOfScene
 ) -> list[Mover]:
-    """Powered leaves in some of the doors; one slides where it vanishes in the wall."""
+    """Powered leaves in some of the doors: one slides where it vanishes in the wall, or swings.
+
+    A leaf swings into a room: across a corridor it would stand in the way of all who are near.
+    """
     found = []
-    for opening in doors:
+    for opening in layout.doors:
         if not opening.leaf or rng.random() >= what.share:
             continue
         x0, y0, x1, y1 = (CELL * value for value in opening.opening)
-        flip, way = rng.random() < 0.5, rng.random() < 0.5
+        flip, way = rng.random() < 0.5, rng.choice((-0.5 * math.pi, 0.5 * math.pi))
+        x, y = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
         if opening.along_x:
-            middle = 0.5 * (y0 + y1)
-            hinge, heading = ((x1, middle), math.pi) if flip else ((x0, middle), 0.0)
+            hinge, heading = ((x1, y), math.pi) if flip else ((x0, y), 0.0)
         else:
-            middle = 0.5 * (x0 + x1)
-            hinge, heading = (
-                ((middle, y1), -0.5 * math.pi) if flip else ((middle, y0), 0.5 * math.pi)
-            )
+            hinge, heading = ((x, y1), -0.5 * math.pi) if flip else ((x, y0), 0.5 * math.pi)
         width = opening.width
         slides = rng.random() < what.sliding and _in_wall(grid, hinge, heading, width)
-        travel = -width if slides else math.copysign(0.5 * math.pi, 1.0 if way else -1.0)
-        found.append(door(hinge, heading, width, travel, swings=not slides, near=what.near))
+        ways = [turn for turn in (way, -way) if _in_room(layout, hinge, heading + turn, width)]
+        if slides or ways:
+            travel = -width if slides else float(ways[0])
+            # Whom a leaf swings at has to find it open: it begins its own length sooner.
+            near = what.near if slides else what.near + width
+            found.append(door(hinge, heading, width, travel, swings=not slides, near=near))
     return found
+
+
+def _in_room(layout: Layout, hinge: tuple[float, float], heading: float, width: float) -> bool:
+    """Whether the far end of an open leaf is in a room."""
+    col = (hinge[0] + width * math.cos(heading)) / CELL
+    row = (hinge[1] + width * math.sin(heading)) / CELL
+    return any(r.x0 <= col <= r.x1 and r.y0 <= row <= r.y1 for r in layout.rooms)
 
 
 def _in_wall(grid: OccupancyGrid, hinge: tuple[float, float], heading: float, width: float) -> bool:
