@@ -321,6 +321,17 @@ def test_a_leaf_that_is_held_waits_at_a_distance():
     assert not chair.truth.touched
 
 
+def test_a_leaf_closes_on_nobody_while_it_leaves_another():
+    """Somebody stands close behind it, the chair before it: either holds it by itself."""
+    leaf = door((0.0, 1.0), 0.0, 1.2, -math.pi / 2, stay=20.0, since=0.0)
+    chair = exact_chair()
+    chair.reset(among(leaf, person([(0.6, 1.28)]), start=(0.1, 0.35, 0.0)), 0)
+    for _ in range(60):
+        chair.drive(STILL)
+        assert not chair.truth.contact
+    assert 0.0 < moving(chair)["open"][0] < 1.0
+
+
 def test_obstacles_appear_at_their_distance_and_go_again():
     things = [obstacle((2.5, 0.0), 0.25, near=1.4, least=1.2, stay=3.0),
               obstacle((0.9, 0.2), 0.25, since=1.0, least=1.2, stay=1.0)]  # fmt: skip

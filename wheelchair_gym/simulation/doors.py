@@ -32,31 +32,48 @@ def chair_gap(p: Any, pose: Array, x: float, y: float) -> float:
 
 
 @borrowing_kernel
-def leaf_gap(world: Any, p: Any, pose: Array, k: int, open_share: float) -> float:
-    """Distance [m] from door k, opened by a share, to the chair at a pose and the other movers."""
-    n = world.n_movers
-    rows, moving = rows_at(world.movers, n), moving_at(world.moving, n)
-    row = rows[k]
-    x, y, angle, way = row.pose[0], row.pose[1], row.pose[2], open_share * row.travel
+def _leaf_at(row: Any, share: float) -> tuple[float, float, float, float]:
+    """Both ends [m] of a door's leaf that is opened by a share."""
+    x, y, angle, way = row.pose[0], row.pose[1], row.pose[2], share * row.travel
     if row.swings:
         angle += way
     else:
         x, y = x + math.cos(angle) * way, y + math.sin(angle) * way
-    ex, ey = x + math.cos(angle) * row.size[0], y + math.sin(angle) * row.size[0]
-    box = doubles_at(world.lines, 3)  # its outline, as of a chair
-    gap = rectangle_segment_gap(pose[0], pose[1], pose[2], p.outline[:], x, y, ex, ey)
-    for j in range(n):
-        other, at = rows[j], moving[j].pose
-        if other.kind == DOOR or not moving[j].there:
+    return x, y, x + math.cos(angle) * row.size[0], y + math.sin(angle) * row.size[0]
+
+
+@borrowing_kernel
+def _thing_gap(
+    world: Any, p: Any, pose: Array, j: int, x: float, y: float, ex: float, ey: float
+) -> float:
+    """Distance [m] from a leaf to mover j, or to the chair at a pose where j is -1."""
+    if j < 0:
+        return rectangle_segment_gap(pose[0], pose[1], pose[2], p.outline[:], x, y, ex, ey)
+    other = rows_at(world.movers, world.n_movers)[j]
+    at = moving_at(world.moving, world.n_movers)[j].pose
+    if other.size[1] > 0.0:
+        box = doubles_at(world.lines, 3)  # its outline, as of a chair
+        box[0] = box[1] = 0.5 * other.size[0]
+        box[2] = 0.5 * other.size[1]
+        return rectangle_segment_gap(at[0], at[1], at[2], box, x, y, ex, ey)
+    return point_segment_distance(at[0], at[1], x, y, ex, ey) - other.size[0]
+
+
+@borrowing_kernel
+def _held(world: Any, p: Any, pose: Array, k: int, share: float) -> bool:
+    """Whether opening door k to a share brings its leaf nearer to anything that is near."""
+    n = world.n_movers
+    rows, moving = rows_at(world.movers, n), moving_at(world.moving, n)
+    row = rows[k]
+    x, y, ex, ey = _leaf_at(row, share)
+    ax, ay, bx, by = _leaf_at(row, moving[k].open)
+    for j in range(-1, n):
+        if j >= 0 and (rows[j].kind == DOOR or not moving[j].there):
             continue
-        if other.size[1] > 0.0:
-            box[0] = box[1] = 0.5 * other.size[0]
-            box[2] = 0.5 * other.size[1]
-            near = rectangle_segment_gap(at[0], at[1], at[2], box, x, y, ex, ey)
-        else:
-            near = point_segment_distance(at[0], at[1], x, y, ex, ey) - other.size[0]
-        gap = min(gap, near)
-    return gap
+        after = _thing_gap(world, p, pose, j, x, y, ex, ey)
+        if after < row.least and after <= _thing_gap(world, p, pose, j, ax, ay, bx, by):
+            return True
+    return False
 
 
 @borrowing_kernel
@@ -71,8 +88,7 @@ def turn_leaves(world: Any, p: Any, pose: Array) -> None:
         step = row.speed * p.dt / abs(row.travel)
         aim = min(own.wanted, own.open + step) if own.wanted > own.open else own.open - step
         aim = max(aim, own.wanted) if own.wanted < own.open else aim
-        after = leaf_gap(world, p, pose, k, aim)
-        if after >= row.least or after >= leaf_gap(world, p, pose, k, own.open):
+        if not _held(world, p, pose, k, aim):
             own.open = aim
 
 
