@@ -56,7 +56,7 @@ def _thing_gap(
         box[0] = box[1] = 0.5 * other.size[0]
         box[2] = 0.5 * other.size[1]
         return rectangle_segment_gap(at[0], at[1], at[2], box, x, y, ex, ey)
-    return point_segment_distance(at[0], at[1], x, y, ex, ey) - other.size[0]
+    return float(point_segment_distance(at[0], at[1], x, y, ex, ey) - other.size[0])
 
 
 @borrowing_kernel
