@@ -24,6 +24,8 @@ MEANINGS = {
     "episodes": "driven, one a seed; every policy drives the same ones",
     "success": "at the goal by truth, without any contact",
     "collision": "any contact by truth, or a bumper strip pressed",
+    "caused": "touched something while some point of the chair's outline closed on it at more than "
+    "0.05 m/s, and faster than it closed on the chair: share of all episodes",
     "timeout": "still under way when the time limit ended the episode; success, collision and "
     "timeout fall short of 100 % by those that stopped at what they wrongly believed to be the "
     "goal",

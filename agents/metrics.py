@@ -65,6 +65,8 @@ class Trace:
     twists: list[Array] = field(default_factory=list)
     clearances: list[float] = field(default_factory=list)
     contact: bool = False
+    caused: bool = False
+    met: bool = False
     acts_s: list[float] = field(default_factory=list)
     plan_s: float = 0.0
 
@@ -74,6 +76,8 @@ class Trace:
         self.twists.append(np.array(info["twist"], dtype=np.float64))
         self.clearances.append(float(info["clearance"]))
         self.contact = self.contact or bool(info["contact"]) or bool(info["bumped"])
+        self.caused = self.caused or bool(info.get("caused", False))
+        self.met = self.met or int(info.get("met", -1)) >= 0
 
 
 def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
@@ -86,7 +90,8 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
 
     Returns:
         A record without the policy, scene and seed. Success means by truth and without contact;
-        `missed` means that the chair believed to have arrived and had not.
+        `missed` means that the chair believed to have arrived and had not; `caused`, that it
+        caused a contact; `met`, that it touched something that moves.
     """
     success = bool(info["is_success"]) and not trace.contact
     if success:
@@ -105,6 +110,8 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         "success": success,
         "arrived": bool(info["arrived"]),
         "contact": trace.contact,
+        "caused": trace.caused,
+        "met": trace.met,
         "time": float(info["time"]),
         "length": length,
         "geodesic": geodesic,
@@ -155,6 +162,8 @@ def summarise(records: Sequence[Record]) -> list[Record]:
                 ("success", "success"), ("collision", "collision"), ("timeout", "timeout"),
             ):  # fmt: skip
                 row |= _share(of, outcome, name)
+            for key in ("caused", "met"):
+                row[key] = sum(record.get(key, False) for record in of) / len(of)
             row["arrived"] = sum(record["arrived"] for record in of) / len(of)
             row["missed"] = sum(record["outcome"] == "missed" for record in of) / len(of)
             row |= {"spl": _mean(of, "spl")}

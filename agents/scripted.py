@@ -179,11 +179,12 @@ class PlannedDriver:
     def _replan(self) -> None:
         """Plan from where the chair is, and begin the new path."""
         start, goal = self._around.pose, self.goal
-        for known in self._maps(start, goal):
+        maps = self._maps(start, goal)
+        for known in maps:
             if self._plan(Space.from_grid(known), start, goal):
                 break
-        if self._task.chart is not None:
-            self._around.chart(known)
+        if len(maps) > 1:  # the follower never backs where nothing was seen
+            self._around.chart(known if known is not maps[-1] else maps[-2])
         assert self.plan is not None
         path = self.plan.path
         self._mapped = self._since = 0.0

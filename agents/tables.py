@@ -24,6 +24,7 @@ COLUMNS = (
     Column("episodes", "episodes", digits=0),
     Column("success", "success", "%", 1, 100.0, interval=True),
     Column("collision", "collision", "%", 1, 100.0, interval=True),
+    Column("caused", "caused by the chair", "%", 1, 100.0),
     Column("timeout", "timeout", "%", 1, 100.0, interval=True),
     Column("arrived", "own estimate arrived", "%", 1, 100.0),
     Column("spl", "SPL", digits=3),

@@ -65,7 +65,9 @@ def _viewer(item: Any, ndim: int) -> Any:
 
 def rows_of(dtype: np.dtype[Any]) -> Callable[[Any, int], NDArray[np.void]]:
     """A kernel function (address, n) -> records (n,) of a dtype."""
-    return cast("Callable[[Any, int], NDArray[np.void]]", _viewer(from_dtype(dtype), 1))
+    viewer = _viewer(from_dtype(dtype), 1)
+    viewer.source_digest = repr(dtype)  # a kernel that calls it is stale when the record changes
+    return cast("Callable[[Any, int], NDArray[np.void]]", viewer)
 
 
 # numba gives these the arguments that their callers see; mypy knows only how they are declared.

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.movers import Movers, no_movers
+
 if TYPE_CHECKING:
     from wheelchair_gym.maps import OccupancyGrid
 
@@ -56,6 +58,11 @@ class Truth(NamedTuple):
     touched: bool  # touched anything since reset
     way: float  # m driven since reset, forward and backward
     energy: float  # Wh drawn from the battery since reset
+    caused: bool = False  # the chair caused a contact in that period (`simulation.contact`)
+    met: int = -1  # the mover that it touched in that period; -1: none
+    closing: float = 0.0  # m/s at which the chair closed on what it touched
+    closed_on: float = 0.0  # m/s at which that closed on the chair
+    movers: Array = np.empty((0, 3))  # (k, 3) m, m, rad: where movers are; NaN: not there
 
 
 def no_walls() -> Array:
@@ -84,6 +91,7 @@ class Episode:
     tolerance: float | None = None  # m: how near the goal counts, where the world says so
     time_limit: float | None = None  # s: where the world says so
     name: str = ""
+    movers: Movers = field(default_factory=no_movers)  # which the map does not show
 
 
 class Chair(Protocol):

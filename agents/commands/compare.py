@@ -29,7 +29,10 @@ def add(parts: Any) -> None:
         "episodes are stored: the same command after Ctrl-C computes only what is missing.",
         epilog="example: wheelchair compare --suite demo --jobs 2 --out runs/demo",
     )
-    parser.add_argument("--suite", default="demo", help="demo, homes or followers (default demo)")
+    parser.add_argument(
+        "--suite", default="demo",
+        help="crowd, demo, doors, followers, homes or temporary (default demo)",
+    )  # fmt: skip
     parser.add_argument("--policies", type=names, metavar="A,B", help="in place of the suite's")
     parser.add_argument(
         "--scenes", type=names, metavar="A,B",

@@ -40,6 +40,7 @@ def evaluation():
             "success": 1 / 3 + 0.1 * p, "success_low": 0.097, "success_high": 0.7,
             "collision": 1 / 3, "collision_low": 0.0968, "collision_high": 0.7,
             "timeout": 1 / 3, "timeout_low": 0.0968, "timeout_high": 0.7, "arrived": 1 / 3,
+            "caused": 1 / 6,
             "spl": 0.31 + p, "time": 11.5, "length": 7.03, "clearance_min": 0.123,
             "clearance_mean": 0.5, "jerk_rms": 0.456, "rough_share": 0.017, "energy_per_m": None,
             "plan_ms_p50": None, "plan_ms_p95": None, "act_ms_p50": 0.321, "act_ms_p95": 0.654,

@@ -25,7 +25,7 @@ from wheelchair_gym.sensing.settings import LaserSettings, UltrasonicSettings
 from wheelchair_gym.sensing.ultrasonic import UltrasonicArrays, fire
 from wheelchair_gym.simulation.advance import tell
 from wheelchair_gym.simulation.engine import step_space
-from wheelchair_gym.simulation.motion import drive
+from wheelchair_gym.simulation.period import drive
 from wheelchair_gym.task.assess import assess
 from wheelchair_gym.task.observe import pool
 
@@ -70,7 +70,7 @@ def _drives(rigs, chairs, states, worlds, twists, order):
         for j in range(states.shape[0]):
             world, rig = worlds[j], rigs[0]
             v, w = twists[k, 0], twists[k, 1]
-            drive(states[j], chairs[j], world.space, world.body, rig.step, v, w, order)
+            drive(states[j], chairs[j], world, rig, v, w, order)
 
 
 @_compiled

@@ -12,11 +12,8 @@ from tests.simulation.worlds import cluttered, exact_chair
 from wheelchair_gym.simulation import motion
 from wheelchair_gym.simulation.engine import (
     ANGLE,
-    BODY_DOUBLES,
     FX,
     FY,
-    OFFSETS,
-    SHAPE,
     STEP,
     TORQUE,
     VX,
@@ -25,6 +22,7 @@ from wheelchair_gym.simulation.engine import (
     X,
     Y,
 )
+from wheelchair_gym.simulation.offsets import BODY_DOUBLES, OFFSETS, SHAPE
 
 
 class Oracle:
@@ -33,7 +31,7 @@ class Oracle:
     Its motors and tyres are the kernel's source, run as plain Python on what the API tells.
     """
 
-    def __init__(self, chair, episode):
+    def __init__(self, chair, episode, fixed=None):
         p = chair.parameters[0]
         centre, friction = p["centre"], chair.settings.body.wall_friction
         self.space = pymunk.Space()
@@ -43,6 +41,8 @@ class Oracle:
         corners = [(x - centre, y) for x, y in chair.settings.footprint.corners.tolist()]
         solid = [pymunk.Segment(static, w[:2], w[2:], 0.0) for w in episode.walls.tolist()]
         solid += [pymunk.Circle(static, r, (x, y)) for x, y, r in episode.discs.tolist()]
+        for shape in solid if fixed else ():
+            shape.filter = fixed
         shapes = [pymunk.Poly(self.body, corners), *solid]
         for shape in shapes:
             shape.friction = friction
@@ -126,4 +126,5 @@ class Record:
 def test_offsets_are_all_different():
     assert len(set(OFFSETS)) == len(OFFSETS)
     assert len(set(SHAPE[:6])) == 6
-    assert len(set(SHAPE[6:])) == 3
+    assert len(set(SHAPE[6:9])) == 3
+    assert len(set(SHAPE[9:])) == 3

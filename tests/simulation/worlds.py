@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
+from wheelchair_gym.movers import (
+    EVERYBODY,
+    NOBODY,
+    PEOPLE,
+    Mover,
+    door,
+    furniture,
+    obstacle,
+    person,
+    together,
+)
 from wheelchair_gym.sensing import SensorSettings
 from wheelchair_gym.simulation import ChairSettings, PhysicsSettings, SimulatedChair
 from wheelchair_gym.types import Episode
@@ -47,3 +59,32 @@ def exact_chair(step: float = 0.01, **chair: Any) -> SimulatedChair:
     """A chair whose sensors and wheels do not err."""
     sensors = SensorSettings(noise=False)
     return SimulatedChair(ChairSettings(**chair), sensors, PhysicsSettings(step=step))
+
+
+def busy(seed: int, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Episode:
+    """A room with everything that moves: people of each kind, doors, obstacles, furniture."""
+    rng = np.random.default_rng(seed)
+    things: list[Mover] = []
+    spots = [(x, y) for x in (-3, -2, 2, 3) for y in (-3, -1.9, 1.9, 3)]
+    rng.shuffle(spots)
+    for heeds in (EVERYBODY, EVERYBODY, PEOPLE, PEOPLE, NOBODY, NOBODY):
+        way = np.array([spots.pop(), rng.uniform(-1, 1, 2), rng.uniform(-3, 3, 2)])
+        things.append(person(way, rng.uniform(0.6, 1.6), heeds=heeds, patience=2.0))
+    for size, mass in (((0.5, 0.4), 8.0), ((0.2, 0.0), 4.0), ((0.3, 0.3), 6.0)):
+        things.append(furniture((*spots.pop(), rng.uniform(-3, 3)), size, mass))
+    for near in (0.5, 2.5):
+        place = rng.uniform(-2.5, 2.5, 2)
+        things.append(obstacle(tuple(place), 0.2, since=near, stay=3.0, least=0.9))
+    things.append(door((-3.9, 0.0), 0.0, 1.0, 1.5, near=2.0))
+    things.append(
+        door((3.9, 0.5), math.pi, 1.2, -1.2, swings=False, since=0.5, stay=1.5, every=4.0)
+    )
+    rng.shuffle(things)
+    return Episode(
+        map=None,  # type: ignore[arg-type]
+        start=np.array(start),
+        goal=np.zeros(3),
+        walls=box(4.0).walls,
+        discs=np.array([(0.0, 3.2, 0.2)]),
+        movers=together(things),
+    )

@@ -1,5 +1,6 @@
 """Pictures show what they are told, where it is."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from wheelchair_gym.geometry import Footprint, polygon_edges, to_world
 from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.movers import door, furniture, obstacle, person, together
 from wheelchair_gym.types import Episode, Reading
 from wheelchair_gym.view import TopView, draw_plan, palette
 from wheelchair_gym.view.floor import loops, strip_height
@@ -258,3 +260,25 @@ def test_a_caption_stays_clear_of_the_scale_bar(size, words):
     written = np.argwhere((bare != captioned).any(axis=(0, 2)))
     assert 0 < written.min() < strip
     assert written.max() < bar
+
+
+def test_movers_are_drawn_at_their_true_shapes():
+    """A person, a box, a leaf and an obstacle that is not there."""
+    things = [
+        person([(3.0, 3.0)], radius=0.3),
+        furniture((5.0, 3.0, 0.0), (0.8, 0.4), 5.0),
+        door((4.0, 2.0), 0.0, 1.0, 1.0),
+        obstacle((2.5, 2.0), 0.3),
+    ]
+    episode = dataclasses.replace(room(), movers=together(things))
+    view = TopView(episode)
+    poses = episode.movers.rows["pose"].copy()
+    poses[3] = np.nan
+    image = view.draw((7.0, 3.0, 0.0), movers=poses)
+    plain = view.draw((7.0, 3.0, 0.0))
+    for point, colour in (
+        ((3.2, 3.1), palette.PERSON), ((5.3, 3.1), palette.LIGHT), ((4.5, 2.0), palette.LEAF),
+    ):  # fmt: skip
+        assert colour_at(image, view.frame, point) == colour
+    for point in ((3.0, 3.4), (5.0, 3.3), (4.5, 2.2), (2.5, 2.0)):
+        assert colour_at(image, view.frame, point) == colour_at(plain, view.frame, point)

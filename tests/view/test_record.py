@@ -282,3 +282,32 @@ def test_what_is_no_recording_is_one_line(run, damage, tmp_path, capsys):
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
         Recorded(gym.make("wheelchair_gym/Navigation-v0"), tmp_path)
+
+
+def test_movers_are_recorded_and_replayed_where_they_were(tmp_path):
+    """Doors, people and what comes and goes; the picture of a replay is that of the run."""
+    scene = {"name": "crowd", "people": {"density": (0.06, 0.08)}, "light": 0.05}
+    env = Recorded(
+        gym.make("wheelchair_gym/Navigation-v0", scene=scene, render_mode="rgb_array"),
+        tmp_path / "run.mcap",
+    )
+    env.reset(seed=2)
+    seen = []
+    for _ in range(5):
+        env.step(np.zeros(2, np.float32))
+        seen.append(env.unwrapped.chair.truth.movers)
+    picture, movers = env.render(), env.unwrapped.episode.movers
+    env.close()
+    (chapter,) = read_recording(tmp_path / "run.mcap")
+    assert chapter.episode.movers.rows.tobytes() == movers.rows.tobytes()
+    np.testing.assert_array_equal(chapter.episode.movers.routes, movers.routes)
+    again = replayed(chapter, "rgb_array")
+    again.reset(options={"episode": chapter.episode})
+    for action, poses in zip(chapter.actions, seen, strict=True):
+        again.step(action)
+        np.testing.assert_array_equal(again.chair.truth.movers, poses)
+    assert len(seen[-1]) >= 3
+    np.testing.assert_array_equal(again.render(), picture)
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        topics = [channel.topic for _, channel, _ in make_reader(stream).iter_messages()]
+    assert topics.count("/movers") == 6

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import asked_twist
 from wheelchair_gym.simulation.advance import advance, begin
+from wheelchair_gym.simulation.world import take_ground
 from wheelchair_gym.task.assess import assess, start_task
 from wheelchair_gym.task.judge import reached
 
@@ -58,9 +59,8 @@ def succeeded(rules: Any, course: Any, seen: Any) -> bool:
 def begin_chair(i: int, batch: Batch, results: Results, scratch: Floats, ranges: Floats) -> None:
     """Begin row i's next episode; arguments as of `step_chairs`."""
     batch.courses[i] = batch.coming[i]
-    course, world = batch.courses[i], batch.worlds[i]
-    world.walls, world.n_walls = course.walls, course.n_walls
-    world.discs, world.n_discs = course.discs, course.n_discs
+    course = batch.courses[i]
+    take_ground(batch.worlds[i], course)
     begin(
         i,
         batch.rigs,

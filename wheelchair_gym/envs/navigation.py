@@ -66,7 +66,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     Terminated when the chair believes to be within 0.30 m of the goal (0.20 m if its pose is an
     estimate, which may err by 0.10 m), or when a bumper strip is pressed; truncated at the time
     limit, 30 s + 3 x geodesic / 0.8 m/s.
-    `info["is_success"]` is by truth.
+    `info["is_success"]` is by truth, and so are `met` (number of the mover touched, or -1),
+    `closing` and `closed_on` (speeds of chair and other at contact) and `caused` (by the chair).
 
     ## Arguments
     See `__init__`. Version 0: first release.
@@ -220,6 +221,10 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             "arrived": verdict.arrived,
             "bumped": reading.bumped,
             "contact": truth.contact,
+            "caused": truth.caused,
+            "met": truth.met,
+            "closing": truth.closing,
+            "closed_on": truth.closed_on,
             "clearance": truth.clearance,
             "energy": truth.energy,
             "distance": truth.way,
@@ -255,6 +260,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             path=task.path,
             look_ahead=self.points_ahead,
             caption=self._caption(task.reading),
+            movers=truth.movers if len(truth.movers) else None,
         )
         if self.render_mode == "rgb_array":
             return frame

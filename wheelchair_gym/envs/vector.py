@@ -236,8 +236,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._next[i] = course
         self._batch.coming[i] = course.record[0]
         self._batch.keys[i] = episode_key(seed, count)
-        walls, discs = course.size
-        self._spaces[i].make_room(walls, discs)
+        self._spaces[i].make_room(course.episode)
+        walls = course.segments
         if walls > self._scratch[0].shape[1]:
             self._scratch = [np.empty((SCRATCH, walls), np.float32) for _ in self._shares]
 
@@ -266,6 +266,10 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             "arrived": verdicts["arrived"],
             "bumped": sensed["bumped"],
             "contact": sensed["contact"],
+            "caused": sensed["caused"],
+            "met": sensed["met"],
+            "closing": sensed["closing"],
+            "closed_on": sensed["closed_on"],
             "clearance": sensed["clearance"],
             "energy": sensed["energy"],
             "distance": sensed["way"],

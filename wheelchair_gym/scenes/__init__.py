@@ -10,11 +10,14 @@ import numpy as np
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.scenes.barn import Barn
 from wheelchair_gym.scenes.clutter import Clutter
+from wheelchair_gym.scenes.crowd import Crowd
+from wheelchair_gym.scenes.doorway import Doorway
 from wheelchair_gym.scenes.floor_plan import FloorPlan
 from wheelchair_gym.scenes.labs import LAB_MAPS, DesignLab
 from wheelchair_gym.scenes.map_file import MapFile
 from wheelchair_gym.scenes.papers import ChaoticPso, GreyWolf
 from wheelchair_gym.scenes.room import EmptyRoom
+from wheelchair_gym.scenes.temporary import Temporary
 from wheelchair_gym.scenes.thesis import THESIS_MAPS
 from wheelchair_gym.types import Episode
 
@@ -23,12 +26,15 @@ __all__ = [
     "Barn",
     "ChaoticPso",
     "Clutter",
+    "Crowd",
     "DesignLab",
+    "Doorway",
     "EmptyRoom",
     "FloorPlan",
     "GreyWolf",
     "MapFile",
     "Scene",
+    "Temporary",
     "make_scene",
 ]
 
@@ -44,6 +50,9 @@ class Scene(Protocol):
 SCENES: Final[dict[str, type[Scene]]] = {
     "floor_plan": FloorPlan,
     "clutter": Clutter,
+    "crowd": Crowd,
+    "temporary": Temporary,
+    "doorway": Doorway,
     "empty": EmptyRoom,
     "map_file": MapFile,
     "barn": Barn,

@@ -6,28 +6,40 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from wheelchair_gym.geometry import path_length
 from wheelchair_gym.maps import OCCUPIED, bottleneck, geodesic
-from wheelchair_gym.scenes import FloorPlan, Scene
+from wheelchair_gym.movers import KINDS, NOBODY, PEOPLE, PERSON
+from wheelchair_gym.scenes import Crowd, Doorway, FloorPlan, Scene, Temporary
+from wheelchair_gym.scenes.layout import Layout
 from wheelchair_gym.scenes.poses import FOOTPRINT, RADIUS
+from wheelchair_gym.scenes.traffic import free_floor
+from wheelchair_gym.types import Episode
 
 
 def measure(scene: Scene, seeds: Iterable[int]) -> dict[str, list[float]]:
     """Figures of the worlds drawn with these seeds, by name and unit.
 
-    Doors and corridors are known of floor plans only. The bottleneck is the narrowest spot of the
-    widest way, less half the chair's width; density is the share of the map that is occupied.
+    Doors and corridors are known of buildings only. The bottleneck is the narrowest spot of the
+    widest way, less half the chair's width; density is the share of the map that is occupied. What
+    moves is told of scenes where anything does.
     """
     names = ("way [m]", "bottleneck margin [m]", "density", "walls", "discs", "start to goal [m]")
     table: dict[str, list[float]] = {name: [] for name in names}
     for seed in seeds:
-        if isinstance(scene, FloorPlan):
+        layout: Layout | None = None
+        if isinstance(scene, FloorPlan | Crowd | Temporary):
             layout, episode = scene.storey(np.random.default_rng(seed))
+        else:
+            episode = scene.sample(np.random.default_rng(seed))
+        if layout is not None:
             widths = [door.width for door in layout.doors if door.leaf]
             table.setdefault("door width [m]", []).extend(widths)
             table.setdefault("corridor width [m]", []).extend(layout.corridor_widths)
             table.setdefault("rooms", []).append(len(layout.rooms))
-        else:
-            episode = scene.sample(np.random.default_rng(seed))
+        elif isinstance(scene, Doorway):
+            table.setdefault("door width [m]", []).append(scene.door)
+            table.setdefault("corridor width [m]", []).append(scene.corridor)
+            table.setdefault("margin on each side [m]", []).append(scene.margin)
         start, goal = episode.start[:2], episode.goal[:2]
         way = float(geodesic(episode.map, goal, RADIUS).at(start))
         margin = bottleneck(episode.map, start, goal) - FOOTPRINT.half_width
@@ -36,4 +48,31 @@ def measure(scene: Scene, seeds: Iterable[int]) -> dict[str, list[float]]:
         row = (way, margin, density, len(episode.walls), len(episode.discs), direct)
         for name, value in zip(names, row, strict=True):
             table[name].append(float(value))
-    return table
+        if isinstance(scene, Crowd | Temporary):
+            for name, values in _moving(episode).items():
+                table.setdefault(name, []).extend(values)
+    return {name: values for name, values in table.items() if name in names or any(values)}
+
+
+def _moving(episode: Episode) -> dict[str, list[float]]:
+    """Figures of what moves in one world, by name and unit."""
+    rows = episode.movers.rows
+    of = {name: rows[rows["kind"] == kind] for kind, name in enumerate(KINDS)}
+    people = of["person"]
+    lengths = [
+        path_length(episode.movers.route(int(k))) for k in np.flatnonzero(rows["kind"] == PERSON)
+    ]
+    heeds = people["heeds"]
+    return {
+        "people": [len(people)],
+        "people per free m2": [len(people) / free_floor(episode.map)],
+        "people who do not see the chair": [float((heeds == PEOPLE).sum())],
+        "crossing cylinders": [float((heeds == NOBODY).sum())],
+        "walking speed [m/s]": people["speed"].tolist(),
+        "length of their routes [m]": lengths,
+        "doors with a leaf": [len(of["door"])],
+        "light furniture": [len(of["furniture"])],
+        "obstacles that appear": [len(of["obstacle"])],
+        "radius of these [m]": of["obstacle"]["size"][:, 0].tolist(),
+        "stay of these [s]": of["obstacle"]["stay"].tolist(),
+    }

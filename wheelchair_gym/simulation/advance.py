@@ -13,9 +13,10 @@ from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.sensing.laser import SCRATCH, scan
 from wheelchair_gym.sensing.odometry import locate_self, reckon
 from wheelchair_gym.sensing.ultrasonic import UltrasonicArrays, fire
-from wheelchair_gym.simulation.engine import BODY_DOUBLES
-from wheelchair_gym.simulation.motion import drive, locate
+from wheelchair_gym.simulation.offsets import BODY_DOUBLES
+from wheelchair_gym.simulation.period import drive, locate
 from wheelchair_gym.simulation.rig import RIG, laser_of, rangers_of
+from wheelchair_gym.simulation.shown import show, show_shot
 from wheelchair_gym.simulation.state import PARAMETER, STATE, vary
 from wheelchair_gym.simulation.world import WORLD, enter
 
@@ -44,14 +45,17 @@ def hear(
     state: Any,
     fired_after: int,
     rangers: UltrasonicArrays,
-    walls: Array,
-    discs: Array,
+    world: Any,
     scratch: Floats,
 ) -> None:
-    """Range the ultrasonics that fired after a tick, each from where it stood then."""
+    """Range the ultrasonics that fired after a tick, each in the world as it stood then."""
+    walls = table_at(world.walls, world.n_walls, 4)
+    discs = table_at(world.discs, world.n_discs, 3)
     n = rangers.order.shape[0]
     for which in range(n):
         if state.fired[which] > fired_after:
+            if state.fired[which] > 0 and world.n_movers > 0:
+                show_shot(world, which)
             state.ranges[which] = fire(
                 rangers,
                 which,
@@ -81,6 +85,8 @@ def tell(state: Any, p: Any, walls: Array, discs: Array, sensed: Any) -> None:
     state.touched |= state.contact
     sensed.touched = state.touched
     sensed.battery, sensed.stamp = state.voltage, state.tick * p.dt
+    sensed.caused, sensed.met = state.caused, state.met
+    sensed.closing, sensed.closed_on = state.closing[0], state.closing[1]
     sensed.way, sensed.energy = state.way, state.energy / JOULES_PER_WH
     sensed.clearance = footprint_clearance(
         state.pose[0], state.pose[1], state.pose[2], p.outline[:], walls, discs, CLEARANCE_REACH
@@ -101,7 +107,9 @@ def sense(
     """Scan, range the ultrasonics that fired after a tick, and tell."""
     walls = table_at(world.walls, world.n_walls, 4)
     discs = table_at(world.discs, world.n_discs, 3)
-    hear(state, fired_after, rangers_of(rig), walls, discs, scratch)
+    hear(state, fired_after, rangers_of(rig), world, scratch)
+    if world.n_movers > 0:
+        show(world)
     scan(laser_of(rig), state.pose, walls, discs, state.key, state.step, scratch, ranges)
     tell(state, p, walls, discs, sensed)
 
@@ -130,7 +138,7 @@ def begin(
         blank: (1,) of STATE, zero.
         chairs: (n,) of PARAMETER.
         states: (n,) of STATE.
-        worlds: (n,) of WORLD; walls and discs are this episode's.
+        worlds: (n,) of WORLD; walls, discs and movers are this episode's.
         start: (3,) [m, m, rad].
         key: of the episode's randomness.
         scratch: (SCRATCH, walls or more), overwritten.
@@ -141,7 +149,7 @@ def begin(
     rig, p, state, world = rigs[0], chairs[i], states[i], worlds[i]
     vary(p, key)
     enter(rig, world, p, start[0], start[1], start[2])
-    state.key = key
+    state.key, state.met = key, -1
     state.charge = p.charge * p.capacity
     state.voltage = p.empty + (p.full - p.empty) * p.charge
     locate(state, p, doubles_at(world.body, BODY_DOUBLES))
@@ -179,7 +187,7 @@ def advance(
     rig, p, state, world = rigs[0], chairs[i], states[i], worlds[i]
     before = state.tick
     order = integers_at(rig.order, rig.rangers)
-    drive(state, p, world.space, world.body, rig.step, v, w, order)
+    drive(state, p, world, rig, v, w, order)
     reckon(state, p)
     sense(rig, p, state, world, before, scratch, ranges, sensed[i])
 

@@ -15,7 +15,7 @@ from wheelchair_gym.simulation.advance import ALONE, advance_alone, begin
 from wheelchair_gym.simulation.rig import Rig
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.simulation.state import SENSED, STATE, parameters
-from wheelchair_gym.simulation.world import WORLD, World
+from wheelchair_gym.simulation.world import NOWHERE, WORLD, World
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
 
 Array = NDArray[np.float64]
@@ -68,20 +68,32 @@ class SimulatedChair:
             self._alone[name] = address_of(row)
         self._store, self._used = np.empty(0, SENSED), 0
         self._episode: Episode | None = None
+        self._moves = False  # anything beside it
         self._truth: Truth | None = None
 
     def reset(self, episode: Episode, key: int) -> Reading:
         """Stand at the episode's start and sense; see `Chair.reset`."""
         walls = np.ascontiguousarray(episode.walls, np.float64)
         discs = np.ascontiguousarray(episode.discs, np.float64)
-        self._world.make_room(len(walls), len(discs))
+        self._world.make_room(episode)
         place = self._place
         place["walls"], place["n_walls"] = address_of(walls), len(walls)
         place["discs"], place["n_discs"] = address_of(discs), len(discs)
+        place["n_fixed_walls"], place["n_fixed_discs"] = len(walls), len(discs)
+        place["n_movers"] = len(episode.movers)
         self._solid = walls, discs  # kept alive
-        self._scratch = np.empty((SCRATCH, len(walls)), np.float32)
-        self._alone["scratch"], self._alone["walls"] = address_of(self._scratch), len(walls)
+        segments = len(walls)
+        if len(episode.movers):
+            movers = np.ascontiguousarray(episode.movers.rows)
+            routes = np.ascontiguousarray(episode.movers.routes, np.float64)
+            place["movers"] = address_of(movers)
+            place["routes"], place["n_routes"] = address_of(routes), len(routes)
+            self._moving = movers, routes  # kept alive
+            segments += episode.movers.segments
+        self._scratch = np.empty((SCRATCH, segments), np.float32)
+        self._alone["scratch"], self._alone["walls"] = address_of(self._scratch), segments
         ranges, sensed = self._blank_reading()
+        self._episode, self._moves = episode, len(episode.movers) > 0
         begin(
             0,
             self._rig.record,
@@ -96,7 +108,6 @@ class SimulatedChair:
             ranges,
             sensed,
         )
-        self._episode = episode
         return self._reading(ranges, sensed)
 
     def drive(self, twist: Array) -> Reading:
@@ -160,5 +171,6 @@ class SimulatedChair:
 
     def _reading(self, ranges: NDArray[np.float32], sensed: Rows) -> Reading:
         told: Any = sensed.item()
-        self._truth = Truth._make(told[7:])
-        return Reading(told[0], told[1], ranges, *told[2:7])
+        movers = self._world.poses() if self._moves else NOWHERE
+        self._truth = Truth._make((*told[7:], movers))
+        return Reading._make((told[0], told[1], ranges, *told[2:7]))

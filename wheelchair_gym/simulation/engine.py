@@ -1,16 +1,15 @@
 """Munk2D by address: its functions called from compiled code, its structs written in place.
 
 Nothing of this reaches into what pymunk computes: it is the same library, the same structs and the
-same functions, without the way through Python. Offsets are found at import by writing marker values
-through pymunk's API; a self-test then compares the two ways, and a failure refuses to import.
+same functions, without the way through Python. A self-test at import compares the two ways, and a
+failure refuses to import.
 """
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import pymunk
@@ -21,107 +20,21 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 from pymunk._chipmunk_cffi import ffi, lib
 
-from wheelchair_gym.address import doubles_at
+from wheelchair_gym.address import doubles_at, integers_at
 from wheelchair_gym.kernel import borrowing_kernel, inlined
+from wheelchair_gym.simulation.offsets import (
+    BODY_DOUBLES,
+    CIRCLE_DOUBLES,
+    OFFSETS,
+    PIN,
+    POLY_DOUBLES,
+    SEGMENT_DOUBLES,
+    SHAPE,
+    pointer,
+)
 
-PIN = ">=7.3,<7.4"
-BODY_DOUBLES = 40  # of cpBody, which hold everything looked for
-SEGMENT_DOUBLES = 40  # of cpSegmentShape
-CIRCLE_DOUBLES = 29  # of cpCircleShape
+UNIT_BOX = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))  # m, as `set_box` orders corners
 TINY = 2.2250738585072014e-308  # what Munk2D adds to a length before it divides by it
-
-_MARKS = {
-    "mass": 7.5,
-    "mass_inverse": 1.0 / 7.5,
-    "moment": 11.25,
-    "moment_inverse": 1.0 / 11.25,
-    "x": 1234.5,
-    "y": -777.25,
-    "vx": 3.125,
-    "vy": -9.5,
-    "fx": 55.5,
-    "fy": -66.25,
-    "angle": 0.71875,
-    "w": -2.625,
-    "torque": 8.8125,
-}
-
-
-class Offsets(NamedTuple):
-    """Where the fields of cpBody stand, counted in doubles."""
-
-    mass: int
-    mass_inverse: int
-    moment: int
-    moment_inverse: int
-    x: int
-    y: int
-    vx: int
-    vy: int
-    fx: int
-    fy: int
-    angle: int
-    w: int
-    torque: int
-
-
-class ShapeOffsets(NamedTuple):
-    """Where the fields of cpSegmentShape (ends, normal) and cpCircleShape stand, in doubles."""
-
-    ax: int
-    ay: int
-    bx: int
-    by: int
-    nx: int
-    ny: int
-    cx: int
-    cy: int
-    radius: int
-
-
-def pointer(thing: Any) -> np.uint64:
-    """The address of a cffi pointer."""
-    return np.uint64(int(ffi.cast("uintptr_t", thing)))
-
-
-def _places(thing: Any, doubles: int, marks: dict[str, float], begin: int = 0) -> dict[str, int]:
-    """Where the marks stand in a struct, counted in doubles: the first place of each.
-
-    Copies that Munk2D keeps of a value stand behind it, but for what it begins with.
-    """
-    raw = np.frombuffer(ctypes.string_at(int(pointer(thing)), 8 * doubles))
-    found = {name: begin + np.flatnonzero(raw[begin:] == value) for name, value in marks.items()}
-    missing = [name for name, places in found.items() if not len(places)]
-    if missing:
-        raise ImportError(
-            f"pymunk {pymunk.version}: Munk2D has no {', '.join(missing)} where expected; "
-            f"this release reads pymunk {PIN}"
-        )
-    return {name: int(places[0]) for name, places in found.items()}
-
-
-def _find_offsets() -> Offsets:
-    m = _MARKS
-    body = pymunk.Body(m["mass"], m["moment"])
-    body.position, body.velocity, body.force = (
-        (m["x"], m["y"]),
-        (m["vx"], m["vy"]),
-        (m["fx"], m["fy"]),
-    )
-    body.angle, body.angular_velocity, body.torque = m["angle"], m["w"], m["torque"]
-    return Offsets(**_places(body._body, BODY_DOUBLES, m))
-
-
-def _find_shape_offsets() -> ShapeOffsets:
-    static = pymunk.Body(body_type=pymunk.Body.STATIC)
-    ends = {"ax": 1234.5, "ay": -777.25, "bx": 1237.5, "by": -773.25}  # 3, 4, 5: an exact normal
-    segment = pymunk.Segment(static, (ends["ax"], ends["ay"]), (ends["bx"], ends["by"]), 0.0)
-    normal = segment.normal
-    disc = {"cx": 55.5, "cy": -66.25, "radius": 8.8125}
-    circle = pymunk.Circle(static, disc["radius"], (disc["cx"], disc["cy"]))
-    own = _places(segment._shape, SEGMENT_DOUBLES, {**ends, "nx": normal.x, "ny": normal.y})
-    # What all shapes have comes first, a copy of the disc's place among it.
-    return ShapeOffsets(**own, **_places(circle._shape, CIRCLE_DOUBLES, disc, own["ax"]))
 
 
 @intrinsic
@@ -155,19 +68,18 @@ def _call_with(typingctx: Any, function: Any, one: Any, other: Any) -> Any:
 _call_step = cast("Callable[..., None]", _call)
 _call_pair = cast("Callable[..., None]", _call_with)
 
-OFFSETS = _find_offsets()
-SHAPE = _find_shape_offsets()
-STEP, ADD, REMOVE, REINDEX, TURN = (
-    pointer(ffi.addressof(lib, name))
-    for name in (
-        "cpSpaceStep",
-        "cpSpaceAddShape",
-        "cpSpaceRemoveShape",
-        "cpSpaceReindexShapesForBody",
-        "cpBodySetAngle",
-    )
-)
-ENGINE = np.dtype([(name, "u8") for name in ("step", "add", "remove", "reindex", "turn")])
+_FUNCTIONS = {
+    "step": "cpSpaceStep",
+    "add": "cpSpaceAddShape",
+    "remove": "cpSpaceRemoveShape",
+    "add_body": "cpSpaceAddBody",
+    "remove_body": "cpSpaceRemoveBody",
+    "reindex": "cpSpaceReindexShapesForBody",
+    "turn": "cpBodySetAngle",
+}
+_ADDRESSES = tuple(pointer(ffi.addressof(lib, name)) for name in _FUNCTIONS.values())
+STEP = _ADDRESSES[0]
+ENGINE = np.dtype([(name, "u8") for name in _FUNCTIONS])
 X, Y, VX, VY, FX, FY = (
     OFFSETS.x,
     OFFSETS.y,
@@ -193,13 +105,13 @@ def step_space(step: np.uint64, space: np.uint64, dt: float) -> None:
 
 @borrowing_kernel
 def add_shape(add: np.uint64, space: np.uint64, shape: np.uint64) -> None:
-    """Add a shape: what `Space.add` of pymunk does."""
+    """Add a shape or a body: what `Space.add` of pymunk does, whose function it takes."""
     _call_pair(add, space, shape)
 
 
 @borrowing_kernel
 def remove_shape(remove: np.uint64, space: np.uint64, shape: np.uint64) -> None:
-    """Remove a shape: what `Space.remove` of pymunk does."""
+    """Remove a shape or a body: what `Space.remove` of pymunk does, whose function it takes."""
     _call_pair(remove, space, shape)
 
 
@@ -219,9 +131,32 @@ def set_segment(shape: np.uint64, x0: float, y0: float, x1: float, y1: float) ->
 
 @borrowing_kernel
 def set_circle(shape: np.uint64, x: float, y: float, radius: float) -> None:
-    """Give a cpCircleShape of a static body another place and radius [m]."""
+    """Give a cpCircleShape another place on its body and another radius [m]."""
     fields = doubles_at(shape, CIRCLE_DOUBLES)
     fields[SHAPE.cx], fields[SHAPE.cy], fields[SHAPE.radius] = x, y, radius
+
+
+@borrowing_kernel
+def set_box(shape: np.uint64, length: float, width: float) -> None:
+    """Give a cpPolyShape of four corners, from rear right, another length and width [m]."""
+    fields = doubles_at(shape, POLY_DOUBLES)
+    a, b = 0.5 * length, 0.5 * width
+    x0, y0 = -a, b
+    for k in range(4):
+        x, y = a if k == 1 or k == 2 else -a, b if k > 1 else -b
+        ex, ey = x - x0, y - y0
+        scale = 1.0 / (math.sqrt(ex * ex + ey * ey) + TINY)
+        place = SHAPE.corners + 4 * k
+        fields[place], fields[place + 1] = x, y
+        fields[place + 2], fields[place + 3] = ey * scale, -ex * scale
+        x0, y0 = x, y
+
+
+@borrowing_kernel
+def set_touch(shape: np.uint64, friction: float, group: int) -> None:
+    """Give a shape its friction, and the group within which nothing touches; 0: none."""
+    doubles_at(shape, CIRCLE_DOUBLES)[SHAPE.friction] = friction
+    integers_at(shape, CIRCLE_DOUBLES)[SHAPE.group] = group
 
 
 @borrowing_kernel
@@ -237,7 +172,7 @@ def place(engine: Any, space: np.uint64, body: np.uint64, x: float, y: float, an
 
 @borrowing_kernel
 def weigh(body: np.uint64, mass: float, moment: float) -> None:
-    """Give a body its mass [kg] and its moment of inertia [kg m2]."""
+    """Give a body its mass [kg] and its moment of inertia [kg m2]; infinite ones: kinematic."""
     fields = body_view(body)
     fields[OFFSETS.mass], fields[OFFSETS.mass_inverse] = mass, 1.0 / mass
     fields[OFFSETS.moment], fields[OFFSETS.moment_inverse] = moment, 1.0 / moment
@@ -245,10 +180,23 @@ def weigh(body: np.uint64, mass: float, moment: float) -> None:
 
 @borrowing_kernel
 def _push(
-    engine: Any, space: np.uint64, body: np.uint64, wall: np.uint64, disc: np.uint64, n: int
+    engine: Any,
+    space: np.uint64,
+    body: np.uint64,
+    wall: np.uint64,
+    disc: np.uint64,
+    other: np.uint64,
+    box: np.uint64,
+    n: int,
 ) -> float:
-    fields = body_view(body)
+    fields, pushed = body_view(body), body_view(other)
     weigh(body, 10.0, 2.0)
+    weigh(other, 3.0, 0.5)
+    set_box(box, 0.2, 0.3)
+    set_touch(box, 0.25, 0)
+    add_shape(engine.add_body, space, other)
+    add_shape(engine.add, space, box)
+    place(engine, space, other, 0.72, -0.1, 0.1)
     set_segment(wall, 1.0, -5.0, 1.0, 5.0)
     set_circle(disc, 0.8, 0.45, 0.2)
     for shape in (wall, disc):
@@ -260,16 +208,16 @@ def _push(
         fields[FX] = 40.0
         fields[TORQUE] = 3.0 * (k % 3)
         step_space(engine.step, space, 0.01)
-    return float(fields[X] + fields[Y] + fields[ANGLE])
+    return float(fields[X] + fields[Y] + fields[ANGLE] + pushed[X] + pushed[Y] + pushed[ANGLE])
 
 
 def engine_record() -> NDArray[np.void]:
     """The addresses of Munk2D's functions (1,), a record of ENGINE."""
-    return np.array([(STEP, ADD, REMOVE, REINDEX, TURN)], ENGINE)
+    return np.array([_ADDRESSES], ENGINE)
 
 
 def self_test() -> None:
-    """Push a box against a wall and a disc both ways and compare.
+    """Push a box against another, a wall and a disc both ways and compare.
 
     Raises:
         ImportError: compiled code and pymunk's API disagree.
@@ -284,10 +232,19 @@ def self_test() -> None:
             shapes = pymunk.Segment(static, (0, 0), (1, 1), 0.0), pymunk.Circle(static, 1.0)
             wall, disc = (pointer(shape._shape) for shape in shapes)
             own = pointer(space._space), pointer(body._body)
-            ends.append(_push(engine_record()[0], *own, wall, disc, 60))
+            other = pymunk.Body(1.0, 1.0)
+            box = pymunk.Poly(other, UNIT_BOX)
+            things = pointer(other._body), pointer(box._shape)
+            ends.append(_push(engine_record()[0], *own, wall, disc, *things, 60))
         else:
             body = pymunk.Body(10.0, 2.0)
             space.add(body, pymunk.Poly.create_box(body, (1.0, 0.6)))
+            other = pymunk.Body(3.0, 0.5)
+            box = pymunk.Poly(other, [(-0.1, -0.15), (0.1, -0.15), (0.1, 0.15), (-0.1, 0.15)])
+            box.friction = 0.25
+            space.add(other, box)
+            other.position, other.angle = (0.72, -0.1), 0.1
+            space.reindex_shapes_for_body(other)
             space.add(pymunk.Segment(static, (1.0, -5.0), (1.0, 5.0), 0.0))
             space.add(pymunk.Circle(static, 0.2, (0.8, 0.45)))
             body.position, body.angle = (0.1, -0.05), 0.2
@@ -295,7 +252,8 @@ def self_test() -> None:
             for k in range(60):
                 body.force, body.torque = (40.0, 0.0), 3.0 * (k % 3)
                 space.step(0.01)
-            ends.append(body.position.x + body.position.y + body.angle)
+            first = body.position.x + body.position.y + body.angle
+            ends.append(first + other.position.x + other.position.y + other.angle)
     if ends[0] != ends[1]:
         raise ImportError(
             f"pymunk {pymunk.version}: stepping by address differs from its API by "

@@ -24,8 +24,6 @@ from wheelchair_gym.simulation.engine import (
     VX,
     VY,
     W,
-    X,
-    Y,
     body_view,
     step_space,
 )
@@ -33,7 +31,6 @@ from wheelchair_gym.simulation.state import GRAVITY
 
 _SWEEPS = 20  # of Gauss-Seidel, when a wheel slips
 _CREEP = 0.05  # m/s: drag rises linearly below this speed, so that it never reverses a motion
-_TOUCH = 1e-6  # N s: smaller impulses are rounding
 
 
 class Worked(NamedTuple):
@@ -251,61 +248,3 @@ def step_once(
     rest = p.empty + (p.full - p.empty) * state.charge / p.capacity
     state.voltage = rest - p.battery_resistance * power / rest
     return float(math.sqrt(hit_x * hit_x + hit_y * hit_y) + abs(hit_w) / p.casters)
-
-
-@borrowing_kernel
-def drive(
-    state: Any,
-    p: Any,
-    space: np.uint64,
-    body: np.uint64,
-    engine: np.uint64,
-    v: float,
-    w: float,
-    order: Any,
-) -> None:
-    """Drive towards a target twist for one control period.
-
-    Args:
-        state: of the chair; its truth, set point, wheels and battery move on.
-        p: its parameters.
-        space: address of the cpSpace.
-        body: address of the chair's cpBody.
-        engine: address of cpSpaceStep.
-        v: target speed [m/s].
-        w: target turn [rad/s].
-        order: (n,) which ranger fires k-th.
-    """
-    k = work_out(p)
-    state.contact, state.bumped = False, False
-    fields = body_view(body)
-    for _ in range(p.substeps):
-        if state.tick % p.speed_every == 0:
-            track_set_point(state, p, v, w, state.bumped, k.run)
-            control_speed(state, p, k)
-        hit = step_once(state, p, k, space, body, engine)
-        state.tick += 1
-        if hit > _TOUCH:
-            state.contact = True
-            state.bumped |= hit > p.bumper * p.dt
-        if state.tick % p.fire_every == 0:
-            locate(state, p, fields)
-            which = order[state.firings % order.shape[0]]
-            state.fired[which] = state.tick
-            for i in range(3):
-                state.fire_pose[which, i] = state.pose[i]
-            state.firings += 1
-    locate(state, p, fields)
-    state.step += 1
-
-
-@borrowing_kernel
-def locate(state: Any, p: Any, fields: Any) -> None:
-    """Read the true pose and twist of the axle's centre from the body."""
-    angle = fields[ANGLE]
-    c, s = math.cos(angle), math.sin(angle)
-    state.pose[0] = fields[X] - c * p.centre
-    state.pose[1] = fields[Y] - s * p.centre
-    state.pose[2] = angle
-    state.twist[0] = c * fields[VX] + s * fields[VY]
-    state.twist[1] = fields[W]

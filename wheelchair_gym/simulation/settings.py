@@ -106,10 +106,38 @@ class ChairSettings:
 
 
 @settings
+class PeopleSettings:
+    """How people move: optimal reciprocal collision avoidance, and legs of limited force."""
+
+    choose: float = setting(
+        default=0.1, unit="s", source="between two choices of a velocity", low=0.01, high=1.0
+    )
+    horizon: float = setting(
+        default=2.0, unit="s", source="kept clear of people and chair: RVO2", low=0.1, high=10.0
+    )
+    wall_horizon: float = setting(
+        default=0.5, unit="s", source="kept clear of walls", low=0.05, high=10.0
+    )
+    sight: float = setting(
+        default=4.0, unit="m", source="farther people are not heeded", low=0.5, high=20.0
+    )
+    relax: float = setting(
+        default=0.3, unit="s", source="to take up a velocity: below a step's time", low=0.02
+    )
+    legs: float = setting(
+        default=200.0,
+        unit="N",
+        source="75 kg at 2.7 m/s2: 1.34 m/s in 0.5 s (Helbing and Molnar 1995)",
+        low=1.0,
+    )
+
+
+@settings
 class PhysicsSettings:
-    """How finely time is cut."""
+    """How finely time is cut, and how people move."""
 
     step: float = setting(default=0.01, unit="s", source="ten in a period", low=0.0005, high=0.05)
+    people: PeopleSettings = PeopleSettings()
 
 
 def whole_ratio(long: float, short: float, names: str) -> int:

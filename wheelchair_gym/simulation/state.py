@@ -74,6 +74,13 @@ PARAMETER = np.dtype(
         ("substeps", "i8"),  # in a control period
         ("speed_every", "i8"),  # physics steps between two runs of the speed control
         ("fire_every", "i8"),  # physics steps between two ultrasonic firings
+        # people
+        ("choose_every", "i8"),  # physics steps between two choices of a velocity
+        ("relax", "f8"),  # s
+        ("legs", "f8"),  # N
+        ("horizon", "f8"),  # s
+        ("wall_horizon", "f8"),  # s
+        ("sight", "f8"),  # m
     ],
     align=True,
 )
@@ -108,6 +115,10 @@ STATE = np.dtype(
         ("contact", "b1"),  # touched anything in this period
         ("touched", "b1"),  # and since reset
         ("bumped", "b1"),  # a bumper strip was pressed in this period
+        ("noted", "b1"),  # a contact of this period is told of by the next three
+        ("caused", "b1"),  # the chair caused a contact in this period
+        ("met", "i8"),  # the mover touched in this period; -1: none
+        ("closing", "f8", (2,)),  # m/s: chair and other, at that contact
         # what the chair knows
         ("seen_counts", "i8", (2,)),  # encoder at the last reading
         ("seen_twist", "f8", (2,)),  # m/s, rad/s
@@ -141,6 +152,10 @@ SENSED = np.dtype(
         ("touched", "b1"),
         ("way", "f8"),
         ("energy", "f8"),
+        ("caused", "b1"),
+        ("met", "i8"),
+        ("closing", "f8"),  # a field with an axis costs half a microsecond to tell
+        ("closed_on", "f8"),
     ],
     align=True,
 )
@@ -191,6 +206,10 @@ def parameters(
     p["speed_every"] = whole_ratio(1.0 / motor.rate, physics.step, "1/motor.rate and physics.step")
     interval = sensors.ultrasonic.interval
     p["fire_every"] = whole_ratio(interval, physics.step, "ultrasonic.interval and physics.step")
+    people = physics.people
+    p["choose_every"] = max(1, round(people.choose / physics.step))
+    for name in ("relax", "legs", "horizon", "wall_horizon", "sight"):
+        p[name] = getattr(people, name)
     return rows
 
 

@@ -9,7 +9,8 @@ to the bit as in a Space made for this episode alone, and costs no Python.
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Final
 
 import numpy as np
 import pymunk
@@ -17,17 +18,30 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.address import address_of, integers_at, table_at
 from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.kernel import borrowing_kernel, inlined
+from wheelchair_gym.movers import Movers
+from wheelchair_gym.sensing.settings import RANGERS
 from wheelchair_gym.simulation.engine import (
+    UNIT_BOX,
     add_shape,
     place,
-    pointer,
     remove_shape,
     set_circle,
     set_segment,
     step_space,
     weigh,
 )
+from wheelchair_gym.simulation.moving import (
+    FAR,
+    MOVING,
+    begin_movers,
+    bring_movers,
+    clear_movers,
+)
+from wheelchair_gym.simulation.offsets import pointer
+from wheelchair_gym.simulation.orca import LINES
+from wheelchair_gym.simulation.shown import show
+from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
 
@@ -43,19 +57,50 @@ WORLD = np.dtype(
         ("discs", "u8"),
         ("n_walls", "i8"),
         ("n_discs", "i8"),
+        ("n_fixed_walls", "i8"),  # how many of them stay; the others are what movers show
+        ("n_fixed_discs", "i8"),
+        ("movers", "u8"),  # address of the movers (k,) of MOVER, and of their routes (r, 2) [m]
+        ("routes", "u8"),
+        ("n_movers", "i8"),
+        ("n_routes", "i8"),
+        ("moving", "u8"),  # where they are (k,) of MOVING
+        ("movers_in", "i8"),  # how many are in the Space
+        ("balls", "u8"),  # addresses of pairs of spare cpBody and cpShape: discs, boxes, leaves
+        ("boxes", "u8"),
+        ("leaves", "u8"),
+        ("own_walls", "u8"),  # addresses of this world's own walls and discs, movers among them
+        ("own_discs", "u8"),
+        ("shots", "u8"),  # of what each ranger saw of the movers (rangers, shot)
+        ("shot", "i8"),
+        ("lines", "u8"),  # of room for half-planes (2 LINES, 4)
+        ("friction", "f8"),  # of the outline on walls and things
     ],
     align=True,
 )
 
-_FAR = 1e4  # m: where no wall is
+# A leaf slides inside its wall, and its hinge is in one: nothing has to look for that contact.
+FIXED: Final = pymunk.ShapeFilter(categories=1)
+LEAF: Final = pymunk.ShapeFilter(mask=pymunk.ShapeFilter.ALL_MASKS() ^ 1)
+NOWHERE: Array = np.empty((0, 3))  # poses of no movers
 _SLOP = 1e-4  # m: overlap that contacts leave
 _BIAS = 1e-4  # share of a remaining overlap after one second: pushed out within a few steps
 _SPARE = 1.25  # of shapes made at once: the next world may be a little larger
 
 
+@inlined
+def take_ground(world: Any, ground: Any) -> None:
+    """The next episode's walls, discs and movers: those of a record that has the same fields."""
+    world.walls, world.discs = ground.walls, ground.discs
+    world.n_walls = world.n_fixed_walls = ground.n_walls
+    world.n_discs = world.n_fixed_discs = ground.n_discs
+    world.movers, world.n_movers = ground.movers, ground.n_movers
+    world.routes, world.n_routes = ground.routes, ground.n_routes
+
+
 @borrowing_kernel
 def furnish(engine: Any, world: Any) -> None:
-    """Take all walls and discs out of a world's Space and put this episode's in, in order."""
+    """Take everything out of a world's Space and put this episode's in, in order."""
+    clear_movers(engine, world)
     segments = integers_at(world.segments, max(world.walls_in, world.n_walls))
     circles = integers_at(world.circles, max(world.discs_in, world.n_discs))
     for k in range(world.walls_in):
@@ -73,21 +118,33 @@ def furnish(engine: Any, world: Any) -> None:
         set_circle(shape, discs[k, 0], discs[k, 1], discs[k, 2])
         add_shape(engine.add, world.space, shape)
     world.walls_in, world.discs_in = world.n_walls, world.n_discs
+    if world.n_movers > 0:
+        bring_movers(engine, world)
 
 
 @borrowing_kernel
 def enter(engine: Any, world: Any, p: Any, x: float, y: float, yaw: float) -> None:
     """Canonical entry: a furnished world whose chair stands at a pose [m, m, rad], at rest."""
     weigh(world.body, p.mass, p.moment)
-    place(engine, world.space, world.body, _FAR, _FAR, 0.0)
+    place(engine, world.space, world.body, FAR, FAR, 0.0)
     furnish(engine, world)
     step_space(engine.step, world.space, p.dt)
     c, s = math.cos(yaw), math.sin(yaw)
     place(engine, world.space, world.body, x + p.centre * c, y + p.centre * s, yaw)
+    if world.n_movers > 0:
+        begin_movers(engine, world)
+        show(world)
+
+
+def _leaf(body: pymunk.Body) -> pymunk.Shape:
+    """A shape for a door."""
+    shape = pymunk.Segment(body, (0, 0), (1, 0), 0.0)
+    shape.filter = LEAF
+    return shape
 
 
 class World:
-    """A pymunk Space with one body of the chair's outline, and shapes in store for any walls.
+    """A pymunk Space with the chair's body, and bodies and shapes in store for any episode.
 
     The body's position is its centre of mass, `centre` metres ahead of the drive axle.
 
@@ -110,12 +167,21 @@ class World:
         self.space.add(self.body, outline)
         self._segments: list[pymunk.Shape] = []
         self._circles: list[pymunk.Shape] = []
+        self._movers: list[pymunk.Shape] = []
         self._addresses: list[NDArray[np.uint64]] = [np.empty(0, np.uint64)] * 2
+        self._bodies: list[pymunk.Body] = []  # of movers
+        self._kept: dict[str, NDArray[Any]] = {}  # arrays that the record points to
         self._rows = rows
+        rows["friction"] = friction
+        self._keep("lines", np.zeros((2 * LINES, 4)))
         rows["space"], rows["body"] = pointer(self.space._space), pointer(self.body._body)
 
-    def make_room(self, walls: int, discs: int) -> None:
-        """Have shapes in store for so many walls and discs, ahead of a `furnish`."""
+    def make_room(self, episode: Episode) -> None:
+        """Have shapes in store for an episode's walls, discs and movers, ahead of a `furnish`.
+
+        What the present episode uses stays as it is.
+        """
+        walls, discs = len(episode.walls), len(episode.discs)
         static = self.space.static_body
         short = walls - len(self._segments), discs - len(self._circles)
         if short[0] > 0:
@@ -127,9 +193,62 @@ class World:
             self._circles += [pymunk.Circle(static, 1.0) for _ in range(count)]
             self._store("circles", 1, self._circles, count)
 
+        if len(episode.movers):
+            self._make_movers(walls, discs, episode.movers)
+
+    def poses(self) -> Array:
+        """Where the movers are (k, 3) [m, m, rad]; NaN: not there."""
+        count = int(self._rows["movers_in"][0])
+        moving = self._kept["moving"][:count]
+        there = moving["there"][:, None]
+        return np.where(there, moving["pose"], np.nan)
+
+    def _make_movers(self, walls: int, discs: int, movers: Movers) -> None:
+        """Have bodies in store for movers, and room for what is seen of them."""
+        makers: dict[str, tuple[int, Callable[[pymunk.Body], pymunk.Shape]]] = {
+            "balls": (movers.discs, lambda body: pymunk.Circle(body, 1.0)),
+            "boxes": (movers.boxes, lambda body: pymunk.Poly(body, UNIT_BOX)),
+            "leaves": (movers.leaves, _leaf),
+        }
+        for name, (wanted, make) in makers.items():
+            pairs = self._kept.get(name, np.empty((0, 2), np.uint64))
+            fresh = []
+            for _ in range(round(_SPARE * wanted) - len(pairs) if wanted > len(pairs) else 0):
+                body = pymunk.Body(1.0, 1.0)
+                shape = make(body)
+                self._bodies.append(body)
+                self._movers.append(shape)
+                fresh.append((pointer(body._body), pointer(shape._shape)))
+            if fresh:
+                self._keep(name, np.concatenate([pairs, np.array(fresh, np.uint64)]))
+        self._grow("moving", len(movers), MOVING)
+        seen = {"own_walls": walls + movers.segments, "own_discs": discs + movers.discs}
+        for (name, count), columns in zip(seen.items(), (4, 3), strict=True):
+            before = int(self._rows[name][0])
+            self._grow(name, columns * count, np.dtype(np.float64))
+            now = name.removeprefix("own_")
+            if before and int(self._rows[now][0]) == before:
+                self._rows[now] = self._rows[name]
+        shot = max(int(self._rows["shot"][0]), 4 * movers.segments + 3 * movers.discs)
+        if shot > self._rows["shot"][0]:
+            self._keep("shots", np.zeros((RANGERS, shot)))
+            self._rows["shot"] = shot
+
+    def _grow(self, name: str, count: int, dtype: np.dtype[Any]) -> None:
+        """Make an array of the world at least so long; what it holds stays."""
+        old = self._kept.get(name, np.zeros(0, dtype))
+        if count > len(old):
+            new = np.zeros(round(_SPARE * count), dtype)
+            new[: len(old)] = old
+            self._keep(name, new)
+
+    def _keep(self, name: str, array: NDArray[Any]) -> None:
+        self._kept[name] = array
+        self._rows[name] = address_of(array)
+
     def _store(self, name: str, which: int, shapes: list[pymunk.Shape], new: int) -> None:
         for shape in shapes[-new:]:
-            shape.friction = self._friction
+            shape.friction, shape.filter = self._friction, FIXED
         fresh = np.array([pointer(shape._shape) for shape in shapes[-new:]], np.uint64)
         self._addresses[which] = np.concatenate([self._addresses[which], fresh])
         self._rows[name] = address_of(self._addresses[which])

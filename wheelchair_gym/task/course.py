@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,10 @@ COURSE = np.dtype(
         ("discs", "u8"),
         ("n_walls", "i8"),
         ("n_discs", "i8"),
+        ("movers", "u8"),  # addresses of movers (k,) of MOVER and of their routes (r, 2) [m]
+        ("n_movers", "i8"),
+        ("routes", "u8"),
+        ("n_routes", "i8"),
         ("start", "f8", (3,)),  # m, m, rad
         ("goal", "f8", (3,)),
         ("tolerance", "f8"),  # m
@@ -53,10 +58,10 @@ class Course:
     record: NDArray[np.void]
     _kept: tuple[Any, ...]
 
-    @property
-    def size(self) -> tuple[int, int]:
-        """How many walls and discs there are."""
-        return len(self.episode.walls), len(self.episode.discs)
+    @cached_property
+    def segments(self) -> int:
+        """How many segments sensors see, those of movers among them."""
+        return len(self.episode.walls) + self.episode.movers.segments
 
     @classmethod
     def of(
@@ -77,6 +82,10 @@ class Course:
         r: Any = record[0]
         r["walls"], r["n_walls"] = address_of(walls), len(walls)
         r["discs"], r["n_discs"] = address_of(discs), len(discs)
+        movers = np.ascontiguousarray(episode.movers.rows)
+        routes = np.ascontiguousarray(episode.movers.routes, np.float64)
+        r["movers"], r["n_movers"] = address_of(movers), len(movers)
+        r["routes"], r["n_routes"] = address_of(routes), len(routes)
         r["start"], r["goal"] = episode.start, episode.goal
         r["tolerance"] = tolerance if episode.tolerance is None else episode.tolerance
         r["time_limit"] = math.nan if episode.time_limit is None else episode.time_limit
@@ -84,7 +93,7 @@ class Course:
         r["field"], (r["rows"], r["cols"]) = address_of(field), field.shape
         r["origin"], r["resolution"] = geodesic.grid.origin, geodesic.grid.resolution
         r["path"], r["points"] = address_of(points), len(points)
-        return cls(episode, geodesic, path, record, (walls, discs, points, field))
+        return cls(episode, geodesic, path, record, (walls, discs, movers, routes, points, field))
 
 
 @borrowing_kernel

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from wheelchair_gym.geometry import correction
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.sensing.settings import LaserSettings, UltrasonicSettings
-from wheelchair_gym.view.palette import CHAIR, NARROW, TRAIL, WIDE, Colour
+from wheelchair_gym.view.palette import CHAIR, NARROW, PERSON, TRAIL, WIDE, Colour
 
 Array = NDArray[np.float64]
 
@@ -42,6 +42,7 @@ TYPED: Final[dict[str, Any]] = {
     "/pose": channels.PoseInFrameChannel,
     "/truth": channels.PoseInFrameChannel,
     "/particles": channels.PointCloudChannel,
+    "/movers": channels.SceneUpdateChannel,
     "/footprint": channels.SceneUpdateChannel,
     "/trail": channels.SceneUpdateChannel,
     "/note": channels.LogChannel,
@@ -245,6 +246,34 @@ def footprint(now: int, corners: Array) -> Any:
 def trail(now: int, places: Sequence[Array] | Array) -> Any:
     """The way driven so far (n, 2), on the map."""
     return _line(now, "map", "trail", np.array(places), TRAIL, False)
+
+
+def movers(now: int, shapes: tuple[Array, Array]) -> Any:
+    """Movers' discs (n, 3) and segments (m, 4) [m]: round ones as cylinders, others as lines."""
+    discs, segments = shapes
+    colour = _colour(PERSON, 0.9)
+    round_ones = [
+        m.CylinderPrimitive(
+            pose=_pose((x, y, 0.0)),
+            size=m.Vector3(x=2.0 * r, y=2.0 * r, z=0.1),
+            bottom_scale=1.0,
+            top_scale=1.0,
+            color=colour,
+        )
+        for x, y, r in discs.tolist()
+    ]
+    lines = m.LinePrimitive(
+        type=m.LinePrimitiveLineType.LineList,
+        pose=_pose((0.0, 0.0, 0.0)),
+        thickness=_LINE,
+        points=_points(segments.reshape(-1, 2)),
+        color=colour,
+    )
+    entity = m.SceneEntity(
+        timestamp=_time(now), frame_id="map", id="movers", cylinders=round_ones,
+        lines=[lines] if len(segments) else [],
+    )  # fmt: skip
+    return m.SceneUpdate(entities=[entity])
 
 
 def odometry(now: int, pose: Array, twist: Array) -> Any:

@@ -14,6 +14,7 @@ from wheelchair_gym.sensing.settings import SensorSettings, UltrasonicSettings
 from wheelchair_gym.types import Episode, Reading
 from wheelchair_gym.view import floor, palette
 from wheelchair_gym.view.canvas import Canvas, Image
+from wheelchair_gym.view.moving import draw_movers
 
 Array = NDArray[np.float64]
 
@@ -58,6 +59,7 @@ class TopView:
             ]
             ends += [episode.walls.reshape(-1, 2), *_disc_corners(episode.discs)]
             bounds = floor.extent(np.concatenate(ends), 0.1)
+        self.movers = episode.movers
         self._cones = _cones(self.sensors.ultrasonic)
         self._wheels = _wheels(self.footprint, self.drive)
         front, half = self.footprint.front, self.footprint.half_width
@@ -80,6 +82,7 @@ class TopView:
         path: ArrayLike | None = None,
         look_ahead: ArrayLike | None = None,
         caption: str = "",
+        movers: Array | None = None,
     ) -> Image:
         """A picture (h, w, 3) RGB of one instant.
 
@@ -90,6 +93,7 @@ class TopView:
             path: the guidance path (n, 2 or 3) [m].
             look_ahead: points (n, 2) [m] of the path that the chair steers by.
             caption: one line below the picture, ASCII.
+            movers: where the episode's movers are (k, 3) [m, m, rad]; NaN: not there.
         """
         canvas = Canvas(self.background.image.copy(), self.frame, self.background.unit)
         at = np.asarray(pose, dtype=np.float64)
@@ -103,6 +107,8 @@ class TopView:
             gap = np.asarray(reading.pose) - at
             if math.hypot(gap[0], gap[1]) > _DIFFERS[0] or abs(wrap_angle(gap[2])) > _DIFFERS[1]:
                 self._ghost(canvas, reading.pose)
+        if movers is not None:
+            draw_movers(canvas, self.movers, movers)
         self._chair(canvas, at)
         for point in np.asarray(look_ahead if look_ahead is not None else [], dtype=np.float64):
             canvas.dot(point, 4.5, palette.FREE)

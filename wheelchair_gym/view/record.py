@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from wheelchair_gym.config import dump, setting, settings
 from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.movers import MOVER, shapes
 from wheelchair_gym.types import Belief
 from wheelchair_gym.view.outlet import NANO, Outlet
 
@@ -47,7 +48,7 @@ class Recording:
     quality: int = setting(default=80, source="of JPEG", low=1, high=100)
 
 
-def packed(values: ArrayLike, kind: str) -> str:
+def packed(values: ArrayLike, kind: DTypeLike) -> str:
     """An array as text, to the bit, infinities and NaN included."""
     return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode()
 
@@ -149,6 +150,8 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
                 "map": packed_map(episode.map),
                 **{name: np.asarray(getattr(episode, name)).tolist() for name in _ARRAYS},
                 **{name: getattr(episode, name) for name in _VALUES},
+                "movers": packed(episode.movers.rows, MOVER),
+                "routes": episode.movers.routes.tolist(),
                 "path": None if task.guidance is None else np.asarray(task.path).tolist(),
             },
         )
@@ -181,6 +184,7 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
             told["map"] = packed_map(self._chart)
         real = truth._asdict()
         real |= {"pose": truth.pose.tolist(), "twist": truth.twist.tolist()}
+        real["movers"] = packed(truth.movers, "<f8")  # NaN: not there
         self._out.tell(READING, {**told, "truth": real})
         self._out.tell("/battery", {"voltage": told["battery"]})
         self._send("/scan", "scan", sensors.laser, reading.laser)
@@ -189,6 +193,8 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         self._send("/odometry", "odometry", believed.odometry, reading.twist)
         self._send("/pose", "pose_in_map", reading.pose)
         self._send("/truth", "pose_in_map", truth.pose)
+        if len(truth.movers):
+            self._send("/movers", "movers", shapes(env.episode.movers, truth.movers))
         ahead = env.points_ahead
         if ahead is not None:
             self._send("/lookahead", "poses_in_map", ahead)

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.mapping.log import Log
 from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.movers import MOVER, Movers
 from wheelchair_gym.sensing.settings import LaserSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
 from wheelchair_gym.view.record import COMMAND, EPISODE, FLOATS, READING, VERDICT
@@ -133,7 +134,7 @@ def _take(chapters: list[Chapter], topic: str, content: Record) -> None:
         chapters[-1].verdicts.append(content)
 
 
-def _floats(text: str, kind: str) -> NDArray[Any]:
+def _floats(text: str, kind: DTypeLike) -> NDArray[Any]:
     return np.frombuffer(base64.b64decode(text), kind)
 
 
@@ -151,6 +152,9 @@ def _begun(content: Record) -> Chapter:
         np.array(content["discs"]).reshape(-1, 3),
         *(content[name] for name in ("tolerance", "time_limit", "name")),
     )
+    if "movers" in content:  # not in recordings of the first release
+        rows, routes = _floats(content["movers"], MOVER), np.array(content["routes"])
+        episode = dataclasses.replace(episode, movers=Movers(rows, routes.reshape(-1, 2)))
     path = None if content["path"] is None else np.array(content["path"])
     settings = load(EnvSettings, content["settings"], EPISODE)
     return Chapter(settings, episode, path, [], [], [])
@@ -164,6 +168,8 @@ def _moment(content: Record, before: Moment | None) -> Moment:
     voltage = content["battery"]
     told["battery"] = math.nan if voltage is None else voltage
     real = content["truth"] | {name: np.array(content["truth"][name]) for name in ("pose", "twist")}
+    if "movers" in real:
+        real["movers"] = _floats(real["movers"], "<f8").reshape(-1, 3)
     particles, chart = content.get("particles"), before.belief.chart if before else None
     if "map" in content:
         grid = _grid(content["map"])

@@ -12,15 +12,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import doubles_at, field_at, rows_of, table_at
-from wheelchair_gym.config import setting, settings
+from wheelchair_gym.address import field_at, rows_of, table_at
+from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.sensing import SensorSettings
 from wheelchair_gym.sensing.laser import SCRATCH, scan
 from wheelchair_gym.sensing.ultrasonic import fire
 from wheelchair_gym.simulation.chair import SimulatedChair
-from wheelchair_gym.simulation.engine import BODY_DOUBLES
-from wheelchair_gym.simulation.motion import locate, step_once, work_out
+from wheelchair_gym.simulation.engine import body_view
+from wheelchair_gym.simulation.motion import step_once, work_out
+from wheelchair_gym.simulation.period import locate
 from wheelchair_gym.simulation.rig import RIG, laser_of, rangers_of
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.simulation.state import PARAMETER, STATE
@@ -83,7 +84,7 @@ def push(
             state.spin[i], state.duty[i] = 0.0, 0.0
     hit = step_once(state, p, k, world.space, world.body, rig.step)
     state.tick += 1
-    locate(state, p, doubles_at(world.body, BODY_DOUBLES))
+    locate(state, p, body_view(world.body))
     scale = k.counts_per_rad
     return (
         state.turned[0] * scale,
@@ -151,7 +152,13 @@ class Plant:
         self._alone = self.chair.rows
 
     def reset(self, episode: Episode, key: int) -> None:
-        """Stand at the episode's start."""
+        """Stand at the episode's start.
+
+        Raises:
+            InputError: something moves in its world: here everything but the chair stands still.
+        """
+        if len(episode.movers):
+            raise InputError("the twin's world holds still: expected an episode without movers")
         self.chair.reset(episode, key)
 
     def push(

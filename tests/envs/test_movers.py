@@ -1,0 +1,64 @@
+"""Laws of many chairs among movers: row i is the single env, bit for bit; truth reaches info."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.envs.test_vector import NEXT, SAME, compare
+from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
+
+CROWDED = {
+    "scene": {"name": "crowd", "people": {"density": (0.05, 0.15), "crossing": 0.3, "blind": 0.3}},
+    "bank": {"size": 12, "turnover": 0.5},
+    "beams": 64,
+}
+SHORT = {"task": {"time_base": 6.0, "time_factor": 0.0}}
+
+
+@pytest.mark.parametrize(("mode", "threads"), [(NEXT, 2), (SAME, 1)])
+def test_each_row_is_a_single_env_among_movers(mode, threads):
+    """Worlds with many movers, few and none in one batch, over thousands of steps and resets."""
+    ends = compare(mode, threads, n=6, steps=300, config=SHORT, randomise=True, **CROWDED)
+    assert ends >= 25
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_many_steps_among_movers_are_those_of_single_envs(threads):
+    """Forty thousand steps with every sensor's noise and worlds of their own."""
+    settings = {"scene": CROWDED["scene"], "pose_source": "modelled", "randomise": True}
+    assert compare(NEXT, threads, n=8, steps=1_700, seed=5, config=SHORT, **settings) >= 150
+
+
+def test_each_row_is_a_single_env_where_things_appear():
+    settings = {"scene": {"name": "temporary", "count": (3, 6)}, "pose_source": "modelled"}
+    assert compare(NEXT, 2, n=3, steps=80, config=SHORT, **settings) >= 3
+
+
+def test_worlds_with_and_without_movers_share_a_batch():
+    """A batch row that goes from a crowd to an empty floor and back is as fresh."""
+    crowd = NavigationEnv(config=SHORT, **CROWDED)
+    crowd.reset(seed=3)
+    episode = crowd.episode
+    plain = type(episode)(episode.map, episode.start, episode.goal, episode.walls, episode.discs)
+    seen = []
+    for given in (episode, plain, episode, plain):
+        crowd.reset(seed=5, options={"episode": given})
+        seen.append(np.array([crowd.step(np.array([0.6, 0.1]))[0]["laser"] for _ in range(20)]))
+    assert np.array_equal(seen[0], seen[2])
+    assert np.array_equal(seen[1], seen[3])
+    assert not np.array_equal(seen[0], seen[1])
+
+
+def test_truth_reaches_info_and_never_the_observation():
+    env = NavigationEnv(config={"task": {"time_base": 60.0}}, **CROWDED)
+    observation, info = env.reset(seed=1)
+    assert set(observation) == {"laser", "ultrasonic", "twist", "goal"}
+    told = [info[name] for name in ("caused", "met", "closing", "closed_on")]
+    assert told == [False, -1, 0.0, 0.0]
+    assert env.chair.truth.movers.shape == (len(env.episode.movers), 3)
+    batch = NavigationVectorEnv(2, SHORT, **CROWDED)
+    _, infos = batch.reset(seed=1)
+    assert infos["closing"].shape == infos["closed_on"].shape == (2,)
+    assert infos["met"].tolist() == [-1, -1]

@@ -1,0 +1,160 @@
+"""Laws of scenes where something moves: what is drawn has room, and settings mean what they say."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from agents.compare import CORRIDORS, DOORS, suite
+from wheelchair_gym.config import InputError
+from wheelchair_gym.geometry import footprint_clearance, path_length, point_segment_distance
+from wheelchair_gym.maps import bottleneck, geodesic
+from wheelchair_gym.movers import DOOR, FURNITURE, NOBODY, OBSTACLE, PERSON, outline_of, shapes
+from wheelchair_gym.scenes import make_scene
+from wheelchair_gym.scenes.describe import measure
+from wheelchair_gym.scenes.poses import FOOTPRINT, RADIUS
+from wheelchair_gym.scenes.raster import CELL
+from wheelchair_gym.scenes.traffic import ROUND, free_floor
+
+
+def drawn(count=8, **spec):
+    scene = make_scene(spec)
+    return [scene.sample(np.random.default_rng(seed)) for seed in range(count)]
+
+
+def test_a_crowd_begins_apart_from_the_chair_and_from_everything():
+    doors = people = 0
+    for episode in drawn(doors={"share": 0.7}, name="crowd", light=0.03):
+        rows = episode.movers.rows
+        discs, _ = shapes(episode.movers, rows["pose"])
+        round_ones = rows[(rows["kind"] != DOOR) & (rows["size"][:, 1] == 0.0)]
+        assert len(discs) == len(round_ones)
+        for k, (x, y, radius) in enumerate(discs):
+            gaps = np.hypot(discs[:, 0] - x, discs[:, 1] - y) - discs[:, 2] - radius
+            assert np.delete(gaps, k).min(initial=1.0) > 0.0
+            assert min(point_segment_distance(x, y, *wall) for wall in episode.walls) > radius
+        for row in rows[rows["kind"] == PERSON]:
+            assert math.dist(row["pose"][:2], episode.start[:2]) >= 2.0
+        for row in rows[rows["kind"] == FURNITURE]:
+            corners = outline_of(row, *row["pose"])
+            gap = episode.map.distance()[tuple(episode.map.to_cell(corners).T)]
+            assert gap.min() > 2 * FOOTPRINT.half_width - 0.2  # the chair gets past
+        doors += (rows["kind"] == DOOR).sum()
+        people += (rows["kind"] == PERSON).sum()
+    assert doors >= 5
+    assert people >= 20
+
+
+def test_people_walk_ways_that_keep_off_walls():
+    for episode in drawn(name="crowd", people={"crossing": 0.3}):
+        rows = episode.movers.rows
+        free = episode.map.distance()
+        for k in np.flatnonzero(rows["kind"] == PERSON):
+            route = episode.movers.route(int(k))
+            assert path_length(route) >= 3.0 - 0.2
+            ways = [
+                np.linspace(a, b, 2 + int(20 * math.dist(a, b)))
+                for a, b in itertools.pairwise(route)
+            ]
+            cells = episode.map.to_cell(np.concatenate(ways))
+            assert free[tuple(cells.T)].min() > ROUND - 0.11  # a step across a cell's corner
+            np.testing.assert_array_equal(rows["pose"][k, :2], route[0])
+
+
+def test_leaves_shut_their_doorways_and_open_them_fully():
+    """Shut, a leaf spans from wall to wall; open, a slid one is inside the wall."""
+    slid = swung = 0
+    scene = make_scene({"name": "crowd", "place": "building", "doors": {"share": 1.0}})
+    for seed in range(8):
+        layout, episode = scene.storey(np.random.default_rng(seed))
+        for row in episode.movers.rows[episode.movers.rows["kind"] == DOOR]:
+            ends = outline_of(row, *row["pose"])
+            for end in ends:
+                gap = min(point_segment_distance(*end, *wall) for wall in episode.walls)
+                assert gap < 1e-6
+            x, y, heading = row["pose"]
+            if row["swings"]:
+                swung += 1
+                assert abs(row["travel"]) == pytest.approx(math.pi / 2)
+                tip = outline_of(row, x, y, heading + row["travel"])[1] / CELL
+                for hall in layout.corridors:  # it would bar that
+                    assert not (hall.x0 < tip[0] < hall.x1 and hall.y0 < tip[1] < hall.y1)
+            else:
+                slid += 1
+                c, s = math.cos(heading), math.sin(heading)
+                open_ends = outline_of(row, x + c * row["travel"], y + s * row["travel"], heading)
+                inside = open_ends[0] + np.linspace(0.02, 0.98, 20)[:, None] * np.diff(
+                    open_ends, axis=0
+                )
+                assert (episode.map.cells[tuple(episode.map.to_cell(inside).T)] == 100).all()
+    assert min(slid, swung) >= 2
+
+
+def test_numbers_of_people_follow_their_density():
+    for density in ((0.0, 0.0), (0.05, 0.05)):
+        for episode in drawn(4, name="crowd", people={"density": density}):
+            expected = density[0] * free_floor(episode.map)
+            kinds = episode.movers.rows["kind"]
+            assert (kinds == PERSON).sum() == pytest.approx(expected, abs=0.2 * expected + 0.5)
+    for episode in drawn(3, name="crowd", place="hall", people={"crossing": 1.0}):
+        rows = episode.movers.rows
+        assert (rows["heeds"][rows["kind"] == PERSON] == NOBODY).all()
+
+
+def test_what_appears_lies_on_the_way():
+    count = 0
+    for episode in drawn(name="temporary"):
+        path = geodesic(episode.map, episode.goal[:2], RADIUS).path(episode.start[:2])
+        for row in episode.movers.rows:
+            assert row["kind"] == OBSTACLE
+            gap = min(
+                point_segment_distance(*row["pose"][:2], *a, *b)
+                for a, b in itertools.pairwise(path)
+            )
+            assert gap <= 0.15 * math.sqrt(2) + 1e-9
+            assert row["least"] >= 1.2
+            assert row["near"] > row["least"]
+            count += 1
+    assert count >= 8
+
+
+@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("corridor", CORRIDORS)
+def test_a_doorway_is_as_wide_as_it_says(door, corridor):
+    for episode in drawn(4, name="doorway", door=door, corridor=corridor):
+        wide = 2 * bottleneck(episode.map, episode.start[:2], episode.goal[:2])
+        # The way ends in the corridor's middle, which the start is in: the door and that count.
+        assert wide == pytest.approx(min(door, corridor), abs=0.051)
+        assert footprint_clearance(
+            *episode.start, FOOTPRINT.array, episode.walls, episode.discs, 1.0
+        ) == pytest.approx(0.5 * corridor - FOOTPRINT.half_width, abs=1e-9)
+    label = f"door {door:.2f} corridor {corridor:.2f} margin"
+    assert sum(scene["label"].startswith(label) for scene in suite("doors").scenes) == 1
+
+
+def test_distributions_tell_what_moves():
+    figures = measure(make_scene("crowd"), range(6))
+    for name in ("people", "people per free m2", "walking speed [m/s]", "density"):
+        assert len(figures[name]) >= 6
+    assert "obstacles that appear" not in figures
+    assert "stay of these [s]" in measure(make_scene("temporary"), range(2))
+    assert measure(make_scene("doorway"), range(2))["margin on each side [m]"] == [0.14, 0.14]
+    assert "people" not in measure(make_scene("clutter"), range(1))
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ({"name": "crowd", "people": {"density": (0.2, 0.1)}}, "density is .* expected from, to"),
+        ({"name": "crowd", "place": "street"}, "place is 'street'"),
+        ({"name": "temporary", "near": (1.0, 2.0)}, "expected more than least, 1.2 m"),
+        ({"name": "temporary", "least": 0.2}, "least is 0.2; it must be at least 0.9"),
+        ({"name": "doorway", "door": 0.3}, "door is 0.3; it must be at least 0.65"),
+    ],
+)
+def test_impossible_settings_are_refused(spec, message):
+    with pytest.raises(InputError, match=message):
+        make_scene(spec)

@@ -1,0 +1,63 @@
+"""One door off one corridor: how tight may it be?"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.scenes.arena import arena
+from wheelchair_gym.scenes.poses import FOOTPRINT, stands
+from wheelchair_gym.scenes.raster import CELL
+from wheelchair_gym.types import Episode
+
+Array = NDArray[np.float64]
+
+_WALL = 0.10  # m
+_TRIES = 500
+_CLEARANCE = 0.06  # m round the footprint: a corridor of 0.90 m leaves 0.14 m
+
+
+@settings
+class Doorway:
+    """A corridor, and a room behind a door in its side: a turn of 90 degrees into the door.
+
+    The start is in the corridor, along it; the goal in the room.
+    """
+
+    door: float = setting(default=0.90, unit="m", source="clear width", low=0.65, high=2.0)
+    corridor: float = setting(default=1.20, unit="m", source="clear width", low=0.75, high=4.0)
+    length: float = setting(default=7.0, unit="m", source="of the corridor", low=4.0, high=30.0)
+    room: float = setting(default=3.5, unit="m", source="depth of the room", low=2.0, high=10.0)
+
+    @property
+    def margin(self) -> float:
+        """What the narrower of door and corridor leaves on each side of the chair [m]."""
+        return 0.5 * min(self.door, self.corridor) - FOOTPRINT.half_width
+
+    def sample(self, rng: np.random.Generator) -> Episode:
+        """Draw where the door is, which way round, and where the chair starts.
+
+        Raises:
+            InputError: the chair does not stand in the corridor.
+        """
+        low = self.corridor + _WALL
+        for _ in range(_TRIES):
+            middle = rng.uniform(0.35, 0.65) * self.length
+            left = CELL * round((middle - 0.5 * self.door) / CELL)  # so that the width is exact
+            middle, right = left + 0.5 * self.door, left + self.door
+            walls = [(0.0, self.corridor, left, low), (right, self.corridor, self.length, low)]
+            ground = arena((0.0, 0.0, self.length, low + self.room), walls)
+            side = rng.choice((-1.0, 1.0))
+            away = rng.uniform(1.2, 1.8)
+            start = np.array(
+                [middle - side * away, 0.5 * self.corridor, 0.0 if side > 0 else math.pi]
+            )
+            goal = np.array([middle + rng.uniform(-0.5, 0.5), low + 0.6 * self.room, 0.5 * math.pi])
+            if all(stands(at, ground.walls, ground.discs, _CLEARANCE) for at in (start, goal)):
+                return Episode(ground.map, start, goal, ground.walls, ground.discs, name="doorway")
+        raise InputError(
+            f"Doorway: {_TRIES} draws left no start in a corridor of {self.corridor} m"
+        )
