@@ -173,4 +173,4 @@ class SimulatedChair:
         told: Any = sensed.item()
         movers = self._world.poses() if self._moves else NOWHERE
         self._truth = Truth._make((*told[7:], movers))
-        return Reading._make((told[0], told[1], ranges, *told[2:7]))
+        return Reading(told[0], told[1], ranges, *told[2:7])
