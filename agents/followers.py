@@ -80,6 +80,8 @@ class WindowFollower:
                 own.change, own.reverse,
             )  # fmt: skip
             fan = self._candidates(chair.limits)
+            if around.blind:
+                fan = fan[fan[:, 0] >= 0.0]
             if margin < SLOW * own.margin:
                 fan = fan[np.abs(fan[:, 0]) <= CREEP]
             best = choose(

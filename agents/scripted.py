@@ -15,7 +15,7 @@ from agents.motion import Motion
 from agents.reference import Reference
 from agents.rollout import stops_clear
 from agents.surroundings import Surroundings
-from agents.unseen import assumed, walled
+from agents.unseen import assumed, blind_behind, walled
 from planners import make_planner
 from planners.space import Space
 from planners.types import Plan, Problem, Status
@@ -221,6 +221,9 @@ class PlannedDriver:
         """See `Policy.act`."""
         period = self._task.period
         self._around.update(self._task.reading)
+        if self._task.chart is not None:
+            outline = self._task.footprint
+            self._around.blind = blind_behind(self._task.map, self._around.pose, outline)
         self._chair.measured(self._task.reading.twist)
         assert self._reference is not None  # reset made one
         off = self._reference.advance(self._around.pose)
@@ -244,7 +247,7 @@ class PlannedDriver:
         twist = self._back_out() if self._backing > 0.0 else None
         if twist is None:
             twist = self._follower.twist(self._around, self._reference, self._chair)
-        if twist is None:
+        if twist is None or (twist[0] < 0.0 and self._around.blind):
             twist = np.zeros(2)
         self._chair.command(twist)
         action: Array = self._task.limits.action(twist)
@@ -263,6 +266,8 @@ class PlannedDriver:
     def _back_out(self) -> Array | None:
         """The straightest slow way back that leaves room to stop."""
         chair, around = self._chair, self._around
+        if around.blind:
+            return None
         back = -min(BACK, self._task.limits.backward)
         for margin in around.margins(chair.footprint, MARGIN):
             for turn in TURNS:

@@ -64,10 +64,12 @@ class Surroundings:
         hits: obstacles (k, 2) [m] in the chair's frame that the laser saw, now or lately.
         points: hits, and obstacles that only the map knows of, (k, 3): x, y, distance from the
             axle's centre [m], the nearest first.
+        blind: nobody has seen what is behind the chair, so that it must not back.
     """
 
     def __init__(self, task: Any) -> None:
         reading: Reading = task.reading
+        self.blind = False
         self._laser = task.sensors.laser
         self.chart(task.map)
         angles = self._laser.yaw + np.linspace(-0.5, 0.5, len(reading.laser)) * self._laser.fov

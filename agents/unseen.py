@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.geometry import Footprint, to_frame
+from wheelchair_gym.geometry import Footprint, to_frame, to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from wheelchair_gym.maps.distance import near
 
@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 BLIND = 1.5  # m: what has not been seen so near the chair may be hit before it is seen
 BESIDE = 0.10  # m round the chair, where it is taken to stand free
+BEHIND = 0.25  # m: backing at 0.2 m/s comes to rest within
 JITTER = 2.0  # cells by which a wall that is seen anew may come nearer
 
 
@@ -64,6 +65,16 @@ def _told(
         within = np.hypot(places[..., 0], places[..., 1]) < radius + BESIDE
     part[within & (part == UNKNOWN)] = value
     return OccupancyGrid(cells, known.resolution, known.origin)
+
+
+def blind_behind(known: OccupancyGrid, pose: Array, footprint: Footprint) -> bool:
+    """Whether a strip behind the chair, as long as BEHIND, holds anything that was never seen."""
+    x = -footprint.rear - np.linspace(0.0, BEHIND, 8)
+    y = np.linspace(-footprint.half_width, footprint.half_width, 15)
+    strip = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    cells = known.to_cell(to_world(strip, pose))
+    on = ((cells >= 0) & (cells < known.shape)).all(axis=1)
+    return bool(not on.all() or (known.cells[tuple(cells.T)] == UNKNOWN).any())
 
 
 def walled(known: OccupancyGrid, way: ArrayLike, clearance: float) -> bool:

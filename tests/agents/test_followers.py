@@ -129,7 +129,7 @@ def test_what_slips_out_of_sight_is_remembered():
 @pytest.mark.parametrize(
     ("spec", "said"),
     [
-        ("nowhere", "known: random, straight"),
+        ("nowhere", "known: explore, manual, random, straight"),
         (f"{PLANNER}+nobody", "known"),
         ({"name": "straight", "gian": 1.0}, "gian"),
         ({"name": f"{PLANNER}+window", "follower": {"wish": -1}}, "wish"),
