@@ -54,7 +54,9 @@ class Explore:
 
     def planned(self) -> Planned:
         """What drives to each place."""
-        return Planned(planner=self.planner, follower=self.follower, seed=self.seed)
+        return Planned(
+            planner=self.planner, follower=self.follower, seed=self.seed, creeps_back=False
+        )
 
     def make(self) -> Explorer:
         """A fresh policy."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.followers import make_follower
+from agents.followers import CREEP, make_follower
 from agents.motion import Motion
 from agents.reference import Reference
 from agents.rollout import stops_clear
@@ -126,6 +126,9 @@ class Planned:
     beyond: float = setting(
         default=5.0, unit="m", source="ways through the unknown may lead so far round", low=0.5
     )
+    creeps_back: bool = setting(
+        default=True, source="once stuck, where nobody has seen; false: rather stays where it is"
+    )
     redraw: float = setting(
         default=0.5, unit="s", source="between two looks at a map that grows", low=0.0
     )
@@ -221,9 +224,12 @@ class PlannedDriver:
         """See `Policy.act`."""
         period = self._task.period
         self._around.update(self._task.reading)
+        unseen = False
         if self._task.chart is not None:
             outline = self._task.footprint
-            self._around.blind = blind_behind(self._task.map, self._around.pose, outline)
+            unseen = blind_behind(self._task.map, self._around.pose, outline)
+            stuck = self._tries > 0 and self.own.creeps_back
+            self._around.blind = unseen and not stuck
         self._chair.measured(self._task.reading.twist)
         assert self._reference is not None  # reset made one
         off = self._reference.advance(self._around.pose)
@@ -249,6 +255,8 @@ class PlannedDriver:
             twist = self._follower.twist(self._around, self._reference, self._chair)
         if twist is None or (twist[0] < 0.0 and self._around.blind):
             twist = np.zeros(2)
+        elif unseen and twist[0] < -CREEP:
+            twist = twist * (-CREEP / twist[0])
         self._chair.command(twist)
         action: Array = self._task.limits.action(twist)
         return action
