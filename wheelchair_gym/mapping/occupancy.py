@@ -132,9 +132,10 @@ class OccupancyMap:
         low = np.floor((places.min(axis=0) - margin - self.corner) / step).astype(np.int64)
         high = np.ceil((places.max(axis=0) + margin - self.corner) / step).astype(np.int64)
         layers, rows, cols = self.odds.shape
-        before = np.where(low < 0, np.maximum(-low, _CHUNK), 0)  # cols, rows
+        least = np.maximum(_CHUNK, np.array([cols, rows]) // 3)
+        before = np.where(low < 0, np.maximum(-low, least), 0)  # cols, rows
         after = high - (cols, rows)
-        after = np.where(after > 0, np.maximum(after, _CHUNK), 0)
+        after = np.where(after > 0, np.maximum(after, least), 0)
         if not (before.any() or after.any()):
             return
         grown = before + after + (cols, rows)
