@@ -31,11 +31,10 @@ def sampled_walls(walls: Array, spacing: float = 0.05) -> Array:
     """Points (k, 2) [m] along walls (n, 4), ends included, at most `spacing` apart."""
     begin, step = walls[:, :2], walls[:, 2:] - walls[:, :2]
     counts = np.maximum(1, np.ceil(np.hypot(*step.T) / spacing)).astype(np.int64)  # of legs
-    first = np.concatenate([[0], np.cumsum(counts + 1)[:-1]]).astype(np.int64)
-    nth = np.arange(len(walls) + counts.sum()) - np.repeat(first, counts + 1)
-    share = nth / np.repeat(counts, counts + 1)
-    points: Array = np.repeat(begin, counts + 1, axis=0)
-    points += share[:, None] * np.repeat(step, counts + 1, axis=0)
+    of = np.repeat(np.arange(len(walls)), counts + 1)  # which wall each point is of
+    first = np.cumsum(counts + 1) - (counts + 1)
+    share = (np.arange(len(of)) - first[of]) / counts[of]
+    points: Array = begin[of] + share[:, None] * step[of]
     return points
 
 

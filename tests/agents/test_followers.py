@@ -108,6 +108,7 @@ def test_voxels_hold_means_and_walls_hold_their_ends():
     points = np.array([(0.01, 0.01), (0.03, 0.01), (1.0, 1.0)])
     means = voxel_means(points, 0.04)
     assert sorted(map(tuple, np.round(means, 6))) == [(0.02, 0.01), (1.0, 1.0)]
+    assert sampled_walls(np.empty((0, 4))).shape == (0, 2)
     walls = sampled_walls(np.array([[0.0, 0.0, 0.12, 0.0]]))
     assert walls[0] == pytest.approx((0, 0))
     assert walls[-1] == pytest.approx((0.12, 0))
