@@ -82,6 +82,20 @@ def is_box(row: Any) -> bool:
 
 
 @borrowing_kernel
+def _square(row: Any) -> float:
+    """The squared diagonal of a box, or radius of a disc [m2]."""
+    return float(row.size[0] * row.size[0] + row.size[1] * row.size[1])
+
+
+@borrowing_kernel
+def inertia(row: Any) -> float:
+    """Moment of inertia of light furniture about its centre [kg m2]: a box's, or a disc's."""
+    if is_box(row):
+        return float(row.mass * _square(row) / 12.0)
+    return float(0.5 * row.mass * _square(row))
+
+
+@borrowing_kernel
 def clear_movers(engine: Any, world: Any) -> None:
     """Take the movers of the last episode out of a world's Space."""
     moving = moving_at(world.moving, world.movers_in)
@@ -128,7 +142,7 @@ def bring_movers(engine: Any, world: Any) -> None:
             own.slot, segment = segment, segment + 4
             own.body, own.shape = np.uint64(pair[0]), np.uint64(pair[1])
             set_box(own.shape, row.size[0], row.size[1])
-            moment = row.mass * (row.size[0] * row.size[0] + row.size[1] * row.size[1]) / 12.0
+            moment = inertia(row)
         else:
             pair = integers_at(world.balls, 2 * (balls + 1))[2 * balls :]
             balls += 1
@@ -136,7 +150,7 @@ def bring_movers(engine: Any, world: Any) -> None:
             own.body, own.shape = np.uint64(pair[0]), np.uint64(pair[1])
             set_circle(own.shape, 0.0, 0.0, row.size[0])
             if row.kind == FURNITURE:
-                moment = 0.5 * row.mass * row.size[0] * row.size[0]
+                moment = inertia(row)
             elif row.kind == PERSON:
                 # Nobody is turned by rubbing along a wall; those who heed nobody pass each other.
                 friction = 0.0
@@ -212,10 +226,8 @@ def _drag(row: Any, fields: Array, dt: float) -> None:
         share = min(bound, row.mass * speed / dt) / speed
         fields[FX], fields[FY] = -share * fields[VX], -share * fields[VY]
     if fields[W] != 0.0:
-        square = row.size[0] * row.size[0] + row.size[1] * row.size[1]
-        moment = row.mass * (square / 12.0 if row.size[1] > 0.0 else 0.5 * square)
-        most = bound * math.sqrt(square) / _WRAP
-        fields[TORQUE] = -math.copysign(min(most, moment * abs(fields[W]) / dt), fields[W])
+        most = bound * math.sqrt(_square(row)) / _WRAP
+        fields[TORQUE] = -math.copysign(min(most, inertia(row) * abs(fields[W]) / dt), fields[W])
 
 
 @borrowing_kernel
