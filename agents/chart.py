@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from agents.interrupt import by_hand
 from planners.space import Space
 from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, geodesic
@@ -133,7 +134,9 @@ def chart(
             true.append(info["pose"])
             over = bumped or late
             ended = "contact" if bumped else ended
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        if not by_hand(error):
+            raise
         ended = "stopped"
     grid = task.map
     found = fidelity(grid, scene, task.footprint.half_width)

@@ -53,10 +53,15 @@ class Driver:
         pygame.joystick.init()
         self._sticks = [pygame.joystick.Joystick(k) for k in range(pygame.joystick.get_count())]
 
+    @property
+    def state(self) -> str:
+        """`drive`, or `done` once the window is closed."""
+        return "drive" if self._pygame.display.get_init() else "done"
+
     def act(self, observation: Mapping[str, NDArray[np.float32]]) -> Array:
         """See `Policy.act`; at rest once the window is closed."""
         pygame, own = self._pygame, self.own
-        if not pygame.display.get_init():
+        if self.state == "done":
             return np.zeros(2)
         keys = pygame.key.get_pressed()
 

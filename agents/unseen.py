@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,37 +34,40 @@ def assumed(known: OccupancyGrid, pose: Array, footprint: Footprint) -> list[Occ
         pose: of the chair (3,) [m, m, rad].
         footprint: of the chair.
     """
-    stands = _told(known, pose, footprint, -BESIDE, FREE)
-    turns = _told(known, pose, footprint, math.hypot(footprint.rear, footprint.half_width), FREE)
-    return [_told(each, pose, footprint, BLIND, OCCUPIED) for each in (stands, turns)] + [known]
+    low, high = footprint.corners[0] - BESIDE, footprint.corners[2] + BESIDE
+    turning = math.hypot(footprint.rear, footprint.half_width) + BESIDE
+    stands = _told(known, pose, FREE, lambda at: ((at > low) & (at < high)).all(axis=-1))
+    turns = _told(known, pose, FREE, _round(turning))
+    return [_told(each, pose, OCCUPIED, _round(BLIND)) for each in (stands, turns)] + [known]
 
 
 def standing(known: OccupancyGrid, pose: Array, footprint: Footprint) -> OccupancyGrid:
     """A map with what the chair hides from itself for free, so that ways begin where it stands."""
-    return _told(known, pose, footprint, footprint.reach, FREE)
+    return _told(known, pose, FREE, _round(footprint.reach + BESIDE))
+
+
+def _round(radius: float) -> Callable[[Array], NDArray[np.bool_]]:
+    """Which points (..., 2) [m] in the chair's frame lie within a radius of its axle's centre."""
+    return lambda at: np.hypot(at[..., 0], at[..., 1]) < radius
 
 
 def _told(
-    known: OccupancyGrid, pose: Array, footprint: Footprint, radius: float, value: int
+    known: OccupancyGrid, pose: Array, value: int, chosen: Callable[[Array], NDArray[np.bool_]]
 ) -> OccupancyGrid:
-    """A map with a value for what is unknown within a radius [m] of a pose.
+    """A map with a value for what is unknown near a pose, where that is chosen.
 
-    A negative radius is a margin round the footprint instead.
+    Args:
+        known: the map.
+        pose: (3,) [m, m, rad].
+        value: of cells.
+        chosen: which points (..., 2) [m] in the chair's frame, none farther than BLIND.
     """
-    cells = known.cells.copy()
-    (x, y), far = known.to_lattice(pose[:2]), max(radius, footprint.reach) + BESIDE
-    row, col = (max(0, int(v - far / known.resolution)) for v in (y, x))
-    part = cells[
-        row : int(y + far / known.resolution) + 1, col : int(x + far / known.resolution) + 1
-    ]
-    rows, cols = np.indices(part.shape)
-    places = to_frame(known.to_world(np.stack([rows + row, cols + col], axis=-1)), pose)
-    if radius < 0.0:
-        low, high = footprint.corners[0] + radius, footprint.corners[2] - radius
-        within = ((places > low) & (places < high)).all(axis=-1)
-    else:
-        within = np.hypot(places[..., 0], places[..., 1]) < radius + BESIDE
-    part[within & (part == UNKNOWN)] = value
+    cells, reach = known.cells.copy(), math.ceil(BLIND / known.resolution)
+    middle = known.to_cell(pose[:2])
+    begin, end = np.maximum(middle - reach, 0), np.maximum(middle + reach + 1, 0)
+    part = cells[begin[0] : end[0], begin[1] : end[1]]
+    at = known.to_world(begin + np.moveaxis(np.indices(part.shape), 0, -1))
+    part[chosen(to_frame(at, pose)) & (part == UNKNOWN)] = value
     return OccupancyGrid(cells, known.resolution, known.origin)
 
 

@@ -147,6 +147,7 @@ def test_a_person_drives_with_keys(monkeypatch):
         assert (driver.act({}) < 0.0).all()
     finally:
         pygame.display.quit()
+    assert driver.state == "done"
     held.add(pygame.K_UP)
     assert not driver.act({}).any()
 

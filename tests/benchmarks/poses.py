@@ -20,6 +20,7 @@ from agents.compare import BEST
 from agents.evaluate import make_env
 from agents.policy import make_policy
 from wheelchair_gym.geometry import wrap_angle
+from wheelchair_gym.mapping.slam import SlamSettings
 
 
 def drive(source: str, seed: int, scene: Any, grid: Any = None) -> tuple[np.ndarray, bool]:
@@ -77,7 +78,8 @@ def main() -> None:
     given = parser.parse_args()
     seeds = range(given.seeds)
     charts = []
-    print(f"{given.scene}, all noise: explored by frontiers with SLAM, 30 particles")
+    count = SlamSettings().particles
+    print(f"{given.scene}, all noise: explored by frontiers with SLAM, {count} particles")
     print(
         "seed  ended   time s   way m  cells right %  wall p50 cm  p95 cm  floor %  pose cm   deg"
     )

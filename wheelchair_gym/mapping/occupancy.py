@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 _CHUNK = 160  # cells that a side grows by at least, so that it grows seldom
-_PARTS: tuple[tuple[tuple[int, ...], type], ...] = (
+_ARRAYS: tuple[tuple[tuple[int, ...], type], ...] = (
     ((), np.float32), ((), np.float32), ((2,), np.float32), ((2,), np.uint8),
 )  # fmt: skip
 _MOST = 400_000_000  # cells of all layers: 3.2 GB; a pose that asks for more has lost its way
@@ -104,7 +104,7 @@ class OccupancyMap:
         self.law, self.weights = settings.odds, settings.weights
         self.corner = np.zeros(2)  # m: the lower-left corner of cell (0, 0)
         self._mark = 0
-        self._take([np.zeros((layers, 0, 0, *part), kind) for part, kind in _PARTS])
+        self._take([np.zeros((layers, 0, 0, *part), kind) for part, kind in _ARRAYS])
 
     def _take(self, parts: list[NDArray[Any]]) -> None:
         """Arrays (layers, rows, cols, ...): log-odds, the field, and see `add_scan`."""
