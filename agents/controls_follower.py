@@ -30,7 +30,7 @@ class ControlsFollower:
         whales=WhaleSettings(population=10, iterations=5), horizon=2.0, margin=0.06
     )
     seed: int = setting(default=0, source="of the whales, anew for every path", low=0)
-    again: float = setting(default=0.5, unit="s", source="pose errors wander in 2 s", low=0.1)
+    again: float = setting(default=0.5, unit="s", source="five control periods", low=0.1)
     margin: float = setting(default=0.04, unit="m", source="laser sigma 15 mm, 3 sigma", low=0.0)
 
     def make(self) -> GeneratedControls:

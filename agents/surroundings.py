@@ -24,7 +24,7 @@ REACH = 2.4  # m: a chair at 0.8 m/s sweeps less than this before it can rest
 VOXEL = 0.04  # m: hits within one voxel become their mean, which also averages noise
 CLOSE = 1.3  # m: beyond, voxels are twice as large
 MEMORY = 15.0  # s for which a hit is remembered out of sight
-SETTLE = 3.0  # s over which the pose estimate corrects the wheel counts; beyond its 2 s of wander
+SETTLE = 3.0  # s over which the pose estimate corrects the wheel counts; so that its jumps are none
 
 
 def sampled_walls(walls: Array, spacing: float = 0.05) -> Array:

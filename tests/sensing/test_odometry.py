@@ -10,7 +10,7 @@ import pytest
 from tests.simulation.worlds import box, exact_chair
 from wheelchair_gym.geometry import wrap_angle
 from wheelchair_gym.sensing import SensorSettings
-from wheelchair_gym.sensing.settings import OdometrySettings
+from wheelchair_gym.sensing.settings import ModelledPose, OdometrySettings
 from wheelchair_gym.simulation import SimulatedChair
 
 
@@ -76,7 +76,8 @@ def test_variance_grows_with_the_way():
 
 
 def test_modelled_pose_has_its_deviation_correlation_and_clip():
-    chair = SimulatedChair(sensors=SensorSettings(pose_source="modelled"))
+    model = ModelledPose(position=0.03, heading=math.radians(1), time=2.0)
+    chair = SimulatedChair(sensors=SensorSettings(pose_source="modelled", modelled=model))
     errors = []
     for key in range(40):
         reading = chair.reset(box(50), key)

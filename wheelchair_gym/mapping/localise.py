@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.mapping.anywhere import look_anywhere
-from wheelchair_gym.mapping.field import log_likelihood, surface_field
+from wheelchair_gym.mapping.field import log_likelihood, surface_field, tell
 from wheelchair_gym.mapping.particles import (
     Drift,
     advance,
@@ -81,7 +81,10 @@ class Localisation:
         default=0.7, source="of the usual fit: below, particles are placed anywhere", low=0.0
     )
     usual: float = setting(
-        default=0.8, source="how well scans fit at first, as far as is known", low=0.0, high=1.0
+        default=0.9, source="how well scans fit at first, as far as is known", low=0.0, high=1.0
+    )
+    told: int = setting(
+        default=8, source="beams at a surface or behind one; fewer tell nothing of the fit", low=1
     )
     tries: int = setting(
         default=2000, source="places that a lost chair looks at, per scan", low=1, high=16_000
@@ -106,7 +109,7 @@ class Localiser:
     Attributes:
         pose: the best guess (3,) [m, m, rad].
         count: particles at present.
-        fit: likelihood of a beam of the last scan there, between 0 and 1.
+        fit: likelihood of a beam there that met what the map shows, or went through it, 0 to 1.
         lost: scans fit worse than they used to; particles are placed anywhere.
         map: the one it looks at.
     """
@@ -220,9 +223,17 @@ class Localiser:
             scatter(own.poses, begin, end, pose, position, heading, self._key, self._step)
 
     def _judge(self, ends: Array) -> None:
-        """How well a scan fits where the chair is said to be, and whether that is too bad."""
+        """How well a scan fits where the chair is said to be, and whether that is too bad.
+
+        Beams that people may have stopped tell nothing: a crowd is no sign of being lost.
+        """
         s, (x, y, yaw) = self.settings, self.pose
-        self.fit = math.exp(log_likelihood(self._field, x, y, yaw, ends, s.sigma, s.astray))
+        telling = np.empty(len(ends), dtype=np.bool_)
+        tell(self._field, x, y, yaw, self._mount, ends, 3.0 * s.sigma, telling)
+        told = ends[telling]
+        if len(told) < s.told:
+            return
+        self.fit = math.exp(log_likelihood(self._field, x, y, yaw, told, s.sigma, s.astray))
         self._slow += s.forget_slow * (self.fit - self._slow)
         self._fast += s.forget_fast * (self.fit - self._fast)
         self.lost = self._fast < s.alarm * self._slow

@@ -144,9 +144,14 @@ class OccupancyMap:
                 f"the map would have {layers} x {grown[1]} x {grown[0]} cells of {step} m; "
                 f"expected at most {_MOST} in all"
             )
-        pad = ((0, 0), (before[1], after[1]), (before[0], after[0]))
         self.corner = self.corner - before * step
-        self._take([np.pad(part, pad + ((0, 0),) * (part.ndim - 3)) for part in self._all])
+        x, y = before
+        parts = []
+        for old in self._all:
+            part = np.zeros((layers, grown[1], grown[0], *old.shape[3:]), old.dtype)
+            part[:, y : y + rows, x : x + cols] = old
+            parts.append(part)
+        self._take(parts)
         self._mark = 0
 
     def next_marks(self, count: int) -> int:

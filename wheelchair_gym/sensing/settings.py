@@ -158,15 +158,18 @@ class OdometrySettings:
 
 @settings
 class ModelledPose:
-    """An error model of a localiser: a clipped first-order Markov process."""
+    """An error model of a localiser: a clipped first-order Markov process.
+
+    Defaults are those of `mcl` on maps that `slam` drew: python -m tests.benchmarks.poses.
+    """
 
     position: float = setting(
-        default=0.03, unit="m", source="standard deviation of x and of y", low=0.0
+        default=0.02, unit="m", source="standard deviation of x and of y; measured", low=0.0
     )
     heading: float = setting(
-        default=math.radians(1.0), unit="rad", source="standard deviation", low=0.0
+        default=math.radians(0.4), unit="rad", source="standard deviation; measured", low=0.0
     )
-    time: float = setting(default=2.0, unit="s", source="correlation time", low=0.01)
+    time: float = setting(default=10.0, unit="s", source="correlation time; measured", low=0.01)
     position_most: float = setting(default=0.10, unit="m", source="clip", low=0.0)
     heading_most: float = setting(default=math.radians(3.0), unit="rad", source="clip", low=0.0)
 
