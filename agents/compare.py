@@ -22,6 +22,7 @@ from wheelchair_gym.scenes.doorway import Doorway
 
 Evaluation = dict[str, Any]
 BEST = "lattice+window"  # chosen on training seeds; test seeds are 0 to n-1
+TRAINING = 1_000_000  # the first training seed
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Suite:
     title: str
     policies: tuple[Spec, ...]
     scenes: tuple[Spec, ...]
-    episodes: int  # seeds 0 to episodes - 1
+    episodes: int  # test seeds 0 to episodes - 1
     env: Mapping[str, Any] = field(default_factory=lambda: {"pose_source": "modelled"})
     video: bool = True
 
@@ -55,7 +56,45 @@ SUITES: dict[str, Suite] = {
         3,
     ),
     "homes": Suite(
-        "Floor plans never seen before", ("random", "straight", BEST), ("floor_plan",), 200
+        "Homes never seen before: doors from 0.90 m, corridors from 1.10 m",
+        ("random", "straight", BEST),
+        (
+            {
+                "name": "floor_plan",
+                "kind": "home",
+                "doors": (0.9, 1.1),
+                "corridors": (1.1, 1.6),
+                "label": "home",
+            },
+        ),
+        200,
+    ),
+    "clinic": Suite(
+        "Clinics never seen before: doors from 1.00 m, corridors from 1.50 m",
+        ("straight", BEST),
+        (
+            {
+                "name": "floor_plan",
+                "kind": "clinic",
+                "doors": (1.0, 1.4),
+                "corridors": (1.5, 2.4),
+                "size": (14.0, 24.0),
+                "label": "clinic",
+            },
+        ),
+        200,
+    ),
+    "barn": Suite(
+        "Worlds of cylinders, drawn as those of the BARN challenge were",
+        ("straight", "a_star+pure_pursuit", BEST),
+        ("barn",),
+        100,
+    ),
+    "thesis": Suite(
+        "The thesis's five maps",
+        ("straight", "rrt_star_woa_local+window", "rrt_star_woa_global+window", BEST),
+        tuple(f"thesis_{k}" for k in range(1, 6)),
+        20,
     ),
     "followers": Suite(
         "One planner, each follower",

@@ -20,6 +20,7 @@ from agents.policy import make_policy
 from agents.watch import Watch
 from wheelchair_gym.config import InputError, dump, load, read_json
 from wheelchair_gym.files import refused
+from wheelchair_gym.maps import bottleneck
 from wheelchair_gym.types import Episode
 
 ENV = "wheelchair_gym/Navigation-v0"
@@ -41,7 +42,14 @@ def label(spec: Spec) -> str:
 
 
 def _plain(spec: Spec) -> Spec:
-    return spec if isinstance(spec, str) else {k: v for k, v in spec.items() if k != "label"}
+    if isinstance(spec, str):
+        return spec
+    return {key: value for key, value in spec.items() if key not in ("label", "env")}
+
+
+def scene_env(scene: Spec, env: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings of the environment, with the scene's own `env` in place of any of them."""
+    return {**env, **({} if isinstance(scene, str) else scene.get("env", {}))}
 
 
 @cache
@@ -57,7 +65,8 @@ def source_digest() -> str:
 
 def episode_key(policy: Spec, scene: Spec, seed: int, env: Mapping[str, Any]) -> str:
     """What makes two episodes the same: code, settings, policy, scene and seed."""
-    parts = [source_digest(), dump(_plain(policy)), dump(_plain(scene)), seed, dump(dict(env))]
+    world, own = dump(_plain(scene)), dump(scene_env(scene, env))
+    parts = [source_digest(), dump(_plain(policy)), world, seed, own]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -83,7 +92,8 @@ def make_env(scene: Spec, env: Mapping[str, Any], render_mode: str | None = "rgb
     import wheelchair_gym  # registers the ids
 
     assert wheelchair_gym.__name__ in sys.modules
-    return gymnasium.make(ENV, scene=_plain(scene), render_mode=render_mode, **env)
+    own = scene_env(scene, env)
+    return gymnasium.make(ENV, scene=_plain(scene), render_mode=render_mode, **own)
 
 
 def drive_episode(
@@ -103,7 +113,10 @@ def drive_episode(
     """
     observation, info = env.reset(seed=seed, options=episode and {"episode": episode})
     task = env.unwrapped.task
-    trace = Trace(task.period)
+    world = env.unwrapped.episode
+    narrowest = bottleneck(world.map, world.start[:2], world.goal[:2])
+    margin = narrowest - task.footprint.half_width
+    trace = Trace(task.period, margin, task.limits.forward, world.reference)
     trace.add(info)
     begun = time.perf_counter()
     policy.reset(task)
@@ -119,6 +132,7 @@ def drive_episode(
         trace.add(info)
     if frames is not None:
         frames(env)
+    trace.replans = max(0, getattr(policy, "plans", 0) - 1)
     return measure(trace, info, truncated)
 
 
@@ -138,6 +152,11 @@ def warm(policy: Spec, scene: Spec, env: Mapping[str, Any]) -> None:
 _warmed: set[str] = set()
 
 
+def _kind(policy: Spec, scene: Spec) -> str:
+    """Jobs of one kind need the same kernels."""
+    return f"{label(policy)} {scene_env(scene, {})}"
+
+
 def run_episode(
     policy: Spec,
     scene: Spec,
@@ -151,9 +170,9 @@ def run_episode(
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to stop
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(1)
-    if label(policy) not in _warmed:
+    if _kind(policy, scene) not in _warmed:
         warm(policy, scene, env)
-        _warmed.add(label(policy))
+        _warmed.add(_kind(policy, scene))
     world, each = watch.of_episode(label(policy), label(scene), seed).on(make_env(scene, env))
     try:
         record = drive_episode(world, make_policy(_plain(policy)), seed, each)
@@ -209,7 +228,7 @@ def evaluate(
 
     Args:
         policies: specs for `make_policy`; a `label` in a mapping names it in the records.
-        scenes: specs for `make_scene`, likewise.
+        scenes: specs for `make_scene`, likewise; settings of the environment in an `env`.
         seeds: of the episodes.
         env: further settings of the environment (pose_source, beams, rate, config).
         folder: where the store and the pictures of failed episodes go.
@@ -295,7 +314,7 @@ def _finished(
     from joblib import Parallel, delayed, parallel_config
     from joblib.externals.loky import get_reusable_executor
 
-    for policy, scene in {label(p): (p, s) for p, s, _ in missing.values()}.values():
+    for policy, scene in {_kind(p, s): (p, s) for p, s, _ in missing.values()}.values():
         warm(policy, scene, env)  # workers then find every kernel in the cache
     os.environ["WHEELCHAIR_WORKER"] = str(os.getpid())
     try:

@@ -6,7 +6,7 @@ import html
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from agents.metrics import ROUGH
+from agents.metrics import BARN_SPEED, HALT, ROUGH, WIDE
 from agents.tables import (
     COLUMNS,
     Column,
@@ -23,6 +23,9 @@ Record = Mapping[str, Any]
 MEANINGS = {
     "episodes": "driven, one a seed; every policy drives the same ones",
     "success": "at the goal by truth, without any contact",
+    "wide": "the same, of episodes whose narrowest spot on the widest way leaves "
+    f"{WIDE:g} m or more on each side of the chair",
+    "margin": "beyond half the chair's width at that spot, least of all episodes; of what stands",
     "collision": "any contact by truth, or a bumper strip pressed",
     "caused": "touched something while some point of the chair's outline closed on it at more than "
     "0.05 m/s, and faster than it closed on the chair: share of all episodes",
@@ -32,11 +35,17 @@ MEANINGS = {
     "arrived": "the chair believed to be at its goal, by its own estimate of its pose",
     "spl": "success weighted by path length: mean over all episodes of geodesic / driven length, "
     "0 for a failure; 1 is perfect",
+    "barn": "success x swift / clip(time, 2 swift, 8 swift), swift = way / "
+    f"{BARN_SPEED:g} m/s, as the BARN challenge has it; 0.5 is the best; mean of all episodes",
+    "barn_own": "the same at the chair's own top speed",
     "time": "mean of successful episodes",
     "length": "driven, mean of successful episodes",
+    "halts": f"times the chair stood for {HALT:g} s or more on its way, mean of all episodes",
+    "replans": "plans made after the first, mean of all episodes",
     "clearance_min": "least distance between the chair's outline and anything, of all episodes; "
     "0 is contact",
     "clearance_mean": "the same distance, mean over time",
+    "accel_rms": "root mean square of the change of speed",
     "jerk_rms": "root mean square of the second difference of the speed; less is smoother",
     "rough_share": f"share of time with more acceleration, ahead and sideways together, than "
     f"{ROUGH:g} m/s²: about where standing passengers of public transport begin to complain",

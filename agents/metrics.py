@@ -13,6 +13,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Record = dict[str, Any]
 
+BARN_SPEED = 2.0  # m/s: the speed that BARN's score measures by
+WIDE = 0.05  # m beside the chair at the narrowest spot: less is reported apart
+STILL = 0.02  # m/s and rad/s: slower is standing
+HALT = 0.5  # s of it, after the chair had set out
 ROUGH = 0.9  # m/s2: standing passengers of public transport begin to complain about here
 Z95 = 1.959963984540054  # two-sided 95 % quantile of the normal distribution
 TIMING = ("plan_ms", "act_ms_p50", "act_ms_p95")  # the only fields in which equal runs may differ
@@ -56,11 +60,52 @@ def rough_share(twists: Array, period: float) -> float:
     return float(np.mean(np.hypot(ahead, middle[:, 0] * middle[:, 1]) > ROUGH))
 
 
+def barn_score(success: bool, seconds: float, way: float, speed: float) -> float:
+    """BARN's score of an episode: the time for a way [m] at a speed, over that taken (Xu 2023).
+
+    The time taken counts as 2 to 8 times the other, so that 0.5 is the best; 0 is a failure.
+    """
+    swift = way / speed
+    return swift / min(max(seconds, 2.0 * swift), 8.0 * swift) if success and swift > 0.0 else 0.0
+
+
+def accel_rms(speeds: Array, period: float) -> float:
+    """Root mean square of the difference of speeds (n,) [m/s] over time [m/s2]."""
+    return float(np.sqrt(np.mean((np.diff(speeds) / period) ** 2))) if len(speeds) > 1 else 0.0
+
+
+def halts(twists: Array, period: float) -> int:
+    """How often a chair stood for `HALT` after it had set out and before the end.
+
+    Args:
+        twists: (n, 2) [m/s, rad/s], one a control period.
+        period: [s].
+    """
+    still = (np.abs(twists) < STILL).all(axis=1)
+    moving = np.flatnonzero(~still)
+    if len(moving) == 0:
+        return 0
+    spells = np.diff(moving) - 1  # periods of rest between two of motion
+    return int((spells * period >= HALT - 1e-9).sum())
+
+
 @dataclass
 class Trace:
-    """What the evaluator saw of one episode, by truth; one entry for reset and each step."""
+    """What the evaluator saw of one episode, by truth; one entry for reset and each step.
 
-    period: float  # s
+    Attributes:
+        period: of control [s].
+        margin: beyond half the chair's width at the narrowest spot of the widest way [m].
+        top: the chair's own top speed [m/s].
+        reference: way that speed is measured by, where the world names one [m].
+        replans: plans made after the first.
+    """
+
+    period: float
+    margin: float = math.nan
+    top: float = 0.8
+    reference: float | None = None
+    replans: int = 0
     poses: list[Array] = field(default_factory=list)
     twists: list[Array] = field(default_factory=list)
     clearances: list[float] = field(default_factory=list)
@@ -104,6 +149,8 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
     length = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
     geodesic = float(info["geodesic"])
     spl = geodesic / max(length, geodesic, 1e-9) if success else 0.0
+    reference = geodesic if trace.reference is None else trace.reference
+    seconds = float(info["time"])
     acts = 1e3 * np.array(trace.acts_s or [0.0])
     record: Record = {
         "outcome": outcome,
@@ -112,12 +159,18 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         "contact": trace.contact,
         "caused": trace.caused,
         "met": trace.met,
-        "time": float(info["time"]),
+        "margin": trace.margin,
+        "time": seconds,
         "length": length,
         "geodesic": geodesic,
         "spl": spl,
+        "barn": barn_score(success, seconds, reference, BARN_SPEED),
+        "barn_own": barn_score(success, seconds, reference, trace.top),
+        "halts": halts(twists, trace.period),
+        "replans": trace.replans,
         "clearance_min": min(trace.clearances),
         "clearance_mean": float(np.mean(trace.clearances)),
+        "accel_rms": accel_rms(twists[:, 0], trace.period),
         "jerk_rms": jerk_rms(twists[:, 0], trace.period),
         "rough_share": rough_share(twists, trace.period),
         "energy_per_m": float(info["energy"]) / length if length > 0.1 else None,  # Wh/m
@@ -166,12 +219,14 @@ def summarise(records: Sequence[Record]) -> list[Record]:
                 row[key] = sum(record.get(key, False) for record in of) / len(of)
             row["arrived"] = sum(record["arrived"] for record in of) / len(of)
             row["missed"] = sum(record["outcome"] == "missed" for record in of) / len(of)
-            row |= {"spl": _mean(of, "spl")}
+            wide = [r for r in of if r["margin"] is not None and r["margin"] >= WIDE]
+            row |= _share(wide, "success", "wide") if wide else {"wide": None}
+            for key in ("spl", "barn", "barn_own", "halts", "replans"):
+                row[key] = _mean(of, key)
             row |= {key: _mean(done, key) for key in ("time", "length")}
-            row["clearance_min"] = min(
-                (r["clearance_min"] for r in of if r["clearance_min"] is not None), default=None
-            )
-            for key in ("clearance_mean", "jerk_rms", "rough_share", "energy_per_m"):
+            for key in ("margin", "clearance_min"):
+                row[key] = min((r[key] for r in of if r[key] is not None), default=None)
+            for key in ("clearance_mean", "accel_rms", "jerk_rms", "rough_share", "energy_per_m"):
                 row[key] = _mean(of, key)
             plans = [record["plan_ms"] for record in of]
             row["plan_ms_p50"] = float(np.percentile(plans, 50))

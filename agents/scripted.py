@@ -161,6 +161,7 @@ class PlannedDriver:
         self._backing = 0.0  # s left to back out
         self._tries = 0  # plans made since there was progress
         self.plan: Plan | None = None
+        self.plans = 0  # made
         self._reference: Reference | None = None
         self.aim(task.goal)
 
@@ -181,6 +182,7 @@ class PlannedDriver:
 
     def _replan(self) -> None:
         """Plan from where the chair is, and begin the new path."""
+        self.plans += 1
         start, goal = self._around.pose, self.goal
         maps = self._maps(start, goal)
         for known in maps:

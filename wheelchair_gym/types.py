@@ -92,6 +92,7 @@ class Episode:
     time_limit: float | None = None  # s: where the world says so
     name: str = ""
     movers: Movers = field(default_factory=no_movers)  # which the map does not show
+    reference: float | None = None  # m: how long the way is that its source measures speed by
 
 
 class Chair(Protocol):

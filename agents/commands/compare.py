@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.commands.arguments import (
-    add_env,
+    POSES,
     add_json,
     add_watch,
     count,
@@ -31,16 +31,25 @@ def add(parts: Any) -> None:
     )
     parser.add_argument(
         "--suite", default="demo",
-        help="crowd, demo, doors, followers, homes or temporary (default demo)",
+        help="barn, clinic, crowd, demo, doors, followers, homes, temporary or thesis "
+        "(default demo)",
     )  # fmt: skip
     parser.add_argument("--policies", type=names, metavar="A,B", help="in place of the suite's")
     parser.add_argument(
         "--scenes", type=names, metavar="A,B",
-        help="in place of the suite's; a name, or FILE.json:NAME as in configs/scenes.json",
+        help="in place of the suite's; a name, FILE.json:NAME as in configs/scenes.json, or "
+        "FILE.json: all worlds in a file of BARN's",
     )  # fmt: skip
     parser.add_argument("--episodes", type=count, metavar="N", help="per policy and scene")
-    parser.add_argument("--first-seed", type=whole, default=0, metavar="S", help="default 0")
-    add_env(parser)
+    first = parser.add_mutually_exclusive_group()
+    first.add_argument("--first-seed", type=whole, default=0, metavar="S", help="default 0")
+    first.add_argument("--train", action="store_true", help="training seeds, to choose settings on")
+    parser.add_argument("--config", metavar="FILE.json", help="settings, as in configs/env.json")
+    parser.add_argument(
+        "--pose", type=poses, metavar="A,B",
+        help=f"the chair's own estimate: {', '.join(POSES)} (then the map is unknown); several are "
+        "compared (default: the config's, or the suite's)",
+    )  # fmt: skip
     parser.add_argument("--jobs", type=count, metavar="N", help="worker processes (default: cores)")
     parser.add_argument("--out", metavar="DIR", help="default runs/SUITE")
     parser.add_argument("--no-video", action="store_true", help="film nothing")
@@ -48,6 +57,28 @@ def add(parts: Any) -> None:
     add_watch(parser, "FOLDER")
     add_json(parser)
     parser.set_defaults(run=run)
+
+
+def poses(text: str) -> list[str]:
+    """Pose sources between commas."""
+    found = names(text)
+    for name in found:
+        if name not in POSES:
+            raise argparse.ArgumentTypeError(f"{name!r} is none; known: {', '.join(POSES)}")
+    return found
+
+
+def _scenes(name: str) -> list[str | dict[str, Any]]:
+    """What a person names; all worlds of a file."""
+    from wheelchair_gym.scenes.barn import numbers_in
+
+    if not name.endswith(".json"):
+        return [_labelled(name)]
+    stem = Path(name).stem
+    return [
+        {"name": "barn", "path": name, "world": world, "label": f"{stem} {world}"}
+        for world in numbers_in(name)
+    ]
 
 
 def _labelled(name: str) -> str | dict[str, Any]:
@@ -60,25 +91,37 @@ def run(given: argparse.Namespace) -> int:
     """Compare, report, and write everything to the folder."""
     import dataclasses
 
-    from agents.compare import compare, suite
-    from agents.evaluate import StoppedError
+    from agents.compare import TRAINING, compare, suite
+    from agents.evaluate import StoppedError, label
     from agents.provenance import command_line, cores
     from agents.tables import markdown
 
     what = suite(given.suite)
     env = dict(what.env) if given.config is None else {"config": given.config}
-    if given.pose is not None:
-        env["pose_source"] = given.pose
+    scenes = [scene for name in given.scenes or () for scene in _scenes(name)] or what.scenes
+    if given.pose is not None and len(given.pose) == 1:
+        env["pose_source"] = given.pose[0]
+    elif given.pose is not None:
+        scenes = [
+            {
+                **({"name": scene} if isinstance(scene, str) else scene),
+                "label": f"{label(scene)}, {pose}",
+                "env": {"pose_source": pose},
+            }
+            for pose in given.pose
+            for scene in scenes
+        ]
     what = dataclasses.replace(
         what,
         policies=tuple(map(_labelled, given.policies or ())) or what.policies,
-        scenes=tuple(map(_labelled, given.scenes or ())) or what.scenes,
+        scenes=tuple(scenes),
         episodes=given.episodes or what.episodes,
         env=env,
         video=what.video and not given.no_video,
     )
     folder = Path(given.out or Path("runs") / given.suite)
-    seeds = range(given.first_seed, given.first_seed + what.episodes)
+    first = TRAINING if given.train else given.first_seed
+    seeds = range(first, first + what.episodes)
     try:
         evaluation = compare(
             what, folder, jobs=given.jobs or cores(), progress=not given.quiet, seeds=seeds,

@@ -151,7 +151,10 @@ WRONG = {
     "unknown scene in a suite": lambda hall: ["compare", "--scenes", "moon", "--out", hall / "r"],
     "folder is a file": lambda hall: ["compare", "--out", hall / "hall.yaml"],
     "unwritable folder": lambda hall: ["compare", "--out", hall / "hall.yaml" / "x"],
-    "unknown pose": lambda hall: ["compare", "--pose", "gps"],
+    "unknown pose": lambda hall: ["compare", "--pose", "mcl,gps"],
+    "worlds of no file": lambda hall: ["compare", "--scenes", hall / "none.json"],
+    "worlds that are none": lambda hall: ["compare", "--scenes", hall / "object.json"],
+    "two first seeds": lambda hall: ["compare", "--train", "--first-seed", "3"],
     "unknown settings": lambda hall: ["settings", "wings"],
     "unknown scene to describe": lambda hall: ["scenes", "moon"],
 }  # fmt: skip
@@ -325,3 +328,26 @@ def test_settings_come_from_a_file_and_from_changes(tmp_path):
         assert make_planner(spec(f"{ROOT / 'configs' / 'planners.json'}:{name}")) == make_planner(
             name
         )
+
+
+def test_every_world_of_a_file_with_every_pose_source(tmp_path, monkeypatch):
+    worlds = [
+        {"world": k, "start": [0, 0, 0], "goal": [3, 0], "circles": [[1.5, y, 0.1]],
+         "reference_path_length": 4.0}
+        for k, y in ((3, 0.0), (8, 2.0))
+    ]  # fmt: skip
+    (tmp_path / "two.json").write_text(json.dumps(worlds))
+    code = run(
+        "compare", "--scenes", tmp_path / "two.json", "--policies", "straight", "--train",
+        "--pose", "truth,odometry", "--episodes", "1", "--out", tmp_path / "out", "--jobs", "1",
+        "--quiet", "--no-video",
+    )  # fmt: skip
+    found = json.loads((tmp_path / "out" / "results.json").read_text())
+    names = [f"two {world}, {pose}" for pose in ("truth", "odometry") for world in (3, 8)]
+    assert code == 0
+    assert found["scenes"] == names
+    assert [record["outcome"] for record in found["records"]] == ["collision", "success"] * 2
+    good = found["records"][1]
+    assert good["barn"] == pytest.approx(2.0 / max(good["time"], 4.0))
+    assert good["barn_own"] == pytest.approx(5.0 / max(good["time"], 10.0))
+    assert good["seed"] == 1_000_000

@@ -5,7 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from agents.metrics import Trace, jerk_rms, measure, rough_share, summarise, wilson
+from agents.metrics import (
+    Trace,
+    accel_rms,
+    barn_score,
+    halts,
+    jerk_rms,
+    measure,
+    rough_share,
+    summarise,
+    wilson,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -41,6 +51,25 @@ def test_rough_share_counts_sideways_and_ahead():
     assert rough_share(steady * (1.2, 1.0), 0.1) == 1.0
     v = np.concatenate([np.zeros(5), np.arange(6) * 0.1])  # 1 m/s2 in half of the time
     assert rough_share(np.column_stack([v, np.zeros(11)]), 0.1) == pytest.approx(0.5)
+
+
+def test_acceleration_of_a_ramp_is_its_slope():
+    assert accel_rms(0.4 * np.arange(0.0, 3.0, 0.1), 0.1) == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize(
+    ("success", "seconds", "score"),
+    [(True, 5.0, 0.5), (True, 20.0, 0.25), (True, 90.0, 0.125), (False, 20.0, 0.0)],
+)
+def test_scores_are_those_of_barn(success, seconds, score):
+    assert barn_score(success, seconds, 10.0, 2.0) == pytest.approx(score)
+
+
+def test_halts_are_rests_on_the_way():
+    go, rest, turn = (0.5, 0.0), (0.0, 0.0), (0.0, 0.3)
+    way = [rest] * 9 + [go] * 3 + [rest] * 5 + [turn] * 2 + [rest] * 4 + [go] + [rest] * 9
+    assert halts(np.array(way), 0.1) == 1  # not before it set out, not the short one, not the end
+    assert halts(np.zeros((20, 2)), 0.1) == 0
 
 
 def info(x, **other):
@@ -88,9 +117,9 @@ def test_what_is_no_success_has_a_name(last, middle, truncated, outcome):
 def test_a_summary_adds_up():
     good, bad = episode({"is_success": True, "arrived": True}), episode({}, truncated=True)
     records = [
-        {"policy": "p", "scene": scene, "seed": k, **record}
+        {"policy": "p", "scene": scene, "seed": k, **record, "margin": margin}
         for scene in ("a", "b")
-        for k, record in enumerate([good, good, bad])
+        for k, (record, margin) in enumerate([(good, 0.2), (good, 0.04), (bad, 0.05)])
     ]
     rows = {row["scene"]: row for row in summarise(records)}
     assert list(rows) == ["a", "b", "all"]
@@ -98,6 +127,7 @@ def test_a_summary_adds_up():
     for row in rows.values():
         assert row["success"] + row["collision"] + row["timeout"] + row["missed"] == 1.0
         assert row["success"] == pytest.approx(2 / 3)
+        assert (row["wide"], row["margin"]) == (0.5, 0.04)
         assert row["success_low"] < row["success"] < row["success_high"]
         assert row["time"] == good["time"]  # of successes only
         assert all(math.isfinite(value) for value in row.values() if isinstance(value, float))

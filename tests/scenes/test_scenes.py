@@ -32,10 +32,10 @@ def worlds(tmp_path_factory):
     return path
 
 
-@pytest.fixture(params=sorted(SCENES))
+@pytest.fixture(params=[*sorted(SCENES), "barn of a file"])
 def scene(request, worlds):
-    extra = {"path": str(worlds)} if request.param == "barn" else {}
-    return make_scene({"name": request.param, **extra})
+    name, *of_a_file = request.param.split(" of ")
+    return make_scene({"name": name, **({"path": str(worlds)} if of_a_file else {})})
 
 
 def episodes(scene, count=4):
@@ -269,7 +269,7 @@ def test_malformed_barn_worlds_are_named(tmp_path, change, says):
 def test_barn_files_that_are_no_worlds(tmp_path, worlds):
     rng = np.random.default_rng(0)
     with pytest.raises(InputError, match=r"Barn\.path is not given"):
-        make_scene("barn").sample(rng)
+        make_scene({"name": "barn", "world": 5}).sample(rng)
     with pytest.raises(InputError, match="has no world 5"):
         make_scene({"name": "barn", "path": str(worlds), "world": 5}).sample(rng)
     for content, says in (

@@ -1,22 +1,77 @@
-"""BARN's worlds of cylinders, read from a JSON file of its importer's form."""
+"""BARN's worlds of cylinders: read from a JSON file, or drawn as the benchmark drew its own."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.ndimage import label
 
 from wheelchair_gym.config import InputError, read_json, setting, settings
-from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
+from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
+from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.scenes.raster import CELL, paint_discs, to_cells
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
+
+
+_CYLINDER = 0.075  # m: radius of BARN's; a cell of its grids is one's diameter
+_SIDE = 30  # cells of the cluttered square
+_LANE = 33  # rows of cells before it, empty between two walls
+_START = (-2.25, 3.0, math.pi / 2)  # m, m, rad: in the lane
+_GOAL = (-2.25, 13.0)  # m: beyond the square
+_FILLS = (0.15, 0.20, 0.25, 0.30)  # share of cells filled at first; generator.py of the dataset
+_SMOOTHINGS = (2, 3, 4)  # steps of the cellular automaton
+_BORN, _DIES = 5, 1  # filled neighbours from which a cell is filled, and up to which it is emptied
+_TRIES = 200  # squares drawn before the settings are called impossible
+
+
+def _smoothed(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """One step of the automaton (rows, cols): beyond the side walls all counts as filled."""
+    around = np.pad(cells, ((1, 1), (0, 0)))
+    around = np.pad(around, ((0, 0), (1, 1)), constant_values=True).astype(np.int64)
+    rows, cols = cells.shape
+    near = sum(around[i : i + rows, j : j + cols] for i in range(3) for j in range(3)) - cells
+    return (cells | (near >= _BORN)) & (near > _DIES)
+
+
+def _open(square: NDArray[np.bool_], width: int) -> None:
+    """Clear a lane of so many cells from what is reached from below to what is from above."""
+    room = ~sliding_window_view(square, (width, width)).any(axis=(2, 3))
+    part, _ = label(room)
+    below, above = (np.bincount(part[row][part[row] > 0], minlength=1) for row in (0, -1))
+    first, last = int(below.argmax()), int(above.argmax())
+    if 0 in (first, last) or first == last:  # walled off at its very edge, or open
+        return
+    row, col = np.argwhere(part == first)[-1]
+    end, aside = np.argwhere(part == last)[0]
+    low, high = sorted((row, end))
+    square[low : high + width, col : col + width] = False
+    low, high = sorted((col, aside))
+    square[end : end + width, low : high + width] = False
+
+
+def _drawn(rng: np.random.Generator, width: int) -> Array:
+    """Cylinders (m, 3) [m] of a world drawn as the dataset was (Perille et al. 2020)."""
+    square = rng.random((_SIDE, _SIDE)) < rng.choice(_FILLS)
+    square[:, [0, -1]] = True
+    for _ in range(int(rng.choice(_SMOOTHINGS))):
+        square = _smoothed(square)
+    _open(square, width)
+    lane = np.zeros((_LANE, _SIDE), dtype=np.bool_)
+    lane[:, [0, -1]] = lane[0] = True
+    rows, cols = np.nonzero(np.vstack([lane, square]))
+    side = 2.0 * _CYLINDER
+    x, y = (cols - _SIDE + 0.5) * side, (rows + 0.5) * side
+    return np.column_stack([x, y, np.full(len(x), _CYLINDER)])
 
 
 def _numbers(value: Any, lengths: tuple[int, ...], where: str) -> list[float]:
@@ -29,8 +84,8 @@ def _numbers(value: Any, lengths: tuple[int, ...], where: str) -> list[float]:
     return [float(v) for v in value]
 
 
-def _world(data: Any, where: str) -> tuple[Array, Array, Array]:
-    """Start (3,), goal (3,) and circles (m, 3) of one world."""
+def _world(data: Any, where: str) -> tuple[Array, Array, Array, float | None]:
+    """Start (3,), goal (3,), circles (m, 3), and how long BARN's own way is, of one world."""
     if not isinstance(data, Mapping):
         raise InputError(f"{where} is {str(data)[:60]}; expected an object")
     for key in ("world", "start", "goal", "circles"):
@@ -47,7 +102,10 @@ def _world(data: Any, where: str) -> tuple[Array, Array, Array]:
         if circle[2] <= 0.0:
             raise InputError(f"{where}.circles[{k}] has radius {circle[2]}; expected more than 0")
     yaw = math.atan2(goal[1] - start[1], goal[0] - start[0])
-    return np.array(start), np.array([*goal, yaw][:3]), np.array(circles).reshape(-1, 3)
+    way = data.get("reference_path_length")
+    if way is not None:
+        (way,) = _numbers([way], (1,), f"{where}.reference_path_length")
+    return np.array(start), np.array([*goal, yaw][:3]), np.array(circles).reshape(-1, 3), way
 
 
 @lru_cache(maxsize=4)
@@ -61,10 +119,19 @@ def _worlds(path: Path, stamp: int) -> list[Any]:
 
 @settings
 class Barn:
-    """A world of the BARN benchmark: cylinders only, 10 m to go, reach within 1 m, 100 s."""
+    """A world of the BARN benchmark: cylinders only, 10 m to go, reach within 1 m, 100 s.
 
-    path: str = setting(default="", source="JSON: [{world, start, goal, circles}, ...]")
-    world: int | None = setting(default=None, source="its number; none: drawn at random")
+    Drawn by the benchmark's own cellular automaton, or one of a file.
+    """
+
+    path: str = setting(
+        default="", source="JSON: [{world, start, goal, circles}, ...]; none: drawn anew"
+    )
+    world: int | None = setting(default=None, source="its number in the file; none: any of them")
+    clearance: float = setting(
+        default=0.05, unit="m", low=0.0, high=0.5,
+        source="beyond half the chair's width, of the narrowest spot of worlds that are drawn",
+    )  # fmt: skip
     margin: float = setting(
         default=1.5, unit="m", source="of the map round cylinders, start and goal", low=0.5
     )
@@ -73,24 +140,52 @@ class Barn:
         """The world asked for, or any.
 
         Raises:
-            InputError: the file cannot be read or is malformed, or has no such world.
+            InputError: the file cannot be read or is malformed, or has no such world; or none of
+                those drawn can be passed.
         """
-        if not self.path:
-            raise InputError("Barn.path is not given; expected a JSON file of BARN worlds")
+        if self.path:
+            return self._read(rng)
+        if self.world is not None:
+            raise InputError("Barn.world is a world of a file; Barn.path is not given")
+        goal = np.array([*_GOAL, _START[2]])
+        radius = FOOTPRINT.half_width + self.clearance
+        for _ in range(_TRIES):
+            discs = _drawn(rng, math.ceil(radius / _CYLINDER))
+            episode = self._episode(np.array(_START), goal, discs, "barn")
+            ways = geodesic(episode.map, goal, radius)
+            if np.isfinite(ways.at(episode.start[:2])):
+                return episode
+        raise InputError(f"Barn: none of {_TRIES} worlds leaves {self.clearance} m")
+
+    def _read(self, rng: np.random.Generator) -> Episode:
         path = Path(self.path)
         worlds = _worlds(path, path.stat().st_mtime_ns if path.exists() else 0)
         index = int(rng.integers(len(worlds)))
         if self.world is not None:
-            named = [w.get("world") if isinstance(w, Mapping) else None for w in worlds]
+            named = numbers_in(path)
             if self.world not in named:
                 raise InputError(f"{path}: has no world {self.world}; Barn.world must name one")
             index = named.index(self.world)
-        start, goal, discs = _world(worlds[index], f"{path}: [{index}]")
+        start, goal, discs, way = _world(worlds[index], f"{path}: [{index}]")
+        name = f"barn_{worlds[index]['world']}"
+        return replace(self._episode(start, goal, discs, name), reference=way)
+
+    def _episode(self, start: Array, goal: Array, discs: Array, name: str) -> Episode:
         points = np.vstack([discs[:, :2], start[:2], goal[:2]])
         low = np.floor((points.min(axis=0) - self.margin) / CELL) * CELL
         cols, rows = (to_cells(side) for side in points.max(axis=0) + self.margin - low)
         cells = np.zeros((rows, cols), dtype=np.int8)
         paint_discs(cells, discs, low[0], low[1], CELL, OCCUPIED)
         grid = OccupancyGrid(cells, CELL, (low[0], low[1], 0.0))
-        name = f"barn_{worlds[index]['world']}"
         return Episode(grid, start, goal, discs=discs, tolerance=1.0, time_limit=100.0, name=name)
+
+
+def numbers_in(path: str | Path) -> list[Any]:
+    """The worlds' numbers in a file.
+
+    Raises:
+        InputError: the file cannot be read, or holds no list of worlds.
+    """
+    path = Path(path)
+    worlds = _worlds(path, path.stat().st_mtime_ns if path.exists() else 0)
+    return [world.get("world") if isinstance(world, Mapping) else None for world in worlds]
