@@ -104,6 +104,7 @@ class OccupancyMap:
         self.law, self.weights = settings.odds, settings.weights
         self.corner = np.zeros(2)  # m: the lower-left corner of cell (0, 0)
         self._mark = 0
+        self._used = np.zeros((2, 2), dtype=np.int64)  # cols, rows: from, to; all else is zero
         self._take([np.zeros((layers, 0, 0, *part), kind) for part, kind in _ARRAYS])
 
     def _take(self, parts: list[NDArray[Any]]) -> None:
@@ -131,6 +132,8 @@ class OccupancyMap:
             self.corner = np.floor((places.min(axis=0) - margin) / step) * step
         low = np.floor((places.min(axis=0) - margin - self.corner) / step).astype(np.int64)
         high = np.ceil((places.max(axis=0) + margin - self.corner) / step).astype(np.int64)
+        (x0, y0), (x1, y1) = used = self._used
+        self._used = np.stack([np.minimum(used[0], low), np.maximum(used[1], high)])
         layers, rows, cols = self.odds.shape
         least = np.maximum(_CHUNK, np.array([cols, rows]) // 3)
         before = np.where(low < 0, np.maximum(-low, least), 0)  # cols, rows
@@ -145,11 +148,12 @@ class OccupancyMap:
                 f"expected at most {_MOST} in all"
             )
         self.corner = self.corner - before * step
+        self._used += before
         x, y = before
         parts = []
-        for old in self._all:
+        for old in self._all:  # what was never written costs neither time nor memory
             part = np.zeros((layers, grown[1], grown[0], *old.shape[3:]), old.dtype)
-            part[:, y : y + rows, x : x + cols] = old
+            part[:, y + y0 : y + y1, x + x0 : x + x1] = old[:, y0:y1, x0:x1]
             parts.append(part)
         self._take(parts)
         self._mark = 0
@@ -195,9 +199,10 @@ class OccupancyMap:
         """Make each layer a copy of the one named for it (layers,)."""
         chosen = np.asarray(parents, dtype=np.int64)
         if np.array_equal(chosen[chosen], chosen):  # no copy's source is overwritten
+            (x0, y0), (x1, y1) = self._used
             for layer in np.flatnonzero(chosen != np.arange(len(chosen))):
                 for part in self._all:
-                    part[layer] = part[chosen[layer]]
+                    part[layer, y0:y1, x0:x1] = part[chosen[layer], y0:y1, x0:x1]
         else:
             self._take([part[chosen] for part in self._all])
 

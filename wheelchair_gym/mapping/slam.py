@@ -151,12 +151,15 @@ class Slam:
         if way.shape != (3,) or not np.isfinite(way).all():
             raise InputError(f"increment is {increment!r}; expected three finite numbers")
         own = self.settings
-        scan = None if ranges is None else read_scan(self.laser, ranges, own.mapping.clear)
+        if ranges is not None and np.shape(ranges) != (self.laser.beams,):
+            raise InputError(f"a scan has shape {np.shape(ranges)}; expected ({self.laser.beams},)")
         self._moved = compose(self._moved, way)
         self._ways += math.hypot(way[0], way[1]), abs(way[2])
         due = self._ways[0] >= own.way or self._ways[1] >= own.turn or not self._poses_then
-        if scan is not None and (due or not learn) and len(scan.ends):
-            self._look(scan, learn)
+        if ranges is not None and (due or not learn):
+            scan = read_scan(self.laser, ranges, own.mapping.clear)
+            if len(scan.ends):
+                self._look(scan, learn)
         self._steps.append((len(self._poses_then), self._moved))
         return self.pose
 
