@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.interrupt import by_hand
+from agents.learned import weights_digest
 from agents.metrics import Record, Trace, measure
 from agents.policy import make_policy
 from agents.watch import Watch
@@ -58,6 +59,9 @@ def source_digest() -> str:
 def episode_key(policy: Spec, scene: Spec, seed: int, env: Mapping[str, Any]) -> str:
     """What makes two episodes the same: code, settings, policy, scene and seed."""
     parts = [source_digest(), dump(_plain(policy)), dump(_plain(scene)), seed, dump(dict(env))]
+    learned = weights_digest(_plain(policy))
+    if learned is not None:
+        parts.append(learned)
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 
