@@ -7,7 +7,6 @@ that was not, to the bit, on the same machine with the same number of threads.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import time
 from collections.abc import Callable
@@ -15,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
 from stable_baselines3.common.utils import set_random_seed
 
 from agents.learning.checkpoint import (
@@ -27,14 +25,8 @@ from agents.learning.checkpoint import (
 )
 from agents.learning.curves import Board, Row, Tally, read_curve, write_curve
 from agents.learning.features import Layout
-from agents.learning.networks import (
-    Features,
-    algorithm_class,
-    arrays_of,
-    head_of,
-    policy_of,
-    take_arrays,
-)
+from agents.learning.model import make_model
+from agents.learning.networks import arrays_of, head_of, take_arrays
 from agents.learning.settings import ON_POLICY, Training, plain
 from agents.learning.trials import run_trials, trial_env
 from agents.learning.weights import (
@@ -51,6 +43,7 @@ from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.envs.worlds import Worlds
 
+SHOWN = ("frames", "success", "timeout", "within", "trial_success")  # of the curve, in a card
 POLICY, BEST = "policy.npz", "best.npz"
 LOGGED = (
     "train/loss", "train/value_loss", "train/explained_variance", "train/approx_kl", "train/std",
@@ -97,7 +90,7 @@ class Run:
         sizes = [(key, box.shape[0]) for key, box in env.task.boxes().items()]
         self.layout = Layout.of(sizes, env.task.posed)
         self._trials: NavigationVectorEnv | None = None
-        self.model = self._model()
+        self.model = make_model(own, seed, self.env, self.layout)
         self.tally = Tally()
         self.worlds.within = own.curriculum.begin
         self._judged = [0, 0]  # episodes and successes since the curriculum was last moved
@@ -120,52 +113,6 @@ class Run:
     def done(self) -> bool:
         """Whether all frames were driven."""
         return self.frames >= self.own.frames
-
-    def _model(self) -> Any:
-        own = self.own
-        recurrent = own.algorithm == "recurrent_ppo"
-        kwargs: dict[str, Any] = {
-            "features_extractor_class": Features,
-            "features_extractor_kwargs": {"layout": self.layout},
-        }
-        common: dict[str, Any] = {"seed": self.seed, "device": "cpu", "verbose": 0}
-        if own.algorithm in ON_POLICY:
-            a = own.on_policy
-            kwargs |= {
-                "net_arch": {"pi": list(own.hidden), "vf": list(own.hidden)},
-                "log_std_init": a.log_deviation,
-                "activation_fn": torch.nn.ReLU,
-            }
-            if recurrent:
-                kwargs["lstm_hidden_size"] = a.memory
-            common |= {
-                "n_steps": a.steps, "batch_size": a.batch, "n_epochs": a.epochs,
-                "gamma": a.discount, "gae_lambda": a.trace, "clip_range": a.clip,
-                "ent_coef": a.entropy, "vf_coef": a.critic, "max_grad_norm": a.gradient,
-            }  # fmt: skip
-            first = a.rate
-        else:
-            o = own.off_policy
-            kwargs["net_arch"] = list(own.hidden)
-            common |= {
-                "buffer_size": o.buffer, "batch_size": o.batch, "learning_starts": o.begin,
-                "gradient_steps": o.updates, "train_freq": 1, "gamma": o.discount,
-                "tau": o.follow,
-            }  # fmt: skip
-            if own.algorithm == "td3":
-                sigma = torch.full((2,), o.noise).numpy()
-                noise = NormalActionNoise(torch.zeros(2).numpy(), sigma)
-                common["action_noise"] = VectorizedActionNoise(noise, own.envs)
-            first = o.rate
-        frames = own.frames
-
-        def rate(_: float) -> float:
-            """Falls in a line over the whole run, whatever part is being learned."""
-            return first * max(0.0, 1.0 - self.frames / frames) if hasattr(self, "model") else first
-
-        return algorithm_class(own.algorithm)(
-            policy_of(own.algorithm), self.env, learning_rate=rate, policy_kwargs=kwargs, **common
-        )
 
     @property
     def part(self) -> int:
@@ -197,7 +144,6 @@ class Run:
 
         before = self.frames
         wanted = min(self.part, max(1, self.own.frames - before))
-        logger = None
         self.model.learn(wanted, step, log_interval=None, reset_num_timesteps=False)
         logger = self.model.logger.name_to_value
         learned = time.perf_counter()
@@ -251,6 +197,7 @@ class Run:
             "seed": self.seed,
             "frames": self.frames,
             "row": row,
+            "curve": [[r.get(key, "") for key in SHOWN] for r in (*self.rows, row)],
             "command": command_line(),
             "commit": commit(),
             "machine": machine(),
@@ -264,6 +211,7 @@ class Run:
         write_curve(self.folder, self.rows)
         save_weights(self.folder / POLICY, weights)
         write_json(self.folder / "settings.json", plain(self.own))
+        write_json(self.folder / "card.json", weights.card)
         content = {
             "identity": self._identity,
             "number": self.number,
@@ -314,8 +262,3 @@ def train(
         board.close()
         run.close()
     return run.rows
-
-
-def shortened(own: Training, frames: int | None) -> Training:
-    """The same run with fewer or more frames."""
-    return own if frames is None else dataclasses.replace(own, frames=frames)

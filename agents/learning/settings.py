@@ -37,7 +37,7 @@ class OffPolicy:
     """Soft actor-critic, TD3, truncated quantile critics: what was seen is learned from again."""
 
     buffer: int = setting(default=500_000, source="steps kept", low=100)
-    batch: int = setting(default=1024, low=2)
+    batch: int = setting(default=1024, source="steps replayed at a time", low=2)
     begin: int = setting(default=20_000, source="steps at random before anything is learned", low=0)
     updates: int = setting(default=8, source="for each step of all environments", low=1)
     rate: float = setting(default=1e-3, source="of learning; falls to 0 in a line", low=0.0)
@@ -70,7 +70,7 @@ class Trials:
 class Training:
     """A whole training run."""
 
-    algorithm: Algorithm = "ppo"
+    algorithm: Algorithm = setting(default="ppo", source="the best of them here")
     env: Any = setting(default=None, source="as a file of --config of simulate")
     envs: int = setting(default=512, source="at once", low=1)
     frames: int = setting(default=24_000_000, source="control periods in all", low=1)
