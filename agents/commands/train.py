@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.commands.arguments import add_json, changed, count, names, report, whole
+from agents.interrupt import by_hand
 
 ALGORITHMS = ("ppo", "recurrent_ppo", "sac", "td3", "tqc", "bc")
 
@@ -116,6 +117,10 @@ def _one(given: argparse.Namespace, own: Any, seed: int, folder: Path) -> dict[s
 
     try:
         rows = train(own, seed, folder, each=each, report=told, prepared=prepared)
+    except (KeyboardInterrupt, SystemError) as error:
+        if by_hand(error):
+            print(f"\n{folder}: the same command goes on from its last checkpoint", file=sys.stderr)
+        raise
     finally:
         worlds.close()
         frames.close()
