@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.interrupt import by_hand
+from agents.learned import weights_digest
 from agents.metrics import Record, Trace, measure
 from agents.policy import make_policy
 from agents.watch import Watch
@@ -67,6 +68,9 @@ def episode_key(policy: Spec, scene: Spec, seed: int, env: Mapping[str, Any]) ->
     """What makes two episodes the same: code, settings, policy, scene and seed."""
     world, own = dump(_plain(scene)), dump(scene_env(scene, env))
     parts = [source_digest(), dump(_plain(policy)), world, seed, own]
+    learned = weights_digest(_plain(policy))
+    if learned is not None:
+        parts.append(learned)
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 

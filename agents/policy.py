@@ -32,11 +32,13 @@ class Policy(Protocol):
 def policy_settings() -> dict[str, type]:
     """Settings class of every family of policies by name; each has `make() -> Policy`."""
     from agents.explore import Explore
+    from agents.learned import Learned
     from agents.manual import Manual
     from agents.scripted import Planned, RandomPolicy, StraightPolicy
 
     return {
         "explore": Explore,
+        "learned": Learned,
         "manual": Manual,
         "planned": Planned,
         "random": RandomPolicy,
@@ -47,12 +49,14 @@ def policy_settings() -> dict[str, type]:
 def policy_names() -> str:
     """The names that `make_policy` takes, as one line for a person."""
     from agents.followers import FOLLOWERS
+    from agents.learning.weights import shipped
     from planners import PLANNERS
 
-    simple = ", ".join(sorted(name for name in policy_settings() if name != "planned"))
+    simple = [name for name in policy_settings() if name not in ("learned", "planned")]
     return (
-        f"{simple}, or PLANNER or PLANNER+FOLLOWER with PLANNER one of "
-        f"{', '.join(sorted(PLANNERS))} and FOLLOWER one of {', '.join(sorted(FOLLOWERS))}"
+        f"{', '.join(sorted([*simple, *shipped()]))}, a file of weights (.npz, .onnx), PLANNER or "
+        f"PLANNER+FOLLOWER with PLANNER one of {', '.join(sorted(PLANNERS))} and FOLLOWER one of "
+        f"{', '.join(sorted(FOLLOWERS))}"
     )
 
 
@@ -82,9 +86,12 @@ def make_policy(spec: str | Mapping[str, Any] | Any) -> Policy:
 
 def _named(name: str, values: dict[str, Any]) -> Any:
     from agents.followers import FOLLOWERS
+    from agents.learning.weights import shipped
     from planners import PLANNERS
 
     families = policy_settings()
+    if name in shipped() or name.endswith((".npz", ".onnx")):
+        return load(families["learned"], {"weights": name, **values}, f"policy {name}")
     if name in families:
         return load(families[name], values, f"policy {name}")
     planner, plus, follower = name.partition("+")

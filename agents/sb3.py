@@ -6,11 +6,18 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from wheelchair_gym.envs import NavigationVectorEnv
+
+
+def flatten_space(boxes: list[Any]) -> gym.spaces.Box:
+    """The space of observations in one piece, keys in the order in which kernels write them."""
+    low, high = (np.concatenate([getattr(box, end) for box in boxes]) for end in ("low", "high"))
+    return gym.spaces.Box(low, high)
 
 
 class SB3VecEnv(VecEnv):
@@ -23,19 +30,24 @@ class SB3VecEnv(VecEnv):
 
     Args:
         env: many chairs, in SAME_STEP mode.
+        flat: observations in one piece (n, room), keys in their order: less is copied.
 
     Raises:
         ValueError: the env begins episodes in the step after.
     """
 
-    def __init__(self, env: NavigationVectorEnv) -> None:
+    def __init__(self, env: NavigationVectorEnv, flat: bool = False) -> None:
         mode = env.metadata["autoreset_mode"]
         if mode.value != "SameStep":
             raise ValueError(f"autoreset_mode is {mode.value}; expected SameStep")
         self.env = env
         self._seed: int | None = None
         self._begun = time.perf_counter()
-        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self._flat = flat
+        space: Any = env.single_observation_space
+        if flat:
+            space = flatten_space(list(env.task.boxes().values()))
+        super().__init__(env.num_envs, space, env.single_action_space)
         self._returns = np.zeros(self.num_envs)
         self._lengths = np.zeros(self.num_envs, np.int64)
 
@@ -44,7 +56,11 @@ class SB3VecEnv(VecEnv):
         observations, _ = self.env.reset(seed=self._seed)
         self._seed = None
         self._returns[:], self._lengths[:] = 0.0, 0
-        return observations
+        return self._whole(observations)
+
+    def _whole(self, observations: dict[str, Any]) -> Any:
+        """As the space says: by key, or what the kernels wrote in one piece."""
+        return next(iter(observations.values())).base if self._flat else observations
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Row i takes up the episodes of seed + i at the next reset."""
@@ -64,7 +80,7 @@ class SB3VecEnv(VecEnv):
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for i in np.flatnonzero(dones).tolist():
             infos[i] = {
-                "terminal_observation": {k: v[i] for k, v in told["final_obs"].items()},
+                "terminal_observation": self._row(told["final_obs"], i),
                 "TimeLimit.truncated": bool(truncated[i]),
                 "is_success": bool(told["final_info"]["is_success"][i]),
                 "episode": {
@@ -74,7 +90,12 @@ class SB3VecEnv(VecEnv):
                 },
             }
             self._returns[i], self._lengths[i] = 0.0, 0
-        return observations, rewards.astype(np.float32), dones, infos
+        return self._whole(observations), rewards.astype(np.float32), dones, infos
+
+    def _row(self, observations: dict[str, Any], i: int) -> Any:
+        if self._flat:
+            return self._whole(observations)[i]
+        return {key: value[i] for key, value in observations.items()}
 
     def close(self) -> None:
         """Close the chairs."""

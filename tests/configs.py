@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any, Final
 
+from agents.learning.settings import RECIPES
 from planners import PLANNERS
 from tests.conftest import ROOT
 from wheelchair_gym.envs import EnvSettings
@@ -22,6 +23,7 @@ DEFAULTS: Final[dict[str, Any]] = {
     "scenes": {name: scene() for name, scene in sorted(SCENES.items())},
     "sensors": SensorSettings(),
     "task": TaskSettings(),
+    **RECIPES,
 }
 # Each object of settings by a name, those of files with many, too.
 SINGLE: Final[dict[str, Any]] = {

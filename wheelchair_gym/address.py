@@ -54,13 +54,17 @@ def _viewer(item: Any, ndim: int) -> Any:
         )
         return array._getvalue()
 
+    def three(typingctx: Any, address: Any, n: Any, m: Any, k: Any) -> Any:
+        return array_type(types.uint64, types.int64, types.int64, types.int64), lower
+
     def one(typingctx: Any, address: Any, n: Any) -> Any:
         return array_type(types.uint64, types.int64), lower
 
     def two(typingctx: Any, address: Any, n: Any, m: Any) -> Any:
         return array_type(types.uint64, types.int64, types.int64), lower
 
-    return intrinsic(one if ndim == 1 else two)
+    makers: tuple[Any, ...] = (one, two, three)
+    return intrinsic(makers[ndim - 1])
 
 
 def rows_of(dtype: np.dtype[Any]) -> Callable[[Any, int], NDArray[np.void]]:
@@ -75,5 +79,7 @@ doubles_at = cast("Callable[[Any, int], NDArray[np.float64]]", _viewer(types.flo
 floats_at = cast("Callable[[Any, int], NDArray[np.float32]]", _viewer(types.float32, 1))
 words_at = cast("Callable[[Any, int], NDArray[np.uint32]]", _viewer(types.uint32, 1))
 integers_at = cast("Callable[[Any, int], NDArray[np.int64]]", _viewer(types.int64, 1))
+states_at = cast("Callable[[Any, int, int, int], NDArray[np.uint32]]", _viewer(types.uint32, 3))
+moves_at = cast("Callable[[Any, int, int, int], NDArray[np.int32]]", _viewer(types.int32, 3))
 table_at = cast("Callable[[Any, int, int], NDArray[np.float64]]", _viewer(types.float64, 2))
 field_at = cast("Callable[[Any, int, int], NDArray[np.float32]]", _viewer(types.float32, 2))

@@ -16,11 +16,14 @@ OWN = {
     "drive": "wheelchair_gym.kinematics:DriveGeometry",
     "sensors": "wheelchair_gym.sensing.settings:SensorSettings",
     "chair": "wheelchair_gym.simulation.settings:ChairSettings",
+    "imitation": "agents.learning.demonstrations:Imitation",
     "log": "wheelchair_gym.mapping.log:LogFormat",
     "recording": "wheelchair_gym.view.record:Recording",
     "slam": "wheelchair_gym.mapping.slam:SlamSettings",
     "physics": "wheelchair_gym.simulation.settings:PhysicsSettings",
     "task": "wheelchair_gym.task.settings:TaskSettings",
+    "training": "agents.learning.settings:Training",
+    "ways": "wheelchair_gym.maps.pose_search:WaysSettings",
 }
 
 

@@ -311,3 +311,22 @@ def test_movers_are_recorded_and_replayed_where_they_were(tmp_path):
     with (tmp_path / "run.mcap").open("rb") as stream:
         topics = [channel.topic for _, channel, _ in make_reader(stream).iter_messages()]
     assert topics.count("/movers") == 6
+
+
+def test_a_run_guided_by_ways_of_the_outline_is_seen_and_judged_the_same(tmp_path):
+    settings = {"scene": "clutter", "guidance": "poses", "config": {"task": {"aim": "time"}}}
+    file = tmp_path / "posed.mcap"
+    env = Recorded(gym.make(NAMES[0], **settings), file)
+    observation, _ = env.reset(seed=0)
+    seen = [(observation, 0.0)]
+    for k in range(6):
+        observation, reward, *_ = env.step(np.array([0.8, 0.1 * k], np.float32))
+        seen.append((observation, reward))
+    env.close()
+    chapter = read_recording(file)[0]
+    again = replayed(chapter)
+    assert_same(again.reset(options={"episode": chapter.episode})[0], seen[0][0])
+    for action, (was, worth) in zip(chapter.actions, seen[1:], strict=True):
+        observation, reward, *_ = again.step(action)
+        assert_same(observation, was)
+        assert reward == worth

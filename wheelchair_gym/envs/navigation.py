@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_finder, make_guidance
+from wheelchair_gym.envs.guidance import make_guidance
+from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_finder
 from wheelchair_gym.envs.worlds import Worlds
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.mapping.chair import LocalisedChair
@@ -102,7 +103,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             pose_source: what the chair believes about its pose: truth, odometry, modelled, mcl
                 (Monte Carlo localisation on the map), or slam (the world is unknown: the chair
                 draws its own map, in the frame of its start, and finds itself on it).
-            guidance: 'geodesic', 'module:function' or a callable that gives a path from a task.
+            guidance: 'geodesic' (points on the shortest way), 'poses' (of the quickest way of the
+                chair's outline, with headings, at plan times), 'module:function' or a callable
+                that gives a path from a task.
             noise: false makes every sensor exact.
             randomise: true draws mass, friction and motor gain anew each episode.
             bank: of how many worlds episodes draw, or a mapping of size, turnover and seed; 0:
@@ -275,7 +278,10 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     def points_ahead(self) -> Array | None:
         """The points (n, 2) [m] of the guidance that a policy is shown, on the map; or None."""
         ahead = self.task.observation.get("path")
-        return None if ahead is None else to_world(ahead.reshape(-1, 2), self.task.reading.pose)
+        if ahead is None:
+            return None
+        each = ahead.reshape(-1, 4 if self.task.posed else 2)
+        return to_world(each[:, :2], self.task.reading.pose)
 
     def _caption(self, reading: Reading) -> str:
         v, w = reading.twist

@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from functools import partial
-from importlib import import_module
 from pathlib import Path
-from typing import Any, cast
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from wheelchair_gym.config import InputError, load, read, setting, settings
 from wheelchair_gym.mapping.chair import Finder
@@ -19,7 +14,6 @@ from wheelchair_gym.mapping.slam import Slam, SlamSettings
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.task.settings import TaskSettings
-from wheelchair_gym.task.task import Guidance, Task
 
 
 @settings
@@ -39,15 +33,27 @@ class BankSettings:
 
 
 @settings
+class StartSettings:
+    """Where episodes begin: at the scene's start, or anywhere not too far from the goal."""
+
+    within: float = setting(
+        default=0.0, unit="s", source="of the goal, by plan time; 0: at the scene's start", low=0.0
+    )
+    least: float = setting(default=1.0, unit="s", source="from the goal", low=0.0)
+
+
+@settings
 class EnvSettings:
     """Everything that makes an environment."""
 
     scene: Any = setting(default="floor_plan", source="a name, or a mapping with a name")
     rate: float = setting(default=10.0, unit="Hz", source="of control", low=0.5, high=200.0)
     guidance: Any = setting(
-        default=None, source="none, 'geodesic', 'module:function', or a mapping with 'call'"
+        default=None,
+        source="none, 'geodesic', 'poses', 'module:function', or a mapping with 'call'",
     )
     bank: BankSettings = BankSettings()
+    starts: StartSettings = StartSettings()
     chair: ChairSettings = ChairSettings()
     sensors: SensorSettings = SensorSettings()
     localisation: Localisation = Localisation()
@@ -113,36 +119,3 @@ def make_finder(own: EnvSettings) -> Finder:
     if own.sensors.pose_source == "slam":
         return Slam(own.sensors.laser, own.slam)
     return Localiser(own.localisation, own.sensors.laser)
-
-
-def geodesic_path(task: Task) -> NDArray[np.float64]:
-    """The geodesic from the start to the goal (n, 2) [m]."""
-    return task.geodesic.path(task.start[:2])
-
-
-def make_guidance(spec: Any) -> Guidance | None:
-    """What a guidance setting stands for.
-
-    Raises:
-        InputError: it names nothing that can be imported and called.
-    """
-    if spec is None:
-        return None
-    if callable(spec):
-        return cast("Guidance", spec)
-    if isinstance(spec, Mapping):
-        options = dict(spec)
-        call = make_guidance(options.pop("call", None))
-        if call is None:
-            raise InputError("guidance: a mapping needs the key 'call'")
-        return partial(call, **options)
-    if spec == "geodesic":
-        return geodesic_path
-    module, _, name = str(spec).partition(":")
-    try:
-        found = getattr(import_module(module), name)
-    except (ImportError, AttributeError, ValueError):
-        raise InputError(
-            f"guidance is {spec!r}; expected 'geodesic' or 'module:function'"
-        ) from None
-    return make_guidance(found)

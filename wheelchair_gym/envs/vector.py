@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.batch import Batch, Results, begin_chairs, step_chairs
-from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_guidance
+from wheelchair_gym.envs.guidance import make_guidance
+from wheelchair_gym.envs.settings import EnvSettings, env_settings
 from wheelchair_gym.envs.spare import Spare
 from wheelchair_gym.envs.worlds import Worlds
 from wheelchair_gym.sensing.laser import SCRATCH

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,10 @@ class Worlds:
 
     def __init__(self, settings: EnvSettings, task: Task) -> None:
         self._scene, self._task, self._bank = make_scene(settings.scene), task, settings.bank
+        if settings.starts.within > 0.0 and not task.posed:
+            raise InputError("starts.within needs the guidance 'poses', which knows the time")
+        self.within = settings.starts.within  # s; a curriculum may set it
+        self._least = settings.starts.least
         self._made: dict[int, Course] = {}  # of the bank, by number
         self._lowest = 0
         self._folder: Path | None = None
@@ -50,7 +55,15 @@ class Worlds:
         return len(self._made)
 
     def course(self, seed: int, episode: int) -> Course:
-        """The course of an episode of a seed."""
+        """The course of an episode of a seed, from where that is to begin."""
+        course = self._course(seed, episode)
+        if self.within > 0.0 and course.ways is not None:
+            start = course.ways.draw(episode_key(seed, episode), self._least, self.within)
+            if start is not None:
+                return course.begun_at(start)
+        return course
+
+    def _course(self, seed: int, episode: int) -> Course:
         if self._bank.size == 0:
             return self._make((seed, episode))
         number = self._begin(episode) + self.pick(seed, episode)
@@ -58,6 +71,14 @@ class Worlds:
         if course is None:
             course = self._made[number] = self._of_bank(number)
         return course
+
+    def fill(self, told: Callable[[int, int], None] | None = None) -> None:
+        """Make every world that the first episodes draw from, and tell how many are ready."""
+        for number in range(self._bank.size):
+            if number not in self._made:
+                self._made[number] = self._of_bank(number)
+            if told is not None:
+                told(number + 1, self._bank.size)
 
     def pick(self, seed: int, episode: int) -> int:
         """Which world of its window an episode of a seed draws."""
@@ -88,7 +109,8 @@ class Worlds:
             return self._task.lay_out(*joblib.load(path))
         course = self._make((_BANK, self._bank.seed, number))
         with whole(path) as part:
-            joblib.dump((course.episode, course.geodesic, course.path), part)
+            guide = course.path if course.ways is None else course.ways
+            joblib.dump((course.episode, course.geodesic, guide), part, compress=1)
         return course
 
     def _make(self, entropy: tuple[int, ...]) -> Course:
@@ -103,6 +125,7 @@ def _identity(settings: EnvSettings) -> str:
         "seed": settings.bank.seed,
         "task": dump(settings.task),
         "footprint": dump(settings.chair.footprint),
+        "limits": dump(settings.chair.limits),
     }
     try:
         text = json.dumps(named, sort_keys=True)

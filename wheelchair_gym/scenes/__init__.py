@@ -15,6 +15,7 @@ from wheelchair_gym.scenes.doorway import Doorway
 from wheelchair_gym.scenes.floor_plan import FloorPlan
 from wheelchair_gym.scenes.labs import LAB_MAPS, DesignLab
 from wheelchair_gym.scenes.map_file import MapFile
+from wheelchair_gym.scenes.mixture import Mixture
 from wheelchair_gym.scenes.papers import ChaoticPso, GreyWolf
 from wheelchair_gym.scenes.room import EmptyRoom
 from wheelchair_gym.scenes.temporary import Temporary
@@ -33,6 +34,7 @@ __all__ = [
     "FloorPlan",
     "GreyWolf",
     "MapFile",
+    "Mixture",
     "Scene",
     "Temporary",
     "make_scene",
@@ -54,6 +56,7 @@ SCENES: Final[dict[str, type[Scene]]] = {
     "temporary": Temporary,
     "doorway": Doorway,
     "empty": EmptyRoom,
+    "mixture": Mixture,
     "map_file": MapFile,
     "barn": Barn,
     "chaotic_pso": ChaoticPso,

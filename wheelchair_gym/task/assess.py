@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import doubles_at, rows_of, table_at
+from wheelchair_gym.address import doubles_at, moves_at, rows_of, states_at, table_at
 from wheelchair_gym.kernel import borrowing_kernel
-from wheelchair_gym.task.course import COURSE, to_go, way_to_go
+from wheelchair_gym.task.course import COURSE, seconds_to_go, to_go, way_to_go
 from wheelchair_gym.task.judge import TERMS, reached, weigh
-from wheelchair_gym.task.observe import bearing_to, look_ahead, pool, see
+from wheelchair_gym.task.observe import bearing_to, look_ahead, look_ahead_poses, pool, see
+
+LONG = 256.0  # s, m: a critic sees longer times and ways as this
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -30,7 +32,10 @@ RULES = np.dtype(
         ("twist_most", "f8", (2,)),  # m/s, rad/s
         ("goal_room", "i8"),  # numbers that tell the goal: 3, or 5 with its heading
         ("points", "i8"),  # of the guidance looked at; 0: none
-        ("ahead", "u8"),  # address of their distances (points,) [m]
+        ("ahead", "u8"),  # address of their distances (points,) [m], or plan times [s]
+        ("posed", "b1"),  # they are poses at plan times
+        ("last_action", "b1"),  # is observed
+        ("privileged", "b1"),  # observed, too, is what only a critic may see
         ("doubt", "f8"),  # m
         ("heading", "b1"),
         ("heading_tolerance", "f8"),  # rad
@@ -45,7 +50,7 @@ RULES = np.dtype(
 PROGRESS = np.dtype(
     [
         ("steps_left", "i8"),  # control periods
-        ("to_go", "f8"),  # m, at the last reading
+        ("to_go", "f8"),  # m, or s, at the last reading where a way was known
         ("geodesic", "f8"),  # m, from the start
         ("time_limit", "f8"),  # s
         ("action", "f8", (2,)),  # the last one, clipped
@@ -78,6 +83,7 @@ _rules_at, _courses_at, _progress_at, _verdicts_at = map(
 def observe(
     rules: Any,
     course: Any,
+    own: Any,
     pose: Array,
     twist: Array,
     laser: Floats,
@@ -89,11 +95,12 @@ def observe(
     Args:
         rules: record of RULES.
         course: record of COURSE.
+        own: record of PROGRESS.
         pose: (3,) of the reading [m, m, rad].
         twist: (2,) [m/s, rad/s].
         laser: (beams of the laser,) [m].
         ultrasonic: (rangers,) [m].
-        out: laser, ultrasonic, twist, goal and path, one after another.
+        out: laser, ultrasonic, twist, goal, action, path and privileged, one after another.
     """
     place = rules.beams
     valid = pool(laser, rules.laser_reach, out[:place])
@@ -107,9 +114,32 @@ def observe(
     place += 2
     bearing_to(pose, course.goal, out[place : place + rules.goal_room])
     place += rules.goal_room
+    if rules.last_action:
+        out[place], out[place + 1] = own.action[0], own.action[1]
+        place += 2
     if rules.points > 0:
-        path = table_at(course.path, course.points, 2)
-        look_ahead(path, pose, doubles_at(rules.ahead, rules.points), out[place:])
+        ahead = doubles_at(rules.ahead, rules.points)
+        if rules.posed:
+            look_ahead_poses(
+                states_at(course.words, course.word_rows, course.word_cols, course.headings),
+                moves_at(course.moves, course.n_moves, course.headings, 3),
+                course.word_cell,
+                course.word_origin,
+                pose,
+                course.goal,
+                ahead,
+                out[place : place + 4 * rules.points],
+            )
+            place += 4 * rules.points
+        else:
+            path = table_at(course.path, course.points, 2)
+            look_ahead(path, pose, ahead, out[place : place + 2 * rules.points])
+            place += 2 * rules.points
+    if rules.privileged:
+        seconds = seconds_to_go(course, pose[0], pose[1], pose[2])
+        out[place] = min(seconds, LONG) if seconds >= 0.0 else LONG  # NaN: not known
+        out[place + 1] = min(max(0.0, own.steps_left * rules.period), LONG)
+        out[place + 2] = min(way_to_go(course, pose[0], pose[1]), LONG)
     return valid
 
 
@@ -142,7 +172,7 @@ def start_task(
     own.time_limit = limit
     own.geodesic = way_to_go(course, course.start[0], course.start[1])
     own.steps_left = max(1, round(limit / rule.period))
-    own.to_go = to_go(course, rule.aim, pose[0], pose[1])
+    own.to_go = to_go(course, rule.aim, pose[0], pose[1], pose[2])
     own.action[0], own.action[1] = 0.0, 0.0
     for k in range(verdict.terms.shape[0]):
         verdict.terms[k] = 0.0
@@ -150,7 +180,7 @@ def start_task(
     verdict.terminated, verdict.truncated = False, False
     verdict.arrived = believes_arrived(rule, course, pose)
     verdict.geodesic = own.geodesic
-    verdict.valid_beams = observe(rule, course, pose, twist, laser, ultrasonic, out)
+    verdict.valid_beams = observe(rule, course, own, pose, twist, laser, ultrasonic, out)
 
 
 @borrowing_kernel
@@ -189,9 +219,12 @@ def assess(
     for k in range(2):
         own.previous[k] = own.action[k]
         own.action[k] = min(1.0, max(-1.0, action[k]))
-    rest = to_go(course, rule.aim, pose[0], pose[1])
-    covered = own.to_go - rest
-    own.to_go = rest
+    rest = to_go(course, rule.aim, pose[0], pose[1], pose[2])
+    covered = 0.0
+    if not math.isnan(rest):  # else what was covered counts when a way is known again
+        if not math.isnan(own.to_go):
+            covered = own.to_go - rest
+        own.to_go = rest
     verdict.arrived = believes_arrived(rule, course, pose)
     verdict.terminated = verdict.arrived or bumped
     verdict.truncated = own.steps_left <= 0 and not verdict.terminated
@@ -210,7 +243,7 @@ def assess(
     for k in range(verdict.terms.shape[0]):
         verdict.reward += verdict.terms[k]
     verdict.geodesic = own.geodesic
-    verdict.valid_beams = observe(rule, course, pose, twist, laser, ultrasonic, out)
+    verdict.valid_beams = observe(rule, course, own, pose, twist, laser, ultrasonic, out)
 
 
 @borrowing_kernel

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import address_of, field_at, table_at
+from wheelchair_gym.address import address_of, field_at, states_at, table_at
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.maps import Geodesic
 from wheelchair_gym.maps.geodesic import interpolate
+from wheelchair_gym.maps.pose_ways import PoseWays, time_to_go, to_local
 from wheelchair_gym.task.observe import project
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
 
-GOAL, PATH, FIELD = range(3)  # what progress is measured along
-AIMS = ("goal", "path", "field")
+GOAL, PATH, FIELD, TIME = range(4)  # what progress is measured along
+AIMS = ("goal", "path", "field", "time")
 
 COURSE = np.dtype(
     [
@@ -43,6 +44,14 @@ COURSE = np.dtype(
         ("resolution", "f8"),  # m
         ("path", "u8"),  # address of the guidance (points, 2) [m]
         ("points", "i8"),  # 0: none
+        ("words", "u8"),  # address of the ways of the outline (word_rows, word_cols, headings)
+        ("word_rows", "i8"),  # 0: none
+        ("word_cols", "i8"),
+        ("headings", "i8"),
+        ("moves", "u8"),  # address of their moves (n_moves, headings, 3)
+        ("n_moves", "i8"),
+        ("word_cell", "f8"),  # m
+        ("word_origin", "f8", (3,)),  # m, m, rad
     ],
     align=True,
 )
@@ -55,6 +64,7 @@ class Course:
     episode: Episode
     geodesic: Geodesic
     path: Array | None  # (n, 2) m
+    ways: PoseWays | None  # of the outline
     record: NDArray[np.void]
     _kept: tuple[Any, ...]
 
@@ -65,7 +75,12 @@ class Course:
 
     @classmethod
     def of(
-        cls, episode: Episode, geodesic: Geodesic, path: Array | None, tolerance: float
+        cls,
+        episode: Episode,
+        geodesic: Geodesic,
+        path: Array | None,
+        tolerance: float,
+        ways: PoseWays | None = None,
     ) -> Course:
         """Lay out a course.
 
@@ -74,6 +89,7 @@ class Course:
             geodesic: ways to its goal.
             path: guidance (n, 2) [m], or None.
             tolerance: where the episode names none [m].
+            ways: of the outline, where they guide.
         """
         walls = np.ascontiguousarray(episode.walls, np.float64)
         discs = np.ascontiguousarray(episode.discs, np.float64)
@@ -93,7 +109,23 @@ class Course:
         r["field"], (r["rows"], r["cols"]) = address_of(field), field.shape
         r["origin"], r["resolution"] = geodesic.grid.origin, geodesic.grid.resolution
         r["path"], r["points"] = address_of(points), len(points)
-        return cls(episode, geodesic, path, record, (walls, discs, movers, routes, points, field))
+        kept: tuple[Any, ...] = (walls, discs, movers, routes, points, field)
+        if ways is not None:
+            words, moves = np.ascontiguousarray(ways.words), np.ascontiguousarray(ways.moves)
+            r["words"], (r["word_rows"], r["word_cols"], r["headings"]) = (
+                address_of(words),
+                words.shape,
+            )
+            r["moves"], r["n_moves"], r["word_cell"] = address_of(moves), len(moves), ways.cell
+            r["word_origin"] = ways.origin
+            kept += words, moves
+        return cls(episode, geodesic, path, ways, record, kept)
+
+    def begun_at(self, start: Array) -> Course:
+        """This course from another start (3,) [m, m, rad]."""
+        record = self.record.copy()
+        record["start"] = start
+        return replace(self, episode=replace(self.episode, start=start), record=record)
 
 
 @borrowing_kernel
@@ -121,8 +153,20 @@ def rest_of_path(path: Array, x: float, y: float) -> float:
 
 
 @borrowing_kernel
-def to_go(course: Any, aim: int, x: float, y: float) -> float:
-    """Way to go [m] from a point, as the task's aim measures it."""
+def seconds_to_go(course: Any, x: float, y: float, yaw: float) -> float:
+    """Seconds to the goal from a pose by the ways of the outline; NaN where none is known."""
+    if course.word_rows == 0:
+        return math.nan
+    words = states_at(course.words, course.word_rows, course.word_cols, course.headings)
+    lx, ly, lyaw = to_local(course.word_origin, x, y, yaw)
+    return time_to_go(words, course.word_cell, lx, ly, lyaw)
+
+
+@borrowing_kernel
+def to_go(course: Any, aim: int, x: float, y: float, yaw: float) -> float:
+    """Way to go from a pose, as the task's aim measures it [m, or s]; NaN where none is known."""
+    if aim == TIME:
+        return seconds_to_go(course, x, y, yaw)
     if aim == FIELD:
         return way_to_go(course, x, y)
     if aim == PATH and course.points > 0:

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import borrowing_kernel, kernel
+from wheelchair_gym.maps.pose_ways import poses_ahead, to_local
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 GOAL_REACH = 100.0  # m: farther goals are seen at this distance
 _NOTHING = np.float32(0.0)
+STRAIGHT = 0.8  # m/s: the pace of a way that is not known
 PATH_REACH = 10.0  # m: look-ahead points farther off than this on an axis are clipped
 
 
@@ -119,3 +121,50 @@ def look_ahead(path: Array, pose: Array, distances: Array, out: Floats) -> None:
         dy = path[segment, 1] + t * ey - pose[1]
         out[2 * j] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * dx + s * dy)))
         out[2 * j + 1] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * dy - s * dx)))
+
+
+@borrowing_kernel
+def look_ahead_poses(
+    states: NDArray[np.uint32],
+    moves: NDArray[np.int32],
+    cell: float,
+    origin: Array,
+    pose: Array,
+    goal: Array,
+    times: Array,
+    out: Floats,
+) -> None:
+    """Poses at plan times (k,) [s] on the outline's way from a pose, in the chair's frame.
+
+    Where no way is known they lie straight ahead to the goal, as if driven at `STRAIGHT`.
+
+    Args:
+        states: of the ways.
+        moves: of the ways.
+        cell: of the ways [m].
+        origin: of the ways (3,) [m, m, rad].
+        pose: of the chair (3,) [m, m, rad].
+        goal: (3,) [m, m, rad].
+        times: rising [s].
+        out: (4 k,) x and y [m], cosine and sine of the heading, of each.
+    """
+    x, y, yaw = to_local(origin, pose[0], pose[1], pose[2])
+    c, s = math.cos(yaw), math.sin(yaw)
+    left = poses_ahead(states, moves, cell, x, y, yaw, times, out)
+    if math.isnan(left):
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        dx, dy = goal[0] - pose[0], goal[1] - pose[1]
+        far = max(math.hypot(dx, dy), 1e-9)
+    for j in range(times.shape[0] - 1, -1, -1):
+        heading = out[4 * j + 2] - yaw
+        ex, ey = out[4 * j] - x, out[4 * j + 1] - y
+        if math.isnan(left):
+            share = min(1.0, STRAIGHT * times[j] / far)
+            ex, ey = share * dx, share * dy
+            heading = math.atan2(dy, dx) - pose[2]
+        out[4 * j] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * ex + s * ey)))
+        out[4 * j + 1] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * ey - s * ex)))
+        out[4 * j + 2], out[4 * j + 3] = (
+            np.float32(math.cos(heading)),
+            np.float32(math.sin(heading)),
+        )

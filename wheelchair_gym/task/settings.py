@@ -12,7 +12,9 @@ from wheelchair_gym.config import setting, settings
 class RewardWeights:
     """Weights of the named reward terms; the reward is their weighted sum."""
 
-    progress: float = setting(default=0.125, unit="1/m", source="way to go that was covered")
+    progress: float = setting(
+        default=0.125, unit="1/m", source="way to go that was covered; 1/s where the aim is time"
+    )
     time: float = setting(default=-0.05, unit="1/s", source="each second costs")
     arrived: float = setting(default=1.0, source="by the chair's own estimate")
     bumped: float = setting(default=-2.0, source="a bumper strip was pressed")
@@ -45,8 +47,20 @@ class TaskSettings:
     look_ahead: tuple[float, ...] = setting(
         default=(0.5, 1.0, 1.5, 2.0, 3.0), unit="m", source="along the guidance path", low=0.0
     )
-    aim: Literal["goal", "path", "field"] = setting(
-        default="field", source="progress is measured towards the goal, along path or geodesic"
+    look_ahead_time: tuple[float, ...] = setting(
+        default=(0.5, 1.0, 2.0, 3.5, 5.0),
+        unit="s",
+        source="of plan time, where poses guide",
+        low=0.0,
+    )
+    last_action: bool = setting(default=False, source="true: the last action is observed, too")
+    privileged: bool = setting(
+        default=False, source="true: a critic's key 'privileged' is observed; in training only"
+    )
+    aim: Literal["goal", "path", "field", "time"] = setting(
+        default="field",
+        source="progress is measured towards the goal, along path or geodesic; time: in seconds "
+        "by the ways of the outline, which need the guidance 'poses'",
     )
     margin: float = setting(
         default=0.05, unit="m", source="kept by the geodesic beyond half the width", low=0.0

@@ -12,9 +12,18 @@ from numpy.typing import NDArray
 from wheelchair_gym.address import address_of
 from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
+from wheelchair_gym.maps.pose_ways import PoseWays
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
-from wheelchair_gym.task.assess import ALONE, PROGRESS, RULES, VERDICT, assess_alone, start_task
+from wheelchair_gym.task.assess import (
+    ALONE,
+    LONG,
+    PROGRESS,
+    RULES,
+    VERDICT,
+    assess_alone,
+    start_task,
+)
 from wheelchair_gym.task.course import AIMS, Course, way_from
 from wheelchair_gym.task.judge import Verdict, reached
 from wheelchair_gym.task.observe import GOAL_REACH, PATH_REACH
@@ -25,7 +34,9 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Rows = NDArray[np.void]
 Observation = dict[str, Floats]
-Guidance = Callable[["Task"], Array]  # a path (n, 2) [m] from the start to the goal
+# A path (n, 2) [m] from the start to the goal; or, if its attribute `poses` is true, the ways of
+# the chair's outline.
+Guidance = Callable[["Task"], Array | PoseWays]
 
 TWIST_ROOM = 1.5  # a chair pushed or overshooting is seen up to this multiple of its limits
 
@@ -88,7 +99,10 @@ class Task:
                 for m in rangers.mounted
             ]
         )
-        self._ahead = np.array(settings.look_ahead)
+        self.posed = bool(getattr(guidance, "poses", False))
+        if settings.aim == "time" and not self.posed:
+            raise InputError("task.aim is 'time'; it needs the guidance 'poses'")
+        self._ahead = np.array(settings.look_ahead_time if self.posed else settings.look_ahead)
         self.rules: Rows = np.zeros(1, RULES)
         self._set_rules()
         self._progress = np.zeros(1, PROGRESS)
@@ -109,7 +123,8 @@ class Task:
         r["twist_most"] = np.float32(TWIST_ROOM) * np.array(most, np.float32)
         r["goal_room"] = 5 if s.heading else 3
         r["points"] = 0 if self.guidance is None else len(self._ahead)
-        r["ahead"] = address_of(self._ahead)
+        r["ahead"], r["posed"] = address_of(self._ahead), self.posed
+        r["last_action"], r["privileged"] = s.last_action, s.privileged
         r["doubt"] = 0.0 if self.sensors.pose_source == "truth" else s.doubt
         r["heading"], r["heading_tolerance"] = s.heading, s.heading_tolerance
         r["aim"] = AIMS.index(s.aim)
@@ -120,7 +135,7 @@ class Task:
     def _lay_out(self) -> dict[str, slice]:
         """Where each key stands in an observation written in one piece."""
         places, begin = {}, 0
-        for key, box in self._boxes().items():
+        for key, box in self.boxes().items():
             places[key] = slice(begin, begin + box.shape[0])
             begin += box.shape[0]
         self.room = begin  # numbers in an observation
@@ -129,9 +144,9 @@ class Task:
     @property
     def space(self) -> gym.spaces.Dict:
         """The space of observations."""
-        return gym.spaces.Dict(cast("dict[str, gym.Space[Floats]]", self._boxes()))
+        return gym.spaces.Dict(cast("dict[str, gym.Space[Floats]]", self.boxes()))
 
-    def _boxes(self) -> dict[str, Any]:
+    def boxes(self) -> dict[str, Any]:
         """The space of each key, in the order in which kernels write them."""
         room = int(self.rules["goal_room"][0])
         high = np.array([GOAL_REACH, 1.0, 1.0, 1.0, 1.0][:room], np.float32)
@@ -145,9 +160,14 @@ class Task:
             "twist": gym.spaces.Box(-twist, twist),
             "goal": gym.spaces.Box(low, high),
         }
-        if self.guidance is not None:
-            shape = (2 * len(self._ahead),)
-            boxes["path"] = gym.spaces.Box(-PATH_REACH, PATH_REACH, shape, np.float32)
+        if self.settings.last_action:
+            boxes["action"] = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
+        if self.guidance is not None and len(self._ahead):
+            each = [PATH_REACH, PATH_REACH, 1.0, 1.0][: 4 if self.posed else 2]
+            most = np.tile(np.array(each, np.float32), len(self._ahead))
+            boxes["path"] = gym.spaces.Box(-most, most)
+        if self.settings.privileged:
+            boxes["privileged"] = gym.spaces.Box(0.0, LONG, (3,), np.float32)
         return boxes
 
     @property
@@ -166,14 +186,29 @@ class Task:
         path = None
         if self.guidance is not None:
             self._take(episode, ways)
-            path = np.ascontiguousarray(self.guidance(self), dtype=np.float64)
-            if path.ndim != 2 or len(path) < 2 or path.shape[1] < 2:
-                raise ValueError(f"guidance gave a path of shape {path.shape}; expected (n, 2)")
+            self.tolerance = self.tolerance_of(episode)
+            path = self.guidance(self)
+            if isinstance(path, PoseWays) != self.posed:
+                expected = "ways of the outline" if self.posed else "a path (n, 2)"
+                raise ValueError(f"guidance gave {type(path).__name__}; expected {expected}")
         return self.lay_out(episode, ways, path)
 
-    def lay_out(self, episode: Episode, ways: Geodesic, path: Array | None) -> Course:
+    def tolerance_of(self, episode: Episode) -> float:
+        """How near its goal counts [m]."""
+        return self.settings.tolerance if episode.tolerance is None else episode.tolerance
+
+    def lay_out(self, episode: Episode, ways: Geodesic, guide: Array | PoseWays | None) -> Course:
         """The course of an episode whose ways and guidance are known."""
-        return Course.of(episode, ways, path, self.settings.tolerance)
+        if isinstance(guide, PoseWays):
+            path = guide.path(episode.start)[:, :2]
+            if len(path) < 2:
+                path = np.stack([episode.start[:2], episode.goal[:2]])
+            return Course.of(episode, ways, path, self.settings.tolerance, guide)
+        if guide is not None:
+            guide = np.ascontiguousarray(guide, dtype=np.float64)
+            if guide.ndim != 2 or len(guide) < 2 or guide.shape[1] < 2:
+                raise ValueError(f"guidance gave a path of shape {guide.shape}; expected (n, 2)")
+        return Course.of(episode, ways, guide, self.settings.tolerance)
 
     def _take(self, episode: Episode, ways: Geodesic) -> None:
         self._told, self.start, self.goal = episode.map, episode.start, episode.goal

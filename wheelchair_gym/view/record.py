@@ -142,7 +142,7 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
 
     def _log_episode(self) -> None:
         env = self._env
-        episode, task = env.episode, env.task
+        episode = env.episode
         self._out.tell(
             EPISODE,
             {
@@ -152,9 +152,17 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
                 **{name: getattr(episode, name) for name in _VALUES},
                 "movers": packed(episode.movers.rows, MOVER),
                 "routes": episode.movers.routes.tolist(),
-                "path": None if task.guidance is None else np.asarray(task.path).tolist(),
+                "path": self._guide(),
             },
         )
+
+    def _guide(self) -> Any:
+        """The path that guides; or the guidance itself, where it guides by ways of the outline."""
+        task = self._env.task
+        if task.posed:
+            spec = self._env.settings.guidance
+            return {"call": "poses", **dump(spec)} if callable(spec) else spec
+        return None if task.guidance is None else np.asarray(task.path).tolist()
 
     def _log_map(self, chart: OccupancyGrid) -> None:
         """What stays as it is, or nearly so."""

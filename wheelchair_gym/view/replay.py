@@ -39,7 +39,7 @@ class Chapter(NamedTuple):
 
     settings: EnvSettings
     episode: Episode
-    path: Array | None  # guidance (n, 2) [m]
+    path: Any  # guidance (n, 2) [m], or what guides by ways of the outline, or None
     readings: list[Moment]  # (n + 1,)
     actions: list[NDArray[Any]]  # (n,) of (2,), as they were given
     verdicts: list[Record]  # (n,) of reward, terms, terminated, truncated
@@ -155,7 +155,9 @@ def _begun(content: Record) -> Chapter:
     if "movers" in content:  # not in recordings of the first release
         rows, routes = _floats(content["movers"], MOVER), np.array(content["routes"])
         episode = dataclasses.replace(episode, movers=Movers(rows, routes.reshape(-1, 2)))
-    path = None if content["path"] is None else np.array(content["path"])
+    path = content["path"]
+    if isinstance(path, list):
+        path = np.array(path)
     settings = load(EnvSettings, content["settings"], EPISODE)
     return Chapter(settings, episode, path, [], [], [])
 
@@ -206,7 +208,7 @@ def replayed(chapter: Chapter, render_mode: str | None = None) -> NavigationEnv:
     if sensors.pose_source != "truth":  # the recorded pose is what it came to; nobody looks again
         sensors = dataclasses.replace(sensors, pose_source="odometry")
     path = chapter.path
-    guidance = None if path is None else (lambda task: path)
+    guidance = (lambda task: path) if isinstance(path, np.ndarray) else path
     settings = dataclasses.replace(chapter.settings, sensors=sensors, guidance=guidance)
     chair = ReplayedChair(chapter.readings)
     env = NavigationEnv(config=settings, chair=chair, render_mode=render_mode)

@@ -1,0 +1,157 @@
+"""Learned policies: what was trained drives wherever a chair has readings, a map and a goal."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.learning.features import Layout
+from agents.learning.weights import Network, find_weights, load_weights
+from wheelchair_gym.config import InputError, load, setting, settings
+from wheelchair_gym.envs.guidance import make_guidance
+from wheelchair_gym.envs.settings import EnvSettings
+from wheelchair_gym.simulation.settings import ChairSettings
+from wheelchair_gym.task.task import Task
+from wheelchair_gym.types import Episode
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+RELOOK = 1.0  # s between two looks at a map that grows: its ways take a third of that
+
+
+@settings
+class Learned:
+    """A learned policy, by the name or the file of its weights (.npz, or .onnx as exported)."""
+
+    weights: str = setting(default="", source="a name that comes with the package, or a file")
+    digest: str | None = setting(default=None, source="SHA-256 of the file, where it must be that")
+
+    def __post_init__(self) -> None:
+        if self.weights:
+            self._file()
+
+    def _file(self) -> Path:
+        path = find_weights(self.weights)
+        if self.digest is not None and file_digest(path) != self.digest:
+            raise InputError(f"{path}: its SHA-256 differs from the digest that was asked for")
+        return path
+
+    def make(self) -> LearnedDriver:
+        """A fresh policy.
+
+        Raises:
+            InputError: there are no such weights, or they are not whole.
+        """
+        path = self._file()
+        if path.suffix == ".onnx":
+            from agents.learning.export import OnnxNetwork
+
+            onnx = OnnxNetwork(path)
+            return LearnedDriver(onnx, onnx.card)
+        weights = load_weights(path)
+        return LearnedDriver(Network(weights), weights.card)
+
+
+@cache
+def _digest(path: Path, stamp: int) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        return _digest(path, path.stat().st_mtime_ns)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def weights_digest(spec: Any) -> str | None:
+    """Digest of the weights that a policy's name or mapping stands for; None of other policies."""
+    if isinstance(spec, Mapping):
+        spec = spec.get("weights", spec.get("name"))
+    if not isinstance(spec, str):
+        return None
+    try:
+        path = find_weights(spec)
+    except InputError:
+        return None
+    return file_digest(path)
+
+
+class LearnedDriver:
+    """Sees as in training, by the same task and guidance, and acts as often."""
+
+    def __init__(self, network: Callable[[Floats], Floats], card: Mapping[str, Any]) -> None:
+        self._network: Any = network
+        self._env = load(EnvSettings, card["env"], "weights: env")
+        self._layout = Layout.of(card["layout"]["sizes"], card["layout"]["posed"])
+        self.card = card
+
+    def reset(self, task: Any) -> None:
+        """See `Policy.reset`."""
+        env = self._env
+        period = 1.0 / env.rate
+        self._hold = max(1, round(period / task.period))
+        if not math.isclose(self._hold * task.period, period, rel_tol=1e-6):
+            raise InputError(
+                f"the policy acts at {env.rate:g} Hz; a control period of {task.period:g} s is no "
+                "whole part of that"
+            )
+        if len(task.sensors.ultrasonic.mounted) != dict(self._layout.sizes)["ultrasonic"]:
+            raise InputError("the policy was trained with other ultrasonics than this chair has")
+        shown = "path" in dict(self._layout.sizes)
+        own = dataclasses.replace(env.task, privileged=False, aim="goal", beams=env.task.beams)
+        self._task, self._outer = task, task
+        # The chair that drives is this one; what is seen of it is as in training.
+        chair = dataclasses.replace(ChairSettings(), footprint=task.footprint, limits=task.limits)
+        spec = {"call": "poses", "ways": _ways(env)} if self._layout.posed else env.guidance
+        guidance = make_guidance(spec) if shown else None
+        self._eye = Task(own, chair, task.sensors, self._hold * task.period, guidance)
+        self._network.reset(1)
+        self._action = np.zeros(2)
+        self._steps, self._looked = 0, 0.0
+        self._look(task)
+
+    def _look(self, task: Any) -> None:
+        """Take up the task as it is now: its map, from where the chair is."""
+        pose = task.reading.pose
+        goal = np.zeros(3)
+        goal[: len(task.goal)] = task.goal
+        episode = Episode(task.map, pose, goal, tolerance=task.tolerance)
+        self._course = self._eye.prepare(episode)
+        self._eye.begin(self._course, task.reading, task.key)
+        self._task.path = self._course.path
+
+    def act(self, observation: Mapping[str, Floats]) -> Array:
+        """See `Policy.act`."""
+        if self._steps % self._hold == 0:
+            reading = self._task.reading
+            grows = self._task.chart is not None
+            if grows and reading.stamp - self._looked >= RELOOK:
+                self._looked = reading.stamp
+                self._look(self._task)
+            seen = self._eye.assess(reading, self._action)
+            flat = np.concatenate([seen[key] for key, _ in self._layout.sizes if key in seen])
+            self._action = self._network(flat[None])[0].astype(np.float64)
+        self._steps += 1
+        return self._action.copy()
+
+
+def _ways(env: EnvSettings) -> dict[str, Any]:
+    spec = env.guidance
+    ways = dict(spec.get("ways", {})) if isinstance(spec, Mapping) else {}
+    return json.loads(json.dumps(ways))  # type: ignore[no-any-return]

@@ -1,0 +1,98 @@
+"""Checkpoints of a training run: whole or refused, and read without executing what is in them."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from wheelchair_gym.config import InputError
+from wheelchair_gym.files import whole
+
+NAME = "checkpoint.pt"
+_HEAD = b"wheelchair checkpoint 1\n"
+_REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+
+
+def state_of(model: Any) -> dict[str, Any]:
+    """All that a model has learned and needs to go on: networks, optimisers, what it replays."""
+    names, variables = model._get_torch_save_params()
+    state: dict[str, Any] = {
+        "modules": {name: _attribute(model, name).state_dict() for name in names},
+        "variables": {name: _attribute(model, name).data for name in variables or []},
+        "frames": model.num_timesteps,
+        "updates": model._n_updates,
+    }
+    buffer = getattr(model, "replay_buffer", None)
+    if buffer is not None:
+        end = buffer.buffer_size if buffer.full else buffer.pos
+        state["replay"] = {name: torch.from_numpy(getattr(buffer, name)[:end]) for name in _REPLAY}
+        state["replay_at"] = [int(buffer.pos), int(buffer.full)]
+    return state
+
+
+def take_state(model: Any, state: dict[str, Any]) -> None:
+    """Give a model the state of another of the same settings."""
+    for name, values in state["modules"].items():
+        _attribute(model, name).load_state_dict(values)
+    for name, values in state["variables"].items():
+        _attribute(model, name).data.copy_(values)
+    model.num_timesteps, model._n_updates = state["frames"], state["updates"]
+    if "replay" in state:
+        buffer = model.replay_buffer
+        for name, values in state["replay"].items():
+            getattr(buffer, name)[: len(values)] = values.numpy()
+        buffer.pos, buffer.full = state["replay_at"][0], bool(state["replay_at"][1])
+
+
+def _attribute(model: Any, name: str) -> Any:
+    for part in name.split("."):
+        model = getattr(model, part)
+    return model
+
+
+def save_checkpoint(folder: Path, content: dict[str, Any]) -> None:
+    """Write a checkpoint whole or not at all.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    stream = io.BytesIO()
+    torch.save(content, stream)
+    body = stream.getbuffer()
+    digest = hashlib.sha256(body).hexdigest().encode()
+    with whole(folder / NAME) as part, part.open("wb") as file:
+        file.write(_HEAD + digest + b"\n")
+        file.write(body)
+
+
+def load_checkpoint(folder: Path) -> dict[str, Any] | None:
+    """The checkpoint of a folder, or None where there is none.
+
+    Raises:
+        InputError: it cannot be read, or is not whole.
+    """
+    path = folder / NAME
+    if not path.exists():
+        return None
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    head = len(_HEAD) + 65
+    body = memoryview(data)[head:]
+    digest = hashlib.sha256(body).hexdigest().encode()
+    if data[:head] != _HEAD + digest + b"\n":
+        raise InputError(f"{path}: expected a whole checkpoint; delete it to begin anew")
+    content: dict[str, Any] = torch.load(io.BytesIO(body), weights_only=True)
+    return content
+
+
+def seeds_of(seed: int, number: int) -> tuple[int, int]:
+    """Seeds of the random draws and of the environments after checkpoint `number` of a run."""
+    draws, envs = np.random.SeedSequence([seed, number]).generate_state(2)
+    return int(draws), int(envs)

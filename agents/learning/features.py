@@ -1,0 +1,99 @@
+"""What a network is told of an observation: one definition for training, driving and export."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+
+RANGE_SCALE, RANGE_SHIFT = 0.6, 0.1  # ranges r [m] are told as 0.6 ln(r + 0.1)
+GOAL_MOST = 10.0  # m: goals farther off are told as this far
+NEAR_GOAL = 2.0  # weight of exp(-distance)
+AHEAD_SCALE = 0.5  # of points and poses ahead, per m
+PRIVILEGED_SCALE = (1.0 / 15.0, 1.0 / 60.0, 1.0 / 10.0)  # of time to go, time left, way to go
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where each key of an observation stands in a flat one, in the order of the task."""
+
+    sizes: tuple[tuple[str, int], ...]  # key and how many numbers
+    posed: bool  # poses lie ahead, not points
+
+    @classmethod
+    def of(cls, sizes: Iterable[Any], posed: bool) -> Layout:
+        """The layout of pairs of a key and its size, in their order."""
+        return cls(tuple((str(key), int(n)) for key, n in sizes), posed)
+
+    def place(self, key: str) -> slice:
+        """Where a key stands; an empty place where it is absent."""
+        begin = 0
+        for name, size in self.sizes:
+            if name == key:
+                return slice(begin, begin + size)
+            begin += size
+        return slice(0, 0)
+
+    @property
+    def room(self) -> int:
+        """Numbers in an observation."""
+        return sum(size for _, size in self.sizes)
+
+    @property
+    def private(self) -> int:
+        """Numbers that only a critic may see; they stand last."""
+        return dict(self.sizes).get("privileged", 0)
+
+    @property
+    def told(self) -> int:
+        """Numbers that an actor is told."""
+        return self.room - self.private + 1  # the goal's distance is told twice
+
+    @property
+    def scales(self) -> Floats:
+        """What twist, action, path and the rest of the goal are multiplied by (n,)."""
+        path = dict(self.sizes).get("path", 0)
+        each = [AHEAD_SCALE, AHEAD_SCALE, 1.0, 1.0] if self.posed else [AHEAD_SCALE] * 2
+        goal = dict(self.sizes)["goal"] - 1
+        action = dict(self.sizes).get("action", 0)
+        parts = [[1.0] * 2, [1.0] * goal, [1.0] * action, each * (path // len(each))]
+        return np.concatenate(parts).astype(np.float32)
+
+    @property
+    def scaled(self) -> NDArray[np.int64]:
+        """Which numbers of a flat observation those are."""
+        twist, goal = self.place("twist"), self.place("goal")
+        action, path = self.place("action"), self.place("path")
+        parts = [
+            np.arange(twist.start, twist.stop),
+            np.arange(goal.start + 1, goal.stop),
+            np.arange(action.start, action.stop),
+            np.arange(path.start, path.stop),
+        ]
+        return np.concatenate(parts)
+
+
+def features(xp: Any, flat: Any, layout: Layout, scaled: Any, scales: Any) -> Any:
+    """What a network is told, from flat observations (n, room): features (n, told).
+
+    Args:
+        xp: numpy or torch.
+        flat: an array or a tensor.
+        layout: of the observation.
+        scaled: `layout.scaled`, as xp likes it.
+        scales: `layout.scales`, as xp likes them.
+    """
+    ranges = flat[:, : layout.place("ultrasonic").stop]
+    far = flat[:, layout.place("goal").start : layout.place("goal").start + 1]
+    parts = [
+        RANGE_SCALE * xp.log(ranges + RANGE_SHIFT),
+        flat[:, scaled] * scales,
+        far.clip(None, GOAL_MOST) / GOAL_MOST,
+        NEAR_GOAL * xp.exp(-far),
+    ]
+    return xp.concatenate(parts, -1)

@@ -1,0 +1,217 @@
+"""Laws of learned policies: they drive as they were trained, and are whole or refused."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from agents.cli import main
+from agents.evaluate import drive_episode, episode_key
+from agents.learned import file_digest
+from agents.learning.checkpoint import NAME, load_checkpoint
+from agents.learning.run import BEST, POLICY, Run
+from agents.learning.weights import Network, load_weights, save_weights
+from agents.policy import make_policy
+from tests.agents.tiny_runs import ENV, random_weights, tiny, trained_run
+from wheelchair_gym.config import InputError
+from wheelchair_gym.envs import NavigationEnv
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    return trained_run(tmp_path_factory.mktemp("trained"))
+
+
+def test_evaluation_lacks_what_only_the_critic_may_see(trained):
+    """A trained policy drives an env of its defaults, whose observations have no such key."""
+    _, folder = trained
+    env = NavigationEnv("clutter", pose_source="modelled")
+    assert "privileged" not in env.observation_space.spaces
+    policy = make_policy(str(folder / POLICY))
+    record = drive_episode(env, policy, 0)
+    assert record["outcome"] in ("success", "collision", "timeout", "missed")
+    assert "privileged" not in policy._eye.observation
+
+
+def test_a_driver_sees_and_acts_as_in_training(trained):
+    """In the env that it was trained in, a driver does what the network does on the env's own."""
+    run, folder = trained
+    settings = {**ENV, "sensors": {**ENV["sensors"], "pose_source": "truth"}}
+    env = NavigationEnv(config=settings)
+    observation, _ = env.reset(seed=4)
+    policy, network = make_policy(str(folder / POLICY)), Network(load_weights(folder / POLICY))
+    policy.reset(env.task)
+    for _ in range(6):
+        flat = np.concatenate([observation[key] for key in env.task.boxes()])
+        action = policy.act(observation)
+        assert action == pytest.approx(network(flat[None])[0], abs=1e-6)
+        observation, *_ = env.step(action)
+    assert run.layout.room == len(flat) + 3
+
+
+def test_a_driver_holds_its_action_where_control_is_faster(trained):
+    _, folder = trained
+    env = NavigationEnv("clutter", rate=10.0)
+    observation, _ = env.reset(seed=0)
+    policy = make_policy({"name": str(folder / POLICY)})
+    policy.reset(env.task)
+    actions = []
+    for _ in range(8):
+        actions.append(policy.act(observation))
+        observation, *_ = env.step(actions[-1])
+    actions = np.array(actions)
+    assert np.array_equal(actions[::2], actions[1::2])
+    assert len(np.unique(actions, axis=0)) == 4
+    env = NavigationEnv("clutter", rate=4.0)
+    env.reset(seed=0)
+    with pytest.raises(InputError, match=r"the policy acts at 5 Hz; a control period of 0.25 s"):
+        policy.reset(env.task)
+
+
+def test_files_that_are_not_whole_are_refused_in_one_line(trained, tmp_path, capsys):
+    _, folder = trained
+    content = (folder / POLICY).read_bytes()
+    for k, broken in enumerate(
+        (
+            content[:-100],
+            b"",
+            content[: len(content) // 2] + b"\x01" + content[len(content) // 2 + 1 :],
+            b"no weights",
+        )
+    ):
+        file = tmp_path / f"broken{k}.npz"
+        file.write_bytes(broken)
+        assert main(["simulate", "--scene", "clutter", "--policy", str(file)]) == 2
+        told = capsys.readouterr().err
+        assert told.count("\n") == 1
+        assert file.name in told
+    assert main(["simulate", "--policy", str(tmp_path / "none.npz")]) == 2
+    assert "cannot be read" in capsys.readouterr().err
+    run_of = tmp_path / "run"
+    run_of.mkdir()
+    data = bytearray((folder / NAME).read_bytes())
+    data[len(data) // 2] ^= 1
+    (run_of / NAME).write_bytes(bytes(data))
+    with pytest.raises(InputError, match="expected a whole checkpoint"):
+        load_checkpoint(run_of)
+    with pytest.raises(InputError, match="holds a run of other settings or another seed"):
+        Run(tiny("ppo"), 1, folder)
+
+
+def test_weights_that_hold_code_are_refused(tmp_path):
+    class Code:
+        def __reduce__(self):
+            return (open, (str(tmp_path / "executed"), "w"))
+
+    file = tmp_path / "evil.npz"
+    np.savez(file, card=np.array([Code()], dtype=object))
+    with pytest.raises(InputError, match="expected whole weights of a policy"):
+        load_weights(file)
+    assert not (tmp_path / "executed").exists()
+
+
+def test_a_record_depends_on_the_weights_and_a_digest_may_be_asked_for(trained, tmp_path):
+    _, folder = trained
+    file = tmp_path / "mine.npz"
+    file.write_bytes((folder / POLICY).read_bytes())
+    spec = {"name": str(file), "digest": file_digest(file)}
+    make_policy(spec)
+    before = episode_key(str(file), "clutter", 0, {})
+    weights = load_weights(file)
+    weights.arrays["dense0.b"] = weights.arrays["dense0.b"] + np.float32(1.0)
+    save_weights(file, weights)
+    assert episode_key(str(file), "clutter", 0, {}) != before
+    with pytest.raises(InputError, match="SHA-256 differs"):
+        make_policy(spec)
+
+
+def test_the_card_tells_where_weights_come_from(trained):
+    run, folder = trained
+    card = load_weights(folder / BEST).card
+    assert card["trials"].keys() >= {"success", "collision", "timeout", "episodes", "seed"}
+    assert card["training"] == json.loads((folder / "settings.json").read_text())
+    for key in ("command", "seed", "frames", "versions", "limits", "env", "commit"):
+        assert key in card
+    assert (folder / POLICY).stat().st_size < 3_000_000
+    assert run.rows[-1]["trial_success"] == card["trials"]["success"]
+
+
+@pytest.mark.parametrize(("memory", "head"), [(0, "clip"), (0, "tanh"), (16, "clip")])
+def test_onnx_acts_as_numpy_from_raw_readings(memory, head, tmp_path):
+    """10,000 scans as a laser gives them, with missing and invalid echoes among them."""
+    pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    from agents.learning.export import OnnxNetwork, export_onnx
+    from wheelchair_gym.task.observe import pool, see
+
+    weights = random_weights(memory, head=head)
+    file = tmp_path / "policy.onnx"
+    sidecar = export_onnx(weights, file)
+    n, rng = 2500, np.random.default_rng(0)
+    exact, plain = OnnxNetwork(file), Network(weights)
+    exact.reset(n)
+    plain.reset(n)
+    for _ in range(4):
+        raw = {
+            key: rng.uniform(-1.0, 1.0, (n, width)).astype(np.float32)
+            for key, width in sidecar["inputs"].items()
+            if key not in ("h", "c")
+        }
+        raw["goal"][:, 0] = rng.uniform(0.0, 30.0, n)
+        for key in ("laser", "ultrasonic"):
+            scan = rng.uniform(0.02, 14.0, raw[key].shape)
+            for value in (np.inf, -np.inf, np.nan):
+                scan[rng.random(scan.shape) < 0.02] = value
+            raw[key] = scan.astype(np.float32)
+        pooled = np.empty((n, 64), np.float32)
+        for row, scan in zip(pooled, raw["laser"], strict=True):
+            pool(scan, 10.0, row)
+        reaches = [4.0] * 4 + [6.0] * 4
+        heard = [[see(r, most) for r, most in zip(row, reaches, strict=True)]
+                 for row in raw["ultrasonic"]]  # fmt: skip
+        parts = [pooled, heard, *(raw[key] for key in ("twist", "goal", "last_action", "path"))]
+        actions = plain(np.concatenate(parts, axis=1).astype(np.float32))
+        found = exact.run(raw)
+        assert np.abs(found["action"] - actions).max() < 1e-5
+        scale = np.where(found["action"] > 0.0, [0.8, 1.0], [0.3, 1.0])
+        assert found["twist_asked"] == pytest.approx(found["action"] * scale, abs=1e-6)
+
+
+def test_an_exported_policy_drives_as_its_weights_do(trained, tmp_path, capsys):
+    pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    _, folder = trained
+    file = tmp_path / "policy.onnx"
+    assert main(["export", str(folder / POLICY), "--onnx", str(file)]) == 0
+    actions = {}
+    for name in (str(folder / POLICY), str(file)):
+        env = NavigationEnv(config={**ENV, "sensors": {"laser": {"beams": 48}}})
+        observation, _ = env.reset(seed=0)
+        policy = make_policy(name)
+        policy.reset(env.task)
+        actions[name] = []
+        for _ in range(5):
+            actions[name].append(policy.act(observation))
+            observation, *_ = env.step(actions[name][-1])
+    first, second = actions.values()
+    assert np.array(first) == pytest.approx(np.array(second), abs=1e-4)
+    file.write_bytes(file.read_bytes()[:-1])
+    capsys.readouterr()
+    assert main(["simulate", "--policy", str(file)]) == 2
+    assert "differs from what policy.onnx.json says" in capsys.readouterr().err
+
+
+def test_learned_policies_drive_without_torch(trained):
+    _, folder = trained
+    code = (
+        "import sys; from agents.evaluate import make_env; from agents.policy import make_policy; "
+        f"env = make_env('clutter', {{}}); seen, _ = env.reset(seed=0); "
+        f"policy = make_policy({str(folder / POLICY)!r}); policy.reset(env.unwrapped.task); "
+        "policy.act(seen); print([m for m in ('torch', 'stable_baselines3') if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"

@@ -1,0 +1,174 @@
+"""Laws of learning: runs resume exactly, actors see no secrets, networks act alike everywhere."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import torch
+
+import wheelchair_gym
+from agents.learning.curves import read_curve
+from agents.learning.demonstrations import Imitation, imitate
+from agents.learning.features import features
+from agents.learning.networks import Features, arrays_of
+from agents.learning.run import POLICY, Run, train
+from agents.learning.settings import RECIPES, Training, read_training
+from agents.learning.weights import Network, load_weights
+from tests.agents.tiny_runs import ENV, PRIVY, random_weights, tiny, trained_run
+from wheelchair_gym.config import InputError
+
+MORE = ("recurrent_ppo", "td3", "tqc")
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    return trained_run(tmp_path_factory.mktemp("trained"))
+
+
+def numbers(rows):
+    """A curve without the columns that tell of wall-clock time."""
+    return [{k: str(v) for k, v in row.items() if not k.endswith("_s") and v != ""} for row in rows]
+
+
+@pytest.mark.parametrize(
+    "algorithm",
+    ["ppo", "sac", *(pytest.param(name, marks=pytest.mark.long) for name in MORE)],
+)
+def test_a_run_that_was_killed_and_resumed_equals_one_that_was_not(algorithm, tmp_path):
+    if algorithm in ("recurrent_ppo", "tqc"):
+        pytest.importorskip("sb3_contrib")
+    own = tiny(algorithm)
+    whole = train(own, 3, tmp_path / "whole")
+    assert len(whole) == 3
+    killed = Run(own, 3, tmp_path / "killed")
+    killed.learn()
+
+    class KilledError(Exception):
+        pass
+
+    def kill(frames):
+        if frames > killed.part + killed.part // 2:
+            raise KilledError
+
+    with pytest.raises(KilledError):
+        killed.learn(kill)  # in the midst of the second part
+    killed.close()
+    resumed = train(own, 3, tmp_path / "killed")
+    assert numbers(resumed) == numbers(whole) == numbers(read_curve(tmp_path / "killed"))
+    ends = [load_weights(tmp_path / name / POLICY).arrays for name in ("whole", "killed")]
+    for name, array in ends[0].items():
+        assert np.array_equal(array, ends[1][name]), name
+    assert numbers(train(own, 3, tmp_path / "whole")) == numbers(whole)  # nothing more to do
+    other = train(own, 4, tmp_path / "other")
+    assert numbers(other) != numbers(whole)
+
+
+def test_the_actor_never_reads_what_only_the_critic_may_see(trained):
+    run, _ = trained
+    layout, rng = run.layout, np.random.default_rng(0)
+    assert layout.private == 3
+    seen = rng.uniform(0.1, 3.0, (64, layout.room)).astype(np.float32)
+    other = seen.copy()
+    other[:, -layout.private :] += 5.0
+    with torch.no_grad():
+        policy = run.model.policy
+        acts, values = zip(
+            *(
+                (policy.get_distribution(t).distribution.mean.numpy(), policy.predict_values(t))
+                for t in map(torch.from_numpy, (seen, other))
+            ),
+            strict=True,
+        )
+    assert np.array_equal(*acts)
+    assert not torch.equal(*values)
+    network = Network(load_weights(run.folder / POLICY))
+    assert np.array_equal(network(seen), network(other))
+
+
+def test_numpy_and_torch_act_alike(trained):
+    run, folder = trained
+    network, rng = Network(load_weights(folder / POLICY)), np.random.default_rng(1)
+    seen = rng.uniform(-1.0, 6.0, (2000, run.layout.room)).astype(np.float32)
+    seen[:, : run.layout.place("goal").start + 1] = np.abs(
+        seen[:, : run.layout.place("goal").start + 1]
+    )
+    actions = run.model.predict(seen, deterministic=True)[0]
+    assert network(seen) == pytest.approx(actions, abs=1e-5)
+
+
+@pytest.mark.parametrize("algorithm", ["sac", "td3", "tqc", "recurrent_ppo"])
+def test_numpy_acts_as_every_algorithm_does(algorithm, tmp_path):
+    if algorithm in ("recurrent_ppo", "tqc"):
+        pytest.importorskip("sb3_contrib")
+    run = Run(tiny(algorithm, trials={"episodes": 0}), 0, tmp_path)
+    network, rng = Network(run.weights({})), np.random.default_rng(1)
+    network.reset(5)
+    state = None
+    for k in range(4):
+        seen = rng.uniform(0.1, 3.0, (5, run.layout.room)).astype(np.float32)
+        first = np.full(5, k == 0)
+        actions, state = run.model.predict(seen, state, first, deterministic=True)
+        assert network(seen) == pytest.approx(actions, abs=1e-5)
+    run.close()
+
+
+def test_the_curriculum_moves_starts_away_where_enough_succeed(trained):
+    run, _ = trained
+    within = [row["within"] for row in run.rows]
+    assert within[0] >= 3.0
+    assert within == sorted(within)
+
+
+def test_features_are_the_same_numbers_in_numpy_and_torch():
+    layout = random_weights().layout
+    seen = np.random.default_rng(2).uniform(0.01, 9.0, (50, layout.room)).astype(np.float32)
+    told = Features(
+        __import__("gymnasium").spaces.Box(0.0, 10.0, (layout.room,)), layout
+    )(torch.from_numpy(seen))  # fmt: skip
+    plain = features(np, seen, layout, layout.scaled, layout.scales)
+    assert plain.shape == (50, layout.told)
+    assert plain.dtype == np.float32
+    assert told.numpy() == pytest.approx(plain, abs=1e-5)
+
+
+def test_imitation_comes_near_its_expert_and_warms_a_run(tmp_path):
+    own = Imitation(expert="straight", env=ENV, episodes=4, rounds=2, epochs=40, hidden=(16, 16))
+    told = imitate(own, 0, tmp_path, progress=False)
+    assert told["driver"] == "student"
+    first = json.loads((tmp_path / "rounds.json").read_text())[0]
+    assert told["steps"] > first["steps"]
+    assert told["loss"] < 0.05
+    file = str(tmp_path / POLICY)
+    run = Run(tiny("ppo", warm_start=file), 0, tmp_path / "warm")
+    for name, array in arrays_of(run.model, "ppo").items():
+        assert np.array_equal(array, load_weights(file).arrays[name])
+    run.close()
+    with pytest.raises(InputError, match="warm_start: layers are"):
+        Run(tiny("ppo", warm_start=file, hidden=[8]), 0, tmp_path / "other")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"algorithm": "sac"}, "x.json.algorithm is 'sac'; the command says ppo"),
+        ({"frame": 3}, "x.json.frame is not a setting; it has"),
+        ({"env": {"task": {"beamz": 3}}}, "beamz is not a setting"),
+        ({"env": {}}, "curriculum.begin needs env.guidance 'poses', or 0"),
+        ({"on_policy": {"discount": 2.0}}, "discount is 2.0; it must be at least 0.0 and at most"),
+    ],
+)
+def test_wrong_settings_of_a_run_are_refused_by_name(content, message):
+    with pytest.raises(wheelchair_gym.InputError, match=message):
+        read_training(content, "x.json", "ppo")
+
+
+@pytest.mark.parametrize("name", sorted(RECIPES))
+def test_recipes_are_whole_runs(name):
+    own = RECIPES[name]
+    assert dataclasses.replace(own) == own
+    assert own.env_settings().bank.turnover == 0.0  # each checkpoint begins episodes anew
+    with pytest.raises(InputError, match="privileged is for ppo's critic"):
+        Training(algorithm="sac", env=PRIVY)

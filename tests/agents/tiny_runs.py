@@ -1,0 +1,72 @@
+"""Training runs that take a second, and weights that were never trained."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agents.learning.features import Layout
+from agents.learning.run import Run
+from agents.learning.settings import read_training
+from agents.learning.weights import FORMAT, Weights
+
+ENV = {
+    "scene": "clutter",
+    "rate": 5.0,
+    "guidance": "poses",
+    "bank": {"size": 2, "turnover": 0.0},
+    "chair": {"randomise": True},
+    "sensors": {"laser": {"beams": 48}, "pose_source": "modelled"},
+    "task": {"beams": 32, "aim": "time", "last_action": True, "time_base": 4.0, "time_factor": 0.0},
+}
+PRIVY = {**ENV, "task": {**ENV["task"], "privileged": True}}
+ON = {"steps": 8, "batch": 32, "epochs": 1, "memory": 8}
+OFF = {"buffer": 400, "batch": 16, "begin": 32, "updates": 1}
+
+
+def tiny(algorithm, **changes):
+    """A run of three checkpoints that takes a second."""
+    on_policy = algorithm in ("ppo", "recurrent_ppo")
+    content = {
+        "env": PRIVY if algorithm == "ppo" else ENV,
+        "envs": 4,
+        "frames": 192 if on_policy else 96,
+        "checkpoint": 2 if on_policy else 8,
+        "hidden": [16, 16],
+        "threads": 1,
+        "on_policy": ON,
+        "off_policy": OFF,
+        "trials": {"episodes": 3, "every": 3},
+        "curriculum": {"begin": 3.0, "episodes": 4, "above": 0.0},
+        **changes,
+    }
+    return read_training(content, "tiny.json", algorithm)
+
+
+def trained_run(folder):
+    """A run driven to its end, and its folder."""
+    run = Run(tiny("ppo"), 0, folder)
+    while not run.done:
+        run.learn()
+    run.close()
+    return run, folder
+
+
+def random_weights(memory=0, posed=True, head="clip"):
+    sizes = [
+        ["laser", 64], ["ultrasonic", 8], ["twist", 2], ["goal", 3], ["action", 2], ["path", 20],
+    ]  # fmt: skip
+    layout = Layout.of(sizes, posed)
+    rng = np.random.default_rng(5)
+
+    def draw(*shape):
+        return (rng.normal(size=shape) / np.sqrt(shape[-1])).astype(np.float32)
+
+    told, arrays = layout.told, {}
+    if memory:
+        arrays = {"lstm.x": draw(4 * memory, told), "lstm.h": draw(4 * memory, memory)}
+        arrays["lstm.b"], told = draw(4 * memory), memory
+    for k, (before, after) in enumerate(((told, 32), (32, 32), (32, 2))):
+        arrays[f"dense{k}.w"], arrays[f"dense{k}.b"] = draw(after, before), draw(after)
+    env = {"sensors": {"laser": {"beams": 1081}}}
+    card = {"format": FORMAT, "head": head, "env": env}
+    return Weights(arrays, {**card, "layout": {"sizes": sizes, "posed": posed}})

@@ -1,0 +1,153 @@
+"""Laws of the ways of the chair's outline: they lead, they fit, and time runs down along them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import wheelchair_gym
+from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
+from wheelchair_gym.envs.guidance import PoseGuidance
+from wheelchair_gym.geometry import Footprint, footprint_clearance, to_world, wrap_angle
+from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
+from wheelchair_gym.maps.pose_search import WaysSettings, pose_ways
+from wheelchair_gym.scenes import make_scene
+
+POSED = {
+    "scene": "clutter",
+    "beams": 32,
+    "guidance": "poses",
+    "bank": {"size": 3, "turnover": 0.0},
+    "config": {"rate": 5.0, "task": {"aim": "time", "last_action": True, "privileged": True}},
+}
+
+
+@pytest.mark.parametrize("scene", ["clutter", "floor_plan", "doorway"])
+def test_ways_lead_to_the_goal_and_the_outline_fits(scene):
+    for seed in range(3):
+        episode = make_scene(scene).sample(np.random.default_rng(seed))
+        ways = pose_ways(episode.map, episode.goal, Footprint(), Limits(), tolerance=0.2)
+        path = ways.path(episode.start)
+        assert np.hypot(*(path[0] - episode.start)[:2]) < 0.3
+        assert np.hypot(*(path[-1] - episode.goal)[:2]) <= 0.2 + 0.005
+        outline = Footprint().array
+        for x, y, yaw in path:
+            gap = footprint_clearance(x, y, yaw, outline, episode.walls, episode.discs, 1.0)
+            assert gap > 0.0
+        times = ways.time(path)
+        assert (np.diff(times) < 0.1).all()  # to change over between states costs a little
+        assert times[-1] < 0.1
+        # No quicker than at full speed along the straight.
+        far = np.hypot(*(episode.goal - episode.start)[:2])
+        assert float(ways.time(episode.start)) >= (far - 0.3) / Limits().forward
+
+
+def test_each_step_of_a_way_is_one_a_chair_can_drive():
+    """Between two poses the chair goes along its heading or turns: it never goes aside."""
+    episode = make_scene("clutter").sample(np.random.default_rng(1))
+    ways = pose_ways(episode.map, episode.goal, Footprint(), Limits())
+    path = ways.path(episode.start)
+    steps, turns = np.diff(path[:, :2], axis=0), wrap_angle(np.diff(path[:, 2]))
+    middle = path[:-1, 2] + 0.5 * turns
+    aside = steps[:, 1] * np.cos(middle) - steps[:, 0] * np.sin(middle)
+    assert np.abs(aside).max() < 2.0 * ways.cell / 64
+
+
+def test_a_door_that_is_too_narrow_is_no_way_and_slimmer_outlines_find_one():
+    cells = np.zeros((60, 120), np.int8)
+    cells[[0, -1]], cells[:, [0, -1]] = OCCUPIED, OCCUPIED
+    cells[:, 60], cells[24:36, 60] = OCCUPIED, 0  # 0.6 m; the chair is 0.62 m wide
+    grid, start, goal = OccupancyGrid(cells, 0.05), np.array([1.0, 1.5, 0.0]), (5.0, 1.5)
+    shut = pose_ways(grid, goal, Footprint(), Limits())
+    assert np.isnan(shut.time(start))
+    assert len(shut.path(start)) == 0
+    assert np.isfinite(shut.time([4.0, 1.5, 0.0]))
+    slim = pose_ways(grid, goal, Footprint(), Limits(), starts=[start])
+    assert np.isfinite(slim.time(start))
+
+
+def test_ways_turn_with_the_map():
+    episode = make_scene("clutter").sample(np.random.default_rng(2))
+    turned = dataclasses.replace(episode.map, origin=(2.0, -1.0, 0.7))
+    frame = np.array(turned.origin)
+    goal = to_world(episode.goal[:2], frame)
+    start = np.array([*to_world(episode.start[:2], frame), episode.start[2] + frame[2]])
+    here = pose_ways(episode.map, episode.goal, Footprint(), Limits())
+    there = pose_ways(turned, goal, Footprint(), Limits())
+    assert float(there.time(start)) == pytest.approx(float(here.time(episode.start)), abs=0.3)
+    ends = there.path(start)[[0, -1]]
+    assert ends[0, :2] == pytest.approx(start[:2], abs=0.3)
+    assert ends[1, :2] == pytest.approx(goal, abs=0.05)
+
+
+def test_a_policy_sees_poses_ahead_and_the_reward_is_time_won():
+    env = NavigationEnv(**POSED)
+    observation, _ = env.reset(seed=0)
+    ways = env._course.ways
+    for k in range(8):
+        assert env.observation_space.contains(observation)
+        pose = env.task.reading.pose
+        assert observation["privileged"][0] == pytest.approx(float(ways.time(pose)), abs=1e-3)
+        ahead = observation["path"].reshape(-1, 4)
+        assert np.hypot(ahead[:, 2], ahead[:, 3]) == pytest.approx(1.0, abs=1e-5)
+        spots = to_world(ahead[:, :2], pose)
+        yaws = pose[2] + np.arctan2(ahead[:, 3], ahead[:, 2])
+        left = ways.time(np.column_stack([spots, yaws]))
+        assert (np.diff(left) < 0.05).all()
+        assert env.points_ahead == pytest.approx(spots)
+        before = float(ways.time(pose))
+        action = np.array([0.6, 0.1 * k], np.float32)
+        observation, _, _, _, info = env.step(action)
+        assert observation["action"] == pytest.approx(action)
+        won = before - float(ways.time(env.task.reading.pose))
+        assert info["reward_terms"]["progress"] == pytest.approx(
+            env.settings.task.reward.progress * won, abs=1e-6
+        )
+
+
+def test_starts_are_drawn_within_a_time_of_the_goal_alike_in_one_and_in_many():
+    near = {**POSED, "config": {**POSED["config"], "starts": {"within": 4.0}}}
+    many, one = NavigationVectorEnv(4, **near), NavigationEnv(**near)
+    seen = set()
+    observations, _ = many.reset(seed=3)
+    for i in range(4):
+        observation, _ = one.reset(seed=3 + i)
+        for key, value in observation.items():
+            assert np.array_equal(value, observations[key][i])
+        assert 1.0 <= observation["privileged"][0] <= 4.2
+        assert np.array_equal(one.chair.truth.pose[:2], one.episode.start[:2])
+        seen.add(one.episode.start.tobytes())
+    assert len(seen) == 4
+
+
+def test_a_map_told_less_than_well_is_the_same_each_time_and_guides_elsewhere():
+    episode = make_scene("floor_plan").sample(np.random.default_rng(5))
+    env = NavigationEnv("floor_plan", guidance="poses")
+    env.reset(options={"episode": episode})
+    worse = PoseGuidance(share=1.0, forgotten=0.2)
+    first, again = worse(env.task), worse(env.task)
+    assert np.array_equal(first.words, again.words)
+    assert first.origin == again.origin != episode.map.origin
+    assert not np.array_equal(first.words, PoseGuidance()(env.task).words)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"config": {"task": {"aim": "time"}}}, "task.aim is 'time'; it needs the guidance"),
+        ({"config": {"starts": {"within": 3.0}}}, "starts.within needs the guidance 'poses'"),
+        ({"guidance": {"call": "poses", "sharp": 1}}, "guidance.sharp is not a setting; it has"),
+        ({"guidance": "pose"}, "expected 'geodesic', 'poses' or 'module:function'"),
+    ],
+)
+def test_wrong_settings_are_refused_by_name(settings, message):
+    with pytest.raises(wheelchair_gym.InputError, match=message):
+        NavigationEnv(**settings)
+
+
+def test_settings_of_ways_are_bounded():
+    with pytest.raises(wheelchair_gym.InputError, match=r"WaysSettings.cell is 0.001"):
+        WaysSettings(cell=0.001)

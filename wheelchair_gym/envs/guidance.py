@@ -1,0 +1,112 @@
+"""Guidance: what a setting of that name stands for, and the two that come with the house."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from importlib import import_module
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError, load, setting, settings
+from wheelchair_gym.maps import FREE, OccupancyGrid
+from wheelchair_gym.maps.pose_search import WaysSettings, pose_ways
+from wheelchair_gym.maps.pose_ways import PoseWays
+from wheelchair_gym.task.task import Guidance, Task
+
+Array = NDArray[np.float64]
+
+DEEP = 0.5  # share of how near a goal counts, so that ways end well within
+
+
+def geodesic_path(task: Task) -> Array:
+    """The geodesic from the start to the goal (n, 2) [m]."""
+    return task.geodesic.path(task.start[:2])
+
+
+@settings
+class PoseGuidance:
+    """Poses on the quickest way of the chair's outline, from wherever the chair is.
+
+    The map may be told less than well, as a stand-in for one that is drawn on the way: patches of
+    it forgotten (which planners take for free), and all of it shifted.
+    """
+
+    poses = True  # what `Task` asks a guidance for
+    ways: WaysSettings = WaysSettings()
+    share: float = setting(
+        default=0.0, source="of worlds whose map is told less than well", low=0.0, high=1.0
+    )
+    forgotten: float = setting(default=0.02, unit="1/m2", source="patches, of such a map", low=0.0)
+    patch: float = setting(default=0.8, unit="m", source="radius of a patch", low=0.0)
+    known: float = setting(default=2.0, unit="m", source="round start and goal: well", low=0.0)
+    shift: float = setting(default=0.03, unit="m", source="sigma, of such a map", low=0.0)
+
+    def __call__(self, task: Task) -> PoseWays:
+        """The ways of the outline to the task's goal."""
+        return pose_ways(
+            self._told(task),
+            task.goal,
+            task.footprint,
+            task.limits,
+            tolerance=DEEP * max(0.0, task.tolerance - task.settings.doubt),
+            starts=[task.start],
+            own=self.ways,
+        )
+
+    def _told(self, task: Task) -> OccupancyGrid:
+        """The map, or a worse one; the same for the same start and goal."""
+        grid = task.map
+        rng = np.random.default_rng(np.concatenate([task.start, task.goal]).view(np.uint32))
+        if self.share == 0.0 or rng.random() >= self.share:
+            return grid
+        x0, y0, x1, y1 = grid.bounds
+        count = rng.poisson(self.forgotten * (x1 - x0) * (y1 - y0))
+        places = rng.uniform((x0, y0), (x1, y1), (count, 2))
+        ends = np.stack([task.start[:2], task.goal[:2]])
+        apart = np.hypot(*np.moveaxis(places[:, None] - ends, -1, 0)).min(axis=1, initial=np.inf)
+        cells = grid.cells.copy()
+        reach = int(self.patch / grid.resolution)
+        for row, col in grid.to_cell(places[apart > self.known + self.patch]):
+            rows = np.arange(max(0, row - reach), min(grid.shape[0], row + reach + 1))
+            cols = np.arange(max(0, col - reach), min(grid.shape[1], col + reach + 1))
+            within = np.hypot(rows[:, None] - row, cols - col) <= reach
+            cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1][within] = FREE
+        dx, dy = rng.normal(0.0, self.shift, 2).tolist()
+        x, y, yaw = grid.origin
+        return OccupancyGrid(cells, grid.resolution, (x + dx, y + dy, yaw))
+
+
+BUILT_IN: dict[str, Any] = {"geodesic": geodesic_path, "poses": PoseGuidance()}
+
+
+def make_guidance(spec: Any) -> Guidance | None:
+    """What a guidance setting stands for.
+
+    Raises:
+        InputError: it names nothing that can be imported and called.
+    """
+    if spec is None:
+        return None
+    if callable(spec):
+        return cast("Guidance", spec)
+    if isinstance(spec, Mapping):
+        options = dict(spec)
+        named = options.pop("call", None)
+        if named == "poses":
+            return load(PoseGuidance, options, "guidance")
+        call = make_guidance(named)
+        if call is None:
+            raise InputError("guidance: a mapping needs the key 'call'")
+        return partial(call, **options)
+    if spec in BUILT_IN:
+        return cast("Guidance", BUILT_IN[spec])
+    module, _, name = str(spec).partition(":")
+    try:
+        found = getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError):
+        known = ", ".join(map(repr, BUILT_IN))
+        raise InputError(f"guidance is {spec!r}; expected {known} or 'module:function'") from None
+    return make_guidance(found)

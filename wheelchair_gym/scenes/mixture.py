@@ -1,0 +1,40 @@
+"""Several scenes as one: each world is drawn from one of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.types import Episode
+
+
+@settings
+class Mixture:
+    """Worlds of several scenes, each drawn with its share."""
+
+    scenes: tuple[Any, ...] = setting(
+        default=("floor_plan", "clutter"), source="names, or mappings with a name"
+    )
+    shares: tuple[float, ...] = setting(
+        default=(0.6, 0.4), source="of worlds; they need not sum to 1", low=0.0
+    )
+
+    def __post_init__(self) -> None:
+        if not self.scenes or len(self.scenes) != len(self.shares) or sum(self.shares) <= 0.0:
+            raise InputError(
+                f"Mixture.shares is {self.shares}; expected one for each of {len(self.scenes)} "
+                "scenes (1 at least), not all 0"
+            )
+        from wheelchair_gym.scenes import make_scene
+
+        object.__setattr__(self, "_made", tuple(make_scene(scene) for scene in self.scenes))
+
+    def sample(self, rng: np.random.Generator) -> Episode:
+        """Draw a scene, and a world of it."""
+        shares = np.array(self.shares)
+        which = int(rng.choice(len(shares), p=shares / shares.sum()))
+        made: Any = vars(self)["_made"]
+        episode: Episode = made[which].sample(rng)
+        return episode
