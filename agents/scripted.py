@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.followers import CREEP, make_follower
+from agents.followers import make_follower
+from agents.followers.follower import CREEP, near_of
 from agents.motion import Motion
 from agents.reference import Reference
 from agents.rollout import stops_clear
@@ -276,12 +277,12 @@ class PlannedDriver:
         chair, around = self._chair, self._around
         if around.blind:
             return None
+        assert self._reference is not None
+        near = near_of(around, self._reference)
         back = -min(BACK, self._task.limits.backward)
         for margin in around.margins(chair.footprint, MARGIN):
             for turn in TURNS:
                 for v, w in ((back, turn), (0.0, turn)):
-                    if (v or w) and stops_clear(
-                        v, w, chair.state, chair.array, chair.footprint, around.points, HOLD, margin
-                    ):
+                    if (v or w) and stops_clear(v, w, chair.body, near, HOLD, margin):
                         return np.array([v, w])
         return None

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.rollout import outline_gap
+from agents.tracks import REACH as SEEN_FROM
+from agents.tracks import Tracks
 from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OccupancyGrid
@@ -63,6 +65,8 @@ class Surroundings:
         hits: obstacles (k, 2) [m] in the chair's frame that the laser saw, now or lately.
         points: hits, and obstacles that only the map knows of, (k, 3): x, y, distance from the
             axle's centre [m], the nearest first.
+        movers: what moves (m, 5): x, y [m], vx, vy [m/s], radius [m] in the chair's frame; its hits
+            are not among the others.
         blind: nobody has seen what is behind the chair, so that it must not back.
     """
 
@@ -71,6 +75,8 @@ class Surroundings:
         self.blind = False
         self._laser = task.sensors.laser
         self.chart(task.map)
+        # A map that the chair draws shows what moves as well: nothing would stand out against it.
+        self._tracks = Tracks(task.map) if task.chart is None else None
         angles = self._laser.yaw + np.linspace(-0.5, 0.5, len(reading.laser)) * self._laser.fov
         self._beams = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         self._counted = np.zeros(3)  # dead reckoning, the frame of the memory
@@ -79,6 +85,7 @@ class Surroundings:
         self.pose: Array = np.array(reading.pose, dtype=np.float64)
         self.hits: Array = np.empty((0, 2))
         self.points: Array = np.empty((0, 3))
+        self.movers: Array = np.empty((0, 5))
         self._look(reading)
 
     def chart(self, known: OccupancyGrid) -> None:
@@ -112,8 +119,15 @@ class Surroundings:
     def _look(self, reading: Reading) -> None:
         laser = self._laser
         ranges = np.asarray(reading.laser, dtype=np.float64)
-        near = np.isfinite(ranges) & (ranges < REACH + laser.x) & (ranges > laser.nearest)
+        near = np.isfinite(ranges) & (ranges < SEEN_FROM) & (ranges > laser.nearest)
         seen = self._beams[near] * ranges[near, None] + (laser.x, laser.y)
+        stands = ranges[near] < REACH + laser.x
+        if self._tracks is not None:
+            eye = np.array([laser.x, laser.y])
+            self._tracks.update(seen, eye, self.pose, self._counted, reading.stamp)
+            self.movers = self._tracks.movers(self._counted)
+            stands &= ~self._tracks.dynamic
+        seen = seen[stands]
         close = np.all(np.abs(seen) < CLOSE, axis=1)
         seen = np.concatenate(
             [voxel_means(seen[close], VOXEL), voxel_means(seen[~close], 2 * VOXEL)]
