@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.scripted import Planned
+from agents.planned import Planned
 from agents.unseen import standing
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.mapping.frontier import Frontier, frontiers

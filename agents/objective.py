@@ -12,7 +12,7 @@ class Objective:
 
     horizon: float = setting(default=1.5, unit="s", source="tuned on training floor plans", low=0.3)
     foresight: float = setting(
-        default=3.0, unit="s", source="of movers: a chair at rest leaves its place in", low=0.3
+        default=4.0, unit="s", source="of movers: a chair at rest leaves its place in 3", low=0.3
     )
     wish: float = setting(default=0.20, unit="m", source="half the play in a 1.0 m door", low=0.01)
     room: float = setting(

@@ -33,7 +33,8 @@ def policy_settings() -> dict[str, type]:
     """Settings class of every family of policies by name; each has `make() -> Policy`."""
     from agents.explore import Explore
     from agents.manual import Manual
-    from agents.scripted import Planned, RandomPolicy, StraightPolicy
+    from agents.planned import Planned
+    from agents.scripted import RandomPolicy, StraightPolicy
 
     return {
         "explore": Explore,

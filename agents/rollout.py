@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 TURN_LENGTH = 0.4  # m per rad: about the mean lever of the outline about the drive axle
 STEP = 0.1  # s between two poses of a roll-out
+CAUTION = 0.35  # s: of way by which the chair keeps farther from what moves; it may turn any moment
 
 
 class Weights(NamedTuple):
@@ -143,7 +144,8 @@ def mover_gap(
 def stops_clear(v: float, w: float, body: Body, near: Near, hold: float, margin: float) -> bool:
     """Whether a twist, held for a while and then braked, keeps the margin until the chair rests.
 
-    What moves is where it is foreseen, or stops where it is now: neither may be met in motion.
+    What moves is where it is foreseen, or stops where it is now: in motion the chair comes to
+    neither nearer than it would be if it stood.
 
     Args:
         v: target speed [m/s].
@@ -167,9 +169,13 @@ def stops_clear(v: float, w: float, body: Body, near: Near, hold: float, margin:
             return False
         still = abs(sv) < 0.02 and abs(sw) < 0.05
         if not still and near.movers.shape[0] > 0:
+            room = margin + CAUTION * abs(sv)
             for t in (0.0, (k + 1) * STEP):
-                if mover_gap(x, y, yaw, body.footprint, near.movers, t, margin + 0.01) < margin:
-                    return False
+                gap = mover_gap(x, y, yaw, body.footprint, near.movers, t, room)
+                if gap < room:  # drawing away from who comes is always allowed
+                    here = mover_gap(0.0, 0.0, 0.0, body.footprint, near.movers, t, room)
+                    if gap < here:
+                        return False
         if k >= held and still:
             break
     return True

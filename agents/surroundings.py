@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.rollout import outline_gap
+from agents.standing import Standing
 from agents.tracks import REACH as SEEN_FROM
 from agents.tracks import Tracks
 from wheelchair_gym.geometry import to_frame, to_world
@@ -67,6 +68,7 @@ class Surroundings:
             axle's centre [m], the nearest first.
         movers: what moves (m, 5): x, y [m], vx, vy [m/s], radius [m] in the chair's frame; its hits
             are not among the others.
+        standing: temporary obstacles, in the map's frame.
         blind: nobody has seen what is behind the chair, so that it must not back.
     """
 
@@ -76,7 +78,8 @@ class Surroundings:
         self._laser = task.sensors.laser
         self.chart(task.map)
         # A map that the chair draws shows what moves as well: nothing would stand out against it.
-        self._tracks = Tracks(task.map) if task.chart is None else None
+        self._tracks = Tracks(task.map, self._laser) if task.chart is None else None
+        self.standing = Standing(task.map)
         angles = self._laser.yaw + np.linspace(-0.5, 0.5, len(reading.laser)) * self._laser.fov
         self._beams = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         self._counted = np.zeros(3)  # dead reckoning, the frame of the memory
@@ -126,7 +129,9 @@ class Surroundings:
             eye = np.array([laser.x, laser.y])
             self._tracks.update(seen, eye, self.pose, self._counted, reading.stamp)
             self.movers = self._tracks.movers(self._counted)
-            stands &= ~self._tracks.dynamic
+            moving, strange = self._tracks.dynamic, self._tracks.strange
+            self.standing.update(seen[strange & ~moving], ranges, laser, self.pose, reading.stamp)
+            stands &= ~moving
         seen = seen[stands]
         close = np.all(np.abs(seen) < CLOSE, axis=1)
         seen = np.concatenate(

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.sensing.settings import LaserSettings
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-REACH = 6.0  # m: someone at 1.5 m/s needs 4 s from there
+REACH = 8.0  # m: someone at 1.5 m/s needs 5 s from there
 EXPLAINED = 0.15  # m from a mapped wall, and
 SPREADING = 0.03  # m more per metre of range, for the heading's error: the map explains a hit
 GAP = 0.20  # m between neighbours of one cluster, at least
@@ -27,7 +28,9 @@ WIDEST = 0.9  # m: shoulders and swinging arms; what is wider is a wall, a leaf,
 GATE = 0.45  # m between where a track is foreseen and the cluster that carries it on
 NOISE = 0.05  # m: of a cluster's centre, seen from another side a moment later
 SWAY = 1.5  # m/s2: how people change their speed
-LOST = 1.0  # s: out of sight so long, a track is given up
+LOST = 1.0  # s: unseen for so long where the laser looks, a track is given up
+BESIDE = 8.0  # s: and where it does not look; meanwhile it is taken to come to rest there
+CALM = 1.0  # 1/s: how soon
 AGE = 0.4  # s after which a track may be called moving
 GETS_ON = 0.25  # m/s: it moves; a slow walk is 0.4
 COVERED = 0.20  # m from where it was first seen, or stood last
@@ -92,14 +95,11 @@ class Tracks:
         strange: hits of the last scan (n,) that the map does not explain.
     """
 
-    def __init__(self, known: OccupancyGrid) -> None:
+    def __init__(self, known: OccupancyGrid, laser: LaserSettings) -> None:
         self._all: list[Track] = []
         self._stamp = -math.inf
-        self.chart(known)
-
-    def chart(self, known: OccupancyGrid) -> None:
-        """Take a map for what is static."""
         self._grid, self._far = known, known.distance()
+        self._yaw, self._fov = laser.yaw, laser.fov
 
     def movers(self, counted: Array) -> Array:
         """What moves (m, 5): x, y [m], vx, vy [m/s], radius [m] in the chair's own frame.
@@ -133,18 +133,41 @@ class Tracks:
         self.dynamic = np.zeros(len(hits), bool)
         for track in self._all:
             track.foresee(dt)
-        free = list(self._all)
-        for first, last in self._clusters(hits, far):
-            place, radius = _round_one(hits[first:last] - eye, far[first:last])
-            place = to_world((place + eye)[None], counted)[0]
-            gaps = [math.hypot(*(track.at[:2] - place)) for track in free]
-            if gaps and min(gaps) < GATE:
-                track = free.pop(int(np.argmin(gaps)))
-                track.correct(place, radius, stamp)
-                self.dynamic[first:last] = self.strange[first:last] & track.dynamic(stamp)
+        found = self._clusters(hits, far)
+        centres = [_round_one(hits[a:b] - eye, far[a:b]) for a, b in found]
+        places = [to_world((place + eye)[None], counted)[0] for place, _ in centres]
+        pairs = sorted(
+            (gap, k, track)
+            for k, place in enumerate(places)
+            for track, gap in enumerate(math.hypot(*(t.at[:2] - place)) for t in self._all)
+            if gap < GATE
+        )
+        of: dict[int, int] = {}  # which track each cluster carries on, the nearest first
+        for _, k, track in pairs:
+            if k not in of and track not in of.values():
+                of[k] = track
+        for k, (first, last) in enumerate(found):
+            radius = centres[k][1]
+            if k in of:
+                own = self._all[of[k]]
+                own.correct(places[k], radius, stamp)
+                self.dynamic[first:last] = self.strange[first:last] & own.dynamic(stamp)
             else:
-                self._all.append(Track(place, radius, stamp))
-        self._all = [track for track in self._all if stamp - track.seen < LOST]
+                self._all.append(Track(places[k], radius, stamp))
+        self._all = [track for track in self._all if self._kept(track, eye, counted, dt)]
+
+    def _kept(self, track: Track, eye: Array, counted: Array, dt: float) -> bool:
+        """Whether a track is kept; where the laser does not look, it comes to rest by and by."""
+        unseen = self._stamp - track.seen
+        if unseen == 0.0:
+            return True
+        at = to_frame(track.at[None, :2], counted)[0] - eye
+        if abs(math.remainder(math.atan2(at[1], at[0]) - self._yaw, math.tau)) < 0.5 * self._fov:
+            return unseen < LOST
+        track.at[2:] *= math.exp(-CALM * dt)
+        if track.dynamic(track.seen):
+            track.moved = max(track.moved, self._stamp - 0.5 * PAUSE)
+        return unseen < BESIDE
 
     def _unexplained(self, hits: Array, far: Array, pose: Array) -> Mask:
         """Which hits (n, 2) no mapped wall explains."""
