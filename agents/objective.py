@@ -19,14 +19,17 @@ class Objective:
         default=0.45, unit="m", source="from what moves: personal space begins there", low=0.01
     )
     progress: float = setting(default=1.0, source="m per m along the path: the unit", low=0.0)
-    clearance: float = setting(default=1.0, unit="m", source="of touching; tuned", low=0.0)
+    clearance: float = setting(
+        default=0.8, source="m per m in touch with something; less than progress, or it never enters",
+        low=0.0,
+    )  # fmt: skip
     path: float = setting(default=1.5, source="m per m beside the path; tuned", low=0.0)
     comfort: float = setting(
         default=0.05, unit="s", source="of a change of the twist, against wobble; tuned", low=0.0
     )
     reverse: float = setting(default=0.5, source="m per m in reverse; tuned", low=0.0)
     struck: float = setting(
-        default=3.0, unit="m", source="of being where a mover comes; tuned", low=0.0
+        default=6.0, unit="m", source="of being where a mover comes; tuned", low=0.0
     )
 
     @property

@@ -31,7 +31,7 @@ from planners import make_planner
 from planners.space import Space
 from planners.types import Plan, Problem, Status
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.maps import FREE, UNKNOWN, OccupancyGrid, bottleneck
 
 Array = NDArray[np.float64]
 
@@ -132,7 +132,7 @@ class PlannedDriver:
         start, goal = self._around.pose, self.goal
         maps = self._maps(start, goal)
         for known in maps:
-            if self._plan(Space.from_grid(known), start, goal):
+            if self._plan(known, start, goal):
                 break
         if self._task.chart is not None:  # the follower never backs where nothing was seen
             self._around.chart(known if known is not maps[-1] else maps[-2])
@@ -161,7 +161,7 @@ class PlannedDriver:
         T1 3.2.2: temporary obstacles are taken into the plan as soon as they are met.
         """
         start, goal = self._around.pose, self.goal
-        if self._plan(Space.from_grid(self._around.standing.painted()), start, goal):
+        if self._plan(self._around.standing.painted(), start, goal):
             assert self.plan is not None
             self._take(self.plan.path, start)
             self._say("goes round")
@@ -184,9 +184,14 @@ class PlannedDriver:
         known = known.holding(np.stack([start[:2], goal[:2]]), self.own.beyond)
         return assumed(known, start, self._task.footprint)
 
-    def _plan(self, space: Space, start: Array, goal: Array) -> bool:
-        """Plan at the widest clearance that leads to the goal."""
-        clearance = self.own.clearance
+    def _plan(self, known: OccupancyGrid, start: Array, goal: Array) -> bool:
+        """Plan in a map at the widest clearance that leads to the goal."""
+        clearance, space = self.own.clearance, Space.from_grid(known)
+        free = np.where(known.cells == UNKNOWN, FREE, known.cells)  # as planners take it
+        taken = OccupancyGrid(free, known.resolution, known.origin)
+        most = bottleneck(taken, start[:2], goal[:2]) + 0.5 * known.resolution
+        while clearance > most and clearance - FINER >= self.own.least:
+            clearance -= FINER  # what no disc passes is not worth a search
         while True:
             self.plan = self._planner.plan(Problem(space, start, goal, clearance), self._rng)
             self._clearance = clearance

@@ -30,8 +30,8 @@ class Weights(NamedTuple):
     wish: float  # m of clearance beyond which more is worth nothing
     room: float  # m, the same from what moves
     progress: float  # gain of a metre along the reference
-    clearance: float  # cost of touching, falling to nothing at the wish
-    path: float  # cost of a metre beside the reference, at the end
+    clearance: float  # cost of a metre in touch with something, falling to nothing at the wish
+    path: float  # cost of a metre beside the reference, at the end, and half half-way
     comfort: float  # cost of changing the twist by 1 m/s or 1 rad/s
     reverse: float  # cost of a metre in reverse
     struck: float  # cost of a mover that comes up to the chair
@@ -221,23 +221,30 @@ def cost_of(
                 gap -= (abs(sv) + lever * abs(sw)) * STEP
                 if gap < weights.wish:
                     gap = outline_gap(ax, ay, ayaw, footprint, near.points, weights.wish + 0.2)
-                short = max(0.0, 1.0 - gap / weights.wish)
-                cost += weights.clearance * short * short / steps
                 if gap < margin:  # whatever lies beyond is not gained
-                    cost += weights.clearance * (steps - k) / steps
+                    cost += weights.clearance * weights.horizon * (steps - k) / steps
                     barred = True
                 else:
+                    # By way, not by time: a chair that is slow where it is tight is no worse off,
+                    # and none is better off where it stands before a narrow place.
+                    moved = (abs(sv) + TURN_LENGTH * abs(sw)) * STEP
+                    short = max(0.0, 1.0 - gap / weights.wish)
+                    cost += weights.clearance * short * short * moved
                     backed += max(0.0, -sv) * STEP
-                    driven += 1.1 * (abs(sv) + TURN_LENGTH * abs(sw)) * STEP
+                    driven += 1.1 * moved
                     end = (ax, ay, ayaw)
+                    if k == steps // 2:  # half-way, too, or it cuts corners
+                        most = reference[start, 3] + driven
+                        _, error = match(ax, ay, ayaw, reference, start, most)
+                        cost += 0.5 * weights.path * error
             if not barred:
                 x, y, yaw = ax, ay, ayaw
         if some:
             room = mover_gap(x, y, yaw, footprint, near.movers, (k + 1) * STEP, weights.room)
             short = 1.0 - room / weights.room
-            cost += weights.clearance * short * short / steps
+            cost += weights.clearance * short * short * STEP
             if room < margin:
-                cost += weights.struck * max(0.2, 1.0 - k * STEP / weights.foresight)
+                cost += weights.struck * (1.0 - 0.6 * k * STEP / weights.foresight)
                 break
         elif barred:
             break

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.followers.follower import SLOW, Follower, allowed, near_of
+from agents.followers.follower import Follower, allowed, near_of, widest
 from agents.motion import Motion
 from agents.objective import Objective
 from agents.reference import Reference
@@ -97,10 +97,11 @@ class FanFollower:
         twists = own.fan(chair)
         lasting = np.full(len(twists), own.objective.horizon)
         fan = np.column_stack([twists, lasting])[:, None]  # (c, 1, 3)
-        for margin in around.margins(chair.footprint, own.margin):
-            some = allowed(fan, around, margin < SLOW * own.margin)
+
+        def pick(margin: float, slow: bool) -> Array | None:
+            some = allowed(fan, around, slow)
             costs = costs_of(some, chair.body, near, margin, weights)
             best = cheapest(some[:, 0], costs, chair.body, near, own.hold, margin)
-            if best >= 0:
-                return np.array(some[best, 0, :2])
-        return None
+            return np.array(some[best, 0, :2]) if best >= 0 else None
+
+        return widest(around, chair, own.margin, pick)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -24,6 +25,31 @@ class Follower(Protocol):
     def twist(self, around: Surroundings, reference: Reference, chair: Motion) -> Array | None:
         """The next target twist (2,) [m/s, rad/s], or None where nothing safe leads on."""
         ...
+
+
+def widest(
+    around: Surroundings,
+    chair: Motion,
+    margin: float,
+    pick: Callable[[float, bool], Array | None],
+) -> Array | None:
+    """The twist picked at the widest margin that leads on; else one at rest; None: none is safe.
+
+    Args:
+        around: what is round the chair.
+        chair: how it moves.
+        margin: asked for [m].
+        pick: a twist (2,) for a margin [m], and whether to creep; None where none is safe.
+    """
+    rest = None
+    for less in around.margins(chair.footprint, margin):
+        twist = pick(less, less < SLOW * margin)
+        if twist is None:
+            continue
+        if abs(twist[0]) > 0.02 or abs(twist[1]) > 0.02 or len(around.movers):
+            return twist
+        rest = twist if rest is None else rest
+    return rest
 
 
 def near_of(around: Surroundings, reference: Reference) -> Near:

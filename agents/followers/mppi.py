@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.followers.fan import whole_fan
-from agents.followers.follower import SLOW, Follower, allowed, near_of
+from agents.followers.follower import Follower, allowed, near_of, widest
 from agents.motion import Motion
 from agents.objective import Objective
 from agents.reference import Reference
@@ -63,19 +63,25 @@ class PathIntegralFollower:
         drawn = np.clip(drawn, low, (limits.forward, limits.turn))
         lasting = np.full((*drawn.shape[:2], 1), long)
         candidates = np.concatenate([drawn, lasting], axis=2)  # (c, pieces, 3)
-        for margin in around.margins(chair.footprint, own.margin):
-            some = allowed(candidates, around, margin < SLOW * own.margin)
+
+        def pick(margin: float, slow: bool) -> Array | None:
+            some = allowed(candidates, around, slow)
             costs = costs_of(some, chair.body, near, margin, weights)
             share = np.exp((costs.min() - costs) / own.temperature)
             mean = (share / share.sum()) @ some.reshape(len(some), -1)
-            some = np.concatenate([mean.reshape(1, own.pieces, 3), some])
-            costs = np.append(costs_of(some[:1], chair.body, near, margin, weights), costs)
-            costs[0] = min(costs[0], costs.min() + own.temperature)
-            best = cheapest(
-                np.ascontiguousarray(some[:, 0]), costs, chair.body, near, own.hold, margin
-            )
-            if best >= 0:
-                self._mean = some[best, :, :2].copy()
-                return np.array(some[best, 0, :2])
-        self._mean[:] = 0.0
-        return None
+            mean = mean.reshape(1, own.pieces, 3)
+            # The mean first if it is about as good as the best: it wobbles less.
+            mean_cost = costs_of(mean, chair.body, near, margin, weights)
+            costs = np.append(mean_cost - own.temperature, costs)
+            some = np.concatenate([mean, some])
+            first = np.ascontiguousarray(some[:, 0])
+            best = cheapest(first, costs, chair.body, near, own.hold, margin)
+            if best < 0:
+                return None
+            self._mean = some[best, :, :2].copy()
+            return first[best, :2]
+
+        twist = widest(around, chair, own.margin, pick)
+        if twist is None:
+            self._mean[:] = 0.0
+        return twist

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.followers.fan import whole_fan
-from agents.followers.follower import CREEP, SLOW, Follower, near_of
+from agents.followers.follower import CREEP, Follower, near_of, widest
 from agents.motion import Motion
 from agents.objective import Objective
 from agents.reference import Reference
@@ -98,18 +98,23 @@ class RecedingWhales:
         """See `Follower.twist`."""
         own, near = self.own, near_of(around, reference)
         swarm, weights = own.whales.values, own.objective.weights
-        for margin in around.margins(chair.footprint, own.margin):
-            lower, upper = self._bounds(around, chair, margin < SLOW * own.margin)
+
+        def pick(margin: float, slow: bool) -> Array | None:
+            lower, upper = self._bounds(around, chair, slow)
             first = np.clip(self._first(chair), lower, upper)
             tried, costs = search(
                 first, lower, upper, chair.body, near, margin, weights, swarm, self._state
             )
             best = cheapest(tried, costs, chair.body, near, own.hold, margin)
-            if best >= 0:
-                self._best = tried[best]
-                return np.array(tried[best, :2])
-        self._best = None
-        return None
+            if best < 0:
+                return None
+            self._best = tried[best]
+            return np.array(tried[best, :2])
+
+        twist = widest(around, chair, own.margin, pick)
+        if twist is None:
+            self._best = None
+        return twist
 
     def _bounds(self, around: Surroundings, chair: Motion, slow: bool) -> tuple[Array, Array]:
         limits, horizon = chair.limits, self.own.objective.horizon
