@@ -20,7 +20,7 @@ class Objective:
     )
     progress: float = setting(default=1.0, source="m per m along the path: the unit", low=0.0)
     clearance: float = setting(
-        default=0.8, source="m per m in touch with something; less than progress, or it never enters",
+        default=0.8, source="m per m in touch; less than progress, or nothing tight is entered",
         low=0.0,
     )  # fmt: skip
     path: float = setting(default=1.5, source="m per m beside the path; tuned", low=0.0)

@@ -55,8 +55,9 @@ class Planned:
 
     Each new plan begins where the chair is, in the map that the chair knows. In one that it was
     given, temporary obstacles are drawn in once they stand on the way; where no way leads round
-    them, the chair keeps its path, and waits. A map that the chair draws itself is taken for free wherever it is unknown, and as soon as a wall
-    shows on the way, another way is planned (the free-space assumption: Koenig and Likhachev 2005).
+    them, the chair keeps its path, and waits. A map that the chair draws itself is taken for free
+    wherever it is unknown, and as soon as a wall shows on the way, another way is planned (the
+    free-space assumption: Koenig and Likhachev 2005).
     """
 
     planner: Mapping[str, Any] = field(default_factory=lambda: {"name": "a_star"})

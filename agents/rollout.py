@@ -202,7 +202,7 @@ def cost_of(
     gap = 0.0  # a lower bound; looked for anew only where it might matter
     sv, av, sw, aw = state[0], state[1], state[2], state[3]
     v, w, row, until = commands[0, 0], commands[0, 1], 0, commands[0, 2]
-    cost = weights.comfort * (abs(v - body.last[0]) + 0.5 * abs(w - body.last[1]))
+    cost: float = weights.comfort * (abs(v - body.last[0]) + 0.5 * abs(w - body.last[1]))
     backed, driven, barred, some = 0.0, 0.1, False, near.movers.shape[0] > 0
     end = (0.0, 0.0, 0.0)
     for k in range(max(steps, round(weights.foresight / STEP)) if some else steps):
@@ -262,9 +262,7 @@ def begin(near: Near) -> int:
 
 
 @kernel
-def costs_of(
-    candidates: Array, body: Body, near: Near, margin: float, weights: Weights
-) -> Array:
+def costs_of(candidates: Array, body: Body, near: Near, margin: float, weights: Weights) -> Array:
     """The costs (c,) [m] of candidates (c, k, 3); see `cost_of`."""
     costs, start = np.empty(candidates.shape[0]), begin(near)
     for i in range(candidates.shape[0]):

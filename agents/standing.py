@@ -1,4 +1,4 @@
-"""Temporary obstacles: what stands where the map shows nothing, remembered until it is seen gone."""
+"""Temporary obstacles: what stands where the map shows nothing, until it is seen to be gone."""
 
 from __future__ import annotations
 
@@ -26,7 +26,9 @@ class Standing:
         self._begun = np.empty(0)  # stamps when each was first seen [s], and last
         self._seen = np.empty(0)
 
-    def update(self, hits: Array, ranges: Array, laser: LaserSettings, pose: Array, stamp: float) -> None:
+    def update(
+        self, hits: Array, ranges: Array, laser: LaserSettings, pose: Array, stamp: float
+    ) -> None:
         """Take in a scan.
 
         Args:

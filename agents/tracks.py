@@ -137,15 +137,15 @@ class Tracks:
         centres = [_round_one(hits[a:b] - eye, far[a:b]) for a, b in found]
         places = [to_world((place + eye)[None], counted)[0] for place, _ in centres]
         pairs = sorted(
-            (gap, k, track)
+            (gap, k, number)
             for k, place in enumerate(places)
-            for track, gap in enumerate(math.hypot(*(t.at[:2] - place)) for t in self._all)
+            for number, gap in enumerate(math.hypot(*(t.at[:2] - place)) for t in self._all)
             if gap < GATE
         )
         of: dict[int, int] = {}  # which track each cluster carries on, the nearest first
-        for _, k, track in pairs:
-            if k not in of and track not in of.values():
-                of[k] = track
+        for _, k, number in pairs:
+            if k not in of and number not in of.values():
+                of[k] = number
         for k, (first, last) in enumerate(found):
             radius = centres[k][1]
             if k in of:
@@ -180,7 +180,7 @@ class Tracks:
         return strange & (far < REACH)
 
     def _clusters(self, hits: Array, far: Array) -> list[tuple[int, int]]:
-        """Runs of strange hits, first and one past the last, that are small enough to be tracked."""
+        """Runs of strange hits that are small enough to be tracked: first, one past the last."""
         index = np.flatnonzero(self.strange)
         if len(index) < FEWEST:
             return []

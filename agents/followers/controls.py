@@ -52,7 +52,11 @@ class GeneratedControls:
         """See `Follower.twist`."""
         self._age += chair.period
         twist = self._next(chair)
-        if self._age >= self.own.again or twist is None or not self._clear(twist, around, reference, chair):
+        if (
+            self._age >= self.own.again
+            or twist is None
+            or not self._clear(twist, around, reference, chair)
+        ):
             self._generate(around, reference, chair)
             twist = self._next(chair)
         return twist if twist is not None and self._clear(twist, around, reference, chair) else None

@@ -50,7 +50,9 @@ class PathIntegralFollower:
         own, limits = self.own, chair.limits
         near, weights = near_of(around, reference), own.objective.weights
         long = own.objective.horizon / own.pieces
-        self._mean += chair.period / long * (np.vstack([self._mean[1:], self._mean[-1:]]) - self._mean)
+        self._mean += (
+            chair.period / long * (np.vstack([self._mean[1:], self._mean[-1:]]) - self._mean)
+        )
         # Noise that lasts over the horizon and noise of each piece, in equal parts; and a coarse
         # fan, so that a mean that something new has barred finds another way at once.
         spread = np.array([own.spread_v, own.spread_w])
