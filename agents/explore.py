@@ -55,7 +55,7 @@ class Explore:
     def planned(self) -> Planned:
         """What drives to each place."""
         return Planned(
-            planner=self.planner, follower=self.follower, seed=self.seed, creeps_back=False
+            planner=self.planner, follower=self.follower, seed=self.seed
         )
 
     def make(self) -> Explorer:

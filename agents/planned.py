@@ -8,10 +8,12 @@ One policy with named states, shown by pictures and logs as the task's note:
     gives way    the same, and the chair draws back from it
     waits        nothing leads on for now: a temporary obstacle has closed the way, or the goal
     backs out    no progress for a while; then a new plan
+    looks round  the way leads where nobody has seen: the chair turns in place to see it first
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import field
 from typing import Any
@@ -31,6 +33,7 @@ from planners import make_planner
 from planners.space import Space
 from planners.types import Plan, Problem, Status
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import to_frame
 from wheelchair_gym.maps import FREE, UNKNOWN, OccupancyGrid, bottleneck
 
 Array = NDArray[np.float64]
@@ -46,6 +49,9 @@ AHEAD = 3.0  # m of the path on which temporary obstacles count
 CLOSE = 2.0  # m from the outline, within which what moves explains why the chair stands
 AGAIN = 3.0  # s until a plan is tried again that led round nothing
 TOLERATED = 0.06  # m: cells are drawn whole, and hits err
+LOOK = 0.2  # rad/s: the rear corners enter what was not seen slower than 0.1 m/s
+LOOKED = 2.0 * math.pi  # rad: all round
+ELSEWHERE = 0.5  # m: from here on the chair may look round again
 COURTESY = 0.25  # share at which time counts as lost while the chair halts for what moves
 
 
@@ -71,9 +77,6 @@ class Planned:
     astray: float = setting(default=0.8, unit="m", source="farther off the path: replan", low=0.05)
     beyond: float = setting(
         default=5.0, unit="m", source="ways through the unknown may lead so far round", low=0.5
-    )
-    creeps_back: bool = setting(
-        default=True, source="once stuck, where nobody has seen; false: rather stays where it is"
     )
     redraw: float = setting(
         default=0.5, unit="s", source="between two looks at a map that grows", low=0.0
@@ -106,6 +109,9 @@ class PlannedDriver:
         self._chair = Motion(task.limits, task.footprint, task.period)
         self._backing = 0.0  # s left to back out
         self._tries = 0  # plans made since there was progress
+        self._turning = 0.0  # rad/s while looking round
+        self._turned = 0.0  # rad so far
+        self._looked_at = np.full(2, np.inf)  # where the chair last looked round
         self._looked = 0.0  # s since the last look at what stands on the way
         self._waited = 0.0  # s since a plan led round nothing
         self.plan: Plan | None = None
@@ -137,6 +143,8 @@ class PlannedDriver:
                 break
         if self._task.chart is not None:  # the follower never backs where nothing was seen
             self._around.chart(known if known is not maps[-1] else maps[-2])
+            if known is maps[-1]:
+                self._begin_to_look()
         assert self.plan is not None
         path = self.plan.path
         self._mapped = self._since = 0.0
@@ -208,7 +216,7 @@ class PlannedDriver:
         if self._task.chart is not None:
             outline = self._task.footprint
             unseen = blind_behind(self._task.map, self._around.pose, outline)
-            stuck = self._tries > 0 and self.own.creeps_back
+            stuck = self._tries > 0
             self._around.blind = unseen and not stuck
         self._chair.measured(self._task.reading.twist)
         assert self._reference is not None  # reset made one
@@ -218,7 +226,16 @@ class PlannedDriver:
         self._since += period * (COURTESY if self.state == "halts" else 1.0)
         self._waited -= period
         patience = HURRY * self.own.patience if self._reference.ended else self.own.patience
-        if self._backing > 0.0:
+        if self._turning != 0.0:
+            self._turned += abs(self._turning) * period
+            redrawn = self._redrawn()
+            if self._turned > LOOKED or (redrawn and not unseen):
+                self._turning = 0.0
+                self._replan()
+            elif redrawn:
+                known = assumed(self._task.map, self._around.pose, self._task.footprint)
+                self._around.chart(known[-2])
+        elif self._backing > 0.0:
             self._backing -= period
             if self._backing <= 0.0:
                 self._replan()
@@ -232,8 +249,10 @@ class PlannedDriver:
                 self._replan()
             else:
                 self._backing, self._since = self.own.backing, 0.0
-        twist = self._back_out() if self._backing > 0.0 else None
+        twist = self._look_round() if self._turning != 0.0 else None
         if twist is not None:
+            self._say("looks round")
+        elif self._backing > 0.0 and (twist := self._back_out()) is not None:
             self._say("backs out")
         else:
             twist = self._follower.twist(self._around, self._reference, self._chair)
@@ -272,15 +291,43 @@ class PlannedDriver:
         ahead = rows[rows[:, 3] < self._reference.way + AHEAD]
         return self._around.standing.on_way(ahead, self._clearance - TOLERATED)
 
-    def _walled(self) -> bool:
-        """Whether a wall that was drawn since the last plan stands on the way."""
+    def _redrawn(self) -> bool:
+        """Whether it is time to look at a map that grows."""
         self._mapped += self._task.period
         if self._task.chart is None or self._mapped < self.own.redraw:
             return False
         self._mapped = 0.0
+        return True
+
+    def _walled(self) -> bool:
+        """Whether a wall that was drawn since the last plan stands on the way."""
+        if not self._redrawn():
+            return False
         assert self._reference is not None
         ahead = self._reference.rows[self._reference.at :]
         return walled(self._task.map, ahead, self._clearance)
+
+    def _begin_to_look(self) -> None:
+        """Turn in place, if it was not done here, and what lies behind was never seen."""
+        here = self._around.pose
+        unseen = blind_behind(self._task.map, here, self._task.footprint)
+        if unseen and np.hypot(*(here[:2] - self._looked_at)) > ELSEWHERE:
+            aim = to_frame(self.goal[:2], here)
+            self._looked_at, self._turned = here[:2].copy(), 0.0
+            self._turning = LOOK if aim[1] >= 0.0 else -LOOK
+
+    def _look_round(self) -> Array | None:
+        """A slow turn in place, the other way round where this one is closed."""
+        around, chair = self._around, self._chair
+        assert self._reference is not None
+        near = near_of(around, self._reference)
+        for turning in (self._turning, -self._turning):
+            for margin in around.margins(chair.footprint, MARGIN):
+                if stops_clear(0.0, turning, chair.body, near, HOLD, margin):
+                    self._turning = turning
+                    return np.array([0.0, turning])
+        self._turning = 0.0
+        return None
 
     def _back_out(self) -> Array | None:
         """The straightest slow way back that leaves room to stop."""

@@ -76,6 +76,7 @@ class Surroundings:
         reading: Reading = task.reading
         self.blind = False
         self._laser = task.sensors.laser
+        self._outline = task.footprint.array
         self.chart(task.map)
         # A map that the chair draws shows what moves as well: nothing would stand out against it.
         self._tracks = Tracks(task.map, self._laser) if task.chart is None else None
@@ -149,6 +150,7 @@ class Surroundings:
         # Where the laser looks it knows better than a map seen from an uncertain pose.
         mapped = mapped[np.abs(self._bearing(mapped)) > 0.5 * laser.fov]
         points = np.concatenate([self.hits, mapped])
+        points = points[~self._under(points)]  # the chair stands there: nothing else does
         far = np.hypot(points[:, 0], points[:, 1])
         nearest = np.argsort(far)
         self.points = np.column_stack([points, far])[nearest]
@@ -167,6 +169,11 @@ class Surroundings:
         bearing = np.arctan2(points[:, 1] - laser.y, points[:, 0] - laser.x) - laser.yaw
         wrapped: Array = np.remainder(bearing + math.pi, 2 * math.pi) - math.pi
         return wrapped
+
+    def _under(self, points: Array) -> NDArray[np.bool_]:
+        front, rear, half = self._outline
+        x, y = points[:, 0], points[:, 1]
+        return (x < front) & (x > -rear) & (np.abs(y) < half)
 
     def _within(self, points: Array) -> NDArray[np.bool_]:
         near: NDArray[np.bool_] = np.all(np.abs(points) < REACH, axis=1)
