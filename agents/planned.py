@@ -46,6 +46,7 @@ AHEAD = 3.0  # m of the path on which temporary obstacles count
 CLOSE = 2.0  # m from the outline, within which what moves explains why the chair stands
 AGAIN = 3.0  # s until a plan is tried again that led round nothing
 TOLERATED = 0.06  # m: cells are drawn whole, and hits err
+SHOWN = 1.0  # s for which people see why there is a new path
 COURTESY = 0.25  # share at which time counts as lost while the chair halts for what moves
 
 
@@ -107,7 +108,8 @@ class PlannedDriver:
         self._backing = 0.0  # s left to back out
         self._tries = 0  # plans made since there was progress
         self._looked = 0.0  # s since the last look at what stands on the way
-        self._waited = 0.0  # s since a plan led round nothing
+        self._waited = 0.0  # s until a plan is tried again that led round nothing
+        self._shown = 0.0  # s for which a state is shown still
         self.plan: Plan | None = None
         self._reference: Reference | None = None
         self.state = "follows"
@@ -165,11 +167,12 @@ class PlannedDriver:
         if self._plan(self._around.standing.painted(), start, goal):
             assert self.plan is not None
             self._take(self.plan.path, start)
+            self._shown = SHOWN
             self._say("goes round")
             return
         assert self.plan is not None
         blocked = self.plan.status is Status.GOAL_OCCUPIED
-        self._waited = AGAIN
+        self._waited = self._shown = AGAIN
         self._say("waits", "the goal is blocked" if blocked else "no way round")
 
     def _say(self, state: str, more: str = "") -> None:
@@ -217,6 +220,7 @@ class PlannedDriver:
             self._best, self._since, self._tries = self._reference.way, 0.0, 0
         self._since += period * (COURTESY if self.state == "halts" else 1.0)
         self._waited -= period
+        self._shown -= period
         patience = HURRY * self.own.patience if self._reference.ended else self.own.patience
         if self._backing > 0.0:
             self._backing -= period
@@ -258,7 +262,7 @@ class PlannedDriver:
             self._say("halts")
         elif twist is None:
             self._say("waits")
-        elif self.state not in ("goes round", "waits") or self._waited <= 0.0:
+        elif self._shown <= 0.0:
             self._say("follows", "" if self._planned == Status.SOLVED.name else self._planned)
 
     def _barred(self) -> bool:
