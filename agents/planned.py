@@ -44,6 +44,7 @@ MARGIN = 0.05  # m and
 HOLD = 0.4  # s: what a way back must leave, as `Window` asks of a way ahead
 AHEAD = 3.0  # m of the path on which temporary obstacles count
 CLOSE = 2.0  # m from the outline, within which what moves explains why the chair stands
+BEHIND = 2.5  # m: with anything nearer that moves, the chair never backs: nothing looks back
 AGAIN = 3.0  # s until a plan is tried again that led round nothing
 TOLERATED = 0.06  # m: cells are drawn whole, and hits err
 SHOWN = 1.0  # s for which people see why there is a new path
@@ -207,7 +208,7 @@ class PlannedDriver:
         """See `Policy.act`."""
         period = self._task.period
         self._around.update(self._task.reading)
-        unseen = False
+        unseen = self._around.blind = self._accompanied()
         if self._task.chart is not None:
             outline = self._task.footprint
             unseen = blind_behind(self._task.map, self._around.pose, outline)
@@ -249,6 +250,11 @@ class PlannedDriver:
         self._chair.command(twist)
         action: Array = self._task.limits.action(twist)
         return action
+
+    def _accompanied(self) -> bool:
+        """Whether somebody is so near that they may be behind the chair the next moment, unseen."""
+        movers = self._around.movers
+        return bool((np.hypot(movers[:, 0], movers[:, 1]) < BEHIND).any())
 
     def _tell(self, twist: Array | None) -> None:
         """Name the state that a twist of the follower means."""
