@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.followers import make_follower
-from agents.followers.follower import CREEP, near_of
+from agents.followers.follower import CREEP
+from agents.followers.retreat import back_out
 from agents.motion import Motion
 from agents.reference import Reference
-from agents.rollout import stops_clear
 from agents.scripted import Observation, episode_rng
 from agents.surroundings import Surroundings
 from agents.unseen import assumed, blind_behind, walled
@@ -38,10 +38,6 @@ Array = NDArray[np.float64]
 FINER = 0.04  # m: a plan that finds no way is tried again with this much less clearance
 GAIN = 0.1  # m of way that count as progress
 HURRY = 0.4  # share of the patience at the path's end, where the goal is near but not reached
-BACK = 0.15  # m/s in reverse: nothing looks back
-TURNS = (0.0, 0.3, -0.3, 0.7, -0.7)  # rad/s, in order of preference while backing out
-MARGIN = 0.05  # m and
-HOLD = 0.4  # s: what a way back must leave, as `Window` asks of a way ahead
 AHEAD = 3.0  # m of the path on which temporary obstacles count
 CLOSE = 2.0  # m from the outline, within which what moves explains why the chair stands
 BEHIND = 2.5  # m: with anything nearer that moves, the chair never backs: nothing looks back
@@ -237,7 +233,9 @@ class PlannedDriver:
                 self._replan()
             else:
                 self._backing, self._since = self.own.backing, 0.0
-        twist = self._back_out() if self._backing > 0.0 else None
+        twist = None
+        if self._backing > 0.0:
+            twist = back_out(self._around, self._reference, self._chair)
         if twist is not None:
             self._say("backs out")
         else:
@@ -291,18 +289,3 @@ class PlannedDriver:
         assert self._reference is not None
         ahead = self._reference.rows[self._reference.at :]
         return walled(self._task.map, ahead, self._clearance)
-
-    def _back_out(self) -> Array | None:
-        """The straightest slow way back that leaves room to stop."""
-        chair, around = self._chair, self._around
-        if around.blind:
-            return None
-        assert self._reference is not None
-        near = near_of(around, self._reference)
-        back = -min(BACK, self._task.limits.backward)
-        for margin in around.margins(chair.footprint, MARGIN):
-            for turn in TURNS:
-                for v, w in ((back, turn), (0.0, turn)):
-                    if (v or w) and stops_clear(v, w, chair.body, near, HOLD, margin):
-                        return np.array([v, w])
-        return None
