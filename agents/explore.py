@@ -54,9 +54,7 @@ class Explore:
 
     def planned(self) -> Planned:
         """What drives to each place."""
-        return Planned(
-            planner=self.planner, follower=self.follower, seed=self.seed
-        )
+        return Planned(planner=self.planner, follower=self.follower, seed=self.seed)
 
     def make(self) -> Explorer:
         """A fresh policy."""

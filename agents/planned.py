@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.followers import make_follower
-from agents.followers.follower import CREEP, near_of
+from agents.followers.follower import CREEP
+from agents.followers.retreat import back_out, turn
 from agents.motion import Motion
 from agents.reference import Reference
-from agents.rollout import stops_clear
 from agents.scripted import Observation, episode_rng
 from agents.surroundings import Surroundings
 from agents.unseen import assumed, blind_behind, walled
@@ -41,17 +41,15 @@ Array = NDArray[np.float64]
 FINER = 0.04  # m: a plan that finds no way is tried again with this much less clearance
 GAIN = 0.1  # m of way that count as progress
 HURRY = 0.4  # share of the patience at the path's end, where the goal is near but not reached
-BACK = 0.15  # m/s in reverse: nothing looks back
-TURNS = (0.0, 0.3, -0.3, 0.7, -0.7)  # rad/s, in order of preference while backing out
-MARGIN = 0.05  # m and
-HOLD = 0.4  # s: what a way back must leave, as `Window` asks of a way ahead
 AHEAD = 3.0  # m of the path on which temporary obstacles count
 CLOSE = 2.0  # m from the outline, within which what moves explains why the chair stands
+BEHIND = 2.5  # m: with anything nearer that moves, the chair never backs: nothing looks back
 AGAIN = 3.0  # s until a plan is tried again that led round nothing
 TOLERATED = 0.06  # m: cells are drawn whole, and hits err
 LOOK = 0.2  # rad/s: the rear corners enter what was not seen slower than 0.1 m/s
 LOOKED = 2.0 * math.pi  # rad: all round
 ELSEWHERE = 0.5  # m: from here on the chair may look round again
+SHOWN = 1.0  # s for which people see why there is a new path
 COURTESY = 0.25  # share at which time counts as lost while the chair halts for what moves
 
 
@@ -113,7 +111,8 @@ class PlannedDriver:
         self._turned = 0.0  # rad so far
         self._looked_at = np.full(2, np.inf)  # where the chair last looked round
         self._looked = 0.0  # s since the last look at what stands on the way
-        self._waited = 0.0  # s since a plan led round nothing
+        self._waited = 0.0  # s until a plan is tried again that led round nothing
+        self._shown = 0.0  # s for which a state is shown still
         self.plan: Plan | None = None
         self._reference: Reference | None = None
         self.state = "follows"
@@ -173,11 +172,12 @@ class PlannedDriver:
         if self._plan(self._around.standing.painted(), start, goal):
             assert self.plan is not None
             self._take(self.plan.path, start)
+            self._shown = SHOWN
             self._say("goes round")
             return
         assert self.plan is not None
         blocked = self.plan.status is Status.GOAL_OCCUPIED
-        self._waited = AGAIN
+        self._waited = self._shown = AGAIN
         self._say("waits", "the goal is blocked" if blocked else "no way round")
 
     def _say(self, state: str, more: str = "") -> None:
@@ -212,7 +212,7 @@ class PlannedDriver:
         """See `Policy.act`."""
         period = self._task.period
         self._around.update(self._task.reading)
-        unseen = False
+        unseen = self._around.blind = self._accompanied()
         if self._task.chart is not None:
             outline = self._task.footprint
             unseen = blind_behind(self._task.map, self._around.pose, outline)
@@ -225,6 +225,7 @@ class PlannedDriver:
             self._best, self._since, self._tries = self._reference.way, 0.0, 0
         self._since += period * (COURTESY if self.state == "halts" else 1.0)
         self._waited -= period
+        self._shown -= period
         patience = HURRY * self.own.patience if self._reference.ended else self.own.patience
         if self._turning != 0.0:
             self._turned += abs(self._turning) * period
@@ -249,11 +250,13 @@ class PlannedDriver:
                 self._replan()
             else:
                 self._backing, self._since = self.own.backing, 0.0
-        twist = self._look_round() if self._turning != 0.0 else None
+        twist = None
+        if self._turning != 0.0:
+            twist = self._look_round()
+        elif self._backing > 0.0:
+            twist = back_out(self._around, self._reference, self._chair)
         if twist is not None:
-            self._say("looks round")
-        elif self._backing > 0.0 and (twist := self._back_out()) is not None:
-            self._say("backs out")
+            self._say("looks round" if self._turning != 0.0 else "backs out")
         else:
             twist = self._follower.twist(self._around, self._reference, self._chair)
             self._tell(twist)
@@ -264,6 +267,11 @@ class PlannedDriver:
         self._chair.command(twist)
         action: Array = self._task.limits.action(twist)
         return action
+
+    def _accompanied(self) -> bool:
+        """Whether somebody is so near that they may be behind the chair the next moment, unseen."""
+        movers = self._around.movers
+        return bool((np.hypot(movers[:, 0], movers[:, 1]) < BEHIND).any())
 
     def _tell(self, twist: Array | None) -> None:
         """Name the state that a twist of the follower means."""
@@ -277,7 +285,7 @@ class PlannedDriver:
             self._say("halts")
         elif twist is None:
             self._say("waits")
-        elif self.state not in ("goes round", "waits") or self._waited <= 0.0:
+        elif self._shown <= 0.0:
             self._say("follows", "" if self._planned == Status.SOLVED.name else self._planned)
 
     def _barred(self) -> bool:
@@ -312,34 +320,17 @@ class PlannedDriver:
         here = self._around.pose
         unseen = blind_behind(self._task.map, here, self._task.footprint)
         if unseen and np.hypot(*(here[:2] - self._looked_at)) > ELSEWHERE:
-            aim = to_frame(self.goal[:2], here)
+            left = to_frame(self.goal[:2], here)[1] >= 0.0
             self._looked_at, self._turned = here[:2].copy(), 0.0
-            self._turning = LOOK if aim[1] >= 0.0 else -LOOK
+            self._turning = LOOK if left else -LOOK
 
     def _look_round(self) -> Array | None:
-        """A slow turn in place, the other way round where this one is closed."""
-        around, chair = self._around, self._chair
+        """Turn on, or the other way round where this one is closed."""
         assert self._reference is not None
-        near = near_of(around, self._reference)
         for turning in (self._turning, -self._turning):
-            for margin in around.margins(chair.footprint, MARGIN):
-                if stops_clear(0.0, turning, chair.body, near, HOLD, margin):
-                    self._turning = turning
-                    return np.array([0.0, turning])
+            twist = turn(self._around, self._reference, self._chair, turning)
+            if twist is not None:
+                self._turning = turning
+                return twist
         self._turning = 0.0
-        return None
-
-    def _back_out(self) -> Array | None:
-        """The straightest slow way back that leaves room to stop."""
-        chair, around = self._chair, self._around
-        if around.blind:
-            return None
-        assert self._reference is not None
-        near = near_of(around, self._reference)
-        back = -min(BACK, self._task.limits.backward)
-        for margin in around.margins(chair.footprint, MARGIN):
-            for turn in TURNS:
-                for v, w in ((back, turn), (0.0, turn)):
-                    if (v or w) and stops_clear(v, w, chair.body, near, HOLD, margin):
-                        return np.array([v, w])
         return None

@@ -173,7 +173,8 @@ class Surroundings:
     def _under(self, points: Array) -> NDArray[np.bool_]:
         front, rear, half = self._outline
         x, y = points[:, 0], points[:, 1]
-        return (x < front) & (x > -rear) & (np.abs(y) < half)
+        under: NDArray[np.bool_] = (x < front) & (x > -rear) & (np.abs(y) < half)
+        return under
 
     def _within(self, points: Array) -> NDArray[np.bool_]:
         near: NDArray[np.bool_] = np.all(np.abs(points) < REACH, axis=1)

@@ -189,7 +189,8 @@ class Tracks:
         found = []
         for run in np.split(index, cut):
             wide = math.hypot(*(hits[run[-1]] - hits[run[0]]))
-            if len(run) >= FEWEST and wide < WIDEST:
+            whole = run[0] > 0 and run[-1] < len(hits) - 1  # not cut off by the laser's view
+            if whole and len(run) >= FEWEST and wide < WIDEST:
                 found.append((int(run[0]), int(run[-1]) + 1))
         return found
 

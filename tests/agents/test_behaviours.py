@@ -76,7 +76,7 @@ def test_what_stands_is_temporary_and_the_map_static(v):
 
 
 def test_what_is_gone_is_forgotten_once_it_is_seen_to_be():
-    _, around = watched(lambda t: (3.5, 0.0) if t < 2.5 else None, 2.5)
+    _, around = watched(lambda t: (3.5, 0.0) if t < 2.5 else None, 2.3)
     assert len(around.standing.stood)
     _, around = watched(lambda t: (3.5, 0.0) if t < 2.5 else None, 3.0)
     assert not len(around.standing.stood)
@@ -119,7 +119,7 @@ def test_a_chair_halts_for_who_comes_and_goes_on():
 
 
 def test_a_blocked_goal_is_waited_for_and_told():
-    said, poses, world = states(lambda t: (9.0, 0.0), seconds=25.0)
+    said, poses, _ = states(lambda t: (9.0, 0.0), seconds=25.0)
     assert "waits" in said
     assert (np.hypot(*(poses[:, :2] - (9.0, 0.0)).T) > 0.5).all()
 
