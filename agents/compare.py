@@ -98,7 +98,16 @@ SUITES: dict[str, Suite] = {
     ),
     "followers": Suite(
         "One planner, each follower",
-        ("a_star+pure_pursuit", "a_star+window", "lattice+pure_pursuit", "lattice+window"),
+        (
+            "a_star+pure_pursuit",
+            "a_star+window",
+            "lattice+pure_pursuit",
+            "lattice+controls",
+            "lattice+dwa",
+            "lattice+mppi",
+            "lattice+window",
+            "lattice+woa",
+        ),
         ("floor_plan",),
         40,
     ),

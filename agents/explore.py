@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.scripted import Planned
+from agents.planned import Planned
 from agents.unseen import standing
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.mapping.frontier import Frontier, frontiers
@@ -54,9 +54,7 @@ class Explore:
 
     def planned(self) -> Planned:
         """What drives to each place."""
-        return Planned(
-            planner=self.planner, follower=self.follower, seed=self.seed, creeps_back=False
-        )
+        return Planned(planner=self.planner, follower=self.follower, seed=self.seed)
 
     def make(self) -> Explorer:
         """A fresh policy."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.rollout import Body
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kinematics import Limits, approach
 
@@ -27,6 +28,11 @@ class Motion:
         self.period = period
         self.state: Array = np.zeros(4)
         self.last: Array = np.zeros(2)
+
+    @property
+    def body(self) -> Body:
+        """The chair as kernels take it."""
+        return Body(self.state, self.last, self.array, self.footprint)
 
     def measured(self, twist: Array) -> None:
         """Believe the encoders where the ramps must be wrong: a bump, a slip, a shield."""

@@ -34,7 +34,8 @@ def policy_settings() -> dict[str, type]:
     from agents.explore import Explore
     from agents.learned import Learned
     from agents.manual import Manual
-    from agents.scripted import Planned, RandomPolicy, StraightPolicy
+    from agents.planned import Planned
+    from agents.scripted import RandomPolicy, StraightPolicy
 
     return {
         "explore": Explore,

@@ -19,19 +19,39 @@ Array = NDArray[np.float64]
 
 TURN_LENGTH = 0.4  # m per rad: about the mean lever of the outline about the drive axle
 STEP = 0.1  # s between two poses of a roll-out
+CAUTION = 0.35  # s: of way by which the chair keeps farther from what moves; it may turn any moment
 
 
 class Weights(NamedTuple):
-    """What a roll-out is scored by; all costs are in metres of way."""
+    """What a roll-out is scored by (`agents.objective`); all costs are in metres of way."""
 
-    hold: float  # s for which a twist is held and must leave room to stop
     horizon: float  # s over which it is scored
-    margin: float  # m that must always remain between the outline and an obstacle
+    foresight: float  # s over which movers are foreseen
     wish: float  # m of clearance beyond which more is worth nothing
-    clearance: float  # cost of touching, falling to nothing at the wish
-    error: float  # cost of a metre beside the reference, at the end
-    change: float  # cost of changing the twist by 1 m/s or 1 rad/s
+    room: float  # m, the same from what moves
+    progress: float  # gain of a metre along the reference
+    clearance: float  # cost of a metre in touch with something, falling to nothing at the wish
+    path: float  # cost of a metre beside the reference, at the end, and half half-way
+    comfort: float  # cost of changing the twist by 1 m/s or 1 rad/s
     reverse: float  # cost of a metre in reverse
+    struck: float  # cost of a mover that comes up to the chair
+
+
+class Near(NamedTuple):
+    """What is round the chair, in its own frame."""
+
+    points: Array  # (k, 3) x, y and the distance from the origin [m], which rises
+    movers: Array  # (m, 5) x, y [m], vx, vy [m/s], radius [m]
+    reference: Array  # (n, 4) x, y [m], yaw [rad], way [m]
+
+
+class Body(NamedTuple):
+    """The chair, and how it moves now."""
+
+    state: Array  # (4,) speed, its slope, turn, its slope
+    last: Array  # (2,) the twist commanded before
+    limits: Array  # (9,) `Limits.array`
+    footprint: Array  # (3,) `Footprint.array`
 
 
 @kernel
@@ -93,29 +113,50 @@ def match(
 
 
 @kernel
-def stops_clear(
-    v: float,
-    w: float,
-    state: Array,
-    limits: Array,
-    footprint: Array,
-    points: Array,
-    hold: float,
-    margin: float,
-) -> bool:
+def mover_gap(
+    x: float, y: float, yaw: float, footprint: Array, movers: Array, t: float, interest: float
+) -> float:
+    """Distance [m] from the outline at a pose to where the nearest mover is foreseen; 0 inside.
+
+    Args:
+        x: the pose's x [m]; then y [m] and yaw [rad].
+        y: see x.
+        yaw: see x.
+        footprint: `Footprint.array`.
+        movers: see `Near`.
+        t: when the chair is at that pose [s].
+        interest: farther ones are not looked for [m].
+    """
+    c, s = math.cos(yaw), math.sin(yaw)
+    middle = 0.5 * (footprint[0] - footprint[1])
+    half_length, half_width = 0.5 * (footprint[0] + footprint[1]), footprint[2]
+    mx, my = x + c * middle, y + s * middle
+    best = interest
+    for k in range(movers.shape[0]):
+        px, py = movers[k, 0] + t * movers[k, 2] - mx, movers[k, 1] + t * movers[k, 3] - my
+        dx = max(abs(c * px + s * py) - half_length, 0.0)
+        dy = max(abs(c * py - s * px) - half_width, 0.0)
+        best = min(best, max(0.0, math.sqrt(dx * dx + dy * dy) - movers[k, 4]))
+    return best
+
+
+@kernel
+def stops_clear(v: float, w: float, body: Body, near: Near, hold: float, margin: float) -> bool:
     """Whether a twist, held for a while and then braked, keeps the margin until the chair rests.
+
+    What moves is where it is foreseen, or stops where it is now: in motion the chair comes to
+    neither nearer than it would be if it stood.
 
     Args:
         v: target speed [m/s].
         w: target turn [rad/s].
-        state: speed, its slope, turn, its slope now (4,).
-        limits: `Limits.array`.
-        footprint: `Footprint.array`.
-        points: obstacles (k, 3), see `outline_gap`.
+        body: the chair now.
+        near: what is round it.
         hold: how long the twist is held [s].
         margin: what must remain [m].
     """
     x, y, yaw = 0.0, 0.0, 0.0
+    state, limits = body.state, body.limits
     sv, av, sw, aw = state[0], state[1], state[2], state[3]
     held = round(hold / STEP)
     for k in range(held + 40):
@@ -124,70 +165,128 @@ def stops_clear(
         sv, av = approach(sv, av, v, limits[3], limits[4], limits[7], STEP)
         sw, aw = approach(sw, aw, w, limits[6], limits[6], limits[8], STEP)
         x, y, yaw = arc_step(x, y, yaw, sv, sw, STEP)
-        if outline_gap(x, y, yaw, footprint, points, margin + 0.01) < margin:
+        if outline_gap(x, y, yaw, body.footprint, near.points, margin + 0.01) < margin:
             return False
-        if k >= held and abs(sv) < 0.02 and abs(sw) < 0.05:
+        still = abs(sv) < 0.02 and abs(sw) < 0.05
+        if not still and near.movers.shape[0] > 0:
+            room = margin + CAUTION * abs(sv)
+            for t in (0.0, (k + 1) * STEP):
+                gap = mover_gap(x, y, yaw, body.footprint, near.movers, t, room)
+                if gap < room:  # drawing away from who comes is always allowed
+                    here = mover_gap(0.0, 0.0, 0.0, body.footprint, near.movers, t, room)
+                    if gap < here:
+                        return False
+        if k >= held and still:
             break
     return True
 
 
 @kernel
-def choose(
-    candidates: Array,
-    state: Array,
-    last: Array,
-    limits: Array,
-    footprint: Array,
-    points: Array,
-    reference: Array,
-    weights: Weights,
-) -> int:
-    """The cheapest candidate twist that leaves room to stop, or -1.
+def cost_of(
+    commands: Array, body: Body, near: Near, start: int, margin: float, weights: Weights
+) -> float:
+    """The cost [m] of commands, rolled out: the one objective of every local controller.
 
     Args:
-        candidates: target twists (c, 2) [m/s, rad/s].
-        state: speed, its slope, turn, its slope now (4,).
-        last: the twist commanded before (2,).
-        limits: `Limits.array`.
-        footprint: `Footprint.array`.
-        points: obstacles (k, 3) in the chair's frame, see `outline_gap`.
-        reference: rows (n, 4) x, y, yaw, s in the chair's frame.
+        commands: (k, 3) m/s, rad/s, s, one after another; the last one lasts.
+        body: the chair now.
+        near: what is round it.
+        start: the row of the reference where the chair is.
+        margin: what must always remain between the outline and an obstacle [m].
         weights: see `Weights`.
     """
-    costs = np.empty(candidates.shape[0])
-    start, _ = match(0.0, 0.0, 0.0, reference, 0, reference[0, 3] + 0.3)
+    state, limits, footprint, reference = body.state, body.limits, body.footprint, near.reference
     steps = round(weights.horizon / STEP)
     lever = math.hypot(max(footprint[0], footprint[1]), footprint[2])
-    interest = weights.wish + 0.2
-    for i in range(candidates.shape[0]):
-        v, w = candidates[i, 0], candidates[i, 1]
-        x, y, yaw = 0.0, 0.0, 0.0
-        gap = 0.0  # a lower bound; looked for anew only where it might matter
-        sv, av, sw, aw = state[0], state[1], state[2], state[3]
-        cost, backed, driven = 0.0, 0.0, 0.1
-        for k in range(steps):
+    x, y, yaw = 0.0, 0.0, 0.0
+    gap = 0.0  # a lower bound; looked for anew only where it might matter
+    sv, av, sw, aw = state[0], state[1], state[2], state[3]
+    v, w, row, until = commands[0, 0], commands[0, 1], 0, commands[0, 2]
+    cost: float = weights.comfort * (abs(v - body.last[0]) + 0.5 * abs(w - body.last[1]))
+    backed, driven, barred, some = 0.0, 0.1, False, near.movers.shape[0] > 0
+    end = (0.0, 0.0, 0.0)
+    for k in range(max(steps, round(weights.foresight / STEP)) if some else steps):
+        if k == steps:  # from here on it comes to rest: is that where others come?
+            v, w = 0.0, 0.0
+        while k < steps and k * STEP >= until - 1e-9 and row + 1 < commands.shape[0]:
+            row += 1
+            change = abs(commands[row, 0] - v) + 0.5 * abs(commands[row, 1] - w)
+            cost += weights.comfort * change
+            v, w, until = commands[row, 0], commands[row, 1], until + commands[row, 2]
+        if not barred:
             sv, av = approach(sv, av, v, limits[3], limits[4], limits[7], STEP)
             sw, aw = approach(sw, aw, w, limits[6], limits[6], limits[8], STEP)
             ax, ay, ayaw = arc_step(x, y, yaw, sv, sw, STEP)
-            gap -= (abs(sv) + lever * abs(sw)) * STEP
-            if gap < weights.wish:
-                gap = outline_gap(ax, ay, ayaw, footprint, points, interest)
-            short = max(0.0, 1.0 - gap / weights.wish)
-            cost += weights.clearance * short * short / steps
-            if gap < weights.margin:  # whatever lies beyond is not gained
-                cost += weights.clearance * (steps - k) / steps
+            if k < steps:
+                gap -= (abs(sv) + lever * abs(sw)) * STEP
+                if gap < weights.wish:
+                    gap = outline_gap(ax, ay, ayaw, footprint, near.points, weights.wish + 0.2)
+                if gap < margin:  # whatever lies beyond is not gained
+                    cost += weights.clearance * weights.horizon * (steps - k) / steps
+                    barred = True
+                else:
+                    # By way, not by time: a chair that is slow where it is tight is no worse off,
+                    # and none is better off where it stands before a narrow place.
+                    moved = (abs(sv) + TURN_LENGTH * abs(sw)) * STEP
+                    short = max(0.0, 1.0 - gap / weights.wish)
+                    cost += weights.clearance * short * short * moved
+                    backed += max(0.0, -sv) * STEP
+                    driven += 1.1 * moved
+                    end = (ax, ay, ayaw)
+                    if k == steps // 2:  # half-way, too, or it cuts corners
+                        most = reference[start, 3] + driven
+                        _, error = match(ax, ay, ayaw, reference, start, most)
+                        cost += 0.5 * weights.path * error
+            if not barred:
+                x, y, yaw = ax, ay, ayaw
+        if some:
+            room = mover_gap(x, y, yaw, footprint, near.movers, (k + 1) * STEP, weights.room)
+            short = 1.0 - room / weights.room
+            cost += weights.clearance * short * short * STEP
+            if room < margin:
+                cost += weights.struck * (1.0 - 0.6 * k * STEP / weights.foresight)
                 break
-            backed += max(0.0, -sv) * STEP
-            driven += 1.1 * (abs(sv) + TURN_LENGTH * abs(sw)) * STEP
-            x, y, yaw = ax, ay, ayaw
-        row, error = match(x, y, yaw, reference, start, reference[start, 3] + driven)
-        cost += weights.error * error - (reference[row, 3] - reference[start, 3])
-        cost += weights.change * (abs(v - last[0]) + 0.5 * abs(w - last[1]))
-        cost += weights.reverse * backed
-        costs[i] = cost
-    # The dear test only where it matters: from the best candidate on, until one leaves room.
+        elif barred:
+            break
+    at, error = match(end[0], end[1], end[2], reference, start, reference[start, 3] + driven)
+    cost += weights.path * error
+    cost -= weights.progress * (reference[at, 3] - reference[start, 3])
+    return cost + weights.reverse * backed
+
+
+@kernel
+def begin(near: Near) -> int:
+    """The row of the reference where the chair is."""
+    row, _ = match(0.0, 0.0, 0.0, near.reference, 0, near.reference[0, 3] + 0.3)
+    return row
+
+
+@kernel
+def costs_of(candidates: Array, body: Body, near: Near, margin: float, weights: Weights) -> Array:
+    """The costs (c,) [m] of candidates (c, k, 3); see `cost_of`."""
+    costs, start = np.empty(candidates.shape[0]), begin(near)
+    for i in range(candidates.shape[0]):
+        costs[i] = cost_of(candidates[i], body, near, start, margin, weights)
+    return costs
+
+
+@kernel
+def cheapest(
+    twists: Array, costs: Array, body: Body, near: Near, hold: float, margin: float
+) -> int:
+    """The cheapest twist that leaves room to stop, or -1.
+
+    The dear test is made only from the best on, until one passes.
+
+    Args:
+        twists: (c, 2 or 3) [m/s, rad/s]; what follows does not count.
+        costs: (c,) of what begins with them.
+        body: the chair now.
+        near: what is round it.
+        hold: how long the twist is held [s].
+        margin: what must always remain [m].
+    """
     for i in np.argsort(costs):
-        v, w = candidates[i, 0], candidates[i, 1]
-        if stops_clear(v, w, state, limits, footprint, points, weights.hold, weights.margin):
+        if stops_clear(twists[i, 0], twists[i, 1], body, near, hold, margin):
             return int(i)
     return -1

@@ -13,6 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.rollout import outline_gap
+from agents.standing import Standing
+from agents.tracks import REACH as SEEN_FROM
+from agents.tracks import Tracks
 from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OccupancyGrid
@@ -63,6 +66,9 @@ class Surroundings:
         hits: obstacles (k, 2) [m] in the chair's frame that the laser saw, now or lately.
         points: hits, and obstacles that only the map knows of, (k, 3): x, y, distance from the
             axle's centre [m], the nearest first.
+        movers: what moves (m, 5): x, y [m], vx, vy [m/s], radius [m] in the chair's frame; its hits
+            are not among the others.
+        standing: temporary obstacles, in the map's frame.
         blind: nobody has seen what is behind the chair, so that it must not back.
     """
 
@@ -70,7 +76,11 @@ class Surroundings:
         reading: Reading = task.reading
         self.blind = False
         self._laser = task.sensors.laser
+        self._outline = task.footprint.array
         self.chart(task.map)
+        # A map that the chair draws shows what moves as well: nothing would stand out against it.
+        self._tracks = Tracks(task.map, self._laser) if task.chart is None else None
+        self.standing = Standing(task.map)
         angles = self._laser.yaw + np.linspace(-0.5, 0.5, len(reading.laser)) * self._laser.fov
         self._beams = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         self._counted = np.zeros(3)  # dead reckoning, the frame of the memory
@@ -79,6 +89,7 @@ class Surroundings:
         self.pose: Array = np.array(reading.pose, dtype=np.float64)
         self.hits: Array = np.empty((0, 2))
         self.points: Array = np.empty((0, 3))
+        self.movers: Array = np.empty((0, 5))
         self._look(reading)
 
     def chart(self, known: OccupancyGrid) -> None:
@@ -112,8 +123,17 @@ class Surroundings:
     def _look(self, reading: Reading) -> None:
         laser = self._laser
         ranges = np.asarray(reading.laser, dtype=np.float64)
-        near = np.isfinite(ranges) & (ranges < REACH + laser.x) & (ranges > laser.nearest)
+        near = np.isfinite(ranges) & (ranges < SEEN_FROM) & (ranges > laser.nearest)
         seen = self._beams[near] * ranges[near, None] + (laser.x, laser.y)
+        stands = ranges[near] < REACH + laser.x
+        if self._tracks is not None:
+            eye = np.array([laser.x, laser.y])
+            self._tracks.update(seen, eye, self.pose, self._counted, reading.stamp)
+            self.movers = self._tracks.movers(self._counted)
+            moving, strange = self._tracks.dynamic, self._tracks.strange
+            self.standing.update(seen[strange & ~moving], ranges, laser, self.pose, reading.stamp)
+            stands &= ~moving
+        seen = seen[stands]
         close = np.all(np.abs(seen) < CLOSE, axis=1)
         seen = np.concatenate(
             [voxel_means(seen[close], VOXEL), voxel_means(seen[~close], 2 * VOXEL)]
@@ -130,6 +150,7 @@ class Surroundings:
         # Where the laser looks it knows better than a map seen from an uncertain pose.
         mapped = mapped[np.abs(self._bearing(mapped)) > 0.5 * laser.fov]
         points = np.concatenate([self.hits, mapped])
+        points = points[~self._under(points)]  # the chair stands there: nothing else does
         far = np.hypot(points[:, 0], points[:, 1])
         nearest = np.argsort(far)
         self.points = np.column_stack([points, far])[nearest]
@@ -148,6 +169,12 @@ class Surroundings:
         bearing = np.arctan2(points[:, 1] - laser.y, points[:, 0] - laser.x) - laser.yaw
         wrapped: Array = np.remainder(bearing + math.pi, 2 * math.pi) - math.pi
         return wrapped
+
+    def _under(self, points: Array) -> NDArray[np.bool_]:
+        front, rear, half = self._outline
+        x, y = points[:, 0], points[:, 1]
+        under: NDArray[np.bool_] = (x < front) & (x > -rear) & (np.abs(y) < half)
+        return under
 
     def _within(self, points: Array) -> NDArray[np.bool_]:
         near: NDArray[np.bool_] = np.all(np.abs(points) < REACH, axis=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.followers.follower import near_of
 from agents.motion import Motion
 from agents.reference import Reference
 from agents.rollout import stops_clear
@@ -51,10 +52,14 @@ class GeneratedControls:
         """See `Follower.twist`."""
         self._age += chair.period
         twist = self._next(chair)
-        if self._age >= self.own.again or twist is None or not self._clear(twist, around, chair):
+        if (
+            self._age >= self.own.again
+            or twist is None
+            or not self._clear(twist, around, reference, chair)
+        ):
             self._generate(around, reference, chair)
             twist = self._next(chair)
-        return twist if twist is not None and self._clear(twist, around, chair) else None
+        return twist if twist is not None and self._clear(twist, around, reference, chair) else None
 
     def _next(self, chair: Motion) -> Array | None:
         """What is asked for in the middle of the coming period; None after the end."""
@@ -63,13 +68,12 @@ class GeneratedControls:
             return None
         return controls.twist_at(self._age + 0.5 * chair.period)
 
-    def _clear(self, twist: Array, around: Surroundings, chair: Motion) -> bool:
-        return bool(
-            stops_clear(
-                twist[0], twist[1], chair.state, chair.array, chair.footprint, around.points,
-                2 * chair.period, self.own.margin,
-            )
-        )  # fmt: skip
+    def _clear(
+        self, twist: Array, around: Surroundings, reference: Reference, chair: Motion
+    ) -> bool:
+        near = near_of(around, reference)
+        hold = 2 * chair.period
+        return bool(stops_clear(twist[0], twist[1], chair.body, near, hold, self.own.margin))
 
     def _generate(self, around: Surroundings, reference: Reference, chair: Motion) -> None:
         points = to_world(around.points[:, :2], around.pose)

@@ -1,0 +1,338 @@
+"""Any planner with any follower: how a chair behaves on its way (T1 3.2.2).
+
+One policy with named states, shown by pictures and logs as the task's note:
+
+    follows      along its path; static obstacles are on the map, and planned round
+    goes round   a temporary obstacle stands on the way: a whole new plan from where the chair is
+    halts        something that moves is near or on course
+    gives way    the same, and the chair draws back from it
+    waits        nothing leads on for now: a temporary obstacle has closed the way, or the goal
+    backs out    no progress for a while; then a new plan
+    looks round  the way leads where nobody has seen: the chair turns in place to see it first
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.followers import make_follower
+from agents.followers.follower import CREEP
+from agents.followers.retreat import back_out, turn
+from agents.motion import Motion
+from agents.reference import Reference
+from agents.scripted import Observation, episode_rng
+from agents.surroundings import Surroundings
+from agents.unseen import assumed, blind_behind, walled
+from planners import make_planner
+from planners.space import Space
+from planners.types import Plan, Problem, Status
+from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import to_frame
+from wheelchair_gym.maps import FREE, UNKNOWN, OccupancyGrid, bottleneck
+
+Array = NDArray[np.float64]
+
+FINER = 0.04  # m: a plan that finds no way is tried again with this much less clearance
+GAIN = 0.1  # m of way that count as progress
+HURRY = 0.4  # share of the patience at the path's end, where the goal is near but not reached
+AHEAD = 3.0  # m of the path on which temporary obstacles count
+CLOSE = 2.0  # m from the outline, within which what moves explains why the chair stands
+BEHIND = 2.5  # m: with anything nearer that moves, the chair never backs: nothing looks back
+AGAIN = 3.0  # s until a plan is tried again that led round nothing
+TOLERATED = 0.06  # m: cells are drawn whole, and hits err
+LOOK = 0.2  # rad/s: the rear corners enter what was not seen slower than 0.1 m/s
+LOOKED = 2.0 * math.pi  # rad: all round
+ELSEWHERE = 0.5  # m: from here on the chair may look round again
+SHOWN = 1.0  # s for which people see why there is a new path
+COURTESY = 0.25  # share at which time counts as lost while the chair halts for what moves
+
+
+@settings
+class Planned:
+    """A planner in the map, and a follower along its path; replans, and backs out.
+
+    Each new plan begins where the chair is, in the map that the chair knows. In one that it was
+    given, temporary obstacles are drawn in once they stand on the way; where no way leads round
+    them, the chair keeps its path, and waits. A map that the chair draws itself is taken for free
+    wherever it is unknown, and as soon as a wall shows on the way, another way is planned (the
+    free-space assumption: Koenig and Likhachev 2005).
+    """
+
+    planner: Mapping[str, Any] = field(default_factory=lambda: {"name": "a_star"})
+    follower: Mapping[str, Any] = field(default_factory=lambda: {"name": "window"})
+    seed: int = setting(default=0, source="of the planner's draws", low=0)
+    clearance: float = setting(
+        default=0.40, unit="m", source="half width, pose error and a margin; less where none leads",
+        low=0.0,
+    )  # fmt: skip
+    least: float = setting(default=0.28, unit="m", source="a cell under the half width", low=0.0)
+    astray: float = setting(default=0.8, unit="m", source="farther off the path: replan", low=0.05)
+    beyond: float = setting(
+        default=5.0, unit="m", source="ways through the unknown may lead so far round", low=0.5
+    )
+    redraw: float = setting(
+        default=0.5, unit="s", source="between two looks at a map that grows", low=0.0
+    )
+    patience: float = setting(default=4.0, unit="s", source="without progress: act", low=0.5)
+    backing: float = setting(default=2.5, unit="s", source="about half a chair's length", low=0.1)
+
+    def __post_init__(self) -> None:
+        make_planner(dict(self.planner))
+        make_follower(self.follower)
+
+    def make(self) -> PlannedDriver:
+        """A fresh policy."""
+        return PlannedDriver(self)
+
+
+class PlannedDriver:
+    """Plans from where the chair believes it is, follows, and finds its way out when stuck."""
+
+    def __init__(self, own: Planned) -> None:
+        self.own = own
+        self._planner = make_planner(dict(own.planner))
+        self._follower_settings = make_follower(own.follower)
+
+    def reset(self, task: Any) -> None:
+        """See `Policy.reset`."""
+        self._task = task
+        self._rng = episode_rng(task, self.own.seed)
+        self._around = Surroundings(task)
+        self._chair = Motion(task.limits, task.footprint, task.period)
+        self._backing = 0.0  # s left to back out
+        self._tries = 0  # plans made since there was progress
+        self._turning = 0.0  # rad/s while looking round
+        self._turned = 0.0  # rad so far
+        self._looked_at = np.full(2, np.inf)  # where the chair last looked round
+        self._looked = 0.0  # s since the last look at what stands on the way
+        self._waited = 0.0  # s until a plan is tried again that led round nothing
+        self._shown = 0.0  # s for which a state is shown still
+        self.plan: Plan | None = None
+        self.plans = 0  # made
+        self._reference: Reference | None = None
+        self.state = "follows"
+        self.aim(task.goal)
+
+    def aim(self, goal: Array) -> None:
+        """Drive to a goal (2 or 3,) [m, m, rad] from now on; without a heading any will do."""
+        self.goal = np.asarray(goal, dtype=np.float64)
+        self._replan()
+
+    @property
+    def solved(self) -> bool:
+        """Whether the last plan leads to the goal."""
+        return self.plan is not None and self.plan.status is Status.SOLVED
+
+    @property
+    def ended(self) -> bool:
+        """Whether the chair has come to the end of its path."""
+        return self._reference is not None and self._reference.ended
+
+    def _replan(self) -> bool:
+        """Plan from where the chair is, and begin the new path; whether one leads to the goal."""
+        start, goal = self._around.pose, self.goal
+        maps = self._maps(start, goal)
+        for known in maps:
+            if self._plan(known, start, goal):
+                break
+        if self._task.chart is not None:  # the follower never backs where nothing was seen
+            self._around.chart(known if known is not maps[-1] else maps[-2])
+            if known is maps[-1]:
+                self._begin_to_look()
+        assert self.plan is not None
+        path = self.plan.path
+        self._mapped = self._since = 0.0
+        self._planned = " ".join((self.plan.status.name, self.plan.note)).strip()
+        if not self.solved:
+            if self._reference is not None:
+                return False  # the old path is better than none
+            # Straight on: the follower still touches nothing, and the next plan begins elsewhere.
+            path = np.stack([start[:2], goal[:2]])
+        self._take(path, start)
+        return self.solved
+
+    def _take(self, path: Array, start: Array) -> None:
+        """Follow a path (n, 2 or 3) [m] from now on."""
+        self._task.path = path[:, :2]
+        self._reference = Reference(np.asarray(path, dtype=np.float64), start)
+        self._follower = self._follower_settings.make()
+        self._best = self._since = 0.0
+
+    def _go_round(self) -> None:
+        """Plan wholly anew round temporary obstacles; where no way leads, keep the path, and wait.
+
+        T1 3.2.2: temporary obstacles are taken into the plan as soon as they are met.
+        """
+        start, goal = self._around.pose, self.goal
+        if self._plan(self._around.standing.painted(), start, goal):
+            assert self.plan is not None
+            self._take(self.plan.path, start)
+            self._shown = SHOWN
+            self._say("goes round")
+            return
+        assert self.plan is not None
+        blocked = self.plan.status is Status.GOAL_OCCUPIED
+        self._waited = self._shown = AGAIN
+        self._say("waits", "the goal is blocked" if blocked else "no way round")
+
+    def _say(self, state: str, more: str = "") -> None:
+        self.state = state
+        self._task.note = ": ".join(filter(None, (state, more)))
+
+    def _maps(self, start: Array, goal: Array) -> list[OccupancyGrid]:
+        """Maps to plan in, the next one if the last leads nowhere."""
+        known = self._task.map
+        if self._task.chart is None:
+            stood = len(self._around.standing.stood) > 0
+            return [self._around.standing.painted(), known] if stood else [known]
+        known = known.holding(np.stack([start[:2], goal[:2]]), self.own.beyond)
+        return assumed(known, start, self._task.footprint)
+
+    def _plan(self, known: OccupancyGrid, start: Array, goal: Array) -> bool:
+        """Plan in a map at the widest clearance that leads to the goal."""
+        self.plans += 1
+        clearance, space = self.own.clearance, Space.from_grid(known)
+        free = np.where(known.cells == UNKNOWN, FREE, known.cells)  # as planners take it
+        taken = OccupancyGrid(free, known.resolution, known.origin)
+        most = bottleneck(taken, start[:2], goal[:2]) + 0.5 * known.resolution
+        while clearance > most and clearance - FINER >= self.own.least:
+            clearance -= FINER  # what no disc passes is not worth a search
+        while True:
+            self.plan = self._planner.plan(Problem(space, start, goal, clearance), self._rng)
+            self._clearance = clearance
+            clearance -= FINER
+            if self.solved or clearance < self.own.least:
+                return self.solved
+
+    def act(self, observation: Observation) -> Array:
+        """See `Policy.act`."""
+        period = self._task.period
+        self._around.update(self._task.reading)
+        unseen = self._around.blind = self._accompanied()
+        if self._task.chart is not None:
+            outline = self._task.footprint
+            unseen = blind_behind(self._task.map, self._around.pose, outline)
+            stuck = self._tries > 0
+            self._around.blind = unseen and not stuck
+        self._chair.measured(self._task.reading.twist)
+        assert self._reference is not None  # reset made one
+        off = self._reference.advance(self._around.pose)
+        if self._reference.way > self._best + GAIN:
+            self._best, self._since, self._tries = self._reference.way, 0.0, 0
+        self._since += period * (COURTESY if self.state == "halts" else 1.0)
+        self._waited -= period
+        self._shown -= period
+        patience = HURRY * self.own.patience if self._reference.ended else self.own.patience
+        if self._turning != 0.0:
+            self._turned += abs(self._turning) * period
+            redrawn = self._redrawn()
+            if self._turned > LOOKED or (redrawn and not unseen):
+                self._turning = 0.0
+                self._replan()
+            elif redrawn:
+                known = assumed(self._task.map, self._around.pose, self._task.footprint)
+                self._around.chart(known[-2])
+        elif self._backing > 0.0:
+            self._backing -= period
+            if self._backing <= 0.0:
+                self._replan()
+        elif off > self.own.astray or self._walled():
+            self._replan()
+        elif self._barred():
+            self._go_round()
+        elif self._since > patience:
+            self._tries += 1
+            if self._tries % 2:
+                self._replan()
+            else:
+                self._backing, self._since = self.own.backing, 0.0
+        twist = None
+        if self._turning != 0.0:
+            twist = self._look_round()
+        elif self._backing > 0.0:
+            twist = back_out(self._around, self._reference, self._chair)
+        if twist is not None:
+            self._say("looks round" if self._turning != 0.0 else "backs out")
+        else:
+            twist = self._follower.twist(self._around, self._reference, self._chair)
+            self._tell(twist)
+        if twist is None or (twist[0] < 0.0 and self._around.blind):
+            twist = np.zeros(2)
+        elif unseen and twist[0] < -CREEP:
+            twist = twist * (-CREEP / twist[0])
+        self._chair.command(twist)
+        action: Array = self._task.limits.action(twist)
+        return action
+
+    def _accompanied(self) -> bool:
+        """Whether somebody is so near that they may be behind the chair the next moment, unseen."""
+        movers = self._around.movers
+        return bool((np.hypot(movers[:, 0], movers[:, 1]) < BEHIND).any())
+
+    def _tell(self, twist: Array | None) -> None:
+        """Name the state that a twist of the follower means."""
+        movers = self._around.movers
+        gap = np.hypot(movers[:, 0], movers[:, 1]).min(initial=np.inf)
+        near = gap < CLOSE + self._task.footprint.reach
+        v = 0.0 if twist is None else twist[0]
+        if near and v < 0.0:
+            self._say("gives way")
+        elif near and v < CREEP:
+            self._say("halts")
+        elif twist is None:
+            self._say("waits")
+        elif self._shown <= 0.0:
+            self._say("follows", "" if self._planned == Status.SOLVED.name else self._planned)
+
+    def _barred(self) -> bool:
+        """Whether a temporary obstacle stands on the next metres of the way."""
+        self._looked += self._task.period
+        if self._looked < self.own.redraw or self._waited > 0.0 or self._task.chart is not None:
+            return False
+        self._looked = 0.0
+        assert self._reference is not None
+        rows = self._reference.rows[self._reference.at :]
+        ahead = rows[rows[:, 3] < self._reference.way + AHEAD]
+        return self._around.standing.on_way(ahead, self._clearance - TOLERATED)
+
+    def _redrawn(self) -> bool:
+        """Whether it is time to look at a map that grows."""
+        self._mapped += self._task.period
+        if self._task.chart is None or self._mapped < self.own.redraw:
+            return False
+        self._mapped = 0.0
+        return True
+
+    def _walled(self) -> bool:
+        """Whether a wall that was drawn since the last plan stands on the way."""
+        if not self._redrawn():
+            return False
+        assert self._reference is not None
+        ahead = self._reference.rows[self._reference.at :]
+        return walled(self._task.map, ahead, self._clearance)
+
+    def _begin_to_look(self) -> None:
+        """Turn in place, if it was not done here, and what lies behind was never seen."""
+        here = self._around.pose
+        unseen = blind_behind(self._task.map, here, self._task.footprint)
+        if unseen and np.hypot(*(here[:2] - self._looked_at)) > ELSEWHERE:
+            left = to_frame(self.goal[:2], here)[1] >= 0.0
+            self._looked_at, self._turned = here[:2].copy(), 0.0
+            self._turning = LOOK if left else -LOOK
+
+    def _look_round(self) -> Array | None:
+        """Turn on, or the other way round where this one is closed."""
+        assert self._reference is not None
+        for turning in (self._turning, -self._turning):
+            twist = turn(self._around, self._reference, self._chair, turning)
+            if twist is not None:
+                self._turning = turning
+                return twist
+        self._turning = 0.0
+        return None
