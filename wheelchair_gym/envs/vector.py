@@ -19,6 +19,7 @@ from wheelchair_gym.envs.batch import Batch, Results, begin_chairs, step_chairs
 from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_guidance
 from wheelchair_gym.envs.spare import Spare
 from wheelchair_gym.envs.worlds import Worlds
+from wheelchair_gym.safety.state import GUARD, REASONS, SHIELD, Guard
 from wheelchair_gym.sensing.laser import SCRATCH
 from wheelchair_gym.sensing.noise import episode_key
 from wheelchair_gym.simulation.rig import Rig
@@ -32,6 +33,7 @@ from wheelchair_gym.task.task import Observation, Task
 Floats = NDArray[np.float32]
 Info = dict[str, Any]
 
+_REASONS = np.array(REASONS)
 _ROWS_A_THREAD = 64  # fewer are done sooner than a second thread has woken up
 _CORES: int = vars(numba.config)["NUMBA_NUM_THREADS"]  # that this process may use
 
@@ -96,6 +98,10 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._pool: ThreadPoolExecutor | None = None
 
         self._rig = Rig(s.sensors)
+        guard = np.zeros(1, GUARD)
+        if s.shield is not None:
+            self._guard = Guard(s.shield, s.chair, s.sensors, 1.0 / s.rate)
+            guard = self._guard.record
         self._batch = Batch(
             rigs=self._rig.record,
             rules=self.task.rules,
@@ -108,6 +114,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             coming=np.zeros(n, COURSE),
             keys=np.zeros(n, np.uint64),
             progress=np.zeros(n, PROGRESS),
+            guards=guard,
+            shields=np.zeros(n if s.shield else 0, SHIELD),
             over=np.zeros(n, np.bool_),
             begun=np.zeros(n, np.bool_),
         )
@@ -252,7 +260,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     def _blank_results(self, store: Spare) -> Results:
         n = self.num_envs
         flags = np.zeros(n, np.bool_)
-        return Results(np.zeros(n, SENSED), np.zeros(n, VERDICT), flags, store.take())
+        told = np.zeros(n, np.int64), np.zeros((n, 2)), np.zeros((n, 2))
+        return Results(np.zeros(n, SENSED), np.zeros(n, VERDICT), flags, store.take(), *told)
 
     def _info(self, results: Results, mask: NDArray[np.bool_]) -> Info:
         """The single env's info, as arrays with their masks."""
@@ -279,6 +288,10 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             "reward_terms": {name: terms[:, k] for k, name in enumerate(TERMS)}
             | {f"_{name}": mask for name in TERMS},
         }
+        if self.settings.shield is not None:
+            decided = {"reason": _REASONS[results.reason]}
+            decided |= {"asked": results.asked, "given": results.given}
+            values["shield"] = decided | {f"_{name}": mask for name in decided}
         return values | {f"_{name}": mask for name in values}
 
     def close_extras(self, **kwargs: Any) -> None:
