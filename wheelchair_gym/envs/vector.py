@@ -14,6 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from wheelchair_gym.address import address_of
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.batch import Batch, Results, begin_chairs, step_chairs
 from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_guidance
@@ -124,6 +125,9 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             World(s.chair.footprint, body.centre, body.wall_friction, places[i : i + 1])
             for i in range(n)
         ]
+        self._kept = np.zeros((n if s.sensors.faults.share > 0.0 else 1, s.sensors.laser.beams), np.float32)
+        for i, row in enumerate(self._kept):
+            places["kept"][i] = address_of(row)
         self._held: list[Course | None] = [None] * n  # courses driven on now, kept alive
         self._next: list[Course | None] = [None] * n
         self._seeds = [0] * n

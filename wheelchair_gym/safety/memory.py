@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.address import floats_at
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.kernel import borrowing_kernel, inlined
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.safety.state import ARC, CELL, CELLS, FAR, FRESH, KEPT, MOVERS
 from wheelchair_gym.sensing.laser import bearing
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
+Numbers = NDArray[np.int32]
 
 _F = np.float32
 _LOOKED = _F(-0.07)  # m: a ray that came so near a cell's centre has looked at the cell
@@ -24,14 +25,24 @@ _CLEARED = 1.0  # s: where nothing was so lately, what is there now has moved
 _BESIDE = 0.20  # m: points so near one that moves may be of the same thing
 _FINE = 0.04  # m: an arc as long as this is one point,
 _NEARBY = 1.3  # m: up to this range; twice as long up to twice of it, and again beyond
-_SPREAD = 0.06  # m: hits of one arc differ in range by less
-_JUMP = 0.10  # m: where ranges jump, the edge is a point of its own
+_SPREAD = _F(0.06)  # m: hits of one arc differ in range by less
+_JUMP = _F(0.10)  # m: where ranges jump, the edge is a point of its own
 _SAME = 0.10  # m: a ray that ends so near a point has looked at it anew
 _ECHO = 2.5  # m: echoes from farther off do not matter yet
 _AGREE = 0.15  # m: laser and ultrasonic err together by less
 _AGAIN = 0.40  # m: an echo heard again may have come so much nearer meanwhile
 _ASIDE = math.radians(4.0)  # cones have soft edges
 _FIRING = 5e-3  # s: stamps of two firings differ by more
+
+
+@borrowing_kernel
+def laser_frame(g: Any, s: Any) -> tuple[float, float, float, float]:
+    """Where the laser is (dead-reckoned): x, y, cosine and sine of its yaw."""
+    c, sn = math.cos(s.pose[2]), math.sin(s.pose[2])
+    x = s.pose[0] + c * g.mount[0] - sn * g.mount[1]
+    y = s.pose[1] + sn * g.mount[0] + c * g.mount[1]
+    yaw = s.pose[2] + g.mount[2]
+    return x, y, math.cos(yaw), math.sin(yaw)
 
 
 @borrowing_kernel
@@ -59,43 +70,55 @@ def follow(s: Any) -> None:
 
 
 @borrowing_kernel
+def _find_beams(
+    ex: np.float32, ey: np.float32, step: np.float32, c: np.float32, s: np.float32,
+    first: np.float32, per: np.float32, beam: Numbers, far: Floats,
+) -> None:  # fmt: skip
+    """Which beam looks at each cell of a column, and how far its centre is [m]; it vectorises."""
+    for j in range(np.uint64(CELLS)):
+        y = ey + _F(np.int32(j)) * step
+        beam[j] = np.int32((bearing(c * y - s * ex, c * ex + s * y) - first) * per + _F(1.5)) - 1
+        far[j] = np.sqrt(ex * ex + y * y)
+
+
+@borrowing_kernel
 def look_round(g: Any, s: Any, laser: Floats) -> None:
-    """Note which cells the scan has looked at, and which it has found empty."""
-    beams, now = laser.shape[0], _F(s.stamp)
-    c, sn = math.cos(s.pose[2]), math.sin(s.pose[2])
-    lx = s.pose[0] + c * g.mount[0] - sn * g.mount[1]
-    ly = s.pose[1] + sn * g.mount[0] + c * g.mount[1]
-    yaw = s.pose[2] + g.mount[2]
-    cl, sl = _F(math.cos(yaw)), _F(math.sin(yaw))
-    cc, cs = _F(c), _F(sn)
-    first, per = _F(g.first), _F(g.per_angle)
+    """Note which cells the scan has looked at, and which it has found empty.
+
+    Every other column at a time, since it is half of a reading's work.
+    """
+    beams, now, step = laser.shape[0], _F(s.stamp), _F(CELL)
+    lx, ly, cl, sl = laser_frame(g, s)
+    c, sn = _F(math.cos(s.pose[2])), _F(math.sin(s.pose[2]))
     front, rear, half = _F(g.outline[0]), _F(-g.outline[1]), _F(g.outline[2])
-    oy, by = _F((s.corner[1] + 0.5) * CELL - ly), _F((s.corner[1] + 0.5) * CELL - s.pose[1])
-    step, last = _F(CELL), _F(beams - 2)
-    for i in range(CELLS):
-        dx = _F((s.corner[0] + i + 0.5) * CELL - lx)
-        ex = _F((s.corner[0] + i + 0.5) * CELL - s.pose[0])
-        for j in range(np.uint64(CELLS)):
-            dy, ey = oy + _F(j) * step, by + _F(j) * step
-            at = (bearing(cl * dy - sl * dx, cl * dx + sl * dy) - first) * per
-            at = at if at > _F(0.0) else _F(0.0)
-            at = at if at < last + _F(1.0) else last + _F(1.0)
-            s.beam[j] = np.int32(at + _F(0.5))
-            s.range[j] = np.sqrt(dx * dx + dy * dy)
-            px, py = cc * ex + cs * ey, cc * ey - cs * ex
-            s.under[j] = (px <= front) & (px >= rear) & (abs(py) <= half)
+    ey, by = (s.corner[1] + 0.5) * CELL - ly, (s.corner[1] + 0.5) * CELL - s.pose[1]
+    first, per = _F(g.first), _F(g.per_angle)
+    beam, far = s.beam[:], s.range[:]
+    reach = math.hypot(max(g.outline[0], g.outline[1]), g.outline[2])
+    s.columns = 1 - s.columns
+    for i in range((s.corner[0] + s.columns) % 2, CELLS, 2):
+        ex = (s.corner[0] + i + 0.5) * CELL - lx
+        _find_beams(_F(ex), _F(ey), step, _F(cl), _F(sl), first, per, beam, far)
         for j in range(CELLS):
-            b = s.beam[j]
-            if s.under[j]:
-                s.seen[i, j] = now
+            b = beam[j]
             if b < 1 or b > beams - 2:
                 continue
-            far = s.range[j] + _LOOKED
-            if laser[b] >= far and laser[b - 1] >= far and laser[b + 1] >= far:
+            d = far[j] + _LOOKED
+            if laser[b] >= d and laser[b - 1] >= d and laser[b + 1] >= d:
                 s.seen[i, j] = now
-                far = s.range[j] + _BEYOND
-                if laser[b] >= far and laser[b - 1] >= far and laser[b + 1] >= far:
+                d = far[j] + _BEYOND
+                if laser[b] >= d and laser[b - 1] >= d and laser[b + 1] >= d:
                     s.clear[i, j] = now
+        # What is under the chair is as good as seen.
+        bx = (s.corner[0] + i + 0.5) * CELL - s.pose[0]
+        if abs(bx) > reach:
+            continue
+        low, high = int((-reach - by) / CELL), int((reach - by) / CELL) + 2
+        for j in range(max(low, 0), min(high, CELLS)):
+            y = _F(by + j * CELL)
+            px, py = c * _F(bx) + sn * y, c * y - sn * _F(bx)
+            if rear <= px <= front and abs(py) <= half:
+                s.seen[i, j] = now
 
 
 @borrowing_kernel
@@ -112,16 +135,12 @@ def was_clear(s: Any, x: float, y: float) -> bool:
     return True
 
 
-@borrowing_kernel
-def _middle(a: float, b: float, c: float) -> float:
-    """The median of three ranges; of those that are valid, the nearer."""
-    if a != a:
-        return c if b != b or c < b else b
-    if b != b:
-        return c if c < a else a
-    if c != c:
-        return b if b < a else a
-    return max(min(a, b), min(max(a, b), c))
+@inlined
+def _middle(a: np.float32, b: np.float32, c: np.float32) -> np.float32:
+    """The median of three ranges; where one is invalid, the middle one."""
+    low, high = a if a < b else b, b if a < b else a
+    top = high if high < c else c
+    return low if low > top else top
 
 
 @borrowing_kernel
@@ -138,11 +157,7 @@ def _forget(g: Any, s: Any, laser: Floats, rows: Array, n: int, most: int, age: 
         How many are left, at the front; no more than `most`.
     """
     beams, kept = laser.shape[0], 0
-    c, sn = math.cos(s.pose[2]), math.sin(s.pose[2])
-    lx = s.pose[0] + c * g.mount[0] - sn * g.mount[1]
-    ly = s.pose[1] + sn * g.mount[0] + c * g.mount[1]
-    yaw = s.pose[2] + g.mount[2]
-    cl, sl = math.cos(yaw), math.sin(yaw)
+    lx, ly, cl, sl = laser_frame(g, s)
     for k in range(n):
         dx, dy = rows[k, 0] - lx, rows[k, 1] - ly
         far = math.sqrt(dx * dx + dy * dy)
@@ -162,15 +177,15 @@ def _forget(g: Any, s: Any, laser: Floats, rows: Array, n: int, most: int, age: 
 
 
 @borrowing_kernel
-def _add(g: Any, s: Any, marks: int, x: float, y: float) -> None:
+def _add(
+    g: Any, s: Any, marks: int, frame: tuple[float, float, float, float], x: float, y: float
+) -> None:
     """Add a point in the laser's frame; it may move if others beside it did lately."""
     n = s.n_points
     if n >= FRESH + KEPT:
         return
-    c, sn = math.cos(g.mount[2]), math.sin(g.mount[2])
-    bx, by = g.mount[0] + c * x - sn * y, g.mount[1] + sn * x + c * y
-    c, sn = math.cos(s.pose[2]), math.sin(s.pose[2])
-    px, py = s.pose[0] + c * bx - sn * by, s.pose[1] + sn * bx + c * by
+    lx, ly, c, sn = frame
+    px, py = lx + c * x - sn * y, ly + sn * x + c * y
     s.points[n, 0], s.points[n, 1], s.points[n, 2] = px, py, s.stamp
     s.n_points = n + 1
     last = s.stamp if was_clear(s, px, py) else -math.inf
@@ -198,31 +213,36 @@ def remember(g: Any, s: Any, laser: Floats) -> None:
             s.marked[k, i] = s.marks[k, i]
     s.n_points = _forget(g, s, laser, s.points[:], s.n_points, KEPT, g.memory)
     s.n_marks = _forget(g, s, laser, s.marks[:], s.n_marks, MOVERS // 2, g.wary)
-    width = 1.0 / g.per_angle
-    begin, count, total, before, edge = 0, 0, 0.0, math.inf, False
+    frame, far = laser_frame(g, s), _F(FAR)
+    nearest, none = _F(g.nearest), _F(np.inf)
+    begin, count, limit, edge = 0, 0, 0, False
+    total, before, mean = _F(0.0), none, _F(0.0)
     for b in range(beams + 1):
-        r = math.nan
+        r = none
         if b < beams:
-            left, right = laser[max(b - 1, 0)], laser[min(b + 1, beams - 1)]
-            r = _middle(float(left), float(laser[b]), float(right))
-            r = g.nearest if r == -math.inf else r
+            r = laser[b]
+            if 0 < b < beams - 1:
+                r = _middle(laser[b - 1], r, laser[b + 1])
+            r = nearest if r == -none else r
         if count > 0:
-            mean = total / count
-            if not (abs(r - mean) <= _SPREAD and width * (b - begin) * mean <= _arc_of(mean)):
+            span = total - r * _F(count)
+            if not (abs(span) <= _SPREAD * _F(count) and b - begin <= limit):
+                mean = total / _F(count)
                 i, last = begin + count // 2, begin + count - 1
                 if edge and i > begin:
-                    _add(g, s, marks, mean * cosine[begin], mean * sine[begin])
-                _add(g, s, marks, mean * cosine[i], mean * sine[i])
+                    _add(g, s, marks, frame, mean * cosine[begin], mean * sine[begin])
+                _add(g, s, marks, frame, mean * cosine[i], mean * sine[i])
                 if not abs(r - mean) <= _JUMP and last > i:
-                    _add(g, s, marks, mean * cosine[last], mean * sine[last])
-                before, count, total = mean, 0, 0.0
-        if r <= FAR:
+                    _add(g, s, marks, frame, mean * cosine[last], mean * sine[last])
+                before, count, total = mean, 0, _F(0.0)
+        if r <= far:
             if count == 0:
                 begin, edge = b, abs(r - before) > _JUMP
+                limit = int(_arc_of(r) * g.per_angle / r)
             count += 1
             total += r
         elif count == 0:
-            before = math.inf
+            before = none
 
 
 @borrowing_kernel

@@ -22,15 +22,15 @@ class ShieldSettings:
     """What may really be driven: slower or not at all, along what was asked for."""
 
     margin: float = setting(
-        default=0.02, unit="m",
-        source="stop zone: a laser's means err by 5 mm, edges and dead reckoning by 10 mm", low=0.0,
+        default=0.03, unit="m",
+        source="stop zone: a laser's means err by 5 mm, edges and a stop by 10 mm each", low=0.0,
     )  # fmt: skip
     headway: float = setting(
         default=0.08, unit="s",
         source="slow zone: so much of its own speed the outline keeps clear beside it", low=0.0,
     )  # fmt: skip
     reaction: float = setting(
-        default=0.1, unit="s", source="from a reading to what wheels do of it, beyond a period",
+        default=0.05, unit="s", source="from a reading to what wheels do of it: links and motors",
         low=0.0, high=2.0,
     )  # fmt: skip
     crawl: float = setting(

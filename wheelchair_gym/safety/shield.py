@@ -76,22 +76,14 @@ def forget(s: Any) -> None:
         s.doubtful[k], s.n_arc[k] = math.nan, 0
     s.corner[0], s.corner[1] = 1 << 40, 1 << 40  # far off: the whole grid comes in anew
     s.n_points, s.n_marks, s.n_near, s.n_moving, s.n_close = 0, 0, 0, 0, 0
-    s.gap = FAR
+    s.gap, s.columns = FAR, 0
     for k in range(2):
         s.asked[k], s.given[k] = 0.0, 0.0
 
 
 @borrowing_kernel
-def _place(
-    s: Any, outline: Array, margin: float, x: float, y: float, n: int, counted: bool
-) -> int:
-    """Put a point (dead-reckoned) among those inside the margin, or those near the chair.
-
-    These stand in the order of bins of distance, for which they must have been counted before.
-    """
-    c, sn = math.cos(s.pose[2]), math.sin(s.pose[2])
-    dx, dy = x - s.pose[0], y - s.pose[1]
-    px, py = c * dx + sn * dy, c * dy - sn * dx
+def _near(s: Any, outline: Array, margin: float, px: float, py: float, n: int) -> int:
+    """Note a point in the chair's frame among those inside the margin, or those near."""
     far = math.sqrt(px * px + py * py)
     if far >= REACH:
         return n
@@ -101,37 +93,38 @@ def _place(
         s.close[s.n_close, 0], s.close[s.n_close, 1], s.close[s.n_close, 2] = px, py, gap
         s.n_close += 1
         return n
-    b = int(far * BINS / REACH)
-    if counted:
-        s.bins[b + 1] += 1
-        return n
-    at = s.bins[b]
-    s.bins[b] = at + 1
-    s.near[at, 0], s.near[at, 1], s.near[at, 2] = px, py, b * REACH / BINS
+    s.local[n, 0], s.local[n, 1], s.local[n, 2] = px, py, far
+    s.bins[int(far * BINS / REACH) + 1] += 1
     return n + 1
 
 
 @borrowing_kernel
 def gather(g: Any, s: Any) -> None:
-    """Bring points and echoes into the chair's frame, the nearest first."""
+    """Bring points and echoes into the chair's frame, in the order of bins of distance."""
     for b in range(BINS + 1):
         s.bins[b] = 0
-    s.gap, n = FAR, 0
-    outline = g.outline[:]
-    for turn in range(2):
-        counted, s.n_close = turn == 0, 0
-        for k in range(s.n_points):
-            n = _place(s, outline, g.margin, s.points[k, 0], s.points[k, 1], n, counted)
-        for k in range(s.n_arc.shape[0]):
-            for i in range(s.n_arc[k]):
-                n = _place(s, outline, g.margin, s.arc[k, i, 0], s.arc[k, i, 1], n, counted)
-        if counted:
-            for b in range(BINS):
-                s.bins[b + 1] += s.bins[b]
-    s.n_near = n
+    s.gap, s.n_close, n = FAR, 0, 0
+    outline, margin = g.outline[:], g.margin
     c, sn = math.cos(s.pose[2]), math.sin(s.pose[2])
+    x, y = s.pose[0], s.pose[1]
+    for k in range(s.n_points):
+        dx, dy = s.points[k, 0] - x, s.points[k, 1] - y
+        n = _near(s, outline, margin, c * dx + sn * dy, c * dy - sn * dx, n)
+    for k in range(s.n_arc.shape[0]):
+        for i in range(s.n_arc[k]):
+            dx, dy = s.arc[k, i, 0] - x, s.arc[k, i, 1] - y
+            n = _near(s, outline, margin, c * dx + sn * dy, c * dy - sn * dx, n)
+    for b in range(BINS):
+        s.bins[b + 1] += s.bins[b]
+    s.n_near = n
+    for k in range(n):
+        b = int(s.local[k, 2] * BINS / REACH)
+        at = s.bins[b]
+        s.bins[b] = at + 1
+        s.near[at, 0], s.near[at, 1] = s.local[k, 0], s.local[k, 1]
+        s.near[at, 2] = b * REACH / BINS
     for k in range(s.n_marks):
-        dx, dy = s.marks[k, 0] - s.pose[0], s.marks[k, 1] - s.pose[1]
+        dx, dy = s.marks[k, 0] - x, s.marks[k, 1] - y
         s.moving[k, 0], s.moving[k, 1] = c * dx + sn * dy, c * dy - sn * dx
         s.moving[k, 2] = 0.0
     s.n_moving = s.n_marks
@@ -175,6 +168,8 @@ def look(
     if fresh:
         remember(g, s, laser)
         look_round(g, s, laser)
+        if not s.begun:
+            look_round(g, s, laser)
     hear(g, s, ultrasonic, age)
     gather(g, s)
     s.begun = True

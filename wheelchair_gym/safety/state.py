@@ -102,11 +102,11 @@ SHIELD = np.dtype(
         ("astray", "f8"),  # s that the wheels did not what they were told
         # what was looked at
         ("corner", "i8", (2,)),  # cell of the grid's lower left corner
+        ("columns", "i8"),  # 0 or 1: which of them were looked at last, even or odd ones
         ("seen", "f4", (CELLS, CELLS)),  # s: by a ray that came so far
         ("clear", "f4", (CELLS, CELLS)),  # s: by one that went well beyond
-        ("beam", "i4", (CELLS,)),  # of one row of cells: which sees it, how far it is, is it under
+        ("beam", "i4", (CELLS,)),  # of one column of cells: which sees it, how far it is
         ("range", "f4", (CELLS,)),
-        ("under", "i1", (CELLS,)),
         # points: x, y [m], when seen [s]; those that may move: when they last did
         ("n_points", "i8"),
         ("points", "f8", (FRESH + KEPT, 3)),
@@ -120,6 +120,7 @@ SHIELD = np.dtype(
         ("arc", "f8", (RANGERS, ARC, 2)),  # m
         # the same in the chair's frame now
         ("n_near", "i8"),
+        ("local", "f8", (NEAR, 3)),  # x, y, distance
         ("near", "f8", (NEAR, 3)),  # x, y, and no more than its distance; which rises
         ("n_moving", "i8"),
         ("moving", "f8", (MOVERS, 3)),
