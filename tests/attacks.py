@@ -1,8 +1,9 @@
-"""Attacks on the shield: policies that know the truth and mean harm, and a judge that knows it, too.
+"""Attacks on the shield: policies that know the truth and mean harm, and a judge that does, too.
 
-Nothing here uses the shield's own code. A contact counts where the chair caused it (`info["caused"]`)
-at more than 0.05 m/s. It *could have been seen* if its place, or the other thing's surface there, lay
-unoccluded in some sensor's field at a moment in the last 3 s that was at least a stopping time before.
+Nothing here uses the shield's own code. A contact counts where the chair caused it, as the
+simulation says (`info["caused"]`), at more than 0.05 m/s. It *could have been seen* if its place,
+or the other thing's surface there, lay unoccluded in some sensor's field at a moment in the last
+3 s that was at least a stopping time before.
 """
 
 from __future__ import annotations
@@ -173,7 +174,9 @@ def _crosses(a: Array, b: Array, walls: Array, discs: Array) -> bool:
     return False
 
 
-def in_sight(pose: Array, point: Array, walls: Array, discs: Array, sensors: SensorSettings) -> bool:
+def in_sight(
+    pose: Array, point: Array, walls: Array, discs: Array, sensors: SensorSettings
+) -> bool:
     """Whether a point (2,) lies unoccluded in the field of the laser or of an ultrasonic."""
     x, y, yaw = pose
     c, s = math.cos(yaw), math.sin(yaw)
@@ -209,7 +212,9 @@ def touching_point(pose: Array, outline: Array, walls: Array, discs: Array) -> A
     points = np.concatenate(found)
     local = (points - (x, y)) @ np.array([(c, -s), (s, c)])
     front, rear, half = outline
-    off = np.maximum(np.maximum(local[:, 0] - front, -rear - local[:, 0]), np.abs(local[:, 1]) - half)
+    off = np.maximum(
+        np.maximum(local[:, 0] - front, -rear - local[:, 0]), np.abs(local[:, 1]) - half
+    )
     return np.array(points[int(np.argmin(off))])
 
 
@@ -293,7 +298,10 @@ class Attack:
     ) -> None:  # fmt: skip
         config = {
             "task": {"time_base": SECONDS, "time_factor": 0.0, "tolerance": 0.01, "beams": 64},
-            "sensors": {"faults": {"share": faults, "since": (0.5, 5.0)}, "pose_source": "odometry"},
+            "sensors": {
+                "faults": {"share": faults, "since": (0.5, 5.0)},
+                "pose_source": "odometry",
+            },
             "chair": {"randomise": True},
         }
         self.env = NavigationVectorEnv(

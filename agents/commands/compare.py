@@ -10,10 +10,12 @@ from typing import Any
 from agents.commands.arguments import (
     add_env,
     add_json,
+    add_shield,
     add_watch,
     count,
     names,
     report,
+    shield_of,
     spec,
     watch,
     whole,
@@ -41,6 +43,7 @@ def add(parts: Any) -> None:
     parser.add_argument("--episodes", type=count, metavar="N", help="per policy and scene")
     parser.add_argument("--first-seed", type=whole, default=0, metavar="S", help="default 0")
     add_env(parser)
+    add_shield(parser)
     parser.add_argument("--jobs", type=count, metavar="N", help="worker processes (default: cores)")
     parser.add_argument("--out", metavar="DIR", help="default runs/SUITE")
     parser.add_argument("--no-video", action="store_true", help="film nothing")
@@ -69,6 +72,7 @@ def run(given: argparse.Namespace) -> int:
     env = dict(what.env) if given.config is None else {"config": given.config}
     if given.pose is not None:
         env["pose_source"] = given.pose
+    env["shield"] = shield_of(given)
     what = dataclasses.replace(
         what,
         policies=tuple(map(_labelled, given.policies or ())) or what.policies,

@@ -125,7 +125,9 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             World(s.chair.footprint, body.centre, body.wall_friction, places[i : i + 1])
             for i in range(n)
         ]
-        self._kept = np.zeros((n if s.sensors.faults.share > 0.0 else 1, s.sensors.laser.beams), np.float32)
+        self._kept = np.zeros(
+            (n if s.sensors.faults.share > 0.0 else 1, s.sensors.laser.beams), np.float32
+        )
         for i, row in enumerate(self._kept):
             places["kept"][i] = address_of(row)
         self._held: list[Course | None] = [None] * n  # courses driven on now, kept alive

@@ -30,7 +30,6 @@ _JUMP = _F(0.10)  # m: where ranges jump, the edge is a point of its own
 _SAME = 0.10  # m: a ray that ends so near a point has looked at it anew
 _ECHO = 2.5  # m: echoes from farther off do not matter yet
 _AGREE = 0.15  # m: laser and ultrasonic err together by less
-_AGAIN = 0.40  # m: an echo heard again may have come so much nearer meanwhile
 _ASIDE = math.radians(4.0)  # cones have soft edges
 _FIRING = 5e-3  # s: stamps of two firings differ by more
 
@@ -49,7 +48,7 @@ def laser_frame(g: Any, s: Any) -> tuple[float, float, float, float]:
 def follow(s: Any) -> None:
     """Let the grid follow the chair; what comes in was never looked at."""
     for axis in range(2):
-        want = int(math.floor(s.pose[axis] / CELL)) - CELLS // 2
+        want = math.floor(s.pose[axis] / CELL) - CELLS // 2
         shift = want - s.corner[axis]
         if shift == 0:
             continue
@@ -90,7 +89,8 @@ def look_round(g: Any, s: Any, laser: Floats) -> None:
     beams, now, step = laser.shape[0], _F(s.stamp), _F(CELL)
     lx, ly, cl, sl = laser_frame(g, s)
     c, sn = _F(math.cos(s.pose[2])), _F(math.sin(s.pose[2]))
-    front, rear, half = _F(g.outline[0]), _F(-g.outline[1]), _F(g.outline[2])
+    front, rear = _F(g.outline[0]) + _LOOKED, _F(-g.outline[1]) - _LOOKED
+    half = _F(g.outline[2]) - _F(0.02)
     ey, by = (s.corner[1] + 0.5) * CELL - ly, (s.corner[1] + 0.5) * CELL - s.pose[1]
     first, per = _F(g.first), _F(g.per_angle)
     beam, far = s.beam[:], s.range[:]
@@ -109,7 +109,7 @@ def look_round(g: Any, s: Any, laser: Floats) -> None:
                 d = far[j] + _BEYOND
                 if laser[b] >= d and laser[b - 1] >= d and laser[b + 1] >= d:
                     s.clear[i, j] = now
-        # What is under the chair is as good as seen.
+        # What is wholly under the chair is as good as seen.
         bx = (s.corner[0] + i + 0.5) * CELL - s.pose[0]
         if abs(bx) > reach:
             continue
@@ -124,7 +124,7 @@ def look_round(g: Any, s: Any, laser: Floats) -> None:
 @borrowing_kernel
 def was_clear(s: Any, x: float, y: float) -> bool:
     """Whether nothing at all stood about a point (dead-reckoned) a moment ago."""
-    i, j = int(math.floor(x / CELL)) - s.corner[0], int(math.floor(y / CELL)) - s.corner[1]
+    i, j = math.floor(x / CELL) - s.corner[0], math.floor(y / CELL) - s.corner[1]
     if i < 1 or j < 1 or i >= CELLS - 1 or j >= CELLS - 1:
         return False
     since = s.stamp - _CLEARED
@@ -254,9 +254,9 @@ def _explained(g: Any, s: Any, k: int, x: float, y: float, yaw: float, r: float)
     for i in range(s.n_points):
         dx, dy = s.points[i, 0] - x, s.points[i, 1] - y
         ahead, left = c * dx + sn * dy, c * dy - sn * dx
-        if ahead > 0.0 and abs(left) <= slope * ahead + _FINE:
-            if dx * dx + dy * dy <= (r + _AGREE) * (r + _AGREE):
-                return True
+        inside = ahead > 0.0 and abs(left) <= slope * ahead + _FINE
+        if inside and dx * dx + dy * dy <= (r + _AGREE) * (r + _AGREE):
+            return True
     return False
 
 
@@ -274,7 +274,7 @@ def hear(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
         fired = s.stamp - old
         if abs(fired - s.fired[k]) < _FIRING:
             continue
-        s.fired[k] = fired
+        since, s.fired[k] = fired - s.fired[k], fired
         r = float(ultrasonic[k])
         if not (0.0 <= r <= min(g.ranger_reach[k], _ECHO)):
             s.n_arc[k], s.doubtful[k] = 0, math.nan
@@ -291,7 +291,8 @@ def hear(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
         if _explained(g, s, k, x, y, yaw, r):
             s.n_arc[k], s.doubtful[k] = 0, math.nan
             continue
-        again = abs(s.doubtful[k] - r) <= _AGAIN
+        moved = abs(s.told[3]) * since if math.isfinite(s.told[3]) else 0.0
+        again = abs(s.doubtful[k] - r) <= _AGREE + moved
         s.doubtful[k] = r
         s.n_arc[k] = 0
         if again:

@@ -1,4 +1,4 @@
-"""Settings of the shield: what it keeps clear of, how far ahead it looks, whom it does not trust."""
+"""Settings of the shield: what it keeps clear of, how it remembers, whom it does not trust."""
 
 from __future__ import annotations
 

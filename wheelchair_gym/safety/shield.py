@@ -1,6 +1,6 @@
 """The shield: what may really be driven of what a policy asks for.
 
-    twist, reading ──▶ watch: silent, frozen? ──▶ remember: points, cells, echoes ──▶ sweep ──▶ twist
+    reading ──▶ watch: silent, frozen? ──▶ remember: points, cells, echoes ──▶ sweep ──▶ twist
 
 It is between any policy and any chair, and knows Readings alone. It scales a twist and keeps its
 curvature: the fastest share of it that, driven for a period and braked at the chair's own limits,
@@ -25,15 +25,10 @@ from wheelchair_gym.safety.faults import watch
 from wheelchair_gym.safety.memory import follow, hear, look_round, remember
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.state import (
-    ARC,
     BINS,
     CLOSE,
     FAR,
-    FRESH,
     GUARD,
-    KEPT,
-    MOVERS,
-    NEAR,
     NOTHING,
     REACH,
     REASONS,
@@ -202,12 +197,8 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float]:
     v, w = share * v, share * w
     s.reason, s.given[0], s.given[1] = reason, v, w
     for _ in range(round(g.period / _FINE)):
-        s.set[0], s.set[1] = approach(
-            s.set[0], s.set[1], v, limits[3], limits[4], limits[7], _FINE
-        )
-        s.set[2], s.set[3] = approach(
-            s.set[2], s.set[3], w, limits[6], limits[6], limits[8], _FINE
-        )
+        s.set[0], s.set[1] = approach(s.set[0], s.set[1], v, limits[3], limits[4], limits[7], _FINE)
+        s.set[2], s.set[3] = approach(s.set[2], s.set[3], w, limits[6], limits[6], limits[8], _FINE)
     return v, w
 
 
@@ -255,7 +246,9 @@ class Shield:
         period: float = 0.1,
     ) -> None:
         self.settings = own or ShieldSettings()
-        self._guard = Guard(self.settings, chair or ChairSettings(), sensors or SensorSettings(), period)
+        self._guard = Guard(
+            self.settings, chair or ChairSettings(), sensors or SensorSettings(), period
+        )
         self.state: NDArray[np.void] = np.zeros(1, SHIELD)
         self._alone = np.zeros(1, ALONE)
         self._alone["guard"] = address_of(self._guard.record)

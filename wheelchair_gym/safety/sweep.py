@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 STEP = 0.05  # s between two poses of a roll-out
 _LONGEST = 100  # poses
 _FAST, _TURNS = 1.03, 1.15  # times what it is set to: so much faster a chair may move and turn
+_CRAWLING = 0.25  # of the margin
 _PIVOT = 0.05  # m/s ahead: slower is a pivot
 _REST = 0.01  # m/s: slower is at rest
 _TURN_REST = 0.02  # rad/s
@@ -67,7 +68,7 @@ def signed_gap(px: float, py: float, outline: Array) -> float:
 @borrowing_kernel
 def was_seen(s: Any, x: float, y: float, since: float) -> bool:
     """Whether the cell of a point (dead-reckoned) was looked at since a stamp [s]."""
-    i, j = int(math.floor(x / CELL)) - s.corner[0], int(math.floor(y / CELL)) - s.corner[1]
+    i, j = math.floor(x / CELL) - s.corner[0], math.floor(y / CELL) - s.corner[1]
     if i < 0 or j < 0 or i >= CELLS or j >= CELLS:
         return False
     return s.seen[i, j] >= since
@@ -127,8 +128,8 @@ def sweep(g: Any, s: Any, v: float, w: float) -> int:
     x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * g.reaction, sw * g.reaction)
     t = g.reaction
     hold = round(g.period / STEP)
-    # Along something inside the stop zone the chair may go on; others may come half as near.
-    least = 0.5 * g.margin if s.n_close > 0 else g.margin
+    # Along something inside the stop zone the chair may crawl on, as far as noise leaves room.
+    least = _CRAWLING * g.margin if s.n_close > 0 else g.margin
     # Of the gap, from below: it is looked for anew only where it might matter.
     bound = s.gap - (abs(sv) + lever * abs(sw)) * t if s.n_close == 0 else 0.0
     mbound = 0.0

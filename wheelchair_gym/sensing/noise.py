@@ -11,8 +11,8 @@ import numpy as np
 from wheelchair_gym.kernel import kernel
 
 # One channel for each use, so that no two sensors ever share a draw.
-LASER, LASER_BIAS, ULTRASONIC, WHEELS, POSE, PARAMETERS, WORLDS, LOCALISE, SLAM, MOVERS, FAULTS = range(
-    11
+LASER, LASER_BIAS, ULTRASONIC, WHEELS, POSE, PARAMETERS, WORLDS, LOCALISE, SLAM, MOVERS, FAULTS = (
+    range(11)
 )
 
 # Sum of four uniform 16-bit numbers: mean and standard deviation (Irwin-Hall, n = 4, cut at 3.46).

@@ -30,7 +30,7 @@ def draw_fault(state: Any, p: Any) -> None:
     state.fault = 1 + int(_KINDS * uniform(state.key, 0, FAULTS, 1))
     span = p.fault_since[1] - p.fault_since[0]
     begin = p.fault_since[0] + span * uniform(state.key, 0, FAULTS, 2)
-    state.fault_step = max(1, int(math.ceil(begin / (p.dt * p.substeps))))
+    state.fault_step = max(1, math.ceil(begin / (p.dt * p.substeps)))
 
 
 @borrowing_kernel
@@ -58,10 +58,10 @@ def fail(state: Any, p: Any, kept: np.uint64, ranges: Floats, sensed: Any) -> No
             state.kept_pose[k] = sensed.pose[k]
         return
     fault = state.fault
-    if fault == _LASER or fault == _LASER_FROZEN:
+    if fault in (_LASER, _LASER_FROZEN):
         for k in range(ranges.shape[0]):
             ranges[k] = _NAN if fault == _LASER else scan[k]
-    elif fault == _SONAR or fault == _SONAR_FROZEN:
+    elif fault in (_SONAR, _SONAR_FROZEN):
         silent = np.float32((state.step - state.fault_step + 1) * p.substeps * p.dt)
         for k in range(rangers):
             sensed.ultrasonic[k] = state.kept_ranges[k]
