@@ -61,7 +61,7 @@ def valid_share(laser: Floats) -> float:
     valid = 0
     for k in range(laser.shape[0]):
         valid += laser[k] == laser[k]
-    return valid / laser.shape[0]
+    return float(valid / laser.shape[0])
 
 
 @borrowing_kernel

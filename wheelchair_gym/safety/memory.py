@@ -237,8 +237,8 @@ def remember(g: Any, s: Any, laser: Floats) -> None:
                 before, count, total = mean, 0, _F(0.0)
         if r <= far:
             if count == 0:
-                begin, edge = b, abs(r - before) > _JUMP
-                limit = int(_arc_of(r) * g.per_angle / r)
+                begin, edge = b, bool(abs(r - before) > _JUMP)
+                limit = int(_arc_of(float(r)) * g.per_angle / r)
             count += 1
             total += r
         elif count == 0:

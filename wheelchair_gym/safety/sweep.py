@@ -62,7 +62,7 @@ def signed_gap(px: float, py: float, outline: Array) -> float:
     dy = abs(py) - outline[2]
     if dx > 0.0 and dy > 0.0:
         return math.sqrt(dx * dx + dy * dy)
-    return max(dx, dy)
+    return float(max(dx, dy))
 
 
 @borrowing_kernel
@@ -71,7 +71,7 @@ def was_seen(s: Any, x: float, y: float, since: float) -> bool:
     i, j = math.floor(x / CELL) - s.corner[0], math.floor(y / CELL) - s.corner[1]
     if i < 0 or j < 0 or i >= CELLS or j >= CELLS:
         return False
-    return s.seen[i, j] >= since
+    return bool(s.seen[i, j] >= since)
 
 
 @borrowing_kernel
