@@ -36,7 +36,7 @@ from wheelchair_gym.safety.state import (
     Guard,
 )
 from wheelchair_gym.safety.sweep import signed_gap, sweep
-from wheelchair_gym.sensing.settings import SensorSettings
+from wheelchair_gym.sensing.settings import RANGERS, SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.types import Reading
 
@@ -253,7 +253,15 @@ class Shield:
         self._alone = np.zeros(1, ALONE)
         self._alone["guard"] = address_of(self._guard.record)
         self._alone["shield"] = address_of(self.state)
+        self._warm()
         self.reset()
+
+    def _warm(self) -> None:
+        """Compile all that a decision needs now, and not while a chair drives."""
+        beams = int(self._guard.record["beams"][0])
+        dark, deaf = np.full(beams, np.nan, np.float32), np.full(RANGERS, np.nan, np.float32)
+        blank = Reading(np.zeros(3), np.zeros(2), dark, deaf, deaf, False, math.nan, 0.0)
+        self.filter(np.zeros(2), blank)
 
     def reset(self) -> None:
         """Begin anew: nothing was seen, the chair stands, nothing is latched."""
