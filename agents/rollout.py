@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import kernel
 from wheelchair_gym.kinematics import approach, arc_step
+from wheelchair_gym.safety.sweep import outline_gap
 
 Array = NDArray[np.float64]
 
@@ -52,37 +53,6 @@ class Body(NamedTuple):
     last: Array  # (2,) the twist commanded before
     limits: Array  # (9,) `Limits.array`
     footprint: Array  # (3,) `Footprint.array`
-
-
-@kernel
-def outline_gap(
-    x: float, y: float, yaw: float, footprint: Array, points: Array, interest: float
-) -> float:
-    """Distance [m] from the outline at a pose to the nearest point, at most `interest`; 0 inside.
-
-    Args:
-        x: the pose's x [m]; then y [m] and yaw [rad].
-        y: see x.
-        yaw: see x.
-        footprint: `Footprint.array`.
-        points: (k, 3) x, y and the distance from the origin [m], which rises.
-        interest: farther points are not looked for [m].
-    """
-    c, s = math.cos(yaw), math.sin(yaw)
-    middle = 0.5 * (footprint[0] - footprint[1])
-    half_length, half_width = 0.5 * (footprint[0] + footprint[1]), footprint[2]
-    mx, my = x + c * middle, y + s * middle
-    reach = math.hypot(x, y) + interest
-    reach += math.hypot(max(footprint[0], footprint[1]), half_width)
-    best = interest * interest
-    for k in range(points.shape[0]):
-        if points[k, 2] > reach:
-            break
-        px, py = points[k, 0] - mx, points[k, 1] - my
-        dx = max(abs(c * px + s * py) - half_length, 0.0)
-        dy = max(abs(c * py - s * px) - half_width, 0.0)
-        best = min(best, dx * dx + dy * dy)
-    return math.sqrt(best)
 
 
 @kernel

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.rollout import outline_gap
 from agents.standing import Standing
 from agents.tracks import REACH as SEEN_FROM
 from agents.tracks import Tracks
 from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.safety.sweep import outline_gap
 from wheelchair_gym.types import Reading
 
 Array = NDArray[np.float64]

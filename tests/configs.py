@@ -10,6 +10,7 @@ from planners import PLANNERS
 from tests.conftest import ROOT
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.hardware.chairs import CHAIRS
+from wheelchair_gym.safety import ShieldSettings
 from wheelchair_gym.scenes import SCENES
 from wheelchair_gym.sensing import SensorSettings
 from wheelchair_gym.simulation import ChairSettings
@@ -22,6 +23,7 @@ DEFAULTS: Final[dict[str, Any]] = {
     "planners": {name: planner() for name, planner in sorted(PLANNERS.items())},
     "scenes": {name: scene() for name, scene in sorted(SCENES.items())},
     "sensors": SensorSettings(),
+    "shield": ShieldSettings(),
     "task": TaskSettings(),
     **RECIPES,
 }

@@ -126,6 +126,27 @@ def add_env(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def add_shield(parser: argparse.ArgumentParser) -> None:
+    """The option `--shield on|off`."""
+    parser.add_argument(
+        "--shield", choices=("on", "off"),
+        help="only what the shield lets through is driven (default: on, or the config's settings)",
+    )  # fmt: skip
+
+
+def shield_of(given: argparse.Namespace) -> bool | None:
+    """What that option says of the environment's shield; None leaves it to the config's own."""
+    if given.shield is not None:
+        return bool(given.shield == "on")
+    if given.config is not None:
+        from wheelchair_gym.config import read_json
+
+        content = read_json(given.config)
+        if isinstance(content, Mapping) and content.get("shield") is not None:
+            return None
+    return True
+
+
 def add_watch(parser: argparse.ArgumentParser, record: str = "FILE.mcap") -> None:
     """The options `--record`, `--live` and `--images`, see `agents.watch.Watch`."""
     what = "one file an episode" if record == "FOLDER" else "what the chair was told and did"

@@ -10,10 +10,12 @@ from typing import Any
 from agents.commands.arguments import (
     POSES,
     add_json,
+    add_shield,
     add_watch,
     count,
     names,
     report,
+    shield_of,
     spec,
     watch,
     whole,
@@ -50,6 +52,7 @@ def add(parts: Any) -> None:
         help=f"the chair's own estimate: {', '.join(POSES)} (then the map is unknown); several are "
         "compared (default: the config's, or the suite's)",
     )  # fmt: skip
+    add_shield(parser)
     parser.add_argument("--jobs", type=count, metavar="N", help="worker processes (default: cores)")
     parser.add_argument("--out", metavar="DIR", help="default runs/SUITE")
     parser.add_argument("--no-video", action="store_true", help="film nothing")
@@ -111,6 +114,7 @@ def run(given: argparse.Namespace) -> int:
             for pose in given.pose
             for scene in scenes
         ]
+    env["shield"] = shield_of(given)
     what = dataclasses.replace(
         what,
         policies=tuple(map(_labelled, given.policies or ())) or what.policies,

@@ -19,6 +19,7 @@ OWN = {
     "imitation": "agents.learning.demonstrations:Imitation",
     "log": "wheelchair_gym.mapping.log:LogFormat",
     "recording": "wheelchair_gym.view.record:Recording",
+    "shield": "wheelchair_gym.safety.settings:ShieldSettings",
     "slam": "wheelchair_gym.mapping.slam:SlamSettings",
     "physics": "wheelchair_gym.simulation.settings:PhysicsSettings",
     "task": "wheelchair_gym.task.settings:TaskSettings",

@@ -10,9 +10,11 @@ from agents.commands.arguments import (
     POSE,
     add_env,
     add_json,
+    add_shield,
     add_watch,
     pose,
     report,
+    shield_of,
     spec,
     watch,
     whole,
@@ -46,6 +48,7 @@ def add(parts: Any) -> None:
         "--start", metavar="X,Y,YAW", type=pose, help="where it is, if it does not tell"
     )
     add_env(parser)
+    add_shield(parser)
     shown = parser.add_mutually_exclusive_group()
     shown.add_argument("--window", action="store_true", help="show it live")
     shown.add_argument("--video", metavar="FILE", help="write a video (mp4)")
@@ -64,7 +67,7 @@ def run(given: argparse.Namespace) -> int:
 
     policy = make_policy(spec(given.policy))
     source = POSE if given.pose is None and given.config is None else given.pose
-    settings = env_settings(pose_source=source, config=given.config)
+    settings = env_settings(pose_source=source, config=given.config, shield=shield_of(given))
     scene = settings.get("config", {}).get("scene", "floor_plan")
     if given.scene is not None:
         scene = spec(given.scene)
@@ -109,6 +112,8 @@ def _real(
     from wheelchair_gym.envs.settings import env_settings
     from wheelchair_gym.hardware.chairs import make_chair
 
+    if given.shield == "off":
+        raise InputError("--shield off is of the simulated chair; a real one has it always")
     if given.goal is None and given.scene is None:
         raise InputError("--chair: expected --goal X,Y on its own map, or --scene with one")
     if given.start is not None and len(given.start) != 3:

@@ -6,12 +6,13 @@ import pytest
 from agents.followers import FOLLOWERS
 from agents.policy import make_policy
 from agents.reference import Reference, poses_of
-from agents.rollout import Body, Near, mover_gap, outline_gap, stops_clear
+from agents.rollout import Body, Near, mover_gap, stops_clear
 from agents.surroundings import Surroundings, sampled_walls, voxel_means
 from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, footprint_clearance
 from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.safety.sweep import outline_gap
 
 PLANNER = "a_star"
 NOBODY = np.empty((0, 5))

@@ -16,10 +16,11 @@ SHORT = {"task": {"time_base": 4.0, "time_factor": 0.0}}  # episodes of at most 
 
 
 def flat(info):
-    """The numbers of an info, reward terms among them."""
+    """What an info tells, reward terms and a shield's decision among it."""
+    nested = {name: value for name, value in info.items() if isinstance(value, dict)}
     return {
-        **{name: value for name, value in info.items() if name != "reward_terms"},
-        **{f"terms.{name}": value for name, value in info["reward_terms"].items()},
+        **{name: value for name, value in info.items() if name not in nested},
+        **{f"{name}.{key}": value for name, of in nested.items() for key, value in of.items()},
     }
 
 
@@ -84,6 +85,13 @@ def test_each_row_is_a_single_env(mode, threads):
 def test_each_row_is_a_single_env_where_every_episode_has_its_own_world():
     settings = {"scene": "floor_plan", "pose_source": "modelled", "guidance": "geodesic"}
     assert compare(NEXT, 2, n=3, steps=60, config=SHORT, **settings) >= 3
+
+
+@pytest.mark.parametrize("mode", [NEXT, SAME])
+def test_each_row_with_a_shield_is_a_single_env_with_one(mode):
+    crowd = {"name": "crowd", "place": "hall", "people": {"density": (0.05, 0.1)}}
+    settings = QUICK | {"scene": crowd, "shield": True}
+    assert compare(mode, 2, n=4, steps=120, config=SHORT, randomise=True, **settings) >= 8
 
 
 def test_make_vec_gives_the_batch():

@@ -40,7 +40,7 @@ def run(request, tmp_path_factory):
     """A recording of two episodes, and what the environment handed out."""
     name, pose_source = request.param
     file = tmp_path_factory.mktemp("runs") / f"{name.partition('/')[2]}-{pose_source}.mcap"
-    env = gym.make(name, pose_source=pose_source, render_mode="rgb_array")
+    env = gym.make(name, pose_source=pose_source, render_mode="rgb_array", shield=True)
     env, policy = Recorded(env, file, recording=Recording(images=2.0)), make_policy(POLICY)
     seen = []
     for seed in range(2):
@@ -104,7 +104,7 @@ def test_every_reader_opens_it(run):
     assert counts["/episode"] == len(seen)
     for topic in ("/map", "/goal", "/tf_static", "/footprint"):  # again with a map that grows
         assert (counts[topic] > len(seen)) == file.stem.endswith("slam"), topic
-    assert counts["/command"] == counts["/verdict"] == len(seen) * STEPS
+    assert counts["/command"] == counts["/shield"] == counts["/verdict"] == len(seen) * STEPS
     assert counts["/trail"] == len(seen) * (STEPS // 10 + 1)
     assert counts["/image"] == len(seen) * (STEPS // 5 + 1)
     assert counts["/path"] >= len(seen)

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import asked_twist
+from wheelchair_gym.safety.shield import decide, forget, look
+from wheelchair_gym.safety.state import NOTHING
 from wheelchair_gym.simulation.advance import advance, begin
 from wheelchair_gym.simulation.world import take_ground
 from wheelchair_gym.task.assess import assess, start_task
@@ -34,6 +36,8 @@ class Batch(NamedTuple):
     coming: Rows  # (n,) of COURSE, of the next episode
     keys: NDArray[np.uint64]  # (n,) of the next episode's randomness
     progress: Rows  # (n,) of PROGRESS
+    guards: Rows  # (1,) of GUARD
+    shields: Rows  # (n,) of SHIELD; (0,) without
     over: Flags  # (n,) the episode has ended in an earlier step
     begun: Flags  # (n,) is set where an episode was begun in this step
 
@@ -45,6 +49,9 @@ class Results(NamedTuple):
     verdicts: Rows  # (n,) of VERDICT
     success: Flags  # (n,) at the goal by truth, and nothing was touched
     out: Floats  # (n, room) observations
+    reason: NDArray[np.int64]  # (n,) why a shield changed a twist
+    asked: Array  # (n, 2) m/s, rad/s
+    given: Array  # (n, 2)
 
 
 @borrowing_kernel
@@ -52,6 +59,23 @@ def succeeded(rules: Any, course: Any, seen: Any) -> bool:
     """Whether a chair is at the goal by truth, and has touched nothing on its way."""
     return not seen.touched and reached(
         seen.true_pose, course.goal, course.tolerance, rules.heading, rules.heading_tolerance
+    )
+
+
+@borrowing_kernel
+def take_in(i: int, batch: Batch, seen: Any, ranges: Floats) -> None:
+    """Row i's shield takes in a reading."""
+    look(
+        batch.guards[0],
+        batch.shields[i],
+        seen.pose[:],
+        seen.twist[:],
+        ranges,
+        seen.ultrasonic[:],
+        seen.age[:],
+        seen.bumped,
+        False,
+        seen.stamp,
     )
 
 
@@ -89,6 +113,12 @@ def begin_chair(i: int, batch: Batch, results: Results, scratch: Floats, ranges:
         results.out[i],
     )
     results.success[i] = succeeded(batch.rules[0], course, seen)
+    if batch.shields.shape[0] > 0:
+        results.reason[i] = NOTHING
+        for k in range(2):
+            results.asked[i, k] = results.given[i, k] = 0.0
+        forget(batch.shields[i])
+        take_in(i, batch, seen, ranges)
 
 
 @borrowing_kernel
@@ -140,6 +170,8 @@ def step_chairs(
         if not over[i]:
             seen, action = sensed[i], actions[i]
             v, w = asked_twist(action[0], action[1], rule.forward, rule.backward, rule.turn)
+            if batch.shields.shape[0] > 0:
+                v, w = decide(batch.guards[0], batch.shields[i], v, w)
             advance(i, rigs, chairs, states, worlds, v, w, scratch, ranges, sensed)
             assess(
                 i,
@@ -156,11 +188,22 @@ def step_chairs(
                 results.out[i],
             )
             results.success[i] = succeeded(rule, batch.courses[i], seen)
+            if batch.shields.shape[0] > 0:
+                shielded = batch.shields[i]
+                results.reason[i] = shielded.reason
+                for k in range(2):
+                    results.asked[i, k] = shielded.asked[k]
+                    results.given[i, k] = shielded.given[k]
+                take_in(i, batch, seen, ranges)
             over[i] = verdicts[i].terminated or verdicts[i].truncated
             if not (over[i] and same_step):
                 continue
             finals.sensed[i], finals.verdicts[i] = sensed[i], verdicts[i]
             finals.success[i] = results.success[i]
+            finals.reason[i] = results.reason[i]
+            for k in range(2):
+                finals.asked[i, k] = results.asked[i, k]
+                finals.given[i, k] = results.given[i, k]
             for k in range(finals.out.shape[1]):
                 finals.out[i, k] = results.out[i, k]
             batch.begun[i] = True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -16,6 +17,8 @@ from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_finder
 from wheelchair_gym.envs.worlds import Worlds
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.mapping.chair import LocalisedChair
+from wheelchair_gym.safety.settings import ShieldSettings
+from wheelchair_gym.safety.shield import Shield
 from wheelchair_gym.sensing.noise import episode_key
 from wheelchair_gym.simulation.chair import SimulatedChair
 from wheelchair_gym.task.course import Course
@@ -69,6 +72,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     limit, 30 s + 3 x geodesic / 0.8 m/s.
     `info["is_success"]` is by truth, and so are `met` (number of the mover touched, or -1),
     `closing` and `closed_on` (speeds of chair and other at contact) and `caused` (by the chair).
+    With a shield, `info["shield"]` tells what became of a twist: `reason` (empty: nothing), `asked`
+    and `given`.
 
     ## Arguments
     See `__init__`. Version 0: first release.
@@ -88,6 +93,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         noise: bool | None = None,
         randomise: bool | None = None,
         bank: Any = None,
+        shield: bool | Mapping[str, Any] | ShieldSettings | None = None,
         chair: Chair | str | Mapping[str, Any] | None = None,
         render_mode: str | None = None,
         **unknown: Any,
@@ -97,7 +103,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         Args:
             scene: name of a scene, or a mapping of its name and settings.
             config: JSON file, or its content, with any of the sections scene, rate, guidance,
-                bank, chair, sensors, physics, task; the other arguments go before it.
+                bank, chair, sensors, physics, task, shield; the other arguments go before it.
             beams: observed laser beams; fewer than the laser has are pooled by their minimum.
             rate: of control [Hz]; a period is a whole number of physics steps.
             pose_source: what the chair believes about its pose: truth, odometry, modelled, mcl
@@ -110,6 +116,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             randomise: true draws mass, friction and motor gain anew each episode.
             bank: of how many worlds episodes draw, or a mapping of size, turnover and seed; 0:
                 each episode has a world of its own.
+            shield: true, or a mapping of its settings: only what it lets through is driven
+                (`wheelchair_gym.safety`). None: off in simulation, on for a real chair by name.
             chair: drives instead of the simulated chair; or names a real one, such as
                 'ros://HOST:PORT' (see `hardware.chairs`).
             render_mode: 'human' (a window), 'rgb_array', or None.
@@ -130,11 +138,15 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             noise=noise,
             randomise=randomise,
             bank=bank,
+            shield=shield,
             **unknown,
         )
         if isinstance(chair, str | Mapping):
             from wheelchair_gym.hardware.chairs import make_chair
 
+            if shield is False:
+                raise InputError("shield is False; expected one: a real chair has it always")
+            s = self.settings = dataclasses.replace(s, shield=s.shield or ShieldSettings())
             chair = make_chair(chair, s)
         self.chair: Chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
         if s.sensors.finds_itself:
@@ -143,6 +155,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, make_guidance(s.guidance))
         if s.sensors.finds_itself:
             self.task.chart = finder.chart
+        self.shield: Shield | None = None
+        if s.shield is not None:
+            self.shield = Shield(s.shield, s.chair, s.sensors, 1.0 / s.rate)
         self.worlds = Worlds(s, self.task)
         self.observation_space = cast("gym.Space[Observation]", self.task.space)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -180,6 +195,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             self._course = self.worlds.prepare(given)
         self.episode = self._course.episode
         key = episode_key(self._seed, self._count)
+        if self.shield is not None:
+            self.shield.reset()
         observation = self.task.begin(self._course, self.chair.reset(self.episode, key), key)
         self._running = True
         self._trail = []
@@ -204,7 +221,10 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if not self._running:
             raise gym.error.ResetNeeded("the episode is over; call reset() before step()")
         chosen = np.asarray(action, np.float64)
-        reading = self.chair.drive(self.task.limits.twist(chosen))
+        twist = self.task.limits.twist(chosen)
+        if self.shield is not None:
+            twist = self.shield.filter(twist, self.task.reading)
+        reading = self.chair.drive(twist)
         observation = self.task.assess(reading, chosen)
         verdict = self.task.verdict
         self._running = not (verdict.terminated or verdict.truncated)
@@ -216,7 +236,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     def _info(self) -> dict[str, Any]:
         truth, reading, verdict = self.chair.truth, self.task.reading, self.task.verdict
         self._trail.append(truth.pose)
-        return {
+        shielded = {} if self.shield is None else {"shield": self.shield.decision._asdict()}
+        return shielded | {
             "pose": truth.pose,
             "twist": truth.twist,
             "pose_estimate": reading.pose,

@@ -11,6 +11,7 @@ from wheelchair_gym.config import InputError, load, read, setting, settings
 from wheelchair_gym.mapping.chair import Finder
 from wheelchair_gym.mapping.localise import Localisation, Localiser
 from wheelchair_gym.mapping.slam import Slam, SlamSettings
+from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.task.settings import TaskSettings
@@ -60,6 +61,9 @@ class EnvSettings:
     slam: SlamSettings = SlamSettings()
     physics: PhysicsSettings = PhysicsSettings()
     task: TaskSettings = TaskSettings()
+    shield: ShieldSettings | None = setting(
+        default=None, source="none: what a policy asks for is driven; a real chair always has one"
+    )
 
     def __post_init__(self) -> None:
         if self.sensors.pose_source == "slam" and self.guidance is not None:
@@ -84,7 +88,7 @@ def env_settings(
 
     Args:
         config: path of a JSON file, its content, ready settings, or None for the defaults.
-        changes: scene, rate, guidance, bank, beams, pose_source, noise, randomise.
+        changes: scene, rate, guidance, bank, shield, beams, pose_source, noise, randomise.
 
     Raises:
         InputError: the file or a value is wrong.
@@ -97,7 +101,7 @@ def env_settings(
         base = load(EnvSettings, config, "config")
     else:
         base = read(EnvSettings, config)
-    own = ("scene", "config", "rate", "guidance", "bank")
+    own = ("scene", "config", "rate", "guidance", "bank", "shield")
     unknown = [name for name in changes if name not in (*own, *_PLACES)]
     if unknown:
         known = ", ".join((*own, *_PLACES))
@@ -107,11 +111,24 @@ def env_settings(
         given["bank"] = BankSettings(size=given["bank"])
     elif isinstance(given.get("bank"), Mapping):
         given["bank"] = load(BankSettings, given["bank"], "bank")
+    if "shield" in given:
+        given["shield"] = _shield(given["shield"])
     for name, (section, key) in _PLACES.items():
         if name in given:
             part = dataclasses.replace(getattr(base, section), **{key: given.pop(name)})
             base = dataclasses.replace(base, **{section: part})
     return dataclasses.replace(base, **given)
+
+
+def _shield(spec: Any) -> ShieldSettings | None:
+    """Settings of a shield from true, false, a mapping or themselves."""
+    if isinstance(spec, bool):
+        return ShieldSettings() if spec else None
+    if isinstance(spec, Mapping):
+        return load(ShieldSettings, spec, "shield")
+    if isinstance(spec, ShieldSettings):
+        return spec
+    raise InputError(f"shield is {spec!r}; expected true, false or an object of its settings")
 
 
 def make_finder(own: EnvSettings) -> Finder:

@@ -14,12 +14,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from wheelchair_gym.address import address_of
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.batch import Batch, Results, begin_chairs, step_chairs
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings, env_settings
 from wheelchair_gym.envs.spare import Spare
 from wheelchair_gym.envs.worlds import Worlds
+from wheelchair_gym.safety.state import GUARD, REASONS, SHIELD, Guard
 from wheelchair_gym.sensing.laser import SCRATCH
 from wheelchair_gym.sensing.noise import episode_key
 from wheelchair_gym.simulation.rig import Rig
@@ -33,6 +35,7 @@ from wheelchair_gym.task.task import Observation, Task
 Floats = NDArray[np.float32]
 Info = dict[str, Any]
 
+_REASONS = np.array(REASONS)
 _ROWS_A_THREAD = 64  # fewer are done sooner than a second thread has woken up
 _CORES: int = vars(numba.config)["NUMBA_NUM_THREADS"]  # that this process may use
 
@@ -97,6 +100,10 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._pool: ThreadPoolExecutor | None = None
 
         self._rig = Rig(s.sensors)
+        guard = np.zeros(1, GUARD)
+        if s.shield is not None:
+            self._guard = Guard(s.shield, s.chair, s.sensors, 1.0 / s.rate)
+            guard = self._guard.record
         self._batch = Batch(
             rigs=self._rig.record,
             rules=self.task.rules,
@@ -109,6 +116,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             coming=np.zeros(n, COURSE),
             keys=np.zeros(n, np.uint64),
             progress=np.zeros(n, PROGRESS),
+            guards=guard,
+            shields=np.zeros(n if s.shield else 0, SHIELD),
             over=np.zeros(n, np.bool_),
             begun=np.zeros(n, np.bool_),
         )
@@ -117,6 +126,11 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             World(s.chair.footprint, body.centre, body.wall_friction, places[i : i + 1])
             for i in range(n)
         ]
+        self._kept = np.zeros(
+            (n if s.sensors.faults.share > 0.0 else 1, s.sensors.laser.beams), np.float32
+        )
+        for i, row in enumerate(self._kept):
+            places["kept"][i] = address_of(row)
         self._held: list[Course | None] = [None] * n  # courses driven on now, kept alive
         self._next: list[Course | None] = [None] * n
         self._seeds = [0] * n
@@ -253,7 +267,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     def _blank_results(self, store: Spare) -> Results:
         n = self.num_envs
         flags = np.zeros(n, np.bool_)
-        return Results(np.zeros(n, SENSED), np.zeros(n, VERDICT), flags, store.take())
+        told = np.zeros(n, np.int64), np.zeros((n, 2)), np.zeros((n, 2))
+        return Results(np.zeros(n, SENSED), np.zeros(n, VERDICT), flags, store.take(), *told)
 
     def _info(self, results: Results, mask: NDArray[np.bool_]) -> Info:
         """The single env's info, as arrays with their masks."""
@@ -280,6 +295,10 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             "reward_terms": {name: terms[:, k] for k, name in enumerate(TERMS)}
             | {f"_{name}": mask for name in TERMS},
         }
+        if self.settings.shield is not None:
+            decided = {"reason": _REASONS[results.reason]}
+            decided |= {"asked": results.asked, "given": results.given}
+            values["shield"] = decided | {f"_{name}": mask for name in decided}
         return values | {f"_{name}": mask for name in values}
 
     def close_extras(self, **kwargs: Any) -> None:

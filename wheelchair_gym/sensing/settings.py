@@ -175,6 +175,23 @@ class ModelledPose:
 
 
 @settings
+class FaultSettings:
+    """Sensors that fail: they fall silent, or say the same bytes again for the rest of an episode.
+
+    One of laser, ultrasonics and wheel encoders, silent or frozen, at a time drawn evenly.
+    """
+
+    share: float = setting(default=0.0, source="of episodes with a fault", low=0.0, high=1.0)
+    since: tuple[float, float] = setting(
+        default=(1.0, 5.0), unit="s", source="when it begins: from, to", low=0.0
+    )
+
+    def __post_init__(self) -> None:
+        if self.since[0] > self.since[1]:
+            raise InputError(f"FaultSettings.since is {self.since}; expected from, to")
+
+
+@settings
 class SensorSettings:
     """Every sensor of the chair."""
 
@@ -182,6 +199,7 @@ class SensorSettings:
     ultrasonic: UltrasonicSettings = UltrasonicSettings()
     odometry: OdometrySettings = OdometrySettings()
     modelled: ModelledPose = ModelledPose()
+    faults: FaultSettings = FaultSettings()
     pose_source: Literal["truth", "odometry", "modelled", "mcl", "slam"] = setting(
         default="truth", source="what the chair believes about where it is"
     )

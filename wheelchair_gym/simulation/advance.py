@@ -13,6 +13,7 @@ from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.sensing.laser import SCRATCH, scan
 from wheelchair_gym.sensing.odometry import locate_self, reckon
 from wheelchair_gym.sensing.ultrasonic import UltrasonicArrays, fire
+from wheelchair_gym.simulation.failing import draw_fault, fail
 from wheelchair_gym.simulation.offsets import BODY_DOUBLES
 from wheelchair_gym.simulation.period import drive, locate
 from wheelchair_gym.simulation.rig import RIG, laser_of, rangers_of
@@ -112,6 +113,7 @@ def sense(
         show(world)
     scan(laser_of(rig), state.pose, walls, discs, state.key, state.step, scratch, ranges)
     tell(state, p, walls, discs, sensed)
+    fail(state, p, world.kept, ranges, sensed)
 
 
 @borrowing_kernel
@@ -150,6 +152,7 @@ def begin(
     vary(p, key)
     enter(rig, world, p, start[0], start[1], start[2])
     state.key, state.met = key, -1
+    draw_fault(state, p)
     state.charge = p.charge * p.capacity
     state.voltage = p.empty + (p.full - p.empty) * p.charge
     locate(state, p, doubles_at(world.body, BODY_DOUBLES))

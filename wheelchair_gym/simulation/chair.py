@@ -57,6 +57,8 @@ class SimulatedChair:
         body = chair.body
         self._world = World(chair.footprint, body.centre, body.wall_friction, self._place)
         self._beams = sensors.laser.beams
+        self._kept = np.zeros(self._beams, np.float32)
+        self._place["kept"] = address_of(self._kept)
         self._alone = np.zeros(1, ALONE)
         rows = {
             "rig": self._rig.record,

@@ -69,6 +69,9 @@ PARAMETER = np.dtype(
         ("pose_sigma", "f8", (3,)),  # m, m, rad
         ("pose_most", "f8", (3,)),  # m, m, rad
         ("pose_time", "f8"),  # s
+        # faults
+        ("fault_share", "f8"),
+        ("fault_since", "f8", (2,)),  # s: from, to
         # time
         ("dt", "f8"),  # s, physics step
         ("substeps", "i8"),  # in a control period
@@ -129,10 +132,26 @@ STATE = np.dtype(
         ("fired", "i8", (RANGERS,)),  # tick of each ranger's last firing
         ("firings", "i8"),  # since reset
         ("fire_pose", "f8", (RANGERS, 3)),  # pose at the firings of this period, by ranger
+        # what fails
+        ("fault", "i8"),  # index into FAULTS
+        ("fault_step", "i8"),  # the first reading that is wrong
+        ("kept_twist", "f8", (2,)),  # as it was said before
+        ("kept_pose", "f8", (3,)),
+        ("kept_ranges", "f4", (RANGERS,)),
+        ("kept_age", "f4", (RANGERS,)),
     ],
     align=True,
 )
 
+FAULTS = (
+    "",
+    "laser silent",
+    "laser frozen",
+    "ultrasonic silent",
+    "ultrasonic frozen",
+    "odometry silent",
+    "odometry frozen",
+)
 POSE_SOURCES = ("truth", "odometry", "modelled")
 
 # What a control period gives, in the order of the fields of Reading (but for the scan) and Truth.
@@ -201,6 +220,7 @@ def parameters(
     p["pose_sigma"] = modelled.position, modelled.position, modelled.heading
     p["pose_most"] = modelled.position_most, modelled.position_most, modelled.heading_most
     p["pose_time"] = modelled.time
+    p["fault_share"], p["fault_since"] = sensors.faults.share, sensors.faults.since
     p["dt"] = physics.step
     p["substeps"] = whole_ratio(period, physics.step, "control period and physics.step")
     p["speed_every"] = whole_ratio(1.0 / motor.rate, physics.step, "1/motor.rate and physics.step")

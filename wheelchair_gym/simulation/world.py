@@ -73,6 +73,7 @@ WORLD = np.dtype(
         ("shots", "u8"),  # of what each ranger saw of the movers (rangers, shot)
         ("shot", "i8"),
         ("lines", "u8"),  # of room for half-planes (2 LINES, 4)
+        ("kept", "u8"),  # of a scan (beams,) that a frozen laser says again; 0: none ever is
         ("friction", "f8"),  # of the outline on walls and things
     ],
     align=True,

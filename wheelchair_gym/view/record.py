@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 EPISODE: Final = "/episode"
 READING: Final = "/reading"
 COMMAND: Final = "/command"
+SHIELD: Final = "/shield"  # what became of the command
 VERDICT: Final = "/verdict"
 SETTINGS: Final = ("rate", "chair", "sensors", "task")  # of an environment: what judging needs
 
@@ -106,7 +107,7 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         self._trail.clear()
         self._path: Any = None
         self._chart: OccupancyGrid = self._env.episode.map
-        self._notes = {"policy": "", "chair": ""}
+        self._notes = {"policy": "", "chair": "", "shield": ""}
         self._log_episode()
         if self._env.task.chart is None:
             self._log_map(self._chart)
@@ -121,6 +122,10 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         chosen = np.asarray(action, np.float64).tolist()
         twist = self._env.task.limits.twist(action).tolist()
         self._out.tell(COMMAND, {"action": chosen, "v": twist[0], "w": twist[1]})
+        if "shield" in info:
+            reason, *twists = info["shield"].values()
+            asked, driven = (each.tolist() for each in twists)
+            self._out.tell(SHIELD, {"reason": reason, "asked": asked, "given": driven})
         self._log_reading()
         ends = {"terminated": terminated, "truncated": truncated}
         self._out.tell(VERDICT, {"reward": reward, "terms": info["reward_terms"], **ends})
@@ -206,7 +211,9 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         ahead = env.points_ahead
         if ahead is not None:
             self._send("/lookahead", "poses_in_map", ahead)
-        self._log_news(env.task.path, {"policy": env.task.note, "chair": reading.halted})
+        latched = "" if env.shield is None else env.shield.latched
+        notes = {"policy": env.task.note, "chair": reading.halted, "shield": latched}
+        self._log_news(env.task.path, notes)
 
     def _log_seldom(self, reading: Any, believed: Belief) -> bool:
         """Trail, pictures and, for viewers that come late, what stays; whether the map changed."""
@@ -235,7 +242,7 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         self._path = path
         for who, said in notes.items():
             if said != self._notes[who]:
-                self._send("/note", "note", who, said or "goes on", bool(said) and who == "chair")
+                self._send("/note", "note", who, said or "goes on", bool(said) and who != "policy")
         self._notes = notes
 
 

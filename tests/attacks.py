@@ -1,0 +1,382 @@
+"""Attacks on the shield: policies that know the truth and mean harm, and a judge that does, too.
+
+Nothing here uses the shield's own code. A contact counts where the chair caused it, as the
+simulation says (`info["caused"]`), at more than 0.05 m/s. It *could have been seen* if its place,
+or the other thing's surface there, lay unoccluded in some sensor's field at a moment in the last
+3 s that was at least a stopping time before.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.address import table_at
+from wheelchair_gym.envs import NavigationVectorEnv
+from wheelchair_gym.geometry import footprint_clearance
+from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.kinematics import Limits, approach, arc_step
+from wheelchair_gym.sensing import SensorSettings
+from wheelchair_gym.sensing.noise import episode_key, uniform
+from wheelchair_gym.simulation.moving import moving_at
+from wheelchair_gym.simulation.state import FAULTS
+
+Array = NDArray[np.float64]
+
+KINDS: Final = (
+    "random", "ahead", "wall", "mover", "edge", "backwards", "pivot", "switches", "greedy",
+)  # fmt: skip
+RANDOM, AHEAD, WALL, MOVER, EDGE, BACKWARDS, PIVOT, SWITCHES, GREEDY = range(len(KINDS))
+SECONDS: Final = 8.0  # of an attack
+PERIOD: Final = 0.1  # s
+MEMORY: Final = 31  # readings: the last 3 s
+SCENES: Final[dict[str, Any]] = {
+    "clutter": {"name": "clutter", "density": 0.6},
+    "floor_plan": {"name": "floor_plan"},
+    "hall": {"name": "crowd", "place": "hall", "people": {"density": (0.05, 0.12)}},
+    "crossing": {
+        "name": "crowd",
+        "place": "hall",
+        "people": {"density": (0.05, 0.12), "crossing": 0.5, "blind": 0.5},
+    },
+    "building": {"name": "crowd", "place": "building"},
+}
+HARM, SLOW = 0.05, 0.10  # m/s
+_MOVERS = 48  # that are remembered of a row
+_FAN = ((1.0, 0.0), (1.0, 0.4), (1.0, -0.4), (1.0, 1.0), (1.0, -1.0), (-1.0, 0.0), (-1.0, 1.0),
+        (-1.0, -1.0), (0.0, 1.0), (0.0, -1.0))  # fmt: skip
+
+
+@borrowing_kernel
+def aim(
+    worlds: Any, pose: Array, footprint: Array, kinds: Any, keys: Any, steps: Any, out: Array
+) -> None:
+    """The actions (n, 2) of attackers.
+
+    Args:
+        worlds: (n,) of WORLD, the truth.
+        pose: (n, 3) true.
+        footprint: of the chair.
+        kinds: (n,) of KINDS.
+        keys: (n,) of each attack's randomness.
+        steps: (n,) since its beginning.
+        out: (n, 2), is written.
+    """
+    for i in range(pose.shape[0]):
+        world, key, kind, step = worlds[i], keys[i], kinds[i], steps[i]
+        x, y, yaw = pose[i, 0], pose[i, 1], pose[i, 2]
+        held = step // (3 + int(12 * uniform(key, 0, 0, 0)))
+        u, v = uniform(key, held, 1, 0), uniform(key, held, 1, 1)
+        walls = table_at(world.walls, world.n_walls, 4)
+        discs = table_at(world.discs, world.n_discs, 3)
+        if kind == RANDOM:
+            out[i, 0], out[i, 1] = 2.0 * u - 1.0, 2.0 * v - 1.0
+            continue
+        if kind == AHEAD:
+            out[i, 0], out[i, 1] = 1.0, 0.4 * (2.0 * v - 1.0)
+            continue
+        if kind == BACKWARDS:
+            out[i, 0], out[i, 1] = -1.0, 2.0 * v - 1.0
+            continue
+        if kind == PIVOT:
+            out[i, 0], out[i, 1] = 0.0, 1.0 if v < 0.5 else -1.0
+            continue
+        if kind == SWITCHES:
+            k = int(9 * u)
+            out[i, 0], out[i, 1] = k // 3 - 1.0, k % 3 - 1.0
+            continue
+        if kind == GREEDY and step % 3 == 0:
+            worst, chosen = math.inf, 0
+            for k in range(len(_FAN)):
+                px, py, pyaw = x, y, yaw
+                a, b = _FAN[k]
+                speed = 0.8 * a if a > 0.0 else 0.3 * a
+                gap = 0.0
+                for j in range(1, 13):
+                    px, py, pyaw = arc_step(px, py, pyaw, speed, b, 0.15)
+                    gap = footprint_clearance(px, py, pyaw, footprint, walls, discs, 1.0)
+                    if gap < 0.02:
+                        gap = j * 0.01 - 1.0 + 0.05 * uniform(key, step, 2, k)
+                        break
+                if gap < worst:
+                    worst, chosen = gap, k
+            out[i, 0], out[i, 1] = _FAN[chosen]
+            continue
+        if kind == GREEDY:
+            continue  # as before
+        # Others drive at a point: the nearest of those of their kind that is not too near.
+        best, tx, ty = math.inf, x + math.cos(yaw), y + math.sin(yaw)
+        if kind == MOVER and world.n_movers > 0:
+            moving = moving_at(world.moving, world.n_movers)
+            for k in range(world.n_movers):
+                own = moving[k]
+                mx = own.pose[0] + own.twist[0] * 0.7 * v
+                my = own.pose[1] + own.twist[1] * 0.7 * v
+                far = math.sqrt((mx - x) ** 2 + (my - y) ** 2)
+                if far < best:
+                    best, tx, ty = far, mx, my
+        for k in range(world.n_walls if best == math.inf else 0):
+            ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
+            ex, ey = bx - ax, by - ay
+            square = ex * ex + ey * ey
+            t = min(1.0, max(0.0, ((x - ax) * ex + (y - ay) * ey) / max(square, 1e-9)))
+            if kind == EDGE:
+                t = 0.0 if t < 0.5 else 1.0
+            qx, qy = ax + t * ex, ay + t * ey
+            far = math.sqrt((qx - x) ** 2 + (qy - y) ** 2)
+            far += 2.0 * uniform(key, 0, 3, k)
+            if far < best:
+                best, tx, ty = far, qx, qy
+        for k in range(world.n_discs if kind != MOVER or world.n_movers == 0 else 0):
+            far = math.sqrt((discs[k, 0] - x) ** 2 + (discs[k, 1] - y) ** 2)
+            far += 2.0 * uniform(key, 0, 4, k)
+            if far < best:
+                best, tx, ty = far, discs[k, 0], discs[k, 1]
+        error = math.atan2(ty - y, tx - x) - yaw
+        if kind == EDGE:  # beside it, so that a side or a rear corner meets it
+            error += (0.5 if u < 0.5 else -0.5) * min(1.0, 0.8 / max(best, 0.3))
+        error -= 2.0 * math.pi * math.floor(error / (2.0 * math.pi) + 0.5)
+        out[i, 0] = 1.0 if abs(error) < 1.0 else 0.0
+        out[i, 1] = min(1.0, max(-1.0, 2.0 * error))
+
+
+def stopping_time(v: float, w: float, limits: Limits) -> float:
+    """How long a chair needs to rest from a twist, within the limits of comfort [s]."""
+    t, sv, av, sw, aw = 0.0, v, 0.0, w, 0.0
+    while max(abs(sv), abs(sw)) > 1e-3 and t < 10.0:
+        sv, av = approach(sv, av, 0.0, limits.acceleration, limits.deceleration, limits.jerk, 0.05)
+        sw, aw = approach(
+            sw, aw, 0.0, limits.turn_acceleration, limits.turn_acceleration, limits.turn_jerk, 0.05
+        )
+        t += 0.05
+    return t
+
+
+def _crosses(a: Array, b: Array, walls: Array, discs: Array) -> bool:
+    """Whether anything stands between a and b (2,)."""
+    e = b - a
+    if len(walls):
+        p, q = walls[:, :2], walls[:, 2:] - walls[:, :2]
+        cross = e[0] * q[:, 1] - e[1] * q[:, 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = ((p[:, 0] - a[0]) * q[:, 1] - (p[:, 1] - a[1]) * q[:, 0]) / cross
+            u = ((p[:, 0] - a[0]) * e[1] - (p[:, 1] - a[1]) * e[0]) / cross
+        if ((t > 0.0) & (t < 1.0) & (u >= 0.0) & (u <= 1.0)).any():
+            return True
+    for x, y, r in discs:
+        t = np.clip(((x - a[0]) * e[0] + (y - a[1]) * e[1]) / max(float(e @ e), 1e-12), 0.0, 1.0)
+        if math.hypot(a[0] + t * e[0] - x, a[1] + t * e[1] - y) < r:
+            return True
+    return False
+
+
+def in_sight(
+    pose: Array, point: Array, walls: Array, discs: Array, sensors: SensorSettings
+) -> bool:
+    """Whether a point (2,) lies unoccluded in the field of the laser or of an ultrasonic."""
+    x, y, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    laser, rangers = sensors.laser, sensors.ultrasonic
+    eyes = [(laser.x, laser.y, laser.yaw, 0.5 * laser.fov, laser.reach)]
+    for one in rangers.mounted:
+        model = rangers.narrow if one.model == "narrow" else rangers.wide
+        eyes.append((one.x, one.y, one.yaw, 0.5 * model.cone, model.reach))
+    for ex, ey, turn, half, reach in eyes:
+        eye = np.array([x + c * ex - s * ey, y + s * ex + c * ey])
+        far = math.hypot(*(point - eye))
+        off = math.remainder(math.atan2(*(point - eye)[::-1]) - yaw - turn, 2.0 * math.pi)
+        if far > reach or abs(off) > half:
+            continue
+        short = eye + (point - eye) * max(0.0, 1.0 - 0.01 / max(far, 0.01))  # not the thing itself
+        if not _crosses(eye, short, walls, discs):
+            return True
+    return False
+
+
+def touching_point(pose: Array, outline: Array, walls: Array, discs: Array) -> Array:
+    """The point (2,) of what is solid that is nearest to the outline (front, rear, half width)."""
+    x, y, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    found = []
+    for x0, y0, x1, y1 in walls:
+        n = max(2, math.ceil(math.hypot(x1 - x0, y1 - y0) / 0.005))
+        t = np.linspace(0.0, 1.0, n)[:, None]
+        found.append(np.array([x0, y0]) * (1 - t) + np.array([x1, y1]) * t)
+    for dx, dy, r in discs:
+        t = np.linspace(0.0, 2 * math.pi, 90)
+        found.append(np.column_stack([dx + r * np.cos(t), dy + r * np.sin(t)]))
+    points = np.concatenate(found)
+    local = (points - (x, y)) @ np.array([(c, -s), (s, c)])
+    front, rear, half = outline
+    off = np.maximum(
+        np.maximum(local[:, 0] - front, -rear - local[:, 0]), np.abs(local[:, 1]) - half
+    )
+    return np.array(points[int(np.argmin(off))])
+
+
+@dataclass
+class Report:
+    """What came of attacks."""
+
+    attacks: int
+    contacts: int  # of any kind, whoever caused them
+    events: list[Event]
+    reasons: dict[str, int]  # periods in which a shield let a twist pass ("") or changed it
+
+    def told(self, info: Any, live: NDArray[np.bool_]) -> None:
+        """Count what a shield decided."""
+        if "shield" in info:
+            names, counts = np.unique(info["shield"]["reason"][live], return_counts=True)
+            for name, count in zip(names.tolist(), counts.tolist(), strict=True):
+                self.reasons[name] = self.reasons.get(name, 0) + count
+
+    def add(self, other: Report) -> None:
+        """Take in another."""
+        self.attacks += other.attacks
+        self.contacts += other.contacts
+        self.events += other.events
+        for name, count in other.reasons.items():
+            self.reasons[name] = self.reasons.get(name, 0) + count
+
+
+class Event(NamedTuple):
+    """A contact that the chair caused, faster than 0.05 m/s."""
+
+    seed: int  # of the row
+    episode: int
+    time: float  # s
+    kind: str
+    fault: str
+    met: int
+    closing: float  # m/s
+    seen: bool  # it could have been
+
+
+@borrowing_kernel
+def shown(world: Any, walls: Array, discs: Array) -> None:
+    """Copy what sensors could see now: walls (n, 4) and discs (m, 3), movers among them."""
+    source = table_at(world.walls, world.n_walls, 4)
+    for k in range(world.n_walls):
+        for i in range(4):
+            walls[k, i] = source[k, i]
+    source = table_at(world.discs, world.n_discs, 3)
+    for k in range(world.n_discs):
+        for i in range(3):
+            discs[k, i] = source[k, i]
+
+
+@borrowing_kernel
+def places(worlds: Any, out: Array) -> None:
+    """Centres of all movers (n, k, 2) [m]; NaN where there is none."""
+    for i in range(out.shape[0]):
+        n = min(worlds[i].n_movers, out.shape[1])
+        moving = moving_at(worlds[i].moving, worlds[i].n_movers)
+        for k in range(out.shape[1]):
+            out[i, k, 0] = moving[k].pose[0] if k < n else math.nan
+            out[i, k, 1] = moving[k].pose[1] if k < n else math.nan
+
+
+class Attack:
+    """Many attackers at once, each of them with one attack after another.
+
+    Args:
+        scene: see `SCENES`.
+        rows: at a time.
+        shield: as of the environment.
+        faults: share of attacks in which a sensor fails.
+        bank: worlds.
+        threads: of the environment.
+    """
+
+    def __init__(
+        self, scene: str, rows: int, shield: Any = True, faults: float = 0.25, bank: int = 200,
+        threads: int | None = None,
+    ) -> None:  # fmt: skip
+        config = {
+            "task": {"time_base": SECONDS, "time_factor": 0.0, "tolerance": 0.01, "beams": 64},
+            "sensors": {
+                "faults": {"share": faults, "since": (0.5, 5.0)},
+                "pose_source": "odometry",
+            },
+            "chair": {"randomise": True},
+        }
+        self.env = NavigationVectorEnv(
+            rows, config, scene=SCENES[scene], shield=shield, num_threads=threads,
+            bank={"size": bank, "turnover": 0.0},
+        )  # fmt: skip
+        self._sensors = self.env.settings.sensors
+
+    def run(self, seed: int, each: int) -> Report:
+        """Let every row make so many attacks; row i is the single environment of seed + i."""
+        env, n = self.env, self.env.num_envs
+        outline = env.settings.chair.footprint.array
+        _, info = env.reset(seed=seed)
+        worlds, states = env._batch.worlds, env._batch.states
+        done, steps = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        poses, twists = np.zeros((MEMORY, n, 3)), np.zeros((MEMORY, n, 2))
+        others = np.full((MEMORY, n, _MOVERS, 2), np.nan)
+        actions = np.zeros((n, 2))
+        report, touched, at = Report(n * each, 0, [], {}), np.zeros(n, np.bool_), 0
+        poses[0], twists[0] = info["pose"], info["twist"]
+        places(worlds, others[0])
+        keys, kinds = self._draw(seed, done)
+        over = np.zeros(n, np.bool_)
+        while (done < each).any():
+            aim(worlds, info["pose"].copy(), outline, kinds, keys, steps, actions)
+            _, _, terminated, truncated, info = env.step(actions)
+            begun, at = over, at + 1
+            over = terminated | truncated
+            steps = np.where(begun, 0, steps + 1)
+            now = at % MEMORY
+            poses[now], twists[now] = info["pose"], info["twist"]
+            places(worlds, others[now])
+            live = (done < each) & ~begun
+            report.told(info, live)
+            contact = info["contact"] & live
+            report.contacts += int((contact & ~touched).sum())
+            touched = (touched | contact) & ~over
+            harm = info["caused"] & (info["closing"] > HARM) & live
+            for i in np.flatnonzero(harm).tolist():
+                past = [(at - k) % MEMORY for k in range(min(int(steps[i]), MEMORY - 1) + 1)]
+                trace = poses[past, i], twists[past, i], others[past, i]
+                fault = "" if steps[i] < states["fault_step"][i] else FAULTS[states["fault"][i]]
+                report.events.append(
+                    Event(
+                        seed + i, int(done[i]), round(float(info["time"][i]), 3), KINDS[kinds[i]],
+                        fault, int(info["met"][i]), round(float(info["closing"][i]), 4),
+                        self._could_be_seen(i, int(info["met"][i]), trace),
+                    )
+                )  # fmt: skip
+            done += over
+            if begun.any():
+                keys, kinds = self._draw(seed, done)
+        return report
+
+    def _draw(self, seed: int, done: NDArray[np.int64]) -> tuple[Any, Any]:
+        """Keys and kinds of the attacks that begin or go on."""
+        n = len(done)
+        keys = np.array([episode_key(seed + i, int(done[i])) for i in range(n)], np.uint64)
+        return keys, (keys >> np.uint64(40)) % np.uint64(len(KINDS))
+
+    def _could_be_seen(self, i: int, met: int, trace: tuple[Array, Array, Array]) -> bool:
+        """Whether what row i touches was in sight, a stopping time before, in the last 3 s."""
+        settings, world = self.env.settings, self.env._batch.worlds[i]
+        walls, discs = np.empty((world["n_walls"], 4)), np.empty((world["n_discs"], 3))
+        shown(self.env._batch.worlds[i : i + 1][0], walls, discs)
+        poses, twists, others = trace
+        outline, limits = settings.chair.footprint.array, settings.chair.limits
+        fixed = walls[: world["n_fixed_walls"]], discs[: world["n_fixed_discs"]]
+        moving = walls[world["n_fixed_walls"] :], discs[world["n_fixed_discs"] :]
+        place = touching_point(poses[0], outline, *(fixed if met < 0 else moving))
+        for k in range(1, len(poses)):
+            if k * PERIOD < stopping_time(*twists[k], limits):
+                continue
+            points = [place] if met < 0 else [place, place + others[k, met] - others[0, met]]
+            for point in points:
+                if np.isfinite(point).all() and in_sight(poses[k], point, *fixed, self._sensors):
+                    return True
+        return False

@@ -1,0 +1,236 @@
+"""Laws of the shield: it stops in time, leaves a way out, and trusts no dead sensor."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from tests.simulation.worlds import box
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.safety import Shield, ShieldSettings
+from wheelchair_gym.safety.state import REASONS
+from wheelchair_gym.sensing import SensorSettings
+from wheelchair_gym.sensing.settings import FaultSettings
+from wheelchair_gym.simulation import SimulatedChair
+from wheelchair_gym.types import Reading
+
+AHEAD, BACK, LEFT = np.array([0.8, 0.0]), np.array([-0.3, 0.0]), np.array([0.0, 1.0])
+UNSEEN = ShieldSettings().unseen
+LEVER = math.hypot(Footprint().rear, Footprint().half_width)  # of a rear corner
+
+
+def drive(start, twist, seconds, *, half=5.0, key=3, sensors=None, shield=None, walls=()):
+    """Ask for one twist again and again in a square room; what was driven, and the chair."""
+    chair = SimulatedChair(sensors=sensors)
+    shield = shield or Shield(sensors=sensors)
+    shield.reset()
+    episode = box(half, start)
+    if len(walls):
+        episode = dataclasses.replace(episode, walls=np.vstack([episode.walls, walls]))
+    reading, trace = chair.reset(episode, key), []
+    for _ in range(round(seconds / 0.1)):
+        given = shield.filter(np.asarray(twist, float), reading)
+        reading = chair.drive(given)
+        trace.append((shield.decision, chair.truth))
+    return trace, chair, shield
+
+
+@pytest.mark.parametrize(
+    ("start", "twist"),
+    [
+        ((0.0, 0.0, 0.0), (0.8, 0.0)),
+        ((0.0, 0.0, 0.7), (0.8, 0.1)),
+        ((2.5, 2.5, 0.8), (0.8, 0.3)),
+        ((0.0, 4.5, 0.1), (0.8, 0.05)),
+        ((0.0, 0.0, 2.0), (0.8, -0.05)),
+    ],
+)
+def test_it_stops_before_a_wall_and_near_it(start, twist):
+    trace, chair, _ = drive(start, twist, 14.0)
+    assert not chair.truth.touched
+    assert abs(trace[-1][1].twist).max() < 0.01
+    assert 0.0 < trace[-1][1].clearance < 0.10
+    assert trace[-1][0].reason == "obstacle"
+
+
+def test_in_the_open_nothing_is_changed():
+    trace, _, _ = drive((-4.0, 0.0, 0.0), AHEAD, 3.0)
+    assert all(decision.reason == "" for decision, _ in trace)
+    assert all(np.array_equal(decision.given, AHEAD) for decision, _ in trace)
+
+
+def test_a_twist_is_scaled_and_keeps_its_curvature():
+    trace, _, _ = drive((2.0, 2.0, 0.8), (0.8, 0.3), 8.0)
+    changed = [decision for decision, _ in trace if decision.reason]
+    assert changed
+    for decision in changed:
+        share = decision.given[0] / 0.8
+        assert 0.0 <= share < 1.0
+        assert decision.given[1] == pytest.approx(0.3 * share)
+
+
+@pytest.mark.parametrize("twist", [BACK, (-0.3, 0.4), LEFT, (0.0, -1.0)])
+def test_nowhere_unseen_faster_than_a_walking_stick(twist):
+    """Standing since ever, nothing behind the laser was seen: in reverse, and in a pivot."""
+    trace, _, _ = drive((0.0, 0.0, 0.0), twist, 1.5)
+    for _, truth in trace:
+        v, w = truth.twist
+        corner = max(math.hypot(v - side * w * 0.31, -0.3 * w) for side in (-1, 1))
+        assert corner <= UNSEEN
+    assert corner > 0.6 * UNSEEN  # it creeps, and does not stand
+
+
+def test_back_along_the_way_it_came_it_may_go_faster():
+    chair, shield = SimulatedChair(), Shield()
+    reading = chair.reset(box(5.0, (-2.0, 0.0, 0.0)), 1)
+    speeds = []
+    for k in range(50):
+        twist = np.array([0.5, 0.0]) if k < 20 else BACK
+        reading = chair.drive(shield.filter(twist, reading))
+        speeds.append(chair.truth.twist[0])
+    assert min(speeds) < -0.2
+
+
+@pytest.mark.parametrize(
+    ("start", "way_out"),
+    [
+        ((4.26, 0.0, 0.0), BACK),  # a wall ahead, 4 cm off
+        ((4.29, 0.0, 0.0), BACK),  # 1 cm
+        ((0.0, 4.66, 0.0), (0.3, 0.0)),  # beside it, 3 cm
+        ((0.0, 4.68, 0.0), BACK),
+    ],
+)
+def test_a_way_out_is_left(start, way_out):
+    trace, chair, _ = drive(start, way_out, 8.0)
+    assert not chair.truth.touched
+    moved = np.abs(trace[-1][1].pose - start)
+    assert max(moved[0], moved[2]) > 0.2
+
+
+def test_what_slipped_out_of_view_is_remembered():
+    """A post that the laser saw stands beside the rear when the chair turns."""
+    post = np.array([(0.9, 0.55, 0.9, 0.60), (0.9, 0.60, 0.95, 0.60), (0.95, 0.60, 0.9, 0.55)])
+    chair, shield = SimulatedChair(), Shield()
+    episode = box(5.0, (0.0, 0.0, 0.0))
+    episode = dataclasses.replace(episode, walls=np.vstack([episode.walls, post]))
+    reading = chair.reset(episode, 1)
+    for k in range(80):
+        reading = chair.drive(shield.filter(AHEAD if k < 22 else np.array([0.3, -1.0]), reading))
+        if k > 25:
+            assert chair.truth.closing <= 0.05 or not chair.truth.caused
+    assert not chair.truth.touched
+
+
+FAULTS = [name for name in REASONS if name.endswith(("silent", "frozen"))]
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_dead_sensors_stop_it_until_a_person_re_arms(name):
+    which, how = name.split()
+    chair, shield = SimulatedChair(), Shield()
+    reading = chair.reset(box(9.0, (-8.0, 0.0, 0.0)), 5)
+    kept: Reading | None = None
+    stopped = math.nan
+    limits = {"laser": 0.2, "ultrasonic": 1.0, "odometry": 0.1}
+    twist = np.array([0.5, 0.1])
+    for k in range(60):
+        told = reading
+        if k >= 20:
+            told = fail(reading, kept, which, how, 0.1 * (k - 19))
+        else:
+            kept = reading
+        given = shield.filter(twist, told)
+        if k < 20:
+            assert given.any()
+        if not given.any() and math.isnan(stopped):
+            stopped = 0.1 * (k - 19)
+        reading = chair.drive(given)
+    assert stopped <= limits[which] + 0.2 + 1e-9
+    assert shield.latched == name
+    assert shield.decision.reason == name
+    assert abs(chair.truth.twist).max() < 0.01
+    for asked, goes in ((twist, False), (np.zeros(2), False), (twist, False)):
+        reading = chair.drive(shield.filter(asked, reading))  # well again: still latched
+        assert shield.decision.given.any() == goes
+    shield.rearm()
+    reading = chair.drive(shield.filter(twist, reading))
+    assert not shield.decision.given.any()  # it must be told to stand first
+    reading = chair.drive(shield.filter(np.zeros(2), reading))
+    assert shield.latched == ""
+    for _ in range(5):
+        reading = chair.drive(shield.filter(twist, reading))
+    assert shield.decision.given.any()
+
+
+def fail(reading, kept, which, how, since):
+    """What a chair is told while a sensor fails."""
+    if which == "laser":
+        nothing = np.full_like(reading.laser, np.nan)
+        return reading._replace(laser=kept.laser if how == "frozen" else nothing)
+    if which == "ultrasonic":
+        age = kept.age if how == "frozen" else kept.age + np.float32(since)
+        return reading._replace(ultrasonic=kept.ultrasonic, age=age)
+    if how == "silent":
+        return reading._replace(twist=np.full(2, np.nan))
+    return reading._replace(twist=kept.twist, pose=kept.pose)
+
+
+def test_a_chair_that_stands_in_a_world_without_noise_is_not_frozen():
+    sensors = SensorSettings(noise=False)
+    chair, shield = SimulatedChair(sensors=sensors), Shield(sensors=sensors)
+    reading = chair.reset(box(5.0), 1)
+    for k in range(80):
+        reading = chair.drive(shield.filter(AHEAD if k > 50 else np.zeros(2), reading))
+    assert shield.latched == ""
+    assert chair.truth.twist[0] > 0.5
+
+
+def glassy(reading, distance, ranger=0):
+    """A reading in which one ultrasonic hears something that the laser sees through."""
+    ranges = np.full_like(reading.ultrasonic, np.inf)
+    ranges[ranger] = distance
+    return reading._replace(ultrasonic=ranges)
+
+
+def test_an_echo_that_no_laser_explains_stops_it_once_it_is_heard_again():
+    chair, shield = SimulatedChair(), Shield()
+    reading = chair.reset(box(6.0, (-4.0, 0.0, 0.0)), 1)
+    pane = -1.0  # of glass, x [m]
+    for _ in range(90):
+        ahead = pane - chair.truth.pose[0] - 0.70
+        reading = chair.drive(shield.filter(AHEAD, glassy(reading, max(ahead, 0.02))))
+    assert -0.02 < pane - chair.truth.pose[0] - 0.70 < 0.3
+    assert abs(chair.truth.twist[0]) < 0.01
+
+
+def test_a_lone_ghost_and_an_echo_that_a_laser_explains_change_nothing():
+    chair, shield = SimulatedChair(), Shield()
+    reading = chair.reset(box(6.0, (-4.0, 0.0, 0.0)), 1)
+    reasons = []
+    for k in range(40):
+        told = glassy(reading, 0.6) if k == 20 else reading
+        reading = chair.drive(shield.filter(AHEAD, told))
+        reasons.append(shield.decision.reason)
+    assert set(reasons) == {""}
+    # Beside a wall a wide cone hears it all the time.
+    trace, _, _ = drive((-4.0, 4.45, 0.0), (0.5, 0.0), 6.0)
+    assert {decision.reason for decision, _ in trace} == {""}
+
+
+def test_a_failed_sensor_of_the_simulation_is_what_the_shield_latches():
+    faults = FaultSettings(share=1.0, since=(0.5, 1.0))
+    sensors = SensorSettings(faults=faults, pose_source="odometry")
+    found = set()
+    for key in range(24):
+        _, _, shield = drive((-3.0, 0.0, 0.2), (0.3, 0.1), 3.5, key=key, sensors=sensors)
+        found.add(shield.latched)
+    assert found == set(FAULTS)
+
+
+def test_one_seed_one_run():
+    runs = [drive((0.0, 0.0, 0.3), (0.8, 0.2), 6.0)[0] for _ in range(2)]
+    for (one, _), (other, _) in zip(*runs, strict=True):
+        assert np.array_equal(one.given, other.given)

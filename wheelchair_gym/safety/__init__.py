@@ -1,0 +1,8 @@
+"""The shield between any policy and any chair."""
+
+from __future__ import annotations
+
+from wheelchair_gym.safety.settings import ShieldSettings
+from wheelchair_gym.safety.shield import Decision, Shield
+
+__all__ = ["Decision", "Shield", "ShieldSettings"]

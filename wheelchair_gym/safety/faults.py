@@ -1,0 +1,160 @@
+"""Whom the shield does not trust: sensors that fall silent, or say the same bytes again."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.safety.state import (
+    BUMPED,
+    LASER_FROZEN,
+    LASER_SILENT,
+    ODOMETRY_FROZEN,
+    ODOMETRY_SILENT,
+    SONAR_FROZEN,
+    SONAR_SILENT,
+)
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+_FACTOR = np.uint64(0x9E3779B97F4A7C15)
+_STIRRED = 1e-3  # m or rad in a period: a chair that moves more sees something else
+_ASKED_V, _ASKED_W = 0.1, 0.25  # m/s, rad/s: so told, wheels that count nothing are not believed
+_OFF_V, _OFF_W = 0.25, 0.5  # m/s, rad/s: so far from what they are told, wheels are astray
+_ASTRAY = 0.5  # s
+_ROUND = 1e-6  # s
+
+
+@borrowing_kernel
+def stir(value: float, salt: int) -> np.uint64:
+    """A word of the bits of a number: the same for the same bits, NaN and infinities among them."""
+    # Whatever is invalid has a word of its own; the others are told apart to 2^-30 m.
+    if value != value:
+        word = np.uint64(1)
+    elif value == math.inf:
+        word = np.uint64(2)
+    elif value == -math.inf:
+        word = np.uint64(3)
+    else:
+        word = np.uint64(np.int64(value * 1073741824.0)) + np.uint64(4)
+    return (word + np.uint64(salt)) * _FACTOR
+
+
+@borrowing_kernel
+def hash_floats(values: Floats, begin: np.uint64) -> np.uint64:
+    """A hash of float32 numbers (n,), on top of another."""
+    h = begin
+    for k in range(values.shape[0]):
+        word = stir(float(values[k]), k)
+        h += (word ^ (word >> np.uint64(29))) * _FACTOR
+    return h
+
+
+@borrowing_kernel
+def valid_share(laser: Floats) -> float:
+    """Share of beams that are not invalid (NaN)."""
+    valid = 0
+    for k in range(laser.shape[0]):
+        valid += laser[k] == laser[k]
+    return float(valid / laser.shape[0])
+
+
+@borrowing_kernel
+def watch(
+    g: Any, s: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, age: Floats,
+    bumped: bool, halted: bool, dt: float,
+) -> bool:  # fmt: skip
+    """Keep count of what is silent or frozen, and latch; whether the scan is a new one.
+
+    Args:
+        g: record of GUARD.
+        s: record of SHIELD.
+        pose: (3,) of the reading.
+        twist: (2,) of the reading.
+        laser: (beams,).
+        ultrasonic: (rangers,).
+        age: (rangers,) s.
+        bumped: a bumper strip is pressed.
+        halted: the chair stands whatever it is told.
+        dt: since the reading before [s]; 0 for the first.
+    """
+    reason = 0
+    finite = math.isfinite(twist[0] + twist[1])
+    moves = not finite or abs(twist[0]) * dt > _STIRRED or abs(twist[1]) * dt > _STIRRED
+    # laser
+    half = 0.5
+    if valid_share(laser) < half:
+        s.laser_silent += dt
+    else:
+        s.laser_silent = 0.0
+    now = hash_floats(laser, np.uint64(0))
+    fresh = not s.begun or now != s.laser_hash
+    if fresh:
+        s.laser_frozen = 0.0
+    elif moves:
+        s.laser_frozen += dt
+    s.laser_hash = now
+    # ultrasonics
+    mounted = False
+    for k in range(age.shape[0]):
+        if age[k] == math.inf:  # never heard
+            continue
+        mounted = True
+        if ultrasonic[k] == ultrasonic[k] and age[k] <= g.stale_ultrasonic:
+            s.sonar_silent[k] = 0.0
+        else:
+            s.sonar_silent[k] += dt
+        old = float(age[k]) if age[k] == age[k] else s.sonar_silent[k]
+        if max(old, s.sonar_silent[k]) > g.stale_ultrasonic + _ROUND:
+            reason = SONAR_SILENT
+    now = hash_floats(age, hash_floats(ultrasonic, np.uint64(0)))
+    if mounted and moves and s.begun and now == s.sonar_hash:
+        s.sonar_frozen += dt
+    else:
+        s.sonar_frozen = 0.0
+    s.sonar_hash = now
+    if s.sonar_frozen > g.stale_ultrasonic + _ROUND:
+        reason = SONAR_FROZEN
+    if s.laser_frozen > g.stale_laser + _ROUND:
+        reason = LASER_FROZEN
+    if s.laser_silent > g.stale_laser + _ROUND:
+        reason = LASER_SILENT
+    # odometry
+    same = s.begun and finite
+    for k in range(3):
+        same = same and pose[k] == s.told[k]
+    for k in range(2):
+        same = same and twist[k] == s.told[3 + k]
+    still = twist[0] == 0.0 and twist[1] == 0.0
+    told = abs(s.set[0]) > _ASKED_V or abs(s.set[2]) > _ASKED_W
+    if finite:
+        s.odometry_silent = 0.0
+    else:
+        s.odometry_silent += dt
+    if not halted and ((same and not still) or (finite and still and told)):
+        s.odometry_frozen += dt
+    else:
+        s.odometry_frozen = 0.0
+    off = abs(twist[0] - s.set[0]) > _OFF_V or abs(twist[1] - s.set[2]) > _OFF_W
+    if not halted and finite and off:
+        s.astray += dt
+    else:
+        s.astray = 0.0
+    if s.odometry_frozen > g.stale_odometry + _ROUND or s.astray > _ASTRAY:
+        reason = ODOMETRY_FROZEN
+    if s.odometry_silent > g.stale_odometry + _ROUND:
+        reason = ODOMETRY_SILENT
+    if bumped:
+        reason = BUMPED
+    if reason > 0:
+        s.latched = reason
+    for k in range(3):
+        s.told[k] = pose[k]
+    for k in range(2):
+        s.told[3 + k] = twist[k]
+    return fresh

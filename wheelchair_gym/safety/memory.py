@@ -1,0 +1,304 @@
+"""What the shield remembers: points that the laser saw, cells that were looked at, lone echoes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.address import floats_at
+from wheelchair_gym.kernel import borrowing_kernel, inlined
+from wheelchair_gym.kinematics import arc_step
+from wheelchair_gym.safety.state import ARC, CELL, CELLS, FAR, FRESH, KEPT, MOVERS
+from wheelchair_gym.sensing.laser import bearing
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+Numbers = NDArray[np.int32]
+
+_F = np.float32
+_LOOKED = _F(-0.07)  # m: a ray that came so near a cell's centre has looked at the cell
+_BEYOND = _F(0.20)  # m: one that went so far beyond has found it empty
+_CLEARED = 1.0  # s: where nothing was so lately, what is there now has moved
+_BESIDE = 0.20  # m: points so near one that moves may be of the same thing
+_FINE = 0.04  # m: an arc as long as this is one point,
+_NEARBY = 1.3  # m: up to this range; twice as long up to twice of it, and again beyond
+_SPREAD = _F(0.06)  # m: hits of one arc differ in range by less
+_JUMP = _F(0.10)  # m: where ranges jump, the edge is a point of its own
+_SAME = 0.10  # m: a ray that ends so near a point has looked at it anew
+_ECHO = 2.5  # m: echoes from farther off do not matter yet
+_AGREE = 0.15  # m: laser and ultrasonic err together by less
+_ASIDE = math.radians(4.0)  # cones have soft edges
+_FIRING = 5e-3  # s: stamps of two firings differ by more
+
+
+@borrowing_kernel
+def laser_frame(g: Any, s: Any) -> tuple[float, float, float, float]:
+    """Where the laser is (dead-reckoned): x, y, cosine and sine of its yaw."""
+    c, sn = math.cos(s.pose[2]), math.sin(s.pose[2])
+    x = s.pose[0] + c * g.mount[0] - sn * g.mount[1]
+    y = s.pose[1] + sn * g.mount[0] + c * g.mount[1]
+    yaw = s.pose[2] + g.mount[2]
+    return x, y, math.cos(yaw), math.sin(yaw)
+
+
+@borrowing_kernel
+def follow(s: Any) -> None:
+    """Let the grid follow the chair; what comes in was never looked at."""
+    for axis in range(2):
+        want = math.floor(s.pose[axis] / CELL) - CELLS // 2
+        shift = want - s.corner[axis]
+        if shift == 0:
+            continue
+        s.corner[axis] = want
+        step = 1 if shift > 0 else -1
+        first = 0 if shift > 0 else CELLS - 1
+        for k in range(CELLS):
+            to = first + step * k
+            source = to + shift
+            inside = 0 <= source < CELLS
+            for i in range(CELLS):
+                if axis == 0:
+                    s.seen[to, i] = s.seen[source, i] if inside else _F(-1e9)
+                    s.clear[to, i] = s.clear[source, i] if inside else _F(-1e9)
+                else:
+                    s.seen[i, to] = s.seen[i, source] if inside else _F(-1e9)
+                    s.clear[i, to] = s.clear[i, source] if inside else _F(-1e9)
+
+
+@borrowing_kernel
+def _find_beams(
+    ex: np.float32, ey: np.float32, step: np.float32, c: np.float32, s: np.float32,
+    first: np.float32, per: np.float32, beam: Numbers, far: Floats,
+) -> None:  # fmt: skip
+    """Which beam looks at each cell of a column, and how far its centre is [m]; it vectorises."""
+    for j in range(np.uint64(CELLS)):
+        y = ey + _F(np.int32(j)) * step
+        beam[j] = np.int32((bearing(c * y - s * ex, c * ex + s * y) - first) * per + _F(1.5)) - 1
+        far[j] = np.sqrt(ex * ex + y * y)
+
+
+@borrowing_kernel
+def look_round(g: Any, s: Any, laser: Floats) -> None:
+    """Note which cells the scan has looked at, and which it has found empty.
+
+    Every other column at a time, since it is half of a reading's work.
+    """
+    beams, now, step = laser.shape[0], _F(s.stamp), _F(CELL)
+    lx, ly, cl, sl = laser_frame(g, s)
+    c, sn = _F(math.cos(s.pose[2])), _F(math.sin(s.pose[2]))
+    front, rear = _F(g.outline[0]) + _LOOKED, _F(-g.outline[1]) - _LOOKED
+    half = _F(g.outline[2]) - _F(0.02)
+    ey, by = (s.corner[1] + 0.5) * CELL - ly, (s.corner[1] + 0.5) * CELL - s.pose[1]
+    first, per = _F(g.first), _F(g.per_angle)
+    beam, far = s.beam[:], s.range[:]
+    reach = math.hypot(max(g.outline[0], g.outline[1]), g.outline[2])
+    s.columns = 1 - s.columns
+    for i in range((s.corner[0] + s.columns) % 2, CELLS, 2):
+        ex = (s.corner[0] + i + 0.5) * CELL - lx
+        _find_beams(_F(ex), _F(ey), step, _F(cl), _F(sl), first, per, beam, far)
+        for j in range(CELLS):
+            b = beam[j]
+            if b < 1 or b > beams - 2:
+                continue
+            d = far[j] + _LOOKED
+            if laser[b] >= d and laser[b - 1] >= d and laser[b + 1] >= d:
+                s.seen[i, j] = now
+                d = far[j] + _BEYOND
+                if laser[b] >= d and laser[b - 1] >= d and laser[b + 1] >= d:
+                    s.clear[i, j] = now
+        # What is wholly under the chair is as good as seen.
+        bx = (s.corner[0] + i + 0.5) * CELL - s.pose[0]
+        if abs(bx) > reach:
+            continue
+        low, high = int((-reach - by) / CELL), int((reach - by) / CELL) + 2
+        for j in range(max(low, 0), min(high, CELLS)):
+            y = _F(by + j * CELL)
+            px, py = c * _F(bx) + sn * y, c * y - sn * _F(bx)
+            if rear <= px <= front and abs(py) <= half:
+                s.seen[i, j] = now
+
+
+@borrowing_kernel
+def was_clear(s: Any, x: float, y: float) -> bool:
+    """Whether nothing at all stood about a point (dead-reckoned) a moment ago."""
+    i, j = math.floor(x / CELL) - s.corner[0], math.floor(y / CELL) - s.corner[1]
+    if i < 1 or j < 1 or i >= CELLS - 1 or j >= CELLS - 1:
+        return False
+    since = s.stamp - _CLEARED
+    for a in range(-1, 2):
+        for b in range(-1, 2):
+            if s.clear[i + a, j + b] < since:
+                return False
+    return True
+
+
+@inlined
+def _middle(a: np.float32, b: np.float32, c: np.float32) -> np.float32:
+    """The median of three ranges; where one is invalid, the middle one."""
+    low, high = a if a < b else b, b if a < b else a
+    top = high if high < c else c
+    return low if low > top else top
+
+
+@borrowing_kernel
+def _arc_of(r: float) -> float:
+    """How long an arc [m] is one point, at a range [m]."""
+    return _FINE if r < _NEARBY else 2.0 * _FINE if r < 2.0 * _NEARBY else 4.0 * _FINE
+
+
+@borrowing_kernel
+def _forget(g: Any, s: Any, laser: Floats, rows: Array, n: int, most: int, age: float) -> int:
+    """Drop rows (n, 3) x, y, stamp that are too old, far off, or were looked at anew.
+
+    Returns:
+        How many are left, at the front; no more than `most`.
+    """
+    beams, kept = laser.shape[0], 0
+    lx, ly, cl, sl = laser_frame(g, s)
+    for k in range(n):
+        dx, dy = rows[k, 0] - lx, rows[k, 1] - ly
+        far = math.sqrt(dx * dx + dy * dy)
+        if s.stamp - rows[k, 2] > age or far > FAR:
+            continue
+        at = (bearing(_F(cl * dy - sl * dx), _F(cl * dx + sl * dy)) - g.first) * g.per_angle
+        b = int(max(at, 0.0) + 0.5)
+        if 1 <= b < beams - 1:
+            near = far - _SAME
+            if laser[b] >= near and laser[b - 1] >= near and laser[b + 1] >= near:
+                continue
+        if kept < most:
+            for i in range(3):
+                rows[kept, i] = rows[k, i]
+            kept += 1
+    return kept
+
+
+@borrowing_kernel
+def _add(
+    g: Any, s: Any, marks: int, frame: tuple[float, float, float, float], x: float, y: float
+) -> None:
+    """Add a point in the laser's frame; it may move if others beside it did lately."""
+    n = s.n_points
+    if n >= FRESH + KEPT:
+        return
+    lx, ly, c, sn = frame
+    px, py = lx + c * x - sn * y, ly + sn * x + c * y
+    s.points[n, 0], s.points[n, 1], s.points[n, 2] = px, py, s.stamp
+    s.n_points = n + 1
+    last = s.stamp if was_clear(s, px, py) else -math.inf
+    for k in range(marks):
+        dx, dy = s.marked[k, 0] - px, s.marked[k, 1] - py
+        if s.marked[k, 2] > last and dx * dx + dy * dy < _BESIDE * _BESIDE:
+            last = s.marked[k, 2]
+    if s.stamp - last <= g.wary and s.n_marks < MOVERS:
+        s.marks[s.n_marks, 0], s.marks[s.n_marks, 1], s.marks[s.n_marks, 2] = px, py, last
+        s.n_marks += 1
+
+
+@borrowing_kernel
+def remember(g: Any, s: Any, laser: Floats) -> None:
+    """Take in a scan: arcs of beams that meet the same thing become a point each.
+
+    A point is the mean of its arc's ranges, which averages noise; the median of three beams keeps
+    lone outliers and lost echoes out. Too near (-inf) is as near as the laser sees.
+    """
+    beams = laser.shape[0]
+    cosine, sine = floats_at(g.cosine, beams), floats_at(g.sine, beams)
+    marks = s.n_marks
+    for k in range(marks):
+        for i in range(3):
+            s.marked[k, i] = s.marks[k, i]
+    s.n_points = _forget(g, s, laser, s.points[:], s.n_points, KEPT, g.memory)
+    s.n_marks = _forget(g, s, laser, s.marks[:], s.n_marks, MOVERS // 2, g.wary)
+    frame, far = laser_frame(g, s), _F(FAR)
+    nearest, none = _F(g.nearest), _F(np.inf)
+    begin, count, limit, edge = 0, 0, 0, False
+    total, before, mean = _F(0.0), none, _F(0.0)
+    for b in range(beams + 1):
+        r = none
+        if b < beams:
+            r = laser[b]
+            if 0 < b < beams - 1:
+                r = _middle(laser[b - 1], r, laser[b + 1])
+            r = nearest if r == -none else r
+        if count > 0:
+            span = total - r * _F(count)
+            if not (abs(span) <= _SPREAD * _F(count) and b - begin <= limit):
+                mean = total / _F(count)
+                i, last = begin + count // 2, begin + count - 1
+                if edge and i > begin:
+                    _add(g, s, marks, frame, mean * cosine[begin], mean * sine[begin])
+                _add(g, s, marks, frame, mean * cosine[i], mean * sine[i])
+                if not abs(r - mean) <= _JUMP and last > i:
+                    _add(g, s, marks, frame, mean * cosine[last], mean * sine[last])
+                before, count, total = mean, 0, _F(0.0)
+        if r <= far:
+            if count == 0:
+                begin, edge = b, bool(abs(r - before) > _JUMP)
+                limit = int(_arc_of(float(r)) * g.per_angle / r)
+            count += 1
+            total += r
+        elif count == 0:
+            before = none
+
+
+@borrowing_kernel
+def _explained(g: Any, s: Any, k: int, x: float, y: float, yaw: float, r: float) -> bool:
+    """Whether a point inside ranger k's cone, as near as its echo, is what answered."""
+    half = g.ranger_half[k] + _ASIDE
+    c, sn = math.cos(yaw), math.sin(yaw)
+    slope = math.tan(half)
+    for i in range(s.n_points):
+        dx, dy = s.points[i, 0] - x, s.points[i, 1] - y
+        ahead, left = c * dx + sn * dy, c * dy - sn * dx
+        inside = ahead > 0.0 and abs(left) <= slope * ahead + _FINE
+        if inside and dx * dx + dy * dy <= (r + _AGREE) * (r + _AGREE):
+            return True
+    return False
+
+
+@borrowing_kernel
+def hear(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
+    """Take in echoes: one that no laser point explains, and that is heard twice, is an obstacle.
+
+    It may stand anywhere on its arc. Twice, since a ghost is heard once.
+    """
+    for k in range(age.shape[0]):
+        old = float(age[k])
+        if not old <= g.stale_ultrasonic:
+            s.n_arc[k], s.doubtful[k] = 0, math.nan
+            continue
+        fired = s.stamp - old
+        if abs(fired - s.fired[k]) < _FIRING:
+            continue
+        since, s.fired[k] = fired - s.fired[k], fired
+        r = float(ultrasonic[k])
+        if not (0.0 <= r <= min(g.ranger_reach[k], _ECHO)):
+            s.n_arc[k], s.doubtful[k] = 0, math.nan
+            continue
+        # Where the chair was when it fired: it has driven on as its wheels say.
+        way, turn = s.told[3] * old, s.told[4] * old
+        if not math.isfinite(way + turn):
+            way, turn = 0.0, 0.0
+        bx, by, byaw = arc_step(s.pose[0], s.pose[1], s.pose[2], -way, -turn, 1.0)
+        c, sn = math.cos(byaw), math.sin(byaw)
+        mx, my = g.ranger_mount[k, 0], g.ranger_mount[k, 1]
+        x, y = bx + c * mx - sn * my, by + sn * mx + c * my
+        yaw = byaw + g.ranger_mount[k, 2]
+        if _explained(g, s, k, x, y, yaw, r):
+            s.n_arc[k], s.doubtful[k] = 0, math.nan
+            continue
+        moved = abs(s.told[3]) * since if math.isfinite(s.told[3]) else 0.0
+        again = abs(s.doubtful[k] - r) <= _AGREE + moved
+        s.doubtful[k] = r
+        s.n_arc[k] = 0
+        if again:
+            half = g.ranger_half[k]
+            n = min(ARC, 2 + int(2.0 * half * r / _FINE))
+            for i in range(n):
+                angle = yaw - half + 2.0 * half * i / (n - 1)
+                s.arc[k, i, 0], s.arc[k, i, 1] = x + r * math.cos(angle), y + r * math.sin(angle)
+            s.n_arc[k] = n

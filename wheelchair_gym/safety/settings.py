@@ -1,0 +1,52 @@
+"""Settings of the shield: what it keeps clear of, how it remembers, whom it does not trust."""
+
+from __future__ import annotations
+
+from wheelchair_gym.config import setting, settings
+
+
+@settings
+class StaleSettings:
+    """How old what the chair is driven by may be; silent, invalid and frozen count alike."""
+
+    laser: float = setting(default=0.2, unit="s", source="eight scans at 40 Hz", low=0.01)
+    ultrasonic: float = setting(
+        default=1.0, unit="s", source="two rounds of eight rangers; never heard: not mounted",
+        low=0.01,
+    )  # fmt: skip
+    odometry: float = setting(default=0.1, unit="s", source="five messages at 50 Hz", low=0.01)
+
+
+@settings
+class ShieldSettings:
+    """What may really be driven: slower or not at all, along what was asked for."""
+
+    margin: float = setting(
+        default=0.03, unit="m",
+        source="stop zone: a laser's means err by 5 mm, edges and a stop by 10 mm each", low=0.0,
+    )  # fmt: skip
+    headway: float = setting(
+        default=0.08, unit="s",
+        source="slow zone: so much of its own speed the outline keeps clear beside it", low=0.0,
+    )  # fmt: skip
+    reaction: float = setting(
+        default=0.05, unit="s", source="from a reading to what wheels do of it: links and motors",
+        low=0.0, high=2.0,
+    )  # fmt: skip
+    crawl: float = setting(
+        default=0.05, unit="m/s", source="inside the stop zone: slower is no collision", low=0.0
+    )
+    memory: float = setting(
+        default=3.0, unit="s", source="for which points and free space are remembered", low=0.1,
+        high=60.0,
+    )  # fmt: skip
+    unseen: float = setting(
+        default=0.1, unit="m/s", source="walking-stick speed into what nobody has seen", low=0.0
+    )
+    pace: float = setting(
+        default=1.5, unit="m/s", source="that whoever moves may take up in any direction", low=0.0
+    )
+    wary: float = setting(
+        default=3.0, unit="s", source="whoever moved may move again", low=0.0, high=60.0
+    )
+    stale: StaleSettings = StaleSettings()

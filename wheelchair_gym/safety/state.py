@@ -1,0 +1,173 @@
+"""What the shield knows: of its chair (GUARD) and of the last seconds (SHIELD), as two records.
+
+Its memory is bounded: a ring of points that lasers saw, echoes that only ultrasonics heard, and a
+grid that follows the chair and holds when each cell was last looked at. All lie in the frame of
+dead reckoning, which nobody corrects, so that what is near keeps its place.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.address import address_of
+from wheelchair_gym.safety.settings import ShieldSettings
+from wheelchair_gym.sensing.laser import LaserArrays
+from wheelchair_gym.sensing.settings import RANGERS, SensorSettings
+from wheelchair_gym.simulation.settings import ChairSettings
+
+Rows = NDArray[np.void]
+
+# Why a twist was changed; those from LASER_SILENT on are faults and latch.
+REASONS: Final = (
+    "",
+    "obstacle",
+    "moving",
+    "unseen",
+    "laser silent",
+    "laser frozen",
+    "ultrasonic silent",
+    "ultrasonic frozen",
+    "odometry silent",
+    "odometry frozen",
+    "bumped",
+)
+NOTHING, OBSTACLE, MOVING, UNSEEN, LASER_SILENT, LASER_FROZEN = range(6)
+SONAR_SILENT, SONAR_FROZEN, ODOMETRY_SILENT, ODOMETRY_FROZEN, BUMPED = range(6, 11)
+
+CELL = 0.10  # m: of the grid of what was looked at
+CELLS = 64  # a side of it: 3.2 m round the chair, as far as whoever moves matters
+REACH = 2.6  # m from the axle: what a chair at 0.8 m/s sweeps before it rests, and its outline
+FAR = 3.6  # m: points farther off are not taken in
+BINS = 36  # of distance, to order points by
+FRESH = 512  # points of one scan
+KEPT = 256  # and of those before
+ARC = 12  # points on the arc of an echo
+NEAR = FRESH + KEPT + RANGERS * ARC
+MOVERS = 96  # points of what moves
+CLOSE = 64  # points inside the stop zone
+SAMPLES = 38  # points of the outline that may enter what nobody has seen
+
+GUARD = np.dtype(
+    [
+        ("limits", "f8", (9,)),  # Limits.array
+        ("outline", "f8", (3,)),  # Footprint.array
+        ("samples", "f8", (SAMPLES, 4)),  # x, y and outward normal; corners of the rear: 0, 0
+        ("period", "f8"),  # s
+        ("margin", "f8"),
+        ("headway", "f8"),
+        ("reaction", "f8"),
+        ("crawl", "f8"),
+        ("memory", "f8"),
+        ("unseen", "f8"),
+        ("pace", "f8"),
+        ("wary", "f8"),
+        ("stale_laser", "f8"),
+        ("stale_ultrasonic", "f8"),
+        ("stale_odometry", "f8"),
+        ("beams", "i8"),
+        ("cosine", "u8"),  # addresses of each beam's direction (beams,)
+        ("sine", "u8"),
+        ("first", "f8"),  # rad: of beam 0
+        ("per_angle", "f8"),  # beams per rad
+        ("nearest", "f8"),  # m
+        ("mount", "f8", (3,)),  # of the laser
+        ("ranger_mount", "f8", (RANGERS, 3)),
+        ("ranger_half", "f8", (RANGERS,)),  # rad: half of the cone
+        ("ranger_reach", "f8", (RANGERS,)),  # m
+    ],
+    align=True,
+)
+
+SHIELD = np.dtype(
+    [
+        ("begun", "b1"),  # there was a reading
+        ("stamp", "f8"),  # s: of the last one
+        ("pose", "f8", (3,)),  # m, m, rad: dead-reckoned since reset
+        ("told", "f8", (5,)),  # pose and twist of the last reading, to the bit
+        ("set", "f8", (4,)),  # speed, its slope, turn, its slope: what the chair is set to
+        # faults
+        ("latched", "i8"),  # reason, 0: none
+        ("rearmed", "b1"),  # a person asks to be let go on
+        ("laser_hash", "u8"),
+        ("sonar_hash", "u8"),
+        ("laser_silent", "f8"),  # s without, s that it was the same
+        ("laser_frozen", "f8"),
+        ("sonar_silent", "f8", (RANGERS,)),
+        ("sonar_frozen", "f8"),
+        ("odometry_silent", "f8"),
+        ("odometry_frozen", "f8"),
+        ("astray", "f8"),  # s that the wheels did not what they were told
+        # what was looked at
+        ("corner", "i8", (2,)),  # cell of the grid's lower left corner
+        ("columns", "i8"),  # 0 or 1: which of them were looked at last, even or odd ones
+        ("seen", "f4", (CELLS, CELLS)),  # s: by a ray that came so far
+        ("clear", "f4", (CELLS, CELLS)),  # s: by one that went well beyond
+        ("beam", "i4", (CELLS,)),  # of one column of cells: which sees it, how far it is
+        ("range", "f4", (CELLS,)),
+        # points: x, y [m], when seen [s]; those that may move: when they last did
+        ("n_points", "i8"),
+        ("points", "f8", (FRESH + KEPT, 3)),
+        ("n_marks", "i8"),
+        ("marks", "f8", (MOVERS, 3)),
+        ("marked", "f8", (MOVERS, 3)),  # before the last scan
+        # echoes that no laser explains
+        ("fired", "f8", (RANGERS,)),  # s: when each ranger fired
+        ("doubtful", "f8", (RANGERS,)),  # m: an echo heard once, or NaN
+        ("n_arc", "i8", (RANGERS,)),
+        ("arc", "f8", (RANGERS, ARC, 2)),  # m
+        # the same in the chair's frame now
+        ("n_near", "i8"),
+        ("local", "f8", (NEAR, 3)),  # x, y, distance
+        ("near", "f8", (NEAR, 3)),  # x, y, and no more than its distance; which rises
+        ("n_moving", "i8"),
+        ("moving", "f8", (MOVERS, 3)),
+        ("n_close", "i8"),
+        ("close", "f8", (CLOSE, 3)),  # x, y, and its signed gap
+        ("gap", "f8"),  # m: of the outline
+        ("bins", "i8", (BINS + 1,)),
+        # what was decided last
+        ("reason", "i8"),
+        ("asked", "f8", (2,)),
+        ("given", "f8", (2,)),
+    ],
+    align=True,
+)
+
+
+class Guard:
+    """What does not change: settings, outline, limits, mounts; `record` (1,) points to it."""
+
+    def __init__(
+        self, own: ShieldSettings, chair: ChairSettings, sensors: SensorSettings, period: float
+    ) -> None:
+        self.laser = LaserArrays.of(sensors.laser, False)
+        self.record: Rows = np.zeros(1, GUARD)
+        g: Any = self.record[0]
+        g["limits"], g["outline"] = chair.limits.array, chair.footprint.array
+        g["samples"] = _samples(*chair.footprint.array.tolist())
+        g["period"] = period
+        for name in ("margin", "headway", "reaction", "crawl", "memory", "unseen", "pace", "wary"):
+            g[name] = getattr(own, name)
+        for name in ("laser", "ultrasonic", "odometry"):
+            g[f"stale_{name}"] = getattr(own.stale, name)
+        g["beams"] = sensors.laser.beams
+        g["cosine"], g["sine"] = address_of(self.laser.cosine), address_of(self.laser.sine)
+        g["first"], g["per_angle"] = self.laser.first, self.laser.per_angle
+        g["nearest"], g["mount"] = sensors.laser.nearest, self.laser.mount
+        rangers = sensors.ultrasonic
+        for k, one in enumerate(rangers.mounted):
+            model = rangers.narrow if one.model == "narrow" else rangers.wide
+            g["ranger_mount"][k] = one.x, one.y, one.yaw
+            g["ranger_half"][k], g["ranger_reach"][k] = 0.5 * model.cone, model.reach
+
+
+def _samples(front: float, rear: float, half: float) -> NDArray[np.float64]:
+    """Points of the outline with their normals, no farther apart than a cell or a little more."""
+    rows = [(-rear, side * half, 0.0, 0.0) for side in (-1, 1)]
+    rows += [(front, y, 1.0, 0.0) for y in np.linspace(-half, half, 7)]
+    rows += [(-rear, y, -1.0, 0.0) for y in np.linspace(-half, half, 7)]
+    rows += [(x, side * half, 0.0, side) for side in (-1, 1) for x in np.linspace(-rear, front, 11)]
+    return np.array(rows, np.float64)

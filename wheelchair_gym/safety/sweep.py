@@ -1,0 +1,176 @@
+"""What the outline would sweep: distances to points, and roll-outs that end at rest."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.kernel import borrowing_kernel, kernel
+from wheelchair_gym.kinematics import approach, odometric_step
+from wheelchair_gym.safety.state import CELL, CELLS, MOVING, NOTHING, OBSTACLE, SAMPLES, UNSEEN
+
+Array = NDArray[np.float64]
+
+STEP = 0.05  # s between two poses of a roll-out
+_LONGEST = 100  # poses
+_FAST, _TURNS = 1.03, 1.15  # times what it is set to: so much faster a chair may move and turn
+_CRAWLING = 0.25  # of the margin
+_PIVOT = 0.05  # m/s ahead: slower is a pivot
+_REST = 0.01  # m/s: slower is at rest
+_TURN_REST = 0.02  # rad/s
+_WORSE = 1e-6  # m: what is inside the stop zone may not come nearer, beyond rounding
+
+
+@kernel
+def outline_gap(
+    x: float, y: float, yaw: float, footprint: Array, points: Array, interest: float
+) -> float:
+    """Distance [m] from the outline at a pose to the nearest point, at most `interest`; 0 inside.
+
+    Args:
+        x: the pose's x [m]; then y [m] and yaw [rad].
+        y: see x.
+        yaw: see x.
+        footprint: `Footprint.array`.
+        points: (k, 3) x, y and no more than the distance from the origin [m], which rises.
+        interest: farther points are not looked for [m].
+    """
+    c, s = math.cos(yaw), math.sin(yaw)
+    middle = 0.5 * (footprint[0] - footprint[1])
+    half_length, half_width = 0.5 * (footprint[0] + footprint[1]), footprint[2]
+    mx, my = x + c * middle, y + s * middle
+    reach = math.hypot(x, y) + interest
+    reach += math.hypot(max(footprint[0], footprint[1]), half_width)
+    best = interest * interest
+    for k in range(points.shape[0]):
+        if points[k, 2] > reach:
+            break
+        px, py = points[k, 0] - mx, points[k, 1] - my
+        dx = max(abs(c * px + s * py) - half_length, 0.0)
+        dy = max(abs(c * py - s * px) - half_width, 0.0)
+        best = min(best, dx * dx + dy * dy)
+    return math.sqrt(best)
+
+
+@borrowing_kernel
+def signed_gap(px: float, py: float, outline: Array) -> float:
+    """Distance [m] of a point in the chair's frame to the outline; below 0 inside of it."""
+    dx = max(px - outline[0], -outline[1] - px)
+    dy = abs(py) - outline[2]
+    if dx > 0.0 and dy > 0.0:
+        return math.sqrt(dx * dx + dy * dy)
+    return float(max(dx, dy))
+
+
+@borrowing_kernel
+def was_seen(s: Any, x: float, y: float, since: float) -> bool:
+    """Whether the cell of a point (dead-reckoned) was looked at since a stamp [s]."""
+    i, j = math.floor(x / CELL) - s.corner[0], math.floor(y / CELL) - s.corner[1]
+    if i < 0 or j < 0 or i >= CELLS or j >= CELLS:
+        return False
+    return bool(s.seen[i, j] >= since)
+
+
+@borrowing_kernel
+def enters_unseen(
+    g: Any, s: Any, x: float, y: float, c: float, sn: float, v: float, w: float, since: float
+) -> bool:
+    """Whether a point of the outline enters what nobody has seen, faster than it may.
+
+    How fast it enters is how fast it moves along its side's normal; a rear corner in a pivot, and
+    in reverse, as fast as it moves. Ahead, it follows its own side.
+
+    Args:
+        g: record of GUARD.
+        s: record of SHIELD.
+        x: where the chair will be (dead-reckoned) [m].
+        y: see x.
+        c: cosine and sine of its yaw there.
+        sn: see c.
+        v: its speed there [m/s].
+        w: its turn [rad/s].
+        since: stamp since which it must have been seen [s].
+    """
+    samples, most = g.samples, g.unseen
+    for k in range(SAMPLES):
+        ax, ay = samples[k, 0], samples[k, 1]
+        nx, ny = samples[k, 2], samples[k, 3]
+        vx, vy = v - w * ay, w * ax
+        speed = vx * nx + vy * ny
+        if k < 2:  # the rear corners
+            speed = 0.0 if v > _PIVOT else math.sqrt(vx * vx + vy * vy)
+        if speed > most and not was_seen(s, x + c * ax - sn * ay, y + sn * ax + c * ay, since):
+            return True
+    return False
+
+
+@borrowing_kernel
+def sweep(g: Any, s: Any, v: float, w: float) -> int:
+    """Why a twist may not be driven for a period and then braked to rest; NOTHING if it may.
+
+    That is just what the next decision does where it knows nothing better.
+
+    Args:
+        g: record of GUARD.
+        s: record of SHIELD, which has taken in the latest reading.
+        v: [m/s].
+        w: [rad/s].
+    """
+    limits, outline = g.limits[:], g.outline[:]
+    near, moving = s.near[: s.n_near], s.moving[: s.n_moving]
+    sv, av, sw, aw = s.set[0], s.set[1], s.set[2], s.set[3]
+    lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
+    px, py, c0, s0 = s.pose[0], s.pose[1], math.cos(s.pose[2]), math.sin(s.pose[2])
+    # What the wheels do now they do a moment longer.
+    x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * g.reaction, sw * g.reaction)
+    t = g.reaction
+    hold = round(g.period / STEP)
+    # Along something inside the stop zone the chair may crawl on, as far as noise leaves room.
+    least = _CRAWLING * g.margin if s.n_close > 0 else g.margin
+    # Of the gap, from below: it is looked for anew only where it might matter.
+    bound = s.gap - (abs(sv) + lever * abs(sw)) * t if s.n_close == 0 else 0.0
+    mbound = 0.0
+    for k in range(_LONGEST):
+        if k == hold:
+            v, w = 0.0, 0.0
+        v0, w0 = sv, sw
+        sv, av = approach(sv, av, v, limits[3], limits[4], limits[7], STEP)
+        sw, aw = approach(sw, aw, w, limits[6], limits[6], limits[8], STEP)
+        x, y, yaw = odometric_step(x, y, yaw, 0.5 * (v0 + sv) * STEP, 0.5 * (w0 + sw) * STEP)
+        t += STEP
+        speed, turn = abs(sv), abs(sw)
+        fastest = speed + lever * turn
+        bound -= fastest * STEP
+        mbound -= fastest * STEP
+        over = speed + 0.5 * lever * turn - g.crawl
+        need = least + g.headway * max(0.0, over)
+        if bound < need:
+            bound = outline_gap(x, y, yaw, outline, near, need + 0.2)
+            if bound < need:
+                return OBSTACLE
+        if s.n_close > 0:
+            if over > 0.0 and k >= hold:
+                return OBSTACLE
+            c, sn = math.cos(yaw), math.sin(yaw)
+            for i in range(s.n_close):
+                ex, ey = s.close[i, 0] - x, s.close[i, 1] - y
+                gap = signed_gap(c * ex + sn * ey, c * ey - sn * ex, outline)
+                if gap < s.close[i, 2] - _WORSE:
+                    return OBSTACLE
+        if s.n_moving > 0 and fastest > g.crawl:
+            need = g.margin + g.pace * t
+            if mbound < need:
+                mbound = outline_gap(x, y, yaw, outline, moving, need + 0.3)
+                if mbound < need:
+                    return MOVING
+        if fastest > g.unseen:
+            c, sn = math.cos(s.pose[2] + yaw), math.sin(s.pose[2] + yaw)
+            wx, wy = px + c0 * x - s0 * y, py + s0 * x + c0 * y
+            if enters_unseen(g, s, wx, wy, c, sn, _FAST * sv, _TURNS * sw, s.stamp + t - g.memory):
+                return UNSEEN
+        if k >= hold and speed < _REST and turn < _TURN_REST:
+            break
+    return NOTHING
