@@ -13,10 +13,10 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from agents.commands import bench, compare, map, plan, replay, scenes, settings, simulate
+from agents.commands import bench, compare, map, plan, replay, scenes, settings, simulate, twin
 from agents.interrupt import by_hand
 
-COMMANDS = (plan, simulate, replay, compare, map, scenes, settings, bench)
+COMMANDS = (plan, simulate, replay, compare, map, scenes, settings, bench, twin)
 
 
 class Parser(argparse.ArgumentParser):

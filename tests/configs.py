@@ -18,6 +18,7 @@ DEFAULTS: Final[dict[str, Any]] = {
     "chair": ChairSettings(),
     "chairs": {name: chair() for name, chair in sorted(CHAIRS.items())},
     "env": EnvSettings(),
+    "hardware": EnvSettings(sensors=SensorSettings(pose_source="mcl")),
     "planners": {name: planner() for name, planner in sorted(PLANNERS.items())},
     "scenes": {name: scene() for name, scene in sorted(SCENES.items())},
     "sensors": SensorSettings(),

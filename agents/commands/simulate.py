@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import signal
+import sys
+import threading
 from typing import Any
 
 from agents.commands.arguments import (
@@ -36,8 +38,8 @@ def add(parts: Any) -> None:
     parser.add_argument("--seed", type=whole, default=0, help="of the episode (default 0)")
     parser.add_argument(
         "--chair", metavar="CHAIR",
-        help="a real one in place of the simulated: ros://HOST:PORT, or FILE.json:NAME as in "
-        "configs/chairs.json",
+        help="a real one in place of the simulated: ros://HOST:PORT, hardware, or FILE.json:NAME "
+        "as in configs/chairs.json",
     )  # fmt: skip
     parser.add_argument(
         "--goal", metavar="X,Y[,YAW]", type=pose, help="of a real chair, on the map that it tells"
@@ -117,10 +119,27 @@ def _real(
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.default_int_handler)
     named = given.chair if "://" in given.chair else spec(given.chair)
-    chair = make_chair(named, env_settings(**{"config": None, **settings}))
+    chair: Any = make_chair(named, env_settings(**{"config": None, **settings}))
     try:
+        if given.goal is not None and not hasattr(chair, "episode"):
+            raise InputError(f"--goal: {given.chair} has no map of its own; expected --scene")
         episode = None if given.goal is None else chair.episode(given.goal, given.start)
+        _hear_person(getattr(chair, "chair", chair))
         return NavigationEnv(scene=scene, chair=chair, render_mode=mode, **settings), episode
     except BaseException:
         chair.close()
         raise
+
+
+def _hear_person(chair: Any) -> None:
+    """A person at the terminal re-arms a chair that waits for it."""
+    if not hasattr(chair, "rearm") or sys.stdin is None or not sys.stdin.isatty():
+        return
+
+    def listen() -> None:
+        for _ in sys.stdin:
+            if chair.waiting:
+                chair.rearm()
+
+    print("Enter re-arms the chair while it waits for a person", file=sys.stderr)
+    threading.Thread(target=listen, name="person", daemon=True).start()

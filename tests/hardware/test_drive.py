@@ -270,7 +270,7 @@ def test_protective_braking_is_exempt_from_jerk(bench):
     bench.target = None
     bench.send(Command(0.0, 0.0, CommandFlag.PROTECTIVE))
     bench.run(0.1)
-    assert bench.odometry().v == pytest.approx(0.8 - 1.5 * 0.1, abs=0.01)
+    assert bench.odometry().v == pytest.approx(0.8 - 2.2 * 0.1, abs=0.015)
 
 
 def test_parameters_keep_their_bounds_and_change_at_rest_only(bench):

@@ -96,7 +96,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         Args:
             scene: name of a scene, or a mapping of its name and settings.
             config: JSON file, or its content, with any of the sections scene, rate, guidance,
-                bank, chair, sensors, physics, task; the other arguments go before it.
+                bank, chair, sensors, physics, task, hardware; the other arguments go before it.
             beams: observed laser beams; fewer than the laser has are pooled by their minimum.
             rate: of control [Hz]; a period is a whole number of physics steps.
             pose_source: what the chair believes about its pose: truth, odometry, modelled, mcl
@@ -108,7 +108,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             bank: of how many worlds episodes draw, or a mapping of size, turnover and seed; 0:
                 each episode has a world of its own.
             chair: drives instead of the simulated chair; or names a real one, such as
-                'ros://HOST:PORT' (see `hardware.chairs`).
+                'ros://HOST:PORT' or 'hardware' (see `hardware.chairs`).
             render_mode: 'human' (a window), 'rgb_array', or None.
             unknown: nothing else is taken.
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, load, read, setting, settings
+from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.mapping.chair import Finder
 from wheelchair_gym.mapping.localise import Localisation, Localiser
 from wheelchair_gym.mapping.slam import Slam, SlamSettings
@@ -54,6 +55,7 @@ class EnvSettings:
     slam: SlamSettings = SlamSettings()
     physics: PhysicsSettings = PhysicsSettings()
     task: TaskSettings = TaskSettings()
+    hardware: HardwareSettings = HardwareSettings()
 
     def __post_init__(self) -> None:
         if self.sensors.pose_source == "slam" and self.guidance is not None:

@@ -45,6 +45,8 @@ def drive_parameters(chair: ChairSettings) -> dict[str, float]:
     """What the drive board must hold for a chair; its other parameters are the board's own."""
     drive, limits, motor = chair.drive, chair.limits, chair.motor
     values = {field.name: float(getattr(limits, field.name)) for field in fields(limits)}
+    # The chair is to slow at this rate; so that it does, the board's set point falls faster.
+    del values["protective"]
     values |= {"track": drive.track, "counts_per_metre": drive.counts_per_metre}
     values |= {name: float(getattr(motor, name)) for name in ("kp", "ki", "kd", "ka", "smoothing")}
     values["feed"] = motor.constant / drive.wheel_radius

@@ -235,7 +235,7 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
     move_set_point(drive, target);
     bool running = drive->mode != STOPPED;
     float v_rate = drive->v.slope, w_rate = drive->w.slope;
-    if (drive->mode == STOPPING) { /* a hard stop feeds its rate forward */
+    if (drive->mode == STOPPING || (running && target.protective)) { /* feeds its rate forward */
         v_rate = (drive->v.speed - v.speed) * (1.0F / RUN);
         w_rate = (drive->w.speed - w.speed) * (1.0F / RUN);
     }
