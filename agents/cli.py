@@ -13,10 +13,22 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from agents.commands import bench, compare, map, plan, replay, scenes, settings, simulate, twin
+from agents.commands import (
+    bench,
+    compare,
+    deploy,
+    hardware,
+    map,
+    plan,
+    replay,
+    scenes,
+    settings,
+    simulate,
+    twin,
+)
 from agents.interrupt import by_hand
 
-COMMANDS = (plan, simulate, replay, compare, map, scenes, settings, bench, twin)
+COMMANDS = (plan, simulate, replay, compare, map, scenes, settings, bench, twin, deploy, hardware)
 
 
 class Parser(argparse.ArgumentParser):

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import signal
-import sys
-import threading
 from typing import Any
 
 from agents.commands.arguments import (
@@ -106,6 +103,7 @@ def _real(
     given: argparse.Namespace, settings: dict[str, Any], scene: Any, mode: str
 ) -> tuple[Any, Any]:
     """An environment of a real chair, and the episode on its own map if a goal is given."""
+    from agents.deploy import ended_as_by_hand, hear_person
     from wheelchair_gym.config import InputError
     from wheelchair_gym.envs import NavigationEnv
     from wheelchair_gym.envs.settings import env_settings
@@ -115,31 +113,15 @@ def _real(
         raise InputError("--chair: expected --goal X,Y on its own map, or --scene with one")
     if given.start is not None and len(given.start) != 3:
         raise InputError("--start of a real chair: expected X,Y,YAW (m, m, rad)")
-    for name in ("SIGTERM", "SIGHUP"):  # as Ctrl-C: whoever ends this, the chair is told to stop
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.default_int_handler)
+    ended_as_by_hand()
     named = given.chair if "://" in given.chair else spec(given.chair)
     chair: Any = make_chair(named, env_settings(**{"config": None, **settings}))
     try:
         if given.goal is not None and not hasattr(chair, "episode"):
             raise InputError(f"--goal: {given.chair} has no map of its own; expected --scene")
         episode = None if given.goal is None else chair.episode(given.goal, given.start)
-        _hear_person(getattr(chair, "chair", chair))
+        hear_person(chair)
         return NavigationEnv(scene=scene, chair=chair, render_mode=mode, **settings), episode
     except BaseException:
         chair.close()
         raise
-
-
-def _hear_person(chair: Any) -> None:
-    """A person at the terminal re-arms a chair that waits for it."""
-    if not hasattr(chair, "rearm") or sys.stdin is None or not sys.stdin.isatty():
-        return
-
-    def listen() -> None:
-        for _ in sys.stdin:
-            if chair.waiting:
-                chair.rearm()
-
-    print("Enter re-arms the chair while it waits for a person", file=sys.stderr)
-    threading.Thread(target=listen, name="person", daemon=True).start()

@@ -30,6 +30,9 @@ def add(parts: Any) -> None:
     parser.add_argument("--port", type=whole, default=0, help="of the laser (default: a free one)")
     parser.add_argument("--seconds", type=finite, help="end by itself (default: Ctrl-C)")
     parser.add_argument("--window", action="store_true", help="show the world live")
+    parser.add_argument(
+        "--write-map", metavar="FILE.yaml", help="write the map that a chair there is told"
+    )
     parser.add_argument("--picture", metavar="FILE", help="draw the end, with the way driven")
     parser.set_defaults(run=run)
 
@@ -43,6 +46,7 @@ def run(given: argparse.Namespace) -> int:
     from wheelchair_gym.hardware.twin.plant import Plant
     from wheelchair_gym.hardware.twin.serve import ServedTwin
     from wheelchair_gym.hardware.twin.setup import set_up
+    from wheelchair_gym.maps import write_map
 
     if given.port > 65535:
         raise InputError(f"--port {given.port}: expected at most 65535")
@@ -52,6 +56,8 @@ def run(given: argparse.Namespace) -> int:
     env = NavigationEnv(config=dataclasses.replace(settings, sensors=exact))
     env.reset(seed=given.seed)
     assert env.episode is not None
+    if given.write_map is not None:
+        write_map(env.episode.map, given.write_map)
     twin = Twin(Plant(settings.chair, settings.sensors))
     twin.reset(env.episode, given.seed)
     set_up(twin)
@@ -64,12 +70,16 @@ def run(given: argparse.Namespace) -> int:
         raise InputError(f"the twin cannot be served: {error}") from None
     print(f"drive board  {served.drive.path}")
     print(f"range board  {served.range.path}")
-    print(f"laser        tcp://127.0.0.1:{served.laser.port}", flush=True)
+    print(f"laser        tcp://127.0.0.1:{served.laser.port}")
+    for name, where in (("start", env.episode.start), ("goal", env.episode.goal[:2])):
+        print(f"{name:12} " + ",".join(f"{value:.3f}" for value in where), flush=True)
     watcher = None
     try:
         watcher = _Watcher(given, served, env)
         served.run(watcher.done)
     finally:
+        if served.behind > _DRAWN:
+            print(f"the world was up to {served.behind:.2f} s late", file=sys.stderr)
         served.close()
         if watcher is not None:
             watcher.close()

@@ -17,6 +17,8 @@ from wheelchair_gym.hardware.messages import Switch
 from wheelchair_gym.hardware.twin.faults import WORDS, break_it
 from wheelchair_gym.hardware.twin.lockstep import Faults, Twin
 from wheelchair_gym.hardware.twin.serve import ServedTwin
+from wheelchair_gym.hardware.twin.stick import Stick
+from wheelchair_gym.maps import read_map
 
 TARGETS = ("libemulator.so", "drive.elf", "range.elf")
 
@@ -28,6 +30,8 @@ SAID = {
     "battery 28": lambda served: served.twin.faults.battery == 28.0,
     "sonar 3 silent": lambda served: served.twin.faults.silent == {3},
     "sonar 4 0.5": lambda served: served.twin.faults.stuck == {4: 0.5},
+    "stick 0.5 -0.2": lambda served: served.twin.faults.stick == Stick(0.5, -0.2, True, True),
+    "stick free": lambda served: served.twin.faults.stick == Stick(manual=True),
     "unplug laser": lambda served: not served.twin.laser.plugged,
     "unplug drive": lambda served: not served.drive.wire.plugged,
     "silence laser": lambda served: served.twin.laser.silent,
@@ -56,6 +60,8 @@ def test_words_break_it_and_mend_it():
         "sonar 8 silent",
         "noise -1",
         "unplug x",
+        "stick 2 0",
+        "stick x",
     )
     for line in wrong:
         assert f"expected {line.split()[0]}" in break_it(served, line)
@@ -71,13 +77,16 @@ def test_it_serves_until_it_is_told_to_end(tmp_path):
     picture = tmp_path / "end.png"
     command = [sys.executable, "-m", "agents.cli", "twin", "--scene", "clutter"]
     command += ["--config", str(ROOT / "configs/hardware.json"), "--picture", str(picture)]
+    told = tmp_path / "told.yaml"
+    command += ["--write-map", str(told)]
     program = subprocess.Popen(
         command, cwd=ROOT, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
-    lines = [program.stdout.readline() for _ in range(3)]
+    lines = [program.stdout.readline() for _ in range(5)]
     places = dict(line.rsplit(maxsplit=1) for line in lines)
-    assert list(places) == ["drive board", "range board", "laser"]
+    assert list(places) == ["drive board", "range board", "laser", "start", "goal"]
+    assert min(read_map(told).shape) > 50
     assert os.path.exists(places["drive board"])
     program.stdin.write("press stop\n")
     program.stdin.flush()

@@ -127,7 +127,7 @@ def test_two_runs_are_equal_to_the_bit():
 
 def test_reset_stops_and_waits_for_a_person_and_stays_where_it_is(hosted):
     """A chair that was armed already needs nobody; one that has stopped stands until it is."""
-    chair = begun(hosted, 12)
+    chair = begun(hosted, 13)
     place = hosted.twin.plant.pose
     hosted.minds = False
     reading = chair.reset(box(1.0, (0.5, 0.5, 1.0)), 0)
@@ -195,6 +195,10 @@ def test_a_laser_that_speaks_again_lets_it_go_on(hosted):
     readings = [chair.drive(AHEAD) for _ in range(5)]
     assert readings[-1].halted
     assert np.isnan(readings[-1].laser).all()
+    for _ in range(5):
+        chair.drive(AHEAD)
+    assert hosted.twin.braked  # and the drivers are off, as after any fault
+    assert not hosted.twin.enabled
     hosted.twin.laser.silent = False
     said = [chair.drive(AHEAD).halted for _ in range(25)]
     assert said[-1] == ""

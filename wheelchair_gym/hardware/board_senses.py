@@ -14,6 +14,7 @@ from wheelchair_gym.hardware.hokuyo import Hokuyo, TimedScan, open_laser
 from wheelchair_gym.hardware.link import Link, Port, open_port
 from wheelchair_gym.hardware.messages import (
     STRIPS,
+    Answer,
     Fault,
     Get,
     Identity,
@@ -54,6 +55,7 @@ class BoardSenses:
         odometer: dead reckoning since this was made.
         pressed: strips that were since this was last cleared.
         identities: what each board said of itself, by its name.
+        answers: what each answered last.
     """
 
     def __init__(
@@ -72,6 +74,7 @@ class BoardSenses:
         self.odometer = Odometer(geometry, settings.limits.odometry)
         self.pressed = False
         self.identities: dict[str, Identity] = {}
+        self.answers: dict[str, Answer] = {}
         self._told: dict[str, dict[int, Parameter]] = {"drive": {}, "range": {}}
         drift = settings.limits.drift
         self._odometry, self._ranges, self._scan = Newest(drift), Newest(drift), Newest(drift)
@@ -108,12 +111,25 @@ class BoardSenses:
             self._told[board][message.number] = message
         elif isinstance(message, Identity):
             self.identities[board] = message
+        elif isinstance(message, Answer):
+            self.answers[board] = message
 
     @property
     def odometry(self) -> Odometry:
         """What the drive board said last; there must have been something."""
         told: Odometry = self._odometry.heard.value
         return told
+
+    @property
+    def rangers(self) -> Ranges:
+        """What the range board said last; there must have been something."""
+        told: Ranges = self._ranges.heard.value
+        return told
+
+    def stamp_of(self, name: str) -> float:
+        """When the newest of odometry, scan or ultrasonic was made [s]; -inf before the first."""
+        newest = {"odometry": self._odometry, "scan": self._scan, "ultrasonic": self._ranges}
+        return newest[name].heard.taken
 
     def ages(self, now: float) -> dict[str, float]:
         """How old the newest of each is [s]; +inf before the first."""

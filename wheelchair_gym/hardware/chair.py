@@ -25,7 +25,7 @@ from wheelchair_gym.hardware.board_senses import BoardSenses
 from wheelchair_gym.hardware.known import Known
 from wheelchair_gym.hardware.messages import Command, CommandFlag, Mode, Rearm
 from wheelchair_gym.hardware.pace import Clock, Pace, WallClock
-from wheelchair_gym.hardware.parameters import drive_parameters, range_parameters
+from wheelchair_gym.hardware.parameters import wanted_parameters
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.sensing.settings import SensorSettings
@@ -38,8 +38,11 @@ Hand = Callable[[float, Limits], Array | None]
 _LOG = logging.getLogger(__name__)
 STAND = Command(0.0, 0.0, CommandFlag.PROTECTIVE)
 _FREE = Command(0.0, 0.0)  # stands, too, as a chair that may be driven does
-_BY_HAND = "a person drives it by the joystick"
+BY_HAND = "a person drives it by the joystick"
+_MUTE = "the drive board is silent"
+_DRY = "a dry run sends no commands"
 _LOST = 4  # last words, against noise
+_FINE = 0.001  # s between two looks, when the next odometry is waited for
 
 
 class HardwareChair:
@@ -57,6 +60,8 @@ class HardwareChair:
         hand: what a person's hand at the host asks for: called with the time and the limits; a
             twist (2,), or None while nobody takes the chair over. It goes before every policy.
         waiting: what reset waits for a person to do; empty while it does not.
+        latched: what the drive board has stopped for, until the next reset; empty: nothing.
+        asked: the twist (2,) last asked of it, within the limits, whether or not it was sent.
     """
 
     def __init__(
@@ -77,7 +82,7 @@ class HardwareChair:
         self._known = Known(chair.footprint, sensors.laser)
         self._lock = threading.RLock()
         self._target, self._sent = STAND, -math.inf
-        self._latched = ""  # what the drive board stopped for, until the next reset
+        self.latched, self.asked = "", np.zeros(2)
         self._ways, self._at = np.zeros(2), 0.0  # of the last reading
         self._closed = False
         self._end_guard = clock.guard(self._guard, settings.look, settings.drive)
@@ -105,16 +110,18 @@ class HardwareChair:
             self._await(lambda b=board, w=wanted: self.senses.disagrees(b, w), 2.0)  # type: ignore[misc]
         with self._lock:
             self._say(_FREE)
-            self.waiting = self.senses.stopped()
+            self.waiting = "" if self.settings.dry else self.senses.stopped()
         if self.waiting:
             _LOG.warning("%s", self.waiting)
         try:
-            self._await(self.senses.stopped, self.settings.rearm)
+            if not self.settings.dry:
+                self._await(self.senses.stopped, self.settings.rearm)
         finally:
             self.waiting = ""
         self._await(self._unready, self.settings.limits.patience)
+        self._meet()
         with self._lock:
-            self._latched = ""
+            self.latched = ""
             self._pace.begin()
             self._at = self._pace.clock.now()
             reckoned, self._ways = self.senses.odometer.at(self._at)
@@ -130,14 +137,7 @@ class HardwareChair:
         Raises:
             ValueError: the twist is not two finite numbers, or the chair was never reset.
         """
-        with self._lock:
-            v, w = self._pace.asked(twist)
-            self.senses.poll()
-            why = self._halts()
-            limits = self.chair.limits
-            v = min(limits.forward, max(-limits.backward, v))
-            w = min(limits.turn, max(-limits.turn, w))
-            self._say(STAND if why else Command(v, w))
+        why = self.ask(twist)
         self._pace.rest()
         with self._lock:
             self.senses.poll()
@@ -147,10 +147,32 @@ class HardwareChair:
             self._ways, self._at = ways, now
             return self._reading(self._halts() or why, moved)
 
+    def ask(self, twist: Array) -> str:
+        """Ask for a twist (2,) [m/s, rad/s] and do not wait; why it is told to stand instead.
+
+        Raises:
+            ValueError: the twist is not two finite numbers, or the chair was never reset.
+        """
+        with self._lock:
+            v, w = self._pace.asked(twist)
+            self.senses.poll()
+            why = self._halts()
+            limits = self.chair.limits
+            v = min(limits.forward, max(-limits.backward, v))
+            w = min(limits.turn, max(-limits.turn, w))
+            self.asked = np.array([v, w])
+            self._say(STAND if why else Command(v, w))
+            return why
+
+    @property
+    def clock(self) -> Clock:
+        """Whose time it is."""
+        return self._pace.clock
+
     def rearm(self) -> None:
         """A person has seen to what the drive board stopped for: only ever a person's own act."""
         with self._lock:
-            if self._standing:
+            if self._standing and not self.settings.dry:
                 self._say(_FREE)  # a fresh command of zero is asked for
                 self.senses.drive.send(Rearm(self.senses.odometry.faults))
 
@@ -168,6 +190,10 @@ class HardwareChair:
         self.senses.close()
         atexit.unregister(self.close)
 
+    def found(self, pose: Array) -> None:
+        """What finds it on the map believes it to be at a pose (3,)."""
+        self._known.found(pose)
+
     @property
     def truth(self) -> Truth:
         """The best that is known: the pose believed, the nearest echo, what strips felt."""
@@ -181,10 +207,7 @@ class HardwareChair:
     @property
     def wanted(self) -> dict[str, dict[str, float]]:
         """What the boards must hold for this chair, by the name of the board."""
-        return {
-            "drive": drive_parameters(self.chair),
-            "range": range_parameters(self.sensors.ultrasonic),
-        }
+        return wanted_parameters(self.chair, self.sensors)
 
     @property
     def _standing(self) -> bool:
@@ -196,6 +219,24 @@ class HardwareChair:
         with self._lock:
             now = self._pace.clock.now()
             return self.senses.silent(now) or self.senses.misfit() or self.senses.unrest()
+
+    def _meet(self) -> None:
+        """Wait for the next odometry.
+
+        Periods that begin with one end with one, and what is said then is heard by the board's next
+        run: what is sensed is fresh, and commands are heeded within milliseconds.
+        """
+        before = self.senses.stamp_of("odometry")
+
+        def missing() -> str:
+            with self._lock:
+                self.senses.poll()
+                return _MUTE if self.senses.stamp_of("odometry") == before else ""
+
+        self._pace.until(missing, self.settings.limits.odometry, nap=_FINE)
+        self._pace.clock.wait(
+            self._pace.clock.now() + _FINE
+        )  # some come a little later than others
 
     def _await(self, missing: Callable[[], str], patience: float) -> None:
         """Wait until nothing is missing.
@@ -210,12 +251,14 @@ class HardwareChair:
         """Why the chair may not be driven by a policy now; empty: it may."""
         if why := self.senses.silent(self._pace.clock.now()):
             return why
+        if self.settings.dry:
+            return _DRY
         told = self.senses.odometry
-        self._latched = self._latched or self.senses.stopped()
-        if self._latched:
-            return self._latched
+        self.latched = self.latched or self.senses.stopped()
+        if self.latched:
+            return self.latched
         if told.mode == Mode.MANUAL or self._by_hand() is not None:
-            return _BY_HAND
+            return BY_HAND
         return "the drive board brings it to rest" if told.mode == Mode.STOPPING else ""
 
     def _by_hand(self) -> Command | None:
@@ -227,7 +270,8 @@ class HardwareChair:
         """Ask the drive board for a target from now on."""
         self._target = target
         self._sent = self._pace.clock.now()
-        self.senses.drive.send(self._by_hand() or target)
+        if not self.settings.dry:
+            self.senses.drive.send(self._by_hand() or target)
 
     def _guard(self) -> None:
         """Hear what came, take a command back that may not stand any longer, repeat the others."""

@@ -7,7 +7,6 @@ repeats its last values hides that its radio is lost: those belong to the drive 
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, Protocol
 
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.hardware.link import RETRY
+from wheelchair_gym.hardware.healing import Healing
 from wheelchair_gym.kinematics import Limits
 
 Array = NDArray[np.float64]
@@ -140,7 +139,6 @@ class Joystick:
         opener: makes the device.
 
     Attributes:
-        why: why there is none, as a line of text; empty while it is open.
         taken: the person has the chair.
     """
 
@@ -150,11 +148,15 @@ class Joystick:
         rearm: Callable[[], None] = lambda: None,
         opener: Opener = open_evdev,
     ) -> None:
-        self.settings, self.why, self.taken = settings, "not opened yet", False
-        self._rearm, self._opener = rearm, opener
-        self._device: Device | None = None
-        self._tried = -np.inf
+        self.settings, self.taken = settings, False
+        self._rearm = rearm
+        self._line = Healing(lambda: opener(settings))
         self._let_go()
+
+    @property
+    def why(self) -> str:
+        """Why there is none, as a line of text; empty while it is open."""
+        return self._line.why
 
     def __call__(self, now: float, limits: Limits) -> Array | None:
         """The twist (2,) [m/s, rad/s] that is asked for; None while nobody has taken the chair."""
@@ -170,30 +172,22 @@ class Joystick:
 
     def close(self) -> None:
         """Let the device go; the chair stays with whom it is."""
-        device, self._device = self._device, None
         self._let_go()
-        if device is not None:
-            with contextlib.suppress(OSError):
-                device.close()
+        self._line.close()
 
     def _let_go(self) -> None:
         self._held, self._values = False, dict[int, int]()
 
     def _listen(self, now: float) -> None:
-        if self._device is None and now - self._tried >= RETRY:
-            self._tried = now
-            try:
-                self._device, self.why = self._opener(self.settings), ""
-            except OSError as error:
-                self.why = str(error)
-        if self._device is None:
+        device = self._line.ready(now)
+        if device is None:
             return
         try:
-            for event in self._device.read():
+            for event in device.read():
                 self._heed(event)
         except OSError as error:
-            self.close()
-            self.why = str(error)
+            self._let_go()
+            self._line.drop(error)
 
     def _heed(self, event: Event) -> None:
         own = self.settings
@@ -215,9 +209,9 @@ class Joystick:
 
     def _stick(self, axis: int) -> float:
         """Where a stick is, -1 to 1; 0 before it has said."""
-        if self._device is None or axis not in self._values:
+        if self._line.thing is None or axis not in self._values:
             return 0.0
-        least, most = self._device.axes[axis]
+        least, most = self._line.thing.axes[axis]
         if most <= least:
             return 0.0
         tilt = min(1.0, max(-1.0, 2.0 * (self._values[axis] - least) / (most - least) - 1.0))

@@ -52,6 +52,10 @@ class Known:
         self.reckoned, touched = reckoned, self.truth.touched or felt
         self.truth = Truth(pose, twist, self._gap(laser), felt, touched, way, 0.0)
 
+    def found(self, pose: Array) -> None:
+        """It is believed to be at a pose (3,), by what was seen."""
+        self.truth = self.truth._replace(pose=pose)
+
     def _gap(self, laser: NDArray[np.float32]) -> float:
         """Distance [m] from the outline to the nearest echo."""
         ends = read_scan(self._laser, laser, 0.0).echoes

@@ -127,10 +127,14 @@ class Pace:
         return self.clock.now() - self._begun
 
     def until(
-        self, missing: Callable[[], str], patience: float, gone: threading.Event | None = None
+        self,
+        missing: Callable[[], str],
+        patience: float,
+        gone: threading.Event | None = None,
+        nap: float = NAP,
     ) -> str:
         """Wait until nothing is missing; what still is when patience [s] ends."""
         end = self.clock.now() + patience
         while (why := missing()) and self.clock.now() < end:
-            self.clock.wait(self.clock.now() + NAP, gone)
+            self.clock.wait(self.clock.now() + nap, gone)
         return why

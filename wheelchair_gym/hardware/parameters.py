@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from wheelchair_gym.sensing.settings import UltrasonicSettings
+from wheelchair_gym.sensing.settings import SensorSettings, UltrasonicSettings
 from wheelchair_gym.simulation.settings import ChairSettings
 
 DRIVE = (
@@ -60,3 +60,8 @@ def range_parameters(rangers: UltrasonicSettings) -> dict[str, float]:
     for name, model in (("narrow", rangers.narrow), ("wide", rangers.wide)):
         values |= {f"{name}_reach": model.reach, f"{name}_blind": model.blind}
     return values
+
+
+def wanted_parameters(chair: ChairSettings, sensors: SensorSettings) -> dict[str, dict[str, float]]:
+    """What the boards must hold for a chair, by the name of the board."""
+    return {"drive": drive_parameters(chair), "range": range_parameters(sensors.ultrasonic)}

@@ -156,6 +156,10 @@ class RosChair:
             raise InputError(f"{self.url}: {who} is at {where}; expected free ground of {own.map}")
         return Episode(chart, begin, end, chart.walls(), name=self.url)
 
+    def found(self, pose: Array) -> None:
+        """What finds it on the map believes it to be at a pose (3,)."""
+        self._known.found(pose)
+
     @property
     def truth(self) -> Truth:
         """The best that is known: the pose believed, the nearest echo; no contact, no energy."""

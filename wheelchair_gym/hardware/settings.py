@@ -31,8 +31,9 @@ class HardwareSettings:
         default=0.004, unit="s", source="least from counts to host: a run of control, 51 bytes; "
         "measured on the twin", low=0.0, high=0.05,
     )  # fmt: skip
+    dry: bool = setting(default=False, source="true: no command is sent, it is only listened to")
     rearm: float = setting(
         default=120.0, unit="s", source="that reset waits for a person to re-arm", low=0.0
     )
-    limits: HostLimits = HostLimits()
+    limits: HostLimits = HostLimits(drift=0.006)  # resonator of an Arduino Mega: 0.5 %
     joystick: JoystickSettings = JoystickSettings()

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from wheelchair_gym.hardware.messages import Switch
 from wheelchair_gym.hardware.twin.lockstep import Faults
 from wheelchair_gym.hardware.twin.serve import ServedTwin
+from wheelchair_gym.hardware.twin.stick import Stick
 from wheelchair_gym.hardware.twin.wire import Harm
 from wheelchair_gym.sensing.settings import RANGERS
 
@@ -21,6 +22,8 @@ _SWITCHES = {
     "driver-left": Switch.DRIVER_LEFT,
     "driver-right": Switch.DRIVER_RIGHT,
 }
+
+_HANDS = {"free": Stick(manual=True), "back": Stick(), "silent": None}
 
 
 def _number(word: str, low: float, high: float) -> float:
@@ -60,6 +63,15 @@ def _sonar(served: ServedTwin, words: Sequence[str]) -> None:
         faults.silent.add(which)
     else:
         faults.stuck[which] = _number(words[1], 0.0, 6.0)
+
+
+def _stick(served: ServedTwin, words: Sequence[str]) -> None:
+    faults = served.twin.faults
+    if words[0] in _HANDS:
+        faults.stick = _HANDS[words[0]]
+    else:
+        ahead, aside = (_number(word, -1.0, 1.0) for word in words)
+        faults.stick = Stick(ahead, aside, manual=True, held=True)
 
 
 def _unplug(served: ServedTwin, words: Sequence[str]) -> None:
@@ -104,6 +116,7 @@ WORDS: dict[str, tuple[str, Callable[[ServedTwin, Sequence[str]], None]]] = {
     "block": ("left | right", _block),
     "battery": ("VOLTS", _battery),
     "sonar": ("0 to 7, silent | METRES", _sonar),
+    "stick": ("AHEAD ASIDE (-1 to 1, held) | free | back | silent", _stick),
     "unplug": ("drive | range | laser", _unplug),
     "silence": ("laser", _silence),
     "noise": ("SHARE of bytes that are corrupted", _noise),
