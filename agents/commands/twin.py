@@ -38,7 +38,7 @@ def add(parts: Any) -> None:
 
 
 def run(given: argparse.Namespace) -> int:
-    """Serve it."""
+    """Serve it; what it was in the end is told, too: the true pose, and ms of touch."""
     from wheelchair_gym.config import InputError
     from wheelchair_gym.envs import NavigationEnv
     from wheelchair_gym.envs.settings import env_settings
@@ -71,8 +71,8 @@ def run(given: argparse.Namespace) -> int:
     print(f"drive board  {served.drive.path}")
     print(f"range board  {served.range.path}")
     print(f"laser        tcp://127.0.0.1:{served.laser.port}")
-    for name, where in (("start", env.episode.start), ("goal", env.episode.goal[:2])):
-        print(f"{name:12} " + ",".join(f"{value:.3f}" for value in where), flush=True)
+    _tell("start", env.episode.start)
+    _tell("goal", env.episode.goal[:2])
     watcher = None
     try:
         watcher = _Watcher(given, served, env)
@@ -80,12 +80,18 @@ def run(given: argparse.Namespace) -> int:
     finally:
         if served.behind > _DRAWN:
             print(f"the world was up to {served.behind:.2f} s late", file=sys.stderr)
+        _tell("end", twin.plant.pose)
+        print(f"{'touched':12} {twin.hits}", flush=True)  # ms
         served.close()
         if watcher is not None:
             watcher.close()
         twin.close()
         env.close()
     return 0
+
+
+def _tell(name: str, where: Any) -> None:
+    print(f"{name:12} " + ",".join(f"{value:.3f}" for value in where), flush=True)
 
 
 class _Watcher:

@@ -71,7 +71,7 @@ def test_words_break_it_and_mend_it():
     twin.close()
 
 
-def test_it_serves_until_it_is_told_to_end(tmp_path):
+def test_it_serves_until_it_is_told_to_end(tmp_path, request):
     for target in TARGETS:
         build(target)
     picture = tmp_path / "end.png"
@@ -83,6 +83,7 @@ def test_it_serves_until_it_is_told_to_end(tmp_path):
         command, cwd=ROOT, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
+    request.addfinalizer(program.kill)
     lines = [program.stdout.readline() for _ in range(5)]
     places = dict(line.rsplit(maxsplit=1) for line in lines)
     assert list(places) == ["drive board", "range board", "laser", "start", "goal"]

@@ -62,6 +62,7 @@ class Twin:
         faults: what is broken; change it at any time.
         motion: of the last step.
         steps: milliseconds since power-on.
+        hits: steps in which a strip was hit.
     """
 
     def __init__(self, plant: Plant | None = None) -> None:
@@ -77,7 +78,7 @@ class Twin:
         self.laser = TwinLaser(self.plant.scan, self.plant.chair.sensors.laser)
         for bit in range(4):
             self.drive.pin("B", bit, False)
-        self.steps = 0
+        self.steps = self.hits = 0
         self.motion = Motion(0.0, 0.0, 0.0, 0.0, 0.0, False)
         self._turned = [0.0, 0.0]
         self._shown: Switch | None = None
@@ -145,6 +146,7 @@ class Twin:
 
     def _show_switches(self) -> None:
         if self.motion.hit:
+            self.hits += 1
             forward, turning = self.motion.speed, self.motion.turn
             ahead = abs(forward) > 0.1 * abs(turning)
             sides = Switch.LEFT | Switch.RIGHT
