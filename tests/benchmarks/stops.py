@@ -28,6 +28,8 @@ RISE = 0.06  # s that motors and brakes take to bring it about: 40 V at 180 kg
 SHED = 0.9  # of the duty before: less is a stop
 GIVEN_UP = 5.0  # s
 RUN = 0.005  # s, of the board's control
+# s from a set point that falls to a duty that is seen to: a run takes up to 3 ms, a step 1 ms.
+SEEN = 0.004
 LIMITS = HardwareSettings().limits
 
 
@@ -62,12 +64,12 @@ def hang(hosted):
 
 # What happens, and within how long [s] it must be noticed.
 CAUSES = {
-    "host killed": (kill, 0.205),
-    "USB unplugged": (unplug, 0.205),
+    "host killed": (kill, 0.205 + SEEN),
+    "USB unplugged": (unplug, 0.205 + SEEN),
     "laser silent": (silence_laser, LIMITS.scan + PERIOD),
     "range board silent": (silence_range, LIMITS.ultrasonic + PERIOD),
-    # 10 mm behind half of its aim at 0.8 m/s, as the low-passed speed falls: `missing`
-    "encoder lost": (blind, 0.12),
+    # `missing`: 10 mm behind half of the aim, then the next run
+    "encoder lost": (blind, 0.010 / (0.5 * TOP) + 3 * RUN),
     "emergency stop": (press, 2 * RUN),
     "drive board hung": (hang, 0.08),  # its watchdog timer: 60 ms, on a clock of its own
 }
