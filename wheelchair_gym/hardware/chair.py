@@ -118,6 +118,8 @@ class HardwareChair:
                 self._await(self.senses.stopped, self.settings.rearm)
         finally:
             self.waiting = ""
+        with self._lock:
+            self.senses.forget()  # the clocks may have parted while it waited
         self._await(self._unready, self.settings.limits.patience)
         self._meet()
         with self._lock:
