@@ -94,6 +94,7 @@ def run(given: argparse.Namespace) -> int:
     chair: Any = make_chair(named, typed(**settings))
     try:
         hear_person(chair)
+        # What stands between policy and chair, a shield, is given to the environment here.
         env: Any = NavigationEnv(chair=chair, render_mode="rgb_array", **settings)
     except BaseException:
         chair.close()
