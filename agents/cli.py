@@ -16,7 +16,9 @@ from typing import NoReturn
 from agents.commands import (
     bench,
     compare,
+    deploy,
     export,
+    hardware,
     map,
     plan,
     replay,
@@ -24,10 +26,14 @@ from agents.commands import (
     settings,
     simulate,
     train,
+    twin,
 )
 from agents.interrupt import by_hand
 
-COMMANDS = (plan, simulate, replay, compare, map, train, export, scenes, settings, bench)
+COMMANDS = (
+    plan, simulate, replay, compare, map, train, export, scenes, settings, bench, twin, deploy,
+    hardware,
+)  # fmt: skip
 
 
 class Parser(argparse.ArgumentParser):

@@ -109,7 +109,8 @@ def drive_episode(
         env: an environment.
         policy: a policy.
         seed: of the episode.
-        frames: called with the environment after reset and each step, to film it.
+        frames: called with the environment after reset and each step, to film it; where it returns
+            true, the episode ends there.
         episode: to be driven, in place of the scene's.
 
     Returns:
@@ -127,8 +128,8 @@ def drive_episode(
     trace.plan_s = time.perf_counter() - begun
     ended = truncated = False
     while not (ended or truncated):
-        if frames is not None:
-            frames(env)
+        if frames is not None and frames(env):
+            return measure(trace, info, truncated)
         begun = time.perf_counter()
         action = policy.act(observation)
         trace.acts_s.append(time.perf_counter() - begun)

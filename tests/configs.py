@@ -14,12 +14,19 @@ from wheelchair_gym.safety import ShieldSettings
 from wheelchair_gym.scenes import SCENES
 from wheelchair_gym.sensing import SensorSettings
 from wheelchair_gym.simulation import ChairSettings
+from wheelchair_gym.simulation.settings import MotorSettings, PhysicsSettings
 from wheelchair_gym.task import TaskSettings
 
 DEFAULTS: Final[dict[str, Any]] = {
     "chair": ChairSettings(),
     "chairs": {name: chair() for name, chair in sorted(CHAIRS.items())},
     "env": EnvSettings(),
+    "hardware": EnvSettings(
+        sensors=SensorSettings(pose_source="mcl"),
+        # The drive board controls at 200 Hz: a simulation of this chair does so, too.
+        chair=ChairSettings(motor=MotorSettings(rate=200.0)),
+        physics=PhysicsSettings(step=0.005),
+    ),
     "planners": {name: planner() for name, planner in sorted(PLANNERS.items())},
     "scenes": {name: scene() for name, scene in sorted(SCENES.items())},
     "sensors": SensorSettings(),

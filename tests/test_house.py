@@ -27,6 +27,7 @@ ROOMS = {
     "pymunk": ("wheelchair_gym/simulation/",),
     "cv2": ("wheelchair_gym/maps/", "wheelchair_gym/view/"),
     "serial": ("wheelchair_gym/hardware/",),
+    "evdev": ("wheelchair_gym/hardware/",),
     "websockets": ("wheelchair_gym/hardware/",),
     "foxglove": ("wheelchair_gym/view/",),
     "mcap": ("wheelchair_gym/view/",),

@@ -1,6 +1,7 @@
 """A robotic wheelchair you can simulate, plan for, train for and drive, through one loop.
 
-Importing registers `wheelchair_gym/Navigation-v0` and `wheelchair_gym/GuidedNavigation-v0`.
+Importing registers `wheelchair_gym/Navigation-v0`, `wheelchair_gym/GuidedNavigation-v0`, and
+`wheelchair_gym/Hardware-v0`, which is the first over the real chair.
 """
 
 import gymnasium as gym
@@ -16,3 +17,4 @@ _VECTOR_ENTRY = "wheelchair_gym.envs.vector:NavigationVectorEnv"
 
 for _id, _kwargs in (("Navigation-v0", {}), ("GuidedNavigation-v0", {"guidance": "geodesic"})):
     gym.register(f"wheelchair_gym/{_id}", _ENTRY, vector_entry_point=_VECTOR_ENTRY, kwargs=_kwargs)
+gym.register("wheelchair_gym/Hardware-v0", _ENTRY, kwargs={"chair": "hardware"})

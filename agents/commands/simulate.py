@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import signal
 from typing import Any
 
 from agents.commands.arguments import (
@@ -38,8 +37,8 @@ def add(parts: Any) -> None:
     parser.add_argument("--seed", type=whole, default=0, help="of the episode (default 0)")
     parser.add_argument(
         "--chair", metavar="CHAIR",
-        help="a real one in place of the simulated: ros://HOST:PORT, or FILE.json:NAME as in "
-        "configs/chairs.json",
+        help="a real one in place of the simulated: ros://HOST:PORT, hardware, or FILE.json:NAME "
+        "as in configs/chairs.json",
     )  # fmt: skip
     parser.add_argument(
         "--goal", metavar="X,Y[,YAW]", type=pose, help="of a real chair, on the map that it tells"
@@ -107,6 +106,7 @@ def _real(
     given: argparse.Namespace, settings: dict[str, Any], scene: Any, mode: str
 ) -> tuple[Any, Any]:
     """An environment of a real chair, and the episode on its own map if a goal is given."""
+    from agents.deploy import ended_as_by_hand, hear_person
     from wheelchair_gym.config import InputError
     from wheelchair_gym.envs import NavigationEnv
     from wheelchair_gym.envs.settings import env_settings
@@ -118,13 +118,14 @@ def _real(
         raise InputError("--chair: expected --goal X,Y on its own map, or --scene with one")
     if given.start is not None and len(given.start) != 3:
         raise InputError("--start of a real chair: expected X,Y,YAW (m, m, rad)")
-    for name in ("SIGTERM", "SIGHUP"):  # as Ctrl-C: whoever ends this, the chair is told to stop
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.default_int_handler)
+    ended_as_by_hand()
     named = given.chair if "://" in given.chair else spec(given.chair)
-    chair = make_chair(named, env_settings(**{"config": None, **settings}))
+    chair: Any = make_chair(named, env_settings(**{"config": None, **settings}))
     try:
+        if given.goal is not None and not hasattr(chair, "episode"):
+            raise InputError(f"--goal: {given.chair} has no map of its own; expected --scene")
         episode = None if given.goal is None else chair.episode(given.goal, given.start)
+        hear_person(chair)
         return NavigationEnv(scene=scene, chair=chair, render_mode=mode, **settings), episode
     except BaseException:
         chair.close()

@@ -1,6 +1,6 @@
-"""The firmware on its emulated boards: sizes, waits of interrupts, jitter, stop times.
+"""The firmware on its emulated boards: sizes, waits of interrupts, jitter; stops are in `stops`.
 
-`python -m tests.benchmarks.firmware [trials]`: JSON on stdout; 20 trials of each stop by default.
+`python -m tests.benchmarks.firmware`: JSON on stdout.
 All times are of the emulated world, so they are the same on any machine; `times_real_time` alone
 depends on this one.
 """
@@ -9,28 +9,22 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import time
 
 import numpy as np
 
 from tests.hardware.bench import ibus
 from tests.hardware.pilot import Pilot
-from wheelchair_gym.hardware.messages import Command, Fault, Mode, Odometry, Switch
+from wheelchair_gym.hardware.messages import Odometry
 from wheelchair_gym.hardware.protocol import Receiver
 from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
 from wheelchair_gym.hardware.twin.build import built
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
-from wheelchair_gym.simulation import ChairSettings
-from wheelchair_gym.simulation.settings import BodySettings
 
 # Interrupt vectors of the ATmega2560, and the pin that changes with each run of the control.
 VECTORS = {"encoders": 9, "tick": 13, "host": 25, "joystick": 36}
 BEAT = ("L", 4)
 TOP = 0.8  # m/s
-MASSES = (100.0, 180.0)  # kg: ISO 7176-11 dummies
-SLOWER = 0.02  # m/s: what counts as slowing down
-GIVEN_UP = 5000  # ms
 
 
 def sizes():
@@ -116,75 +110,8 @@ def encoder_limit():
     return best
 
 
-def silence(pilot):
-    pilot.target = None
-
-
-def press(pilot):
-    pilot.twin.faults.switches = Switch.STOP_PRESSED
-
-
-def blind(pilot):
-    pilot.twin.faults.blind[int(pilot.rng.integers(2))] = True
-
-
-def hang(pilot):
-    pilot.twin.drive.hang()
-
-
-STOPS = {
-    "host silent": (silence, Fault.LINK),
-    "emergency stop": (press, Fault.EMERGENCY_STOP),
-    "encoder lost": (blind, Fault.STALL | Fault.DIRECTION),
-    "drive board hung": (hang, Fault.RESET),
-}
-
-
-def stop(name, trial):
-    """Milliseconds until the chair slows, until it stands, and its mean deceleration."""
-    rng = np.random.default_rng([list(STOPS).index(name), trial])
-    pilot = Pilot(chair=ChairSettings(body=BodySettings(mass=float(rng.uniform(*MASSES)))))
-    pilot.rng = rng
-    speed = float(pilot.rng.uniform(0.3, TOP))
-    pilot.start(speed, float(pilot.rng.uniform(-0.3, 0.3)), 2.0)
-    pilot.twin.advance(round(float(pilot.rng.uniform(0, 0.1)), 3))
-    cause, fault = STOPS[name]
-    cause(pilot)
-    before, began = pilot.twin.motion.speed, pilot.twin.steps
-    slows = None
-    while abs(pilot.twin.motion.speed) > 1e-3:
-        elapsed = pilot.twin.steps - began
-        if slows is None and pilot.twin.motion.speed < before - SLOWER:
-            slows = elapsed
-        if elapsed > GIVEN_UP:
-            return {"slows_ms": GIVEN_UP, "rests_ms": GIVEN_UP, "deceleration": 0.0}
-        if elapsed % 20 == 0 and pilot.target is not None:
-            pilot.send(Command(*pilot.target))
-        pilot.twin.advance(0.001)
-        pilot.listen()
-    rests = pilot.twin.steps - began
-    pilot.run(1.4)
-    assert pilot.now.mode == Mode.STOPPED, pilot.now
-    assert pilot.now.faults & fault, pilot.now
-    assert pilot.twin.braked
-    pilot.twin.close()
-    mean = (abs(before) - SLOWER) / max(1e-3, (rests - slows) * 1e-3)
-    return {"slows_ms": slows, "rests_ms": rests, "deceleration": mean}
-
-
 def main():
-    trials = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     report = {"sizes_bytes": sizes(), **loaded(), "encoder_edges_per_s": encoder_limit()}
-    report["stops"] = {}
-    for name in STOPS:
-        rows = [stop(name, trial) for trial in range(trials)]
-        print(name, file=sys.stderr, flush=True)
-        report["stops"][name] = {
-            "trials": trials,
-            "slows_ms": max(row["slows_ms"] for row in rows),
-            "rests_ms": max(row["rests_ms"] for row in rows),
-            "least_deceleration": round(min(row["deceleration"] for row in rows), 2),
-        }
     print(json.dumps(report, indent=1))
 
 

@@ -6,6 +6,8 @@ import math
 
 from tests.hardware.native import NativeDrive
 from wheelchair_gym.hardware.messages import Answer, Command, Mode, Rearm, Status
+from wheelchair_gym.hardware.twin.stick import Stick
+from wheelchair_gym.hardware.twin.stick import ibus as frame
 from wheelchair_gym.simulation import ChairSettings
 
 CHAIR = ChairSettings()
@@ -63,8 +65,4 @@ class Bench(NativeDrive):
 
 def ibus(ahead=0.0, aside=0.0, manual=False, held=False) -> bytes:
     """A frame of a FlySky receiver: sticks in [-1, 1], left positive."""
-    values = [1500] * 14
-    values[0], values[1] = round(1500 - 500 * aside), round(1500 + 500 * ahead)
-    values[4], values[5] = 2000 if manual else 1000, 2000 if held else 1000
-    data = b"\x20\x40" + b"".join(v.to_bytes(2, "little") for v in values)
-    return data + (0xFFFF - sum(data)).to_bytes(2, "little")
+    return frame(Stick(ahead, aside, manual, held))

@@ -57,6 +57,8 @@ class FakeRosbridge:
         self.episode = episode or make_scene("empty").sample(np.random.default_rng(0))
         self.sensors, self.period = sensors, period
         self.chair = SimulatedChair(sensors=sensors, period=period)
+        self.chair.reset(self.episode, 1)
+        self.chair.drive(np.zeros(2))  # compiled before anybody waits for it
         self.reading = self.chair.reset(self.episode, 1)
         self.commands, self.mute, self.mangle = [], set(), {}
         self.skew, self.advertised = 0.0, {}

@@ -270,7 +270,22 @@ def test_protective_braking_is_exempt_from_jerk(bench):
     bench.target = None
     bench.send(Command(0.0, 0.0, CommandFlag.PROTECTIVE))
     bench.run(0.1)
-    assert bench.odometry().v == pytest.approx(0.8 - 1.5 * 0.1, abs=0.01)
+    assert bench.odometry().v == pytest.approx(0.8 - 2.2 * 0.1, abs=0.015)
+
+
+def test_at_rest_on_a_protective_stop_the_brakes_close_until_it_is_to_drive_again(bench):
+    """Nobody needs to re-arm it: it is no fault of the board's."""
+    bench.start(0.5)
+    bench.target = (0.0, 0.0, CommandFlag.PROTECTIVE)
+    bench.run(1.0)
+    assert not bench.enable
+    assert not bench.release
+    assert bench.odometry().mode == Mode.HOST
+    bench.target = (0.3, 0.0)
+    bench.run(2.0)
+    assert bench.enable
+    assert bench.release
+    assert sum(bench.speeds) / 2 == pytest.approx(0.3, abs=0.02)
 
 
 def test_parameters_keep_their_bounds_and_change_at_rest_only(bench):

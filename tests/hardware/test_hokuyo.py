@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from wheelchair_gym.config import InputError
+from wheelchair_gym.hardware.healing import RETRY
 from wheelchair_gym.hardware.hokuyo import ANSWER_WITHIN, Hokuyo, open_laser
-from wheelchair_gym.hardware.link import RETRY
 from wheelchair_gym.hardware.scip import (
     STAMP_WRAP,
     Reply,

@@ -7,7 +7,8 @@ import pytest
 
 from tests.hardware.conftest import build
 from tests.simulation.worlds import box
-from wheelchair_gym.hardware.link import RETRY, Link
+from wheelchair_gym.hardware.healing import RETRY
+from wheelchair_gym.hardware.link import Link
 from wheelchair_gym.hardware.messages import (
     Answer,
     Command,

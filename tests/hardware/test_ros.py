@@ -34,7 +34,7 @@ from wheelchair_gym.maps import OCCUPIED
 
 CONFIG = {"sensors": {"laser": {"beams": 181}}, "task": {"beams": 181}}
 # A busy machine that runs the chair, the bridge and the policy at once is late now and then.
-STALE = {"stale_scan": 0.4, "stale_odometry": 0.4, "stale_pose": 0.6, "hold": 0.5}
+LATE = {"scan": 0.4, "odometry": 0.4, "pose": 0.6, "hold": 0.5}
 ROOM = 0.3  # s, for a busy machine
 AHEAD = np.array([0.3, 0.0])
 
@@ -46,8 +46,9 @@ def bridge():
     server.close()
 
 
-def spec(bridge, **changes):
-    return {"name": "ros", "host": "127.0.0.1", "port": bridge.port, **STALE, **changes}
+def spec(bridge, patience=5.0, **changes):
+    limits = {**LATE, "patience": patience}
+    return {"name": "ros", "host": "127.0.0.1", "port": bridge.port, "limits": limits, **changes}
 
 
 @pytest.fixture
@@ -138,7 +139,7 @@ def test_a_reading_is_what_the_topics_said(bridge):
     np.testing.assert_allclose(reading.laser[both], told.laser[both], atol=0.15)
     assert not np.isinf(reading.laser).any()
     np.testing.assert_allclose(reading.pose, bridge.chair.truth.pose, atol=1e-3)
-    assert (reading.age < STALE["stale_pose"]).all()
+    assert (reading.age < LATE["pose"]).all()
     assert 30.0 < reading.battery < 42.0
     assert chair.truth.clearance > 0.0
     assert reading.halted == ""
@@ -149,7 +150,7 @@ def test_reset_stays_where_it_is(bridge, chair):
     begun(chair, 12)
     reading = chair.reset(bridge.episode, 0)
     assert bridge.still
-    assert np.abs(reading.twist).max() <= chair.settings.still
+    assert np.abs(reading.twist).max() <= chair.settings.limits.still
     assert np.hypot(*(reading.pose - bridge.episode.start)[:2]) > 0.05
     assert reading.stamp < 0.1
 
@@ -197,7 +198,7 @@ def test_a_late_policy_does_not_drive_on(bridge, chair):
     assert not bridge.still
     while not bridge.still and time.monotonic() < last + 3.0:
         spin(20_000_000)
-    assert bridge.commands[-1][0] - last < chair.settings.hold + ROOM
+    assert bridge.commands[-1][0] - last < chair.settings.limits.hold + ROOM
     assert until(lambda: abs(bridge.reading.twist).max() < 0.01)
     assert chair.drive(AHEAD).halted == ""  # it goes on when told to
 
@@ -288,7 +289,7 @@ def test_what_is_silent_or_wrong_stops_it(bridge, chair, fault):
     assert why in reading.halted
     assert until(lambda: bridge.still)
     first = next(t for t, v, w in bridge.commands if t > wrong and (v, w) == (0.0, 0.0))
-    limit = STALE["stale_pose"] if topic == "/tf" else STALE["stale_scan"]
+    limit = LATE["pose"] if topic == "/tf" else LATE["scan"]
     assert first - wrong < limit + chair.period + ROOM
     reading = chair.drive(AHEAD)  # in vain
     assert np.isnan(reading.laser).all() == (topic == "/scan")
@@ -416,7 +417,7 @@ def test_a_killed_server_is_one_line():
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     port = int(server.stdout.readline())
-    chair = make_chair({"name": f"ros://127.0.0.1:{port}", **STALE}, env_settings(CONFIG))
+    chair = make_chair({"name": f"ros://127.0.0.1:{port}", "limits": LATE}, env_settings(CONFIG))
     begun(chair, 2)
     server.kill()
     server.wait()
@@ -436,7 +437,7 @@ def test_what_does_not_answer_is_one_line(capsys):
         ("ros://", "expected ros://HOST:PORT"),
         ("ros://x:y", "expected ros://HOST:PORT"),
         ("ros://x:99999", "expected ros://HOST:PORT"),
-        ("tcp://x:1", "known: ros"),
+        ("tcp://x:1", "known: hardware, ros"),
     ):
         assert main(["simulate", "--chair", chair, "--goal", "1,1"]) == 2
         said = capsys.readouterr().err.strip().splitlines()
@@ -550,5 +551,6 @@ def test_the_defaults_are_the_thesis_topics():
         "/ARDUINO1/Odom",
         "/ARDUINO1/Velocity",
     )
-    assert (own.stale_scan, own.stale_odometry, own.stale_pose) == (0.2, 0.1, 0.5)
+    limits = own.limits
+    assert (limits.scan, limits.odometry, limits.pose) == (0.2, 0.1, 0.5)
     assert EnvSettings().rate == 10.0

@@ -103,7 +103,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         Args:
             scene: name of a scene, or a mapping of its name and settings.
             config: JSON file, or its content, with any of the sections scene, rate, guidance,
-                bank, chair, sensors, physics, task, shield; the other arguments go before it.
+                bank, chair, sensors, physics, task, shield, hardware; the other arguments go before
+                it.
             beams: observed laser beams; fewer than the laser has are pooled by their minimum.
             rate: of control [Hz]; a period is a whole number of physics steps.
             pose_source: what the chair believes about its pose: truth, odometry, modelled, mcl
@@ -119,7 +120,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             shield: true, or a mapping of its settings: only what it lets through is driven
                 (`wheelchair_gym.safety`). None: off in simulation, on for a real chair by name.
             chair: drives instead of the simulated chair; or names a real one, such as
-                'ros://HOST:PORT' (see `hardware.chairs`).
+                'ros://HOST:PORT' or 'hardware' (see `hardware.chairs`).
             render_mode: 'human' (a window), 'rgb_array', or None.
             unknown: nothing else is taken.
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from wheelchair_gym.config import InputError, load, read, setting, settings
+from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.mapping.chair import Finder
 from wheelchair_gym.mapping.localise import Localisation, Localiser
 from wheelchair_gym.mapping.slam import Slam, SlamSettings
@@ -64,6 +65,7 @@ class EnvSettings:
     shield: ShieldSettings | None = setting(
         default=None, source="none: what a policy asks for is driven; a real chair always has one"
     )
+    hardware: HardwareSettings = HardwareSettings()
 
     def __post_init__(self) -> None:
         if self.sensors.pose_source == "slam" and self.guidance is not None:

@@ -13,6 +13,9 @@ class Heard(NamedTuple):
     taken: float  # s, `time.monotonic`
 
 
+NEVER = Heard(math.nan, -math.inf)
+
+
 class Arrivals:
     """When messages of one topic were made, by this computer's clock."""
 
@@ -34,3 +37,36 @@ class Arrivals:
         ahead = min(came - stamp, self._ahead + self._drift * (came - self._came))
         self._last, self._ahead, self._came = stamp, ahead, came
         return stamp + ahead
+
+
+class Newest:
+    """The newest of one topic, whose maker may start its clock anew.
+
+    Args:
+        drift: s per s that the two clocks may part.
+
+    Attributes:
+        heard: the newest; its time is -inf before the first.
+    """
+
+    def __init__(self, drift: float) -> None:
+        self._drift = drift
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing was heard."""
+        self.heard = NEVER
+        self._clock = Arrivals(self._drift)
+
+    def take(self, value: Any, stamp: float, came: float) -> None:
+        """Something was heard, made at a time of its maker's clock."""
+        try:
+            taken = self._clock.taken(stamp, came)
+        except ValueError:  # it was switched off and on
+            self._clock = Arrivals(self._drift)
+            taken = self._clock.taken(stamp, came)
+        self.heard = Heard(value, taken)
+
+    def age(self, now: float) -> float:
+        """Seconds since the newest was made; +inf before the first."""
+        return now - self.heard.taken

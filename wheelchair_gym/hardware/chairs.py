@@ -8,16 +8,21 @@ from urllib.parse import urlsplit
 
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.hardware.ros_settings import RosSettings
+from wheelchair_gym.hardware.settings import HardwareSettings
 
 if TYPE_CHECKING:
     from wheelchair_gym.envs.settings import EnvSettings
-    from wheelchair_gym.hardware.ros import RosChair
+    from wheelchair_gym.types import Chair
 
-CHAIRS: Final[dict[str, type]] = {"ros": RosSettings}
+CHAIRS: Final[dict[str, type]] = {"hardware": HardwareSettings, "ros": RosSettings}
 
 
-def chair_settings(spec: str | Mapping[str, Any]) -> Any:
+def chair_settings(spec: str | Mapping[str, Any], base: HardwareSettings | None = None) -> Any:
     """Settings of a chair from NAME, NAME://HOST:PORT or a mapping {"name": NAME, settings}.
+
+    Args:
+        spec: that.
+        base: what a chair of these settings keeps where the spec says nothing.
 
     Raises:
         InputError: the name is unknown, or a setting is wrong.
@@ -35,10 +40,11 @@ def chair_settings(spec: str | Mapping[str, Any]) -> Any:
         name, place = url.scheme, {"host": host} | ({} if port is None else {"port": port})
     if name not in CHAIRS:
         raise InputError(f"chair {name!r} is unknown; known: {', '.join(sorted(CHAIRS))}")
-    return load(CHAIRS[name], values | place, f"chair {name}")
+    kept = base if isinstance(base, CHAIRS[name]) else None
+    return load(CHAIRS[name], values | place, f"chair {name}", kept)
 
 
-def make_chair(spec: str | Mapping[str, Any], settings: EnvSettings) -> RosChair:
+def make_chair(spec: str | Mapping[str, Any], settings: EnvSettings) -> Chair:
     """A chair, once it answers.
 
     Args:
@@ -49,9 +55,35 @@ def make_chair(spec: str | Mapping[str, Any], settings: EnvSettings) -> RosChair
     Raises:
         InputError: the spec is wrong, or nothing answers there.
     """
+    own = chair_settings(spec, settings.hardware)
+    sensors, period = settings.sensors, 1.0 / settings.rate
+    if isinstance(own, HardwareSettings):
+        from wheelchair_gym.hardware.chair import HardwareChair
+        from wheelchair_gym.hardware.joystick import Joystick, load_evdev
+
+        source = sensors.pose_source
+        if source in ("truth", "modelled"):
+            raise InputError(
+                f"chair hardware: nobody tells it the pose source {source!r}; expected mcl, slam "
+                "or odometry"
+            )
+        if own.joystick.device:
+            load_evdev()
+        real = HardwareChair(own, sensors, settings.chair, period)
+        if own.joystick.device:
+            real.hand = Joystick(own.joystick, real.rearm)
+        return placed(real, settings)
     from wheelchair_gym.hardware.ros import RosChair
 
-    own = chair_settings(spec)
-    sensors = settings.sensors
     worked_out = sensors.pose_source not in ("truth", "modelled")
-    return RosChair(own, sensors, settings.chair, 1.0 / settings.rate, not worked_out)
+    return RosChair(own, sensors, settings.chair, period, not worked_out)
+
+
+def placed(chair: Chair, settings: EnvSettings) -> Chair:
+    """A chair that knows its odometry alone, with poses on the map where no finder gives them."""
+    if settings.sensors.finds_itself:
+        return chair
+    from wheelchair_gym.hardware.reckoned import Reckoned
+    from wheelchair_gym.mapping.chair import LocalisedChair
+
+    return LocalisedChair(chair, Reckoned())

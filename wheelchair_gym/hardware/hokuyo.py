@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.hardware.link import RETRY, Port, open_port
+from wheelchair_gym.hardware.healing import Healing
+from wheelchair_gym.hardware.link import Port, open_port
 from wheelchair_gym.hardware.scip import (
     DONE_ALREADY,
     LASER_OFF,
@@ -133,7 +134,6 @@ class Hokuyo:
     Attributes:
         specs: what the sensor says of itself, None until it has.
         statistics: what came of it.
-        why: why it does not stream, as a line of text; empty while it does.
     """
 
     def __init__(
@@ -146,56 +146,47 @@ class Hokuyo:
         self.url, self.reach = url, reach
         self.specs: Specs | None = None
         self.statistics = LaserStatistics()
-        self.why = "not opened yet"
-        self._clock, self._opener = clock, opener
-        self._port: Port | None = None
+        self._clock = clock
+        self._line = Healing(lambda: opener(url), self._begin)
         self._parser = ScipParser()
         self._bad_before = 0
-        self._tried: float | None = None
         self._asked = ""  # the request whose reply is awaited
         self._since = 0.0  # s, of the last request or scan
         self._turns, self._last = 0, 0  # wraps of the sensor's clock, and its last time stamp
-        self._closed = False
+
+    @property
+    def why(self) -> str:
+        """Why it does not stream, as a line of text; empty while it does."""
+        return self._line.why
 
     def poll(self) -> list[TimedScan]:
         """The scans that have come; never waits."""
         scans: list[TimedScan] = []
-        port = self._ready()
+        port = self._line.ready(self._clock())
         try:
             while port is not None and (waiting := port.in_waiting):
                 for reply in self._parser.feed(port.read(waiting)):
                     self._heed(port, reply, scans)
             if port is not None and self._clock() - self._since > ANSWER_WITHIN:
-                self._drop(f"no answer to {self._asked} for {ANSWER_WITHIN:g} s")
+                self._line.drop(f"no answer to {self._asked} for {ANSWER_WITHIN:g} s")
         except (OSError, InputError) as error:
-            self._drop(str(error))
+            self._line.drop(str(error))
         self.statistics.bad = self._bad_before + self._parser.bad
         return scans
 
     def close(self) -> None:
         """Switch the laser off and let it go for good."""
-        self._closed = True
-        if self._port is not None:
+        if self._line.thing is not None:
             with contextlib.suppress(OSError):
-                self._port.write(b"QT\n")
-        self._drop("closed")
+                self._line.thing.write(b"QT\n")
+        self._line.close()
 
-    def _ready(self) -> Port | None:
-        if self._port is not None or self._closed:
-            return self._port
-        now = self._clock()
-        if self._tried is not None and now - self._tried < RETRY:
-            return None
-        self._tried = now
-        try:
-            self._port = self._opener(self.url)
-            self._bad_before, self._parser = self.statistics.bad, ScipParser()
-            self.statistics.opened += 1
-            self._port.write(b"\n")  # ends whatever was half said
-            self._ask(self._port, "SCIP2.0")  # what speaks it already says so, in its way
-        except OSError as error:
-            self._drop(str(error))
-        return self._port
+    def _begin(self, port: Port) -> None:
+        self._bad_before, self._parser = self.statistics.bad, ScipParser()
+        self.statistics.opened += 1
+        self._line.why = "does not stream yet"
+        port.write(b"\n")  # ends whatever was half said
+        self._ask(port, "SCIP2.0")  # what speaks it already says so, in its way
 
     def _ask(self, port: Port, request: str) -> None:
         self._asked, self._since = request, self._clock()
@@ -223,7 +214,7 @@ class Hokuyo:
             self._ask(port, "BM")
         else:
             self.statistics.refused += 1
-            self._drop(f"{self._asked} was refused with status {reply.status}")
+            self._line.drop(f"{self._asked} was refused with status {reply.status}")
 
     def _take(self, reply: Reply, scans: list[TimedScan]) -> None:
         assert self.specs is not None
@@ -233,14 +224,7 @@ class Hokuyo:
             return
         if scan.stamp < self._last - STAMP_WRAP // 2:
             self._turns += 1
-        self._last, self._since, self.why = scan.stamp, self._clock(), ""
+        self._last, self._since, self._line.why = scan.stamp, self._clock(), ""
         self.statistics.scans += 1
         stamp = (self._turns * STAMP_WRAP + scan.stamp) * 1e-3
         scans.append(TimedScan(scan, stamp, self._since))
-
-    def _drop(self, why: str) -> None:
-        port, self._port = self._port, None
-        self.why = why
-        if port is not None:
-            with contextlib.suppress(OSError):
-                port.close()

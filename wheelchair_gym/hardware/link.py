@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from wheelchair_gym.hardware.healing import Healing
 from wheelchair_gym.hardware.messages import Message
 from wheelchair_gym.hardware.protocol import BAUD, Frame, Receiver, encode
 
-RETRY = 0.5  # s between attempts to open a line that is not there
 TWIN = "wheelchair_gym.hardware.twin"  # knows URLs twin://NAME
 _CHUNK = 4096  # bytes read at once
 
@@ -78,7 +77,6 @@ class Link:
 
     Attributes:
         statistics: what passed.
-        why: why the line is not open, as a line of text; empty while it is.
     """
 
     def __init__(
@@ -89,21 +87,23 @@ class Link:
     ) -> None:
         self.url = url
         self.statistics = LinkStatistics()
-        self.why = "not opened yet"
-        self._clock, self._opener = clock, opener
-        self._port: Port | None = None
+        self._clock = clock
+        self._line = Healing(lambda: opener(url), self._begin)
         self._receiver = Receiver()
-        self._tried: float | None = None
         self._heard: float | None = None
         self._sequence = 0
         self._last: int | None = None  # sequence of the board
         self._bad_before = 0  # frames refused before the line was opened this time
-        self._closed = False
 
     @property
     def connected(self) -> bool:
         """Whether the line is open; a board may still be silent."""
-        return self._port is not None
+        return self._line.thing is not None
+
+    @property
+    def why(self) -> str:
+        """Why the line is not open, as a line of text; empty while it is."""
+        return self._line.why
 
     @property
     def silence(self) -> float:
@@ -119,7 +119,7 @@ class Link:
         self._sequence = (self._sequence + 1) & 0xFF
         # A zero byte ahead: what noise put there costs itself only.
         data = b"\0" + encode(message, self._sequence)
-        port = self._ready()
+        port = self._line.ready(self._clock())
         if port is None:
             self.statistics.unsent += 1
             return None
@@ -128,7 +128,7 @@ class Link:
         except OSError as error:  # pyserial's errors are OSErrors
             self.statistics.unsent += 1
             if "timeout" not in type(error).__name__.lower():  # no room: only this frame is lost
-                self._drop(error)
+                self._line.drop(error)
             return None
         if written is not None and written < len(data):  # no room; the board drops what it got
             self.statistics.unsent += 1
@@ -138,13 +138,13 @@ class Link:
 
     def poll(self) -> list[Frame]:
         """All good frames that have come; never waits."""
-        port = self._ready()
+        port = self._line.ready(self._clock())
         frames: list[Frame] = []
         try:
             while port is not None and (waiting := port.in_waiting):
                 frames += self._receiver.feed(port.read(min(waiting, _CHUNK)))
         except OSError as error:
-            self._drop(error)
+            self._line.drop(error)
         self.statistics.bad = self._bad_before + self._receiver.bad
         for frame in frames:
             if self._last is not None:
@@ -157,31 +157,10 @@ class Link:
 
     def close(self) -> None:
         """Let the line go for good."""
-        self._closed = True
-        self._drop("closed")
+        self._line.close()
 
-    def _ready(self) -> Port | None:
-        if self._port is not None or self._closed:
-            return self._port
-        now = self._clock()
-        if self._tried is not None and now - self._tried < RETRY:
-            return None
-        self._tried = now
-        try:
-            port = self._opener(self.url)
-            port.write(b"\0")  # ends whatever the board has half heard
-        except (OSError, ValueError) as error:  # ValueError: pyserial's for a malformed URL
-            self.why = str(error)
-            return None
-        self._port, self._last, self.why = port, None, ""
+    def _begin(self, port: Port) -> None:
+        port.write(b"\0")  # ends whatever the board has half heard
+        self._last, self._receiver = None, Receiver()
         self._bad_before = self.statistics.bad
-        self._receiver = Receiver()
         self.statistics.opened += 1
-        return port
-
-    def _drop(self, why: object) -> None:
-        port, self._port = self._port, None
-        self.why = str(why)
-        if port is not None:
-            with contextlib.suppress(OSError):  # it may be gone already
-                port.close()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from wheelchair_gym.sensing.settings import UltrasonicSettings
+from wheelchair_gym.sensing.settings import SensorSettings, UltrasonicSettings
 from wheelchair_gym.simulation.settings import ChairSettings
 
 DRIVE = (
@@ -45,6 +45,8 @@ def drive_parameters(chair: ChairSettings) -> dict[str, float]:
     """What the drive board must hold for a chair; its other parameters are the board's own."""
     drive, limits, motor = chair.drive, chair.limits, chair.motor
     values = {field.name: float(getattr(limits, field.name)) for field in fields(limits)}
+    # The chair is to slow at this rate; so that it does, the board's set point falls faster.
+    del values["protective"]
     values |= {"track": drive.track, "counts_per_metre": drive.counts_per_metre}
     values |= {name: float(getattr(motor, name)) for name in ("kp", "ki", "kd", "ka", "smoothing")}
     values["feed"] = motor.constant / drive.wheel_radius
@@ -58,3 +60,8 @@ def range_parameters(rangers: UltrasonicSettings) -> dict[str, float]:
     for name, model in (("narrow", rangers.narrow), ("wide", rangers.wide)):
         values |= {f"{name}_reach": model.reach, f"{name}_blind": model.blind}
     return values
+
+
+def wanted_parameters(chair: ChairSettings, sensors: SensorSettings) -> dict[str, dict[str, float]]:
+    """What the boards must hold for a chair, by the name of the board."""
+    return {"drive": drive_parameters(chair), "range": range_parameters(sensors.ultrasonic)}

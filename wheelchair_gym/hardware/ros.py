@@ -14,29 +14,25 @@ computer must stop when commands stay away.
 from __future__ import annotations
 
 import atexit
-import math
 import threading
-import time
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import between
+from wheelchair_gym.hardware.known import Known
+from wheelchair_gym.hardware.pace import NAP, Pace, WallClock
 from wheelchair_gym.hardware.ros_senses import Senses
 from wheelchair_gym.hardware.ros_settings import RosSettings
 from wheelchair_gym.hardware.rosbridge import Rosbridge
 from wheelchair_gym.kinematics import approach
-from wheelchair_gym.mapping.scan import read_scan
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
 
 Array = NDArray[np.float64]
-
-_CLEARANCE = 2.0  # m: beyond, `Truth.clearance` says no more
 
 
 class RosChair:
@@ -62,12 +58,12 @@ class RosChair:
         on_map: bool = True,
     ) -> None:
         self.settings, self.sensors, self.period = settings, sensors, period
-        self._outline, self._limits, s = chair.footprint, chair.limits, settings
+        self._limits, s = chair.limits, settings
+        self._known = Known(chair.footprint, sensors.laser)
+        self._pace = Pace(WallClock(), period, s.limits.hold)
         self._senses = Senses(settings, sensors, on_map)
         self._lock = threading.Lock()  # of what is commanded
         self._set = np.zeros(4)  # speed, its slope, turn, its slope: what it was told last
-        self._until, self._due = -math.inf, 0.0
-        self._begun, self._way, self._truth = math.nan, 0.0, _NOWHERE
         self._link = Rosbridge(s.host, s.port, self._senses.take, s.link)
         self.url = self._link.url
         self._link.last_words = (s.velocity, _twist(0.0, 0.0))
@@ -75,7 +71,8 @@ class RosChair:
         for topic, one in self._senses.topics.items():
             if topic != s.map:
                 self._link.subscribe(topic, one.kind)
-        threading.Thread(target=self._guard, name=f"{self.url} guard", daemon=True).start()
+        interval = min(NAP, 0.25 * period)
+        self._end_guard = self._pace.clock.guard(self._guard, interval, self.url)
         atexit.register(self.close)
 
     def reset(self, episode: Episode, key: int) -> Reading:
@@ -90,16 +87,15 @@ class RosChair:
                 not sit where the settings say.
             ConnectionError: the link is lost.
         """
-        self._begun = math.nan
+        self._pace.end()
         with self._lock:
             self._stop()
         self._senses.forget()
-        self._await(lambda: self._senses.silent(time.monotonic()) or self._senses.unrest())
+        self._await(lambda: self._senses.silent(self._pace.clock.now()) or self._senses.unrest())
         if wrong := self._senses.misplaced():
             raise InputError(f"{self.url}: {wrong}")
-        self._due = self._begun = time.monotonic()
-        self._way = 0.0
-        self._before: Array = self._senses.odometry[0]
+        self._pace.begin()
+        self._known.begin(self._senses.odometry[0])
         return self._reading("")
 
     def drive(self, twist: Array) -> Reading:
@@ -112,28 +108,21 @@ class RosChair:
             ValueError: the twist is not two finite numbers, or the chair was never reset.
             ConnectionError: the link is lost; a new chair must be made.
         """
-        v, w = twist.tolist()
-        if not math.isfinite(v + w):
-            raise ValueError(f"twist is ({v}, {w}); expected two finite numbers")
-        if math.isnan(self._begun):
-            raise ValueError("the chair was never reset, or it was closed")
         with self._lock:
-            now = time.monotonic()
-            why = self._senses.silent(now)
-            self._until = now + self.period + self.settings.hold
+            v, w = self._pace.asked(twist)
+            why = self._senses.silent(self._pace.clock.now())
             if why:
                 self._stop()
             else:
                 self._approach(v, w)
-        missed = math.floor((now - self._due) / self.period)  # periods that a policy slept through
-        self._due += self.period * (1 + max(0, missed))
-        self._link.gone.wait(max(0.0, self._due - time.monotonic()))
+        self._pace.rest(self._link.gone)
         self._check()
         return self._reading(why)
 
     def close(self) -> None:
         """Stop, and let go of the link; may be called again."""
-        self._begun = math.nan
+        self._pace.end()
+        self._end_guard()
         self._link.close()
         atexit.unregister(self.close)
 
@@ -167,15 +156,19 @@ class RosChair:
             raise InputError(f"{self.url}: {who} is at {where}; expected free ground of {own.map}")
         return Episode(chart, begin, end, chart.walls(), name=self.url)
 
+    def found(self, pose: Array) -> None:
+        """What finds it on the map believes it to be at a pose (3,)."""
+        self._known.found(pose)
+
     @property
     def truth(self) -> Truth:
         """The best that is known: the pose believed, the nearest echo; no contact, no energy."""
-        return self._truth
+        return self._known.truth
 
     @property
     def belief(self) -> Belief:
         """The odometry's own pose."""
-        return Belief(self._before)
+        return Belief(self._known.reckoned)
 
     def _await(self, missing: Callable[[], str]) -> None:
         """Wait until nothing is missing.
@@ -184,12 +177,14 @@ class RosChair:
             InputError: it still is when patience ends.
             ConnectionError: the link is lost.
         """
-        end = time.monotonic() + self.settings.patience
-        while why := missing():
+
+        def look() -> str:
             self._check()
-            if time.monotonic() > end:
-                raise InputError(f"{self.url}: {why}; waited {self.settings.patience:g} s")
-            self._link.gone.wait(_NAP)
+            return missing()
+
+        patience = self.settings.limits.patience
+        if why := self._pace.until(look, patience, self._link.gone):
+            raise InputError(f"{self.url}: {why}; waited {patience:g} s")
 
     def _check(self) -> None:
         if self._link.lost:
@@ -217,42 +212,24 @@ class RosChair:
         self._link.publish(self.settings.velocity, told)
 
     def _guard(self) -> None:
-        """Take a command back that may not stand any longer; runs in a thread of its own.
-
-        A planner at work does not hold it up: kernels let go of Python's lock.
-        """
-        while not self._link.gone.wait(min(_NAP, 0.25 * self.period)):
-            with self._lock:
-                now = time.monotonic()
-                if self._set.any() and (now > self._until or self._senses.silent(now)):
-                    self._stop()
+        """Take a command back that may not stand any longer."""
+        with self._lock:
+            late = self._pace.late
+            if self._set.any() and (late or self._senses.silent(self._pace.clock.now())):
+                self._stop()
 
     def _reading(self, why: str) -> Reading:
         """What is known now; `why` the chair was not driven as it was told to."""
-        senses, now = self._senses, time.monotonic()
+        senses, now = self._senses, self._pace.clock.now()
         told, twist = senses.odometry
         place = senses.place() if senses.on_map else None
         laser, sonar, ages = senses.ranges(now)
-        self._way += float(np.hypot(*between(self._before, told)[:2]))
-        self._before = told
         pose = told if place is None else place.value
-        self._truth = Truth(pose, twist, self._gap(laser), False, False, self._way, 0.0)
+        self._known.update(told, pose, twist, laser, False)
         return Reading(
-            pose, twist, laser, sonar, ages, False, senses.battery, now - self._begun,
+            pose, twist, laser, sonar, ages, False, senses.battery, self._pace.elapsed,
             senses.silent(now) or why,
         )  # fmt: skip
-
-    def _gap(self, laser: NDArray[np.float32]) -> float:
-        """Distance [m] from the outline to the nearest echo."""
-        ends = read_scan(self.sensors.laser, laser, 0.0).echoes
-        front, rear, half = self._outline.array
-        aside = np.maximum(np.abs(ends[:, 1]) - half, 0.0)
-        ahead = np.maximum(np.maximum(ends[:, 0] - front, -rear - ends[:, 0]), 0.0)
-        return float(np.hypot(ahead, aside).min(initial=_CLEARANCE))
-
-
-_NAP = 0.01  # s between two looks at what arrives in other threads
-_NOWHERE = Truth(np.zeros(3), np.zeros(2), _CLEARANCE, False, False, 0.0, 0.0)
 
 
 def _twist(v: float, w: float) -> dict[str, dict[str, float]]:

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import between, compose
 from wheelchair_gym.hardware import ros_messages as ros
-from wheelchair_gym.hardware.arrivals import Arrivals, Heard
+from wheelchair_gym.hardware.arrivals import NEVER, Arrivals, Heard
 from wheelchair_gym.hardware.ros_settings import RosSettings
 from wheelchair_gym.sensing.settings import RANGERS, SensorSettings
 
 Array = NDArray[np.float64]
 
 _LOG = logging.getLogger(__name__)
-_NEVER = Heard(math.nan, -math.inf)
 _LONGEST = 200  # characters of what is said of a bad message
 
 
@@ -50,9 +49,9 @@ class Senses:
             s.scan: Topic(
                 "sensor_msgs/LaserScan",
                 lambda message: ros.scan(message, sensors.laser, null),
-                s.stale_scan,
+                s.limits.scan,
             ),
-            s.odometry: Topic("nav_msgs/Odometry", ros.odometry, s.stale_odometry),
+            s.odometry: Topic("nav_msgs/Odometry", ros.odometry, s.limits.odometry),
             s.tf: Topic("tf2_msgs/TFMessage", ros.transforms),
             s.tf_static: Topic("tf2_msgs/TFMessage", ros.transforms),
             s.map: Topic(
@@ -89,7 +88,7 @@ class Senses:
             else:
                 if topic == s.scan:
                     self._laser = str(message["header"]["frame_id"]).lstrip("/")
-                clock = self._arrivals.setdefault(topic, Arrivals(s.drift))
+                clock = self._arrivals.setdefault(topic, Arrivals(s.limits.drift))
                 self._heard[topic] = Heard(value, clock.taken(ros.stamp(message["header"]), came))
             self._wrong.pop(topic, None)
         except KeyError as error:
@@ -108,11 +107,11 @@ class Senses:
     def silent(self, now: float) -> str:
         """Which of what the chair is driven by is too old or missing; empty: nothing."""
         for topic, one in self.topics.items():
-            if now - self._heard.get(topic, _NEVER).taken > one.oldest:
+            if now - self._heard.get(topic, NEVER).taken > one.oldest:
                 return self.quiet(topic)
         if self.on_map:
             place = self.place()
-            if place is None or now - place.taken > self.settings.stale_pose:
+            if place is None or now - place.taken > self.settings.limits.pose:
                 return self.nowhere()
         return ""
 
@@ -130,7 +129,7 @@ class Senses:
     @property
     def battery(self) -> float:
         """[V], or NaN."""
-        return float(self._heard.get(self.settings.battery, _NEVER).value)
+        return float(self._heard.get(self.settings.battery, NEVER).value)
 
     def quiet(self, topic: str) -> str:
         """That a topic is silent, and what was wrong with what it said last."""
@@ -145,7 +144,7 @@ class Senses:
     def unrest(self) -> str:
         """That the chair moves; empty: it stands."""
         v, w = self.odometry[1]
-        moves = max(abs(v), abs(w)) > self.settings.still
+        moves = max(abs(v), abs(w)) > self.settings.limits.still
         return f"it does not come to rest ({v:.2f} m/s, {w:.2f} rad/s)" if moves else ""
 
     def place(self) -> Heard | None:
@@ -185,9 +184,9 @@ class Senses:
         """Laser, ultrasonics and their ages; what is too old is invalid."""
         s = self.settings
         scan = self._heard[s.scan]
-        fresh = now - scan.taken <= s.stale_scan
+        fresh = now - scan.taken <= s.limits.scan
         laser = scan.value if fresh else np.full_like(scan.value, np.nan)
-        heard = [self._heard.get(topic, _NEVER) for topic in s.ultrasonic] or [_NEVER] * RANGERS
+        heard = [self._heard.get(topic, NEVER) for topic in s.ultrasonic] or [NEVER] * RANGERS
         ages = np.array([now - one.taken for one in heard], np.float32)
         values = np.array([one.value for one in heard], np.float32)
-        return laser, np.where(ages <= s.stale_ultrasonic, values, np.float32(np.nan)), ages
+        return laser, np.where(ages <= s.limits.ultrasonic, values, np.float32(np.nan)), ages

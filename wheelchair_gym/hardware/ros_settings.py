@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.hardware.limits import HostLimits
 from wheelchair_gym.hardware.rosbridge import Link
 from wheelchair_gym.sensing.settings import RANGERS
 
@@ -32,23 +33,9 @@ class RosSettings:
     )
     free: int = setting(default=25, unit="%", source="map_saver", low=0, high=100)
     occupied: int = setting(default=65, unit="%", source="map_saver", low=0, high=100)
-    stale_scan: float = setting(default=0.2, unit="s", source="of the laser", low=0.01)
-    stale_odometry: float = setting(default=0.1, unit="s", source="of the encoders", low=0.01)
-    stale_pose: float = setting(default=0.5, unit="s", source="of the localiser", low=0.01)
-    stale_ultrasonic: float = setting(default=1.0, unit="s", source="of each", low=0.01)
-    hold: float = setting(
-        default=0.5, unit="s", source="twist_mux: a command counts so long beyond its period",
-        low=0.0,
-    )  # fmt: skip
-    drift: float = setting(
-        default=1e-3, source="s per s that the two clocks may part", low=0.0, high=0.1
-    )
-    patience: float = setting(default=5.0, unit="s", source="for fresh data at reset", low=0.1)
+    limits: HostLimits = HostLimits()
     mount: float = setting(
         default=0.05, unit="m, rad", source="most that tf and sensors.laser may differ", low=0.0
-    )
-    still: float = setting(
-        default=0.05, unit="m/s, rad/s", source="a chair at reset stands", low=0.001
     )
     link: Link = Link()
 

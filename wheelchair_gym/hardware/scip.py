@@ -35,6 +35,13 @@ def encode_number(value: int, characters: int) -> bytes:
     return bytes((value >> 6 * k & 0x3F) + 0x30 for k in reversed(range(characters)))
 
 
+def encode_numbers(values: NDArray[np.integer], characters: int) -> bytes:
+    """Numbers (n,) as characters, one after another."""
+    shifts = 6 * np.arange(characters - 1, -1, -1)
+    digits = np.asarray(values, np.int64)[:, None] >> shifts & 0x3F  # (n, characters)
+    return (digits + 0x30).astype(np.uint8).tobytes()
+
+
 def decode_numbers(data: bytes, characters: int) -> NDArray[np.int64] | None:
     """The numbers of a run of characters; None if it holds something else."""
     digits = np.frombuffer(data, np.uint8).astype(np.int64) - 0x30

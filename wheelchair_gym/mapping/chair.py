@@ -47,6 +47,8 @@ class LocalisedChair:
 
     def __init__(self, chair: Chair, finder: Finder) -> None:
         self.chair, self.finder = chair, finder
+        # A chair that cannot know the truth goes by what is believed.
+        self._tell: Callable[[Array], object] = getattr(chair, "found", lambda pose: None)
 
     def reset(self, episode: Episode, key: int) -> Reading:
         """See `Chair.reset`."""
@@ -62,7 +64,9 @@ class LocalisedChair:
     def _found(self, reading: Reading) -> Reading:
         increment = between(self._reckoned, reading.pose)
         self._reckoned = reading.pose
-        return reading._replace(pose=self.finder.update(increment, reading.laser))
+        pose = self.finder.update(increment, reading.laser)
+        self._tell(pose)
+        return reading._replace(pose=pose)
 
     @property
     def belief(self) -> Belief:
@@ -78,3 +82,10 @@ class LocalisedChair:
     def close(self) -> None:
         """See `Chair.close`."""
         self.chair.close()
+
+
+def bare(chair: Chair) -> Chair:
+    """The chair itself, without what finds it."""
+    while isinstance(chair, LocalisedChair):
+        chair = chair.chair
+    return chair

@@ -93,7 +93,7 @@ static void watch(drive_t *drive, const inputs_t *in)
 {
     if (in->switches & STOP_PRESSED)
         drive->faults |= EMERGENCY_STOP;
-    if (in->switches & (DRIVER_LEFT | DRIVER_RIGHT) && drive->mode != STOPPED)
+    if (in->switches & (DRIVER_LEFT | DRIVER_RIGHT) && drive->mode != STOPPED && !drive->parked)
         drive->faults |= DRIVER;
     for (uint8_t i = 0; i < 2; i++) {
         const wheel_t *wheel = &drive->wheels[i];
@@ -233,9 +233,10 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
     bool asked = choose(drive, inputs->now, &target);
     decide(drive, asked, inputs->now);
     move_set_point(drive, target);
-    bool running = drive->mode != STOPPED;
+    drive->parked = drive->mode != STOPPED && target.protective && drive_at_rest(drive);
+    bool running = drive->mode != STOPPED && !drive->parked;
     float v_rate = drive->v.slope, w_rate = drive->w.slope;
-    if (drive->mode == STOPPING) { /* a hard stop feeds its rate forward */
+    if (drive->mode == STOPPING || (running && target.protective)) { /* feeds its rate forward */
         v_rate = (drive->v.speed - v.speed) * (1.0F / RUN);
         w_rate = (drive->w.speed - w.speed) * (1.0F / RUN);
     }

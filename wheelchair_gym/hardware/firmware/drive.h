@@ -29,6 +29,7 @@ typedef struct {
     uint16_t faults;
     bool armed;       /* no fault since a person re-armed */
     bool manual;      /* the joystick has it */
+    bool parked;      /* at rest on a protective stop: drivers off, brakes on, as when stopped */
     bool must_zero;   /* whoever drives must ask for zero once before it is heeded */
     bool was_held;
     uint32_t valid_at; /* ms, when someone last drove */

@@ -196,7 +196,7 @@ enum { BOARDS(NUMBER) };
     P(turn, 1.0F, 0.05F, 2.0F, "rad/s")                                                \
     P(acceleration, 0.5F, 0.05F, 2.0F, "m/s2")                                         \
     P(deceleration, 0.8F, 0.05F, 2.0F, "m/s2")                                         \
-    P(protective, 1.5F, 0.5F, 3.0F, "m/s2")                                            \
+    P(protective, 2.2F, 0.5F, 3.0F, "m/s2")     /* of the set point, on command */     \
     P(turn_acceleration, 1.5F, 0.05F, 10.0F, "rad/s2")                                 \
     P(jerk, 1.0F, 0.1F, 100.0F, "m/s3")                                                \
     P(turn_jerk, 6.0F, 0.1F, 100.0F, "rad/s3")                                         \

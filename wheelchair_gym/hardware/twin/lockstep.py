@@ -15,6 +15,7 @@ from wheelchair_gym.hardware.protocol import BAUD
 from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
 from wheelchair_gym.hardware.twin.laser import TURN, TwinLaser
 from wheelchair_gym.hardware.twin.plant import STEP, Motion, Plant
+from wheelchair_gym.hardware.twin.stick import EVERY, Stick, ibus
 from wheelchair_gym.types import Episode
 
 IBUS_BAUD = 115_200  # 1/s, of the joystick's receiver
@@ -36,7 +37,7 @@ _NONE = Switch(0)
 
 @dataclass
 class Faults:
-    """What is broken, on command."""
+    """What is broken, or done to it by hand, on command."""
 
     switches: Switch = _NONE  # pressed or pulled
     blind: list[bool] = field(default_factory=lambda: [False, False])  # encoders without signal
@@ -45,6 +46,7 @@ class Faults:
     held: tuple[bool, bool] = (False, False)  # wheels that something blocks
     silent: set[int] = field(default_factory=set)  # ultrasonics that do not answer
     stuck: dict[int, float] = field(default_factory=dict)  # and those that always say this [m]
+    stick: Stick | None = None  # what a joystick's receiver at the drive board says; None: silent
 
 
 class Twin:
@@ -60,6 +62,7 @@ class Twin:
         faults: what is broken; change it at any time.
         motion: of the last step.
         steps: milliseconds since power-on.
+        hits: steps in which a strip was hit.
     """
 
     def __init__(self, plant: Plant | None = None) -> None:
@@ -75,7 +78,7 @@ class Twin:
         self.laser = TwinLaser(self.plant.scan, self.plant.chair.sensors.laser)
         for bit in range(4):
             self.drive.pin("B", bit, False)
-        self.steps = 0
+        self.steps = self.hits = 0
         self.motion = Motion(0.0, 0.0, 0.0, 0.0, 0.0, False)
         self._turned = [0.0, 0.0]
         self._shown: Switch | None = None
@@ -134,6 +137,8 @@ class Twin:
             if math.floor(start) != math.floor(end):
                 self.drive.turn("B", 2 * wheel, start, end, until)
             self._turned[wheel] = end
+        if self.faults.stick is not None and self.steps % EVERY == 0:
+            self.drive.write(ibus(self.faults.stick), 1)
         self.drive.run(until)
         self.range.run(until)
         if self.steps % TURN == 0:
@@ -141,6 +146,7 @@ class Twin:
 
     def _show_switches(self) -> None:
         if self.motion.hit:
+            self.hits += 1
             forward, turning = self.motion.speed, self.motion.turn
             ahead = abs(forward) > 0.1 * abs(turning)
             sides = Switch.LEFT | Switch.RIGHT

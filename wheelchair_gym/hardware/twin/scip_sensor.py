@@ -7,7 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.hardware.scip import DATA_LINE, STAMP_WRAP, checksum, encode_number
+from wheelchair_gym.hardware.scip import (
+    DATA_LINE,
+    STAMP_WRAP,
+    checksum,
+    encode_number,
+    encode_numbers,
+)
 
 
 class Model(NamedTuple):
@@ -83,7 +89,7 @@ class ScipSensor:
         part = millimetres[first - self.model.first : last - self.model.first + 1]
         # The nearest of a cluster stands for it.
         starts = np.arange(0, len(part), cluster)
-        data = b"".join(encode_number(int(mm), 3) for mm in np.minimum.reduceat(part, starts))
+        data = encode_numbers(np.minimum.reduceat(part, starts), 3)
         lines = [data[k : k + DATA_LINE] for k in range(0, len(data), DATA_LINE)]
         head = request.encode("ascii") + b"\n" + _line(status.encode("ascii"))
         body = b"".join(map(_line, [encode_number(stamp % STAMP_WRAP, 4), *lines]))

@@ -20,7 +20,7 @@ from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.wire import Wire
 
 SLICE = 0.005  # s of the world between two looks at the lines
-LATE = 0.5  # s behind real time at which the rest is forgiven
+LATE = 5.0  # s behind real time at which the rest is forgiven; before, the world catches up
 _CHUNK = 65536
 
 

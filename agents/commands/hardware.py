@@ -1,0 +1,292 @@
+"""`wheelchair hardware`: a technician's tools for the real chair, and for its twin."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from typing import Any
+
+from agents.commands.arguments import add_json, changed, count, distance, finite, report
+
+_SHOWN = 0.5  # s between two tables
+_EXAMPLE = "configs/hardware.json"
+
+
+def add(parts: Any) -> None:
+    """Add the subcommand's parsers."""
+    parser: argparse.ArgumentParser = parts.add_parser(
+        "hardware",
+        help="check, set up, tune, calibrate, watch and hand-drive a real chair",
+        description="Tools for a chair behind its boards; they work on `wheelchair twin`, too.",
+        epilog=f"example: wheelchair hardware check --config {_EXAMPLE}",
+    )
+    whats = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
+    one = _part(whats, "check", _check, "is all there, and does all answer; it drives nowhere")
+    one.add_argument("--no-person", action="store_true", help="leave the emergency stop out")
+    add_json(one)
+    one = _part(whats, "setup", _setup, "give the boards the config's parameters, and save them")
+    one = _part(whats, "tune", _tune, "drive a step of the speed control and plot it")
+    one.add_argument("--step", type=distance, default=0.3, help="m/s or rad/s (default 0.3)")
+    one.add_argument("--seconds", type=distance, default=2.0, help="it is held (default 2)")
+    one.add_argument("--turn", action="store_true", help="turn in place: the chair stays there")
+    one.add_argument(
+        "--set", metavar="GAIN=VALUE", action="append", default=[],
+        help="try it: kp, ki, kd, ka, smoothing (the board forgets it, see setup)",
+    )  # fmt: skip
+    one.add_argument("--plot", metavar="FILE.png", help="draw it")
+    add_json(one)
+    one = _part(whats, "calibrate", _calibrate, "squares both ways (UMBmark); writes the track")
+    one.add_argument("--side", type=distance, default=4.0, help="of the square (default 4 m)")
+    one.add_argument("--runs", type=count, default=2, help="each way (default 2; UMBmark: 5)")
+    add_json(one)
+    one = _part(whats, "monitor", _monitor, "what all say, live")
+    one.add_argument("--seconds", type=finite, help="end by itself (default: Ctrl-C)")
+    one = _part(whats, "drive", _drive, "by the joystick at the host (hardware.joystick)")
+    one.add_argument("--seconds", type=finite, help="end by itself (default: Ctrl-C)")
+
+
+def _part(whats: Any, name: str, run: Any, what: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = whats.add_parser(name, help=what, description=what + ".")
+    parser.add_argument("--config", metavar="FILE.json", required=True, help=f"as {_EXAMPLE}")
+    parser.set_defaults(run=run)
+    return parser
+
+
+def _settings(given: argparse.Namespace) -> Any:
+    from wheelchair_gym.envs.settings import env_settings
+
+    return env_settings(given.config)
+
+
+def _senses(settings: Any) -> tuple[Any, Any]:
+    """The lines alone, and the clock."""
+    from wheelchair_gym.hardware.board_senses import BoardSenses
+    from wheelchair_gym.hardware.pace import WallClock
+
+    clock = WallClock()
+    own = settings.hardware
+    return BoardSenses(own, settings.sensors, settings.chair.drive, clock.now), clock
+
+
+def _wanted(settings: Any) -> dict[str, dict[str, float]]:
+    from wheelchair_gym.hardware.parameters import wanted_parameters
+
+    return wanted_parameters(settings.chair, settings.sensors)
+
+
+def _chair(settings: Any) -> Any:
+    """The chair, which a person at the terminal may re-arm."""
+    from agents.deploy import ended_as_by_hand, hear_person
+    from wheelchair_gym.hardware.chair import HardwareChair
+
+    ended_as_by_hand()
+    chair = HardwareChair(settings.hardware, settings.sensors, settings.chair, 1.0 / settings.rate)
+    hear_person(chair)
+    return chair
+
+
+def _check(given: argparse.Namespace) -> int:
+    from wheelchair_gym.hardware.checking import Checker
+
+    settings = _settings(given)
+    senses, clock = _senses(settings)
+
+    def ask(what: str) -> None:
+        print(f"please {what}", file=sys.stderr, flush=True)
+
+    try:
+        found = Checker(senses, clock, _wanted(settings)).run(None if given.no_person else ask)
+    finally:
+        senses.close()
+    good = all(one.good for one in found)
+    lines = [
+        f"{'ok  ' if one.good else 'FAIL'}  {one.part:14}  {one.what:22}  {one.found}"
+        + (f"\n{'':26}look at: {one.advice}" if not one.good and one.advice else "")
+        for one in found
+    ]
+    report(given, {"good": good, "findings": [one._asdict() for one in found]}, "\n".join(lines))
+    return 0 if good else 1
+
+
+def _setup(given: argparse.Namespace) -> int:
+    from wheelchair_gym.config import InputError
+    from wheelchair_gym.hardware.setting_up import save_parameters, set_parameters
+
+    settings = _settings(given)
+    senses, clock = _senses(settings)
+    try:
+        for board, wanted in _wanted(settings).items():
+            if board == "range" and senses.range is None:
+                continue
+            left = set_parameters(senses, clock, board, wanted)
+            if left:
+                why = senses.disagrees(board, left)
+                raise InputError(f"{why}; it takes parameters at rest, with its drivers off")
+            if not save_parameters(senses, clock, board):
+                raise InputError(f"the {board} board does not say that it saved its parameters")
+            print(f"{board} board: {len(wanted)} parameters as in {given.config}, saved")
+    finally:
+        senses.close()
+    return 0
+
+
+def _tune(given: argparse.Namespace) -> int:
+    from wheelchair_gym.config import InputError, load
+    from wheelchair_gym.hardware.setting_up import set_parameters
+    from wheelchair_gym.hardware.tuning import GAINS, step_response
+    from wheelchair_gym.simulation.settings import MotorSettings
+
+    settings = _settings(given)
+    tried = {k: v for k, v in changed("motor", given.set).items() if k != "name"}
+    if wrong := set(tried) - set(GAINS):
+        raise InputError(f"--set {min(wrong)}: expected one of {', '.join(GAINS)}")
+    motor = load(MotorSettings, tried, "--set", settings.chair.motor)
+    settings = dataclasses.replace(settings, chair=dataclasses.replace(settings.chair, motor=motor))
+    chair = _chair(settings)
+    try:
+        if tried:
+            left = set_parameters(chair.senses, chair.clock, "drive", chair.wanted["drive"])
+            if left:
+                raise InputError(chair.senses.disagrees("drive", left))
+        step = step_response(chair, None, given.step, given.seconds, given.turn)  # type: ignore[arg-type]
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        print(f"wheelchair: {error}", file=sys.stderr)
+        return 1
+    finally:
+        chair.close()
+    if given.plot:
+        _plot(given.plot, step, "turn [rad/s]" if given.turn else "speed [m/s]")
+    figures = step.figures
+    gains = {name: getattr(motor, name) for name in GAINS}
+    text = "  ".join(f"{name} {value:.3f}" for name, value in figures.items())
+    report(given, {"gains": gains, "step": given.step, "figures": figures}, text)
+    return 0
+
+
+def _plot(file: str, step: Any, name: str) -> None:
+    from matplotlib.figure import Figure
+
+    from wheelchair_gym.files import whole
+
+    figure = Figure(figsize=(8, 6), layout="constrained")
+    above, below = figure.subplots(2, sharex=True)
+    above.plot(step.times, step.asked, label="set point")
+    above.plot(step.times, step.done, label="wheels")
+    above.set_ylabel(name)
+    above.legend()
+    below.plot(step.times, step.duties, label=["left", "right"])
+    below.set_ylabel("duty")
+    below.set_xlabel("time [s]")
+    below.legend()
+    with whole(file) as part:
+        figure.savefig(part)
+
+
+def _calibrate(given: argparse.Namespace) -> int:
+    from agents.provenance import write_json
+    from wheelchair_gym.config import read_json
+    from wheelchair_gym.hardware.calibrating import calibrate, drive_square
+
+    settings = _settings(given)
+    chair, squares = _chair(settings), []
+    try:
+        for run in range(2 * given.runs):
+            left = run % 2 == 0
+            print(f"square {run + 1} of {2 * given.runs}", file=sys.stderr)
+            squares.append(drive_square(chair, None, given.side, left, _measured))  # type: ignore[arg-type]
+    except ValueError as error:
+        print(f"wheelchair: {error}", file=sys.stderr)
+        return 1
+    finally:
+        chair.close()
+    told = calibrate(squares, settings.chair.drive.track)
+    content = read_json(given.config)
+    content.setdefault("chair", {}).setdefault("drive", {})["track"] = round(told.track, 5)
+    write_json(given.config, content)
+    unequal = 100.0 * (told.ratio - 1.0)
+    report(
+        given,
+        told._asdict(),
+        f"track {told.track:.4f} m, written to {given.config}: next, wheelchair hardware setup\n"
+        f"right wheel {unequal:+.2f} % larger than the left (tyre pressure; not corrected)\n"
+        f"ends of the squares: {1e3 * told.before:.0f} mm off, {1e3 * told.after:.0f} mm with both",
+    )
+    return 0
+
+
+def _measured(what: str) -> Any:
+    """Ask a person where the chair stands."""
+    import numpy as np
+
+    from wheelchair_gym.config import InputError
+
+    print(
+        f"{what}: how far is it from its start, AHEAD,LEFT in metres (of the axle's centre)?",
+        file=sys.stderr, flush=True,
+    )  # fmt: skip
+    for line in sys.stdin:
+        try:
+            x, y = (float(word) for word in line.split(","))
+            return np.array([x, y])
+        except ValueError:
+            if line.strip():
+                print("expected two numbers, such as 0.03,-0.12", file=sys.stderr, flush=True)
+    raise InputError("standard input ended before the place was told")
+
+
+def _monitor(given: argparse.Namespace) -> int:
+    from wheelchair_gym.hardware.checking import LOOK
+    from wheelchair_gym.hardware.live import live_rows
+
+    senses, clock = _senses(_settings(given))
+    begun = shown = clock.now()
+    drawn = 0
+    try:
+        while given.seconds is None or clock.now() - begun < given.seconds:
+            senses.poll()
+            clock.wait(clock.now() + LOOK)
+            if clock.now() - shown < _SHOWN:
+                continue
+            shown = clock.now()
+            rows = live_rows(senses, shown)
+            if drawn and sys.stdout.isatty():
+                print(f"\033[{drawn}A\033[J", end="")
+            print("\n".join(f"{name:13} {value}" for name, value in rows), flush=True)
+            drawn = len(rows)
+    finally:
+        senses.close()
+    return 0
+
+
+def _drive(given: argparse.Namespace) -> int:
+    import numpy as np
+
+    from wheelchair_gym.hardware.joystick import ANY, Joystick, load_evdev
+
+    settings = _settings(given)
+    own = settings.hardware.joystick
+    if not own.device:
+        own = dataclasses.replace(own, device=ANY)
+    load_evdev()
+    chair, shown = _chair(settings), 0.0
+    stick = Joystick(own, chair.rearm)
+    chair.hand = stick
+    print("hold the button to drive; let go to stand", file=sys.stderr)
+    try:
+        reading = chair.reset(None, 0)
+        while given.seconds is None or reading.stamp < given.seconds:
+            reading = chair.drive(np.zeros(2))
+            if reading.stamp - shown >= _SHOWN:
+                shown, (v, w) = reading.stamp, reading.twist
+                why = stick.why or reading.halted
+                print(f"{shown:7.1f} s  {v:6.3f} m/s  {w:6.3f} rad/s  {why}", flush=True)
+            if chair.latched:
+                print(f"wheelchair: {chair.latched}", file=sys.stderr)
+                return 1
+    finally:
+        chair.close()
+        stick.close()
+    return 0

@@ -1,0 +1,282 @@
+"""Laws of a deployed policy: slow at first, honest about what happens, and never left driving."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents.cli import main
+from agents.deploy import Capped, Deployment, deploy
+from agents.policy import make_policy
+from tests.conftest import ROOT
+from tests.hardware.hosted import Hosted
+from tests.hardware.realtime import EPISODE, X, Y, serving
+from wheelchair_gym import InputError
+from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.hardware.chairs import placed
+from wheelchair_gym.hardware.messages import Switch
+from wheelchair_gym.hardware.twin.stick import Stick
+from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.maps import write_map
+
+pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
+
+SLOW = Deployment(first=0.2, rise=0.1)
+
+
+class Task:
+    """As much of a task as a cap looks at."""
+
+    limits, period = Limits(), 0.1
+
+    def __init__(self):
+        self.reading = type("Reading", (), {"halted": ""})
+
+
+class Hasty:
+    """Asks for full speed in a bend."""
+
+    def reset(self, task):
+        pass
+
+    def act(self, observation):
+        return np.array([1.0, 0.5])
+
+
+def test_a_cap_begins_low_rises_while_it_drives_and_keeps_the_arc():
+    task, capped = Task(), Capped(Hasty(), Deployment(first=0.2, rise=0.5, most=0.6))
+    capped.reset(task)
+    twists = [task.limits.twist(capped.act({})) for _ in range(20)]
+    speeds = [float(v) for v, _ in twists]
+    assert speeds[0] == pytest.approx(0.25)
+    assert speeds == sorted(speeds)
+    assert speeds[-1] == pytest.approx(0.6)
+    for v, w in twists:
+        assert w / v == pytest.approx(0.5 / 0.8)
+    task.reading.halted = "a reason"
+    assert task.limits.twist(capped.act({}))[0] == pytest.approx(0.2)
+    with pytest.raises(InputError, match="falls"):
+        Deployment(first=0.5, most=0.3)
+
+
+class Drive:
+    """A policy over the twin in simulated time, with its log."""
+
+    def __init__(self, dry=False, each=None, **own):
+        self.settings = env_settings(
+            str(ROOT / "configs" / "hardware.json"), pose_source="odometry", noise=False
+        )
+        s = self.settings
+        self.hosted = Hosted(EPISODE, chair=s.chair, sensors=s.sensors, dry=dry)
+        self.env = gym.make(
+            "wheelchair_gym/Hardware-v0", config=s, chair=placed(self.hosted.chair, s),
+            disable_env_checker=True,
+        ).unwrapped  # fmt: skip
+        self.log, self.each = [], each
+        self.own = Deployment(**{"first": 0.2, "rise": 0.1, "patience": 2.0, **own})
+
+    def run(self, dry=False):
+        record = deploy(
+            self.env, make_policy("straight"), EPISODE, self.own, self.log.append, dry, self.each
+        )
+        self.env.close()
+        return record
+
+    def end(self):
+        """Whether the world came to rest; then it goes."""
+        clock = self.hosted.clock
+        clock.wait(clock.now() + 0.7)
+        still = abs(self.hosted.twin.motion.speed) < 2e-3
+        self.hosted.close()
+        return still
+
+
+def at(stamp, act):
+    """Does something once, when the episode is so old."""
+    done = []
+
+    def each(env):
+        if not done and env.task.reading.stamp >= stamp:
+            done.append(act())
+
+    return each
+
+
+def test_it_arrives_and_is_told_to_stop():
+    drive = Drive()
+    record = drive.run()
+    assert record["outcome"] == "success"
+    assert record["ended"] == ""
+    assert np.hypot(*(drive.hosted.twin.plant.pose - EPISODE.goal)[:2]) < 0.3
+    assert drive.log == []
+    assert drive.end()
+
+
+def test_an_emergency_stop_ends_it_and_says_so():
+    drive = Drive()
+    drive.each = at(1.5, lambda: setattr(drive.hosted.twin.faults, "switches", Switch.STOP_PRESSED))
+    record = drive.run()
+    assert record["outcome"] == "halted"
+    assert "EMERGENCY_STOP" in record["ended"]
+    assert "EMERGENCY_STOP" in drive.log[0]
+    assert drive.end()
+
+
+def test_a_laser_that_stays_silent_ends_it():
+    drive = Drive()
+    drive.each = at(1.5, lambda: setattr(drive.hosted.twin.laser, "silent", True))
+    record = drive.run()
+    assert record["outcome"] == "halted"
+    assert record["ended"].startswith("the laser is silent")
+    assert record["ended"].endswith("for 2 s")
+    assert drive.end()
+
+
+def test_a_person_takes_it_and_gives_it_back():
+    """However long the person drives; then the cap is low again."""
+    drive = Drive()
+    faults = drive.hosted.twin.faults
+    take = at(1.5, lambda: setattr(faults, "stick", Stick(0.3, 0.0, True, True)))
+    give = at(4.5, lambda: setattr(faults, "stick", Stick()))
+    drive.each = lambda env: [take(env), give(env)]
+    assert drive.run()["outcome"] == "success"
+    assert [line.split("s  ", 1)[1] for line in drive.log] == [
+        "stands: a person drives it by the joystick",
+        "goes on",
+    ]
+    assert drive.end()
+
+
+def test_an_exception_stops_it():
+    drive = Drive()
+
+    def fail():
+        raise RuntimeError("a policy's mistake")
+
+    drive.each = at(1.5, fail)
+    with pytest.raises(RuntimeError, match="mistake"):
+        drive.run()
+    drive.env.close()
+    assert drive.end()
+
+
+def test_a_dry_run_sends_no_command():
+    drive = Drive(dry=True)
+    chair, begun = drive.hosted.chair, drive.hosted.clock.now()
+    sent = []
+    send = chair.senses.drive.send
+    chair.senses.drive.send = lambda message: sent.append(type(message).__name__) or send(message)
+
+    def ctrl_c():
+        raise KeyboardInterrupt
+
+    drive.each = at(2.0, ctrl_c)
+    with pytest.raises(KeyboardInterrupt):
+        drive.run(dry=True)
+    drive.env.close()
+    assert set(sent) == {"Get"}
+    assert drive.hosted.clock.now() > begun + 1.5
+    assert "v  0." in drive.log[-1]
+    assert any("dry run" in line for line in drive.log)
+    assert drive.hosted.twin.drive.resets == 0
+    assert drive.end()
+
+
+@pytest.fixture
+def served(tmp_path):
+    with serving(tmp_path) as twin:
+        yield twin
+
+
+def person(served, caplog, then):
+    """Re-arms at the board's joystick when asked, hands the chair back, and does something more."""
+
+    def hand():
+        stop = time.monotonic() + 60.0
+        while "a person must re-arm" not in caplog.text and time.monotonic() < stop:
+            time.sleep(0.05)
+        for stick in (Stick(manual=True), Stick(manual=True, held=True), Stick()):
+            served.twin.faults.stick = stick
+            time.sleep(0.5)
+        then()
+
+    threading.Thread(target=hand, daemon=True).start()
+
+
+def ended(words, then):
+    """What the command says to a SIGTERM that comes as soon as the chair drives."""
+    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGHUP)
+    threading.Thread(target=then, daemon=True).start()
+    try:
+        return main(words)
+    finally:
+        signal.signal(signal.SIGTERM, before[0])
+        signal.signal(signal.SIGHUP, before[1])
+
+
+def end_when(true, seconds=120.0):
+    stop = time.monotonic() + seconds
+    while not true() and time.monotonic() < stop:
+        time.sleep(0.01)
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+def words_for(config, map_, record):
+    words = ["deploy", "--config", str(config), "--map", str(map_), "--policy", "straight"]
+    words += ["--start", f"{X},{Y},0", "--goal", f"{X + 2.0},{Y + 0.5}"]
+    return [*words, "--record", str(record)]
+
+
+def test_the_command_is_ended_by_a_signal(monkeypatch, tmp_path, capfd):
+    """SIGTERM stops the chair, and what happened is on record."""
+    drive, record, file = Drive(), tmp_path / "run.mcap", tmp_path / "map.yaml"
+    write_map(EPISODE.map, file)
+    monkeypatch.setattr("wheelchair_gym.hardware.chairs.make_chair", lambda *_: drive.env.chair)
+    motion = drive.hosted.twin
+    words = words_for(ROOT / "configs" / "hardware.json", file, record)
+    words += ["--pose", "odometry"]
+    assert ended(words, lambda: end_when(lambda: motion.motion.speed > 0.1)) == 130
+    assert capfd.readouterr().err.splitlines()[-1] == "wheelchair: stopped"
+    assert record.stat().st_size > 10_000
+    assert drive.end()
+
+
+@pytest.mark.long
+def test_the_command_drives_over_devices(served, tmp_path, caplog, capfd):
+    """In real time, as a person runs it, who re-arms it at the board's joystick."""
+    person(served, caplog, lambda: end_when(lambda: served.twin.motion.speed > 0.1))
+    words = words_for(served.config, served.map, tmp_path / "run.mcap")
+    assert ended(words, lambda: None) == 130
+    assert "a person must re-arm" in caplog.text
+    assert capfd.readouterr().err.splitlines()[-1] == "wheelchair: stopped"
+    end = time.monotonic() + 30.0
+    while abs(served.twin.motion.speed) > 2e-3 and time.monotonic() < end:
+        time.sleep(0.05)
+    assert abs(served.twin.motion.speed) <= 2e-3
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (["--goal", "99,99"], "--goal 99,99: not a free place"),
+        (["--start", "0,0"], "expected X,Y,YAW"),
+        (["--map", "nothing.yaml"], "nothing.yaml"),
+        (["--first", "0.5", "--most", "0.3"], "falls"),
+        (["--chair", "ros://nobody:1", "--dry-run"], "expected hardware"),
+        (["--policy", "nobody"], "nobody"),
+    ],
+)
+def test_wrong_words_are_one_line(tmp_path, capsys, change, why):
+    file = tmp_path / "map.yaml"
+    write_map(EPISODE.map, file)
+    words = ["deploy", "--config", str(ROOT / "configs" / "hardware.json"), "--map", str(file)]
+    assert main([*words, "--start", f"{X},{Y},0", "--goal", f"{X},{Y}", *change]) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1
+    assert why in said[0]

@@ -1,0 +1,174 @@
+"""Stops from full speed, whatever fails: how soon it is noticed, when the chair stands, how far on.
+
+`python -m tests.benchmarks.stops [trials] [cause ...]`: JSON on stdout; 100 trials of each cause.
+The hardware chair drives the emulated boards in simulated time, so that times and ways are the same
+on any machine. Each trial has a mass and a moment of its own. Exit code 1: a bound was passed.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.hardware.hosted import Hosted
+from tests.simulation.worlds import box
+from wheelchair_gym.hardware.messages import Switch
+from wheelchair_gym.hardware.settings import HardwareSettings
+from wheelchair_gym.simulation import ChairSettings
+from wheelchair_gym.simulation.settings import BodySettings
+
+TOP = 0.8  # m/s
+MASSES = (100.0, 180.0)  # kg: ISO 7176-11 dummies
+PERIOD = 0.1  # s
+DECELERATION = 1.5  # m/s2, at least, once it is noticed
+RISE = 0.06  # s that motors and brakes take to bring it about: 40 V at 180 kg
+SHED = 0.9  # of the duty before: less is a stop
+GIVEN_UP = 5.0  # s
+RUN = 0.005  # s, of the board's control
+# s from a set point that falls to a duty that is seen to: a run takes up to 3 ms, a step 1 ms.
+SEEN = 0.004
+LIMITS = HardwareSettings().limits
+
+
+def kill(hosted):
+    """SIGKILL: nothing more is said."""
+    hosted.clock._guards[:] = [g for g in hosted.clock._guards if g.look.__name__ == "look_on"]
+
+
+def unplug(hosted):
+    hosted.drive.plugged = False
+
+
+def silence_laser(hosted):
+    hosted.twin.laser.silent = True
+
+
+def silence_range(hosted):
+    hosted.range.plugged = False
+
+
+def blind(hosted):
+    hosted.twin.faults.blind[hosted.twin.steps % 2] = True
+
+
+def press(hosted):
+    hosted.twin.faults.switches = Switch.STOP_PRESSED
+
+
+def hang(hosted):
+    hosted.twin.drive.hang()
+
+
+# What happens, and within how long [s] it must be noticed.
+CAUSES = {
+    "host killed": (kill, 0.205 + SEEN),
+    "USB unplugged": (unplug, 0.205 + SEEN),
+    "laser silent": (silence_laser, LIMITS.scan + PERIOD),
+    "range board silent": (silence_range, LIMITS.ultrasonic + PERIOD),
+    # `missing`: 10 mm behind half of the aim, then the next run
+    "encoder lost": (blind, 0.010 / (0.5 * TOP) + 3 * RUN),
+    "emergency stop": (press, 2 * RUN),
+    "drive board hung": (hang, 0.08),  # its watchdog timer: 60 ms, on a clock of its own
+}
+
+
+@dataclass
+class Trial:
+    """What was seen of a stop, from the moment of the fault on."""
+
+    noticed_s: float = GIVEN_UP
+    rest_s: float = GIVEN_UP
+    way_m: float = 0.0
+    deceleration: float = 0.0
+    braked: bool = False
+
+
+class Onlooker:
+    """Strikes at a moment of its own and looks on every millisecond."""
+
+    def __init__(self, hosted, cause, at):
+        self.hosted, self.cause, self.at = hosted, cause, at
+        self.trial, self.struck, self.done = Trial(), None, False
+        self._duty, self._speed = 0.0, 0.0
+
+    def look_on(self):
+        twin = self.hosted.twin
+        now, duty = twin.steps * 0.001, sum(map(abs, twin.duty))
+        if self.struck is None:
+            if now >= self.at - 1e-9:
+                self.struck, self._duty, self._speed = now, duty, abs(twin.motion.speed)
+                self.cause(self.hosted)
+            return
+        elapsed, speed = now - self.struck, abs(twin.motion.speed)
+        trial = self.trial
+        if trial.rest_s < GIVEN_UP:
+            return
+        trial.way_m += 0.001 * speed
+        stopping = not twin.enabled or twin.braked or duty < SHED * self._duty
+        if trial.noticed_s == GIVEN_UP and stopping:
+            trial.noticed_s = elapsed
+        if speed < 1e-3:
+            trial.rest_s = elapsed
+            trial.deceleration = self._speed / max(1e-3, elapsed - trial.noticed_s)
+
+
+def stop(name, number):
+    """One trial of a cause."""
+    rng = np.random.default_rng([list(CAUSES).index(name), number])
+    chair = ChairSettings(body=BodySettings(mass=float(rng.uniform(*MASSES))))
+    hosted = Hosted(box(50.0), chair=chair, period=PERIOD)
+    hosted.chair.reset(None, 0)
+    target = np.array([TOP, 0.0])
+    for _ in range(30):
+        hosted.chair.drive(target)
+    at = hosted.clock.now() + 0.2 + round(float(rng.uniform(0.0, PERIOD)), 3)
+    onlooker = Onlooker(hosted, CAUSES[name][0], at)
+    hosted.clock.guard(onlooker.look_on, 0.001, "onlooker")
+    trial, end = onlooker.trial, at + GIVEN_UP
+    while trial.rest_s == GIVEN_UP and hosted.clock.now() < end:
+        if onlooker.struck is not None and onlooker.cause is kill:
+            hosted.clock.wait(hosted.clock.now() + PERIOD)
+        else:
+            hosted.chair.drive(target)
+    hosted.clock.wait(hosted.clock.now() + 0.3)
+    trial.braked = hosted.twin.braked
+    hosted.close()
+    return trial
+
+
+def summary(name, trials):
+    """The worst of each figure beside its bound, and whether all kept to them."""
+    bound = CAUSES[name][1]
+    way = TOP * (bound + RISE) + TOP**2 / (2 * DECELERATION)
+    worst = {
+        "noticed_ms": round(1e3 * max(t.noticed_s for t in trials)),
+        "rest_ms": round(1e3 * max(t.rest_s for t in trials)),
+        "way_m": round(max(t.way_m for t in trials), 3),
+        "least_deceleration": round(min(t.deceleration for t in trials), 2),
+    }
+    bounds = {
+        "noticed_ms": round(1e3 * bound),
+        "rest_ms": round(1e3 * (bound + RISE + TOP / DECELERATION)),
+        "way_m": round(way, 3),
+        "least_deceleration": DECELERATION,
+    }
+    kept = all(t.braked for t in trials) and worst["least_deceleration"] >= DECELERATION
+    kept &= all(worst[key] <= bounds[key] for key in ("noticed_ms", "rest_ms", "way_m"))
+    return {"trials": len(trials), "worst": worst, "bounds": bounds, "kept": bool(kept)}
+
+
+def main():
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 100
+    report = {}
+    for name in sys.argv[2:] or CAUSES:
+        report[name] = summary(name, [stop(name, number) for number in range(count)])
+        print(name, report[name], file=sys.stderr, flush=True)
+    print(json.dumps(report, indent=1))
+    sys.exit(0 if all(row["kept"] for row in report.values()) else 1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,34 @@
+"""A hardware chair over the twin in simulated time, with a person beside it."""
+
+from __future__ import annotations
+
+from tests.hardware.conftest import build
+from tests.simulation.worlds import box
+from wheelchair_gym.hardware.settings import HardwareSettings
+from wheelchair_gym.hardware.twin.inprocess import TwinChair
+from wheelchair_gym.hardware.twin.lockstep import Twin
+from wheelchair_gym.hardware.twin.plant import Plant
+from wheelchair_gym.sensing import SensorSettings
+from wheelchair_gym.simulation import ChairSettings
+
+
+class Hosted(TwinChair):
+    """A person stands by: re-arms when reset waits for it, as long as `minds`."""
+
+    def __init__(self, episode=None, chair=None, sensors=None, period=0.1, **settings):
+        for target in ("libemulator.so", "drive.elf", "range.elf"):
+            build(target)
+        sensors = sensors or SensorSettings(noise=False)
+        twin = Twin(Plant(chair or ChairSettings(), sensors))
+        twin.reset(episode or box(3.0), 0)
+        super().__init__(twin, period, HardwareSettings(**settings))
+        self.minds = True
+        self.clock.guard(self._mind, 0.05, "person")
+
+    def _mind(self):
+        if self.minds and self.chair.waiting:
+            self.chair.rearm()
+
+    def close(self):
+        super().close()
+        self.twin.close()

@@ -1,0 +1,362 @@
+"""Laws of the hardware chair over the emulated boards: paced, honest, and it always stops."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from tests.hardware.bench import ibus
+from tests.hardware.hosted import Hosted
+from tests.simulation.worlds import box
+from wheelchair_gym import InputError
+from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.geometry import footprint_clearance
+from wheelchair_gym.hardware.chairs import make_chair
+from wheelchair_gym.hardware.messages import Fault, Mode, Odometry, Switch
+from wheelchair_gym.hardware.odometer import Odometer
+from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
+from wheelchair_gym.kinematics import DriveGeometry
+from wheelchair_gym.sensing import SensorSettings
+from wheelchair_gym.sensing.settings import LaserSettings
+from wheelchair_gym.simulation import ChairSettings
+
+pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
+
+AHEAD = np.array([0.4, 0.0])
+PERIOD = 0.1
+LEAST = 1.5  # m/s2
+
+
+@pytest.fixture
+def hosted():
+    made = Hosted(box(50.0))
+    yield made
+    made.close()
+
+
+def begun(hosted, periods=15, twist=AHEAD):
+    """The chair, driving."""
+    hosted.chair.reset(None, 0)
+    for _ in range(periods):
+        reading = hosted.chair.drive(twist)
+    assert reading.halted == ""
+    assert reading.twist[0] == pytest.approx(twist[0], abs=0.01)
+    return hosted.chair
+
+
+def speed(hosted):
+    return abs(hosted.twin.motion.speed) + 0.27 * abs(hosted.twin.motion.turn)
+
+
+def until_slower(hosted, seconds):
+    """Time passes until the chair is slower, within so many seconds."""
+    start, before = hosted.clock.now(), speed(hosted)
+    while speed(hosted) > before - 0.02:
+        hosted.clock.wait(hosted.clock.now() + 0.001)
+        assert hosted.clock.now() - start < seconds
+
+
+def deceleration(hosted):
+    """The mean one from here to rest [m/s2]."""
+    start, before = hosted.clock.now(), speed(hosted)
+    while speed(hosted) > 2e-3:
+        hosted.clock.wait(hosted.clock.now() + 0.001)
+        assert hosted.clock.now() - start < 3.0
+    return before / (hosted.clock.now() - start)
+
+
+def test_a_reading_is_what_the_world_is(hosted):
+    """Pose and twist to a count a period, ranges to their resolution, with ages."""
+    hosted.twin.reset(box(3.0), 0)
+    chair = begun(hosted, 12, np.array([0.3, 0.2]))
+    start = hosted.twin.plant.pose
+    reading = chair.drive(np.array([0.3, 0.2]))
+    end = hosted.twin.plant.pose
+    np.testing.assert_allclose(reading.pose, end, atol=2e-3)
+    np.testing.assert_allclose(
+        reading.twist, [np.hypot(*(end - start)[:2]) / PERIOD, (end - start)[2] / PERIOD], atol=6e-3
+    )
+    for _ in range(10):
+        reading = chair.drive(np.zeros(2))
+    true = hosted.twin.plant.scan(0)
+    both = np.isfinite(true)
+    assert both.mean() > 0.9
+    np.testing.assert_allclose(reading.laser[both], true[both], atol=2e-3)
+    assert reading.laser.shape == (1081,)
+    assert (reading.age <= 0.55).all()
+    assert np.isfinite(reading.ultrasonic).sum() >= 4
+    assert reading.battery == pytest.approx(hosted.twin.motion.battery, abs=0.3)
+    assert not reading.bumped
+    outline, walls = chair.chair.footprint.array, box(3.0).walls
+    gap = footprint_clearance(*hosted.twin.plant.pose, outline, walls, np.empty((0, 3)), 2.0)
+    assert chair.truth.clearance == pytest.approx(gap, abs=0.01)
+    assert chair.truth.way > 0.3
+
+
+def test_periods_end_at_deadlines(hosted):
+    """A policy that takes part of each period does not stretch them; one that sleeps skips some."""
+    chair = hosted.chair
+    chair.reset(None, 0)
+    begin = hosted.clock.now()
+    for k in range(5):
+        hosted.clock.wait(hosted.clock.now() + 0.06)
+        assert chair.drive(np.zeros(2)).stamp == pytest.approx(PERIOD * (k + 1))
+    hosted.clock.wait(begin + 0.85)
+    assert chair.drive(np.zeros(2)).stamp == pytest.approx(0.9)
+
+
+def test_two_runs_are_equal_to_the_bit():
+    digests = []
+    for _ in range(2):
+        hosted, digest = Hosted(box(3.0), sensors=SensorSettings()), hashlib.sha256()
+        readings = [hosted.chair.reset(None, 0)]
+        rng = np.random.default_rng(5)
+        readings += [hosted.chair.drive(rng.uniform(-0.3, 0.5, 2)) for _ in range(8)]
+        for reading in readings:
+            for value in reading:
+                digest.update(repr(value).encode() if np.isscalar(value) else value.tobytes())
+        digests.append(digest.hexdigest())
+        hosted.close()
+    assert digests[0] == digests[1]
+
+
+def test_reset_stops_and_waits_for_a_person_and_stays_where_it_is(hosted):
+    """A chair that was armed already needs nobody; one that has stopped stands until it is."""
+    chair = begun(hosted, 13)
+    place = hosted.twin.plant.pose
+    hosted.minds = False
+    reading = chair.reset(box(1.0, (0.5, 0.5, 1.0)), 0)
+    assert speed(hosted) < 0.05
+    assert reading.stamp == 0.0
+    assert np.hypot(*(hosted.twin.plant.pose - place)[:2]) < 0.1
+    np.testing.assert_allclose(reading.pose, hosted.twin.plant.pose, atol=2e-3)
+    assert chair.drive(AHEAD).halted == ""
+    hosted.twin.faults.switches = Switch.STOP_PRESSED
+    hosted.clock.wait(hosted.clock.now() + 1.0)
+    hosted.twin.faults.switches = Switch(0)
+    chair.settings = dataclasses.replace(chair.settings, rearm=3.0)
+    before = hosted.clock.now()
+    with pytest.raises(InputError, match=r"stopped \(EMERGENCY_STOP\); a person must re-arm"):
+        chair.reset(None, 0)
+    assert hosted.clock.now() - before >= 3.0
+    assert chair.senses.odometry.mode == Mode.STOPPED
+    with pytest.raises(ValueError, match="never reset"):
+        chair.drive(AHEAD)
+    hosted.minds = True
+    assert chair.reset(None, 0).halted == ""
+
+
+FAULTS = {
+    "drive board's cable": (lambda h: setattr(h.drive, "plugged", False), "drive board is silent"),
+    "range board's cable": (lambda h: setattr(h.range, "plugged", False), "range board is silent"),
+    "laser's cable": (lambda h: setattr(h.twin.laser, "plugged", False), "unplugged"),
+    "laser is silent": (lambda h: setattr(h.twin.laser, "silent", True), "laser is silent"),
+    "emergency stop": (
+        lambda h: setattr(h.twin.faults, "switches", Switch.STOP_PRESSED), "EMERGENCY_STOP",
+    ),
+    "encoder lost": (lambda h: h.twin.faults.blind.__setitem__(0, True), "STALL"),
+    "drive board hangs": (lambda h: h.twin.drive.hang(), "RESET"),
+    "battery": (lambda h: setattr(h.twin.faults, "battery", 28.0), "UNDER_VOLTAGE"),
+}  # fmt: skip
+# s until it is slower by 0.02 m/s, at most: stale limit, a period, what follows
+BOUNDS = {
+    "drive board's cable": 0.25, "range board's cable": 1.2, "laser's cable": 0.35,
+    "laser is silent": 0.35, "encoder lost": 0.15, "emergency stop": 0.05,
+    "drive board hangs": 0.15, "battery": 1.0,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_whatever_breaks_it_stops_and_says_why(hosted, fault):
+    """While the policy goes on asking; a latched stop lasts until a person and a reset end it."""
+    chair = begun(hosted)
+    strike, why = FAULTS[fault]
+    strike(hosted)
+    start, slow, said = hosted.clock.now(), None, []
+    for _ in range(20):
+        said.append(chair.drive(AHEAD).halted)
+        if slow is None and speed(hosted) < 0.38:
+            slow = hosted.clock.now() - start
+    assert speed(hosted) < 2e-3
+    assert slow <= BOUNDS[fault] + PERIOD
+    assert any(why in one for one in said)
+    assert said[-1]
+    assert chair.truth.way < 0.4 * 1.5 + 0.4 * (BOUNDS[fault] + 0.5)
+
+
+def test_a_laser_that_speaks_again_lets_it_go_on(hosted):
+    chair = begun(hosted)
+    hosted.twin.laser.silent = True
+    readings = [chair.drive(AHEAD) for _ in range(5)]
+    assert readings[-1].halted
+    assert np.isnan(readings[-1].laser).all()
+    for _ in range(5):
+        chair.drive(AHEAD)
+    assert hosted.twin.braked  # and the drivers are off, as after any fault
+    assert not hosted.twin.enabled
+    hosted.twin.laser.silent = False
+    said = [chair.drive(AHEAD).halted for _ in range(25)]
+    assert said[-1] == ""
+    assert speed(hosted) > 0.3
+
+
+def test_a_re_armed_chair_stands_until_it_is_reset(hosted):
+    """Nothing starts to move because a person re-arms it: the program must begin anew."""
+    chair = begun(hosted)
+    hosted.twin.faults.switches = Switch.STOP_PRESSED
+    for _ in range(12):
+        chair.drive(AHEAD)
+    hosted.twin.faults.switches = Switch(0)
+    chair.drive(AHEAD)
+    chair.rearm()
+    for _ in range(5):
+        assert "EMERGENCY_STOP" in chair.drive(AHEAD).halted
+    assert chair.senses.odometry.mode == Mode.HOST
+    assert speed(hosted) < 2e-3
+    chair.reset(None, 0)
+    assert chair.drive(AHEAD).halted == ""
+
+
+def test_a_late_policy_does_not_drive_on(hosted):
+    chair = begun(hosted)
+    hosted.clock.wait(hosted.clock.now() + chair.settings.limits.hold)  # a command counts so long
+    assert speed(hosted) == pytest.approx(0.4, abs=0.02)
+    until_slower(hosted, PERIOD + 0.05)
+    assert deceleration(hosted) >= LEAST
+    assert chair.drive(AHEAD).halted == ""  # it goes on when told to
+
+
+@pytest.mark.parametrize("way", ["close", "program killed"])
+def test_every_way_out_stops_it(hosted, way):
+    """A killed program says nothing any more: the board stops by itself."""
+    chair = begun(hosted)
+    if way == "close":
+        chair.close()
+        chair.close()  # twice does no harm
+        until_slower(hosted, 0.06)
+        with pytest.raises(ValueError, match="closed"):
+            chair.drive(AHEAD)
+    else:
+        hosted.clock._guards.clear()
+        until_slower(hosted, 0.205 + 0.02)
+    assert deceleration(hosted) >= LEAST
+
+
+def test_the_joystick_at_the_board_goes_before_the_host(hosted):
+    """It says so while a person drives, and goes on when the chair is handed back."""
+    chair = begun(hosted)
+
+    def stick(**state):
+        hosted.twin.drive.write(ibus(**state), 1)
+
+    assert IBUS_BAUD == 115_200
+    person = {"manual": True, "held": True}
+    hosted.clock.guard(lambda: stick(**person), 0.02, "joystick")
+    said = [chair.drive(AHEAD).halted for _ in range(12)]
+    assert "joystick" in said[-1]
+    assert speed(hosted) < 0.02  # its stick is at the centre
+    person |= {"ahead": 0.5}
+    chair.drive(AHEAD)
+    assert "joystick" in [chair.drive(AHEAD).halted for _ in range(10)][-1]
+    assert speed(hosted) > 0.1
+    person |= {"ahead": 0.0, "manual": False}
+    assert [chair.drive(AHEAD).halted for _ in range(20)][-1] == ""
+    assert hosted.twin.motion.speed == pytest.approx(0.4, abs=0.01)
+
+
+def test_a_strip_is_told_and_stops_it():
+    """Into a wall: the board stops the chair, and the next reading says bumped."""
+    hosted = Hosted(box(1.2))
+    chair, bumped = hosted.chair, False
+    chair.reset(None, 0)
+    for _ in range(25):
+        bumped |= chair.drive(AHEAD).bumped
+    assert bumped
+    assert chair.truth.touched
+    assert speed(hosted) < 2e-3
+    hosted.close()
+
+
+def test_boards_and_laser_must_be_those_of_the_settings():
+    for chair, sensors, why in (
+        (None, SensorSettings(laser=LaserSettings(beams=541)), "has 541 beams"),
+        (ChairSettings(drive=DriveGeometry(track=0.6)), None, "track is 0.54; expected 0.6"),
+    ):
+        hosted = Hosted(box(3.0), sensors=sensors)
+        if sensors:
+            hosted.chair.senses.sensors = SensorSettings()  # what the settings say
+        else:
+            hosted.chair.chair = chair
+        with pytest.raises(InputError, match=why):
+            hosted.chair.reset(None, 0)
+        hosted.close()
+
+
+def test_a_chair_of_other_sizes_drives_by_its_own():
+    """Its boards are set up once, keep it through a reset of theirs, and agree at reset."""
+    hosted = Hosted(
+        box(50.0), ChairSettings(drive=DriveGeometry(track=0.6, counts_per_metre=3000.0))
+    )
+    hosted.chair.reset(None, 0)
+    hosted.twin.drive.reset()
+    hosted.clock.wait(hosted.clock.now() + 0.3)
+    hosted.chair.reset(None, 0)
+    for _ in range(15):
+        reading = hosted.chair.drive(np.array([0.3, 0.3]))
+    assert hosted.twin.motion.speed == pytest.approx(0.3, abs=0.01)
+    assert hosted.twin.motion.turn == pytest.approx(0.3, abs=0.02)
+    np.testing.assert_allclose(reading.pose, hosted.twin.plant.pose, atol=3e-3)
+    hosted.close()
+
+
+def test_what_is_not_there_is_one_line():
+    config = env_settings({"sensors": {"pose_source": "mcl"}})
+    lines = {"drive": "twin://nobody", "range": "", "laser": "twin://nobody"}
+    chair = make_chair({"name": "hardware", **lines, "limits": {"patience": 0.1}}, config)
+    with pytest.raises(InputError, match="drive board is silent") as caught:
+        chair.reset(None, 0)
+    assert "\n" not in str(caught.value)
+    chair.close()
+    for source in ("truth", "modelled"):
+        with pytest.raises(InputError, match="expected mcl, slam or odometry"):
+            gym.make("wheelchair_gym/Hardware-v0", pose_source=source)
+
+
+def test_settings_of_the_file_stand_where_the_name_says_nothing():
+    config = env_settings({"sensors": {"pose_source": "odometry"}, "hardware": {"rearm": 7.0}})
+    chair = make_chair({"name": "hardware", "drive": "twin://nobody", "range": ""}, config)
+    inner = chair.chair
+    inner.close()
+    assert (inner.settings.rearm, inner.settings.drive) == (7.0, "twin://nobody")
+
+
+def told(**values):
+    names = dict.fromkeys(Odometry._fields, 0)
+    return Odometry(**{**names, **values})
+
+
+def test_odometry_is_moved_on_and_survives_wraps_and_resets():
+    """Any split of a way into messages gives its pose; counts wrap, and a board counts anew."""
+    geometry = DriveGeometry()
+    metre = round(geometry.counts_per_metre)
+    odometer = Odometer(geometry, 0.1)
+    high = (1 << 31) - metre // 2
+    odometer.take(told(left=high, right=high), 0.0)
+    odometer.take(told(left=high + metre - (1 << 32), right=high + metre - (1 << 32)), 0.02)
+    np.testing.assert_allclose(odometer.at(0.02)[0], [1.0, 0.0, 0.0], atol=1e-3)
+    odometer.restart()
+    odometer.take(told(left=0, right=0, speed_left=0.5, speed_right=0.5), 0.04)
+    pose, ways = odometer.at(0.06)
+    np.testing.assert_allclose(pose, [1.01, 0.0, 0.0], atol=1e-3)
+    np.testing.assert_allclose(ways, [1.01, 1.01], atol=1e-3)
+    assert odometer.at(9.0)[0][0] == pytest.approx(1.05, abs=1e-3)  # never far
+    np.testing.assert_allclose(
+        odometer.twist(np.array([-0.027, 0.027]), 0.1), [0.0, 1.0], atol=1e-9
+    )
+    assert Fault.RESET.name == "RESET"
+    assert math.isclose(geometry.track, 0.54)

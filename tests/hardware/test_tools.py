@@ -1,0 +1,170 @@
+"""A technician's tools over the emulated boards: they find what is wrong, measure what is true."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.hardware.hosted import Hosted
+from tests.simulation.worlds import box
+from wheelchair_gym.hardware.calibrating import Square, calibrate, drive_square, reckon
+from wheelchair_gym.hardware.checking import Checker
+from wheelchair_gym.hardware.live import live_rows
+from wheelchair_gym.hardware.messages import Switch
+from wheelchair_gym.hardware.setting_up import save_parameters, set_parameters
+from wheelchair_gym.hardware.tuning import step_response
+from wheelchair_gym.sensing import SensorSettings
+from wheelchair_gym.sensing.settings import LaserSettings, OdometrySettings
+
+pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
+
+TRACK = 0.54
+
+
+@pytest.fixture
+def hosted():
+    made = Hosted(box(3.0))
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def checker(hosted):
+    hosted.clock._guards.clear()  # nobody else sends
+    return Checker(hosted.chair.senses, hosted.clock, hosted.chair.wanted)
+
+
+def bad(findings):
+    return {f"{one.part}: {one.what}" for one in findings if not one.good}
+
+
+def test_a_whole_chair_is_found_whole(hosted, checker):
+    """The emergency stop, too, which a person presses and lets go when asked."""
+
+    def person(what):
+        pressed = what.startswith("press")
+        hosted.twin.faults.switches = Switch.STOP_PRESSED if pressed else Switch(0)
+
+    findings = checker.run(person)
+    assert bad(findings) == set()
+    parts = {one.part for one in findings}
+    assert {"drive board", "range board", "laser", "battery", "emergency stop"} <= parts
+    assert {f"ultrasonic {k}" for k in range(8)} <= parts
+    rates = {one.part: float(one.found.split()[0]) for one in findings if one.what == "rate"}
+    assert rates == pytest.approx({"drive board": 50.0, "range board": 16.7, "laser": 40.0}, abs=1)
+
+
+BROKEN = {
+    "cable": (lambda h: setattr(h.drive, "plugged", False), "drive board: line"),
+    "laser": (lambda h: setattr(h.twin.laser, "plugged", False), "laser: line"),
+    "range": (lambda h: setattr(h.range, "plugged", False), "range board: line"),
+    "sonar": (lambda h: h.twin.faults.silent.add(5), "ultrasonic 5: range"),
+    "strip": (lambda h: setattr(h.twin.faults, "switches", Switch.LEFT), "switches: pressed"),
+    "battery": (lambda h: setattr(h.twin.faults, "battery", 28.0), "battery: voltage"),
+    "noise": (lambda h: setattr(h.drive.harm, "corrupt", 0.02), "both boards: frames refused"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_what_is_broken_is_named(hosted, checker, name):
+    strike, what = BROKEN[name]
+    strike(hosted)
+    found = bad(checker.run())
+    assert what in found
+    if name not in ("noise", "battery"):
+        assert len(found) == 1
+
+
+def test_an_emergency_stop_that_is_not_wired_is_found(checker):
+    found = checker.run(lambda what: None, patience=0.5)
+    assert bad(found) == {"emergency stop: second contact"}
+
+
+def test_another_fan_and_other_parameters_are_found():
+    hosted = Hosted(box(3.0), sensors=SensorSettings(laser=LaserSettings(beams=541), noise=False))
+    hosted.clock._guards.clear()
+    hosted.chair.senses.sensors = SensorSettings()
+    wanted = {**hosted.chair.wanted, "drive": {**hosted.chair.wanted["drive"], "kp": 33.0}}
+    found = bad(Checker(hosted.chair.senses, hosted.clock, wanted).run())
+    assert {"laser: fan", "drive board: parameters"} <= found
+    senses, clock = hosted.chair.senses, hosted.clock
+    assert set_parameters(senses, clock, "drive", wanted["drive"]) == {}
+    assert save_parameters(senses, clock, "drive")
+    clock.wait(clock.now() + 1.0)  # a byte of EEPROM each run
+    hosted.twin.drive.reset()
+    clock.wait(clock.now() + 0.5)
+    senses.poll()
+    senses.ask_again()
+    assert set_parameters(senses, clock, "drive", {"kp": 33.0}) == {}
+    assert set_parameters(senses, clock, "drive", {"kp": 1e9}) == {"kp": 1e9}
+    hosted.close()
+
+
+def test_all_is_told_live(hosted, checker):
+    checker.run()
+    rows = dict(live_rows(hosted.chair.senses, hosted.clock.now()))
+    assert "STOPPED" in rows["mode"]
+    assert rows["battery"].endswith("V")
+    assert "m at" in rows["nearest echo"]
+
+
+def test_a_step_is_driven_and_measured(hosted):
+    step = step_response(hosted.chair, None, 0.3, 1.5)
+    figures = step.figures
+    assert 0.0 < figures["lag_s"] < 0.1
+    assert figures["overshoot"] < 0.1
+    assert figures["end_error"] < 0.03
+    assert figures["settled_s"] < 1.2
+    assert np.diff(step.times) == pytest.approx(0.02, abs=0.01)
+    turned = step_response(hosted.chair, None, 0.5, 1.0, turn=True)
+    assert turned.figures["end_error"] < 0.05
+    hosted.clock.wait(hosted.clock.now() + 0.5)
+    assert abs(hosted.twin.motion.turn) < 2e-3
+
+
+def driven(side, left, track, ratio):
+    """What wheels did that were told of a square by a chair of another track and ratio."""
+    sign = 1.0 if left else -1.0
+    ways = []
+    for _ in range(4):
+        ways += [(side / 100, side / 100)] * 100
+        arc = sign * math.pi / 4.0 * TRACK
+        ways += [(-arc / 50, arc / 50)] * 50
+    ways = np.array(ways)
+    end = np.array(reckon(ways, track, ratio))
+    return Square(ways, end[:2])
+
+
+@pytest.mark.parametrize(("track", "ratio"), [(0.545, 1.0), (0.54, 1.004), (0.536, 0.997)])
+def test_squares_both_ways_tell_track_and_wheels(track, ratio):
+    told = calibrate([driven(4.0, way, track, ratio) for way in (True, False)], TRACK)
+    assert told.track == pytest.approx(track, abs=1e-5)
+    assert told.ratio == pytest.approx(ratio, abs=1e-5)
+    assert told.after < 1e-4 < told.before
+    with pytest.raises(ValueError, match="both ways"):
+        calibrate([driven(4.0, True, track, ratio)], TRACK)
+
+
+@pytest.mark.long
+def test_the_twin_is_calibrated():
+    """Its wheels and its track err, as drawn; the chair that drives it learns by how much."""
+    errors = OdometrySettings(diameter_error=0.01, track_error=0.02)
+    hosted = Hosted(box(6.0), sensors=SensorSettings(odometry=errors))
+    squares = []
+    for left in (True, False):
+        start = hosted.twin.plant.pose
+
+        def found(_what, start=start):
+            c, s = math.cos(start[2]), math.sin(start[2])
+            x, y = hosted.twin.plant.pose[:2] - start[:2]
+            return np.array([c * x + s * y, c * y - s * x])
+
+        squares.append(drive_square(hosted.chair, None, 2.0, left, found))
+    told = calibrate(squares, TRACK)
+    true = hosted.twin.plant.chair._chair[0]
+    hosted.close()
+    assert told.track == pytest.approx(true["track"], rel=2e-3)
+    assert told.ratio == pytest.approx(true["radius_right"] / true["radius_left"], rel=1e-3)
+    assert told.after < 0.2 * told.before

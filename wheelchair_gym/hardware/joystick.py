@@ -1,0 +1,219 @@
+"""A joystick at the host: a person's hand, above every policy, while a button is held.
+
+Holding the dead-man button takes the chair; letting go brakes it, and it stands until the person
+hands it back. One that is unplugged while it has the chair keeps it standing. A wireless one that
+repeats its last values hides that its radio is lost: those belong to the drive board's receiver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.hardware.healing import Healing
+from wheelchair_gym.kinematics import Limits
+
+Array = NDArray[np.float64]
+
+ANY = "any"
+# Linux's input-event-codes.h
+EV_SYN, EV_KEY, EV_ABS, SYN_DROPPED = 0, 1, 3, 3
+
+
+@settings
+class JoystickSettings:
+    """Which joystick, and what its buttons do; codes are those of Linux's input events."""
+
+    device: str = setting(default="", source="/dev/input/eventN; any: the first; empty: none")
+    ahead: int = setting(default=1, source="ABS_Y; forward is less", low=0, high=63)
+    aside: int = setting(default=0, source="ABS_X; left is less", low=0, high=63)
+    hold: int = setting(default=310, source="BTN_TL: dead-man button", low=256, high=767)
+    give: int = setting(default=315, source="BTN_START: hands the chair back", low=256, high=767)
+    rearm: int = setting(default=314, source="BTN_SELECT: re-arms, at rest", low=256, high=767)
+    idle: float = setting(
+        default=0.08, source="of a stick's travel that is still rest", low=0.0, high=0.9
+    )
+    share: float = setting(default=0.6, source="of full speed and turn", low=0.0, high=1.0)
+
+    def __post_init__(self) -> None:
+        if len({self.hold, self.give, self.rearm}) < 3 or self.ahead == self.aside:
+            raise InputError("JoystickSettings: hold, give, rearm and both axes must differ")
+
+
+class Event(NamedTuple):
+    """What a device says."""
+
+    type: int
+    code: int
+    value: int
+
+
+class Device(Protocol):
+    """An open input device."""
+
+    @property
+    def axes(self) -> dict[int, tuple[int, int]]:
+        """Least and most value of each axis."""
+        ...
+
+    def read(self) -> Iterable[Event]:
+        """What it has said since; never waits.
+
+        Raises:
+            OSError: it is gone.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let it go."""
+        ...
+
+
+Opener = Callable[[JoystickSettings], Device]
+
+
+class _Evdev:
+    """A device of Linux's evdev."""
+
+    def __init__(self, device: Any) -> None:
+        self._device = device
+        self.axes = {code: (info.min, info.max) for code, info in _axes(device)}
+
+    def read(self) -> Iterable[Event]:
+        """See `Device.read`."""
+        try:
+            return [Event(e.type, e.code, e.value) for e in self._device.read()]
+        except BlockingIOError:
+            return []
+
+    def close(self) -> None:
+        """See `Device.close`."""
+        self._device.close()
+
+
+def _axes(device: Any) -> list[tuple[int, Any]]:
+    found: list[tuple[int, Any]] = device.capabilities(absinfo=True).get(EV_ABS, [])
+    return found
+
+
+def load_evdev() -> Any:
+    """The package evdev.
+
+    Raises:
+        InputError: the extra 'hardware' is not installed.
+    """
+    try:
+        import evdev
+    except ImportError:
+        raise InputError("a joystick needs: pip install 'wheelchair_gym[hardware]'") from None
+    return evdev
+
+
+def open_evdev(own: JoystickSettings) -> Device:
+    """Open the joystick that the settings name, or the first that has what they ask.
+
+    Raises:
+        InputError: see `load_evdev`.
+        OSError: there is none.
+    """
+    evdev = load_evdev()
+    for path in evdev.list_devices() if own.device == ANY else [own.device]:
+        device = evdev.InputDevice(path)
+        axes = {code for code, _ in _axes(device)}
+        if {own.ahead, own.aside} <= axes and own.hold in device.capabilities().get(EV_KEY, []):
+            return _Evdev(device)
+        device.close()
+    raise OSError(f"no joystick at {own.device!r} with these axes and this button")
+
+
+class Joystick:
+    """What a person's hand asks for; see `HardwareChair.hand`.
+
+    Args:
+        settings: which one, and its buttons.
+        rearm: is called when the person re-arms with both sticks at rest.
+        opener: makes the device.
+
+    Attributes:
+        taken: the person has the chair.
+    """
+
+    def __init__(
+        self,
+        settings: JoystickSettings,
+        rearm: Callable[[], None] = lambda: None,
+        opener: Opener = open_evdev,
+    ) -> None:
+        self.settings, self.taken = settings, False
+        self._rearm = rearm
+        self._line = Healing(lambda: opener(settings))
+        self._let_go()
+
+    @property
+    def why(self) -> str:
+        """Why there is none, as a line of text; empty while it is open."""
+        return self._line.why
+
+    def __call__(self, now: float, limits: Limits) -> Array | None:
+        """The twist (2,) [m/s, rad/s] that is asked for; None while nobody has taken the chair."""
+        self._listen(now)
+        if not self.taken:
+            return None
+        if not self._held:
+            return np.zeros(2)
+        own = self.settings
+        ahead, aside = -self._stick(own.ahead), -self._stick(own.aside)
+        v = ahead * (limits.forward if ahead > 0.0 else limits.backward)
+        return own.share * np.array([v, aside * limits.turn])
+
+    def close(self) -> None:
+        """Let the device go; the chair stays with whom it is."""
+        self._let_go()
+        self._line.close()
+
+    def _let_go(self) -> None:
+        self._held, self._values = False, dict[int, int]()
+
+    def _listen(self, now: float) -> None:
+        device = self._line.ready(now)
+        if device is None:
+            return
+        try:
+            for event in device.read():
+                self._heed(event)
+        except OSError as error:
+            self._let_go()
+            self._line.drop(error)
+
+    def _heed(self, event: Event) -> None:
+        own = self.settings
+        if event.type == EV_SYN and event.code == SYN_DROPPED:
+            self._let_go()  # something was missed: the button is to be pressed again
+        elif event.type == EV_ABS:
+            self._values[event.code] = event.value
+        elif event.type == EV_KEY and event.code == own.hold and event.value != 2:  # 2: repeated
+            self._held = event.value == 1
+            self.taken |= self._held
+        elif event.type == EV_KEY and event.code == own.give and event.value == 1:
+            self.taken &= self._held
+        elif event.type == EV_KEY and event.code == own.rearm and event.value == 1 and self._rests:
+            self._rearm()
+
+    @property
+    def _rests(self) -> bool:
+        return self._stick(self.settings.ahead) == self._stick(self.settings.aside) == 0.0
+
+    def _stick(self, axis: int) -> float:
+        """Where a stick is, -1 to 1; 0 before it has said."""
+        if self._line.thing is None or axis not in self._values:
+            return 0.0
+        least, most = self._line.thing.axes[axis]
+        if most <= least:
+            return 0.0
+        tilt = min(1.0, max(-1.0, 2.0 * (self._values[axis] - least) / (most - least) - 1.0))
+        past = max(0.0, abs(tilt) - self.settings.idle) / (1.0 - self.settings.idle)
+        return float(np.copysign(past, tilt)) if past else 0.0

@@ -1,0 +1,57 @@
+"""Parameters given to boards that stand, and kept there."""
+
+from __future__ import annotations
+
+import math
+
+from wheelchair_gym.hardware.board_senses import BoardSenses
+from wheelchair_gym.hardware.messages import Get, Save, Set, Status
+from wheelchair_gym.hardware.pace import Clock
+from wheelchair_gym.hardware.parameters import DRIVE, RANGE
+
+LOOK = 0.005  # s between two looks at the lines
+PATIENCE = 3.0  # s for each parameter
+
+
+def set_parameters(
+    senses: BoardSenses, clock: Clock, board: str, wanted: dict[str, float]
+) -> dict[str, float]:
+    """Give a board the parameters that it lacks; it must stand. What is still wrong after.
+
+    They are in force, and gone with its power until it is told to save them.
+    """
+    link = senses.drive if board == "drive" else senses.range
+    names = DRIVE if board == "drive" else RANGE
+    left = dict(wanted)
+    for name, value in wanted.items():
+        end = clock.now() + PATIENCE
+        asked = -math.inf
+        while clock.now() < end and link is not None:
+            senses.poll()
+            if not senses.disagrees(board, {name: value}):
+                del left[name]
+                break
+            if clock.now() - asked > 0.1 and "does not tell" not in senses.disagrees(
+                board, {name: value}
+            ):
+                link.send(Set(names.index(name), value))
+                link.send(Get(names.index(name)))
+                asked = clock.now()
+            clock.wait(clock.now() + LOOK)
+    return left
+
+
+def save_parameters(senses: BoardSenses, clock: Clock, board: str) -> bool:
+    """Let a board keep its parameters over power-off; whether it says so."""
+    link = senses.drive if board == "drive" else senses.range
+    end = clock.now() + PATIENCE
+    while clock.now() < end and link is not None:
+        sequence = link.send(Save())
+        until = clock.now() + 0.2
+        while clock.now() < until:
+            senses.poll()
+            told = senses.answers.get(board)
+            if told is not None and told.sequence == sequence and told.status == Status.DONE:
+                return True
+            clock.wait(clock.now() + LOOK)
+    return False

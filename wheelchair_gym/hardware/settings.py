@@ -1,0 +1,39 @@
+"""Settings of the chair behind the two boards and the laser."""
+
+from __future__ import annotations
+
+from wheelchair_gym.config import setting, settings
+from wheelchair_gym.hardware.joystick import JoystickSettings
+from wheelchair_gym.hardware.limits import HostLimits
+
+
+@settings
+class HardwareSettings:
+    """Where boards and laser are, and how often they are spoken to.
+
+    The geometry is that of the environment (sections chair and sensors); at reset the boards'
+    parameters and the laser's own specification must agree with it.
+    """
+
+    drive: str = setting(default="/dev/ttyACM0", source="drive board; any URL of pyserial")
+    range: str = setting(default="/dev/ttyACM1", source="range board; empty: none")
+    laser: str = setting(
+        default="tcp://192.168.0.10:10940", source="UST-10LX as delivered; or a serial device"
+    )
+    repeat: float = setting(
+        default=0.02, unit="s", source="commands go out so often; the board stops after 0.2 s",
+        low=0.005, high=0.1,
+    )  # fmt: skip
+    look: float = setting(
+        default=0.005, unit="s", source="between two looks at the lines", low=0.001, high=0.05
+    )
+    flight: float = setting(
+        default=0.004, unit="s", source="least from counts to host: a run of control, 51 bytes; "
+        "measured on the twin", low=0.0, high=0.05,
+    )  # fmt: skip
+    dry: bool = setting(default=False, source="true: no command is sent, it is only listened to")
+    rearm: float = setting(
+        default=120.0, unit="s", source="that reset waits for a person to re-arm", low=0.0
+    )
+    limits: HostLimits = HostLimits(drift=0.006)  # resonator of an Arduino Mega: 0.5 %
+    joystick: JoystickSettings = JoystickSettings()

@@ -1,0 +1,141 @@
+"""Words that break the served twin, and mend it again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from wheelchair_gym.hardware.messages import Switch
+from wheelchair_gym.hardware.twin.lockstep import Faults
+from wheelchair_gym.hardware.twin.serve import ServedTwin
+from wheelchair_gym.hardware.twin.stick import Stick
+from wheelchair_gym.hardware.twin.wire import Harm
+from wheelchair_gym.sensing.settings import RANGERS
+
+_SIDES = ("left", "right")
+_SWITCHES = {
+    "stop": Switch.STOP_PRESSED,
+    "front": Switch.FRONT,
+    "rear": Switch.REAR,
+    "left": Switch.LEFT,
+    "right": Switch.RIGHT,
+    "lever": Switch.FREEWHEEL,
+    "driver-left": Switch.DRIVER_LEFT,
+    "driver-right": Switch.DRIVER_RIGHT,
+}
+
+_HANDS = {"free": Stick(manual=True), "back": Stick(), "silent": None}
+
+
+def _number(word: str, low: float, high: float) -> float:
+    value = float(word)
+    if not low <= value <= high:
+        raise ValueError(word)
+    return value
+
+
+def _press(served: ServedTwin, words: Sequence[str]) -> None:
+    served.twin.faults.switches |= _SWITCHES[words[0]]
+
+
+def _release(served: ServedTwin, words: Sequence[str]) -> None:
+    served.twin.faults.switches &= ~_SWITCHES[words[0]]
+
+
+def _encoder(served: ServedTwin, words: Sequence[str]) -> None:
+    faults = served.twin.faults
+    kinds = {"lost": faults.blind, "swapped": faults.swapped}
+    kinds[words[1]][_SIDES.index(words[0])] = True
+
+
+def _block(served: ServedTwin, words: Sequence[str]) -> None:
+    held = list(served.twin.faults.held)
+    held[_SIDES.index(words[0])] = True
+    served.twin.faults.held = (held[0], held[1])
+
+
+def _battery(served: ServedTwin, words: Sequence[str]) -> None:
+    served.twin.faults.battery = _number(words[0], 0.0, 60.0)
+
+
+def _sonar(served: ServedTwin, words: Sequence[str]) -> None:
+    which, faults = int(_number(words[0], 0, RANGERS - 1)), served.twin.faults
+    if words[1] == "silent":
+        faults.silent.add(which)
+    else:
+        faults.stuck[which] = _number(words[1], 0.0, 6.0)
+
+
+def _stick(served: ServedTwin, words: Sequence[str]) -> None:
+    faults = served.twin.faults
+    if words[0] in _HANDS:
+        faults.stick = _HANDS[words[0]]
+    else:
+        ahead, aside = (_number(word, -1.0, 1.0) for word in words)
+        faults.stick = Stick(ahead, aside, manual=True, held=True)
+
+
+def _unplug(served: ServedTwin, words: Sequence[str]) -> None:
+    if words[0] == "laser":
+        served.twin.laser.plugged = False
+    else:
+        {"drive": served.drive, "range": served.range}[words[0]].wire.plugged = False
+
+
+def _silence(served: ServedTwin, words: Sequence[str]) -> None:
+    if words[0] != "laser":
+        raise ValueError(words[0])
+    served.twin.laser.silent = True
+
+
+def _noise(served: ServedTwin, words: Sequence[str]) -> None:
+    share = _number(words[0], 0.0, 1.0)
+    for end in (served.drive, served.range):
+        end.wire.harm = Harm(corrupt=share)
+
+
+def _hang(served: ServedTwin, words: Sequence[str]) -> None:
+    {"drive": served.twin.drive, "range": served.twin.range}[words[0]].hang()
+
+
+def _power(served: ServedTwin, words: Sequence[str]) -> None:
+    {"drive": served.twin.drive, "range": served.twin.range}[words[0]].reset()
+
+
+def _heal(served: ServedTwin, words: Sequence[str]) -> None:
+    twin = served.twin
+    twin.faults = Faults()
+    twin.laser.plugged, twin.laser.silent = True, False
+    for end in (served.drive, served.range):
+        end.wire.plugged, end.wire.harm = True, Harm()
+
+
+WORDS: dict[str, tuple[str, Callable[[ServedTwin, Sequence[str]], None]]] = {
+    "press": (" | ".join(_SWITCHES), _press),
+    "release": (" | ".join(_SWITCHES), _release),
+    "encoder": ("left | right, lost | swapped", _encoder),
+    "block": ("left | right", _block),
+    "battery": ("VOLTS", _battery),
+    "sonar": ("0 to 7, silent | METRES", _sonar),
+    "stick": ("AHEAD ASIDE (-1 to 1, held) | free | back | silent", _stick),
+    "unplug": ("drive | range | laser", _unplug),
+    "silence": ("laser", _silence),
+    "noise": ("SHARE of bytes that are corrupted", _noise),
+    "hang": ("drive | range", _hang),
+    "power": ("drive | range: off and on", _power),
+    "heal": ("", _heal),
+}
+
+
+def break_it(served: ServedTwin, line: str) -> str:
+    """Do what a line of words says; what to tell the person."""
+    words = line.split()
+    if not words:
+        return ""
+    if words[0] not in WORDS:
+        return "\n".join(f"{name} {what}".rstrip() for name, (what, _) in WORDS.items())
+    what, act = WORDS[words[0]]
+    try:
+        act(served, words[1:])
+    except (IndexError, KeyError, ValueError):
+        return f"{line.strip()}: expected {words[0]} {what}"
+    return f"{line.strip()}: done"
