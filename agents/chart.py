@@ -19,6 +19,8 @@ from wheelchair_gym.types import Episode
 Array = NDArray[np.float64]
 
 ENDLESS = 0.0  # m: a goal that is never near enough
+_BLANK = OccupancyGrid(np.full((40, 40), FREE, np.int8), 0.1, (-2.0, -2.0, 0.0))
+NOWHERE = Episode(_BLANK, np.zeros(3), np.array([1.0, 0.0, 0.0]), name="unknown")
 
 
 @dataclass(frozen=True)
@@ -80,17 +82,18 @@ class Chart:
     seconds: float
     way: float  # m
     ended: str  # done, time, contact or stopped
-    fidelity: Fidelity
+    fidelity: Fidelity | None  # none where nobody knows the truth: of a real chair
 
     @property
     def figures(self) -> dict[str, Any]:
         """The figures as JSON takes them."""
+        told = {"seconds": self.seconds, "way": self.way, "ended": self.ended}
+        if self.fidelity is None:
+            return told
         off = self.believed - self.true
         turn = np.remainder(off[:, 2] + np.pi, 2 * np.pi) - np.pi
         return {
-            "seconds": self.seconds,
-            "way": self.way,
-            "ended": self.ended,
+            **told,
             "pose_rms_m": float(np.sqrt((off[:, :2] ** 2).sum(axis=1).mean())),
             "heading_rms_deg": float(np.degrees(np.sqrt((turn**2).mean()))),
             **asdict(self.fidelity),
@@ -103,8 +106,10 @@ def chart(
     seed: int,
     seconds: float,
     each: Callable[[Any], object] = lambda env: None,
+    *,
+    real: bool = False,
 ) -> Chart:
-    """Let a policy drive through a scene whose chair draws its own map.
+    """Let a policy drive through a world whose chair draws its own map.
 
     It ends when the policy is done, when time is up, at a contact or at Ctrl-C.
 
@@ -114,9 +119,12 @@ def chart(
         seed: of the episode.
         seconds: at most so long.
         each: called with the environment at each step.
+        real: a real chair: there is no scene, and the map begins where the chair is.
     """
-    env.unwrapped.reset(seed=seed)  # unseen by recorders
-    scene: Episode = env.unwrapped.episode
+    scene = NOWHERE
+    if not real:
+        env.unwrapped.reset(seed=seed)  # unseen by recorders
+        scene = env.unwrapped.episode
     endless = replace(scene, tolerance=ENDLESS, time_limit=seconds)
     observation, info = env.reset(seed=seed, options={"episode": endless})
     task = env.unwrapped.task
@@ -139,7 +147,7 @@ def chart(
             raise
         ended = "stopped"
     grid = task.map
-    found = fidelity(grid, scene, task.footprint.half_width)
+    found = None if real else fidelity(grid, scene, task.footprint.half_width)
     return Chart(
         grid, np.array(believed), np.array(true), info["time"], info["distance"], ended, found
     )

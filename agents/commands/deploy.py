@@ -67,13 +67,11 @@ def add(parts: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Drive it; 0 when it arrived."""
-    from agents.deploy import Deployment, deploy, ended_as_by_hand, hear_person
+    from agents.commands.real import drive_real
+    from agents.deploy import Deployment, deploy
     from agents.evaluate import env_settings, warm
     from agents.policy import make_policy
     from wheelchair_gym.config import InputError
-    from wheelchair_gym.envs import NavigationEnv
-    from wheelchair_gym.envs.settings import env_settings as typed
-    from wheelchair_gym.hardware.chairs import make_chair
 
     if len(given.start) != 3:
         raise InputError("--start: expected X,Y,YAW (m, m, rad)")
@@ -82,8 +80,6 @@ def run(given: argparse.Namespace) -> int:
     policy = make_policy(spec(given.policy))
     episode = _episode(given)
     settings = env_settings(config=given.config, pose_source=given.pose)
-    # None drives a person without one.
-    shield: Any = {} if typed(**settings).shield is not None else {"shield": True}
     named: Any = given.chair if "://" in given.chair else spec(given.chair)
     if given.dry_run:
         named = {"name": named} if isinstance(named, str) else named
@@ -92,14 +88,7 @@ def run(given: argparse.Namespace) -> int:
         named = {**named, "dry": True}
     print("getting ready", file=sys.stderr)
     warm(spec(given.policy), _WARM, settings)  # nothing is compiled while a person sits in it
-    ended_as_by_hand()
-    chair: Any = make_chair(named, typed(**settings))
-    try:
-        hear_person(chair)
-        env: Any = NavigationEnv(chair=chair, render_mode="rgb_array", **settings, **shield)
-    except BaseException:
-        chair.close()
-        raise
+    env, _ = drive_real(named, settings, render_mode="rgb_array")
     try:
         env, film = watch(given).on(env)
         record = deploy(env, policy, episode, own, _say, given.dry_run, film)

@@ -16,14 +16,20 @@ def add(parts: Any) -> None:
     parser: argparse.ArgumentParser = parts.add_parser(
         "map",
         help="build a map: by exploring a scene, from a recording or from a log",
-        description="Build a map by SLAM. In a scene a policy drives through a world that it does "
-        "not know, and the map is compared with the truth. From a log in BreezySLAM's format "
-        "(encoders and scans) or a recording of a chair, the map by odometry alone is built, too, "
+        description="Build a map by SLAM. In a scene, or with a real chair, a policy drives "
+        "through a world that it does not know; the map of a scene is compared with the truth. "
+        "From a log in BreezySLAM's format (encoders and scans) or a recording of a chair, the "
+        "map by odometry alone is built, too, "
         "and it is told how well scans that were kept out of each map lie on it.",
         epilog="example: wheelchair map --scene floor_plan --seed 4 --picture map.png",
     )
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--scene", metavar="NAME", help="or FILE.json:NAME; explored")
+    source.add_argument(
+        "--chair", metavar="CHAIR",
+        help="a real one, which explores where it stands: hardware, ros://HOST:PORT, or "
+        "FILE.json:NAME as in configs/chairs.json",
+    )  # fmt: skip
     source.add_argument("--log", metavar="FILE", help="in BreezySLAM's format: one line a scan")
     source.add_argument("--recording", metavar="FILE.mcap", help="of a chair; its first episode")
     parser.add_argument(
@@ -60,7 +66,7 @@ def run(given: argparse.Namespace) -> int:
 
     if given.picture and Path(given.picture).suffix.lower() != ".png":
         raise InputError(f"{given.picture}: a picture is a .png")
-    value, lines = _explored(given) if given.scene else _surveyed(given)
+    value, lines = _explored(given) if given.scene or given.chair else _surveyed(given)
     path = Path(given.out) / "map.yaml"
     value |= {
         "seed": given.seed,
@@ -74,11 +80,18 @@ def run(given: argparse.Namespace) -> int:
     return 0
 
 
+def _place(given: argparse.Namespace) -> Any:
+    """The scene, or the chair, that a person names."""
+    named = given.scene or given.chair
+    return named if "://" in named else spec(named)
+
+
 def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     """Drive through a scene; figures, and lines for a person."""
     import dataclasses
 
     from agents.chart import chart
+    from agents.commands.real import drive_real
     from agents.evaluate import label, make_env
     from agents.policy import make_policy
     from agents.survey import progress
@@ -91,7 +104,7 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
         raise InputError("--odometry-only: expected --log or --recording with it")
     if not given.time > 0.0:
         raise InputError(f"--time {given.time}: expected more than 0 s")
-    chosen, scene = spec(given.policy), spec(given.scene)
+    chosen, scene = spec(given.policy), _place(given)
     if chosen == "explore":
         chosen = {"name": "explore", "seek": False}  # all of the scene, wherever its goal is
     policy = make_policy(chosen)
@@ -99,7 +112,11 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     if given.particles is not None:
         slam = dataclasses.replace(own.slam, particles=given.particles)
         own = dataclasses.replace(own, slam=slam)
-    env = make_env(scene, {"config": own}, "human" if given.window else "rgb_array")
+    mode = "human" if given.window else "rgb_array"
+    if given.chair:
+        env, _ = drive_real(scene, {"config": own}, render_mode=mode)
+    else:
+        env = make_env(scene, {"config": own}, mode)
     try:
         with progress(round(given.time), not given.quiet, "s") as bar:
 
@@ -107,23 +124,28 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
                 bar.update(env.unwrapped.task.reading.stamp - bar.n)
 
             env, each = watch(given).on(env, count_seconds)
-            made = chart(env, policy, given.seed, given.time, each or count_seconds)
+            made = chart(
+                env, policy, given.seed, given.time, each or count_seconds, real=bool(given.chair)
+            )
     finally:
         env.close()
     write_map(made.grid, Path(given.out) / "map.yaml")
     if given.picture:
         truth = env.unwrapped.episode.map
         drawn = [("SLAM", made.grid, made.believed), ("truth", truth, made.true)]
-        write_png(given.picture, draw_map(drawn))
+        write_png(given.picture, draw_map(drawn[:1] if given.chair else drawn))
     of = made.figures
+    where = f"{label(scene)}, seed {given.seed}" if given.scene else given.chair
     lines = [
-        f"{given.policy} on {label(scene)}, seed {given.seed}: {made.ended} after "
-        f"{made.seconds:.1f} s and {made.way:.1f} m",
-        f"pose: RMS {100 * of['pose_rms_m']:.1f} cm, {of['heading_rms_deg']:.2f} deg",
-        f"map: {100 * of['right']:.1f} % of its cells right, walls off by "
-        f"{100 * of['wall_median']:.1f} cm (median), {100 * of['wall_p95']:.1f} cm (p95), "
-        f"{100 * of['floor_seen']:.1f} % of the floor seen",
+        f"{given.policy} on {where}: {made.ended} after {made.seconds:.1f} s and {made.way:.1f} m"
     ]
+    if given.scene:
+        lines += [
+            f"pose: RMS {100 * of['pose_rms_m']:.1f} cm, {of['heading_rms_deg']:.2f} deg",
+            f"map: {100 * of['right']:.1f} % of its cells right, walls off by "
+            f"{100 * of['wall_median']:.1f} cm (median), {100 * of['wall_p95']:.1f} cm (p95), "
+            f"{100 * of['floor_seen']:.1f} % of the floor seen",
+        ]
     return {"scene": label(scene), "policy": given.policy, **of}, lines
 
 

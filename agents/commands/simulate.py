@@ -106,11 +106,8 @@ def _real(
     given: argparse.Namespace, settings: dict[str, Any], scene: Any, mode: str
 ) -> tuple[Any, Any]:
     """An environment of a real chair, and the episode on its own map if a goal is given."""
-    from agents.deploy import ended_as_by_hand, hear_person
+    from agents.commands.real import drive_real
     from wheelchair_gym.config import InputError
-    from wheelchair_gym.envs import NavigationEnv
-    from wheelchair_gym.envs.settings import env_settings
-    from wheelchair_gym.hardware.chairs import make_chair
 
     if given.shield == "off":
         raise InputError("--shield off is of the simulated chair; a real one has it always")
@@ -118,15 +115,12 @@ def _real(
         raise InputError("--chair: expected --goal X,Y on its own map, or --scene with one")
     if given.start is not None and len(given.start) != 3:
         raise InputError("--start of a real chair: expected X,Y,YAW (m, m, rad)")
-    ended_as_by_hand()
     named = given.chair if "://" in given.chair else spec(given.chair)
-    chair: Any = make_chair(named, env_settings(**{"config": None, **settings}))
+    env, chair = drive_real(named, settings, scene=scene, render_mode=mode)
     try:
         if given.goal is not None and not hasattr(chair, "episode"):
             raise InputError(f"--goal: {given.chair} has no map of its own; expected --scene")
-        episode = None if given.goal is None else chair.episode(given.goal, given.start)
-        hear_person(chair)
-        return NavigationEnv(scene=scene, chair=chair, render_mode=mode, **settings), episode
+        return env, None if given.goal is None else chair.episode(given.goal, given.start)
     except BaseException:
-        chair.close()
+        env.close()
         raise

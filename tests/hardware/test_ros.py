@@ -24,13 +24,14 @@ from tests.hardware.fake_rosbridge import RANGERS, SENSORS, FakeRosbridge
 from wheelchair_gym import InputError
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.geometry import point_segment_distance, to_world
 from wheelchair_gym.hardware.arrivals import Arrivals
 from wheelchair_gym.hardware.chairs import chair_settings, make_chair
 from wheelchair_gym.hardware.ros_senses import Senses
 from wheelchair_gym.hardware.ros_settings import RosSettings
 from wheelchair_gym.hardware.rosbridge import Link, Rosbridge
 from wheelchair_gym.kernel import kernel
-from wheelchair_gym.maps import OCCUPIED
+from wheelchair_gym.maps import OCCUPIED, read_map
 
 CONFIG = {"sensors": {"laser": {"beams": 181}}, "task": {"beams": 181}}
 # A busy machine that runs the chair, the bridge and the policy at once is late now and then.
@@ -123,6 +124,28 @@ def test_the_command_drives_it(bridge, tmp_path, capsys):
     assert main(["replay", str(file)]) == 0
     assert main(drive) == 2
     assert "--goal" in capsys.readouterr().err
+
+
+def test_it_maps_where_it_stands(bridge, tmp_path, capsys):
+    """What it draws of the place is what is there, in the frame of where it began."""
+    config, chairs = tmp_path / "chair.json", tmp_path / "chairs.json"
+    config.write_text(json.dumps(CONFIG))
+    chairs.write_text(json.dumps({"ros": spec(bridge)}))
+    begun = bridge.chair.truth.pose
+    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGHUP)
+    try:
+        survey = ["map", "--chair", f"{chairs}:ros", "--config", str(config), "--time", "3"]
+        assert main([*survey, "--out", str(tmp_path / "map"), "--quiet"]) == 0
+    finally:
+        signal.signal(signal.SIGTERM, before[0])
+        signal.signal(signal.SIGHUP, before[1])
+    assert "explore on" in capsys.readouterr().out
+    assert until(lambda: bridge.still)
+    drawn = read_map(tmp_path / "map" / "map.yaml")
+    seen = to_world(drawn.to_world(np.argwhere(drawn.cells == OCCUPIED)), begun)
+    off = [min(point_segment_distance(x, y, *w) for w in bridge.episode.walls) for x, y in seen]
+    assert len(seen) > 50
+    assert np.quantile(off, 0.9) < 0.15
 
 
 def test_a_reading_is_what_the_topics_said(bridge):
