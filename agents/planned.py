@@ -13,7 +13,6 @@ One policy with named states, shown by pictures and logs as the task's note:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import field
 from typing import Any
@@ -23,7 +22,8 @@ from numpy.typing import NDArray
 
 from agents.followers import make_follower
 from agents.followers.follower import CREEP
-from agents.followers.retreat import back_out, turn
+from agents.followers.retreat import back_out
+from agents.look_round import LookRound
 from agents.motion import Motion
 from agents.reference import Reference
 from agents.scripted import Observation, episode_rng
@@ -33,7 +33,6 @@ from planners import make_planner
 from planners.space import Space
 from planners.types import Plan, Problem, Status
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import to_frame
 from wheelchair_gym.maps import FREE, UNKNOWN, OccupancyGrid, bottleneck
 
 Array = NDArray[np.float64]
@@ -46,9 +45,6 @@ CLOSE = 2.0  # m from the outline, within which what moves explains why the chai
 BEHIND = 2.5  # m: with anything nearer that moves, the chair never backs: nothing looks back
 AGAIN = 3.0  # s until a plan is tried again that led round nothing
 TOLERATED = 0.06  # m: cells are drawn whole, and hits err
-LOOK = 0.2  # rad/s: the rear corners enter what was not seen slower than 0.1 m/s
-LOOKED = 2.0 * math.pi  # rad: all round
-ELSEWHERE = 0.5  # m: from here on the chair may look round again
 SHOWN = 1.0  # s for which people see why there is a new path
 COURTESY = 0.25  # share at which time counts as lost while the chair halts for what moves
 
@@ -107,9 +103,7 @@ class PlannedDriver:
         self._chair = Motion(task.limits, task.footprint, task.period)
         self._backing = 0.0  # s left to back out
         self._tries = 0  # plans made since there was progress
-        self._turning = 0.0  # rad/s while looking round
-        self._turned = 0.0  # rad so far
-        self._looked_at = np.full(2, np.inf)  # where the chair last looked round
+        self._look = LookRound()
         self._looked = 0.0  # s since the last look at what stands on the way
         self._waited = 0.0  # s until a plan is tried again that led round nothing
         self._shown = 0.0  # s for which a state is shown still
@@ -143,8 +137,8 @@ class PlannedDriver:
                 break
         if self._task.chart is not None:  # the follower never backs where nothing was seen
             self._around.chart(known if known is not maps[-1] else maps[-2])
-            if known is maps[-1]:
-                self._begin_to_look()
+            if known is maps[-1] and blind_behind(self._task.map, start, self._task.footprint):
+                self._look.begin(start, goal)
         assert self.plan is not None
         path = self.plan.path
         self._mapped = self._since = 0.0
@@ -229,11 +223,10 @@ class PlannedDriver:
         self._waited -= period
         self._shown -= period
         patience = HURRY * self.own.patience if self._reference.ended else self.own.patience
-        if self._turning != 0.0:
-            self._turned += abs(self._turning) * period
+        if self._look.on:
             redrawn = self._redrawn()
-            if self._turned > LOOKED or (redrawn and not unseen):
-                self._turning = 0.0
+            if self._look.done or (redrawn and not unseen):
+                self._look.end()
                 self._replan()
             elif redrawn:
                 known = assumed(self._task.map, self._around.pose, self._task.footprint)
@@ -252,15 +245,15 @@ class PlannedDriver:
                 self._replan()
             else:
                 self._backing, self._since = self.own.backing, 0.0
-        twist = None
-        if self._turning != 0.0:
-            twist = self._look_round()
+        twist, way = None, (self._around, self._reference, self._chair)
+        if self._look.on:
+            twist = self._look.twist(*way, period)
         elif self._backing > 0.0:
-            twist = back_out(self._around, self._reference, self._chair)
+            twist = back_out(*way)
         if twist is not None:
-            self._say("looks round" if self._turning != 0.0 else "backs out")
+            self._say("looks round" if self._look.on else "backs out")
         else:
-            twist = self._follower.twist(self._around, self._reference, self._chair)
+            twist = self._follower.twist(*way)
             self._tell(twist)
         if twist is None or (twist[0] < 0.0 and self._around.blind):
             twist = np.zeros(2)
@@ -316,23 +309,3 @@ class PlannedDriver:
         assert self._reference is not None
         ahead = self._reference.rows[self._reference.at :]
         return walled(self._task.map, ahead, self._clearance)
-
-    def _begin_to_look(self) -> None:
-        """Turn in place, if it was not done here, and what lies behind was never seen."""
-        here = self._around.pose
-        unseen = blind_behind(self._task.map, here, self._task.footprint)
-        if unseen and np.hypot(*(here[:2] - self._looked_at)) > ELSEWHERE:
-            left = to_frame(self.goal[:2], here)[1] >= 0.0
-            self._looked_at, self._turned = here[:2].copy(), 0.0
-            self._turning = LOOK if left else -LOOK
-
-    def _look_round(self) -> Array | None:
-        """Turn on, or the other way round where this one is closed."""
-        assert self._reference is not None
-        for turning in (self._turning, -self._turning):
-            twist = turn(self._around, self._reference, self._chair, turning)
-            if twist is not None:
-                self._turning = turning
-                return twist
-        self._turning = 0.0
-        return None
