@@ -13,10 +13,20 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from agents.commands import bench, compare, map, plan, replay, scenes, settings, simulate
+from agents.commands import (
+    bench,
+    compare,
+    map,
+    plan,
+    replay,
+    scenes,
+    settings,
+    simulate,
+    study,
+)
 from agents.interrupt import by_hand
 
-COMMANDS = (plan, simulate, replay, compare, map, scenes, settings, bench)
+COMMANDS = (plan, simulate, replay, compare, study, map, scenes, settings, bench)
 
 
 class Parser(argparse.ArgumentParser):

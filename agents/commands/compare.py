@@ -11,6 +11,7 @@ from agents.commands.arguments import (
     POSES,
     add_json,
     add_watch,
+    add_workers,
     count,
     names,
     report,
@@ -50,7 +51,7 @@ def add(parts: Any) -> None:
         help=f"the chair's own estimate: {', '.join(POSES)} (then the map is unknown); several are "
         "compared (default: the config's, or the suite's)",
     )  # fmt: skip
-    parser.add_argument("--jobs", type=count, metavar="N", help="worker processes (default: cores)")
+    add_workers(parser)
     parser.add_argument("--out", metavar="DIR", help="default runs/SUITE")
     parser.add_argument("--no-video", action="store_true", help="film nothing")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -92,8 +93,9 @@ def run(given: argparse.Namespace) -> int:
     import dataclasses
 
     from agents.compare import TRAINING, compare, suite
-    from agents.evaluate import StoppedError, label
+    from agents.evaluate import label
     from agents.provenance import command_line, cores
+    from agents.runs import StoppedError
     from agents.tables import markdown
 
     what = suite(given.suite)
@@ -124,8 +126,8 @@ def run(given: argparse.Namespace) -> int:
     seeds = range(first, first + what.episodes)
     try:
         evaluation = compare(
-            what, folder, jobs=given.jobs or cores(), progress=not given.quiet, seeds=seeds,
-            watch=watch(given),
+            what, folder, jobs=given.jobs or cores(), engine=given.engine,
+            progress=not given.quiet, seeds=seeds, watch=watch(given),
         )  # fmt: skip
     except StoppedError as stopped:
         print(f"wheelchair: stopped; {stopped}; resume with: {command_line()}", file=sys.stderr)
