@@ -166,24 +166,27 @@ def below(a: Sample, b: Sample, negligible: float, said: str) -> Evidence:
         negligible: a difference within this part of b counts as none.
         said: what is compared.
     """
-    effect = difference(a, b)
-    if effect is None:
-        return nothing("no runs to compare")
-    p = 2.0 * min(effect.beyond(0.0).p_below(), effect.beyond(0.0).p_above())
-    lower = effect.beyond(0.0).value < 0.0
-    against = effect.p_within(-negligible, negligible) if lower else p
-    return effect.evidence(p if lower else 1.0, against, "Welch t", said)
+    return _ordered(a, b, negligible, said, -1.0)
 
 
 def above(a: Sample, b: Sample, negligible: float, said: str) -> Evidence:
     """Evidence for 'the mean of a is above that of b', as `below`."""
+    return _ordered(a, b, negligible, said, 1.0)
+
+
+def _ordered(a: Sample, b: Sample, negligible: float, said: str, sign: float) -> Evidence:
     effect = difference(a, b)
     if effect is None:
         return nothing("no runs to compare")
-    p = 2.0 * min(effect.beyond(0.0).p_below(), effect.beyond(0.0).p_above())
-    higher = effect.beyond(0.0).value > 0.0
-    against = effect.p_within(-negligible, negligible) if higher else p
-    return effect.evidence(p if higher else 1.0, against, "Welch t", said)
+    gap = effect.beyond(0.0)
+    p = min(1.0, 2.0 * min(gap.p_below(), gap.p_above()))
+    none = effect.p_within(-negligible, negligible)
+    return effect.evidence(*_two_ways(sign * gap.value > 0.0, p, none), "Welch t", said)
+
+
+def _two_ways(right: bool, p: float, none: float) -> tuple[float, float]:
+    """For and against a direction: p of a difference, on its right side or not, and of none."""
+    return (p, none) if right else (1.0, min(p, none))
 
 
 def alike(a: Sample, b: Sample, margin: float, said: str) -> Evidence:
@@ -241,9 +244,8 @@ def _trend(
     if effect is None:
         return nothing("no runs to compare")
     rho, p = spearman(effect.samples, x)
-    right = sign * rho > 0.0
-    against = effect.p_within(-negligible, negligible) if right or p > LEVEL else p
-    return effect.evidence(p if right else 1.0, against, f"Spearman, rho {rho:+.2f}", said)
+    ways = _two_ways(sign * rho > 0.0, p, effect.p_within(-negligible, negligible))
+    return effect.evidence(*ways, f"Spearman, rho {rho:+.2f}", said)
 
 
 def level(samples: Sequence[Sample], x: Sequence[float], margin: float, said: str) -> Evidence:
@@ -264,15 +266,13 @@ def paired_below(a: Array, b: Array, negligible: float, said: str) -> Evidence:
     if len(a) < 2:
         return nothing("no runs to compare")
     p_low, p_high = _signed(a - b, "less"), _signed(a - b, "greater")
-    p, lower = 2.0 * min(p_low, p_high), p_low < p_high
+    p = min(1.0, 2.0 * min(p_low, p_high))
     scale = abs(float(np.median(b))) or 1.0
     none = max(_signed(a - b + negligible * scale, "greater"),
                _signed(a - b - negligible * scale, "less"))  # fmt: skip
     effect, low, high = (100.0 * v / scale for v in _median(a - b))
-    return Evidence(
-        min(1.0, p) if lower else 1.0, none if lower else min(1.0, p),
-        effect, low, high, "%", "Wilcoxon, paired", said,
-    )  # fmt: skip
+    ways = _two_ways(p_low < p_high, p, none)
+    return Evidence(*ways, effect, low, high, "%", "Wilcoxon, paired", said)
 
 
 def _signed(values: Array, alternative: str) -> float:

@@ -162,7 +162,7 @@ def _varied(
     others = ", ".join(f"{k} = {v:g}" for k, v in {**_FIXED, **fixed}.items() if k != what)
     return Study(
         name,
-        f"{said[0].upper()}{said[1:]}, {variant} variant",
+        f"Varying {said}, {variant} variant",
         f"{T1}, {where}",
         f"Figure 3.1's settings but for {what}: {others}.",
         _METRICS,
@@ -235,7 +235,7 @@ def _balanced(number: int, variant: str) -> Study:
         )
     return Study(
         name,
-        f"a and threshold lambda, {variant} variant",
+        f"Varying a and the threshold lambda, {variant} variant",
         f"{T1}, {where}",
         "Figure 3.1's settings but for a and lambda: population = 10, iterations = 10, b = 1, "
         "mu = 0.5.",
