@@ -188,7 +188,7 @@ def among_discs(job: Job, seed: int) -> Record:
         "status": "valid" if free else "not valid",
         "valid": bool(free),
         "length_m": length,
-        "valid_length_m": length if free else None,
+        "near": bool(free) and length is not None and length <= job["near"],
         "loss": float(found.least),
         "found": 1 + int(np.argmin(costs)),
         "settled": 1 + int(np.argmax(costs <= SETTLED * final)),
