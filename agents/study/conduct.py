@@ -19,7 +19,7 @@ from agents.provenance import command_line, commit, machine, versions, write_jso
 from agents.runs import compute, run_key, source_digest
 from agents.study.catalog import CLAIMS
 from agents.study.evidence import LEVEL, estimate, nothing
-from agents.study.measures import measure
+from agents.study.measures import measure, sort_of
 from agents.study.model import Metric, Results, Row, Study
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import whole
@@ -93,7 +93,7 @@ def conduct(
         "machine": machine() | {"jobs": jobs, "engine": engine},
         "versions": versions(),
         "judged together": f"{CLAIMS} claims, level {LEVEL} for all, Bonferroni",
-        "seeds": "row k: from k million on; paired rows: from 0 on",
+        "seeds": "as the CSV says: each row its own, paired rows the same",
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
     }
     chapters: dict[str, Any] = {}
@@ -123,14 +123,8 @@ def conduct(
 
 
 def _compile_all(jobs: Sequence[Mapping[str, Any]]) -> None:
-    """Compile here what workers then load; one job of each kind of planner will do."""
-    kinds = {}
-    for job in jobs:
-        planner = job.get("planner", {})
-        optimizer = job.get("optimizer") or planner.get("optimizer", "")
-        name = optimizer if isinstance(optimizer, str) else optimizer.get("name")
-        kinds[job["kind"], planner.get("name"), name] = job
-    for job in kinds.values():
+    """Compile here what workers then load."""
+    for job in {sort_of(job): job for job in jobs}.values():
         measure(job)
 
 

@@ -284,7 +284,7 @@ def discs_and_lines(r: Results) -> Figures:
     }  # fmt: skip
 
 
-def ladder(r: Results, methods: Sequence[str], densities: Sequence[float]) -> Figures:
+def ladder(r: Results, methods: Sequence[str], counts: Sequence[float]) -> Figures:
     """T2: lengths and times on the labs, and how often each method solves as clutter grows."""
     from agents.metrics import wilson
 
@@ -305,12 +305,12 @@ def ladder(r: Results, methods: Sequence[str], densities: Sequence[float]) -> Fi
             hits, runs = r.solved(row.label)
             low, high = wilson(hits, runs)
             found.append((100.0 * hits / max(runs, 1), 100.0 * low, 100.0 * high))
-        _bars(plot, densities, found, k, method)
-    plot.set(xlabel="cylinders per m²", ylabel="solved [%]", ylim=(-3, 103))
+        _bars(plot, counts, found, k, method)
+    plot.set(xlabel="boxes in a room of 7 m x 5 m", ylabel="solved [%]", ylim=(-3, 103))
     legend_above(rungs, plot)
     return {
         "labs": ("Means with 95 % intervals on three labs.", figure),
-        "ladder": ("Share of corridors solved as clutter grows, with 95 % Wilson intervals.",
+        "ladder": ("Share of rooms solved as clutter grows, with 95 % Wilson intervals.",
                    rungs),
     }  # fmt: skip
 

@@ -17,10 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.runs import Record
+from agents.study.model import APART
 from planners import Problem, Space, make_planner
 from planners.types import Plan, Status
-from wheelchair_gym.geometry import path_length
+from wheelchair_gym.config import InputError
+from wheelchair_gym.geometry import path_length, polygon_edges
 from wheelchair_gym.scenes import make_scene
+from wheelchair_gym.scenes.labs import LAB_SIZE, LABS
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
@@ -31,15 +34,31 @@ SETTLED = 1.001  # a swarm has settled once its cost is within this factor of it
 
 def measure(job: Job) -> Record:
     """Run a job: its `kind` names how, its `seed` draws the numbers."""
-    kind = str(job["kind"])
-    _warm(kind, json.dumps({k: v for k, v in job.items() if k != "seed"}))
-    return KINDS[kind](job, int(job["seed"]))
+    run = KINDS[str(job["kind"])]
+    needed = sort_of(job)
+    if needed not in _warmed:  # compiled or loaded, and what runs share is made, before any clock
+        run(job, 0)
+        _warmed.add(needed)
+    record = run(job, int(job["seed"]))
+    return {key: _plain(value) for key, value in record.items()}
 
 
-@lru_cache(maxsize=4096)
-def _warm(kind: str, job: str) -> None:
-    """Compile what a job needs, and make what its runs share."""
-    KINDS[kind](json.loads(job), 0)
+_warmed: set[str] = set()
+
+
+def sort_of(job: Job) -> str:
+    """Jobs of one sort need the same kernels, and the same map."""
+    planner = job.get("planner", {})
+    optimizer = job.get("optimizer") or planner.get("optimizer", "")
+    name = optimizer if isinstance(optimizer, str) else optimizer.get("name")
+    return json.dumps(
+        [job["kind"], planner.get("name"), name, job.get("scene"), job.get("lab"), job.get("goal")]
+    )
+
+
+def _plain(value: Any) -> Any:
+    """JSON knows no infinity."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @lru_cache(maxsize=64)
@@ -60,6 +79,56 @@ def problem_of(scene: Any, seed: int = 0, clearance: float = 0.0) -> Problem:
     return Problem(_space(spec, seed), episode.start[:2], episode.goal[:2], clearance)
 
 
+def room_problem(boxes: Array, start: Any, goal: Any) -> Problem:
+    """A room of T2's kind: separate upright boxes (n, 4) [m], and no wall round it."""
+    walls = np.concatenate([polygon_edges(box_corners(box)) for box in boxes])
+    space = Space.from_walls(walls, np.empty((0, 3)), (0.0, 0.0, *LAB_SIZE))
+    return Problem(space, np.array(start, dtype=float), np.array(goal, dtype=float))
+
+
+def box_corners(box: Any) -> Array:
+    """Corners (4, 2) of an upright box xmin, ymin, xmax, ymax, counter-clockwise."""
+    x0, y0, x1, y1 = box
+    return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], dtype=float)
+
+
+@lru_cache(maxsize=64)
+def lab_problem(number: int) -> Problem:
+    """A lab of T2 as it had them: boxes only."""
+    plan = LABS[number - 1]
+    return room_problem(np.array(plan.walls, dtype=float), plan.start, plan.goal)
+
+
+DRAWS: Final = 100  # rooms drawn until one can be crossed
+_APART: Final = 0.3  # m from boxes to start and goal
+_ENDS: Final = ((0.5, 0.5), (6.5, 4.5))
+_LONG: Final = (0.5, 2.0)  # m, as T2's screens and benches
+_THIN: Final = (0.1, 0.4)  # m
+
+
+def drawn_problem(count: int, seed: int) -> Problem:
+    """A room with so many boxes at random that can be crossed.
+
+    Raises:
+        InputError: no room drawn can be.
+    """
+    rng = np.random.default_rng([seed, count])
+    for _ in range(DRAWS):
+        boxes: list[Array] = []
+        while len(boxes) < count:
+            sides = np.array([rng.uniform(*_LONG), rng.uniform(*_THIN)])
+            sides = sides[:: rng.choice([1, -1])]
+            low = rng.uniform(-0.5 * sides, np.array(LAB_SIZE) - 0.5 * sides)
+            box = np.concatenate([np.maximum(low, 0.0), np.minimum(low + sides, LAB_SIZE)])
+            gaps = [np.maximum(box[:2] - end, end - box[2:]).max() for end in np.array(_ENDS)]
+            if min(gaps) > _APART:
+                boxes.append(box)
+        problem = room_problem(np.array(boxes), *_ENDS)
+        if make_planner("visibility").plan(problem, rng).status is Status.SOLVED:
+            return problem
+    raise InputError(f"none of {DRAWS} rooms with {count} boxes can be crossed")
+
+
 def _record(plan: Plan, seconds: float) -> Record:
     solved = plan.status is Status.SOLVED
     return {
@@ -72,8 +141,9 @@ def _record(plan: Plan, seconds: float) -> Record:
 
 
 def plan(job: Job, seed: int) -> Record:
-    """A planner on the one world of a scene."""
-    problem = problem_of(job["scene"], clearance=job.get("clearance", 0.0))
+    """A planner on the one world of a scene, or on a lab."""
+    lab = job.get("lab")
+    problem = problem_of(job["scene"]) if lab is None else lab_problem(lab)
     planner = make_planner(job["planner"])
     rng = np.random.default_rng(seed)
     begun = process_time()
@@ -84,8 +154,8 @@ def plan(job: Job, seed: int) -> Record:
 
 
 def plan_drawn(job: Job, seed: int) -> Record:
-    """A planner on a world that the seed draws."""
-    problem = problem_of(job["scene"], seed)
+    """A planner in a room that the seed draws."""
+    problem = drawn_problem(job["boxes"], seed)
     planner = make_planner(job["planner"])
     problem.free.arrays  # noqa: B018  what is kept with the map is ready before the clock starts
     rng = np.random.default_rng(seed)
@@ -194,7 +264,7 @@ def among_discs(job: Job, seed: int) -> Record:
         "settled": 1 + int(np.argmax(costs <= SETTLED * final)),
         "time_s": seconds,
     }
-    if seed % 1_000_000 < job.get("kept", 0):
+    if seed % APART < job.get("kept", 0):
         record["costs"] = [round(float(c), 6) for c in costs]
         record["line"] = np.round(line, 6).tolist()
     return record
@@ -275,7 +345,7 @@ def controls(job: Job, seed: int) -> Record:
         "commands": len(made.commands),
         "time_s": seconds,
     }
-    if seed % 1_000_000 < job.get("kept", 0):
+    if seed % APART < job.get("kept", 0):
         record["path"] = np.round(found.path[:, :2], 3).tolist()
         record["driven"] = np.round(poses[::5, :2], 3).tolist()
     return record

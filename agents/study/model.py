@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, NamedTuple
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from agents.study.evidence import Evidence
+
+APART = 1_000_000  # seeds from one row's first to another's
 
 Array = NDArray[np.float64]
 Job = Mapping[str, Any]
@@ -112,8 +115,8 @@ class Study:
 
     def seeds(self, row: Row, runs: int) -> range:
         """Seeds of a row's runs: rows are independent draws unless they are paired."""
-        first = 0 if self.paired else 1_000_000 * [r.label for r in self.rows].index(row.label)
-        return range(first, first + runs)
+        place = 0 if self.paired else crc32(f"{self.name} {row.label}".encode())
+        return range(place * APART, place * APART + runs)
 
 
 @cache

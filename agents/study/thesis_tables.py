@@ -138,6 +138,7 @@ def _trend(
     return lambda r: how(r.samples(rows, metric), x, NEGLIGIBLE[metric], said)
 
 
+_NAMES: Final = {LENGTH: "length", NODES: "number of nodes", TIME: "time"}
 _WORDS: Final = {falls: "falls", rises: "rises", level: "shows no trend"}
 
 
@@ -155,7 +156,7 @@ def _varied(
         spec = _whales(variant, **{**fixed, key or what: value})
         rows.append(Row(label, _jobs(spec), float(value), "", given[label]))
     claims = tuple(
-        Claim(f"As {said} grows, the {metric.name} {_WORDS[how]} ({variant})", where,
+        Claim(f"As {said} grows, the {_NAMES[metric]} {_WORDS[how]} ({variant})", where,
               _trend(metric, rows, how))
         for metric, how in trends.items()
     )  # fmt: skip
@@ -229,9 +230,13 @@ def _balanced(number: int, variant: str) -> Study:
     claims = [Claim(said + f"length is below that at lambda = 0 ({variant})", where, judge(LENGTH))]
     for metric in (NODES, TIME):
         claims.append(
-            Claim(said + f"{metric.name} is below that at lambda = 0 (local)", where, judge(metric))
+            Claim(
+                said + f"{_NAMES[metric]} is below that at lambda = 0 (local)", where, judge(metric)
+            )
             if variant == "local"
-            else Claim(said + f"{metric.name} is as at lambda = 0 (global)", where, alike(metric))
+            else Claim(
+                said + f"{_NAMES[metric]} is as at lambda = 0 (global)", where, alike(metric)
+            )
         )
     return Study(
         name,
