@@ -45,12 +45,17 @@ def told(chapters: Sequence[Chapter]) -> str:
 
 
 def _effect(claim: Mapping[str, Any]) -> str:
+    """The effect with its interval; a share has no sign."""
     if not known(claim["effect"]):
         return str(claim["test"])
-    bounds = ""
-    if known(claim["low"]) and known(claim["high"]):
-        bounds = f" ({claim['low']:.3g} to {claim['high']:.3g})"
-    return f"{claim['effect']:+.3g}{bounds} {claim['unit']}"
+    sign = "" if claim["test"].startswith("binomial") else "+"
+    values = [round(claim[key], 6) if known(claim[key]) else None for key in _BOUNDS]
+    effect, low, high = (f"{v:{sign}.3g}" if v is not None else "?" for v in values)
+    bounds = "" if values[1] == values[2] else f" ({low} to {high})"
+    return f"{effect}{bounds} {claim['unit']}"
+
+
+_BOUNDS = ("effect", "low", "high")
 
 
 def write_page(

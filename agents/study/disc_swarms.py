@@ -114,7 +114,9 @@ def _p2_rows() -> tuple[Row, ...]:
         empty = _job(planner, 10.0, (), (1, 1), (9, 9), faithful=True,
                      near=1.001 * 11.3137)  # fmt: skip
         label = "pso, empty map"
-        rows.append(Row(label + settings, {"empty": empty}, published=given[label]))
+        rows.append(
+            Row(label + settings, {"empty": empty}, published=given.get(label + settings, {}))
+        )
     return tuple(rows)
 
 

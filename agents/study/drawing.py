@@ -71,8 +71,6 @@ def over(r: Results, what: str, metrics: Sequence[Metric]) -> Figures:
                           label=f"published, {name}" if name else "published, scaled to one mean",
                           zorder=1)  # fmt: skip
         axes.set_ylabel(_named(metric))
-        if metric.key == "time_s" and "3.5" in r.study.name:
-            axes.set_yscale("log")
     panels[-1].set_xlabel(what)
     legend_above(figure, panels[0])
     words = (
@@ -296,7 +294,7 @@ def ladder(r: Results, methods: Sequence[str], counts: Sequence[float]) -> Figur
                   [interval(r, row.label, metric) for row in rows], k, method)  # fmt: skip
         axes.set_ylabel(_named(metric))
         axes.set_xticks([1, 2, 3], ["lab 1", "lab 2", "lab 3"])
-    panels[1].set_yscale("log")
+    panels[1].set_ylim(bottom=0.0)
     legend_above(figure, panels[0])
     rungs, plot = new_axes(2.8)
     for k, method in enumerate(methods):
@@ -325,9 +323,8 @@ def methods_compared(r: Results, rows: Sequence[str], best: str) -> Figures:
         nodes = r.pooled(row, "nodes")
         if len(parts) and len(nodes):
             axes.plot(np.mean(parts), nodes.mean(), MARKS[k % 8], color=COLOURS[k % 8], label=row,
-                      markersize=7)  # fmt: skip
+                      markersize=7, fillstyle="full" if k < 8 else "none")  # fmt: skip
     axes.set_yscale("log")
-    axes.set_xscale("log")
     axes.set_xlabel("length / shortest (mean over maps)")
     axes.set_ylabel("nodes")
     legend_above(figure, axes)
