@@ -313,19 +313,16 @@ def ladder(r: Results, methods: Sequence[str], counts: Sequence[float]) -> Figur
     }  # fmt: skip
 
 
-def methods_compared(r: Results, rows: Sequence[str], best: str) -> Figures:
+def methods_compared(r: Results, rows: Sequence[str]) -> Figures:
     """Length against the shortest, and nodes, by method."""
     figure, axes = new_axes(3.2)
-    shortest = r.sample(best, LENGTH)
     for k, row in enumerate(rows):
-        sample = r.sample(row, LENGTH)
-        parts = [v.mean() / shortest[s].mean() for s, v in sample.items() if len(v)]
-        nodes = r.pooled(row, "nodes")
-        if len(parts) and len(nodes):
-            axes.plot(np.mean(parts), nodes.mean(), MARKS[k % 8], color=COLOURS[k % 8], label=row,
+        ratio, nodes = r.pooled(row, "ratio"), r.pooled(row, "nodes")
+        if len(ratio) and len(nodes):
+            axes.plot(ratio.mean(), nodes.mean(), MARKS[k % 8], color=COLOURS[k % 8], label=row,
                       markersize=7, fillstyle="full" if k < 8 else "none")  # fmt: skip
     axes.set_yscale("log")
-    axes.set_xlabel("length / shortest (mean over maps)")
+    axes.set_xlabel("length / shortest (mean over rooms)")
     axes.set_ylabel("nodes")
     legend_above(figure, axes)
     return {"methods": ("Mean length as a multiple of the shortest, and nodes kept.", figure)}

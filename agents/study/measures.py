@@ -106,8 +106,8 @@ _LONG: Final = (0.5, 2.0)  # m, as T2's screens and benches
 _THIN: Final = (0.1, 0.4)  # m
 
 
-def drawn_problem(count: int, seed: int) -> Problem:
-    """A room with so many boxes at random that can be crossed.
+def drawn_problem(count: int, seed: int) -> tuple[Problem, float]:
+    """A room with so many boxes at random that can be crossed, and the shortest way [m].
 
     Raises:
         InputError: no room drawn can be.
@@ -124,8 +124,9 @@ def drawn_problem(count: int, seed: int) -> Problem:
             if min(gaps) > _APART:
                 boxes.append(box)
         problem = room_problem(np.array(boxes), *_ENDS)
-        if make_planner("visibility").plan(problem, rng).status is Status.SOLVED:
-            return problem
+        shortest = make_planner("visibility").plan(problem, rng).length
+        if math.isfinite(shortest):
+            return problem, shortest
     raise InputError(f"none of {DRAWS} rooms with {count} boxes can be crossed")
 
 
@@ -155,13 +156,14 @@ def plan(job: Job, seed: int) -> Record:
 
 def plan_drawn(job: Job, seed: int) -> Record:
     """A planner in a room that the seed draws."""
-    problem = drawn_problem(job["boxes"], seed)
+    problem, shortest = drawn_problem(job["boxes"], seed)
     planner = make_planner(job["planner"])
     problem.free.arrays  # noqa: B018  what is kept with the map is ready before the clock starts
     rng = np.random.default_rng(seed)
     begun = process_time()
     found = planner.plan(problem, rng)
-    return _record(found, process_time() - begun)
+    record = _record(found, process_time() - begun)
+    return {**record, "ratio": found.length / shortest}
 
 
 def turning(path: Array) -> float:
