@@ -18,7 +18,8 @@ from agents.metrics import wilson
 from agents.provenance import command_line, commit, machine, versions, write_json, write_text
 from agents.runs import compute, run_key, source_digest
 from agents.study.catalog import CLAIMS
-from agents.study.evidence import LEVEL, estimate, nothing
+from agents.study.estimates import estimate
+from agents.study.evidence import LEVEL, nothing
 from agents.study.measures import measure, sort_of
 from agents.study.model import Metric, Results, Row, Study
 from wheelchair_gym.config import InputError
@@ -37,7 +38,8 @@ def planned(studies: Sequence[Study], runs: int | None, quick: bool) -> dict[str
 def jobs_of(study: Study, runs: int) -> dict[str, tuple[tuple[str, str, int], dict[str, Any]]]:
     """Key -> (row, stratum, seed) and the job, in the order of the rows."""
     # What a record says depends on these alone, not on how it is judged or drawn.
-    source = source_digest("wheelchair_gym", "planners", "agents/study/measures.py")
+    own = (f"agents/study/{name}.py" for name in ("measures", "worlds"))
+    source = source_digest("wheelchair_gym", "planners", *own)
     found = {}
     for row in study.rows:
         for stratum, job in row.jobs.items():

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from agents.study.drawing import driven
 from agents.study.evidence import Evidence, share_above
 from agents.study.model import Claim, Metric, Results, Row, Study
+from agents.study.pictures import driven
 from planners.trees.whales import RrtStarWoaGlobal
 from wheelchair_gym.config import dump
 

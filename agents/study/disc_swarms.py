@@ -8,9 +8,9 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from agents.study.drawing import convergence, discs_and_lines
 from agents.study.evidence import Evidence, above, all_of, below, between, share_above
 from agents.study.model import Claim, Metric, Results, Row, Study, published
+from agents.study.pictures import convergence, discs_and_lines
 from planners.swarm.planner import SwarmPlanner
 from wheelchair_gym.config import dump
 from wheelchair_gym.scenes.papers import CHAOTIC_PSO_DISCS, GREY_WOLF_DISCS, GREY_WOLF_GOALS

@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from agents.study.drawing import compared, over
+from agents.study.drawing import over
+from agents.study.estimates import Sample
 from agents.study.evidence import (
     Evidence,
-    Sample,
     all_of,
     below,
     between,
@@ -20,6 +20,7 @@ from agents.study.evidence import (
     rises,
 )
 from agents.study.model import LENGTH, NODES, TIME, Claim, Metric, Results, Row, Study, published
+from agents.study.pictures import compared
 from planners.swarm.woa import WhaleSettings
 from planners.trees.rrt import RrtStar
 from planners.trees.whales import RrtStarWoaGlobal, RrtStarWoaLocal

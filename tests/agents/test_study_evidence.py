@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from agents.study import evidence
+from agents.study.estimates import estimate
 from agents.study.evidence import Verdict
 
 CLAIMS = 100
@@ -83,7 +84,7 @@ def test_trends_of_noise_cannot_be_told():
 def test_one_stratum_is_welch_as_scipy_has_it():
     a, b = sample(3.0, 2.0, 17, 1, strata=1), sample(3.5, 1.0, 40, 2, strata=1)
     theirs = stats.ttest_ind(a["map 0"], b["map 0"], equal_var=False)
-    found = evidence.estimate([a, b], [1.0, -1.0])
+    found = estimate([a, b], [1.0, -1.0])
     assert found.freedom == pytest.approx(theirs.df)
     assert 2 * min(found.p_above(), found.p_below()) == pytest.approx(theirs.pvalue)
     assert found.interval == pytest.approx(theirs.confidence_interval(0.95))
@@ -92,7 +93,7 @@ def test_one_stratum_is_welch_as_scipy_has_it():
 def test_intervals_cover_the_truth_as_often_as_they_say():
     hits = 0
     for seed in range(400):
-        found = evidence.estimate([sample(5.0, 2.0, 8, seed)], [1.0])
+        found = estimate([sample(5.0, 2.0, 8, seed)], [1.0])
         low, high = found.interval
         hits += low <= 15.0 <= high  # mean of 5, 15 and 25
     assert 0.92 <= hits / 400 <= 0.98
