@@ -25,14 +25,15 @@ from agents.commands import (
     scenes,
     settings,
     simulate,
+    study,
     train,
     twin,
 )
 from agents.interrupt import by_hand
 
 COMMANDS = (
-    plan, simulate, replay, compare, map, train, export, scenes, settings, bench, twin, deploy,
-    hardware,
+    plan, simulate, replay, compare, study, map, train, export, scenes, settings, bench, twin,
+    deploy, hardware,
 )  # fmt: skip
 
 

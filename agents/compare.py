@@ -152,6 +152,7 @@ def compare(
     folder: str | Path,
     *,
     jobs: int = 1,
+    engine: str = "loky",
     progress: bool = True,
     seeds: Sequence[int] | None = None,
     watch: Watch = NOBODY,
@@ -167,7 +168,7 @@ def compare(
     seeds = list(range(what.episodes)) if seeds is None else list(seeds)
     records = evaluate(
         what.policies, what.scenes, seeds, env=what.env, folder=folder, jobs=jobs,
-        progress=progress, watch=watch,
+        engine=engine, progress=progress, watch=watch,
     )  # fmt: skip
     summary = summarise(records)
     evaluation: Evaluation = {
@@ -177,7 +178,7 @@ def compare(
             "config": dump(dataclasses.asdict(what)),
             "seeds": seeds,
             "commit": commit(),
-            "machine": machine() | {"jobs": jobs},
+            "machine": machine() | {"jobs": jobs, "engine": engine},
             "versions": versions(),
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         },

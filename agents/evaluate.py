@@ -2,37 +2,26 @@
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
-import json
-import os
-import signal
 import sys
 import time
-from collections.abc import Generator, Iterator, Mapping, Sequence
-from functools import cache
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from agents.interrupt import by_hand
 from agents.learned import weights_digest
 from agents.metrics import Record, Trace, measure
 from agents.policy import make_policy
+from agents.runs import check, compute, run_key, source_digest
 from agents.watch import Watch
-from wheelchair_gym.config import InputError, dump, load, read_json
-from wheelchair_gym.files import refused
+from wheelchair_gym.config import InputError, load, read_json
 from wheelchair_gym.maps import bottleneck
 from wheelchair_gym.types import Episode
 
 ENV = "wheelchair_gym/Navigation-v0"
 STORE = "episodes.jsonl"
-LOG_PAUSE = 10.0  # s between two lines of progress where they are kept, as in a log
 NOBODY = Watch()
 Spec = str | Mapping[str, Any]
-
-
-class StoppedError(Exception):
-    """A person stopped an evaluation; what was finished is in the store."""
 
 
 def label(spec: Spec) -> str:
@@ -53,25 +42,11 @@ def scene_env(scene: Spec, env: Mapping[str, Any]) -> dict[str, Any]:
     return {**env, **({} if isinstance(scene, str) else scene.get("env", {}))}
 
 
-@cache
-def source_digest() -> str:
-    """Digest of this project's own code: records of other code are not reused."""
-    root = Path(__file__).resolve().parents[1]
-    digest = hashlib.sha256()
-    for package in ("wheelchair_gym", "planners", "agents"):
-        for path in sorted((root / package).rglob("*.py")):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
 def episode_key(policy: Spec, scene: Spec, seed: int, env: Mapping[str, Any]) -> str:
     """What makes two episodes the same: code, settings, policy, scene and seed."""
-    world, own = dump(_plain(scene)), dump(scene_env(scene, env))
-    parts = [source_digest(), dump(_plain(policy)), world, seed, own]
-    learned = weights_digest(_plain(policy))
-    if learned is not None:
-        parts.append(learned)
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
+    own, learned = scene_env(scene, env), weights_digest(_plain(policy))
+    parts = [_plain(policy), _plain(scene), seed, own]
+    return run_key(source_digest(), *parts, *([] if learned is None else [learned]))
 
 
 def env_settings(**values: Any) -> dict[str, Any]:
@@ -171,8 +146,6 @@ def run_episode(
     watch: Watch = NOBODY,
 ) -> Record:
     """One episode in this process; a failed one leaves a picture in the folder."""
-    if os.environ.get("WHEELCHAIR_WORKER") == str(os.getppid()):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to stop
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(1)
     if _kind(policy, scene) not in _warmed:
@@ -193,31 +166,6 @@ def run_episode(
     return record
 
 
-def read_store(path: Path) -> dict[str, Record]:
-    """Records by key; a line cut short by a crash is left out."""
-    records: dict[str, Record] = {}
-    if path.exists():
-        for line in path.read_text(encoding="utf-8").splitlines():
-            with contextlib.suppress(json.JSONDecodeError, KeyError, TypeError):
-                stored = json.loads(line)
-                records[stored["key"]] = stored["record"]
-    return records
-
-
-def _open_store(folder: Path) -> Any:
-    path = folder / STORE
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        store = path.open("a+b")
-    except OSError as error:
-        raise refused(path, error) from None
-    if store.tell():
-        store.seek(-1, os.SEEK_END)
-        if store.read(1) != b"\n":  # a line cut short: what follows begins a new one
-            store.write(b"\n")
-    return store
-
-
 def evaluate(
     policies: Sequence[Spec],
     scenes: Sequence[Spec],
@@ -226,6 +174,7 @@ def evaluate(
     env: Mapping[str, Any] | None = None,
     folder: str | Path,
     jobs: int = 1,
+    engine: str = "loky",
     progress: bool = True,
     watch: Watch = NOBODY,
 ) -> list[Record]:
@@ -238,6 +187,7 @@ def evaluate(
         env: further settings of the environment (pose_source, beams, rate, config).
         folder: where the store and the pictures of failed episodes go.
         jobs: worker processes; 1 stays in this one.
+        engine: what runs them, one of `agents.engines.ENGINES`.
         progress: show a bar on stderr.
         watch: who looks on; an episode without a recording in that folder is driven again, and
             live viewers see one episode only.
@@ -245,6 +195,7 @@ def evaluate(
     Raises:
         InputError: a spec or the folder is wrong.
         StoppedError: Ctrl-C; the same call computes only what is missing.
+        ConnectionError: workers were lost over and over.
     """
     from wheelchair_gym.scenes import make_scene
 
@@ -253,8 +204,7 @@ def evaluate(
         make_policy(_plain(policy))
     for scene in scenes:
         make_scene(_plain(scene))
-    if jobs < 1:
-        raise InputError(f"jobs is {jobs}; it must be at least 1")
+    check(jobs, engine)
     wanted = {
         episode_key(policy, scene, seed, env): (policy, scene, seed)
         for policy in policies
@@ -268,67 +218,20 @@ def evaluate(
         own = watch.of_episode(label(job[0]), label(job[1]), job[2])
         return own.live is not None or not (own.record is None or Path(own.record).exists())
 
-    with _open_store(folder) as store:
-        stored = read_store(folder / STORE)
-        known = {k: stored[k] for k, job in wanted.items() if k in stored and not unseen(job)}
-        missing = {key: job for key, job in wanted.items() if key not in known}
-        finished = _finished(missing, env, str(folder), jobs, watch)
-        try:
-            for key, record in _bar(finished, len(wanted), len(known), progress):
-                known[key] = record
-                line = json.dumps({"key": key, "record": record}, allow_nan=False)
-                store.write(line.encode() + b"\n")
-                store.flush()
-        except (KeyboardInterrupt, SystemError) as error:
-            if not by_hand(error):
-                raise
-            raise StoppedError(f"{len(known)} of {len(wanted)} episodes are stored") from None
-        finally:
-            finished.close()
-    return [known[key] for key in wanted]
+    def before(missing: Sequence[tuple[Spec, Spec, int]]) -> None:
+        if jobs > 1 and len(missing) > 1:  # workers then find every kernel in the cache
+            for policy, scene in {_kind(p, s): (p, s) for p, s, _ in missing}.values():
+                warm(policy, scene, env)
 
-
-def _bar(
-    finished: Iterator[tuple[str, Record]], total: int, done: int, progress: bool
-) -> Iterator[tuple[str, Record]]:
-    from tqdm import tqdm
-
-    pause = 0.1 if sys.stderr.isatty() else LOG_PAUSE
-    yield from tqdm(
-        finished, total=total, initial=done, unit="episode", mininterval=pause, maxinterval=pause,
-        disable=not progress,
+    records = compute(
+        wanted, partial(_driven, env=env, folder=str(folder), watch=watch), folder / STORE,
+        workers=jobs, engine=engine, unit="episode", progress=progress, again=unseen,
+        before=before,
     )  # fmt: skip
+    return list(records.values())
 
 
-def _job(key: str, *arguments: Any) -> tuple[str, Record]:
-    return key, run_episode(*arguments)
-
-
-def _finished(
-    missing: Mapping[str, tuple[Spec, Spec, int]],
-    env: Mapping[str, Any],
-    folder: str,
-    jobs: int,
-    watch: Watch,
-) -> Generator[tuple[str, Record]]:
-    """Records of the missing episodes, in the order in which they end."""
-    if jobs == 1 or len(missing) < 2:
-        for key, job in missing.items():
-            yield _job(key, *job, env, folder, watch)
-        return
-    from joblib import Parallel, delayed, parallel_config
-    from joblib.externals.loky import get_reusable_executor
-
-    for policy, scene in {_kind(p, s): (p, s) for p, s, _ in missing.values()}.values():
-        warm(policy, scene, env)  # workers then find every kernel in the cache
-    os.environ["WHEELCHAIR_WORKER"] = str(os.getpid())
-    try:
-        with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
-            pool = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
-            jobs_ = (delayed(_job)(key, *job, env, folder, watch) for key, job in missing.items())
-            yield from pool(jobs_)
-    except (KeyboardInterrupt, GeneratorExit):
-        get_reusable_executor().shutdown(wait=False, kill_workers=True)
-        raise
-    finally:
-        del os.environ["WHEELCHAIR_WORKER"]
+def _driven(
+    job: tuple[Spec, Spec, int], env: Mapping[str, Any], folder: str, watch: Watch
+) -> Record:
+    return run_episode(*job, env, folder, watch)

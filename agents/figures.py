@@ -19,7 +19,7 @@ Record = Mapping[str, Any]
 COLOURS = tuple(palette.css(colour) for colour in palette.SERIES)
 MARKS = "osD^vPX*"  # shape tells policies apart where colour cannot
 DASHES = ("-", "--", "-.", ":")
-_WIDTH = 4.4  # inches: on a phone, letters then keep the size of the text around them
+WIDTH = 4.4  # inches: on a phone, letters then keep the size of the text around them
 LOOK: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
@@ -55,21 +55,23 @@ def figures(evaluation: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
         ),
     }
     with mpl.rc_context(LOOK):
-        return {name: (words, _svg(make())) for name, (words, make) in drawn.items()}
+        return {name: (words, as_svg(make())) for name, (words, make) in drawn.items()}
 
 
-def _svg(figure: Figure) -> bytes:
+def as_svg(figure: Figure) -> bytes:
+    """A figure as SVG."""
     out = io.BytesIO()
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     return out.getvalue()
 
 
-def _axes(height: float) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(_WIDTH, height), layout="constrained")
+def new_axes(height: float) -> tuple[Figure, Axes]:
+    """An empty figure of so many inches."""
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
     return figure, figure.add_subplot()
 
 
-def _legend(figure: Figure, axes: Axes) -> None:
+def legend_above(figure: Figure, axes: Axes) -> None:
     """One legend above the axes: nothing is hidden by it."""
     handles, labels = axes.get_legend_handles_labels()
     longest = max(map(len, labels), default=1)
@@ -81,7 +83,7 @@ def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[R
     places = ["all", *scenes] if len(scenes) > 1 else list(scenes)
     found = {(row["policy"], row["scene"]): row for row in summary}
     step = 0.72 / len(policies)
-    figure, axes = _axes(1.0 + 0.2 * len(places) * max(2, len(policies)))
+    figure, axes = new_axes(1.0 + 0.2 * len(places) * max(2, len(policies)))
     for i, policy in enumerate(policies):
         rows = [
             (k, found[policy, place]) for k, place in enumerate(places) if (policy, place) in found
@@ -106,12 +108,12 @@ def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[R
     axes.grid(axis="y", visible=False)
     axes.set_xlim(-2, 102)
     axes.set_xlabel("success [% of episodes]")
-    _legend(figure, axes)
+    legend_above(figure, axes)
     return figure
 
 
 def _time(policies: Sequence[str], records: Sequence[Record]) -> Figure:
-    figure, axes = _axes(3.3)
+    figure, axes = new_axes(3.3)
     for i, policy in enumerate(policies):
         of = [r for r in records if r["policy"] == policy and known(r["geodesic"])]
         of = [r for r in of if known(r["time"])]
@@ -127,12 +129,12 @@ def _time(policies: Sequence[str], records: Sequence[Record]) -> Figure:
         limit(0.0, 1.05 * max((r[key] for r in records if known(r[key])), default=1.0))
     axes.set_xlabel("geodesic from start to goal [m]")
     axes.set_ylabel("time [s]")
-    _legend(figure, axes)
+    legend_above(figure, axes)
     return figure
 
 
 def _clearance(policies: Sequence[str], records: Sequence[Record]) -> Figure:
-    figure, axes = _axes(3.3)
+    figure, axes = new_axes(3.3)
     every = [r["clearance_min"] for r in records if known(r["clearance_min"])]
     end = 1.03 * max(every, default=0.0) or 1.0
     for i, policy in enumerate(policies):
@@ -149,5 +151,5 @@ def _clearance(policies: Sequence[str], records: Sequence[Record]) -> Figure:
     axes.set_ylim(0, 102)
     axes.set_xlabel("least clearance of the episode [m]")
     axes.set_ylabel("episodes at or below [%]")
-    _legend(figure, axes)
+    legend_above(figure, axes)
     return figure

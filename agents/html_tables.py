@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from agents.metrics import BARN_SPEED, HALT, ROUGH, WIDE
 from agents.tables import (
     COLUMNS,
-    Column,
     bounds_written,
     by_scene,
     heading,
@@ -68,41 +67,73 @@ def ranked_by_scene(evaluation: Mapping[str, Any]) -> list[list[Record]]:
     return groups
 
 
+class Head(NamedTuple):
+    """A column's heading."""
+
+    name: str
+    unit: str | None = None  # None: a column of words
+    meaning: str = ""
+
+
+class Cell(NamedTuple):
+    """A cell: HTML, small print below it, and what it is sorted by."""
+
+    text: str
+    small: str = ""
+    key: float | None = None
+
+
+def sortable(
+    heads: Sequence[Head], bodies: Sequence[Sequence[Sequence[Cell]]], caption: str
+) -> str:
+    """Groups of rows as one table that sorts where a heading is clicked; row names come first."""
+    top = ""
+    for head in heads:
+        if head.unit is None:
+            top += f"<th scope='col'><button type='button'>{head.name}</button></th>"
+            continue
+        unit = f"<small>{html.escape(head.unit) or '&nbsp;'}</small>"
+        top += (
+            f"<th scope='col' class='n' title='{html.escape(head.meaning)}'>"
+            f"<button type='button'>{html.escape(head.name)}{unit}</button></th>"
+        )
+    text = ""
+    for rows in bodies:
+        text += "<tbody>"
+        for name, *cells in rows:
+            text += f"<tr><th scope='row'>{name.text}</th>"
+            for head, cell in zip(heads[1:], cells, strict=True):
+                small = f"<small>{cell.small}</small>" if cell.small else ""
+                key = f"{cell.key:.9g}" if known(cell.key) else ""
+                sorts = f" class='n' data-key='{key}'" if head.unit is not None else ""
+                text += f"<td{sorts}>{cell.text}{small}</td>"
+            text += "</tr>"
+        text += "</tbody>"
+    return (
+        f"<div class='wide' tabindex='0' role='region' aria-label='{html.escape(caption)}'><table>"
+        f"<caption>{html.escape(caption)}</caption><thead><tr>{top}</tr></thead>"
+        f"{text}</table></div>"
+    )
+
+
 def html_table(groups: Sequence[Sequence[Record]], caption: str, *, scenes: bool) -> str:
     """Groups of summary rows as one table; `scenes` adds the column that tells them apart."""
     if not any(groups):
         return ""
-    names = ["policy", "scene"] if scenes else ["policy"]
-    heads = "".join(f"<th scope='col'><button type='button'>{name}</button></th>" for name in names)
-    for column in COLUMNS:
-        unit = f"<small>{html.escape(column.unit) or '&nbsp;'}</small>"
-        heads += (
-            f"<th scope='col' class='n' title='{html.escape(MEANINGS[column.key])}'>"
-            f"<button type='button'>{html.escape(column.name)}{unit}</button></th>"
-        )
-    bodies = ""
+    heads = [Head(name) for name in (["policy", "scene"] if scenes else ["policy"])]
+    heads += [Head(column.name, column.unit, MEANINGS[column.key]) for column in COLUMNS]
+    bodies: list[list[list[Cell]]] = []
     for rows in groups:
-        bodies += "<tbody>"
+        bodies.append([])
         for row in rows:
-            name = html.escape(row["policy"]).replace("_", "_<wbr>")
-            cells = f"<th scope='row'>{name}</th>"
-            cells += f"<td>{html.escape(row['scene'])}</td>" if scenes else ""
-            cells += "".join(_cell(row, column) for column in COLUMNS)
-            bodies += f"<tr>{cells}</tr>"
-        bodies += "</tbody>"
-    return (
-        f"<div class='wide' tabindex='0' role='region' aria-label='{html.escape(caption)}'><table>"
-        f"<caption>{html.escape(caption)}</caption><thead><tr>{heads}</tr></thead>"
-        f"{bodies}</table></div>"
-    )
-
-
-def _cell(row: Record, column: Column) -> str:
-    value = row.get(column.key)
-    key = f"{value:.9g}" if known(value) else ""
-    interval = bounds_written(row, column)
-    small = f"<small>{interval}</small>" if interval else ""
-    return f"<td class='n' data-key='{key}'>{written(value, column)}{small}</td>"
+            cells = [Cell(html.escape(row["policy"]).replace("_", "_<wbr>"))]
+            cells += [Cell(html.escape(row["scene"]))] if scenes else []
+            cells += [
+                Cell(written(row.get(c.key), c), bounds_written(row, c), row.get(c.key))
+                for c in COLUMNS
+            ]
+            bodies[-1].append(cells)
+    return sortable(heads, bodies, caption)
 
 
 def glossary() -> str:

@@ -56,22 +56,29 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
     for name, (_, svg) in drawn.items():
         with whole(folder / "figures" / f"{name}.svg") as part:
             part.write_bytes(svg)
+    path = folder / "report.html"
+    return write_page(path, evaluation["title"], _body(evaluation, folder, drawn))
+
+
+def write_page(path: Path, title: str, body: Iterator[str]) -> Path:
+    """Write a page with the reports' style and sorting tables; its path."""
     place = files("agents") / "data"
     parts = {
-        "title": _text(evaluation["title"]),
+        "title": as_text(title),
         "style": (place / "report.css").read_text(encoding="utf-8"),
         "script": (place / "report.js").read_text(encoding="utf-8"),
-        "body": "\n".join(_body(evaluation, folder, drawn)),
+        "body": "\n".join(body),
     }
     page = (place / "report.html").read_text(encoding="utf-8")
     for key, value in parts.items():  # the body last: what it quotes is not filled in again
         page = page.replace("{{" + key + "}}", value)
-    with whole(folder / "report.html") as part:
+    with whole(path) as part:
         part.write_text(page, encoding="utf-8")
-    return folder / "report.html"
+    return path
 
 
-def _text(value: Any) -> str:
+def as_text(value: Any) -> str:
+    """Any value as text that HTML may hold."""
     return html.escape(str(value))
 
 
@@ -80,12 +87,12 @@ def _body(
 ) -> Iterator[str]:
     policies, scenes = evaluation["policies"], evaluation["scenes"]
     records = evaluation["records"]
-    yield f"<header><h1>{_text(evaluation['title'])}</h1>"
+    yield f"<header><h1>{as_text(evaluation['title'])}</h1>"
     asked = (
         f"{_count(len(policies), 'policy', 'policies')} on {_count(len(scenes), 'scene')}, "
         f"{_count(len(records), 'episode')}: which gets the chair to its goal, and how well?"
     )
-    yield f"<p class='asked'>{_text(asked)}</p></header>"
+    yield f"<p class='asked'>{as_text(asked)}</p></header>"
     yield f"<section class='answer'>{answer(evaluation)}</section>"
     yield "<section><h2>Results</h2>"
     ranked = overall(evaluation["summary"])
@@ -96,19 +103,26 @@ def _body(
         yield html_table(ranked_by_scene(evaluation), "By scene, best first", scenes=True)
     yield "<p class='note'>Small figures are 95 % Wilson intervals. Best is most success, then "
     yield f"highest SPL. Click a heading to sort.</p>{glossary()}</section>"
-    yield "<section><h2>Figures</h2><div class='figures'>"
-    for words, svg in drawn.values():
-        source = _data_uri(svg, ".svg")
-        yield (
-            f"<figure><img src='{source}' alt='{_text(words)}'>"
-            f"<figcaption>{_text(words)}</figcaption></figure>"
-        )
-    yield "</div></section>"
+    yield "<section><h2>Figures</h2>"
+    yield from gallery(drawn)
+    yield "</section>"
     video = list(_video(evaluation["video"], folder))
     yield from video
     legend = "" if video else _LEGEND  # once is enough
     yield from _failures(records, [row["policy"] for row in ranked], folder, legend)
-    yield from _provenance(evaluation)
+    yield from provenance(evaluation)
+
+
+def gallery(drawn: Mapping[str, tuple[str, bytes]]) -> Iterator[str]:
+    """Figures, each with what it shows, embedded."""
+    yield "<div class='figures'>"
+    for words, svg in drawn.values():
+        source = _data_uri(svg, ".svg")
+        yield (
+            f"<figure><img src='{source}' alt='{as_text(words)}'>"
+            f"<figcaption>{as_text(words)}</figcaption></figure>"
+        )
+    yield "</div>"
 
 
 def answer(evaluation: Evaluation) -> str:
@@ -118,7 +132,7 @@ def answer(evaluation: Evaluation) -> str:
         return "<p>No episodes were recorded.</p>"
     best = rows[0]
     said = [
-        f"<p class='lead'><strong>{_text(best['policy'])}</strong> "
+        f"<p class='lead'><strong>{as_text(best['policy'])}</strong> "
         f"{_standing(rows)}reaches the goal in "
         f"<strong>{written(best['success'], _SHARE)} %</strong> of "
         f"{_count(best['episodes'], 'episode')} "
@@ -131,7 +145,7 @@ def answer(evaluation: Evaluation) -> str:
             "the intervals overlap, so these episodes alone may not tell the two apart"
         )  # fmt: skip
         said.append(
-            f"<p>Next is {_text(second['policy'])} with {written(second['success'], _SHARE)} % "
+            f"<p>Next is {as_text(second['policy'])} with {written(second['success'], _SHARE)} % "
             f"({bounds_written(second, _SHARE)} %); {verdict}.</p>"
         )
     of = [r for r in evaluation["records"] if r["policy"] == best["policy"]]
@@ -141,7 +155,7 @@ def answer(evaluation: Evaluation) -> str:
     failed = f"{_count(hits, 'collision')}, {_count(late, 'timeout')}"
     if other > 0:
         failed += f", {_count(other, 'other failure')}"
-    said.append(f"<p>What went wrong for {_text(best['policy'])}: {failed}.</p>")
+    said.append(f"<p>What went wrong for {as_text(best['policy'])}: {failed}.</p>")
     return "".join(said).replace(" %", "&nbsp;%")
 
 
@@ -172,13 +186,13 @@ def _video(video: Record | None, folder: Path) -> Iterator[str]:
         return
     small = path.stat().st_size <= _LARGEST_VIDEO
     source = _data_uri(path.read_bytes(), path.suffix) if small else _beside(video["file"])
-    words = _text(_episode(video))
+    words = as_text(_episode(video))
     yield "<section class='film'><h2>Video</h2>"
     if path.suffix == ".mp4":
         yield f"<video controls muted playsinline preload='metadata' src='{source}'></video>"
     else:
         yield f"<img src='{source}' alt='{words}'>"
-    link = f"<a href='{_beside(video['file'])}'>{_text(video['file'])}</a>"
+    link = f"<a href='{_beside(video['file'])}'>{as_text(video['file'])}</a>"
     yield f"<p class='note'>{words}: {link}. {_LEGEND}</p></section>"
 
 
@@ -224,11 +238,12 @@ def _failures(
             room -= len(source)
             shown = (
                 f"<a href='{_beside(picture)}'>"
-                f"<img src='{source}' alt='{_text(f'{name}: {said}')}' loading='lazy'></a>"
+                f"<img src='{source}' alt='{as_text(f'{name}: {said}')}' loading='lazy'></a>"
             )
         yield (
-            f"<figure>{shown}<figcaption><strong>{_text(name)}</strong> "
-            f"<span class='{_text(record['outcome'])}'>{_text(said)}</span></figcaption></figure>"
+            f"<figure>{shown}<figcaption><strong>{as_text(name)}</strong> "
+            f"<span class='{as_text(record['outcome'])}'>{as_text(said)}</span>"
+            "</figcaption></figure>"
         )
     yield "</div></section>"
 
@@ -249,9 +264,10 @@ def _flat(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
         yield name, "-" if value is None or value == {} else str(value)
 
 
-def _provenance(evaluation: Evaluation) -> Iterator[str]:
+def provenance(evaluation: Evaluation) -> Iterator[str]:
+    """How to run it again, and with what it ran: keys `command` and `provenance`."""
     yield "<section><h2>Provenance</h2><p>Run it again:</p>"
-    yield f"<pre>{_text(evaluation['command'])}</pre><dl>"
+    yield f"<pre>{as_text(evaluation['command'])}</pre><dl>"
     for name, text in _flat(evaluation["provenance"]):
-        yield f"<div><dt>{_text(name)}</dt><dd>{_text(text)}</dd></div>"
+        yield f"<div><dt>{as_text(name)}</dt><dd>{as_text(text)}</dd></div>"
     yield "</dl></section>"

@@ -14,10 +14,10 @@ from typing import Any
 
 from agents.bench.cases import Case
 from agents.bench.contenders import Contender, answer, with_iterations
-from agents.evaluate import source_digest
 from agents.interrupt import by_hand
 from agents.paths import path_figures
 from agents.provenance import machine
+from agents.runs import source_digest
 from planners import Plan
 from wheelchair_gym.config import InputError, dump, read_json
 

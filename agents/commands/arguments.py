@@ -161,6 +161,15 @@ def add_watch(parser: argparse.ArgumentParser, record: str = "FILE.mcap") -> Non
     )  # fmt: skip
 
 
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """The options `--jobs` and `--engine`."""
+    parser.add_argument("--jobs", type=count, metavar="N", help="worker processes (default: cores)")
+    parser.add_argument(
+        "--engine", default="loky", metavar="NAME",
+        help="what runs them: loky (default), or ray, on the cluster at RAY_ADDRESS or here",
+    )  # fmt: skip
+
+
 def watch(given: argparse.Namespace) -> Watch:
     """Who looks on, as those options say."""
     from agents.watch import Watch

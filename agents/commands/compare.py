@@ -12,6 +12,7 @@ from agents.commands.arguments import (
     add_json,
     add_shield,
     add_watch,
+    add_workers,
     count,
     names,
     report,
@@ -53,7 +54,7 @@ def add(parts: Any) -> None:
         "compared (default: the config's, or the suite's)",
     )  # fmt: skip
     add_shield(parser)
-    parser.add_argument("--jobs", type=count, metavar="N", help="worker processes (default: cores)")
+    add_workers(parser)
     parser.add_argument("--out", metavar="DIR", help="default runs/SUITE")
     parser.add_argument("--no-video", action="store_true", help="film nothing")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -95,8 +96,9 @@ def run(given: argparse.Namespace) -> int:
     import dataclasses
 
     from agents.compare import TRAINING, compare, suite
-    from agents.evaluate import StoppedError, label
+    from agents.evaluate import label
     from agents.provenance import command_line, cores
+    from agents.runs import StoppedError
     from agents.tables import markdown
 
     what = suite(given.suite)
@@ -128,8 +130,8 @@ def run(given: argparse.Namespace) -> int:
     seeds = range(first, first + what.episodes)
     try:
         evaluation = compare(
-            what, folder, jobs=given.jobs or cores(), progress=not given.quiet, seeds=seeds,
-            watch=watch(given),
+            what, folder, jobs=given.jobs or cores(), engine=given.engine,
+            progress=not given.quiet, seeds=seeds, watch=watch(given),
         )  # fmt: skip
     except StoppedError as stopped:
         print(f"wheelchair: stopped; {stopped}; resume with: {command_line()}", file=sys.stderr)

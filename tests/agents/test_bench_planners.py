@@ -171,7 +171,6 @@ def wrong(tmp_path):
     yield ["--problems", tmp_path / "nothing.json"]
     yield ["--problems", problem, "--only", "cellar"]
     yield ["--only", "cellar"]
-    yield ["--only", "barn"]
     yield ["--planners", "magic"]
     yield ["--planners", f"{other}:rrt"]
     yield ["--seeds", "0"]

@@ -340,7 +340,7 @@ def test_every_world_of_a_file_with_every_pose_source(tmp_path, monkeypatch):
     code = run(
         "compare", "--scenes", tmp_path / "two.json", "--policies", "straight", "--train",
         "--pose", "truth,odometry", "--episodes", "1", "--out", tmp_path / "out", "--jobs", "1",
-        "--quiet", "--no-video",
+        "--quiet", "--no-video", "--shield", "off",
     )  # fmt: skip
     found = json.loads((tmp_path / "out" / "results.json").read_text())
     names = [f"two {world}, {pose}" for pose in ("truth", "odometry") for world in (3, 8)]

@@ -5,8 +5,9 @@ import json
 import pytest
 
 from agents import evaluate as module
-from agents.evaluate import STORE, StoppedError, evaluate, read_store
+from agents.evaluate import STORE, evaluate
 from agents.metrics import TIMING
+from agents.runs import StoppedError, read_store
 from wheelchair_gym.config import InputError
 
 SHORT = {"config": {"task": {"time_base": 2.0, "time_factor": 0.0}}, "beams": 45}

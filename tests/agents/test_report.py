@@ -250,7 +250,7 @@ def test_no_mark_of_a_figure_is_cut_off_and_no_curve_is_left_out(monkeypatch):
     for record in what["records"]:
         record["clearance_min"] = 0.0 if record["policy"] == "dwa" else 0.3
     drawn = []
-    monkeypatch.setattr(figures, "_svg", lambda figure: drawn.append(figure) or b"")
+    monkeypatch.setattr(figures, "as_svg", lambda figure: drawn.append(figure) or b"")
     figures.figures(what)
     _, times, clearances = (figure.axes[0] for figure in drawn)
     for marks in times.collections:

@@ -147,6 +147,12 @@ class BoardSenses:
             return _quiet("the range board", self.range.why)
         return ""
 
+    def unheard(self, now: float) -> str:
+        """Which ultrasonic has not been heard lately; empty: none."""
+        old = self.ranges(now)[2] if self.range else np.zeros(RANGERS)
+        late = np.flatnonzero(~(old <= self.settings.limits.ultrasonic))
+        return f"ultrasonic {late[0]} is silent" if len(late) else ""
+
     def unrest(self) -> str:
         """That the chair moves; empty: it stands."""
         told, still = self.odometry, self.settings.limits.still

@@ -220,7 +220,8 @@ class HardwareChair:
     def _unready(self) -> str:
         with self._lock:
             now = self._pace.clock.now()
-            return self.senses.silent(now) or self.senses.misfit() or self.senses.unrest()
+            senses = self.senses
+            return senses.silent(now) or senses.unheard(now) or senses.misfit() or senses.unrest()
 
     def _meet(self) -> None:
         """Wait for the next odometry.

@@ -29,7 +29,8 @@ READING: Final = "/reading"
 COMMAND: Final = "/command"
 SHIELD: Final = "/shield"  # what became of the command
 VERDICT: Final = "/verdict"
-SETTINGS: Final = ("rate", "chair", "sensors", "task")  # of an environment: what judging needs
+# Of an environment: what judging needs.
+SETTINGS: Final = ("rate", "chair", "sensors", "task", "shield")
 
 
 @settings

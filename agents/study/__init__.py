@@ -1,0 +1,1 @@
+"""Studies: the source documents' experiments again, their figures beside ours, and their claims."""

@@ -1,0 +1,78 @@
+"""Runs: the same whoever makes them, whatever is lost or stopped on the way, and never twice."""
+
+import importlib.util
+
+import pytest
+
+from agents.engines import ENGINES
+from agents.runs import StoppedError, compute, read_store
+from tests.agents import runs_work as work
+from wheelchair_gym.config import InputError
+
+JOBS = {f"k{seed}": (seed, None) for seed in range(12)}
+WHOLE = {key: work.draw(job) for key, job in JOBS.items()}
+NO_RAY = pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="needs ray")
+MARKS = {"ray": [NO_RAY, pytest.mark.long]}  # it takes its time to start
+INSTALLED = [pytest.param(name, marks=MARKS.get(name, [])) for name in ENGINES]
+
+
+@pytest.mark.parametrize("engine", INSTALLED)
+@pytest.mark.parametrize(("workers", "batch"), [(1, 1), (2, 1), (2, 5)])
+def test_equal_to_the_last_digit_whoever_makes_them(tmp_path, engine, workers, batch):
+    store = tmp_path / "runs.jsonl"
+    got = compute(
+        JOBS, work.draw, store, workers=workers, engine=engine, batch=batch, progress=False
+    )
+    assert got == WHOLE
+    assert list(got) == list(JOBS)
+    assert read_store(store) == WHOLE
+
+
+@pytest.mark.parametrize("engine", INSTALLED)
+def test_a_killed_worker_loses_nothing(tmp_path, engine):
+    mark = tmp_path / "mark"
+    jobs = {key: (seed, str(mark) if seed == 6 else None) for key, (seed, _) in JOBS.items()}
+    store = tmp_path / "runs.jsonl"
+    got = compute(jobs, work.dying, store, workers=2, engine=engine, batch=2, progress=False)
+    assert mark.exists()
+    assert got == WHOLE
+    assert len(store.read_text().splitlines()) == len(JOBS)  # each line once
+
+
+@pytest.mark.parametrize("engine", INSTALLED)
+def test_what_fails_in_a_worker_is_raised_here(tmp_path, engine):
+    with pytest.raises(ZeroDivisionError, match="seed"):
+        compute(JOBS, work.wrong, tmp_path / "s.jsonl", workers=2, engine=engine, progress=False)
+
+
+def test_a_run_that_kills_every_worker_ends_in_one_line_with_the_rest_kept(tmp_path):
+    store = tmp_path / "runs.jsonl"
+    with pytest.raises(ConnectionError, match="workers were lost"):
+        compute(JOBS, work.deadly, store, workers=2, progress=False)
+    kept = read_store(store)
+    assert kept == {key: WHOLE[key] for key in kept}
+    assert "k3" not in kept
+
+
+@pytest.mark.parametrize("stop", [0, 5, 11])
+def test_what_was_stopped_goes_on_where_it_was(tmp_path, stop):
+    jobs = {key: (seed, str(tmp_path)) for key, (seed, _) in JOBS.items()}
+    store = tmp_path / "runs.jsonl"
+    (tmp_path / f"stop {stop}").touch()
+    with pytest.raises(StoppedError, match=f"{stop} of 12 runs"):
+        compute(jobs, work.counted, store, progress=False)
+    (tmp_path / f"stop {stop}").unlink()
+    with store.open("a") as file:
+        file.write('{"key": "k11", "rec')  # cut short by a crash
+    assert compute(jobs, work.counted, store, progress=False) == WHOLE
+    calls = (tmp_path / "calls").read_text().split()
+    assert sorted(map(int, calls)) == list(range(12))  # none twice
+
+
+def test_bad_workers_engines_and_stores_are_refused(tmp_path):
+    for wrong, said in (({"workers": 0}, "at least 1"), ({"engine": "slurm"}, "loky, ray")):
+        with pytest.raises(InputError, match=said):
+            compute(JOBS, work.draw, tmp_path / "s", progress=False, **wrong)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        compute(JOBS, work.draw, tmp_path / "file" / "s", progress=False)
