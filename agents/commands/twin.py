@@ -61,21 +61,20 @@ def run(given: argparse.Namespace) -> int:
     twin = Twin(Plant(settings.chair, settings.sensors))
     twin.reset(env.episode, given.seed)
     set_up(twin)
-    twin.advance(0.001)
+    twin.advance(0.1)
     twin.plant.scan(0)  # compiled before real time begins
     twin.plant.ping(0)
     try:
         served = ServedTwin(twin, port=given.port)
     except OSError as error:
         raise InputError(f"the twin cannot be served: {error}") from None
+    watcher = _Watcher(given, served, env)
     print(f"drive board  {served.drive.path}")
     print(f"range board  {served.range.path}")
     print(f"laser        tcp://127.0.0.1:{served.laser.port}")
     _tell("start", env.episode.start)
     _tell("goal", env.episode.goal[:2])
-    watcher = None
     try:
-        watcher = _Watcher(given, served, env)
         served.run(watcher.done)
     finally:
         if served.behind > _DRAWN:
@@ -83,8 +82,7 @@ def run(given: argparse.Namespace) -> int:
         _tell("end", twin.plant.pose)
         print(f"{'touched':12} {twin.hits}", flush=True)  # ms
         served.close()
-        if watcher is not None:
-            watcher.close()
+        watcher.close()
         twin.close()
         env.close()
     return 0
@@ -109,6 +107,7 @@ class _Watcher:
             from wheelchair_gym.view.picture import TopView
 
             self._view = TopView(env.episode, s.chair.footprint, s.chair.drive, s.sensors)
+            self._picture()  # compiled before real time begins
         if given.window:
             from wheelchair_gym.view.window import Window
 

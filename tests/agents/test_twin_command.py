@@ -94,7 +94,7 @@ def test_it_serves_until_it_is_told_to_end(tmp_path, request):
     assert program.stdout.readline() == "press stop: done\n"
     time.sleep(0.1)
     program.send_signal(signal.SIGINT)
-    _, said = program.communicate(timeout=60)
+    _, said = program.communicate(timeout=240)
     assert program.returncode == 130
     assert said.strip().splitlines()[-1] == "wheelchair: stopped"
     assert picture.stat().st_size > 1000
