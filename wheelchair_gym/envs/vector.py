@@ -174,8 +174,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
                 self._draw(i)
         results = self._blank_results(self._out)
         if self._last is not None:  # the rows that go on keep what they saw
-            for now, before in zip(results, self._last, strict=True):
-                now[:] = before
+            for name in Results._fields:
+                getattr(results, name)[:] = getattr(self._last, name)
         elif not chosen.all():
             raise gym.error.ResetNeeded("the first reset() must be of every row")
         for (low, high), scratch, ranges in zip(
