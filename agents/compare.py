@@ -112,13 +112,29 @@ SUITES: dict[str, Suite] = {
         40,
     ),
     "crowd": Suite(
-        "Among people: buildings, halls, and cylinders that cross and heed nobody",
+        "Among people, in buildings and halls; one in ten pays no attention",
         ("straight", BEST),
         (
-            {"name": "crowd", "place": "building", "label": "building"},
+            {  # public ones: a chair and a person pass each other (DIN 18040-1: 1.50 m)
+                "name": "crowd",
+                "place": "building",
+                "people": {"density": (0.01, 0.04)},  # who sits counts not
+                "plan": {
+                    "kind": "clinic",
+                    "doors": (1.0, 1.4),
+                    "corridors": (1.5, 2.4),
+                    "size": (14.0, 24.0),
+                },
+                "label": "building",
+            },
             {"name": "crowd", "place": "hall", "label": "hall"},
-            {"name": "crowd", "place": "hall", "people": {"crossing": 1.0}, "label": "crossing"},
         ),
+        40,
+    ),
+    "cylinders": Suite(
+        "Cylinders that cross a hall and heed nobody, as in DynaBARN",
+        ("straight", BEST),
+        ({"name": "crowd", "place": "hall", "people": {"crossing": 1.0}, "label": "crossing"},),
         40,
     ),
     "temporary": Suite(

@@ -44,6 +44,8 @@ AHEAD = 3.0  # m of the path on which temporary obstacles count
 CLOSE = 2.0  # m from the outline, within which what moves explains why the chair stands
 BEHIND = 2.5  # m: with anything nearer that moves, the chair never backs: nothing looks back
 AGAIN = 3.0  # s until a plan is tried again that led round nothing
+DETOUR = 2.0  # m by which a way round may be longer at once, and
+STROLL = 0.5  # m/s more the longer it waits: it waits as long as the way round would cost
 TOLERATED = 0.06  # m: cells are drawn whole, and hits err
 SHOWN = 1.0  # s for which people see why there is a new path
 COURTESY = 0.25  # share at which time counts as lost while the chair halts for what moves
@@ -105,6 +107,7 @@ class PlannedDriver:
         self._tries = 0  # plans made since there was progress
         self._look = LookRound()
         self._looked = 0.0  # s since the last look at what stands on the way
+        self._held = 0.0  # s that the chair has waited rather than go a long way round
         self._waited = 0.0  # s until a plan is tried again that led round nothing
         self._shown = 0.0  # s for which a state is shown still
         self.plan: Plan | None = None
@@ -164,8 +167,17 @@ class PlannedDriver:
         T1 3.2.2: temporary obstacles are taken into the plan as soon as they are met.
         """
         start, goal = self._around.pose, self.goal
+        kept, barred = self.plan, self._reference
+        assert barred is not None
+        left = float(barred.rows[-1, 3]) - barred.way
         if self._plan(self._around.standing.painted(), start, goal):
             assert self.plan is not None
+            round_it = Reference(np.asarray(self.plan.path, dtype=np.float64), start)
+            if float(round_it.rows[-1, 3]) > left + DETOUR + STROLL * self._held:
+                self.plan, self._held = kept, self._held + AGAIN
+                self._waited = self._shown = AGAIN
+                self._say("waits", "the way round is long")
+                return
             self._take(self.plan.path, start)
             self._shown = SHOWN
             self._say("goes round")
@@ -219,6 +231,7 @@ class PlannedDriver:
         off = self._reference.advance(self._around.pose)
         if self._reference.way > self._best + GAIN:
             self._best, self._since, self._tries = self._reference.way, 0.0, 0
+            self._held = 0.0
         self._since += period * (COURTESY if self.state == "halts" else 1.0)
         self._waited -= period
         self._shown -= period
@@ -259,6 +272,7 @@ class PlannedDriver:
             twist = np.zeros(2)
         elif unseen and twist[0] < -CREEP:
             twist = twist * (-CREEP / twist[0])
+        twist = self._around.unhurried(twist[None])[0]
         self._chair.command(twist)
         action: Array = self._task.limits.action(twist)
         return action

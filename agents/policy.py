@@ -13,8 +13,12 @@ from wheelchair_gym.config import InputError, load
 Array = NDArray[np.float64]
 
 
-# Planners whose defaults seek the shortest path are told to keep away from walls when driving.
-DRIVING: dict[str, dict[str, Any]] = {"a_star": {"weight": 4.0, "comfort": 0.7}}
+# What planners are told for driving: who seeks the shortest path, to keep away from walls; who
+# turns in place and backs, how slowly that goes where nobody looks.
+DRIVING: dict[str, dict[str, Any]] = {
+    "a_star": {"weight": 4.0, "comfort": 0.7},
+    "lattice": {"spin": 0.25, "back": 4.0, "limits": {"backward": 0.1}},
+}
 
 
 class Policy(Protocol):

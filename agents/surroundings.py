@@ -18,7 +18,9 @@ from agents.tracks import Tracks
 from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.safety import Shield
 from wheelchair_gym.safety.sweep import outline_gap
+from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.types import Reading
 
 Array = NDArray[np.float64]
@@ -90,6 +92,8 @@ class Surroundings:
         self.hits: Array = np.empty((0, 2))
         self.points: Array = np.empty((0, 3))
         self.movers: Array = np.empty((0, 5))
+        chair = ChairSettings(footprint=task.footprint, limits=task.limits)
+        self._sight = Shield(None, chair, task.sensors, task.period)
         self._look(reading)
 
     def chart(self, known: OccupancyGrid) -> None:
@@ -120,7 +124,12 @@ class Surroundings:
         self.pose = pose + off * min(1.0, period / SETTLE)
         self._look(reading)
 
+    def unhurried(self, twists: Array) -> Array:
+        """See `Shield.unhurried`: how fast the chair may go where nobody has looked."""
+        return self._sight.unhurried(twists)
+
     def _look(self, reading: Reading) -> None:
+        self._sight.look(reading)
         laser = self._laser
         ranges = np.asarray(reading.laser, dtype=np.float64)
         near = np.isfinite(ranges) & (ranges < SEEN_FROM) & (ranges > laser.nearest)

@@ -151,8 +151,8 @@ def person(
     Args:
         route: way points (n, 2) [m], one at least.
         speed: preferred [m/s].
-        heeds: EVERYBODY, PEOPLE (does not see the chair) or NOBODY (a crossing cylinder, as in
-            DynaBARN).
+        heeds: EVERYBODY, PEOPLE (pays no attention: notices the chair when it is a step away) or
+            NOBODY (a crossing cylinder, as in DynaBARN).
         radius: [m].
         mass: [kg].
         patience: without getting on, after which they turn back [s].

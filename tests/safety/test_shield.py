@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from tests.simulation.worlds import box
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry import Footprint, to_frame
+from wheelchair_gym.movers import NOBODY, person, together
 from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.safety.state import REASONS
 from wheelchair_gym.sensing import SensorSettings
@@ -18,6 +19,7 @@ from wheelchair_gym.simulation import SimulatedChair
 from wheelchair_gym.types import Reading
 
 AHEAD, BACK, LEFT = np.array([0.8, 0.0]), np.array([-0.3, 0.0]), np.array([0.0, 1.0])
+STILL = np.zeros(2)
 UNSEEN = ShieldSettings().unseen
 LEVER = math.hypot(Footprint().rear, Footprint().half_width)  # of a rear corner
 
@@ -234,3 +236,55 @@ def test_one_seed_one_run():
     runs = [drive((0.0, 0.0, 0.3), (0.8, 0.2), 6.0)[0] for _ in range(2)]
     for (one, _), (other, _) in zip(*runs, strict=True):
         assert np.array_equal(one.given, other.given)
+
+
+def among_people(*people, start=(0.0, 0.0, 0.0), twist=AHEAD, seconds=3.0):
+    """Ask for one twist among people in a wide room: decisions, truths, and the shield's marks."""
+    chair, shield = SimulatedChair(), Shield()
+    episode = dataclasses.replace(box(8.0, start), movers=together(list(people)))
+    reading, told = chair.reset(episode, 3), []
+    for _ in range(round(seconds / 0.1)):
+        before = chair.truth
+        given = shield.filter(np.asarray(twist, float), reading)
+        state = shield.state[0]
+        marks = state["marks"][: state["n_marks"]].copy()
+        # Marks are dead-reckoned; in the chair's frame, as who moves is.
+        at = np.column_stack([to_frame(marks[:, :2], state["pose"]), marks[:, 2:]])
+        told.append((shield.decision, before, at))
+        reading = chair.drive(given)
+    return told
+
+
+def test_who_walks_up_from_behind_does_not_stop_it():
+    follower = person([(-3.2, 0.9), (7.0, 0.9)], 0.6, heeds=NOBODY)
+    told = among_people(follower, start=(-2.0, 0.0, 0.0), seconds=6.0)
+    assert not any(decision.reason == "moving" for decision, _, _ in told)
+    assert told[-1][1].twist[0] > 0.75
+
+
+def test_who_steps_before_it_stops_it():
+    told = among_people(person([(2.6, 4.0), (2.6, -4.0)], 1.2, heeds=NOBODY), seconds=5.0)
+    assert any(decision.reason == "moving" for decision, _, _ in told)
+    assert not any(truth.caused for _, truth, _ in told)
+
+
+def test_who_has_left_its_view_may_stand_behind_it():
+    """Somebody walks past a chair that turns, and on behind it, where the laser sees nothing."""
+    passer = person([(3.0, -1.2), (-4.0, -1.2)], 1.2, heeds=NOBODY)
+    told = among_people(passer, twist=LEFT, seconds=4.5)
+    ahead = [to_frame(truth.movers[:1, :2], truth.pose)[0, 0] for _, truth, _ in told]
+    turns = np.array([LEVER * truth.twist[1] for _, truth, _ in told])
+    seen, hidden = np.array(ahead) > 0.0, np.array(ahead) < -1.4
+    assert turns[seen].max() > 0.07  # as fast as it may where nobody has seen
+    assert hidden.sum() > 5
+    assert turns[hidden].max() < 0.05
+
+
+def test_for_who_plans_only_the_unseen_slows_and_nothing_is_decided():
+    _, _, shield = drive((0.0, 0.0, 0.0), (0.0, 0.0), 0.5, half=1.5)
+    before = shield.state.tobytes()
+    ahead, left, back = shield.unhurried(np.array([AHEAD, LEFT, BACK]))
+    np.testing.assert_array_equal(ahead, AHEAD)  # though a wall is near
+    assert 0.05 < left[1] * LEVER < UNSEEN * 1.05
+    assert -UNSEEN * 1.05 < back[0] < -0.05
+    assert shield.state.tobytes() == before

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import asked_twist
-from wheelchair_gym.safety.shield import decide, forget, look
+from wheelchair_gym.safety.decide import decide
+from wheelchair_gym.safety.shield import forget, look
 from wheelchair_gym.safety.state import NOTHING
 from wheelchair_gym.simulation.advance import advance, begin
 from wheelchair_gym.simulation.world import take_ground

@@ -27,6 +27,8 @@ _FINE = 0.04  # m: an arc as long as this is one point,
 _NEARBY = 1.3  # m: up to this range; twice as long up to twice of it, and again beyond
 _SPREAD = _F(0.06)  # m: hits of one arc differ in range by less
 _JUMP = _F(0.10)  # m: where ranges jump, the edge is a point of its own
+_BODY = 0.35  # m: marks so near each other are of one body
+_EDGE = math.radians(15.0)  # of the laser's view: half a body at 2 m
 _SAME = 0.10  # m: a ray that ends so near a point has looked at it anew
 _ECHO = 2.5  # m: echoes from farther off do not matter yet
 _AGREE = 0.15  # m: laser and ultrasonic err together by less
@@ -150,11 +152,23 @@ def _arc_of(r: float) -> float:
 
 
 @borrowing_kernel
-def _forget(g: Any, s: Any, laser: Floats, rows: Array, n: int, most: int, age: float) -> int:
-    """Drop rows (n, 3) x, y, stamp that are too old, far off, or were looked at anew.
+def _forget(
+    g: Any, s: Any, laser: Floats, rows: Array, n: int, most: int, age: float, edge: int
+) -> int:
+    """Drop rows (n, 3 or more) x, y, stamp that are too old, far off, or were looked at anew.
+
+    Args:
+        g: record of GUARD.
+        s: record of SHIELD.
+        laser: the scan [m].
+        rows: is written to.
+        n: how many there are.
+        most: how many may be left.
+        age: older ones are dropped [s].
+        edge: so many beams at each end do not tell: who was there may have left their view.
 
     Returns:
-        How many are left, at the front; no more than `most`.
+        How many are left, at the front.
     """
     beams, kept = laser.shape[0], 0
     lx, ly, cl, sl = laser_frame(g, s)
@@ -165,12 +179,12 @@ def _forget(g: Any, s: Any, laser: Floats, rows: Array, n: int, most: int, age: 
             continue
         at = (bearing(_F(cl * dy - sl * dx), _F(cl * dx + sl * dy)) - g.first) * g.per_angle
         b = int(max(at, 0.0) + 0.5)
-        if 1 <= b < beams - 1:
+        if 1 + edge <= b < beams - 1 - edge:
             near = far - _SAME
             if laser[b] >= near and laser[b - 1] >= near and laser[b + 1] >= near:
                 continue
         if kept < most:
-            for i in range(3):
+            for i in range(rows.shape[1]):
                 rows[kept, i] = rows[k, i]
             kept += 1
     return kept
@@ -194,8 +208,31 @@ def _add(
         if s.marked[k, 2] > last and dx * dx + dy * dy < _BESIDE * _BESIDE:
             last = s.marked[k, 2]
     if s.stamp - last <= g.wary and s.n_marks < MOVERS:
-        s.marks[s.n_marks, 0], s.marks[s.n_marks, 1], s.marks[s.n_marks, 2] = px, py, last
+        m = s.n_marks
+        s.marks[m, 0], s.marks[m, 1], s.marks[m, 2] = px, py, last
+        s.marks[m, 3] = s.stamp
         s.n_marks += 1
+
+
+@borrowing_kernel
+def _drop_passed(s: Any, first: int) -> None:
+    """Drop marks that were not seen anew beside one that was: there that body was before.
+
+    Args:
+        s: record of SHIELD.
+        first: mark of this scan; those before it were not seen anew.
+    """
+    kept = 0
+    for k in range(s.n_marks):
+        passed = False
+        for i in range(first if k < first else s.n_marks, s.n_marks):
+            dx, dy = s.marks[i, 0] - s.marks[k, 0], s.marks[i, 1] - s.marks[k, 1]
+            passed = passed or dx * dx + dy * dy < _BODY * _BODY
+        if not passed:
+            for i in range(s.marks.shape[1]):
+                s.marks[kept, i] = s.marks[k, i]
+            kept += 1
+    s.n_marks = kept
 
 
 @borrowing_kernel
@@ -209,10 +246,12 @@ def remember(g: Any, s: Any, laser: Floats) -> None:
     cosine, sine = floats_at(g.cosine, beams), floats_at(g.sine, beams)
     marks = s.n_marks
     for k in range(marks):
-        for i in range(3):
+        for i in range(s.marks.shape[1]):
             s.marked[k, i] = s.marks[k, i]
-    s.n_points = _forget(g, s, laser, s.points[:], s.n_points, KEPT, g.memory)
-    s.n_marks = _forget(g, s, laser, s.marks[:], s.n_marks, MOVERS // 2, g.wary)
+    edge = int(_EDGE * g.per_angle)
+    s.n_points = _forget(g, s, laser, s.points[:], s.n_points, KEPT, g.memory, 0)
+    s.n_marks = _forget(g, s, laser, s.marks[:], s.n_marks, MOVERS // 2, g.wary, edge)
+    first = s.n_marks
     frame, far = laser_frame(g, s), _F(FAR)
     nearest, none = _F(g.nearest), _F(np.inf)
     begin, count, limit, edge = 0, 0, 0, False
@@ -243,6 +282,7 @@ def remember(g: Any, s: Any, laser: Floats) -> None:
             total += r
         elif count == 0:
             before = none
+    _drop_passed(s, first)
 
 
 @borrowing_kernel

@@ -46,6 +46,9 @@ class ShieldSettings:
     pace: float = setting(
         default=1.5, unit="m/s", source="that whoever moves may take up in any direction", low=0.0
     )
+    spurt: float = setting(
+        default=2.7, unit="m/s2", source="whoever moves: 0 to 1.34 m/s in 0.5 s", low=0.0
+    )
     wary: float = setting(
         default=3.0, unit="s", source="whoever moved may move again", low=0.0, high=60.0
     )

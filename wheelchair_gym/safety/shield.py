@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.address import address_of, rows_of
 from wheelchair_gym.kernel import borrowing_kernel
-from wheelchair_gym.kinematics import approach, arc_step
+from wheelchair_gym.kinematics import arc_step
+from wheelchair_gym.safety.decide import decide, slow_for_unseen
 from wheelchair_gym.safety.faults import watch
 from wheelchair_gym.safety.memory import follow, hear, look_round, remember
 from wheelchair_gym.safety.settings import ShieldSettings
@@ -35,7 +36,7 @@ from wheelchair_gym.safety.state import (
     SHIELD,
     Guard,
 )
-from wheelchair_gym.safety.sweep import signed_gap, sweep
+from wheelchair_gym.safety.sweep import signed_gap
 from wheelchair_gym.sensing.settings import RANGERS, SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.types import Reading
@@ -43,9 +44,6 @@ from wheelchair_gym.types import Reading
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-_HALVINGS = 5  # of the share that is driven: to 3 %
-_FINE = 0.01  # s: step of the set point's model, as boards run it at 100 Hz
-_STANDS = 0.02  # m/s, rad/s: slower is at rest
 
 _guards_at, _shields_at = rows_of(GUARD), rows_of(SHIELD)
 # Where both records lie: a call takes a microsecond per array.
@@ -71,7 +69,7 @@ def forget(s: Any) -> None:
         s.doubtful[k], s.n_arc[k] = math.nan, 0
     s.corner[0], s.corner[1] = 1 << 40, 1 << 40  # far off: the whole grid comes in anew
     s.n_points, s.n_marks, s.n_near, s.n_moving, s.n_close = 0, 0, 0, 0, 0
-    s.gap, s.columns = FAR, 0
+    s.gap, s.columns, s.hidden = FAR, 0, 0.0
     for k in range(2):
         s.asked[k], s.given[k] = 0.0, 0.0
 
@@ -118,10 +116,13 @@ def gather(g: Any, s: Any) -> None:
         s.bins[b] = at + 1
         s.near[at, 0], s.near[at, 1] = s.local[k, 0], s.local[k, 1]
         s.near[at, 2] = b * REACH / BINS
+    s.hidden = 0.0
     for k in range(s.n_marks):
         dx, dy = s.marks[k, 0] - x, s.marks[k, 1] - y
         s.moving[k, 0], s.moving[k, 1] = c * dx + sn * dy, c * dy - sn * dx
-        s.moving[k, 2] = 0.0
+        s.moving[k, 2], s.moving[k, 3] = 0.0, s.stamp - s.marks[k, 2]
+        s.moving[k, 4] = s.stamp - s.marks[k, 3]
+        s.hidden = max(s.hidden, s.moving[k, 4])
     s.n_moving = s.n_marks
 
 
@@ -171,38 +172,6 @@ def look(
 
 
 @borrowing_kernel
-def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float]:
-    """What may be driven of a twist (v, w) [m/s, rad/s] during the coming period."""
-    limits = g.limits[:]
-    v = min(limits[0], max(-limits[1], v))
-    w = min(limits[2], max(-limits[2], w))
-    s.asked[0], s.asked[1] = v, w
-    if s.rearmed and v == 0.0 and w == 0.0 and abs(s.set[0]) + abs(s.set[2]) < _STANDS:
-        s.latched = NOTHING
-    s.rearmed = s.rearmed and s.latched != NOTHING
-    share, reason = 1.0, s.latched
-    if reason != NOTHING:
-        share = 0.0
-    elif v != 0.0 or w != 0.0 or s.set[0] != 0.0 or s.set[2] != 0.0:
-        reason = sweep(g, s, v, w)
-        if reason != NOTHING:
-            low, high = 0.0, 1.0
-            for _ in range(_HALVINGS):
-                middle = 0.5 * (low + high)
-                if sweep(g, s, middle * v, middle * w) == NOTHING:
-                    low = middle
-                else:
-                    high = middle
-            share = low
-    v, w = share * v, share * w
-    s.reason, s.given[0], s.given[1] = reason, v, w
-    for _ in range(round(g.period / _FINE)):
-        s.set[0], s.set[1] = approach(s.set[0], s.set[1], v, limits[3], limits[4], limits[7], _FINE)
-        s.set[2], s.set[3] = approach(s.set[2], s.set[3], w, limits[6], limits[6], limits[8], _FINE)
-    return v, w
-
-
-@borrowing_kernel
 def look_alone(
     alone: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, age: Floats,
     bumped: bool, halted: bool, stamp: float,
@@ -218,6 +187,14 @@ def decide_alone(alone: Any, v: float, w: float) -> tuple[float, float]:
     """`decide` of a shield that is alone: alone (1,) of ALONE."""
     own = alone[0]
     return decide(_guards_at(own.guard, 1)[0], _shields_at(own.shield, 1)[0], v, w)
+
+
+@borrowing_kernel
+def slow_alone(alone: Any, twists: Array) -> None:
+    """`slow_for_unseen` of a shield that is alone."""
+    own = alone[0]
+    g, s = _guards_at(own.guard, 1)[0], _shields_at(own.shield, 1)[0]
+    slow_for_unseen(g, s, twists)
 
 
 class Decision(NamedTuple):
@@ -274,11 +251,27 @@ class Shield:
             twist: what a policy asks for.
             reading: the latest; its stamps are the shield's only clock.
         """
+        self.look(reading)
+        return np.array(decide_alone(self._alone, float(twist[0]), float(twist[1])))
+
+    def look(self, reading: Reading) -> None:
+        """Take in a reading."""
         look_alone(
             self._alone, reading.pose, reading.twist, reading.laser, reading.ultrasonic,
             reading.age, bool(reading.bumped), reading.halted != "", reading.stamp,
         )  # fmt: skip
-        return np.array(decide_alone(self._alone, float(twist[0]), float(twist[1])))
+
+    def unhurried(self, twists: Array) -> Array:
+        """Twists (n, 2) [m/s, rad/s], slowed to what may last where nobody has seen.
+
+        For who plans: nothing is decided, and no other rule is applied.
+
+        Args:
+            twists: that might be driven from now on.
+        """
+        slowed = np.array(twists, np.float64)
+        slow_alone(self._alone, slowed)
+        return slowed
 
     def rearm(self) -> None:
         """A person has seen to a fault: drives on once the chair stands and is told to stand."""

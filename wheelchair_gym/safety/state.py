@@ -50,20 +50,17 @@ MOVERS = 96  # points of what moves
 CLOSE = 64  # points inside the stop zone
 SAMPLES = 38  # points of the outline that may enter what nobody has seen
 
+NUMBERS = (  # of the settings, as kernels take them
+    "margin", "headway", "reaction", "crawl", "memory", "unseen", "pace", "spurt", "wary",
+)  # fmt: skip
+
 GUARD = np.dtype(
     [
         ("limits", "f8", (9,)),  # Limits.array
         ("outline", "f8", (3,)),  # Footprint.array
         ("samples", "f8", (SAMPLES, 4)),  # x, y and outward normal; corners of the rear: 0, 0
         ("period", "f8"),  # s
-        ("margin", "f8"),
-        ("headway", "f8"),
-        ("reaction", "f8"),
-        ("crawl", "f8"),
-        ("memory", "f8"),
-        ("unseen", "f8"),
-        ("pace", "f8"),
-        ("wary", "f8"),
+        *((name, "f8") for name in NUMBERS),
         ("stale_laser", "f8"),
         ("stale_ultrasonic", "f8"),
         ("stale_odometry", "f8"),
@@ -107,12 +104,12 @@ SHIELD = np.dtype(
         ("clear", "f4", (CELLS, CELLS)),  # s: by one that went well beyond
         ("beam", "i4", (CELLS,)),  # of one column of cells: which sees it, how far it is
         ("range", "f4", (CELLS,)),
-        # points: x, y [m], when seen [s]; those that may move: when they last did
+        # points: x, y [m], when seen [s]; those that may move: when they last did,
         ("n_points", "i8"),
         ("points", "f8", (FRESH + KEPT, 3)),
         ("n_marks", "i8"),
-        ("marks", "f8", (MOVERS, 3)),
-        ("marked", "f8", (MOVERS, 3)),  # before the last scan
+        ("marks", "f8", (MOVERS, 4)),  # and were seen
+        ("marked", "f8", (MOVERS, 4)),  # before the last scan
         # echoes that no laser explains
         ("fired", "f8", (RANGERS,)),  # s: when each ranger fired
         ("doubtful", "f8", (RANGERS,)),  # m: an echo heard once, or NaN
@@ -123,7 +120,8 @@ SHIELD = np.dtype(
         ("local", "f8", (NEAR, 3)),  # x, y, distance
         ("near", "f8", (NEAR, 3)),  # x, y, and no more than its distance; which rises
         ("n_moving", "i8"),
-        ("moving", "f8", (MOVERS, 3)),
+        ("moving", "f8", (MOVERS, 5)),  # x, y, 0; for how long it stands, and is hidden [s]
+        ("hidden", "f8"),  # s: the longest of these
         ("n_close", "i8"),
         ("close", "f8", (CLOSE, 3)),  # x, y, and its signed gap
         ("gap", "f8"),  # m: of the outline
@@ -149,7 +147,7 @@ class Guard:
         g["limits"], g["outline"] = chair.limits.array, chair.footprint.array
         g["samples"] = _samples(*chair.footprint.array.tolist())
         g["period"] = period
-        for name in ("margin", "headway", "reaction", "crawl", "memory", "unseen", "pace", "wary"):
+        for name in NUMBERS:
             g[name] = getattr(own, name)
         for name in ("laser", "ultrasonic", "odometry"):
             g[f"stale_{name}"] = getattr(own.stale, name)

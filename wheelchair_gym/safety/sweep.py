@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import borrowing_kernel, kernel
 from wheelchair_gym.kinematics import approach, odometric_step
-from wheelchair_gym.safety.state import CELL, CELLS, MOVING, NOTHING, OBSTACLE, SAMPLES, UNSEEN
+from wheelchair_gym.safety.state import (
+    CELL,
+    CELLS,
+    MOVING,
+    NOTHING,
+    OBSTACLE,
+    SAMPLES,
+    UNSEEN,
+)
 
 Array = NDArray[np.float64]
 
@@ -19,6 +27,9 @@ _LONGEST = 100  # poses
 _FAST, _TURNS = 1.03, 1.15  # times what it is set to: so much faster a chair may move and turn
 _CRAWLING = 0.25  # of the margin
 _PIVOT = 0.05  # m/s ahead: slower is a pivot
+_BETWEEN = 0.02  # m: samples are farther from a point than the outline is by less
+_STOOD = 0.15  # s: a scan or two
+_BLIND = 0.3  # m ahead of the axle: beside what is farther back the laser does not look
 _REST = 0.01  # m/s: slower is at rest
 _TURN_REST = 0.02  # rad/s
 _WORSE = 1e-6  # m: what is inside the stop zone may not come nearer, beyond rounding
@@ -75,13 +86,67 @@ def was_seen(s: Any, x: float, y: float, since: float) -> bool:
 
 
 @borrowing_kernel
+def going_out(g: Any, k: int, v: float, w: float) -> float:
+    """How fast [m/s] sample k of the outline goes outward at a twist (v, w).
+
+    That is along its side's normal; for a rear corner in a pivot, and in reverse, as fast as it
+    moves. Ahead, it follows its own side.
+    """
+    ax, ay, nx, ny = g.samples[k, 0], g.samples[k, 1], g.samples[k, 2], g.samples[k, 3]
+    vx, vy = v - w * ay, w * ax
+    if k < 2:  # the rear corners
+        return 0.0 if v > _PIVOT else math.sqrt(vx * vx + vy * vy)
+    return float(vx * nx + vy * ny)
+
+
+@borrowing_kernel
+def may_meet(
+    g: Any, x: float, y: float, yaw: float, v: float, w: float, moving: Array, t: float
+) -> bool:
+    """Whether who moves may get before a part of the outline that goes outward.
+
+    What comes up to a part that does not go outward is not met by the chair: it meets the chair,
+    and would if the chair stood.
+
+    Args:
+        g: record of GUARD.
+        x: the pose's x [m]; then y [m] and yaw [rad].
+        y: see x.
+        yaw: see x.
+        v: speed there [m/s].
+        w: turn there [rad/s].
+        moving: (m, 5) where they were seen last [m], and for how long each stands, and has not been
+            seen [s].
+        t: until the chair is there [s].
+    """
+    c, s = math.cos(yaw), math.sin(yaw)
+    walks = g.pace * t
+    starts = min(walks, 0.5 * g.spurt * t * t)
+    for k in range(SAMPLES):
+        if going_out(g, k, v, w) <= g.crawl:
+            continue
+        ax, ay = g.samples[k, 0], g.samples[k, 1]
+        px, py = x + c * ax - s * ay, y + s * ax + c * ay
+        for i in range(moving.shape[0]):
+            room = g.margin + _BETWEEN + (starts if moving[i, 3] > _STOOD else walks)
+            if moving[i, 4] > 0.0:
+                if ax < _BLIND:
+                    room = g.margin + _BETWEEN + walks + g.pace * moving[i, 4]
+                elif moving[i, 0] < _BLIND:
+                    continue  # they show themselves before they are where the laser looks
+                else:
+                    room = g.margin + _BETWEEN + walks
+            dx, dy = moving[i, 0] - px, moving[i, 1] - py
+            if dx * dx + dy * dy < room * room:
+                return True
+    return False
+
+
+@borrowing_kernel
 def enters_unseen(
     g: Any, s: Any, x: float, y: float, c: float, sn: float, v: float, w: float, since: float
 ) -> bool:
     """Whether a point of the outline enters what nobody has seen, faster than it may.
-
-    How fast it enters is how fast it moves along its side's normal; a rear corner in a pivot, and
-    in reverse, as fast as it moves. Ahead, it follows its own side.
 
     Args:
         g: record of GUARD.
@@ -94,15 +159,10 @@ def enters_unseen(
         w: its turn [rad/s].
         since: stamp since which it must have been seen [s].
     """
-    samples, most = g.samples, g.unseen
     for k in range(SAMPLES):
-        ax, ay = samples[k, 0], samples[k, 1]
-        nx, ny = samples[k, 2], samples[k, 3]
-        vx, vy = v - w * ay, w * ax
-        speed = vx * nx + vy * ny
-        if k < 2:  # the rear corners
-            speed = 0.0 if v > _PIVOT else math.sqrt(vx * vx + vy * vy)
-        if speed > most and not was_seen(s, x + c * ax - sn * ay, y + sn * ax + c * ay, since):
+        ax, ay = g.samples[k, 0], g.samples[k, 1]
+        px, py = x + c * ax - sn * ay, y + sn * ax + c * ay
+        if going_out(g, k, v, w) > g.unseen and not was_seen(s, px, py, since):
             return True
     return False
 
@@ -161,10 +221,11 @@ def sweep(g: Any, s: Any, v: float, w: float) -> int:
                 if gap < s.close[i, 2] - _WORSE:
                     return OBSTACLE
         if s.n_moving > 0 and fastest > g.crawl:
-            need = g.margin + g.pace * t
+            need = g.margin + g.pace * (t + s.hidden)
             if mbound < need:
                 mbound = outline_gap(x, y, yaw, outline, moving, need + 0.3)
-                if mbound < need:
+                fast, turns = _FAST * sv, _TURNS * sw
+                if mbound < need and may_meet(g, x, y, yaw, fast, turns, moving, t):
                     return MOVING
         if fastest > g.unseen:
             c, sn = math.cos(s.pose[2] + yaw), math.sin(s.pose[2] + yaw)

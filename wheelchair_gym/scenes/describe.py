@@ -66,7 +66,7 @@ def _moving(episode: Episode) -> dict[str, list[float]]:
     return {
         "people": [len(people)],
         "people per free m2": [len(people) / free_floor(episode.map)],
-        "people who do not see the chair": [float((heeds == PEOPLE).sum())],
+        "people who pay no attention": [float((heeds == PEOPLE).sum())],
         "crossing cylinders": [float((heeds == NOBODY).sum())],
         "walking speed [m/s]": people["speed"].tolist(),
         "length of their routes [m]": lengths,

@@ -27,7 +27,7 @@ from wheelchair_gym.scenes.raster import CELL
 Array = NDArray[np.float64]
 
 ROUND = RADIUS + 0.10  # m: people's routes keep this from walls
-_PLACES = 3  # where people are going to: each costs one geodesic
+_PLACES = 8  # where people are going to: each costs one geodesic
 _TRIES = 60  # starts drawn for one person before they stay away
 _LEAST_WAY = 3.0  # m: shorter routes are no routes
 _CLEAR = 1.05  # m round light furniture: the chair passes it on either side
@@ -54,7 +54,7 @@ class PeopleOfScene:
         default=0.26, unit="m/s", source="standard deviation: Weidmann 1993", low=0.0
     )
     slowest: float = setting(default=0.4, unit="m/s", source="who walks with a frame", low=0.05)
-    blind: float = setting(default=0.1, source="share who do not see the chair", low=0.0, high=1.0)
+    blind: float = setting(default=0.1, source="share who pay no attention", low=0.0, high=1.0)
     crossing: float = setting(
         default=0.0, source="share of cylinders that heed nobody: DynaBARN", low=0.0, high=1.0
     )

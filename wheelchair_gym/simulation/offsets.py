@@ -13,6 +13,7 @@ PIN = ">=7.3,<7.4"
 BODY_DOUBLES = 40  # of cpBody, which hold everything looked for
 SEGMENT_DOUBLES = 40  # of cpSegmentShape
 CIRCLE_DOUBLES = 29  # of cpCircleShape
+SPACE_WORDS = 40  # of cpSpace, that hold its counter
 POLY_DOUBLES = 61  # of cpPolyShape with up to six corners
 
 _MARKS = {
@@ -123,5 +124,24 @@ def _find_shape_offsets() -> ShapeOffsets:
     return ShapeOffsets(**own, corners=corner["x"], **common)
 
 
+def _find_counter() -> int:
+    """Where a cpSpace counts the shapes that it was ever given, in words."""
+    space, body = pymunk.Space(), pymunk.Body(1.0, 1.0)
+    space.add(body)
+    told = []
+    for _ in range(4):
+        raw = ctypes.string_at(int(pointer(space._space)), 8 * SPACE_WORDS)
+        told.append(np.frombuffer(raw, np.int64))
+        space.add(pymunk.Circle(body, 1.0))
+    rises = np.flatnonzero((np.diff(told, axis=0) == 1).all(axis=0))
+    if len(rises) != 1:
+        raise ImportError(
+            f"pymunk {pymunk.version}: Munk2D's space has no counter of shapes where expected; "
+            f"this release reads pymunk {PIN}"
+        )
+    return int(rises[0])
+
+
 OFFSETS = _find_offsets()
 SHAPE = _find_shape_offsets()
+COUNTER = _find_counter()

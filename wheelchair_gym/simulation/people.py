@@ -1,8 +1,9 @@
 """How people walk: along their routes, by optimal reciprocal collision avoidance.
 
-Someone who heeds all keeps from walls, things, other people and the chair; someone who does not see
-the chair, from all but that; someone who heeds nobody goes straight on. Whoever touches the chair
-stops there. Who does not get on for a while turns back, so that no doorway stays jammed.
+Someone who heeds all keeps from walls, things, other people and the chair; someone who pays no
+attention notices the chair only when it is a step away; someone who heeds nobody goes straight on.
+Whoever touches the chair stops there. Who does not get on for a while turns back, so that no
+doorway stays jammed.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _WALLS = 16  # lines of walls and things at most: the others are for who moves
 _REACHED = 0.35  # m: a way point counts as reached; about a step
 _PASSED = 1.0  # m: and this near when its line has been crossed
 _TOUCH = 0.02  # m: whoever is this near to the chair stops pressing on
-_MANNERS = 0.10  # m that people leave between themselves and a chair that they see
+_MANNERS = 0.15  # m that people leave between themselves and a chair that they see
 _SLOW = 0.25  # of the preferred speed: less than this along the way is no getting on
 _SWAY = 0.03  # rad: of each choice; breaks the symmetry of two who meet
 
@@ -127,7 +128,7 @@ def _hidden(world: Any, x: float, y: float, ex: float, ey: float) -> bool:
 
 @borrowing_kernel
 def _outline_line(p: Any, own: Any, row: Any, n: int, lines: Array, pose: Array) -> int:
-    """The chair's outline as a wall, for who heeds it; nobody presses on who touches it."""
+    """The chair's outline as a wall, for who sees it; nobody presses on who touches it."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     dx, dy = own.pose[0] - pose[0], own.pose[1] - pose[1]
     px, py = c * dx + s * dy, c * dy - s * dx
@@ -135,11 +136,13 @@ def _outline_line(p: Any, own: Any, row: Any, n: int, lines: Array, pose: Array)
     qy = min(p.outline[2], max(-p.outline[2], py))
     ex, ey = px - qx, py - qy
     d = math.sqrt(ex * ex + ey * ey)
-    room = d - row.size[0] - (_MANNERS if row.heeds == EVERYBODY else _TOUCH)
-    if d == 0.0 or room > (p.sight if row.heeds == EVERYBODY else 0.0):
-        return n
-    nx, ny = (c * ex - s * ey) / d, (s * ex + c * ey) / d
-    return keep_from_wall(lines, n, nx, ny, max(0.0, room), p.wall_horizon)
+    gap = d - row.size[0]
+    nx, ny = (c * ex - s * ey) / max(d, 1e-9), (s * ex + c * ey) / max(d, 1e-9)
+    if d > 0.0 and gap < (p.sight, p.notice, 0.0)[EVERYBODY - row.heeds]:
+        return keep_from_wall(lines, n, nx, ny, gap - _MANNERS, 2.0 * p.wall_horizon)
+    if d > 0.0 and gap < _TOUCH:
+        return keep_from_wall(lines, n, nx, ny, 0.0, p.wall_horizon)
+    return n
 
 
 @borrowing_kernel

@@ -121,6 +121,10 @@ class PeopleSettings:
     sight: float = setting(
         default=4.0, unit="m", source="farther people are not heeded", low=0.5, high=20.0
     )
+    notice: float = setting(
+        default=1.0, unit="m", source="who pays no attention sees a chair so near: a step away",
+        low=0.0, high=20.0,
+    )  # fmt: skip
     relax: float = setting(
         default=0.3, unit="s", source="to take up a velocity: below a step's time", low=0.02
     )

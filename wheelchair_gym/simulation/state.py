@@ -84,6 +84,7 @@ PARAMETER = np.dtype(
         ("horizon", "f8"),  # s
         ("wall_horizon", "f8"),  # s
         ("sight", "f8"),  # m
+        ("notice", "f8"),  # m
     ],
     align=True,
 )
@@ -228,7 +229,7 @@ def parameters(
     p["fire_every"] = whole_ratio(interval, physics.step, "ultrasonic.interval and physics.step")
     people = physics.people
     p["choose_every"] = max(1, round(people.choose / physics.step))
-    for name in ("relax", "legs", "horizon", "wall_horizon", "sight"):
+    for name in ("relax", "legs", "horizon", "wall_horizon", "sight", "notice"):
         p[name] = getattr(people, name)
     return rows
 

@@ -24,6 +24,7 @@ from wheelchair_gym.sensing.settings import RANGERS
 from wheelchair_gym.simulation.engine import (
     UNIT_BOX,
     add_shape,
+    number_from,
     place,
     remove_shape,
     set_circle,
@@ -108,6 +109,7 @@ def furnish(engine: Any, world: Any) -> None:
         remove_shape(engine.remove, world.space, np.uint64(segments[k]))
     for k in range(world.discs_in):
         remove_shape(engine.remove, world.space, np.uint64(circles[k]))
+    number_from(world.space, 1)  # 0 is the chair
     walls = table_at(world.walls, world.n_walls, 4)
     discs = table_at(world.discs, world.n_discs, 3)
     for k in range(world.n_walls):

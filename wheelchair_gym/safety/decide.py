@@ -1,0 +1,88 @@
+"""Decisions: how much of a twist may be driven."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.kinematics import approach
+from wheelchair_gym.safety.state import FAR, NOTHING
+from wheelchair_gym.safety.sweep import sweep
+
+Array = NDArray[np.float64]
+
+_HALVINGS = 5  # of the share that is driven: to 3 %
+_FINE = 0.01  # s: step of the set point's model, as boards run it at 100 Hz
+_STANDS = 0.02  # m/s, rad/s: slower is at rest
+
+
+@borrowing_kernel
+def _share(g: Any, s: Any, v: float, w: float) -> tuple[float, int]:
+    """How much of a twist may be driven, and why not more."""
+    if v == 0.0 and w == 0.0 and s.set[0] == 0.0 and s.set[2] == 0.0:
+        return 1.0, NOTHING
+    reason = sweep(g, s, v, w)
+    if reason == NOTHING:
+        return 1.0, reason
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if sweep(g, s, middle * v, middle * w) == NOTHING:
+            low = middle
+        else:
+            high = middle
+    return low, reason
+
+
+@borrowing_kernel
+def slow_for_unseen(g: Any, s: Any, twists: Array) -> None:
+    """Slow twists (n, 2) to what may last by the rule of what nobody has seen, and no other rule.
+
+    Args:
+        g: record of GUARD.
+        s: record of SHIELD, which has taken in the latest reading.
+        twists: [m/s, rad/s]; written to.
+    """
+    known = s.n_near, s.n_moving, s.n_close, s.gap
+    set_to = s.set[0], s.set[1], s.set[2], s.set[3]
+    s.n_near, s.n_moving, s.n_close, s.gap = 0, 0, 0, FAR
+    s.set[1], s.set[3] = 0.0, 0.0
+    for k in range(twists.shape[0]):
+        v, w = twists[k, 0], twists[k, 1]
+        low, high, share = 0.0, 2.0, 1.0
+        for _ in range(_HALVINGS + 1):
+            s.set[0], s.set[2] = share * v, share * w
+            if sweep(g, s, share * v, share * w) == NOTHING:
+                low = share
+            else:
+                high = share
+            if low == 1.0:
+                break
+            share = 0.5 * (low + min(high, 1.0))
+        twists[k, 0], twists[k, 1] = low * v, low * w
+    s.n_near, s.n_moving, s.n_close, s.gap = known
+    s.set[0], s.set[1], s.set[2], s.set[3] = set_to
+
+
+@borrowing_kernel
+def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float]:
+    """What may be driven of a twist (v, w) [m/s, rad/s] during the coming period."""
+    limits = g.limits[:]
+    v = min(limits[0], max(-limits[1], v))
+    w = min(limits[2], max(-limits[2], w))
+    s.asked[0], s.asked[1] = v, w
+    if s.rearmed and v == 0.0 and w == 0.0 and abs(s.set[0]) + abs(s.set[2]) < _STANDS:
+        s.latched = NOTHING
+    s.rearmed = s.rearmed and s.latched != NOTHING
+    share, reason = 0.0, s.latched
+    if reason == NOTHING:
+        share, reason = _share(g, s, v, w)
+    v, w = share * v, share * w
+    s.reason, s.given[0], s.given[1] = reason, v, w
+    for _ in range(round(g.period / _FINE)):
+        s.set[0], s.set[1] = approach(s.set[0], s.set[1], v, limits[3], limits[4], limits[7], _FINE)
+        s.set[2], s.set[3] = approach(s.set[2], s.set[3], w, limits[6], limits[6], limits[8], _FINE)
+    return v, w
