@@ -45,7 +45,8 @@ class PaperWorld:
         self.task = SimpleNamespace(
             chart=None,
             map=grid, start=np.array(start, float), goal=np.array(goal, float), period=period,
-            footprint=Footprint(), limits=Limits(), sensors=SensorSettings(laser=LaserSettings()),
+            footprint=Footprint(), limits=Limits(),
+            sensors=SensorSettings(laser=LaserSettings(beams=BEAMS)),
             path=None, tolerance=0.3, time_limit=60.0, key=7,
         )  # fmt: skip
         self.walls = grid.walls()

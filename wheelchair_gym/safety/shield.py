@@ -227,6 +227,7 @@ class Shield:
             self.settings, chair or ChairSettings(), sensors or SensorSettings(), period
         )
         self.state: NDArray[np.void] = np.zeros(1, SHIELD)
+        self._beams = ((sensors or SensorSettings()).laser.beams,)
         self._alone = np.zeros(1, ALONE)
         self._alone["guard"] = address_of(self._guard.record)
         self._alone["shield"] = address_of(self.state)
@@ -255,7 +256,13 @@ class Shield:
         return np.array(decide_alone(self._alone, float(twist[0]), float(twist[1])))
 
     def look(self, reading: Reading) -> None:
-        """Take in a reading."""
+        """Take in a reading.
+
+        Raises:
+            ValueError: its laser is not the one in the settings.
+        """
+        if reading.laser.shape != self._beams:
+            raise ValueError(f"the reading has {reading.laser.shape} beams; expected {self._beams}")
         look_alone(
             self._alone, reading.pose, reading.twist, reading.laser, reading.ultrasonic,
             reading.age, bool(reading.bumped), reading.halted != "", reading.stamp,
