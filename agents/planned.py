@@ -272,7 +272,7 @@ class PlannedDriver:
             twist = np.zeros(2)
         elif unseen and twist[0] < -CREEP:
             twist = twist * (-CREEP / twist[0])
-        twist = self._around.unhurried(twist[None])[0]
+        twist = self._around.unhurried(twist[None], self._chair.state)[0]
         self._chair.command(twist)
         action: Array = self._task.limits.action(twist)
         return action

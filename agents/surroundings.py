@@ -124,9 +124,9 @@ class Surroundings:
         self.pose = pose + off * min(1.0, period / SETTLE)
         self._look(reading)
 
-    def unhurried(self, twists: Array) -> Array:
+    def unhurried(self, twists: Array, motion: Array) -> Array:
         """See `Shield.unhurried`: how fast the chair may go where nobody has looked."""
-        return self._sight.unhurried(twists)
+        return self._sight.unhurried(twists, motion)
 
     def _look(self, reading: Reading) -> None:
         self._sight.look(reading)

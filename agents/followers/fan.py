@@ -94,7 +94,7 @@ class FanFollower:
     def twist(self, around: Surroundings, reference: Reference, chair: Motion) -> Array | None:
         """See `Follower.twist`."""
         own, near, weights = self.own, near_of(around, reference), self.own.objective.weights
-        twists = around.unhurried(own.fan(chair))
+        twists = around.unhurried(own.fan(chair), chair.state)
         lasting = np.full(len(twists), own.objective.horizon)
         fan = np.column_stack([twists, lasting])[:, None]  # (c, 1, 3)
 

@@ -283,7 +283,7 @@ def test_who_has_left_its_view_may_stand_behind_it():
 def test_for_who_plans_only_the_unseen_slows_and_nothing_is_decided():
     _, _, shield = drive((0.0, 0.0, 0.0), (0.0, 0.0), 0.5, half=1.5)
     before = shield.state.tobytes()
-    ahead, left, back = shield.unhurried(np.array([AHEAD, LEFT, BACK]))
+    ahead, left, back = shield.unhurried(np.array([AHEAD, LEFT, BACK]), np.zeros(4))
     np.testing.assert_array_equal(ahead, AHEAD)  # though a wall is near
     assert 0.05 < left[1] * LEVER < UNSEEN * 1.05
     assert -UNSEEN * 1.05 < back[0] < -0.05

@@ -15,6 +15,7 @@ from wheelchair_gym.safety.sweep import sweep
 Array = NDArray[np.float64]
 
 _HALVINGS = 5  # of the share that is driven: to 3 %
+_COARSE = 4  # the same for who plans, of many twists at once
 _FINE = 0.01  # s: step of the set point's model, as boards run it at 100 Hz
 _STANDS = 0.02  # m/s, rad/s: slower is at rest
 
@@ -38,33 +39,39 @@ def _share(g: Any, s: Any, v: float, w: float) -> tuple[float, int]:
 
 
 @borrowing_kernel
-def slow_for_unseen(g: Any, s: Any, twists: Array) -> None:
-    """Slow twists (n, 2) to what may last by the rule of what nobody has seen, and no other rule.
+def slow_for_unseen(g: Any, s: Any, motion: Array, twists: Array) -> None:
+    """Slow twists (n, 2) to what may be taken up and may last, by the rule of the unseen alone.
 
     Args:
         g: record of GUARD.
         s: record of SHIELD, which has taken in the latest reading.
+        motion: speed, its slope, turn, its slope (4,) of the chair now.
         twists: [m/s, rad/s]; written to.
     """
     known = s.n_near, s.n_moving, s.n_close, s.gap
-    set_to = s.set[0], s.set[1], s.set[2], s.set[3]
+    a, b, c, d = s.set[0], s.set[1], s.set[2], s.set[3]
     s.n_near, s.n_moving, s.n_close, s.gap = 0, 0, 0, FAR
-    s.set[1], s.set[3] = 0.0, 0.0
     for k in range(twists.shape[0]):
         v, w = twists[k, 0], twists[k, 1]
-        low, high, share = 0.0, 2.0, 1.0
-        for _ in range(_HALVINGS + 1):
-            s.set[0], s.set[2] = share * v, share * w
-            if sweep(g, s, share * v, share * w) == NOTHING:
+        low, high, share = 0.0, 1.0, 1.0
+        for _ in range(_COARSE + 1):
+            good = True
+            for lasting in range(2):
+                for i in range(4):
+                    s.set[i] = 0.0 if lasting == 1 else motion[i]
+                if lasting == 1:
+                    s.set[0], s.set[2] = share * v, share * w
+                good = good and sweep(g, s, share * v, share * w) == NOTHING
+            if good:
                 low = share
             else:
                 high = share
             if low == 1.0:
                 break
-            share = 0.5 * (low + min(high, 1.0))
+            share = 0.5 * (low + high)
         twists[k, 0], twists[k, 1] = low * v, low * w
     s.n_near, s.n_moving, s.n_close, s.gap = known
-    s.set[0], s.set[1], s.set[2], s.set[3] = set_to
+    s.set[0], s.set[1], s.set[2], s.set[3] = a, b, c, d
 
 
 @borrowing_kernel

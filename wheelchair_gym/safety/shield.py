@@ -190,11 +190,11 @@ def decide_alone(alone: Any, v: float, w: float) -> tuple[float, float]:
 
 
 @borrowing_kernel
-def slow_alone(alone: Any, twists: Array) -> None:
+def slow_alone(alone: Any, motion: Array, twists: Array) -> None:
     """`slow_for_unseen` of a shield that is alone."""
     own = alone[0]
     g, s = _guards_at(own.guard, 1)[0], _shields_at(own.shield, 1)[0]
-    slow_for_unseen(g, s, twists)
+    slow_for_unseen(g, s, motion, twists)
 
 
 class Decision(NamedTuple):
@@ -268,16 +268,17 @@ class Shield:
             reading.age, bool(reading.bumped), reading.halted != "", reading.stamp,
         )  # fmt: skip
 
-    def unhurried(self, twists: Array) -> Array:
-        """Twists (n, 2) [m/s, rad/s], slowed to what may last where nobody has seen.
+    def unhurried(self, twists: Array, motion: Array) -> Array:
+        """Twists (n, 2) [m/s, rad/s], slowed to what may begin and last where nobody has seen.
 
         For who plans: nothing is decided, and no other rule is applied.
 
         Args:
             twists: that might be driven from now on.
+            motion: speed, its slope, turn, its slope (4,) of the chair now.
         """
         slowed = np.array(twists, np.float64)
-        slow_alone(self._alone, slowed)
+        slow_alone(self._alone, motion, slowed)
         return slowed
 
     def rearm(self) -> None:
