@@ -167,14 +167,14 @@ class PlannedDriver:
         T1 3.2.2: temporary obstacles are taken into the plan as soon as they are met.
         """
         start, goal = self._around.pose, self.goal
-        kept, barred = self.plan, self._reference
+        kept, barred = (self.plan, self._clearance), self._reference
         assert barred is not None
         left = float(barred.rows[-1, 3]) - barred.way
         if self._plan(self._around.standing.painted(), start, goal):
             assert self.plan is not None
             round_it = Reference(np.asarray(self.plan.path, dtype=np.float64), start)
             if float(round_it.rows[-1, 3]) > left + DETOUR + STROLL * self._held:
-                self.plan, self._held = kept, self._held + AGAIN
+                (self.plan, self._clearance), self._held = kept, self._held + AGAIN
                 self._waited = self._shown = AGAIN
                 self._say("waits", "the way round is long")
                 return

@@ -143,8 +143,8 @@ def test_the_card_tells_where_weights_come_from(trained):
 @pytest.mark.parametrize(("memory", "head"), [(0, "clip"), (0, "tanh"), (16, "clip")])
 def test_onnx_acts_as_numpy_from_raw_readings(memory, head, tmp_path):
     """10,000 scans as a laser gives them, with missing and invalid echoes among them."""
-    pytest.importorskip("onnx")
-    pytest.importorskip("onnxruntime")
+    pytest.importorskip("onnx", reason="pip install 'wheelchair_gym[learn]'")
+    pytest.importorskip("onnxruntime", reason="pip install 'wheelchair_gym[learn]'")
     from agents.learning.export import OnnxNetwork, export_onnx
     from wheelchair_gym.task.observe import pool, see
 
@@ -182,8 +182,8 @@ def test_onnx_acts_as_numpy_from_raw_readings(memory, head, tmp_path):
 
 
 def test_an_exported_policy_drives_as_its_weights_do(trained, tmp_path, capsys):
-    pytest.importorskip("onnx")
-    pytest.importorskip("onnxruntime")
+    pytest.importorskip("onnx", reason="pip install 'wheelchair_gym[learn]'")
+    pytest.importorskip("onnxruntime", reason="pip install 'wheelchair_gym[learn]'")
     _, folder = trained
     file = tmp_path / "policy.onnx"
     assert main(["export", str(folder / POLICY), "--onnx", str(file)]) == 0

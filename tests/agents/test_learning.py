@@ -39,7 +39,7 @@ def numbers(rows):
 )
 def test_a_run_that_was_killed_and_resumed_equals_one_that_was_not(algorithm, tmp_path):
     if algorithm in ("recurrent_ppo", "tqc"):
-        pytest.importorskip("sb3_contrib")
+        pytest.importorskip("sb3_contrib", reason="pip install 'wheelchair_gym[learn]'")
     own = tiny(algorithm)
     whole = train(own, 3, tmp_path / "whole")
     assert len(whole) == 3
@@ -102,7 +102,7 @@ def test_numpy_and_torch_act_alike(trained):
 @pytest.mark.parametrize("algorithm", ["sac", "td3", "tqc", "recurrent_ppo"])
 def test_numpy_acts_as_every_algorithm_does(algorithm, tmp_path):
     if algorithm in ("recurrent_ppo", "tqc"):
-        pytest.importorskip("sb3_contrib")
+        pytest.importorskip("sb3_contrib", reason="pip install 'wheelchair_gym[learn]'")
     run = Run(tiny(algorithm, trials={"episodes": 0}), 0, tmp_path)
     network, rng = Network(run.weights({})), np.random.default_rng(1)
     network.reset(5)

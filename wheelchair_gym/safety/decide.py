@@ -55,13 +55,12 @@ def slow_for_unseen(g: Any, s: Any, motion: Array, twists: Array) -> None:
         v, w = twists[k, 0], twists[k, 1]
         low, high, share = 0.0, 1.0, 1.0
         for _ in range(_COARSE + 1):
-            good = True
-            for lasting in range(2):
-                for i in range(4):
-                    s.set[i] = 0.0 if lasting == 1 else motion[i]
-                if lasting == 1:
-                    s.set[0], s.set[2] = share * v, share * w
-                good = good and sweep(g, s, share * v, share * w) == NOTHING
+            for i in range(4):
+                s.set[i] = motion[i]
+            good = sweep(g, s, share * v, share * w) == NOTHING
+            if good:  # and once the chair drives like that
+                s.set[0], s.set[1], s.set[2], s.set[3] = share * v, 0.0, share * w, 0.0
+                good = sweep(g, s, share * v, share * w) == NOTHING
             if good:
                 low = share
             else:

@@ -164,7 +164,7 @@ def look(
     if fresh:
         remember(g, s, laser)
         look_round(g, s, laser)
-        if not s.begun:
+        if not s.begun:  # the other half of the columns, too
             look_round(g, s, laser)
     hear(g, s, ultrasonic, age)
     gather(g, s)
