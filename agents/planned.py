@@ -112,6 +112,7 @@ class PlannedDriver:
         self._shown = 0.0  # s for which a state is shown still
         self.plan: Plan | None = None
         self.plans = 0  # made
+        self._clearance = self.own.clearance  # m: asked for by the last plan
         self._reference: Reference | None = None
         self.state = "follows"
         self.aim(task.goal)

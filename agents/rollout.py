@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.geometry import rectangle_point_gap
 from wheelchair_gym.kernel import kernel
 from wheelchair_gym.kinematics import approach, arc_step
 from wheelchair_gym.safety.sweep import outline_gap
@@ -98,15 +99,11 @@ def mover_gap(
         interest: farther ones are not looked for [m].
     """
     c, s = math.cos(yaw), math.sin(yaw)
-    middle = 0.5 * (footprint[0] - footprint[1])
-    half_length, half_width = 0.5 * (footprint[0] + footprint[1]), footprint[2]
-    mx, my = x + c * middle, y + s * middle
     best = interest
     for k in range(movers.shape[0]):
-        px, py = movers[k, 0] + t * movers[k, 2] - mx, movers[k, 1] + t * movers[k, 3] - my
-        dx = max(abs(c * px + s * py) - half_length, 0.0)
-        dy = max(abs(c * py - s * px) - half_width, 0.0)
-        best = min(best, max(0.0, math.sqrt(dx * dx + dy * dy) - movers[k, 4]))
+        px, py = movers[k, 0] + t * movers[k, 2] - x, movers[k, 1] + t * movers[k, 3] - y
+        gap = rectangle_point_gap(c * px + s * py, c * py - s * px, footprint)
+        best = min(best, max(0.0, gap - movers[k, 4]))
     return best
 
 
