@@ -31,6 +31,16 @@ def printed_turning(path: ArrayLike) -> float:
     return worth.printed_turning(points, len(points)) if len(points) > 1 else 0.0
 
 
+def backing(path: ArrayLike) -> float:
+    """Way in reverse [m] along a path (n, 3); 0 where it has no headings."""
+    points = np.asarray(path, dtype=np.float64)
+    if points.shape[1] < 3:
+        return 0.0
+    steps, yaw = np.diff(points[:, :2], axis=0), points[:-1, 2]
+    along = steps[:, 0] * np.cos(yaw) + steps[:, 1] * np.sin(yaw)
+    return float(np.maximum(0.0, -along).sum())
+
+
 def _apart(path: ArrayLike) -> Array:
     """The points (n, 2) of a path without those that repeat the one before."""
     points = np.asarray(path, dtype=np.float64)[:, :2]

@@ -13,6 +13,7 @@ One policy with named states, shown by pictures and logs as the task's note:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import field
 from typing import Any
@@ -22,9 +23,10 @@ from numpy.typing import NDArray
 
 from agents.followers import make_follower
 from agents.followers.follower import CREEP
-from agents.followers.retreat import back_out
+from agents.followers.retreat import BACK, back_out
 from agents.look_round import LookRound
 from agents.motion import Motion
+from agents.paths import backing
 from agents.reference import Reference
 from agents.scripted import Observation, episode_rng
 from agents.surroundings import Surroundings
@@ -37,18 +39,22 @@ from wheelchair_gym.maps import FREE, UNKNOWN, OccupancyGrid, bottleneck
 
 Array = NDArray[np.float64]
 
-FINER = 0.04  # m: a plan that finds no way is tried again with this much less clearance
+FINER = 0.04  # m: a plan that finds no way is tried again with this much less clearance,
+BACKS = 0.3  # m: and once more if it leads so far in reverse, where nothing looks
 GAIN = 0.1  # m of way that count as progress
 HURRY = 0.4  # share of the patience at the path's end, where the goal is near but not reached
 AHEAD = 3.0  # m of the path on which temporary obstacles count
 CLOSE = 2.0  # m from the outline, within which what moves explains why the chair stands
-BEHIND = 2.5  # m: with anything nearer that moves, the chair never backs: nothing looks back
+SAME = 1.0  # m: so near the last place it backs out farther, up to
+FARTHEST = 4  # times as far
+BEHIND = 2.5  # m: with anything nearer that moves, the chair hardly backs: nothing looks back
 AGAIN = 3.0  # s until a plan is tried again that led round nothing
 DETOUR = 2.0  # m by which a way round may be longer at once, and
 STROLL = 0.5  # m/s more the longer it waits: it waits as long as the way round would cost
 TOLERATED = 0.06  # m: cells are drawn whole, and hits err
 SHOWN = 1.0  # s for which people see why there is a new path
-COURTESY = 0.25  # share at which time counts as lost while the chair halts for what moves
+CRAWL = 0.05  # m/s: so slow the chair does no harm to whom it does not see behind it
+COURTESY = 0.5  # share at which time counts as lost while the chair halts for what moves
 
 
 @settings
@@ -104,6 +110,7 @@ class PlannedDriver:
         self._around = Surroundings(task)
         self._chair = Motion(task.limits, task.footprint, task.period)
         self._backing = 0.0  # s left to back out
+        self._backed = (np.full(2, np.inf), 0)  # where it backed out last, how often
         self._tries = 0  # plans made since there was progress
         self._look = LookRound()
         self._looked = 0.0  # s since the last look at what stands on the way
@@ -210,18 +217,24 @@ class PlannedDriver:
         most = bottleneck(taken, start[:2], goal[:2]) + 0.5 * known.resolution
         while clearance > most and clearance - FINER >= self.own.least:
             clearance -= FINER  # what no disc passes is not worth a search
+        best = math.inf  # m in reverse
         while True:
-            self.plan = self._planner.plan(Problem(space, start, goal, clearance), self._rng)
-            self._clearance = clearance
+            plan = self._planner.plan(Problem(space, start, goal, clearance), self._rng)
+            found, backs = plan.status is Status.SOLVED, backing(plan.path)
+            second = best < math.inf
+            if not second or (found and backs < best - BACKS):
+                self.plan, self._clearance = plan, clearance
             clearance -= FINER
-            if self.solved or clearance < self.own.least:
+            if second or (found and backs < BACKS) or clearance < self.own.least:
                 return self.solved
+            best = backs if found else best  # once more: with less clearance it may lead ahead
 
     def act(self, observation: Observation) -> Array:
         """See `Policy.act`."""
         period = self._task.period
         self._around.update(self._task.reading)
-        unseen = self._around.blind = self._accompanied()
+        accompanied = self._accompanied()
+        unseen, self._around.blind = accompanied, accompanied and not self._tries
         if self._task.chart is not None:
             outline = self._task.footprint
             unseen = blind_behind(self._task.map, self._around.pose, outline)
@@ -246,7 +259,7 @@ class PlannedDriver:
                 known = assumed(self._task.map, self._around.pose, self._task.footprint)
                 self._around.chart(known[-2])
         elif self._backing > 0.0:
-            self._backing -= period
+            self._backing -= period * (CRAWL / BACK if accompanied else 1.0)
             if self._backing <= 0.0:
                 self._replan()
         elif off > self.own.astray or self._walled():
@@ -258,7 +271,7 @@ class PlannedDriver:
             if self._tries % 2:
                 self._replan()
             else:
-                self._backing, self._since = self.own.backing, 0.0
+                self._backing, self._since = self._farther(), 0.0
         twist, way = None, (self._around, self._reference, self._chair)
         if self._look.on:
             twist = self._look.twist(*way, period)
@@ -271,12 +284,19 @@ class PlannedDriver:
             self._tell(twist)
         if twist is None or (twist[0] < 0.0 and self._around.blind):
             twist = np.zeros(2)
-        elif unseen and twist[0] < -CREEP:
-            twist = twist * (-CREEP / twist[0])
+        elif unseen and twist[0] < -(slow := CRAWL if accompanied else CREEP):
+            twist = twist * (-slow / twist[0])
         twist = self._around.unhurried(twist[None], self._chair.state)[0]
         self._chair.command(twist)
         action: Array = self._task.limits.action(twist)
         return action
+
+    def _farther(self) -> float:
+        """For how long to back out [s]: each time farther from where it did not help before."""
+        place, again = self._around.pose[:2], self._backed[1]
+        again = min(again + 1, FARTHEST) if math.dist(place, self._backed[0]) < SAME else 1
+        self._backed = (place.copy(), again)
+        return again * self.own.backing
 
     def _accompanied(self) -> bool:
         """Whether somebody is so near that they may be behind the chair the next moment, unseen."""

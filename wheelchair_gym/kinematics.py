@@ -149,6 +149,19 @@ def arc_step(
     return x + chord * math.cos(yaw + half), y + chord * math.sin(yaw + half), yaw + w * t
 
 
+SOONER = 1.47  # times the protective rate falls the set point, as on the drive board: 2.2 m/s2
+_NARROWEST = 0.1  # m, of tracks
+
+
+@borrowing_kernel
+def brake(v: float, w: float, slower: float, track: float) -> tuple[float, float]:
+    """A twist (v, w) [m/s, rad/s] in a protective stop, along its curve: the faster of v and of
+    both wheels' difference has fallen by so much [m/s]."""
+    fastest = max(abs(v), abs(w) * max(track, _NARROWEST))
+    kept = 1.0 - slower / fastest if fastest > slower else 0.0
+    return kept * v, kept * w
+
+
 @kernel
 def approach(
     speed: float, slope: float, target: float, up: float, down: float, jerk: float, dt: float

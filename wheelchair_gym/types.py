@@ -107,8 +107,13 @@ class Chair(Protocol):
         """
         ...
 
-    def drive(self, twist: Array) -> Reading:
-        """Drive towards a target twist (2,) [m/s, rad/s] for one control period, then sense."""
+    def drive(self, twist: Array, protective: bool = False) -> Reading:
+        """Drive towards a target twist for one control period, then sense.
+
+        Args:
+            twist: (2,) [m/s, rad/s].
+            protective: come to rest at the protective rate instead, exempt from jerk.
+        """
         ...
 
     @property

@@ -70,7 +70,7 @@ def _drives(rigs, chairs, states, worlds, twists, order):
         for j in range(states.shape[0]):
             world, rig = worlds[j], rigs[0]
             v, w = twists[k, 0], twists[k, 1]
-            drive(states[j], chairs[j], world, rig, v, w, order)
+            drive(states[j], chairs[j], world, rig, v, w, False, order)
 
 
 @_compiled

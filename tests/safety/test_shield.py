@@ -24,6 +24,12 @@ UNSEEN = ShieldSettings().unseen
 LEVER = math.hypot(Footprint().rear, Footprint().half_width)  # of a rear corner
 
 
+def step(chair, shield, twist, reading):
+    """Drive for a period what the shield lets through; the next reading."""
+    given = shield.filter(twist, reading)
+    return chair.drive(given, shield.decision.protective)
+
+
 def drive(start, twist, seconds, *, half=5.0, key=3, sensors=None, shield=None, walls=()):
     """Ask for one twist again and again in a square room; what was driven, and the chair."""
     chair = SimulatedChair(sensors=sensors)
@@ -35,7 +41,7 @@ def drive(start, twist, seconds, *, half=5.0, key=3, sensors=None, shield=None, 
     reading, trace = chair.reset(episode, key), []
     for _ in range(round(seconds / 0.1)):
         given = shield.filter(np.asarray(twist, float), reading)
-        reading = chair.drive(given)
+        reading = chair.drive(given, shield.decision.protective)
         trace.append((shield.decision, chair.truth))
     return trace, chair, shield
 
@@ -91,7 +97,7 @@ def test_back_along_the_way_it_came_it_may_go_faster():
     speeds = []
     for k in range(50):
         twist = np.array([0.5, 0.0]) if k < 20 else BACK
-        reading = chair.drive(shield.filter(twist, reading))
+        reading = step(chair, shield, twist, reading)
         speeds.append(chair.truth.twist[0])
     assert min(speeds) < -0.2
 
@@ -120,7 +126,7 @@ def test_what_slipped_out_of_view_is_remembered():
     episode = dataclasses.replace(episode, walls=np.vstack([episode.walls, post]))
     reading = chair.reset(episode, 1)
     for k in range(80):
-        reading = chair.drive(shield.filter(AHEAD if k < 22 else np.array([0.3, -1.0]), reading))
+        reading = step(chair, shield, AHEAD if k < 22 else np.array([0.3, -1.0]), reading)
         if k > 25:
             assert chair.truth.closing <= 0.05 or not chair.truth.caused
     assert not chair.truth.touched
@@ -149,21 +155,21 @@ def test_dead_sensors_stop_it_until_a_person_re_arms(name):
             assert given.any()
         if not given.any() and math.isnan(stopped):
             stopped = 0.1 * (k - 19)
-        reading = chair.drive(given)
+        reading = chair.drive(given, shield.decision.protective)
     assert stopped <= limits[which] + 0.2 + 1e-9
     assert shield.latched == name
     assert shield.decision.reason == name
     assert abs(chair.truth.twist).max() < 0.01
     for asked, goes in ((twist, False), (np.zeros(2), False), (twist, False)):
-        reading = chair.drive(shield.filter(asked, reading))  # well again: still latched
+        reading = step(chair, shield, asked, reading)  # well again: still latched
         assert shield.decision.given.any() == goes
     shield.rearm()
-    reading = chair.drive(shield.filter(twist, reading))
+    reading = step(chair, shield, twist, reading)
     assert not shield.decision.given.any()  # it must be told to stand first
-    reading = chair.drive(shield.filter(np.zeros(2), reading))
+    reading = step(chair, shield, np.zeros(2), reading)
     assert shield.latched == ""
     for _ in range(5):
-        reading = chair.drive(shield.filter(twist, reading))
+        reading = step(chair, shield, twist, reading)
     assert shield.decision.given.any()
 
 
@@ -185,7 +191,7 @@ def test_a_chair_that_stands_in_a_world_without_noise_is_not_frozen():
     chair, shield = SimulatedChair(sensors=sensors), Shield(sensors=sensors)
     reading = chair.reset(box(5.0), 1)
     for k in range(80):
-        reading = chair.drive(shield.filter(AHEAD if k > 50 else np.zeros(2), reading))
+        reading = step(chair, shield, AHEAD if k > 50 else np.zeros(2), reading)
     assert shield.latched == ""
     assert chair.truth.twist[0] > 0.5
 
@@ -203,7 +209,7 @@ def test_an_echo_that_no_laser_explains_stops_it_once_it_is_heard_again():
     pane = -1.0  # of glass, x [m]
     for _ in range(90):
         ahead = pane - chair.truth.pose[0] - 0.70
-        reading = chair.drive(shield.filter(AHEAD, glassy(reading, max(ahead, 0.02))))
+        reading = step(chair, shield, AHEAD, glassy(reading, max(ahead, 0.02)))
     assert -0.02 < pane - chair.truth.pose[0] - 0.70 < 0.3
     assert abs(chair.truth.twist[0]) < 0.01
 
@@ -214,7 +220,7 @@ def test_a_lone_ghost_and_an_echo_that_a_laser_explains_change_nothing():
     reasons = []
     for k in range(40):
         told = glassy(reading, 0.6) if k == 20 else reading
-        reading = chair.drive(shield.filter(AHEAD, told))
+        reading = step(chair, shield, AHEAD, told)
         reasons.append(shield.decision.reason)
     assert set(reasons) == {""}
     # Beside a wall a wide cone hears it all the time.
@@ -251,7 +257,7 @@ def among_people(*people, start=(0.0, 0.0, 0.0), twist=AHEAD, seconds=3.0):
         # Marks are dead-reckoned; in the chair's frame, as who moves is.
         at = np.column_stack([to_frame(marks[:, :2], state["pose"]), marks[:, 2:]])
         told.append((shield.decision, before, at))
-        reading = chair.drive(given)
+        reading = chair.drive(given, shield.decision.protective)
     return told
 
 

@@ -136,7 +136,7 @@ class BusyOracle(Oracle):
             patch.setattr(period, "step_once", self.step)
             own = [a.view(np.recarray)[0] for a in (lent._state, lent._chair, lent._place)]
             engine = lent._rig.record.view(np.recarray)[0]
-            period.drive.py_func(*own, engine, v, w, lent._rig.rangers.order)
+            period.drive.py_func(*own, engine, v, w, False, lent._rig.rangers.order)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -53,6 +53,7 @@ class Results(NamedTuple):
     reason: NDArray[np.int64]  # (n,) why a shield changed a twist
     asked: Array  # (n, 2) m/s, rad/s
     given: Array  # (n, 2)
+    protective: NDArray[np.bool_]  # (n,)
 
 
 @borrowing_kernel
@@ -118,6 +119,7 @@ def begin_chair(i: int, batch: Batch, results: Results, scratch: Floats, ranges:
         results.reason[i] = NOTHING
         for k in range(2):
             results.asked[i, k] = results.given[i, k] = 0.0
+        results.protective[i] = False
         forget(batch.shields[i])
         take_in(i, batch, seen, ranges)
 
@@ -169,11 +171,11 @@ def step_chairs(
     for i in range(low, high):
         batch.begun[i] = over[i]
         if not over[i]:
-            seen, action = sensed[i], actions[i]
+            seen, action, stop = sensed[i], actions[i], False
             v, w = asked_twist(action[0], action[1], rule.forward, rule.backward, rule.turn)
             if batch.shields.shape[0] > 0:
-                v, w = decide(batch.guards[0], batch.shields[i], v, w)
-            advance(i, rigs, chairs, states, worlds, v, w, scratch, ranges, sensed)
+                v, w, stop = decide(batch.guards[0], batch.shields[i], v, w)
+            advance(i, rigs, chairs, states, worlds, v, w, stop, scratch, ranges, sensed)
             assess(
                 i,
                 batch.rules,
@@ -191,7 +193,7 @@ def step_chairs(
             results.success[i] = succeeded(rule, batch.courses[i], seen)
             if batch.shields.shape[0] > 0:
                 shielded = batch.shields[i]
-                results.reason[i] = shielded.reason
+                results.reason[i], results.protective[i] = shielded.reason, shielded.protective
                 for k in range(2):
                     results.asked[i, k] = shielded.asked[k]
                     results.given[i, k] = shielded.given[k]
@@ -201,7 +203,7 @@ def step_chairs(
                 continue
             finals.sensed[i], finals.verdicts[i] = sensed[i], verdicts[i]
             finals.success[i] = results.success[i]
-            finals.reason[i] = results.reason[i]
+            finals.reason[i], finals.protective[i] = results.reason[i], results.protective[i]
             for k in range(2):
                 finals.asked[i, k] = results.asked[i, k]
                 finals.given[i, k] = results.given[i, k]

@@ -72,8 +72,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     limit, 30 s + 3 x geodesic / 0.8 m/s.
     `info["is_success"]` is by truth, and so are `met` (number of the mover touched, or -1),
     `closing` and `closed_on` (speeds of chair and other at contact) and `caused` (by the chair).
-    With a shield, `info["shield"]` tells what became of a twist: `reason` (empty: nothing), `asked`
-    and `given`.
+    With a shield, `info["shield"]` tells what became of a twist: `reason` (empty: nothing),
+    `asked`, `given` and `protective` (the chair makes a protective stop).
 
     ## Arguments
     See `__init__`. Version 0: first release.
@@ -223,9 +223,11 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             raise gym.error.ResetNeeded("the episode is over; call reset() before step()")
         chosen = np.asarray(action, np.float64)
         twist = self.task.limits.twist(chosen)
+        stop = False
         if self.shield is not None:
             twist = self.shield.filter(twist, self.task.reading)
-        reading = self.chair.drive(twist)
+            stop = self.shield.decision.protective
+        reading = self.chair.drive(twist, stop)
         observation = self.task.assess(reading, chosen)
         verdict = self.task.verdict
         self._running = not (verdict.terminated or verdict.truncated)

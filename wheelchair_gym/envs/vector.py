@@ -267,7 +267,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     def _blank_results(self, store: Spare) -> Results:
         n = self.num_envs
         flags = np.zeros(n, np.bool_)
-        told = np.zeros(n, np.int64), np.zeros((n, 2)), np.zeros((n, 2))
+        told = np.zeros(n, np.int64), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n, np.bool_)
         return Results(np.zeros(n, SENSED), np.zeros(n, VERDICT), flags, store.take(), *told)
 
     def _info(self, results: Results, mask: NDArray[np.bool_]) -> Info:
@@ -298,6 +298,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         if self.settings.shield is not None:
             decided = {"reason": _REASONS[results.reason]}
             decided |= {"asked": results.asked, "given": results.given}
+            decided |= {"protective": results.protective}
             values["shield"] = decided | {f"_{name}": mask for name in decided}
         return values | {f"_{name}": mask for name in values}
 

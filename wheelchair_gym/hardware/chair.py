@@ -131,15 +131,16 @@ class HardwareChair:
             self.senses.pressed = False
             return self._reading(self._halts(), np.zeros(2))
 
-    def drive(self, twist: Array) -> Reading:
-        """Ask for a twist (2,) [m/s, rad/s], wait for the end of the period, and sense.
+    def drive(self, twist: Array, protective: bool = False) -> Reading:
+        """Ask for a twist (2,) [m/s, rad/s] or a protective stop, wait for the end of the period,
+        and sense.
 
         Where something forbids it the chair is told to stand at once, and `Reading.halted` says so.
 
         Raises:
             ValueError: the twist is not two finite numbers, or the chair was never reset.
         """
-        why = self.ask(twist)
+        why = self.ask(twist, protective)
         self._pace.rest()
         with self._lock:
             self.senses.poll()
@@ -149,8 +150,12 @@ class HardwareChair:
             self._ways, self._at = ways, now
             return self._reading(self._halts() or why, moved)
 
-    def ask(self, twist: Array) -> str:
+    def ask(self, twist: Array, protective: bool = False) -> str:
         """Ask for a twist (2,) [m/s, rad/s] and do not wait; why it is told to stand instead.
+
+        Args:
+            twist: what for.
+            protective: or for a protective stop.
 
         Raises:
             ValueError: the twist is not two finite numbers, or the chair was never reset.
@@ -163,7 +168,7 @@ class HardwareChair:
             v = min(limits.forward, max(-limits.backward, v))
             w = min(limits.turn, max(-limits.turn, w))
             self.asked = np.array([v, w])
-            self._say(STAND if why else Command(v, w))
+            self._say(STAND if why or protective else Command(v, w))
             return why
 
     @property

@@ -98,11 +98,11 @@ class RosChair:
         self._known.begin(self._senses.odometry[0])
         return self._reading("")
 
-    def drive(self, twist: Array) -> Reading:
+    def drive(self, twist: Array, protective: bool = False) -> Reading:
         """Move what the chair is told towards a twist (2,) [m/s, rad/s], wait a period, and sense.
 
         Within the limits of speed, acceleration and jerk; but where a sensor is silent the chair is
-        told to stand at once, and `Reading.halted` says so.
+        told to stand at once, and `Reading.halted` says so; as in a protective stop.
 
         Raises:
             ValueError: the twist is not two finite numbers, or the chair was never reset.
@@ -111,7 +111,7 @@ class RosChair:
         with self._lock:
             v, w = self._pace.asked(twist)
             why = self._senses.silent(self._pace.clock.now())
-            if why:
+            if why or protective:
                 self._stop()
             else:
                 self._approach(v, w)

@@ -57,9 +57,9 @@ class LocalisedChair:
         self._reckoned = reading.pose
         return self._found(reading)
 
-    def drive(self, twist: Array) -> Reading:
+    def drive(self, twist: Array, protective: bool = False) -> Reading:
         """See `Chair.drive`."""
-        return self._found(self.chair.drive(twist))
+        return self._found(self.chair.drive(twist, protective))
 
     def _found(self, reading: Reading) -> Reading:
         increment = between(self._reckoned, reading.pose)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import borrowing_kernel
-from wheelchair_gym.kinematics import approach
+from wheelchair_gym.kinematics import SOONER, approach, brake
 from wheelchair_gym.safety.state import FAR, NOTHING
-from wheelchair_gym.safety.sweep import sweep
+from wheelchair_gym.safety.sweep import surprised, sweep
 
 Array = NDArray[np.float64]
 
@@ -74,8 +74,13 @@ def slow_for_unseen(g: Any, s: Any, motion: Array, twists: Array) -> None:
 
 
 @borrowing_kernel
-def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float]:
-    """What may be driven of a twist (v, w) [m/s, rad/s] during the coming period."""
+def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
+    """What may be driven of a twist (v, w) [m/s, rad/s] during the coming period.
+
+    Returns:
+        The twist, and whether the chair is to make a protective stop instead: it does for a fault,
+        and where it may no longer brake in comfort.
+    """
     limits = g.limits[:]
     v = min(limits[0], max(-limits[1], v))
     w = min(limits[2], max(-limits[2], w))
@@ -87,8 +92,13 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float]:
     if reason == NOTHING:
         share, reason = _share(g, s, v, w)
     v, w = share * v, share * w
+    s.protective = s.latched != NOTHING or (share == 0.0 and surprised(g, s))
     s.reason, s.given[0], s.given[1] = reason, v, w
+    if s.protective:
+        s.set[0], s.set[2] = brake(s.set[0], s.set[2], SOONER * limits[5] * g.period, g.track)
+        s.set[1], s.set[3] = 0.0, 0.0
+        return 0.0, 0.0, True
     for _ in range(round(g.period / _FINE)):
         s.set[0], s.set[1] = approach(s.set[0], s.set[1], v, limits[3], limits[4], limits[7], _FINE)
         s.set[2], s.set[3] = approach(s.set[2], s.set[3], w, limits[6], limits[6], limits[8], _FINE)
-    return v, w
+    return v, w, False

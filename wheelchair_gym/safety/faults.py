@@ -65,6 +65,15 @@ def valid_share(laser: Floats) -> float:
 
 
 @borrowing_kernel
+def empty(laser: Floats) -> bool:
+    """Whether no beam has an echo: then no noise tells one scan from the next."""
+    for k in range(laser.shape[0]):
+        if laser[k] < math.inf:
+            return False
+    return True
+
+
+@borrowing_kernel
 def watch(
     g: Any, s: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, age: Floats,
     bumped: bool, halted: bool, dt: float,
@@ -93,7 +102,7 @@ def watch(
     else:
         s.laser_silent = 0.0
     now = hash_floats(laser, np.uint64(0))
-    fresh = not s.begun or now != s.laser_hash
+    fresh = not s.begun or now != s.laser_hash or empty(laser)
     if fresh:
         s.laser_frozen = 0.0
     elif moves:

@@ -145,6 +145,12 @@ def _middle(a: np.float32, b: np.float32, c: np.float32) -> np.float32:
     return low if low > top else top
 
 
+@inlined
+def _nearer(own: np.float32, r: np.float32) -> np.float32:
+    """A beam's own range where it is a little nearer than the median: that cuts edges off."""
+    return own if r - _JUMP < own < r else r
+
+
 @borrowing_kernel
 def _arc_of(r: float) -> float:
     """How long an arc [m] is one point, at a range [m]."""
@@ -215,17 +221,27 @@ def _add(
 
 
 @borrowing_kernel
-def _drop_passed(s: Any, first: int) -> None:
+def _drop_passed(g: Any, s: Any, first: int) -> None:
     """Drop marks that were not seen anew beside one that was: there that body was before.
 
+    One at the edge of the view does not tell: its body may reach beyond.
+
     Args:
+        g: record of GUARD.
         s: record of SHIELD.
         first: mark of this scan; those before it were not seen anew.
     """
     kept = 0
+    lx, ly, cl, sl = laser_frame(g, s)
+    for k in range(first, s.n_marks):
+        dx, dy = s.marks[k, 0] - lx, s.marks[k, 1] - ly
+        at = bearing(_F(cl * dy - sl * dx), _F(cl * dx + sl * dy))
+        s.marked[k, 0] = 1.0 if abs(at) < abs(g.first) - _EDGE else 0.0  # 1: seen whole
     for k in range(s.n_marks):
         passed = False
         for i in range(first if k < first else s.n_marks, s.n_marks):
+            if s.marked[i, 0] == 0.0:
+                continue
             dx, dy = s.marks[i, 0] - s.marks[k, 0], s.marks[i, 1] - s.marks[k, 1]
             passed = passed or dx * dx + dy * dy < _BODY * _BODY
         if not passed:
@@ -239,8 +255,9 @@ def _drop_passed(s: Any, first: int) -> None:
 def remember(g: Any, s: Any, laser: Floats) -> None:
     """Take in a scan: arcs of beams that meet the same thing become a point each.
 
-    A point is the mean of its arc's ranges, which averages noise; the median of three beams keeps
-    lone outliers and lost echoes out. Too near (-inf) is as near as the laser sees.
+    A point is the mean of its arc's ranges, which averages noise, but where the arc ends in the
+    open: an edge seen aslant is nearer. The median of three beams keeps lone outliers and lost
+    echoes out. Too near (-inf) is as near as the laser sees.
     """
     beams = laser.shape[0]
     cosine, sine = floats_at(g.cosine, beams), floats_at(g.sine, beams)
@@ -255,7 +272,7 @@ def remember(g: Any, s: Any, laser: Floats) -> None:
     frame, far = laser_frame(g, s), _F(FAR)
     nearest, none = _F(g.nearest), _F(np.inf)
     begin, count, limit, edge = 0, 0, 0, False
-    total, before, mean = _F(0.0), none, _F(0.0)
+    total, before, mean, head, tail = _F(0.0), none, _F(0.0), _F(0.0), _F(0.0)
     for b in range(beams + 1):
         r = none
         if b < beams:
@@ -269,20 +286,23 @@ def remember(g: Any, s: Any, laser: Floats) -> None:
                 mean = total / _F(count)
                 i, last = begin + count // 2, begin + count - 1
                 if edge and i > begin:
-                    _add(g, s, marks, frame, mean * cosine[begin], mean * sine[begin])
+                    r0 = min(mean, head)
+                    _add(g, s, marks, frame, r0 * cosine[begin], r0 * sine[begin])
                 _add(g, s, marks, frame, mean * cosine[i], mean * sine[i])
                 if not abs(r - mean) <= _JUMP and last > i:
-                    _add(g, s, marks, frame, mean * cosine[last], mean * sine[last])
+                    r0 = min(mean, tail)
+                    _add(g, s, marks, frame, r0 * cosine[last], r0 * sine[last])
                 before, count, total = mean, 0, _F(0.0)
         if r <= far:
             if count == 0:
-                begin, edge = b, bool(abs(r - before) > _JUMP)
+                begin, head, edge = b, _nearer(laser[b], r), bool(abs(r - before) > _JUMP)
                 limit = int(_arc_of(float(r)) * g.per_angle / r)
             count += 1
             total += r
+            tail = _nearer(laser[b], r)
         elif count == 0:
             before = none
-    _drop_passed(s, first)
+    _drop_passed(g, s, first)
 
 
 @borrowing_kernel

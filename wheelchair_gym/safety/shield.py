@@ -72,6 +72,7 @@ def forget(s: Any) -> None:
     s.gap, s.columns, s.hidden = FAR, 0, 0.0
     for k in range(2):
         s.asked[k], s.given[k] = 0.0, 0.0
+    s.protective = False
 
 
 @borrowing_kernel
@@ -183,7 +184,7 @@ def look_alone(
 
 
 @borrowing_kernel
-def decide_alone(alone: Any, v: float, w: float) -> tuple[float, float]:
+def decide_alone(alone: Any, v: float, w: float) -> tuple[float, float, bool]:
     """`decide` of a shield that is alone: alone (1,) of ALONE."""
     own = alone[0]
     return decide(_guards_at(own.guard, 1)[0], _shields_at(own.shield, 1)[0], v, w)
@@ -203,6 +204,7 @@ class Decision(NamedTuple):
     reason: str  # one of REASONS; empty: nothing was changed
     asked: Array  # (2,) m/s, rad/s
     given: Array  # (2,) m/s, rad/s
+    protective: bool  # the chair is to make a protective stop
 
 
 class Shield:
@@ -253,7 +255,8 @@ class Shield:
             reading: the latest; its stamps are the shield's only clock.
         """
         self.look(reading)
-        return np.array(decide_alone(self._alone, float(twist[0]), float(twist[1])))
+        v, w, _ = decide_alone(self._alone, float(twist[0]), float(twist[1]))
+        return np.array([v, w])
 
     def look(self, reading: Reading) -> None:
         """Take in a reading.
@@ -294,7 +297,8 @@ class Shield:
     def decision(self) -> Decision:
         """What became of the last twist."""
         s: Any = self.state[0]
-        return Decision(REASONS[int(s["reason"])], s["asked"].copy(), s["given"].copy())
+        why = REASONS[int(s["reason"])]
+        return Decision(why, s["asked"].copy(), s["given"].copy(), bool(s["protective"]))
 
 
 @borrowing_kernel

@@ -60,6 +60,7 @@ GUARD = np.dtype(
         ("outline", "f8", (3,)),  # Footprint.array
         ("samples", "f8", (SAMPLES, 4)),  # x, y and outward normal; corners of the rear: 0, 0
         ("period", "f8"),  # s
+        ("track", "f8"),  # m
         *((name, "f8") for name in NUMBERS),
         ("stale_laser", "f8"),
         ("stale_ultrasonic", "f8"),
@@ -130,6 +131,7 @@ SHIELD = np.dtype(
         ("reason", "i8"),
         ("asked", "f8", (2,)),
         ("given", "f8", (2,)),
+        ("protective", "b1"),
     ],
     align=True,
 )
@@ -146,7 +148,7 @@ class Guard:
         g: Any = self.record[0]
         g["limits"], g["outline"] = chair.limits.array, chair.footprint.array
         g["samples"] = _samples(*chair.footprint.array.tolist())
-        g["period"] = period
+        g["period"], g["track"] = period, chair.drive.track
         for name in NUMBERS:
             g[name] = getattr(own, name)
         for name in ("laser", "ultrasonic", "odometry"):

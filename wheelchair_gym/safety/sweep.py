@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import borrowing_kernel, kernel
-from wheelchair_gym.kinematics import approach, odometric_step
+from wheelchair_gym.kinematics import approach, brake, odometric_step
 from wheelchair_gym.safety.state import (
     CELL,
     CELLS,
@@ -26,6 +26,7 @@ STEP = 0.05  # s between two poses of a roll-out
 _LONGEST = 100  # poses
 _FAST, _TURNS = 1.03, 1.15  # times what it is set to: so much faster a chair may move and turn
 _CRAWLING = 0.25  # of the margin
+_HASTE = 2.0  # times as fast as it may go where nobody has seen: too fast to brake in comfort
 _PIVOT = 0.05  # m/s ahead: slower is a pivot
 _BETWEEN = 0.02  # m: samples are farther from a point than the outline is by less
 _STOOD = 0.15  # s: a scan or two
@@ -144,8 +145,9 @@ def may_meet(
 
 @borrowing_kernel
 def enters_unseen(
-    g: Any, s: Any, x: float, y: float, c: float, sn: float, v: float, w: float, since: float
-) -> bool:
+    g: Any, s: Any, x: float, y: float, c: float, sn: float, v: float, w: float, since: float,
+    most: float,
+) -> bool:  # fmt: skip
     """Whether a point of the outline enters what nobody has seen, faster than it may.
 
     Args:
@@ -158,11 +160,12 @@ def enters_unseen(
         v: its speed there [m/s].
         w: its turn [rad/s].
         since: stamp since which it must have been seen [s].
+        most: faster it may not [m/s].
     """
     for k in range(SAMPLES):
         ax, ay = g.samples[k, 0], g.samples[k, 1]
         px, py = x + c * ax - sn * ay, y + sn * ax + c * ay
-        if going_out(g, k, v, w) > g.unseen and not was_seen(s, px, py, since):
+        if going_out(g, k, v, w) > most and not was_seen(s, px, py, since):
             return True
     return False
 
@@ -171,7 +174,8 @@ def enters_unseen(
 def sweep(g: Any, s: Any, v: float, w: float) -> int:
     """Why a twist may not be driven for a period and then braked to rest; NOTHING if it may.
 
-    That is just what the next decision does where it knows nothing better.
+    That is just what the next decision does where it knows nothing better: before what stands it
+    brakes within the limits of comfort, before who moves as hard as it can.
 
     Args:
         g: record of GUARD.
@@ -179,8 +183,65 @@ def sweep(g: Any, s: Any, v: float, w: float) -> int:
         v: [m/s].
         w: [rad/s].
     """
+    reason = _sweep_still(g, s, v, w, g.margin, g.headway, g.unseen)
+    return _sweep_moving(g, s, v, w) if reason == NOTHING and s.n_moving > 0 else reason
+
+
+@borrowing_kernel
+def surprised(g: Any, s: Any) -> bool:
+    """Whether a stop in comfort, clear a moment ago, is so no longer, by more than noise."""
+    if s.set[0] == 0.0 and s.set[2] == 0.0:
+        return False
+    if s.n_moving > 0 and _sweep_moving(g, s, 0.0, 0.0) != NOTHING:
+        return True
+    least, unseen = _CRAWLING * g.margin, _HASTE * g.unseen
+    return bool(s.n_close == 0 and _sweep_still(g, s, 0.0, 0.0, least, 0.0, unseen) != NOTHING)
+
+
+@borrowing_kernel
+def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
+    """`sweep` for who moves: a period, then a protective stop, which touches nothing else."""
     limits, outline = g.limits[:], g.outline[:]
     near, moving = s.near[: s.n_near], s.moving[: s.n_moving]
+    lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
+    sv, av, sw, aw = s.set[0], s.set[1], s.set[2], s.set[3]
+    x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * g.reaction, sw * g.reaction)
+    t, hold = g.reaction, round(g.period / STEP)
+    least = _CRAWLING * g.margin
+    bound, mbound = s.gap - (abs(sv) + lever * abs(sw)) * t, 0.0
+    for k in range(_LONGEST):
+        v0, w0 = sv, sw
+        if k < hold:
+            sv, av = approach(sv, av, v, limits[3], limits[4], limits[7], STEP)
+            sw, aw = approach(sw, aw, w, limits[6], limits[6], limits[8], STEP)
+        else:
+            sv, sw = brake(sv, sw, limits[5] * STEP, g.track)
+        x, y, yaw = odometric_step(x, y, yaw, 0.5 * (v0 + sv) * STEP, 0.5 * (w0 + sw) * STEP)
+        t += STEP
+        fastest = abs(sv) + lever * abs(sw)
+        if k >= hold and fastest <= g.crawl:
+            break
+        bound -= fastest * STEP
+        if bound < least and s.n_close == 0:
+            bound = outline_gap(x, y, yaw, outline, near, least + 0.2)
+            if bound < least:
+                return OBSTACLE
+        mbound -= fastest * STEP
+        need = g.margin + g.pace * (t + s.hidden)
+        if fastest > g.crawl and mbound < need:
+            mbound = outline_gap(x, y, yaw, outline, moving, need + 0.3)
+            if mbound < need and may_meet(g, x, y, yaw, _FAST * sv, _TURNS * sw, moving, t):
+                return MOVING
+    return NOTHING
+
+
+@borrowing_kernel
+def _sweep_still(
+    g: Any, s: Any, v: float, w: float, margin: float, headway: float, unseen: float
+) -> int:
+    """`sweep` for what stands, at a margin [m] and a headway [s]; and for what nobody has seen,
+    which it enters no faster than at so many m/s."""
+    limits, outline, near = g.limits[:], g.outline[:], s.near[: s.n_near]
     sv, av, sw, aw = s.set[0], s.set[1], s.set[2], s.set[3]
     lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
     px, py, c0, s0 = s.pose[0], s.pose[1], math.cos(s.pose[2]), math.sin(s.pose[2])
@@ -189,10 +250,9 @@ def sweep(g: Any, s: Any, v: float, w: float) -> int:
     t = g.reaction
     hold = round(g.period / STEP)
     # Along something inside the stop zone the chair may crawl on, as far as noise leaves room.
-    least = _CRAWLING * g.margin if s.n_close > 0 else g.margin
+    least = _CRAWLING * g.margin if s.n_close > 0 else margin
     # Of the gap, from below: it is looked for anew only where it might matter.
     bound = s.gap - (abs(sv) + lever * abs(sw)) * t if s.n_close == 0 else 0.0
-    mbound = 0.0
     for k in range(_LONGEST):
         if k == hold:
             v, w = 0.0, 0.0
@@ -204,9 +264,8 @@ def sweep(g: Any, s: Any, v: float, w: float) -> int:
         speed, turn = abs(sv), abs(sw)
         fastest = speed + lever * turn
         bound -= fastest * STEP
-        mbound -= fastest * STEP
         over = speed + 0.5 * lever * turn - g.crawl
-        need = least + g.headway * max(0.0, over)
+        need = least + headway * max(0.0, over)
         if bound < need:
             bound = outline_gap(x, y, yaw, outline, near, need + 0.2)
             if bound < need:
@@ -220,17 +279,11 @@ def sweep(g: Any, s: Any, v: float, w: float) -> int:
                 gap = signed_gap(c * ex + sn * ey, c * ey - sn * ex, outline)
                 if gap < s.close[i, 2] - _WORSE:
                     return OBSTACLE
-        if s.n_moving > 0 and fastest > g.crawl:
-            need = g.margin + g.pace * (t + s.hidden)
-            if mbound < need:
-                mbound = outline_gap(x, y, yaw, outline, moving, need + 0.3)
-                fast, turns = _FAST * sv, _TURNS * sw
-                if mbound < need and may_meet(g, x, y, yaw, fast, turns, moving, t):
-                    return MOVING
-        if fastest > g.unseen:
+        if fastest > unseen:
             c, sn = math.cos(s.pose[2] + yaw), math.sin(s.pose[2] + yaw)
             wx, wy = px + c0 * x - s0 * y, py + s0 * x + c0 * y
-            if enters_unseen(g, s, wx, wy, c, sn, _FAST * sv, _TURNS * sw, s.stamp + t - g.memory):
+            fast, turns, since = _FAST * sv, _TURNS * sw, s.stamp + t - g.memory
+            if enters_unseen(g, s, wx, wy, c, sn, fast, turns, since, unseen):
                 return UNSEEN
         if k >= hold and speed < _REST and turn < _TURN_REST:
             break

@@ -179,24 +179,27 @@ def advance(
     worlds: Any,
     v: float,
     w: float,
+    protective: bool,
     scratch: Floats,
     ranges: Floats,
     sensed: Any,
 ) -> None:
     """One control period of row i towards a target twist (v, w) [m/s, rad/s], then one reading.
 
-    The other arguments are those of `begin`.
+    The other arguments are those of `drive` and `begin`.
     """
     rig, p, state, world = rigs[0], chairs[i], states[i], worlds[i]
     before = state.tick
     order = integers_at(rig.order, rig.rangers)
-    drive(state, p, world, rig, v, w, order)
+    drive(state, p, world, rig, v, w, protective, order)
     reckon(state, p)
     sense(rig, p, state, world, before, scratch, ranges, sensed[i])
 
 
 @borrowing_kernel
-def advance_alone(alone: Any, v: float, w: float, ranges: Floats, sensed: Any) -> None:
+def advance_alone(
+    alone: Any, v: float, w: float, protective: bool, ranges: Floats, sensed: Any
+) -> None:
     """`advance` of a chair that is alone; its rows are found by address: alone (1,) of ALONE."""
     own = alone[0]
     advance(
@@ -207,6 +210,7 @@ def advance_alone(alone: Any, v: float, w: float, ranges: Floats, sensed: Any) -
         _worlds_at(own.world, 1),
         v,
         w,
+        protective,
         field_at(own.scratch, SCRATCH, own.walls),
         ranges,
         sensed,

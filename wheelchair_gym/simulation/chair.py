@@ -112,8 +112,8 @@ class SimulatedChair:
         )
         return self._reading(ranges, sensed)
 
-    def drive(self, twist: Array) -> Reading:
-        """Drive towards a target twist (2,) [m/s, rad/s] for one control period, then sense.
+    def drive(self, twist: Array, protective: bool = False) -> Reading:
+        """See `Chair.drive`.
 
         Raises:
             ValueError: the twist is not two finite numbers, or the chair was never reset.
@@ -124,7 +124,7 @@ class SimulatedChair:
         if self._episode is None:
             raise ValueError("the chair was never reset, or it was closed")
         ranges, sensed = self._blank_reading()
-        advance_alone(self._alone, v, w, ranges, sensed)
+        advance_alone(self._alone, v, w, protective, ranges, sensed)
         return self._reading(ranges, sensed)
 
     def close(self) -> None:

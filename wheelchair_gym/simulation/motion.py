@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wheelchair_gym.kernel import borrowing_kernel
-from wheelchair_gym.kinematics import approach, wheels_of_twist
+from wheelchair_gym.kinematics import SOONER, approach, brake, wheels_of_twist
 from wheelchair_gym.simulation.engine import (
     ANGLE,
     FX,
@@ -86,14 +86,14 @@ def work_out(p: Any) -> Worked:
 def track_set_point(state: Any, p: Any, v: float, w: float, protective: bool, dt: float) -> None:
     """Move the set point towards the target twist within the limits of comfort.
 
-    A protective stop falls at its own rate at once, exempt from jerk.
+    In a protective stop it falls at once, exempt from jerk; as on the boards faster than the chair
+    is to slow down, so that the chair does.
     """
     limits = p.limits
     if protective:
-        state.v = math.copysign(max(0.0, abs(state.v) - limits[5] * dt), state.v)
-        ratio = limits[5] / max(p.nominal_track, 0.1)
-        state.w = math.copysign(max(0.0, abs(state.w) - ratio * dt), state.w)
-        state.v_rate, state.w_rate = 0.0, 0.0
+        v, w = state.v, state.w
+        state.v, state.w = brake(v, w, SOONER * limits[5] * dt, p.nominal_track)
+        state.v_rate, state.w_rate = (state.v - v) / dt, (state.w - w) / dt
         return
     v = min(limits[0], max(-limits[1], v))
     w = min(limits[2], max(-limits[2], w))

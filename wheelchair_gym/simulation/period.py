@@ -66,6 +66,7 @@ def drive(
     engine: Any,
     v: float,
     w: float,
+    protective: bool,
     order: Any,
 ) -> None:
     """Drive towards a target twist for one control period.
@@ -77,6 +78,7 @@ def drive(
         engine: record with the fields of ENGINE.
         v: target speed [m/s].
         w: target turn [rad/s].
+        protective: come to rest as in an emergency, whatever the target.
         order: (n,) which ranger fires k-th.
     """
     k = work_out(p)
@@ -86,8 +88,11 @@ def drive(
     fields = body_view(world.body)
     for _ in range(p.substeps):
         if state.tick % p.speed_every == 0:
-            track_set_point(state, p, v, w, state.bumped, k.run)
+            hard = protective or state.bumped
+            track_set_point(state, p, v, w, hard, k.run)
             control_speed(state, p, k)
+            if hard:  # what follows begins without a slope
+                state.v_rate, state.w_rate = 0.0, 0.0
         before = (fields[X], fields[Y], fields[VX], fields[VY], fields[W])
         bump = 0.0
         if world.n_movers > 0:

@@ -61,7 +61,7 @@ class ReplayedChair:
         self._at = 0
         return self._readings[0].reading
 
-    def drive(self, twist: Array) -> Reading:
+    def drive(self, twist: Array, protective: bool = False) -> Reading:
         """The next reading.
 
         Raises:

@@ -198,9 +198,12 @@ static void move_set_point(drive_t *drive, target_t target)
         return;
     }
     if (drive->mode == STOPPING || target.protective) {
+        /* Along the same curve, which was found clear: both fall together. */
         float rate = drive->mode == STOPPING ? p->stop : p->protective;
-        fall(&drive->v, 0.0F, rate, RUN);
-        fall(&drive->w, 0.0F, rate * per_track, RUN);
+        float fastest = fmaxf(fabsf(drive->v.speed), fabsf(drive->w.speed) / per_track);
+        float kept = fastest > rate * RUN ? 1.0F - rate * RUN / fastest : 0.0F;
+        drive->v = (axis_t){kept * drive->v.speed, 0.0F};
+        drive->w = (axis_t){kept * drive->w.speed, 0.0F};
         return;
     }
     float low = -p->backward, high = p->forward, turn = p->turn;
