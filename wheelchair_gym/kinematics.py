@@ -155,8 +155,10 @@ _NARROWEST = 0.1  # m, of tracks
 
 @borrowing_kernel
 def brake(v: float, w: float, slower: float, track: float) -> tuple[float, float]:
-    """A twist (v, w) [m/s, rad/s] in a protective stop, along its curve: the faster of v and of
-    both wheels' difference has fallen by so much [m/s]."""
+    """A twist (v, w) [m/s, rad/s] a moment on in a protective stop, which keeps its curve.
+
+    The faster of v and of the wheels' difference has fallen by `slower` [m/s].
+    """
     fastest = max(abs(v), abs(w) * max(track, _NARROWEST))
     kept = 1.0 - slower / fastest if fastest > slower else 0.0
     return kept * v, kept * w

@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from agents.evaluate import env_settings, make_env
+from agents.paths import backing
 from agents.policy import make_policy
 from agents.surroundings import Surroundings
 from tests.agents.fakes import PaperWorld, corridor
@@ -122,6 +124,34 @@ def test_a_blocked_goal_is_waited_for_and_told():
     said, poses, _ = states(lambda t: (9.0, 0.0), seconds=25.0)
     assert "waits" in said
     assert (np.hypot(*(poses[:, :2] - (9.0, 0.0)).T) > 0.5).all()
+
+
+def test_where_backing_out_did_not_help_it_is_done_for_longer():
+    policy, world = (
+        make_policy("a_star+window"),
+        Peopled(lambda t: None, corridor(10.0, 3.2), (1.0, 0.0, 0.0), (9.0, 0.0, 0.0)),
+    )
+    policy.reset(world.task)
+    long = [policy._farther() / policy.own.backing for _ in range(5)]
+    assert long == [1, 2, 3, 4, 4]
+    policy._around.pose = np.array([2.5, 0.0, 0.0])  # elsewhere
+    assert policy._farther() == policy.own.backing
+
+
+def test_a_way_in_reverse_is_planned_once_more_with_less_clearance():
+    env = make_env("barn", env_settings(pose_source="truth"))
+    env.reset(seed=1_000_002)
+    policy = make_policy("lattice+window")
+    policy.reset(env.unwrapped.task)
+    assert policy.solved
+    assert backing(policy.plan.path) < 0.3
+    env.close()
+
+
+def test_backing_is_the_way_against_the_heading():
+    path = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.0, 1.0), (0.4, 0.0, 0.0)]
+    assert backing(path) == pytest.approx(0.6 * math.cos(1.0))
+    assert backing([(0.0, 0.0), (1.0, 0.0)]) == 0.0
 
 
 def test_a_follower_without_sense_is_refused():

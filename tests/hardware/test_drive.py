@@ -273,6 +273,17 @@ def test_protective_braking_is_exempt_from_jerk(bench):
     assert bench.odometry().v == pytest.approx(0.8 - 2.2 * 0.1, abs=0.015)
 
 
+def test_a_protective_stop_keeps_the_curve(bench):
+    bench.start(0.4, 0.6)
+    before = bench.odometry()
+    bench.target = None
+    bench.send(Command(0.0, 0.0, CommandFlag.PROTECTIVE))
+    bench.run(0.1)
+    now = bench.odometry()
+    assert now.v == pytest.approx(0.4 - 2.2 * 0.1, abs=0.015)
+    assert now.w / now.v == pytest.approx(before.w / before.v, rel=0.02)
+
+
 def test_at_rest_on_a_protective_stop_the_brakes_close_until_it_is_to_drive_again(bench):
     """Nobody needs to re-arm it: it is no fault of the board's."""
     bench.start(0.5)

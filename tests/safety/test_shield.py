@@ -196,6 +196,23 @@ def test_a_chair_that_stands_in_a_world_without_noise_is_not_frozen():
     assert chair.truth.twist[0] > 0.5
 
 
+def test_a_scan_without_any_echo_is_not_frozen():
+    trace, chair, shield = drive((0.0, 0.0, 0.0), AHEAD, 4.0, half=40.0)
+    assert np.isposinf(chair.reset(box(40.0), 1).laser).all()
+    assert shield.latched == ""
+    assert trace[-1][1].twist[0] > 0.75
+
+
+def test_the_end_of_a_leaf_seen_aslant_is_where_it_is():
+    """The laser at (0.66, 0) looks along it: neighbouring beams differ by centimetres."""
+    leaf = [(0.48, -0.34, 0.44, -1.36)]
+    gaps = [
+        drive((0.0, 0.0, 0.0), STILL, 0.4, key=key, walls=leaf)[2].state["gap"][0]
+        for key in range(20)
+    ]
+    assert abs(np.mean(gaps) - 0.03) < 0.01
+
+
 def glassy(reading, distance, ranger=0):
     """A reading in which one ultrasonic hears something that the laser sees through."""
     ranges = np.full_like(reading.ultrasonic, np.inf)
@@ -272,6 +289,9 @@ def test_who_steps_before_it_stops_it():
     told = among_people(person([(2.6, 4.0), (2.6, -4.0)], 1.2, heeds=NOBODY), seconds=5.0)
     assert any(decision.reason == "moving" for decision, _, _ in told)
     assert not any(truth.caused for _, truth, _ in told)
+    speeds = np.array([truth.twist[0] for _, truth, _ in told])
+    hard = np.array([decision.protective for decision, _, _ in told])[:-1]
+    assert np.diff(speeds)[hard].min() < -0.15  # a period of a protective stop
 
 
 def test_who_has_left_its_view_may_stand_behind_it():

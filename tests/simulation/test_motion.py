@@ -170,6 +170,21 @@ def test_a_chair_left_alone_comes_to_rest():
     assert (np.diff(np.abs(twists[10:, 0])) < 1e-3).all()
 
 
+def test_a_protective_stop_is_hard_and_keeps_the_curve():
+    chair = exact_chair()
+    chair.reset(box(50), 0)
+    run(chair, np.array([0.8, 0.6]), 60)
+    before = chair.truth.pose
+    chair.drive(FORWARD, True)  # whatever is asked for
+    assert 0.8 - chair.truth.twist[0] > 1.5 * 0.1
+    assert chair.state["w"][0] / chair.state["v"][0] == pytest.approx(0.6 / 0.8)
+    for _ in range(5):
+        chair.drive(STILL, True)
+    assert np.abs(chair.truth.twist).max() < 0.01
+    x, y, turned = chair.truth.pose - before
+    assert turned / math.hypot(x, y) == pytest.approx(0.6 / 0.8, rel=0.25)  # tyres and motors lag
+
+
 @pytest.mark.parametrize("angle", [0.0, 0.3, 0.8, 1.2, math.pi])
 def test_a_wall_stops_the_chair_and_the_bumper_tells(angle):
     """At full speed, at any angle: it stays out of the wall, and reports the bump."""

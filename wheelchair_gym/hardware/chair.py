@@ -132,8 +132,7 @@ class HardwareChair:
             return self._reading(self._halts(), np.zeros(2))
 
     def drive(self, twist: Array, protective: bool = False) -> Reading:
-        """Ask for a twist (2,) [m/s, rad/s] or a protective stop, wait for the end of the period,
-        and sense.
+        """Ask for a twist (2,) [m/s, rad/s] or a protective stop, wait a period, and sense.
 
         Where something forbids it the chair is told to stand at once, and `Reading.halted` says so.
 

@@ -67,10 +67,10 @@ def valid_share(laser: Floats) -> float:
 @borrowing_kernel
 def empty(laser: Floats) -> bool:
     """Whether no beam has an echo: then no noise tells one scan from the next."""
+    echoes = 0
     for k in range(laser.shape[0]):
-        if laser[k] < math.inf:
-            return False
-    return True
+        echoes += laser[k] < math.inf
+    return echoes == 0
 
 
 @borrowing_kernel

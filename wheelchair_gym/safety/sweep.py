@@ -239,8 +239,10 @@ def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
 def _sweep_still(
     g: Any, s: Any, v: float, w: float, margin: float, headway: float, unseen: float
 ) -> int:
-    """`sweep` for what stands, at a margin [m] and a headway [s]; and for what nobody has seen,
-    which it enters no faster than at so many m/s."""
+    """`sweep` for what stands, at a margin [m] and a headway [s], and for what nobody has seen.
+
+    That it enters no faster than at `unseen` m/s.
+    """
     limits, outline, near = g.limits[:], g.outline[:], s.near[: s.n_near]
     sv, av, sw, aw = s.set[0], s.set[1], s.set[2], s.set[3]
     lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)

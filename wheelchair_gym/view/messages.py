@@ -74,7 +74,9 @@ PLAIN: Final[dict[str, Any]] = {
         bumped=_YES, battery=_MAYBE, stamp=_NUMBER, halted=_TEXT, odometry=_NUMBERS, truth=_THING,
     ),
     "/command": _schema("command", action=_NUMBERS, v=_NUMBER, w=_NUMBER),
-    "/shield": _schema("shield", reason=_TEXT, asked=_NUMBERS, given=_NUMBERS),
+    "/shield": _schema(
+        "shield", reason=_TEXT, asked=_NUMBERS, given=_NUMBERS, protective=_YES
+    ),
     "/verdict": _schema(
         "verdict", reward=_NUMBER, terms={"type": "object", "additionalProperties": _NUMBER},
         terminated=_YES, truncated=_YES,

@@ -124,9 +124,9 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         twist = self._env.task.limits.twist(action).tolist()
         self._out.tell(COMMAND, {"action": chosen, "v": twist[0], "w": twist[1]})
         if "shield" in info:
-            reason, *twists = info["shield"].values()
-            asked, driven = (each.tolist() for each in twists)
-            self._out.tell(SHIELD, {"reason": reason, "asked": asked, "given": driven})
+            told = info["shield"]
+            plain = {name: told[name].tolist() for name in ("asked", "given")}
+            self._out.tell(SHIELD, told | plain)
         self._log_reading()
         ends = {"terminated": terminated, "truncated": truncated}
         self._out.tell(VERDICT, {"reward": reward, "terms": info["reward_terms"], **ends})
