@@ -4,10 +4,11 @@
 
 It is between any policy and any chair, and knows Readings alone. It scales a twist and keeps its
 curvature: the fastest share of it that, driven for a period and braked at the chair's own limits,
-keeps clear of all that was seen in the last seconds, and enters nowhere that nobody has seen faster
-than a walking stick; and that, ended by a protective stop, keeps clear of wherever those who move may
-be by then. While nothing better is known it brakes along a way that was found clear before. (After nav2's collision monitor: stop zone, slow
-zone, approach; silent sensors are obstacles.)
+keeps clear of all that was seen in the last seconds, and enters nowhere that nobody has seen
+faster than a walking stick; and that, ended by a protective stop, keeps clear of wherever those
+who move may be by then. While nothing better is known it brakes along a way that was found clear
+before. (After nav2's collision monitor: stop zone, slow zone, approach; silent sensors are
+obstacles.)
 """
 
 from __future__ import annotations
