@@ -34,7 +34,7 @@ def add(parts: Any) -> None:
     )
     parser.add_argument(
         "--suite", default="demo",
-        help="barn, clinic, crowd, demo, doors, followers, homes, temporary or thesis "
+        help="barn, clinic, crowd, cylinders, demo, doors, followers, homes, temporary or thesis "
         "(default demo)",
     )  # fmt: skip
     parser.add_argument("--policies", type=names, metavar="A,B", help="in place of the suite's")

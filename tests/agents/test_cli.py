@@ -11,6 +11,7 @@ import pytest
 
 from agents.cli import COMMANDS, main, parser
 from agents.commands.arguments import changed, spec
+from agents.compare import SUITES
 from agents.followers import FOLLOWERS
 from agents.provenance import command_line
 from planners import PLANNERS, make_planner
@@ -298,6 +299,12 @@ def test_the_readme_names_every_command_scene_planner_and_follower():
     commands = {command.__name__.rpartition(".")[2] for command in COMMANDS}
     scenes = {name for name in SCENES if not name.startswith("thesis")}
     assert named >= commands | scenes | set(PLANNERS) | set(FOLLOWERS)
+
+
+def test_the_help_names_every_suite(capsys):
+    with pytest.raises(SystemExit):
+        main(["compare", "--help"])
+    assert set(re.findall(r"\w+", capsys.readouterr().out)) >= set(SUITES)
 
 
 @pytest.mark.parametrize("line", re.findall(r"^`?(wheelchair [^`\n]*)", readme(), re.MULTILINE))
