@@ -177,11 +177,10 @@ class PlannedDriver:
         start, goal = self._around.pose, self.goal
         kept, barred = (self.plan, self._clearance), self._reference
         assert barred is not None
-        left = float(barred.rows[-1, 3]) - barred.way
         if self._plan(self._around.standing.painted(), start, goal):
             assert self.plan is not None
             round_it = Reference(np.asarray(self.plan.path, dtype=np.float64), start)
-            if float(round_it.rows[-1, 3]) > left + DETOUR + STROLL * self._held:
+            if round_it.left > barred.left + DETOUR + STROLL * self._held:
                 (self.plan, self._clearance), self._held = kept, self._held + AGAIN
                 self._waited = self._shown = AGAIN
                 self._say("waits", "the way round is long")
@@ -267,11 +266,7 @@ class PlannedDriver:
         elif self._barred():
             self._go_round()
         elif self._since > patience:
-            self._tries += 1
-            if self._tries % 2:
-                self._replan()
-            else:
-                self._backing, self._since = self._farther(), 0.0
+            self._stalled()
         twist, way = None, (self._around, self._reference, self._chair)
         if self._look.on:
             twist = self._look.twist(*way, period)
@@ -290,6 +285,25 @@ class PlannedDriver:
         self._chair.command(twist)
         action: Array = self._task.limits.action(twist)
         return action
+
+    def _stalled(self) -> None:
+        """No progress: a new plan, or back out of where the last one did not help either.
+
+        Where nothing temporary stands, a new plan that leads a long way round is no better than the
+        old one: the chair backs out to try that once more.
+        """
+        self._tries += 1
+        self._since = 0.0
+        if self._tries % 2 and len(self._around.standing.stood):
+            self._go_round()
+            return
+        if self._tries % 2:
+            assert self._reference is not None
+            left = self._reference.left
+            self._replan()
+            if self._reference.left < left + DETOUR:
+                return
+        self._backing = self._farther()
 
     def _farther(self) -> float:
         """For how long to back out [s]: each time farther from where it did not help before."""

@@ -80,9 +80,14 @@ class Reference:
         return float(self.rows[self.at, 3])
 
     @property
+    def left(self) -> float:
+        """How far it is to the end [m]."""
+        return float(self.rows[-1, 3]) - self.way
+
+    @property
     def ended(self) -> bool:
         """Whether the chair has come to the end."""
-        return float(self.rows[-1, 3]) - self.way < 0.1
+        return self.left < 0.1
 
     def ahead(self, pose: Array, far: float = 2.5) -> Array:
         """The reference poses (m, 4) of the next `far` metres, in the chair's frame."""

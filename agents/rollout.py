@@ -143,7 +143,8 @@ def stops_clear(v: float, w: float, body: Body, near: Near, hold: float, margin:
                     here = mover_gap(0.0, 0.0, 0.0, body.footprint, near.movers, t, room)
                     if gap < here:
                         return False
-        if k >= held and still:
+        ends = abs(sv) + 0.5 * av * av / limits[7] < 0.02  # not on its way through rest
+        if k >= held and still and ends and 0.5 * aw * aw / limits[8] < 0.05:
             break
     return True
 

@@ -138,6 +138,17 @@ def test_where_backing_out_did_not_help_it_is_done_for_longer():
     assert policy._farther() == policy.own.backing
 
 
+@pytest.mark.parametrize(("longer", "backs"), [(0.5, False), (5.0, True)])
+def test_no_long_way_round_is_taken_for_want_of_progress_before_it_has_backed_out(longer, backs):
+    policy, start = make_policy("a_star+window"), np.array([1.0, 0.0, 0.0])
+    world = Peopled(lambda t: None, corridor(10.0, 3.2), tuple(start), (9.0, 0.0, 0.0))
+    policy.reset(world.task)
+    way = np.array([(1.0, 0.0), (1.0 + policy._reference.left + longer, 0.0)])
+    policy._replan = lambda: policy._take(way, start)  # what a new plan comes to
+    policy._stalled()
+    assert (policy._backing > 0.0) == backs
+
+
 def test_a_way_in_reverse_is_planned_once_more_with_less_clearance():
     env = make_env("barn", env_settings(pose_source="truth"))
     env.reset(seed=1_000_002)

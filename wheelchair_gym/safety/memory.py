@@ -91,6 +91,7 @@ def look_round(g: Any, s: Any, laser: Floats) -> None:
     beams, now, step = laser.shape[0], _F(s.stamp), _F(CELL)
     lx, ly, cl, sl = laser_frame(g, s)
     c, sn = _F(math.cos(s.pose[2])), _F(math.sin(s.pose[2]))
+    vacated = _F(s.stamp - max(0.0, g.memory - g.vacated))
     front, rear = _F(g.outline[0]) + _LOOKED, _F(-g.outline[1]) - _LOOKED
     half = _F(g.outline[2]) - _F(0.02)
     ey, by = (s.corner[1] + 0.5) * CELL - ly, (s.corner[1] + 0.5) * CELL - s.pose[1]
@@ -111,7 +112,7 @@ def look_round(g: Any, s: Any, laser: Floats) -> None:
                 d = far[j] + _BEYOND
                 if laser[b] >= d and laser[b - 1] >= d and laser[b + 1] >= d:
                     s.clear[i, j] = now
-        # What is wholly under the chair is as good as seen.
+        # What is wholly under the chair is as good as seen, and for a while after.
         bx = (s.corner[0] + i + 0.5) * CELL - s.pose[0]
         if abs(bx) > reach:
             continue
@@ -120,7 +121,7 @@ def look_round(g: Any, s: Any, laser: Floats) -> None:
             y = _F(by + j * CELL)
             px, py = c * _F(bx) + sn * y, c * y - sn * _F(bx)
             if rear <= px <= front and abs(py) <= half:
-                s.seen[i, j] = now
+                s.seen[i, j] = max(s.seen[i, j], vacated)
 
 
 @borrowing_kernel

@@ -40,6 +40,11 @@ class ShieldSettings:
         default=3.0, unit="s", source="for which points and free space are remembered", low=0.1,
         high=60.0,
     )  # fmt: skip
+    vacated: float = setting(
+        default=1.5, unit="s",
+        source="for which space that the chair left is free: a door falls to behind it",
+        low=0.1, high=60.0,
+    )  # fmt: skip
     unseen: float = setting(
         default=0.1, unit="m/s", source="walking-stick speed into what nobody has seen", low=0.0
     )

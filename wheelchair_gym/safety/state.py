@@ -51,7 +51,8 @@ CLOSE = 64  # points inside the stop zone
 SAMPLES = 38  # points of the outline that may enter what nobody has seen
 
 NUMBERS = (  # of the settings, as kernels take them
-    "margin", "headway", "reaction", "crawl", "memory", "unseen", "pace", "spurt", "wary",
+    "margin", "headway", "reaction", "crawl", "memory", "vacated", "unseen", "pace", "spurt",
+    "wary",
 )  # fmt: skip
 
 GUARD = np.dtype(

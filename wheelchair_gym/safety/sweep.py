@@ -287,6 +287,9 @@ def _sweep_still(
             fast, turns, since = _FAST * sv, _TURNS * sw, s.stamp + t - g.memory
             if enters_unseen(g, s, wx, wy, c, sn, fast, turns, since, unseen):
                 return UNSEEN
+        # On the way through rest its slope carries it on.
+        speed += 0.5 * av * av / limits[7]
+        turn += 0.5 * aw * aw / limits[8]
         if k >= hold and speed < _REST and turn < _TURN_REST:
             break
     return NOTHING
