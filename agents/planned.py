@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
@@ -53,6 +53,7 @@ DETOUR = 2.0  # m by which a way round may be longer at once, and
 STROLL = 0.5  # m/s more the longer it waits: it waits as long as the way round would cost
 TOLERATED = 0.06  # m: cells are drawn whole, and hits err
 SHOWN = 1.0  # s for which people see why there is a new path
+BOLD = 1.0  # m of way once there was no progress on which room costs nothing; margins stay
 CRAWL = 0.05  # m/s: so slow the chair does no harm to whom it does not see behind it
 COURTESY = 0.5  # share at which time counts as lost while the chair halts for what moves
 
@@ -101,7 +102,10 @@ class PlannedDriver:
     def __init__(self, own: Planned) -> None:
         self.own = own
         self._planner = make_planner(dict(own.planner))
-        self._follower_settings = make_follower(own.follower)
+        self._follower_settings = self._boldly = make_follower(own.follower)
+        if (objective := getattr(self._follower_settings, "objective", None)) is not None:
+            bold = replace(objective, clearance=0.0)
+            self._boldly = replace(self._follower_settings, objective=bold)
 
     def reset(self, task: Any) -> None:
         """See `Policy.reset`."""
@@ -112,6 +116,7 @@ class PlannedDriver:
         self._backing = 0.0  # s left to back out
         self._backed = (np.full(2, np.inf), 0)  # where it backed out last, how often
         self._tries = 0  # plans made since there was progress
+        self._bold = 0.0  # m on which room costs nothing
         self._look = LookRound()
         self._looked = 0.0  # s since the last look at what stands on the way
         self._held = 0.0  # s that the chair has waited rather than go a long way round
@@ -166,8 +171,13 @@ class PlannedDriver:
         """Follow a path (n, 2 or 3) [m] from now on."""
         self._task.path = path[:, :2]
         self._reference = Reference(np.asarray(path, dtype=np.float64), start)
-        self._follower = self._follower_settings.make()
+        self._follow()
         self._best = self._since = 0.0
+
+    def _follow(self) -> None:
+        """Begin to follow: boldly for a while where there was no progress."""
+        own = self._boldly if self._bold > 0.0 else self._follower_settings
+        self._follower = own.make()
 
     def _go_round(self) -> None:
         """Plan wholly anew round temporary obstacles; where no way leads, keep the path, and wait.
@@ -243,6 +253,10 @@ class PlannedDriver:
         assert self._reference is not None  # reset made one
         off = self._reference.advance(self._around.pose)
         if self._reference.way > self._best + GAIN:
+            bold = self._bold
+            self._bold = max(0.0, bold - (self._reference.way - self._best))
+            if bold > self._bold == 0.0:
+                self._follow()
             self._best, self._since, self._tries = self._reference.way, 0.0, 0
             self._held = 0.0
         self._since += period * (COURTESY if self.state == "halts" else 1.0)
@@ -293,7 +307,8 @@ class PlannedDriver:
         old one: the chair backs out to try that once more.
         """
         self._tries += 1
-        self._since = 0.0
+        self._since, self._bold = 0.0, BOLD
+        self._follow()
         if self._tries % 2 and len(self._around.standing.stood):
             self._go_round()
             return

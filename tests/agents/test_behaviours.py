@@ -149,6 +149,24 @@ def test_no_long_way_round_is_taken_for_want_of_progress_before_it_has_backed_ou
     assert (policy._backing > 0.0) == backs
 
 
+def test_for_a_metre_after_no_progress_room_costs_nothing():
+    policy = make_policy("lattice+window")
+    world = Peopled(lambda t: None, corridor(10.0, 3.2), (1.0, 0.0, 0.0), (9.0, 0.0, 0.0))
+    policy.reset(world.task)
+    places, costs = [], []
+    for k in range(70):
+        if k == 15:
+            policy._stalled()
+        world.drive(policy.act({}))
+        places.append(world.pose[0])
+        costs.append(policy._follower.own.objective.clearance)
+    bold = np.flatnonzero(np.array(costs) == 0.0)
+    assert bold[0] == 15
+    assert np.all(np.diff(bold) == 1)
+    assert 0.75 < places[bold[-1]] - places[bold[0]] < 1.3
+    assert costs[-1] == costs[0] > 0.0
+
+
 def test_a_way_in_reverse_is_planned_once_more_with_less_clearance():
     env = make_env("barn", env_settings(pose_source="truth"))
     env.reset(seed=1_000_002)
