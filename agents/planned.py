@@ -54,7 +54,7 @@ STROLL = 0.5  # m/s more the longer it waits: it waits as long as the way round 
 TOLERATED = 0.06  # m: cells are drawn whole, and hits err
 SHOWN = 1.0  # s for which people see why there is a new path
 BOLD = 1.0  # m of way once there was no progress on which room costs nothing; margins stay
-CRAWL = 0.05  # m/s: so slow the chair does no harm to whom it does not see behind it
+CRAWL = 0.05  # m/s in reverse where there are people: so slow it does no harm to whom it hits
 COURTESY = 0.5  # share at which time counts as lost while the chair halts for what moves
 
 
@@ -117,6 +117,8 @@ class PlannedDriver:
         self._backed = (np.full(2, np.inf), 0)  # where it backed out last, how often
         self._tries = 0  # plans made since there was progress
         self._bold = 0.0  # m on which room costs nothing
+        self._round = False  # the path leads round what is temporary
+        self._peopled = False  # somebody has been seen on this drive
         self._look = LookRound()
         self._looked = 0.0  # s since the last look at what stands on the way
         self._held = 0.0  # s that the chair has waited rather than go a long way round
@@ -148,6 +150,7 @@ class PlannedDriver:
         """Plan from where the chair is, and begin the new path; whether one leads to the goal."""
         start, goal = self._around.pose, self.goal
         maps = self._maps(start, goal)
+        self._round = self._temporary
         for known in maps:
             if self._plan(known, start, goal):
                 break
@@ -196,7 +199,7 @@ class PlannedDriver:
                 self._say("waits", "the way round is long")
                 return
             self._take(self.plan.path, start)
-            self._shown = SHOWN
+            self._shown, self._round = SHOWN, True
             self._say("goes round")
             return
         assert self.plan is not None
@@ -212,8 +215,7 @@ class PlannedDriver:
         """Maps to plan in, the next one if the last leads nowhere."""
         known = self._task.map
         if self._task.chart is None:
-            stood = len(self._around.standing.stood) > 0
-            return [self._around.standing.painted(), known] if stood else [known]
+            return [self._around.standing.painted(), known] if self._temporary else [known]
         known = known.holding(np.stack([start[:2], goal[:2]]), self.own.beyond)
         return assumed(known, start, self._task.footprint)
 
@@ -243,6 +245,8 @@ class PlannedDriver:
         period = self._task.period
         self._around.update(self._task.reading)
         accompanied = self._accompanied()
+        self._peopled |= len(self._around.movers) > 0
+        slow = CRAWL if self._peopled else CREEP  # in reverse
         unseen, self._around.blind = accompanied, accompanied and not self._tries
         if self._task.chart is not None:
             outline = self._task.footprint
@@ -272,10 +276,10 @@ class PlannedDriver:
                 known = assumed(self._task.map, self._around.pose, self._task.footprint)
                 self._around.chart(known[-2])
         elif self._backing > 0.0:
-            self._backing -= period * (CRAWL / BACK if accompanied else 1.0)
+            self._backing -= period * (CRAWL / BACK if self._peopled else 1.0)
             if self._backing <= 0.0:
-                self._replan()
-        elif off > self.own.astray or self._walled():
+                self._anew()
+        elif off > self.own.astray or self._walled() or self._gone():
             self._replan()
         elif self._barred():
             self._go_round()
@@ -293,7 +297,7 @@ class PlannedDriver:
             self._tell(twist)
         if twist is None or (twist[0] < 0.0 and self._around.blind):
             twist = np.zeros(2)
-        elif unseen and twist[0] < -(slow := CRAWL if accompanied else CREEP):
+        elif (unseen or self._peopled) and twist[0] < -slow:
             twist = twist * (-slow / twist[0])
         twist = self._around.unhurried(twist[None], self._chair.state)[0]
         self._chair.command(twist)
@@ -309,16 +313,25 @@ class PlannedDriver:
         self._tries += 1
         self._since, self._bold = 0.0, BOLD
         self._follow()
-        if self._tries % 2 and len(self._around.standing.stood):
-            self._go_round()
-            return
         if self._tries % 2:
             assert self._reference is not None
-            left = self._reference.left
-            self._replan()
-            if self._reference.left < left + DETOUR:
+            left, waits = self._reference.left, self._temporary
+            self._anew()
+            if waits or self._reference.left < left + DETOUR:
                 return
         self._backing = self._farther()
+
+    @property
+    def _temporary(self) -> bool:
+        """Whether something stands that is not on the map that the chair was given."""
+        return self._task.chart is None and len(self._around.standing.stood) > 0
+
+    def _anew(self) -> None:
+        """A new plan; where something temporary stands, if that is not a long way round."""
+        if self._temporary:
+            self._go_round()
+        else:
+            self._replan()
 
     def _farther(self) -> float:
         """For how long to back out [s]: each time farther from where it did not help before."""
@@ -357,6 +370,10 @@ class PlannedDriver:
         rows = self._reference.rows[self._reference.at :]
         ahead = rows[rows[:, 3] < self._reference.way + AHEAD]
         return self._around.standing.on_way(ahead, self._clearance - TOLERATED)
+
+    def _gone(self) -> bool:
+        """Whether all is gone that the path leads round."""
+        return self._round and not self._temporary
 
     def _redrawn(self) -> bool:
         """Whether it is time to look at a map that grows."""

@@ -149,6 +149,23 @@ def test_no_long_way_round_is_taken_for_want_of_progress_before_it_has_backed_ou
     assert (policy._backing > 0.0) == backs
 
 
+def test_where_nothing_is_left_to_go_round_the_straight_way_is_planned_again():
+    policy = make_policy("a_star+window")
+    world = Peopled(
+        lambda t: (5.0, 0.3) if t < 5.0 else None, corridor(10.0, 3.2),
+        (1.0, 0.0, 0.0), (9.0, 0.0, 0.0),
+    )  # fmt: skip
+    policy.reset(world.task)
+    longer = []  # than straight on
+    for _ in range(80):
+        world.drive(policy.act({}))
+        x, y = policy._reference.rows[:, 0], policy._reference.rows[:, 1]
+        straight = math.hypot(x[-1] - x[0], y[-1] - y[0])
+        longer.append(np.hypot(np.diff(x), np.diff(y)).sum() / straight - 1.0)
+    assert max(longer) > 0.02  # planned round it
+    assert longer[-1] < 0.2 * max(longer)
+
+
 def test_for_a_metre_after_no_progress_room_costs_nothing():
     policy = make_policy("lattice+window")
     world = Peopled(lambda t: None, corridor(10.0, 3.2), (1.0, 0.0, 0.0), (9.0, 0.0, 0.0))
