@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 TURN_LENGTH = 0.4  # m per rad: about the mean lever of the outline about the drive axle
 STEP = 0.1  # s between two poses of a roll-out
+HEADWAY = 0.06  # s: so much of its own speed the outline keeps clear beside it, as a shield has it
 CAUTION = 0.35  # s: of way by which the chair keeps farther from what moves; it may turn any moment
 
 
@@ -126,13 +127,16 @@ def stops_clear(v: float, w: float, body: Body, near: Near, hold: float, margin:
     state, limits = body.state, body.limits
     sv, av, sw, aw = state[0], state[1], state[2], state[3]
     held = round(hold / STEP)
+    lever = math.hypot(max(body.footprint[0], body.footprint[1]), body.footprint[2])
     for k in range(held + 40):
         if k == held:
             v, w = 0.0, 0.0
         sv, av = approach(sv, av, v, limits[3], limits[4], limits[7], STEP)
         sw, aw = approach(sw, aw, w, limits[6], limits[6], limits[8], STEP)
         x, y, yaw = arc_step(x, y, yaw, sv, sw, STEP)
-        if outline_gap(x, y, yaw, body.footprint, near.points, margin + 0.01) < margin:
+        fast = abs(sv) + 0.5 * lever * abs(sw)
+        need = margin + HEADWAY * max(0.0, fast - 0.1)
+        if outline_gap(x, y, yaw, body.footprint, near.points, need + 0.01) < need:
             return False
         still = abs(sv) < 0.02 and abs(sw) < 0.05
         if not still and near.movers.shape[0] > 0:

@@ -101,6 +101,15 @@ def test_a_twist_that_could_not_stop_is_refused():
         assert stops_clear(0.8, 0.0, fast, near, 0.4, 0.05) is clear
 
 
+def test_room_beside_a_wall_is_slow_room():
+    x = np.arange(-1.0, 3.0, 0.04)
+    y = np.full(x.size, Footprint().array[2] + 0.05 + 0.02)  # 2 cm more than the margin
+    wall = np.column_stack([x, y, np.hypot(x, y)])
+    near = Near(wall[np.argsort(wall[:, 2])], NOBODY, np.zeros((2, 4)))
+    for v, clear in ((0.2, True), (0.8, False)):
+        assert stops_clear(v, 0.0, body(v), near, 0.4, 0.05) is clear
+
+
 @pytest.mark.parametrize(
     ("mover", "v", "clear"),
     [
