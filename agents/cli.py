@@ -27,12 +27,13 @@ from agents.commands import (
     simulate,
     study,
     train,
+    tune,
     twin,
 )
 from agents.interrupt import by_hand
 
 COMMANDS = (
-    plan, simulate, replay, compare, study, map, train, export, scenes, settings, bench, twin,
+    plan, simulate, replay, compare, study, tune, map, train, export, scenes, settings, bench, twin,
     deploy, hardware,
 )  # fmt: skip
 

@@ -136,7 +136,8 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
     Returns:
         A record without the policy, scene and seed. Success means by truth and without contact;
         `missed` means that the chair believed to have arrived and had not; `caused`, that it
-        caused a contact; `met`, that it touched something that moves.
+        caused a contact; `met`, that it touched something that moves. `sct` is success weighted by
+        completion time (Yokoyama et al. 2021), against the shortest way at the chair's top speed.
     """
     success = bool(info["is_success"]) and not trace.contact
     if success:
@@ -164,6 +165,7 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         "length": length,
         "geodesic": geodesic,
         "spl": spl,
+        "sct": min(1.0, geodesic / trace.top / max(seconds, 1e-9)) if success else 0.0,
         "barn": barn_score(success, seconds, reference, BARN_SPEED),
         "barn_own": barn_score(success, seconds, reference, trace.top),
         "halts": halts(twists, trace.period),
@@ -221,7 +223,7 @@ def summarise(records: Sequence[Record]) -> list[Record]:
             row["missed"] = sum(record["outcome"] == "missed" for record in of) / len(of)
             wide = [r for r in of if r["margin"] is not None and r["margin"] >= WIDE]
             row |= _share(wide, "success", "wide") if wide else {"wide": None}
-            for key in ("spl", "barn", "barn_own", "halts", "replans"):
+            for key in ("spl", "sct", "barn", "barn_own", "halts", "replans"):
                 row[key] = _mean(of, key)
             row |= {key: _mean(done, key) for key in ("time", "length")}
             for key in ("margin", "clearance_min"):

@@ -75,6 +75,16 @@ def make_policy(spec: str | Mapping[str, Any] | Any) -> Policy:
     Raises:
         InputError: the name is unknown (the message lists those known) or a setting is wrong.
     """
+    policy: Policy = settings_of(spec).make()
+    return policy
+
+
+def settings_of(spec: str | Mapping[str, Any] | Any) -> Any:
+    """The settings object that a spec of `make_policy` stands for.
+
+    Raises:
+        InputError: see `make_policy`.
+    """
     if isinstance(spec, str):
         spec = {"name": spec}
     if isinstance(spec, Mapping):
@@ -85,8 +95,7 @@ def make_policy(spec: str | Mapping[str, Any] | Any) -> Policy:
         spec = _named(name, values)
     if not hasattr(spec, "make"):
         raise InputError(f"policy is {spec!r}; expected a name, an object or policy settings")
-    policy: Policy = spec.make()
-    return policy
+    return spec
 
 
 def _named(name: str, values: dict[str, Any]) -> Any:

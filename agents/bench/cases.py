@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from agents.evaluate import Spec, label
 from planners import PLANNERS, Problem, Space, make_planner
 from planners.judge import Judge
 from planners.problems import read_problems
@@ -109,15 +110,24 @@ def scene_cases(only: Sequence[str] = ()) -> list[Case]:
     cases = []
     for name in wanted:
         try:
-            episode = make_scene(name).sample(np.random.default_rng(SEED))
+            cases.append(scene_case(name))
         except InputError:
             if only:
                 raise
             continue  # a scene of recorded worlds, which are not part of the project
-        space = Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
-        clearance = Footprint().half_width + MARGIN
-        cases.append(_known(Problem(space, episode.start, episode.goal, clearance, name)))
     return cases
+
+
+def scene_case(scene: Spec, seed: int = SEED) -> Case:
+    """A problem of a scene, for a disc as wide as the chair and a margin.
+
+    Raises:
+        InputError: there is no such scene, or it needs a file.
+    """
+    episode = make_scene(scene).sample(np.random.default_rng(seed))
+    space = Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
+    clearance = Footprint().half_width + MARGIN
+    return _known(Problem(space, episode.start, episode.goal, clearance, label(scene)))
 
 
 def _wanted(names: Sequence[str], only: Sequence[str], where: str) -> list[str]:

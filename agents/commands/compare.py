@@ -72,7 +72,7 @@ def poses(text: str) -> list[str]:
     return found
 
 
-def _scenes(name: str) -> list[str | dict[str, Any]]:
+def scenes_of(name: str) -> list[str | dict[str, Any]]:
     """What a person names; all worlds of a file."""
     from wheelchair_gym.scenes.barn import numbers_in
 
@@ -103,7 +103,7 @@ def run(given: argparse.Namespace) -> int:
 
     what = suite(given.suite)
     env = dict(what.env) if given.config is None else {"config": given.config}
-    scenes = [scene for name in given.scenes or () for scene in _scenes(name)] or what.scenes
+    scenes = [scene for name in given.scenes or () for scene in scenes_of(name)] or what.scenes
     if given.pose is not None and len(given.pose) == 1:
         env["pose_source"] = given.pose[0]
     elif given.pose is not None:
