@@ -1,12 +1,18 @@
 """Runs: the same whoever makes them, whatever is lost or stopped on the way, and never twice."""
 
 import importlib.util
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import pytest
 
 from agents.engines import ENGINES
 from agents.runs import StoppedError, compute, read_store
 from tests.agents import runs_work as work
+from tests.conftest import ROOT
 from wheelchair_gym.config import InputError
 
 JOBS = {f"k{seed}": (seed, None) for seed in range(12)}
@@ -67,6 +73,35 @@ def test_what_was_stopped_goes_on_where_it_was(tmp_path, stop):
     assert compute(jobs, work.counted, store, progress=False) == WHOLE
     calls = (tmp_path / "calls").read_text().split()
     assert sorted(map(int, calls)) == list(range(12))  # none twice
+
+
+def test_workers_do_not_outlive_who_is_killed(tmp_path):
+    code = (
+        "from tests.agents import runs_work as work; from agents.runs import compute; import sys;"
+        "compute({str(k): (k, sys.argv[1]) for k in range(4)}, work.lasting,"
+        "__import__('pathlib').Path(sys.argv[1], 'store'), workers=2, progress=False)"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], cwd=ROOT)
+    end = time.monotonic() + 60.0
+    while len(found := [p.name for p in tmp_path.iterdir() if p.name.isdigit()]) < 2:
+        assert parent.poll() is None
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    parent.kill()
+    parent.wait()
+    end = time.monotonic() + 10.0
+    while any(_lives(int(worker)) for worker in found):
+        assert time.monotonic() < end, "workers live on"
+        time.sleep(0.1)
+
+
+def _lives(process):
+    try:
+        os.kill(process, 0)
+        # Whom nobody has buried yet, in a container without an init, does not live.
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 def test_bad_workers_engines_and_stores_are_refused(tmp_path):
