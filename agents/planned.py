@@ -35,6 +35,7 @@ from planners import make_planner
 from planners.space import Space
 from planners.types import Plan, Problem, Status
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import FREE, UNKNOWN, OccupancyGrid, bottleneck
 
 Array = NDArray[np.float64]
@@ -54,7 +55,7 @@ STROLL = 0.5  # m/s more the longer it waits: it waits as long as the way round 
 TOLERATED = 0.06  # m: cells are drawn whole, and hits err
 SHOWN = 1.0  # s for which people see why there is a new path
 BOLD = 1.0  # m of way once there was no progress on which room costs nothing; margins stay
-CRAWL = 0.05  # m/s in reverse where there are people: so slow it does no harm to whom it hits
+CRAWL = 0.04  # m/s of any part in reverse where there are people: so slow it harms nobody it hits
 COURTESY = 0.5  # share at which time counts as lost while the chair halts for what moves
 
 
@@ -246,7 +247,6 @@ class PlannedDriver:
         self._around.update(self._task.reading)
         accompanied = self._accompanied()
         self._peopled |= len(self._around.movers) > 0
-        slow = CRAWL if self._peopled else CREEP  # in reverse
         unseen, self._around.blind = accompanied, accompanied and not self._tries
         if self._task.chart is not None:
             outline = self._task.footprint
@@ -297,8 +297,10 @@ class PlannedDriver:
             self._tell(twist)
         if twist is None or (twist[0] < 0.0 and self._around.blind):
             twist = np.zeros(2)
-        elif (unseen or self._peopled) and twist[0] < -slow:
-            twist = twist * (-slow / twist[0])
+        elif self._peopled and twist[0] < 0.0:
+            twist = twist * min(1.0, CRAWL / _rear_speed(twist, self._task.footprint))
+        elif unseen and twist[0] < -CREEP:
+            twist = twist * (-CREEP / twist[0])
         twist = self._around.unhurried(twist[None], self._chair.state)[0]
         self._chair.command(twist)
         action: Array = self._task.limits.action(twist)
@@ -390,3 +392,9 @@ class PlannedDriver:
         assert self._reference is not None
         ahead = self._reference.rows[self._reference.at :]
         return walled(self._task.map, ahead, self._clearance)
+
+
+def _rear_speed(twist: Array, outline: Footprint) -> float:
+    """The speed of the faster rear corner of a chair that backs [m/s]."""
+    turn = abs(twist[1])
+    return math.hypot(turn * outline.half_width - twist[0], turn * outline.rear)

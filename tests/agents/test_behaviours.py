@@ -138,6 +138,21 @@ def test_where_backing_out_did_not_help_it_is_done_for_longer():
     assert policy._farther() == policy.own.backing
 
 
+@pytest.mark.parametrize(("peopled", "most"), [(True, 0.042), (False, 0.1)])
+def test_no_part_backs_so_fast_among_people_that_it_harms_whom_it_hits(peopled, most, monkeypatch):
+    monkeypatch.setattr("agents.planned.back_out", lambda *_: np.array([-0.15, 0.3]))
+    policy = make_policy("a_star+window")
+    world = Peopled(lambda t: None, corridor(10.0, 3.2), (5.0, 0.0, 0.0), (9.0, 0.0, 0.0))
+    policy.reset(world.task)
+    policy._peopled, policy._backing, corner = peopled, 2.5, policy._task.footprint.corners
+    fastest = []
+    for _ in range(12):
+        world.drive(policy.act({}))
+        v, w = world.task.reading.twist
+        fastest.append(np.hypot(v - w * corner[:, 1], w * corner[:, 0])[corner[:, 0] < 0].max())
+    assert 0.5 * most < max(fastest) <= most
+
+
 @pytest.mark.parametrize(("longer", "backs"), [(0.5, False), (5.0, True)])
 def test_no_long_way_round_is_taken_for_want_of_progress_before_it_has_backed_out(longer, backs):
     policy, start = make_policy("a_star+window"), np.array([1.0, 0.0, 0.0])
