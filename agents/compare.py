@@ -42,7 +42,7 @@ CORRIDORS = (1.20, 1.05, 0.90)  # m: ADA asks for 0.915
 
 
 def _doorway(door: float, corridor: float) -> Spec:
-    """One rung of the ladder, named by what it leaves beside the chair."""
+    """One rung of the ladder, named by what any manoeuvre leaves round the chair."""
     spec = {"name": "doorway", "door": door, "corridor": corridor}
     margin = Doorway(door=door, corridor=corridor).margin
     return {**spec, "label": f"door {door:.2f} corridor {corridor:.2f} margin {margin:.3f}"}
@@ -144,7 +144,7 @@ SUITES: dict[str, Suite] = {
         40,
     ),
     "doors": Suite(
-        "How tight a door off a corridor may be; the margin is that of the narrower, on each side",
+        "How tight a door off a corridor may be; the margin is what remains round the corner",
         ("a_star+window", BEST),
         tuple(_doorway(door, corridor) for door, corridor in product(DOORS, CORRIDORS)),
         10,

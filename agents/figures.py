@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agents.tables import known
+from wheelchair_gym.scenes.doorway import Doorway
 from wheelchair_gym.view import palette
 
 Record = Mapping[str, Any]
@@ -54,6 +55,12 @@ def figures(evaluation: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
             lambda: _clearance(policies, records),
         ),
     }
+    if ladder := _doorways(evaluation):
+        drawn["doors"] = (
+            "Success [%] by the widths of door and corridor. Below the solid line no manoeuvre "
+            "gets the chair round the corner; below the dashed one, none with 5 cm to spare.",
+            lambda: _ladder(policies, ladder, evaluation["summary"]),
+        )
     with mpl.rc_context(LOOK):
         return {name: (words, as_svg(make())) for name, (words, make) in drawn.items()}
 
@@ -152,4 +159,48 @@ def _clearance(policies: Sequence[str], records: Sequence[Record]) -> Figure:
     axes.set_xlabel("least clearance of the episode [m]")
     axes.set_ylabel("episodes at or below [%]")
     legend_above(figure, axes)
+    return figure
+
+
+def _doorways(evaluation: Mapping[str, Any]) -> dict[str, Doorway]:
+    """The rungs of a ladder of doors by their labels; none where any scene is something else."""
+    config = evaluation["provenance"].get("config", {})
+    rungs = {}
+    for label, spec in zip(evaluation["scenes"], config.get("scenes", ()), strict=False):
+        if not isinstance(spec, Mapping) or spec.get("name") != "doorway":
+            return {}
+        rungs[label] = Doorway(door=spec["door"], corridor=spec["corridor"])
+    return rungs
+
+
+def _ladder(
+    policies: Sequence[str], rungs: Mapping[str, Doorway], summary: Sequence[Record]
+) -> Figure:
+    found: dict[tuple[str, str], float] = {
+        (row["policy"], row["scene"]): row["success"] for row in summary if known(row["success"])
+    }
+    corridors, doors = ([getattr(r, key) for r in rungs.values()] for key in ("corridor", "door"))
+    widths = np.linspace(min(corridors) - 0.08, max(corridors) + 0.08, 30)
+    figure = Figure(figsize=(WIDTH, 0.8 + 2.6 * len(policies)), layout="constrained")
+    for axes, policy in zip(
+        figure.subplots(len(policies), 1, squeeze=False)[:, 0], policies, strict=True
+    ):
+        for margin, dash in ((0.0, "-"), (0.05, "--")):
+            least = [Doorway.least(margin, width) for width in widths]
+            axes.plot(
+                widths, least, dash, color=COLOURS[1], label=f"{100 * margin:.0f} cm to spare"
+            )
+        for label, rung in rungs.items():
+            if (share := found.get((policy, label))) is None:
+                continue
+            axes.text(
+                rung.corridor, rung.door, f"{100 * share:.0f}", ha="center", va="center",
+                bbox={"boxstyle": "circle", "fc": mpl.colormaps["RdYlGn"](share), "ec": "none"},
+            )  # fmt: skip
+        axes.set_xlim(widths[0], widths[-1])
+        axes.set_ylim(min(0.68, min(doors) - 0.05), max(doors) + 0.05)
+        axes.set_title(policy, loc="left", fontsize=9.0)
+        axes.set_xlabel("corridor [m]")
+        axes.set_ylabel("door [m]")
+    legend_above(figure, figure.axes[0])
     return figure

@@ -10,6 +10,7 @@ import pytest
 from agents import figures, report
 from agents.report import write_report
 from agents.tables import COLUMNS, markdown, overall
+from wheelchair_gym.scenes.doorway import Doorway
 from wheelchair_gym.view import webp, write_png
 
 VOID = {"meta", "link", "img", "br", "wbr", "hr", "input"}
@@ -243,6 +244,21 @@ def test_a_long_video_plays_from_beside_the_page(tmp_path, monkeypatch):
     text = write_report(evaluation() | {"video": VIDEO}, tmp_path).read_text("utf-8")
     assert Page(text).of("video")[0]["src"] == "episode.mp4"
     assert "dwa, office, seed 7" in text
+
+
+def test_a_ladder_of_doors_is_drawn_with_its_physical_limit(monkeypatch):
+    rungs = [{"name": "doorway", "door": door, "corridor": 1.05} for door in (0.95, 0.85)]
+    provenance = {**evaluation()["provenance"], "config": {"scenes": rungs}}
+    drawn = []
+    monkeypatch.setattr(figures, "as_svg", lambda figure: drawn.append(figure) or b"")
+    assert "doors" not in figures.figures(evaluation())
+    assert "doors" in figures.figures(evaluation() | {"provenance": provenance})
+    for axes, share in zip(drawn[-1].axes, ("33", "43"), strict=True):
+        assert [text.get_text() for text in axes.texts] == [share, share]
+        limit, spare = (line.get_data() for line in axes.lines)
+        assert (limit[1] < spare[1]).all()
+        for corridor, door in np.transpose(spare)[::10]:
+            assert Doorway(door=door, corridor=corridor).margin == pytest.approx(0.05, abs=1e-4)
 
 
 def test_no_mark_of_a_figure_is_cut_off_and_no_curve_is_left_out(monkeypatch):

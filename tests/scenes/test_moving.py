@@ -5,8 +5,10 @@ from __future__ import annotations
 import itertools
 import math
 
+import cv2
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from agents.compare import CORRIDORS, DOORS, suite
 from wheelchair_gym.config import InputError
@@ -15,6 +17,7 @@ from wheelchair_gym.maps import bottleneck, geodesic
 from wheelchair_gym.movers import DOOR, FURNITURE, NOBODY, OBSTACLE, PERSON, outline_of, shapes
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.describe import measure
+from wheelchair_gym.scenes.doorway import Doorway
 from wheelchair_gym.scenes.poses import FOOTPRINT, RADIUS
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.scenes.traffic import ROUND, free_floor
@@ -135,13 +138,48 @@ def test_a_doorway_is_as_wide_as_it_says(door, corridor):
     assert sum(scene["label"].startswith(label) for scene in suite("doors").scenes) == 1
 
 
+def turns(door, corridor, grown):
+    """Whether the outline, grown on every side, gets into the room: a flood of poses on 1 cm."""
+    cell, across = 0.01, 0.5 * door
+    x, y = np.meshgrid(np.arange(-1.3, 1.3, cell), np.arange(0.0, corridor + 1.4, cell))
+    solid = (y > corridor) & (y < corridor + 0.1) & (np.abs(x) > across)
+    solid = np.pad(solid, 150, constant_values=False).astype(np.uint8)
+    solid[:150] = 1  # the far wall
+    free = []
+    half = np.array([0.5 * (FOOTPRINT.front + FOOTPRINT.rear), FOOTPRINT.half_width]) + grown
+    at = np.arange(-75, 76) * cell
+    u, v = np.meshgrid(at, at)
+    for yaw in np.radians(np.arange(0.0, 91.0, 1.5)):
+        c, s = math.cos(yaw), math.sin(yaw)
+        inside = (np.abs(c * u + s * v) <= half[0]) & (np.abs(c * v - s * u) <= half[1])
+        hit = cv2.dilate(solid, inside.astype(np.uint8))
+        free.append(hit[150:-150, 150:-150] == 0)
+    free = np.array(free)
+    found, _ = ndimage.label(free, ndimage.generate_binary_structure(3, 2))
+    middle = x.shape[1] // 2
+    low, high = round(0.5 * corridor / cell), free.shape[1] - 15
+    begin, end = found[0, low, 5], found[-1, high, middle]
+    return bool(begin > 0 and begin == end)
+
+
+@pytest.mark.parametrize(
+    ("door", "corridor"), [(1.0, 1.2), (0.85, 0.9), (0.8, 0.8), (0.7, 1.3), (0.95, 1.0)]
+)
+def test_the_margin_round_a_corner_is_what_a_flood_of_poses_finds(door, corridor):
+    margin = Doorway(door=door, corridor=corridor).margin
+    assert margin < 0.5 * min(door, corridor) - FOOTPRINT.half_width
+    assert turns(door, corridor, margin - 0.015)
+    assert not turns(door, corridor, margin + 0.015)
+
+
 def test_distributions_tell_what_moves():
     figures = measure(make_scene("crowd"), range(6))
     for name in ("people", "people per free m2", "walking speed [m/s]", "density"):
         assert len(figures[name]) >= 6
     assert "obstacles that appear" not in figures
     assert "stay of these [s]" in measure(make_scene("temporary"), range(2))
-    assert measure(make_scene("doorway"), range(2))["margin on each side [m]"] == [0.14, 0.14]
+    found = measure(make_scene("doorway"), range(2))["margin round the corner [m]"]
+    assert found == pytest.approx([Doorway().margin] * 2)
     assert "people" not in measure(make_scene("clutter"), range(1))
 
 

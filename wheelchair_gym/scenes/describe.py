@@ -39,7 +39,7 @@ def measure(scene: Scene, seeds: Iterable[int]) -> dict[str, list[float]]:
         elif isinstance(scene, Doorway):
             table.setdefault("door width [m]", []).append(scene.door)
             table.setdefault("corridor width [m]", []).append(scene.corridor)
-            table.setdefault("margin on each side [m]", []).append(scene.margin)
+            table.setdefault("margin round the corner [m]", []).append(scene.margin)
         start, goal = episode.start[:2], episode.goal[:2]
         way = float(geodesic(episode.map, goal, RADIUS).at(start))
         margin = bottleneck(episode.map, start, goal) - FOOTPRINT.half_width

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ Array = NDArray[np.float64]
 
 _WALL = 0.10  # m
 _TRIES = 500
+_TURN = np.linspace(0.0, 0.5 * math.pi, 4002)[1:-1]  # rad
 _CLEARANCE = 0.06  # m round the footprint: a corridor of 0.90 m leaves 0.14 m
 
 
@@ -34,8 +36,17 @@ class Doorway:
 
     @property
     def margin(self) -> float:
-        """What the narrower of door and corridor leaves on each side of the chair [m]."""
-        return 0.5 * min(self.door, self.corridor) - FOOTPRINT.half_width
+        """What the chair might grow by on every side and still get round the corner [m].
+
+        No manoeuvre of a rigid outline has more; below 0 none exists.
+        """
+        half = 0.5 * min(self.door, self.corridor) - FOOTPRINT.half_width
+        return _last(lambda grown: _turns(self.door, self.corridor, grown), -0.3, half)
+
+    @staticmethod
+    def least(margin: float, corridor: float) -> float:
+        """The narrowest door off a corridor [m] that leaves a margin [m] round the corner."""
+        return -_last(lambda door: _turns(-door, corridor, margin), -2.0, -0.5)
 
     def sample(self, rng: np.random.Generator) -> Episode:
         """Draw where the door is, which way round, and where the chair starts.
@@ -61,3 +72,31 @@ class Doorway:
         raise InputError(
             f"Doorway: {_TRIES} draws left no start in a corridor of {self.corridor} m"
         )
+
+
+def _last(holds: Callable[[float], bool], low: float, high: float) -> float:
+    """The last number of an interval for which something holds that holds up to it."""
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
+
+
+def _turns(door: float, corridor: float, grown: float) -> bool:
+    """Whether the outline, grown on every side [m], turns from a corridor into a door in its side.
+
+    At an angle t from the corridor, one long side rests on the door's near post and a rear corner
+    slides along the far wall. Its front may reach to the other post's face, or beside it, until the
+    slab between both posts is as wide as the outline: from there on it goes in at any length. The
+    least over t is the limit: a ladder round a corner, with a width, over a wall with a thickness.
+    """
+    length = FOOTPRINT.front + FOOTPRINT.rear + 2.0 * grown
+    width = 2.0 * (FOOTPRINT.half_width + grown)
+    if width > min(door, corridor):
+        return False
+    s, c = np.sin(_TURN), np.cos(_TURN)
+    rests = corridor * c - width  # of its right side, from the near post's lower edge
+    face = door * c + corridor * s + rests * c / s
+    beside = door / c + rests / (s * c)
+    held = door * s - _WALL * c < width
+    return bool(np.maximum(face, beside)[held].min(initial=math.inf) >= length)
