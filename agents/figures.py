@@ -195,10 +195,10 @@ def _ladder(
                 continue
             axes.text(
                 rung.corridor, rung.door, f"{100 * share:.0f}", ha="center", va="center",
-                bbox={"boxstyle": "circle", "fc": mpl.colormaps["RdYlGn"](share), "ec": "none"},
+                bbox={"boxstyle": "circle", "fc": mpl.colormaps["RdYlGn"](share, 0.6), "ec": "none"},
             )  # fmt: skip
         axes.set_xlim(widths[0], widths[-1])
-        axes.set_ylim(min(0.68, min(doors) - 0.05), max(doors) + 0.05)
+        axes.set_ylim(min(0.60, min(doors) - 0.05), max(doors) + 0.05)
         axes.set_title(policy, loc="left", fontsize=9.0)
         axes.set_xlabel("corridor [m]")
         axes.set_ylabel("door [m]")
