@@ -193,9 +193,10 @@ def _ladder(
         for label, rung in rungs.items():
             if (share := found.get((policy, label))) is None:
                 continue
+            colour = mpl.colormaps["RdYlGn"](share, 0.6)
             axes.text(
                 rung.corridor, rung.door, f"{100 * share:.0f}", ha="center", va="center",
-                bbox={"boxstyle": "circle", "fc": mpl.colormaps["RdYlGn"](share, 0.6), "ec": "none"},
+                bbox={"boxstyle": "circle", "fc": colour, "ec": "none"},
             )  # fmt: skip
         axes.set_xlim(widths[0], widths[-1])
         axes.set_ylim(min(0.60, min(doors) - 0.05), max(doors) + 0.05)
