@@ -15,11 +15,12 @@ from agents.policy import make_policy
 from agents.runs import check, compute, run_key, source_digest
 from agents.watch import Watch
 from wheelchair_gym.config import InputError, load, read_json
-from wheelchair_gym.maps import bottleneck
+from wheelchair_gym.maps import bottleneck, outline_margin
 from wheelchair_gym.types import Episode
 
 ENV = "wheelchair_gym/Navigation-v0"
 STORE = "episodes.jsonl"
+TIGHT = 0.10  # m beside the chair: with less, turns are looked at, too, which takes a second or two
 NOBODY = Watch()
 Spec = str | Mapping[str, Any]
 
@@ -96,6 +97,9 @@ def drive_episode(
     world = env.unwrapped.episode
     narrowest = bottleneck(world.map, world.start[:2], world.goal[:2])
     margin = narrowest - task.footprint.half_width
+    if margin < TIGHT:
+        ends = world.start, world.goal, task.footprint
+        margin = min(margin, outline_margin(world.walls, world.discs, *ends))
     trace = Trace(task.period, margin, task.limits.forward, world.reference)
     trace.add(info)
     begun = time.perf_counter()

@@ -22,9 +22,10 @@ Record = Mapping[str, Any]
 MEANINGS = {
     "episodes": "driven, one a seed; every policy drives the same ones",
     "success": "at the goal by truth, without any contact",
-    "wide": "the same, of episodes whose narrowest spot on the widest way leaves "
-    f"{WIDE:g} m or more on each side of the chair",
-    "margin": "beyond half the chair's width at that spot, least of all episodes; of what stands",
+    "wide": f"the same, of episodes whose margin is {WIDE:g} m or more",
+    "margin": "what the chair might grow by on every side and still get to the goal between all "
+    "that stands: beside it, and where that is less than 0.1 m, in its turns, too; least of all "
+    "episodes",
     "collision": "any contact by truth, or a bumper strip pressed",
     "caused": "touched something while some point of the chair's outline closed on it at more than "
     "0.05 m/s, and faster than it closed on the chair: share of all episodes",

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 Record = dict[str, Any]
 
 BARN_SPEED = 2.0  # m/s: the speed that BARN's score measures by
-WIDE = 0.05  # m beside the chair at the narrowest spot: less is reported apart
+WIDE = 0.05  # m round the chair where it is tightest: less is reported apart
 STILL = 0.02  # m/s and rad/s: slower is standing
 HALT = 0.5  # s of it, after the chair had set out
 ROUGH = 0.9  # m/s2: standing passengers of public transport begin to complain about here
@@ -95,7 +95,7 @@ class Trace:
 
     Attributes:
         period: of control [s].
-        margin: beyond half the chair's width at the narrowest spot of the widest way [m].
+        margin: what the chair might grow by and still get through, see `evaluate.TIGHT` [m].
         top: the chair's own top speed [m/s].
         reference: way that speed is measured by, where the world names one [m].
         replans: plans made after the first.

@@ -23,7 +23,7 @@ class Column(NamedTuple):
 COLUMNS = (
     Column("episodes", "episodes", digits=0),
     Column("success", "success", "%", 1, 100.0, interval=True),
-    Column("wide", "success, 5 cm beside", "%", 1, 100.0, interval=True),
+    Column("wide", "success, 5 cm of margin", "%", 1, 100.0, interval=True),
     Column("margin", "least margin", "m", 3),
     Column("collision", "collision", "%", 1, 100.0, interval=True),
     Column("caused", "caused by the chair", "%", 1, 100.0),

@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from wheelchair_gym.geometry import path_length
-from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, bottleneck, geodesic
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic
 
 
 def boxes(seed: int, side: int = 40, count: int = 9, resolution: float = 0.1) -> OccupancyGrid:
@@ -205,16 +205,3 @@ def test_a_grid_remembers_the_last_ways_and_no_more():
     assert len(grid.ways) == 1
     assert first.extended.dtype == np.float32
     assert first.extended.flags.c_contiguous
-
-
-@pytest.mark.parametrize("wide", [6, 9, 20])
-def test_the_bottleneck_is_half_the_narrowest_gap(wide):
-    cells = np.full((60, 100), FREE)
-    cells[:, 50:52] = OCCUPIED
-    cells[20 : 20 + wide, 50:52] = FREE
-    grid = OccupancyGrid(cells, 0.05)
-    half = wide / 2 * 0.05
-    found = bottleneck(grid, (1.0, 1.5), (4.0, 1.5))
-    assert half - 0.026 <= found <= half + 1e-6
-    cells[:, 50:52] = OCCUPIED
-    assert bottleneck(OccupancyGrid(cells, 0.05), (1.0, 1.5), (4.0, 1.5)) == -math.inf

@@ -6,7 +6,7 @@ from wheelchair_gym.maps.ground import Ground, read_ground
 from wheelchair_gym.maps.house_expo import House, read_house
 from wheelchair_gym.maps.map_server import read_map, write_map
 from wheelchair_gym.maps.moving_ai import Task, read_octile, read_scenario
-from wheelchair_gym.maps.passage import bottleneck
+from wheelchair_gym.maps.passage import bottleneck, outline_margin
 from wheelchair_gym.maps.polygons import Outline, binarise, polygons
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "bottleneck",
     "geodesic",
     "interpolate",
+    "outline_margin",
     "polygons",
     "read_ground",
     "read_house",

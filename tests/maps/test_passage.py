@@ -1,0 +1,56 @@
+"""How tight a place is: against gaps and corners whose limits are known exactly."""
+
+import math
+
+import numpy as np
+import pytest
+
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, bottleneck, outline_margin
+from wheelchair_gym.scenes.doorway import Doorway
+
+OUTLINE = Footprint()
+BOX = np.array([(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 0, 4), (0, 4, 0, 0)], dtype=float)
+
+
+@pytest.mark.parametrize("wide", [6, 9, 20])
+def test_the_bottleneck_is_half_the_narrowest_gap(wide):
+    cells = np.full((60, 100), FREE)
+    cells[:, 50:52] = OCCUPIED
+    cells[20 : 20 + wide, 50:52] = FREE
+    grid = OccupancyGrid(cells, 0.05)
+    half = wide / 2 * 0.05
+    found = bottleneck(grid, (1.0, 1.5), (4.0, 1.5))
+    assert half - 0.026 <= found <= half + 1e-6
+    cells[:, 50:52] = OCCUPIED
+    assert bottleneck(OccupancyGrid(cells, 0.05), (1.0, 1.5), (4.0, 1.5)) == -math.inf
+
+
+@pytest.mark.parametrize("gap", [0.56, 0.66, 0.70, 0.76, 0.82, 1.2])
+@pytest.mark.parametrize("round_", [False, True])
+def test_between_posts_an_outline_may_grow_by_half_the_play(gap, round_):
+    low, high = 2.0 - 0.5 * gap, 2.0 + 0.5 * gap
+    walls = np.vstack([BOX, [(3, 0, 3, low - 0.2), (3, high + 0.2, 3, 4)]])
+    posts = np.array([(3, low - 0.15, 0.15), (3, high + 0.15, 0.15)])
+    if not round_:
+        walls = np.vstack([BOX, [(3, 0, 3, low), (3, high, 3, 4)]])
+        posts = np.empty((0, 3))
+    found = outline_margin(walls, posts, (1.0, 2.0, 0.0), (5.0, 2.0), OUTLINE)
+    exact = min(0.10, 0.5 * gap - OUTLINE.half_width)
+    assert exact - 0.0201 <= found <= exact + 0.0101
+
+
+@pytest.mark.parametrize(("door", "corridor"), [(0.85, 0.9), (0.8, 1.05), (0.9, 1.0), (0.7, 0.8)])
+def test_turns_count(door, corridor):
+    scene = Doorway(door=door, corridor=corridor)
+    world = scene.sample(np.random.default_rng(0))
+    assert scene.margin < 0.5 * min(door, corridor) - OUTLINE.half_width
+    found = outline_margin(world.walls, world.discs, world.start, world.goal, OUTLINE)
+    assert scene.margin - 0.0201 <= found <= scene.margin + 0.0101
+
+
+def test_where_no_way_leads_the_least_is_said():
+    walls = np.vstack([BOX, [(3, 0, 3, 4)]])
+    discs = np.empty((0, 3))
+    assert outline_margin(walls, discs, (1.0, 2.0, 0.0), (5.0, 2.0), OUTLINE) == -0.05
+    assert outline_margin(walls, discs, (1.0, 2.0, 0.0), (2.0, 2.0), OUTLINE) == 0.10
