@@ -241,3 +241,21 @@ def footprint_clearance(
         distance = rectangle_point_gap(c * dx + s * dy, c * dy - s * dx, footprint)
         gap = min(gap, max(0.0, distance - radius))
     return gap
+
+
+def roomiest(
+    place: ArrayLike, outline: Footprint, walls: Array, discs: Array
+) -> tuple[float, float]:
+    """The heading at which an outline has the most room at a place [rad], and that room [m].
+
+    Args:
+        place: (2,) [m].
+        outline: of the chair.
+        walls: segments (n, 4) [m].
+        discs: discs (m, 3) [m]: x, y, radius.
+    """
+    x, y = np.asarray(place, dtype=np.float64)[:2]
+    yaws = np.radians(np.arange(0.0, 360.0, 5.0))
+    rooms = [footprint_clearance(x, y, yaw, outline.array, walls, discs, 2.0) for yaw in yaws]
+    best = int(np.argmax(rooms))
+    return float(yaws[best]), float(rooms[best])

@@ -72,14 +72,15 @@ def run(given: argparse.Namespace) -> int:
     from agents.evaluate import env_settings, warm
     from agents.policy import make_policy
     from wheelchair_gym.config import InputError
+    from wheelchair_gym.envs.settings import env_settings as whole_settings
 
     if len(given.start) != 3:
         raise InputError("--start: expected X,Y,YAW (m, m, rad)")
     caps = {name: getattr(given, name) for name in ("first", "rise", "most")}
     own = Deployment(**{name: value for name, value in caps.items() if value is not None})
     policy = make_policy(spec(given.policy))
-    episode = _episode(given)
     settings = env_settings(config=given.config, pose_source=given.pose)
+    episode = _episode(given, whole_settings(**settings).chair.footprint)
     named: Any = given.chair if "://" in given.chair else spec(given.chair)
     if given.dry_run:
         named = {"name": named} if isinstance(named, str) else named
@@ -105,8 +106,10 @@ def run(given: argparse.Namespace) -> int:
     return 0 if record["success"] or given.dry_run else 1
 
 
-def _episode(given: argparse.Namespace) -> Any:
+def _episode(given: argparse.Namespace, outline: Any) -> Any:
     """Map, start and goal; whether the chair can go there its policy finds out.
+
+    A goal without a heading gets the one at which the chair has the most room.
 
     Raises:
         InputError: the map cannot be read, or start or goal lie beside it or in something solid.
@@ -114,6 +117,7 @@ def _episode(given: argparse.Namespace) -> Any:
     import numpy as np
 
     from wheelchair_gym.config import InputError
+    from wheelchair_gym.geometry import roomiest
     from wheelchair_gym.maps import OCCUPIED, read_ground
     from wheelchair_gym.types import Episode
 
@@ -123,6 +127,11 @@ def _episode(given: argparse.Namespace) -> Any:
         if not grid.inside(place[:2]) or grid.cells[row, col] == OCCUPIED:
             raise InputError(f"{name} {place[0]:g},{place[1]:g}: not a free place on {given.map}")
     goal = np.array([*given.goal, 0.0][:3])
+    if len(given.goal) == 2:
+        goal[2], room = roomiest(goal, outline, walls, np.empty((0, 3)))
+        if room <= 0.0:
+            where = f"--goal {goal[0]:g},{goal[1]:g}"
+            raise InputError(f"{where}: no room for the chair on {given.map}, however it faces")
     return Episode(grid, np.array(given.start), goal, walls, name=Path(given.map).stem)
 
 

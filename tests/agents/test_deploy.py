@@ -27,6 +27,7 @@ from wheelchair_gym.maps import write_map
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
+NOOK = "0.1,2"  # free, and nearer to a wall than any side of the chair
 SLOW = Deployment(first=0.2, rise=0.1)
 
 
@@ -265,6 +266,7 @@ def test_the_command_drives_over_devices(served, tmp_path, caplog, capfd):
     ("change", "why"),
     [
         (["--goal", "99,99"], "--goal 99,99: not a free place"),
+        (["--goal", NOOK], f"--goal {NOOK}: no room for the chair"),
         (["--start", "0,0"], "expected X,Y,YAW"),
         (["--map", "nothing.yaml"], "nothing.yaml"),
         (["--first", "0.5", "--most", "0.3"], "falls"),

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry import Footprint, roomiest
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, bottleneck, outline_margin
 from wheelchair_gym.scenes.doorway import Doorway
 
@@ -54,3 +54,13 @@ def test_where_no_way_leads_the_least_is_said():
     discs = np.empty((0, 3))
     assert outline_margin(walls, discs, (1.0, 2.0, 0.0), (5.0, 2.0), OUTLINE) == -0.05
     assert outline_margin(walls, discs, (1.0, 2.0, 0.0), (2.0, 2.0), OUTLINE) == 0.10
+
+
+@pytest.mark.parametrize(("place", "yaw"), [((0.45, 2.0), 0.0), ((5.55, 2.0), math.pi)])
+def test_in_a_lane_the_roomiest_heading_is_along_it_with_the_back_to_the_wall(place, yaw):
+    lane = np.vstack([BOX, [(0, 1.5, 6, 1.5), (0, 2.5, 6, 2.5)]])
+    discs = np.empty((0, 3))
+    found, room = roomiest(place, OUTLINE, lane, discs)
+    assert found == pytest.approx(yaw)
+    assert room == pytest.approx(0.45 - OUTLINE.rear)
+    assert roomiest((0.1, 2.0), OUTLINE, lane, discs)[1] <= 0.0

@@ -28,7 +28,7 @@ class Known:
     """
 
     def __init__(self, outline: Footprint, laser: LaserSettings) -> None:
-        self._outline, self._laser = outline, laser
+        self.outline, self._laser = outline, laser
         self.begin(np.zeros(3))
 
     def begin(self, reckoned: Array) -> None:
@@ -59,7 +59,7 @@ class Known:
     def _gap(self, laser: NDArray[np.float32]) -> float:
         """Distance [m] from the outline to the nearest echo."""
         ends = read_scan(self._laser, laser, 0.0).echoes
-        front, rear, half = self._outline.array
+        front, rear, half = self.outline.array
         aside = np.maximum(np.abs(ends[:, 1]) - half, 0.0)
         ahead = np.maximum(np.maximum(ends[:, 0] - front, -rear - ends[:, 0]), 0.0)
         return float(np.hypot(ahead, aside).min(initial=_CLEARANCE))

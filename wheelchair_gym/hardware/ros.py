@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.config import InputError
+from wheelchair_gym.geometry import roomiest
 from wheelchair_gym.hardware.known import Known
 from wheelchair_gym.hardware.pace import NAP, Pace, WallClock
 from wheelchair_gym.hardware.ros_senses import Senses
@@ -130,7 +131,7 @@ class RosChair:
         """An episode on the map that ROS tells, from where the chair is to a goal (2 or 3,).
 
         Args:
-            goal: [m, m, rad].
+            goal: [m, m, rad]; without a heading it gets the one at which the chair has most room.
             start: (3,) where the chair is, where tf does not tell.
 
         Raises:
@@ -154,7 +155,10 @@ class RosChair:
             who, at = ("the chair", begin) if ground else ("the goal", end)
             where = f"({at[0]:g}, {at[1]:g}) m"
             raise InputError(f"{self.url}: {who} is at {where}; expected free ground of {own.map}")
-        return Episode(chart, begin, end, chart.walls(), name=self.url)
+        walls = chart.walls()
+        if np.size(goal) == 2:
+            end[2], _ = roomiest(end, self._known.outline, walls, np.empty((0, 3)))
+        return Episode(chart, begin, end, walls, name=self.url)
 
     def found(self, pose: Array) -> None:
         """What finds it on the map believes it to be at a pose (3,)."""
