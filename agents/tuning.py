@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,9 +21,10 @@ import numpy as np
 from agents.evaluate import STORE, Spec, evaluate
 from agents.interrupt import by_hand
 from agents.provenance import write_json, write_text
+from agents.ranges import Range, value_at
 from agents.runs import StoppedError, compute, run_key, source_digest
 from agents.study.estimates import estimate
-from wheelchair_gym.config import InputError, dump
+from wheelchair_gym.config import InputError, dump, with_values
 
 if TYPE_CHECKING:
     import optuna
@@ -37,100 +37,15 @@ Scores = list[float]
 Judge = Callable[[Spec, Sequence[int]], Scores]  # of settings on seeds: one score each
 
 
-@dataclass(frozen=True)
-class Range:
-    """A setting that is searched, and where: from `low` to `high`, or among `choices`."""
-
-    key: str
-    low: float = 0.0
-    high: float = 0.0
-    log: bool = False
-    choices: tuple[Any, ...] = ()
-
-    @property
-    def distribution(self) -> optuna.distributions.BaseDistribution:
-        """As Optuna knows it; whole bounds stand for whole numbers."""
-        from optuna import distributions
-
-        if self.choices:
-            return distributions.CategoricalDistribution(self.choices)
-        if isinstance(self.low, int) and isinstance(self.high, int):
-            return distributions.IntDistribution(self.low, self.high, log=self.log)
-        return distributions.FloatDistribution(self.low, self.high, log=self.log)
-
-    def has(self, value: Any) -> bool:
-        """Whether a value is in it."""
-        if self.choices:
-            return value in self.choices
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        return number and self.low <= value <= self.high
-
-
-def read_range(text: str) -> Range:
-    """A range as a person writes it: KEY=LOW:HIGH, KEY=LOW:HIGH:log or KEY=A,B,C.
-
-    Raises:
-        InputError: it is none.
-    """
-    key, _, what = text.partition("=")
-    if not (key and what):
-        raise InputError(f"--vary {text}: expected KEY=LOW:HIGH, KEY=LOW:HIGH:log or KEY=A,B,C")
-    ends = re.fullmatch(r"([^:,]+):([^:,]+)(:log)?", what)
-    if not ends:
-        if ":" in what or "," not in what:
-            raise InputError(f"--vary {text}: expected LOW:HIGH, LOW:HIGH:log or A,B,C")
-        return Range(key, choices=tuple(_value(word) for word in what.split(",")))
-    low, high, log = _value(ends[1]), _value(ends[2]), ends[3] is not None
-    for end in (low, high):
-        if isinstance(end, bool) or not isinstance(end, int | float) or not np.isfinite(end):
-            raise InputError(f"--vary {text}: {end!r} is not a finite number")
-    if low >= high or (log and low <= 0):
-        raise InputError(f"--vary {text}: expected LOW < HIGH{', LOW > 0' if log else ''}")
-    return Range(key, low, high, log)
-
-
-def _value(word: str) -> Any:
-    try:
-        return json.loads(word)
-    except json.JSONDecodeError:
-        return word
-
-
-def with_values(spec: Spec, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings with values at dotted keys in place of what stands there."""
-    whole: dict[str, Any] = {"name": spec} if isinstance(spec, str) else {**spec}
-    for key, value in values.items():
-        *above, last = key.split(".")
-        place = whole
-        for part in above:
-            place[part] = {**place.get(part, {})}
-            place = place[part]
-        place[last] = value
-    return whole
-
-
-def value_at(everything: Mapping[str, Any], key: str) -> Any:
-    """The value at a dotted key of settings.
-
-    Raises:
-        InputError: there is no such setting, or it has settings of its own.
-    """
-    place: Any = everything
-    for part in key.split("."):
-        if not isinstance(place, Mapping) or part not in place:
-            known = ", ".join(sorted(place)) if isinstance(place, Mapping) else "no settings"
-            raise InputError(f"--vary {key}: {part} is not a setting; there are {known}")
-        place = place[part]
-    if isinstance(place, Mapping):
-        raise InputError(f"--vary {key}: has settings of its own: {', '.join(sorted(place))}")
-    return place
+def _named(spec: Spec) -> Mapping[str, Any]:
+    return {"name": spec} if isinstance(spec, str) else spec
 
 
 def is_planner(spec: Spec) -> bool:
     """Whether a person means a planner, to be judged by its plans, and not a policy."""
     from planners import PLANNERS
 
-    return (spec if isinstance(spec, str) else spec.get("name")) in PLANNERS
+    return _named(spec).get("name") in PLANNERS
 
 
 def all_settings(spec: Spec) -> dict[str, Any]:
@@ -268,7 +183,7 @@ def tune(
             for number, values in _drawn(study, ranges, trials, seed):
                 if values is not None:
                     try:
-                        score = float(np.mean(judge(with_values(spec, values), seeds)))
+                        score = float(np.mean(judge(with_values(_named(spec), values), seeds)))
                         study.tell(number, score)
                     except InputError as error:  # settings that do not go together
                         study.tell(number, state=optuna.trial.TrialState.FAIL)
@@ -348,7 +263,7 @@ def _result(
     if not done:
         raise InputError("no trial could be judged: none of the settings go together")
     best = max(done, key=lambda trial: (trial.value or 0.0, -trial.number))
-    tuned = with_values(spec, best.params)
+    tuned = with_values(_named(spec), best.params)
     name = str(tuned.pop("name"))
     new, old = (np.array(judge(s, others)) for s in ({"name": name, **tuned}, spec))
     gain = estimate([{"": new - old}], [1.0])

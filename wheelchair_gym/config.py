@@ -219,3 +219,31 @@ def dump(value: Any) -> Any:
     if isinstance(value, tuple | list):
         return [dump(item) for item in value]
     return value
+
+
+def value_of(word: str) -> Any:
+    """What a person typed: JSON, or else the word itself."""
+    try:
+        return json.loads(word)
+    except json.JSONDecodeError:
+        return word
+
+
+def with_values(settings: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Plain settings with values at dotted keys, such as `tree.step`, in place of those there.
+
+    Raises:
+        InputError: a key leads into what has no keys.
+    """
+    whole = {**settings}
+    for key, value in values.items():
+        *above, last = key.split(".")
+        place = whole
+        for part in above:
+            inner = place.get(part, {})
+            if not isinstance(inner, Mapping):
+                raise InputError(f"{key}: {part} is {inner!r}; it has no keys")
+            place[part] = {**inner}
+            place = place[part]
+        place[last] = value
+    return whole

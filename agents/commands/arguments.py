@@ -95,25 +95,17 @@ def changed(settings: str | Mapping[str, Any], changes: Sequence[str]) -> dict[s
     Raises:
         InputError: a change is not KEY=VALUE, or its key leads into what has no keys.
     """
-    from wheelchair_gym.config import InputError
+    from wheelchair_gym.config import InputError, value_of, with_values
 
     whole: dict[str, Any] = {"name": settings} if isinstance(settings, str) else {**settings}
     for change in changes:
         key, equals, value = change.partition("=")
         if not (key and equals):
             raise InputError(f"--set {change}: expected KEY=VALUE")
-        *above, last = key.split(".")
-        place = whole
-        for part in above:
-            inner = place.get(part, {})
-            if not isinstance(inner, Mapping):
-                raise InputError(f"--set {change}: {part} is {inner!r}; it has no keys")
-            place[part] = {**inner}
-            place = place[part]
         try:
-            place[last] = json.loads(value)
-        except json.JSONDecodeError:
-            place[last] = value  # a word
+            whole = with_values(whole, {key: value_of(value)})
+        except InputError as error:
+            raise InputError(f"--set {error}") from None
     return whole
 
 

@@ -23,9 +23,6 @@ from agents.commands.arguments import (
 )
 
 if TYPE_CHECKING:
-    pass
-
-if TYPE_CHECKING:
     from agents.evaluate import Spec
 
 APART = 500_000  # from the episodes of trials to those that the best is judged on again
@@ -80,8 +77,9 @@ def run(given: argparse.Namespace) -> int:
 
     from agents.compare import TRAINING
     from agents.provenance import command_line
+    from agents.ranges import read_range
     from agents.runs import StoppedError
-    from agents.tuning import read_range, tune
+    from agents.tuning import tune
     from wheelchair_gym.config import InputError
 
     if importlib.util.find_spec("optuna") is None:

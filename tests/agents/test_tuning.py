@@ -8,10 +8,11 @@ import pytest
 from agents.cli import main
 from agents.commands.arguments import spec
 from agents.evaluate import evaluate
+from agents.ranges import Range, read_range, value_at
 from agents.runs import StoppedError
-from agents.tuning import Drives, Plans, Range, read_range, tune, value_at, with_values
+from agents.tuning import Drives, Plans, tune
 from planners import make_planner
-from wheelchair_gym.config import InputError
+from wheelchair_gym.config import InputError, with_values
 
 RANGES = [Range("step", 0.5, 5.0, log=True), Range("goal_bias", choices=(0.0, 0.05, 0.2))]
 SEEDS, OTHERS = range(3), range(50, 53)
