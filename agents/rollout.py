@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import rectangle_point_gap
 from wheelchair_gym.kernel import kernel
-from wheelchair_gym.kinematics import approach, arc_step
+from wheelchair_gym.kinematics import approach, arc_step, carried
 from wheelchair_gym.safety.sweep import outline_gap
 
 Array = NDArray[np.float64]
@@ -147,8 +147,8 @@ def stops_clear(v: float, w: float, body: Body, near: Near, hold: float, margin:
                     here = mover_gap(0.0, 0.0, 0.0, body.footprint, near.movers, t, room)
                     if gap < here:
                         return False
-        ends = abs(sv) + 0.5 * av * av / limits[7] < 0.02  # not on its way through rest
-        if k >= held and still and ends and 0.5 * aw * aw / limits[8] < 0.05:
+        ends = carried(sv, av, limits[7]) < 0.02 and carried(0.0, aw, limits[8]) < 0.05
+        if k >= held and still and ends:
             break
     return True
 

@@ -197,3 +197,17 @@ def approach(
     if there and abs(slope) <= 2.0 * jerk * dt:
         return target, 0.0
     return after, slope
+
+
+@kernel
+def carried(speed: float, slope: float, jerk: float) -> float:
+    """How fast something is or is yet to be while its slope is brought to nothing.
+
+    On its way through rest it is not at rest.
+
+    Args:
+        speed: now [m/s or rad/s].
+        slope: its present rate of change.
+        jerk: largest change of the rate per second.
+    """
+    return abs(speed) + 0.5 * slope * slope / jerk

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import borrowing_kernel, kernel
-from wheelchair_gym.kinematics import approach, brake, odometric_step
+from wheelchair_gym.kinematics import approach, brake, carried, odometric_step
 from wheelchair_gym.safety.state import (
     CELL,
     CELLS,
@@ -287,9 +287,10 @@ def _sweep_still(
             fast, turns, since = _FAST * sv, _TURNS * sw, s.stamp + t - g.memory
             if enters_unseen(g, s, wx, wy, c, sn, fast, turns, since, unseen):
                 return UNSEEN
-        # On the way through rest its slope carries it on.
-        speed += 0.5 * av * av / limits[7]
-        turn += 0.5 * aw * aw / limits[8]
-        if k >= hold and speed < _REST and turn < _TURN_REST:
+        if (
+            k >= hold
+            and carried(sv, av, limits[7]) < _REST
+            and carried(sw, aw, limits[8]) < _TURN_REST
+        ):
             break
     return NOTHING
