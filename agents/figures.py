@@ -163,14 +163,15 @@ def _clearance(policies: Sequence[str], records: Sequence[Record]) -> Figure:
 
 
 def _doorways(evaluation: Mapping[str, Any]) -> dict[str, Doorway]:
-    """The rungs of a ladder of doors by their labels; none where any scene is something else."""
+    """The rungs of a ladder of doors by label; none where a scene is another, or there twice."""
     config = evaluation["provenance"].get("config", {})
     rungs = {}
     for label, spec in zip(evaluation["scenes"], config.get("scenes", ()), strict=False):
         if not isinstance(spec, Mapping) or spec.get("name") != "doorway":
             return {}
-        rungs[label] = Doorway(door=spec["door"], corridor=spec["corridor"])
-    return rungs
+        widths = {key: spec[key] for key in ("door", "corridor") if key in spec}
+        rungs[label] = Doorway(**widths)
+    return rungs if len(set(rungs.values())) == len(rungs) else {}
 
 
 def _ladder(

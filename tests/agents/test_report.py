@@ -253,6 +253,11 @@ def test_a_ladder_of_doors_is_drawn_with_its_physical_limit(monkeypatch):
     monkeypatch.setattr(figures, "as_svg", lambda figure: drawn.append(figure) or b"")
     assert "doors" not in figures.figures(evaluation())
     assert "doors" in figures.figures(evaluation() | {"provenance": provenance})
+    twice = {**provenance, "config": {"scenes": [rungs[0], rungs[0]]}}
+    assert "doors" not in figures.figures(evaluation() | {"provenance": twice})
+    bare = {**provenance, "config": {"scenes": [{"name": "doorway"}, rungs[0]]}}
+    assert "doors" in figures.figures(evaluation() | {"provenance": bare})
+    figures.figures(evaluation() | {"provenance": provenance})
     for axes, share in zip(drawn[-1].axes, ("33", "43"), strict=True):
         assert [text.get_text() for text in axes.texts] == [share, share]
         limit, spare = (line.get_data() for line in axes.lines)

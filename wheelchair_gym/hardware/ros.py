@@ -157,7 +157,10 @@ class RosChair:
             raise InputError(f"{self.url}: {who} is at {where}; expected free ground of {own.map}")
         walls = chart.walls()
         if np.size(goal) == 2:
-            end[2], _ = roomiest(end, self._known.outline, walls, np.empty((0, 3)))
+            end[2], room = roomiest(end, self._known.outline, walls, np.empty((0, 3)))
+            if room <= 0.0:
+                where = f"({end[0]:g}, {end[1]:g}) m"
+                raise InputError(f"{self.url}: no room for the chair at {where}, however it faces")
         return Episode(chart, begin, end, walls, name=self.url)
 
     def found(self, pose: Array) -> None:
