@@ -19,6 +19,7 @@ from agents.commands import (
     deploy,
     export,
     hardware,
+    inspect,
     map,
     plan,
     replay,
@@ -33,8 +34,8 @@ from agents.commands import (
 from agents.interrupt import by_hand
 
 COMMANDS = (
-    plan, simulate, replay, compare, study, tune, map, train, export, scenes, settings, bench, twin,
-    deploy, hardware,
+    plan, simulate, replay, compare, study, tune, map, train, export, inspect, scenes, settings,
+    bench, twin, deploy, hardware,
 )  # fmt: skip
 
 

@@ -57,9 +57,9 @@ class Learned:
             from agents.learning.export import OnnxNetwork
 
             onnx = OnnxNetwork(path)
-            return LearnedDriver(onnx, onnx.card)
+            return LearnedDriver(onnx, onnx.card, "h" in onnx.card["inputs"])
         weights = load_weights(path)
-        return LearnedDriver(Network(weights), weights.card)
+        return LearnedDriver(Network(weights), weights.card, weights.memory > 0)
 
 
 @cache
@@ -93,12 +93,18 @@ def weights_digest(spec: Any) -> str | None:
 
 
 class LearnedDriver:
-    """Sees as in training, by the same task and guidance, and acts as often."""
+    """Sees as in training, by the same task and guidance, and acts as often.
 
-    def __init__(self, network: Callable[[Floats], Floats], card: Mapping[str, Any]) -> None:
-        self._network: Any = network
+    `told` is the flat observation (room,) that its last action is for.
+    """
+
+    def __init__(
+        self, network: Callable[[Floats], Floats], card: Mapping[str, Any], remembers: bool
+    ) -> None:
+        self.network: Any = network
+        self.remembers = remembers
         self._env = load(EnvSettings, card["env"], "weights: env")
-        self._layout = Layout.of(card["layout"]["sizes"], card["layout"]["posed"])
+        self.layout = Layout.of(card["layout"]["sizes"], card["layout"]["posed"])
         self.card = card
 
     def reset(self, task: Any) -> None:
@@ -111,17 +117,17 @@ class LearnedDriver:
                 f"the policy acts at {env.rate:g} Hz; a control period of {task.period:g} s is no "
                 "whole part of that"
             )
-        if len(task.sensors.ultrasonic.mounted) != dict(self._layout.sizes)["ultrasonic"]:
+        if len(task.sensors.ultrasonic.mounted) != dict(self.layout.sizes)["ultrasonic"]:
             raise InputError("the policy was trained with other ultrasonics than this chair has")
-        shown = "path" in dict(self._layout.sizes)
+        shown = "path" in dict(self.layout.sizes)
         own = dataclasses.replace(env.task, privileged=False, aim="goal", beams=env.task.beams)
         self._task, self._outer = task, task
         # The chair that drives is this one; what is seen of it is as in training.
         chair = dataclasses.replace(ChairSettings(), footprint=task.footprint, limits=task.limits)
-        spec = {"call": "poses", "ways": _ways(env)} if self._layout.posed else env.guidance
+        spec = {"call": "poses", "ways": _ways(env)} if self.layout.posed else env.guidance
         guidance = make_guidance(spec) if shown else None
         self._eye = Task(own, chair, task.sensors, self._hold * task.period, guidance)
-        self._network.reset(1)
+        self.network.reset(1)
         self._action = np.zeros(2)
         self._steps, self._looked = 0, 0.0
         self._look(task)
@@ -145,8 +151,8 @@ class LearnedDriver:
                 self._looked = reading.stamp
                 self._look(self._task)
             seen = self._eye.assess(reading, self._action)
-            flat = np.concatenate([seen[key] for key, _ in self._layout.sizes if key in seen])
-            self._action = self._network(flat[None])[0].astype(np.float64)
+            self.told = np.concatenate([seen[key] for key, _ in self.layout.sizes if key in seen])
+            self._action = self.network(self.told[None])[0].astype(np.float64)
         self._steps += 1
         return self._action.copy()
 

@@ -15,7 +15,8 @@ from typing import Any
 from wheelchair_gym.files import whole
 
 PACKAGES = (
-    "wheelchair_gym", "numpy", "numba", "gymnasium", "pymunk", "scipy", "shapely", "torch",
+    "wheelchair_gym", "numpy", "numba", "gymnasium", "pymunk", "scipy", "shapely",
+    "stable-baselines3", "torch",
 )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from agents.commands.arguments import add_json, changed, count, names, report, whole
 from agents.interrupt import by_hand
@@ -22,17 +22,20 @@ def add(parts: Any) -> None:
         help="learn to drive, or go on with a run that was stopped",
         description="Train a policy. The folder keeps curve.csv, policy.npz (the latest), best.npz "
         "(the best in trials), checkpoint.pt and TensorBoard's log. The same command after Ctrl-C "
-        "goes on from the last checkpoint, as if nothing had happened. bc imitates a scripted "
-        "policy.",
-        epilog="example: wheelchair train ppo --config configs/ppo.json --seeds 0,1 --jobs 2 "
-        "--out runs/ppo",
+        "goes on from the last checkpoint, as if nothing had happened. With --vary, a table and a "
+        "figure of the trials are written, too. bc imitates a scripted policy.",
+        epilog="example: wheelchair train ppo --config configs/ppo_guided.json --seeds 0,1 "
+        "--jobs 2 --out runs/ppo",
     )
     parser.add_argument("algorithm", choices=ALGORITHMS)
-    parser.add_argument("--config", metavar="FILE.json", help="the run, as in configs/ppo.json")
+    parser.add_argument("--config", metavar="FILE.json", help="as in configs/ppo_guided.json")
     parser.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[],
         help="change a setting, such as env.rate=10; may be repeated",
     )  # fmt: skip
+    parser.add_argument(
+        "--vary", metavar="KEY=A,B", help="train once for each value of a setting, and compare"
+    )
     parser.add_argument("--frames", type=count, metavar="N", help="control periods in all")
     parser.add_argument("--seeds", type=names, default=["0"], metavar="A,B", help="default 0")
     parser.add_argument(
@@ -45,7 +48,7 @@ def add(parts: Any) -> None:
 
 
 def run(given: argparse.Namespace) -> int:
-    """Train each seed."""
+    """Train each seed, of each value that a setting shall have."""
     from wheelchair_gym.config import InputError, read_json
 
     try:
@@ -58,28 +61,60 @@ def run(given: argparse.Namespace) -> int:
     if not isinstance(content, dict):
         raise InputError(f"{given.config}: expected an object with keys")
     where = "settings" if given.config is None else Path(given.config).name
-    content = changed(content, given.set)
     if given.frames is not None and given.algorithm != "bc":
         content["frames"] = given.frames
     out = Path(given.out or Path("runs") / given.algorithm)
-    own = _settings(given.algorithm, content, where)
-    if given.jobs > 1 and len(seeds) > 1:
-        return _side_by_side(given, seeds, out)
-    results = {}
-    for seed in seeds:
-        folder = out if len(seeds) == 1 else out / f"seed_{seed}"
-        results[seed] = _one(given, own, seed, folder)
-    lines = [f"seed {seed}: {_line(row)}" for seed, row in results.items()]
-    report(given, {str(k): v for k, v in results.items()}, "\n".join([*lines, str(out)]))
+    cases = []
+    for name, change in _variants(given.vary):
+        changes = [*given.set, *change]
+        own = _settings(given.algorithm, changed(content, changes), where)
+        for seed in seeds:
+            folder = out / name / f"seed_{seed}" if len(seeds) > 1 else out / name
+            cases.append(Case(f"{name} seed {seed}".strip(), own, changes, seed, folder))
+    if given.jobs > 1 and len(cases) > 1:
+        code = _side_by_side(given, cases)
+        if code != 0:
+            return code
+        results = {case.name: _last(given.algorithm, case.folder) for case in cases}
+    else:
+        results = {case.name: _one(given, case.own, case.seed, case.folder) for case in cases}
+    lines = [f"{name}: {_line(row)}" for name, row in results.items()]
+    if given.vary:
+        from agents.learning.variation import write_variation
+
+        lines.append(write_variation(given.vary, [case.folder for case in cases], out))
+    report(given, results, "\n".join([*lines, str(out)]))
     return 0
+
+
+class Case(NamedTuple):
+    """One run of several."""
+
+    name: str
+    own: Any
+    changes: list[str]
+    seed: int
+    folder: Path
+
+
+def _variants(vary: str | None) -> list[tuple[str, list[str]]]:
+    """Folder and change of each value of KEY=A,B; one without either if there is none."""
+    from wheelchair_gym.config import InputError
+
+    if vary is None:
+        return [("", [])]
+    key, _, values = vary.partition("=")
+    if not (key and values):
+        raise InputError(f"--vary {vary}: expected KEY=A,B")
+    return [(f"{key.rpartition('.')[2]}_{value}", [f"{key}={value}"]) for value in names(values)]
 
 
 def _defaults(algorithm: str) -> dict[str, Any]:
     if algorithm == "bc":
         return {}
-    from agents.learning.settings import RECIPES, plain
+    from agents.learning.settings import plain, recipe
 
-    return plain(RECIPES[algorithm])
+    return plain(recipe(algorithm))  # type: ignore[arg-type]
 
 
 def _settings(algorithm: str, content: dict[str, Any], where: str) -> Any:
@@ -90,6 +125,17 @@ def _settings(algorithm: str, content: dict[str, Any], where: str) -> Any:
     from agents.learning.settings import read_training
 
     return read_training(content, where, algorithm)  # type: ignore[arg-type]
+
+
+def _last(algorithm: str, folder: Path) -> dict[str, Any]:
+    """What a run came to that another process has made."""
+    if algorithm == "bc":
+        from wheelchair_gym.config import read_json
+
+        return read_json(folder / "rounds.json")[-1]  # type: ignore[no-any-return]
+    from agents.learning.curves import read_curve
+
+    return read_curve(folder)[-1]
 
 
 def _one(given: argparse.Namespace, own: Any, seed: int, folder: Path) -> dict[str, Any]:
@@ -140,34 +186,34 @@ def _line(row: dict[str, Any]) -> str:
     return ", ".join(parts)
 
 
-def _side_by_side(given: argparse.Namespace, seeds: list[int], out: Path) -> int:
-    """Each seed in a process of its own, so many at a time; their words go to a log each."""
-    waiting, running = list(seeds), dict[int, subprocess.Popen[bytes]]()
-    codes: dict[int, int] = {}
+def _side_by_side(given: argparse.Namespace, cases: list[Case]) -> int:
+    """Each run in a process of its own, so many at a time; their words go to a log each."""
+    waiting, running = list(cases), dict[str, tuple[Case, subprocess.Popen[bytes]]]()
+    codes: dict[str, int] = {}
     try:
         while waiting or running:
             while waiting and len(running) < given.jobs:
-                seed = waiting.pop(0)
-                folder = out / f"seed_{seed}"
-                folder.mkdir(parents=True, exist_ok=True)
+                case = waiting.pop(0)
+                case.folder.mkdir(parents=True, exist_ok=True)
                 command = [sys.executable, "-m", "agents.cli", "train", given.algorithm]
-                command += ["--seeds", str(seed), "--out", str(folder)]
+                command += ["--seeds", str(case.seed), "--out", str(case.folder)]
                 for key in ("config", "frames"):
                     if getattr(given, key) is not None:
                         command += [f"--{key}", str(getattr(given, key))]
-                for change in [*given.set, "threads=1"]:
+                own = [] if given.algorithm == "bc" else ["threads=1"]
+                for change in [*case.changes, *own]:
                     command += ["--set", change]
-                log = (folder / "log.txt").open("ab")
-                running[seed] = subprocess.Popen(command, stdout=log, stderr=log)
-                print(f"seed {seed}: {folder / 'log.txt'}", file=sys.stderr)
-            for seed, process in list(running.items()):
+                log = (case.folder / "log.txt").open("ab")
+                running[case.name] = case, subprocess.Popen(command, stdout=log, stderr=log)
+                print(f"{case.name}: {case.folder / 'log.txt'}", file=sys.stderr)
+            for name, (_, process) in list(running.items()):
                 try:
-                    codes[seed] = process.wait(timeout=0.5)
+                    codes[name] = process.wait(timeout=0.5)
                 except subprocess.TimeoutExpired:
                     continue
-                del running[seed]
-                print(f"seed {seed}: exit code {codes[seed]}", file=sys.stderr)
+                del running[name]
+                print(f"{name}: exit code {codes[name]}", file=sys.stderr)
     finally:
-        for process in running.values():
+        for _, process in running.values():
             process.terminate()
     return max(codes.values(), default=0)

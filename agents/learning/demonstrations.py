@@ -34,7 +34,7 @@ class Imitation:
     """How a scripted policy is imitated."""
 
     expert: Any = setting(default="lattice+window", source="the best scripted policy")
-    env: Any = setting(default=None, source="as of a training run; none: that of ppo")
+    env: Any = setting(default=None, source="as of a training run; none: that of ppo_guided")
     episodes: int = setting(default=200, source="in each round", low=1)
     rounds: int = setting(default=3, source="the expert drives in the first one", low=1)
     epochs: int = setting(default=20, source="over all that was shown, after each round", low=1)

@@ -98,7 +98,7 @@ class Training:
 
 
 def environment(spec: Any) -> EnvSettings:
-    """Settings of an environment; of None, those of `ppo` without what only its critic sees.
+    """Settings of an environment; of None, those of `ppo_guided` without what only its critic sees.
 
     Raises:
         InputError: a setting is wrong.
@@ -155,7 +155,7 @@ def _off(algorithm: Algorithm) -> Training:
 
 # What was tuned, by the name of its file in configs/.
 RECIPES: dict[str, Training] = {
-    "ppo": Training(env=_env(True, True)),
+    "ppo_guided": Training(env=_env(True, True)),
     "ppo_goal": Training(env=_env(False, True), on_policy=OnPolicy(discount=0.995)),
     "recurrent_ppo": Training(
         algorithm="recurrent_ppo",
@@ -169,6 +169,11 @@ RECIPES: dict[str, Training] = {
 }
 
 
+def recipe(algorithm: Algorithm) -> Training:
+    """The first recipe of an algorithm."""
+    return next(own for own in RECIPES.values() if own.algorithm == algorithm)
+
+
 def read_training(content: Mapping[str, Any], where: str, algorithm: Algorithm) -> Training:
     """Settings of a run from a file's content, over the recipe of the algorithm.
 
@@ -178,7 +183,7 @@ def read_training(content: Mapping[str, Any], where: str, algorithm: Algorithm) 
     named = content.get("algorithm", algorithm)
     if named != algorithm:
         raise InputError(f"{where}.algorithm is {named!r}; the command says {algorithm}")
-    return load(Training, {"algorithm": algorithm, **content}, where, RECIPES[algorithm])
+    return load(Training, {"algorithm": algorithm, **content}, where, recipe(algorithm))
 
 
 def plain(own: Training) -> dict[str, Any]:

@@ -13,8 +13,9 @@ from agents.cli import main
 from agents.evaluate import drive_episode, episode_key
 from agents.learned import file_digest
 from agents.learning.checkpoint import NAME, load_checkpoint
-from agents.learning.run import BEST, POLICY, Run
+from agents.learning.run import BEST, POLICY, Run, train
 from agents.learning.weights import Network, load_weights, save_weights
+from agents.occlusion import hidden_beams, hidden_parts
 from agents.policy import make_policy
 from tests.agents.tiny_runs import ENV, random_weights, tiny, trained_run
 from wheelchair_gym.config import InputError
@@ -215,3 +216,88 @@ def test_learned_policies_drive_without_torch(trained):
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
+
+
+def test_weights_are_published_with_a_card_of_all_seeds_and_results(
+    tmp_path, capsys, monkeypatch
+):
+    for seed in (0, 1):
+        train(tiny("ppo"), seed, tmp_path / f"seed_{seed}")
+    files = [str(tmp_path / f"seed_{seed}" / POLICY) for seed in (0, 1)]
+    compared = [
+        "compare",
+        "--suite",
+        "demo",
+        "--scenes",
+        "clutter",
+        "--episodes",
+        "1",
+        "--no-video",
+    ]
+    compared += ["--policies", ",".join(files), "--jobs", "1", "--quiet"]
+    compared += ["--out", str(tmp_path / "results")]
+    monkeypatch.setattr(sys, "argv", ["wheelchair", *compared])
+    assert main(compared) == 0
+    out = tmp_path / "mine.npz"
+    told = ["--results", str(tmp_path / "results" / "results.json")]
+    assert main(["export", str(tmp_path), "--npz", str(out), *told]) == 0
+    weights = load_weights(out)
+    assert out.stat().st_size < 3_000_000
+    best = max((0, 1), key=lambda seed: float(weights.card["curves"][str(seed)][-1][1]))
+    ours = load_weights(files[best])
+    assert weights.card["seed"] == best
+    for name, array in ours.arrays.items():
+        assert np.array_equal(array, weights.arrays[name])
+    rows = weights.card["results"]
+    assert [row["seed"] for row in rows] == ["0", "1"]
+    assert all(row["episodes"] == 1 and "--policies mine" in row["command"] for row in rows)
+    card = out.with_suffix(".md").read_text()
+    for part in (
+        "# mine",
+        "wheelchair",
+        "seed 0 | seed 1",
+        '"envs": 4',
+        "drive it behind a shield",
+    ):
+        assert part in card
+    capsys.readouterr()
+    assert main(["export", str(tmp_path), "--npz", str(out), "--results", str(out)]) == 2
+    assert main(["export", str(tmp_path / "none"), "--npz", str(out)]) == 2
+    assert main(["export", files[0], "--npz", str(out)]) == 2
+    assert capsys.readouterr().err.count("\n") == 3
+    half = Run(tiny("ppo"), 0, tmp_path / "half")
+    half.learn()
+    half.close()
+    assert main(["export", str(tmp_path / "half"), "--npz", str(out)]) == 2
+    assert "the run has not ended" in capsys.readouterr().err
+
+
+def test_what_a_policy_looks_at_is_what_its_action_hangs_on(tmp_path, capsys):
+    """A network of one beam and one number of the path looks at nothing else."""
+    weights = random_weights()
+    layout, arrays = weights.layout, weights.arrays
+    for k in range(3):
+        arrays[f"dense{k}.w"][:], arrays[f"dense{k}.b"][:] = 0.0, 0.0
+        arrays[f"dense{k}.w"][0, 0] = arrays[f"dense{k}.w"][1, 1] = 0.2
+    arrays["dense0.w"][:2] = 0.0
+    arrays["dense0.w"][0, 40] = 1.0
+    arrays["dense0.w"][1, layout.told - 3] = 1.0  # the path stands last but for the goal's distance
+    rng = np.random.default_rng(0)
+    told = rng.uniform(0.5, 3.0, (20, layout.room)).astype(np.float32)
+    network = Network(weights)
+    beams = hidden_beams(network, told, layout, 10.0)
+    assert beams.shape == (20, 64)
+    assert (beams[:, 39:42] > 0.0).all()
+    assert not beams[:, [*range(39), *range(42, 64)]].any()
+    parts = hidden_parts(network, told, layout)
+    assert {name for name, change in parts.items() if change > 0.0} == {"laser", "path ahead"}
+    file = tmp_path / "policy.npz"
+    weights.card.update(env={**ENV, "sensors": {}, "task": {**ENV["task"], "beams": 64}})
+    save_weights(file, weights)
+    picture = tmp_path / "looks.png"
+    drawn = ["inspect", str(file), "--scene", "clutter", "--out", str(picture), "--at", "0.3"]
+    assert main(drawn) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert main([*drawn, "--at", "1.5"]) == 2
+    assert main(["inspect", "straight"]) == 2
+    assert main(["inspect", str(file), "--out", "looks.xyz"]) == 2

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import inspect
 import json
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+import yaml
+from stable_baselines3 import PPO
 
 import wheelchair_gym
+from agents.cli import main
 from agents.learning.curves import read_curve
 from agents.learning.demonstrations import Imitation, imitate
 from agents.learning.features import features
 from agents.learning.networks import Features, arrays_of
 from agents.learning.run import POLICY, Run, train
-from agents.learning.settings import RECIPES, Training, read_training
+from agents.learning.settings import RECIPES, Training, plain, read_training
 from agents.learning.weights import Network, load_weights
 from tests.agents.tiny_runs import ENV, PRIVY, random_weights, tiny, trained_run
+from tests.conftest import ROOT
 from wheelchair_gym.config import InputError
 
 MORE = ("recurrent_ppo", "td3", "tqc")
@@ -172,3 +179,35 @@ def test_recipes_are_whole_runs(name):
     assert own.env_settings().bank.turnover == 0.0  # each checkpoint begins episodes anew
     with pytest.raises(InputError, match="privileged is for ppo's critic"):
         Training(algorithm="sac", env=PRIVY)
+
+
+def test_runs_that_differ_in_a_setting_are_told_side_by_side(tmp_path, capsys):
+    own = tmp_path / "own.json"
+    own.write_text(json.dumps(plain(tiny("ppo"))))
+    varied = ["train", "ppo", "--config", str(own), "--vary", "env.bank.size=1,2", "--quiet"]
+    assert main([*varied, "--seeds", "0,1", "--out", str(tmp_path / "out")]) == 0
+    with (tmp_path / "out" / "variation.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["env.bank.size"], row["seed"]) for row in rows] == [
+        ("1", "0"), ("1", "1"), ("2", "0"), ("2", "1"),
+    ]  # fmt: skip
+    for row in rows:
+        curve = read_curve(
+            tmp_path / "out" / f"size_{row['env.bank.size']}" / f"seed_{row['seed']}"
+        )
+        assert float(row["success"]) == float(curve[-1]["trial_success"])
+        assert float(row["low"]) <= float(row["success"]) <= float(row["high"])
+    assert (tmp_path / "out" / "variation.svg").read_text().startswith("<?xml")
+    capsys.readouterr()
+    assert main(["train", "ppo", "--vary", "env.bank.size"]) == 2
+    assert main(["train", "ppo", "--vary", "env.bank.sizes=1,2"]) == 2
+    assert capsys.readouterr().err.count("\n") == 2
+
+
+def test_rl_zoo_trains_the_same_id_with_settings_that_exist():
+    """Keys of rl-zoo3's own apart, each is an argument of stable-baselines3's PPO."""
+    content = yaml.safe_load((ROOT / "configs" / "rl_zoo3_ppo.yml").read_text())
+    ((name, own),) = content.items()
+    assert gym.spec(name).id == "wheelchair_gym/GuidedNavigation-v0"
+    known = set(inspect.signature(PPO).parameters)
+    assert set(own) - known == {"n_envs", "n_timesteps", "normalize"}

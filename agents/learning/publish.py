@@ -1,0 +1,145 @@
+"""Weights for others, with a model card: settings, curves of all seeds, results, limits."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from agents.learning.curves import read_curve
+from agents.learning.run import POLICY
+from agents.learning.weights import Weights, load_weights, save_weights
+from agents.provenance import write_text
+from wheelchair_gym.config import InputError, read_json
+
+POINTS = 12  # of each curve in a card
+SHARES = ("success", "collision", "timeout")
+FIGURES = ("episodes", *(f"{name}{end}" for name in SHARES for end in ("", "_low", "_high")),
+           "wide", "wide_low", "wide_high", "spl", "time")  # fmt: skip
+
+
+def publish(folder: Path, results: Sequence[Path], path: Path) -> Weights:
+    """Write the last weights of the seed that did best in its last trials, and a card beside them.
+
+    Args:
+        folder: of a training run, or of one for each seed (seed_0, ...).
+        results: files results.json of comparisons that weights in the folder took part in.
+        path: NAME.npz; the card is NAME.md.
+
+    Raises:
+        InputError: there is no run in the folder, one has not ended, or a file cannot be read.
+    """
+    folders = sorted(folder.glob("seed_*")) or [folder]
+    runs = {of: load_weights(of / POLICY) for of in folders}
+    for of, weights in runs.items():
+        if weights.card["frames"] < weights.card["training"]["frames"]:
+            raise InputError(f"{of}: the run has not ended; the same train command goes on")
+    curves = {of: _trials(of) for of in folders}
+    best = max(folders, key=lambda of: curves[of][-1][1] if curves[of] else 0.0)
+    told = runs[best].card
+    card = {key: value for key, value in told.items() if key not in ("curve", "row", "trials")}
+    card["curves"] = {str(runs[of].card["seed"]): curve for of, curve in curves.items()}
+    card["speeds"] = {str(runs[of].card["seed"]): _speed(of) for of in folders}
+    names = {str(of / POLICY): str(runs[of].card["seed"]) for of in folders}
+    card["results"] = [row for file in results for row in _results(file, names, path.stem)]
+    weights = Weights(runs[best].arrays, card)
+    save_weights(path, weights)
+    write_text(path.with_suffix(".md"), markdown(path.stem, card))
+    return weights
+
+
+def _trials(folder: Path) -> list[list[float]]:
+    """Frames, success and collision of some trials in a run's curve, the last one among them."""
+    rows = [row for row in read_curve(folder) if row.get("trial_success")]
+    count = min(POINTS, len(rows))
+    picked = [rows[round((k + 1) * len(rows) / count) - 1] for k in range(count)]
+    return [
+        [float(row[key]) for key in ("frames", "trial_success", "trial_collision")]
+        for row in picked
+    ]
+
+
+def _speed(folder: Path) -> float:
+    """Frames a second over a whole run, trials included."""
+    rows = read_curve(folder)
+    seconds = sum(float(row["wall_time_s"]) for row in rows)
+    return round(float(rows[-1]["frames"]) / seconds) if seconds else 0.0
+
+
+def _results(file: Path, names: Mapping[str, str], name: str) -> list[dict[str, Any]]:
+    """What each seed's weights reached in a comparison."""
+    content = read_json(file)
+    try:
+        command = re.sub(r" --(out|jobs|json) \S+| --(no-video|quiet)", "", content["command"])
+        command = re.sub(r"--policies \S+", f"--policies {name}", command)
+        return [
+            {"suite": content["title"], "command": command, "commit": _of(content, "commit"),
+             "scene": row["scene"], "seed": names[row["policy"]],
+             **{key: row[key] for key in FIGURES}}
+            for row in content["summary"]
+            if row["policy"] in names and row["scene"] == "all"
+        ]  # fmt: skip
+    except (KeyError, TypeError):
+        raise InputError(f"{file}: expected the results.json of a comparison") from None
+
+
+def _of(content: Mapping[str, Any], key: str) -> Any:
+    return content["provenance"][key]
+
+
+def _percent(row: Mapping[str, Any], key: str) -> str:
+    if row[key] is None:
+        return "-"
+    low, high = (100.0 * row[f"{key}_{end}"] for end in ("low", "high"))
+    return f"{100.0 * row[key]:.1f} ({low:.1f} to {high:.1f})"
+
+
+def markdown(name: str, card: Mapping[str, Any]) -> str:
+    """A card for people."""
+    seeds = list(card["curves"])
+    sizes = ", ".join(f"{key} {n}" for key, n in card["layout"]["sizes"] if key != "privileged")
+    lines = [
+        f"# {name}",
+        "",
+        f"An actor trained by {card['algorithm']}: seed {card['seed']} of {', '.join(seeds)}, "
+        f"after {card['frames']:,} control periods, the last checkpoint. It acts at "
+        f"{card['env']['rate']:g} Hz on {sizes}.",
+        "",
+        f"- Command: `{card['command']}`, at commit {card['commit']}",
+        f"- Speed: {', '.join(f'{speed:,.0f}' for speed in card['speeds'].values())} control "
+        f"periods a second (seeds {', '.join(seeds)}; trials included) on "
+        f"{card['machine']['cores']} cores of {card['machine']['cpu']}",
+        f"- Versions: {', '.join(f'{key} {value}' for key, value in card['versions'].items())}",
+        f"- Limits: {card['limits']}.",
+        "",
+        "## Results",
+        "",
+        "Worlds that training never saw; success is without contact; 95 % intervals.",
+        "",
+        "| command | seed | episodes | success [%] | with 5 cm of margin | collision [%] | "
+        "time [s] |",
+        "| --- | ---: | ---: | --- | --- | --- | ---: |",
+    ]
+    for row in card["results"]:
+        seconds = "-" if row["time"] is None else f"{row['time']:.1f}"
+        lines.append(
+            f"| `{row['command']}` | {row['seed']} | {row['episodes']:,} | "
+            f"{_percent(row, 'success')} | {_percent(row, 'wide')} | "
+            f"{_percent(row, 'collision')} | {seconds} |"
+        )
+    lines += [
+        "",
+        "## Curves",
+        "",
+        "Success and collisions [%] in trials on worlds that training never saw, without a shield.",
+        "",
+        f"| frames | {' | '.join(f'seed {seed}' for seed in seeds)} |",
+        f"| ---: |{' --- |' * len(seeds)}",
+    ]
+    for points in zip(*card["curves"].values(), strict=False):
+        cells = " | ".join(f"{100 * p[1]:.1f}; {100 * p[2]:.1f}" for p in points)
+        lines.append(f"| {points[0][0]:,.0f} | {cells} |")
+    lines += ["", "## Settings", "", "```json", json.dumps(card["training"], indent=1), "```"]
+    return "\n".join(lines) + "\n"
