@@ -120,8 +120,9 @@ _WORLDS = {
         {"name": "floor_plan", "doors": [0.85, 1.2]},
         "clutter",
         {"name": "clutter", "density": 0.6, "gap": 0.8, "margin": 0.05},
+        "crowd",
     ],
-    "shares": [0.6, 0.2, 0.2],
+    "shares": [0.5, 0.15, 0.2, 0.15],
 }
 
 
