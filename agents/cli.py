@@ -10,7 +10,7 @@ import argparse
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NoReturn
 
 from agents.commands import (
@@ -71,9 +71,18 @@ def _joined(arguments: Sequence[str]) -> list[str]:
     return joined
 
 
+def _start_anew(wanted: Mapping[str, str]) -> None:
+    """Run this program again in an environment that libraries read only once, when loaded."""
+    missing = {name: value for name, value in wanted.items() if name not in os.environ}
+    if missing and sys.platform == "linux":
+        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**os.environ, **missing})
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code."""
     given = parser().parse_args(_joined(sys.argv[1:] if arguments is None else arguments))
+    if arguments is None:
+        _start_anew(getattr(given, "environ", {}))
     from wheelchair_gym.config import InputError  # not before: --help is to answer at once
 
     try:

@@ -1,6 +1,7 @@
 """The command: wrong input is one line and code 2; JSON on stdout stands alone."""
 
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -358,3 +359,23 @@ def test_every_world_of_a_file_with_every_pose_source(tmp_path, monkeypatch):
     assert good["barn"] == pytest.approx(2.0 / max(good["time"], 4.0))
     assert good["barn_own"] == pytest.approx(5.0 / max(good["time"], 10.0))
     assert good["seed"] == 1_000_000
+
+
+def test_training_starts_anew_in_its_environment_once(monkeypatch, capsys):
+    """Libraries read it when they are loaded; what a person has set stays."""
+    started = []
+    monkeypatch.setattr(os, "execve", lambda *told: started.append(told))
+    monkeypatch.setattr(sys, "argv", ["wheelchair", "train", "ppo", "--config", "none.json"])
+    monkeypatch.setattr(sys, "orig_argv", ["python", "wheelchair", "train", "ppo"])
+    monkeypatch.setenv("GOMP_SPINCOUNT", "7")
+    monkeypatch.delenv("GLIBC_TUNABLES", raising=False)
+    assert main() == 2
+    ((program, arguments, environ),) = started
+    assert (program, arguments) == (sys.executable, [sys.executable, "wheelchair", "train", "ppo"])
+    assert environ["GOMP_SPINCOUNT"] == "7"
+    assert environ["GLIBC_TUNABLES"] == "glibc.malloc.hugetlb=1"
+    for name, value in environ.items():
+        monkeypatch.setenv(name, value)
+    assert main() == 2
+    assert len(started) == 1
+    assert capsys.readouterr().err.count("none.json") == 2
