@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from wheelchair_gym.geometry import rectangle_point_gap
 from wheelchair_gym.kernel import kernel
 from wheelchair_gym.kinematics import approach, arc_step, carried
-from wheelchair_gym.safety.sweep import outline_gap
+from wheelchair_gym.safety.sweep import kept_clear, points_gap
 
 Array = NDArray[np.float64]
 
 TURN_LENGTH = 0.4  # m per rad: about the mean lever of the outline about the drive axle
 STEP = 0.1  # s between two poses of a roll-out
 HEADWAY = 0.06  # s: so much of its own speed the outline keeps clear beside it, as a shield has it
+SLOW = 0.1  # m/s: and from here on only
 CAUTION = 0.35  # s: of way by which the chair keeps farther from what moves; it may turn any moment
 
 
@@ -134,9 +135,8 @@ def stops_clear(v: float, w: float, body: Body, near: Near, hold: float, margin:
         sv, av = approach(sv, av, v, limits[3], limits[4], limits[7], STEP)
         sw, aw = approach(sw, aw, w, limits[6], limits[6], limits[8], STEP)
         x, y, yaw = arc_step(x, y, yaw, sv, sw, STEP)
-        fast = abs(sv) + 0.5 * lever * abs(sw)
-        need = margin + HEADWAY * max(0.0, fast - 0.1)
-        if outline_gap(x, y, yaw, body.footprint, near.points, need + 0.01) < need:
+        need = kept_clear(margin, HEADWAY, abs(sv), abs(sw), lever, SLOW)
+        if points_gap(x, y, yaw, body.footprint, near.points, need + 0.01) < need:
             return False
         still = abs(sv) < 0.02 and abs(sw) < 0.05
         if not still and near.movers.shape[0] > 0:
@@ -192,7 +192,7 @@ def cost_of(
             if k < steps:
                 gap -= (abs(sv) + lever * abs(sw)) * STEP
                 if gap < weights.wish:
-                    gap = outline_gap(ax, ay, ayaw, footprint, near.points, weights.wish + 0.2)
+                    gap = points_gap(ax, ay, ayaw, footprint, near.points, weights.wish + 0.2)
                 if gap < margin:  # whatever lies beyond is not gained
                     cost += weights.clearance * weights.horizon * (steps - k) / steps
                     barred = True

@@ -19,7 +19,7 @@ from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.safety import Shield
-from wheelchair_gym.safety.sweep import outline_gap
+from wheelchair_gym.safety.sweep import points_gap
 from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.types import Reading
 
@@ -107,7 +107,7 @@ class Surroundings:
         The last is nearly what is left: an outline already nearer may leave, not come nearer.
         """
         less = 0.6 * margin
-        gap = float(outline_gap(0.0, 0.0, 0.0, footprint, self.points, margin))
+        gap = float(points_gap(0.0, 0.0, 0.0, footprint, self.points, margin))
         return margin, less, min(less, 0.95 * gap)
 
     def update(self, reading: Reading) -> None:

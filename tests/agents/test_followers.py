@@ -12,7 +12,7 @@ from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, footprint_clearance
 from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.safety.sweep import outline_gap
+from wheelchair_gym.safety.sweep import points_gap
 
 PLANNER = "a_star"
 NOBODY = np.empty((0, 5))
@@ -87,7 +87,7 @@ def test_the_gap_of_points_is_the_exact_clearance():
         far = np.hypot(*points.T)
         order = np.argsort(far)
         pose = rng.uniform((-1, -1, -3), (1, 1, 3))
-        gap = outline_gap(*pose, footprint, np.column_stack([points, far])[order], 0.5)
+        gap = points_gap(*pose, footprint, np.column_stack([points, far])[order], 0.5)
         discs = np.column_stack([points, np.zeros(40)])
         exact = footprint_clearance(*pose, footprint, np.empty((0, 4)), discs, 0.5)
         assert gap == pytest.approx(exact, abs=1e-12)

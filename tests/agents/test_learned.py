@@ -218,9 +218,7 @@ def test_learned_policies_drive_without_torch(trained):
     assert out.stdout.strip() == "[]"
 
 
-def test_weights_are_published_with_a_card_of_all_seeds_and_results(
-    tmp_path, capsys, monkeypatch
-):
+def test_weights_are_published_with_a_card_of_all_seeds_and_results(tmp_path, capsys, monkeypatch):
     for seed in (0, 1):
         train(tiny("ppo"), seed, tmp_path / f"seed_{seed}")
     files = [str(tmp_path / f"seed_{seed}" / POLICY) for seed in (0, 1)]

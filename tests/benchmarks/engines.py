@@ -77,8 +77,8 @@ def main() -> None:
         print(f"round {number}: busy loops {spins[-1]:.3f}, {episodes} episodes {drives[-1]:.3f}",
               flush=True)  # fmt: skip
     share = statistics.median(d / s for d, s in zip(drives, spins, strict=True))
-    print(f"speed-up by two workers: {statistics.median(drives):.3f}; "
-          f"of two bare busy loops: {statistics.median(spins):.3f}; share {100 * share:.1f} %")  # fmt: skip
+    gain, most = statistics.median(drives), statistics.median(spins)
+    print(f"speed-up by two workers {gain:.3f}, of two busy loops {most:.3f}: {100 * share:.1f} %")
     for engine in ENGINES:
         if engine == "ray" and importlib.util.find_spec("ray") is None:
             continue

@@ -37,7 +37,7 @@ _WORSE = 1e-6  # m: what is inside the stop zone may not come nearer, beyond rou
 
 
 @kernel
-def outline_gap(
+def points_gap(
     x: float, y: float, yaw: float, footprint: Array, points: Array, interest: float
 ) -> float:
     """Distance [m] from the outline at a pose to the nearest point, at most `interest`; 0 inside.
@@ -65,6 +65,23 @@ def outline_gap(
         dy = max(abs(c * py - s * px) - half_width, 0.0)
         best = min(best, dx * dx + dy * dy)
     return math.sqrt(best)
+
+
+@kernel
+def kept_clear(
+    least: float, headway: float, speed: float, turn: float, lever: float, crawl: float
+) -> float:
+    """Room [m] to be kept round the outline: `least`, and more the faster a part of it moves.
+
+    Args:
+        least: at a crawl [m].
+        headway: of speed beyond that [s].
+        speed: forward or backward, at least 0 [m/s].
+        turn: at least 0 [rad/s].
+        lever: of the outline's farthest corner [m]; half of it counts.
+        crawl: the speed from which on it grows [m/s].
+    """
+    return least + headway * max(0.0, speed + 0.5 * lever * turn - crawl)
 
 
 @borrowing_kernel
@@ -223,13 +240,13 @@ def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
             break
         bound -= fastest * STEP
         if bound < least and s.n_close == 0:
-            bound = outline_gap(x, y, yaw, outline, near, least + 0.2)
+            bound = points_gap(x, y, yaw, outline, near, least + 0.2)
             if bound < least:
                 return OBSTACLE
         mbound -= fastest * STEP
         need = g.margin + g.pace * (t + s.hidden)
         if fastest > g.crawl and mbound < need:
-            mbound = outline_gap(x, y, yaw, outline, moving, need + 0.3)
+            mbound = points_gap(x, y, yaw, outline, moving, need + 0.3)
             if mbound < need and may_meet(g, x, y, yaw, _FAST * sv, _TURNS * sw, moving, t):
                 return MOVING
     return NOTHING
@@ -266,14 +283,13 @@ def _sweep_still(
         speed, turn = abs(sv), abs(sw)
         fastest = speed + lever * turn
         bound -= fastest * STEP
-        over = speed + 0.5 * lever * turn - g.crawl
-        need = least + headway * max(0.0, over)
+        need = kept_clear(least, headway, speed, turn, lever, g.crawl)
         if bound < need:
-            bound = outline_gap(x, y, yaw, outline, near, need + 0.2)
+            bound = points_gap(x, y, yaw, outline, near, need + 0.2)
             if bound < need:
                 return OBSTACLE
         if s.n_close > 0:
-            if over > 0.0 and k >= hold:
+            if k >= hold and speed + 0.5 * lever * turn > g.crawl:
                 return OBSTACLE
             c, sn = math.cos(yaw), math.sin(yaw)
             for i in range(s.n_close):
