@@ -120,20 +120,21 @@ _WORLDS = {
         {"name": "floor_plan", "doors": [0.85, 1.2]},
         "clutter",
         {"name": "clutter", "density": 0.6, "gap": 0.8, "margin": 0.05},
+        "barn",
         "crowd",
     ],
-    "shares": [0.5, 0.15, 0.2, 0.15],
+    "shares": [0.5, 0.1, 0.1, 0.15, 0.15],
 }
 
 
 def _env(points: bool, privileged: bool) -> dict[str, Any]:
-    """Training's environment: 5 Hz, all noise, every chair another, an estimated pose."""
+    """Training's environment: 5 Hz, all noise, every chair another, an estimated pose, a shield."""
     task: dict[str, Any] = {
         "beams": 64,
         "aim": "time",
         "last_action": True,
         "privileged": privileged,
-        "reward": {"progress": 0.1},
+        "reward": {"progress": 0.1, "withheld": -0.02},
     }
     if not points:
         task["look_ahead_time"] = []
@@ -144,6 +145,7 @@ def _env(points: bool, privileged: bool) -> dict[str, Any]:
         "bank": {"size": 1024, "turnover": 0.0, "seed": 1, "cache": "runs/worlds"},
         "chair": {"randomise": True},
         "sensors": {"pose_source": "modelled"},
+        "shield": {},
         "task": task,
     }
 

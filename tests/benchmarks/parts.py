@@ -104,7 +104,7 @@ def _judges(rules, courses, progress, verdicts, actions, sensed, scan, out, peri
         for j in range(courses.shape[0]):
             s = sensed[j]
             own = s.pose, s.twist, scan, s.ultrasonic, s.bumped
-            assess(j, rules, courses, progress, verdicts, actions[j], *own, out[j])
+            assess(j, rules, courses, progress, verdicts, actions[j], *own, 0.0, 0.0, out[j])
 
 
 def microseconds(act: Callable[[], None], count: int, repeats: int) -> float:

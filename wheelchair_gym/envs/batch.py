@@ -173,6 +173,7 @@ def step_chairs(
         if not over[i]:
             seen, action, stop = sensed[i], actions[i], False
             v, w = asked_twist(action[0], action[1], rule.forward, rule.backward, rule.turn)
+            asked_v, asked_w = v, w
             if batch.shields.shape[0] > 0:
                 v, w, stop = decide(batch.guards[0], batch.shields[i], v, w)
             advance(i, rigs, chairs, states, worlds, v, w, stop, scratch, ranges, sensed)
@@ -188,6 +189,8 @@ def step_chairs(
                 ranges,
                 seen.ultrasonic,
                 seen.bumped,
+                asked_v - v,
+                asked_w - w,
                 results.out[i],
             )
             results.success[i] = succeeded(rule, batch.courses[i], seen)

@@ -223,12 +223,13 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             raise gym.error.ResetNeeded("the episode is over; call reset() before step()")
         chosen = np.asarray(action, np.float64)
         twist = self.task.limits.twist(chosen)
-        stop = False
+        stop, less = False, (0.0, 0.0)
         if self.shield is not None:
-            twist = self.shield.filter(twist, self.task.reading)
+            asked, twist = twist, self.shield.filter(twist, self.task.reading)
+            less = float(asked[0] - twist[0]), float(asked[1] - twist[1])
             stop = self.shield.decision.protective
         reading = self.chair.drive(twist, stop)
-        observation = self.task.assess(reading, chosen)
+        observation = self.task.assess(reading, chosen, less)
         verdict = self.task.verdict
         self._running = not (verdict.terminated or verdict.truncated)
         info = self._info()

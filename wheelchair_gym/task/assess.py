@@ -196,6 +196,8 @@ def assess(
     laser: Floats,
     ultrasonic: Floats,
     bumped: bool,
+    less_v: float,
+    less_w: float,
     out: Floats,
 ) -> None:
     """Judge the step that row i's action led to, and observe where it led.
@@ -212,6 +214,8 @@ def assess(
         laser: (beams of the laser,) [m].
         ultrasonic: (rangers,) [m].
         bumped: a bumper strip is pressed.
+        less_v: what a shield took from the velocity that was asked for [m/s].
+        less_w: likewise [rad/s].
         out: (room,) the observation, see `observe`.
     """
     rule, course, own, verdict = rules[0], courses[i], progress[i], verdicts[i]
@@ -237,6 +241,7 @@ def assess(
         verdict.truncated,
         own.action,
         own.previous,
+        math.hypot(less_v / rule.forward, less_w / rule.turn),
         verdict.terms,
     )
     verdict.reward = 0.0
@@ -255,6 +260,8 @@ def assess_alone(
     laser: Floats,
     ultrasonic: Floats,
     bumped: bool,
+    less_v: float,
+    less_w: float,
     out: Floats,
 ) -> None:
     """`assess` of a task that is alone, its rows found by address: alone (1,) of ALONE."""
@@ -271,5 +278,7 @@ def assess_alone(
         laser,
         ultrasonic,
         bumped,
+        less_v,
+        less_w,
         out,
     )

@@ -13,13 +13,13 @@ from wheelchair_gym.kernel import kernel
 
 Array = NDArray[np.float64]
 
-TERMS = ("progress", "time", "arrived", "bumped", "timeout", "change")
+TERMS = ("progress", "time", "arrived", "bumped", "timeout", "change", "withheld")
 
 
 class Verdict(NamedTuple):
     """Named reward terms, weighted; the reward is their sum."""
 
-    terms: tuple[float, ...]  # (6,) in the order of TERMS
+    terms: tuple[float, ...]  # (7,) in the order of TERMS
     reward: float
     arrived: bool  # by the chair's own estimate
     terminated: bool  # arrived or bumped
@@ -48,12 +48,13 @@ def weigh(
     timeout: bool,
     action: Array,
     previous: Array,
+    withheld: float,
     out: Array,
 ) -> None:
     """The reward terms of one step.
 
     Args:
-        weights: (6,) in the order of TERMS.
+        weights: (7,) in the order of TERMS.
         progress: way to go that was covered [m].
         period: control period [s].
         arrived: at the goal, by the chair's own estimate.
@@ -61,7 +62,8 @@ def weigh(
         timeout: the time limit is reached, and neither of the two.
         action: (2,) in [-1, 1].
         previous: the action before.
-        out: (6,) weighted terms.
+        withheld: of the twist that was asked for by a shield, in full speeds.
+        out: (7,) weighted terms.
     """
     change = (action[0] - previous[0]) ** 2 + (action[1] - previous[1]) ** 2
     out[0] = weights[0] * progress
@@ -70,3 +72,4 @@ def weigh(
     out[3] = weights[3] * bumped
     out[4] = weights[4] * timeout
     out[5] = weights[5] * change
+    out[6] = weights[6] * withheld

@@ -20,6 +20,9 @@ class RewardWeights:
     bumped: float = setting(default=-2.0, source="a bumper strip was pressed")
     timeout: float = setting(default=-0.5, source="the time limit was reached")
     change: float = setting(default=-0.003, source="squared change of the action")
+    withheld: float = setting(
+        default=0.0, source="what a shield took from the twist that was asked for, in full speeds"
+    )
 
 
 @settings

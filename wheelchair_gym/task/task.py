@@ -129,7 +129,7 @@ class Task:
         r["heading"], r["heading_tolerance"] = s.heading, s.heading_tolerance
         r["aim"] = AIMS.index(s.aim)
         w = s.reward
-        r["weights"] = w.progress, w.time, w.arrived, w.bumped, w.timeout, w.change
+        r["weights"] = w.progress, w.time, w.arrived, w.bumped, w.timeout, w.change, w.withheld
         r["time_base"], r["time_factor"] = s.time_base, s.time_factor
 
     def _lay_out(self) -> dict[str, slice]:
@@ -240,8 +240,12 @@ class Task:
         self.observation = self.unpack(out)
         return self.observation
 
-    def assess(self, reading: Reading, action: Array) -> Observation:
+    def assess(
+        self, reading: Reading, action: Array, less: tuple[float, float] = (0.0, 0.0)
+    ) -> Observation:
         """Judge the step that an action (2,) in [-1, 1] led to, and observe where it led.
+
+        `less` is what a shield took from the twist that was asked for [m/s, rad/s].
 
         `verdict` then holds what it was worth, `reading` where it led.
         """
@@ -254,6 +258,7 @@ class Task:
             reading.laser,
             reading.ultrasonic,
             reading.bumped,
+            *less,
             out,
         )
         self.reading = reading
