@@ -223,3 +223,28 @@ def test_progress_sums_to_the_way_that_was_covered():
         *_, info = env.step(np.array([1.0, 0.0]))
         total += info["reward_terms"]["progress"]
     assert total == pytest.approx(0.125 * (info["pose"][0] + 2.0), rel=0.02)
+
+
+def test_what_a_shield_withholds_is_a_term_of_the_reward():
+    """Straight at a wall: it costs once the shield slows the chair, and never without one."""
+    task = {"reward": {"withheld": -0.5}}
+    world = {"episode": room((0.0, 0.0, 0.0), (3.9, 0.0, 0.0))}
+    for shield in (True, False):
+        env = gym.make(IDS[0], config={"task": task}, shield=shield, pose_source="truth")
+        env.reset(seed=0, options=world)
+        costs, taken = [], []
+        for _ in range(60):
+            _, _, ended, _, info = env.step(np.array([1.0, 0.2]))
+            costs.append(info["reward_terms"]["withheld"])
+            if shield:
+                less = np.subtract(info["shield"]["asked"], info["shield"]["given"])
+                taken.append(-0.5 * np.hypot(less[0] / 0.8, less[1] / 1.0))
+            if ended:
+                break
+        if shield:
+            assert costs == pytest.approx(taken, abs=1e-12)
+            assert min(costs) < -0.1
+            assert max(costs) == 0.0
+        else:
+            assert not any(costs)
+        env.close()
