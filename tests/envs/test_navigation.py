@@ -248,3 +248,16 @@ def test_what_a_shield_withholds_is_a_term_of_the_reward():
         else:
             assert not any(costs)
         env.close()
+
+
+def test_a_share_of_episodes_is_driven_without_the_shield_and_never_a_given_chair():
+    env = gym.make(IDS[0], scene="empty", config={"unshielded": 0.3}, shield=True)
+    bare = 0
+    for seed in range(200):
+        env.reset(seed=seed)
+        *_, info = env.step(np.array([1.0, 0.0]))
+        bare += not info["shield"]["asked"].any()
+    env.close()
+    assert 40 <= bare <= 80
+    with pytest.raises(wheelchair_gym.InputError, match=r"unshielded is 0.3; expected 0"):
+        gym.make(IDS[0], config={"unshielded": 0.3}, chair=object())

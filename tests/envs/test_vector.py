@@ -93,6 +93,8 @@ def test_each_row_with_a_shield_is_a_single_env_with_one(mode):
     settings = QUICK | {"scene": crowd, "shield": True}
     dear = {"task": {**SHORT["task"], "reward": {"withheld": -0.3}}}
     assert compare(mode, 2, n=4, steps=120, config=dear, randomise=True, **settings) >= 8
+    half = {**dear, "unshielded": 0.5}
+    assert compare(mode, 2, n=4, steps=120, config=half, randomise=True, **settings) >= 8
 
 
 def test_make_vec_gives_the_batch():

@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.kernel import borrowing_kernel, kernel
 from wheelchair_gym.kinematics import asked_twist
 from wheelchair_gym.safety.decide import decide
 from wheelchair_gym.safety.shield import forget, look
 from wheelchair_gym.safety.state import NOTHING
+from wheelchair_gym.sensing.noise import SHIELDS, uniform
 from wheelchair_gym.simulation.advance import advance, begin
 from wheelchair_gym.simulation.world import take_ground
 from wheelchair_gym.task.assess import assess, start_task
@@ -39,6 +40,8 @@ class Batch(NamedTuple):
     progress: Rows  # (n,) of PROGRESS
     guards: Rows  # (1,) of GUARD
     shields: Rows  # (n,) of SHIELD; (0,) without
+    unshielded: Array  # (1,) share of episodes without
+    bare: Flags  # (n,) the present episode is one of those
     over: Flags  # (n,) the episode has ended in an earlier step
     begun: Flags  # (n,) is set where an episode was begun in this step
 
@@ -62,6 +65,12 @@ def succeeded(rules: Any, course: Any, seen: Any) -> bool:
     return not seen.touched and reached(
         seen.true_pose, course.goal, course.tolerance, rules.heading, rules.heading_tolerance
     )
+
+
+@kernel
+def goes_bare(key: np.uint64, share: float) -> bool:
+    """Whether an episode is driven without the shield that there is."""
+    return share > 0.0 and uniform(key, 0, SHIELDS, 0) < share
 
 
 @borrowing_kernel
@@ -120,6 +129,7 @@ def begin_chair(i: int, batch: Batch, results: Results, scratch: Floats, ranges:
         for k in range(2):
             results.asked[i, k] = results.given[i, k] = 0.0
         results.protective[i] = False
+        batch.bare[i] = goes_bare(batch.keys[i], batch.unshielded[0])
         forget(batch.shields[i])
         take_in(i, batch, seen, ranges)
 
@@ -174,7 +184,8 @@ def step_chairs(
             seen, action, stop = sensed[i], actions[i], False
             v, w = asked_twist(action[0], action[1], rule.forward, rule.backward, rule.turn)
             asked_v, asked_w = v, w
-            if batch.shields.shape[0] > 0:
+            shielded = batch.shields.shape[0] > 0 and not batch.bare[i]
+            if shielded:
                 v, w, stop = decide(batch.guards[0], batch.shields[i], v, w)
             advance(i, rigs, chairs, states, worlds, v, w, stop, scratch, ranges, sensed)
             assess(
@@ -194,12 +205,12 @@ def step_chairs(
                 results.out[i],
             )
             results.success[i] = succeeded(rule, batch.courses[i], seen)
-            if batch.shields.shape[0] > 0:
-                shielded = batch.shields[i]
-                results.reason[i], results.protective[i] = shielded.reason, shielded.protective
+            if shielded:
+                shield = batch.shields[i]
+                results.reason[i], results.protective[i] = shield.reason, shield.protective
                 for k in range(2):
-                    results.asked[i, k] = shielded.asked[k]
-                    results.given[i, k] = shielded.given[k]
+                    results.asked[i, k] = shield.asked[k]
+                    results.given[i, k] = shield.given[k]
                 take_in(i, batch, seen, ranges)
             over[i] = verdicts[i].terminated or verdicts[i].truncated
             if not (over[i] and same_step):

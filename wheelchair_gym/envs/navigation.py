@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
+from wheelchair_gym.envs.batch import goes_bare
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_finder
 from wheelchair_gym.envs.worlds import Worlds
@@ -142,6 +143,10 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             shield=shield,
             **unknown,
         )
+        if chair is not None and s.unshielded > 0.0:
+            raise InputError(
+                f"unshielded is {s.unshielded:g}; expected 0 for a chair that is given"
+            )
         if isinstance(chair, str | Mapping):
             from wheelchair_gym.hardware.chairs import make_chair
 
@@ -157,6 +162,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if s.sensors.finds_itself:
             self.task.chart = finder.chart
         self.shield: Shield | None = None
+        self._bare = False  # the present episode is driven without it
         if s.shield is not None:
             self.shield = Shield(s.shield, s.chair, s.sensors, 1.0 / s.rate)
         self.worlds = Worlds(s, self.task)
@@ -198,6 +204,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         key = episode_key(self._seed, self._count)
         if self.shield is not None:
             self.shield.reset()
+            self._bare = goes_bare(np.uint64(key), self.settings.unshielded)
         observation = self.task.begin(self._course, self.chair.reset(self.episode, key), key)
         self._running = True
         self._trail = []
@@ -224,7 +231,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         chosen = np.asarray(action, np.float64)
         twist = self.task.limits.twist(chosen)
         stop, less = False, (0.0, 0.0)
-        if self.shield is not None:
+        if self.shield is not None and not self._bare:
             asked, twist = twist, self.shield.filter(twist, self.task.reading)
             less = float(asked[0] - twist[0]), float(asked[1] - twist[1])
             stop = self.shield.decision.protective

@@ -65,6 +65,10 @@ class EnvSettings:
     shield: ShieldSettings | None = setting(
         default=None, source="none: what a policy asks for is driven; a real chair always has one"
     )
+    unshielded: float = setting(
+        default=0.0, source="of simulated episodes, driven without the shield: for training only",
+        low=0.0, high=1.0,
+    )  # fmt: skip
     hardware: HardwareSettings = HardwareSettings()
 
     def __post_init__(self) -> None:

@@ -13,8 +13,8 @@ from wheelchair_gym.kernel import kernel
 # One channel for each use, so that no two sensors ever share a draw.
 (
     LASER, LASER_BIAS, ULTRASONIC, WHEELS, POSE, PARAMETERS, WORLDS, LOCALISE, SLAM, MOVERS, STARTS,
-    FAULTS,
-) = range(12)  # fmt: skip
+    FAULTS, SHIELDS,
+) = range(13)  # fmt: skip
 
 # Sum of four uniform 16-bit numbers: mean and standard deviation (Irwin-Hall, n = 4, cut at 3.46).
 _MEAN = 2.0 * 65535.0
