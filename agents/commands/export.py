@@ -18,7 +18,7 @@ def add(parts: Any) -> None:
         "clipping and scaling are in it; FILE.json beside it tells inputs, outputs and settings. "
         "Or write the last weights of a training run's best seed with a card, NAME.md: settings, "
         "curves of all seeds, results, limits.",
-        epilog="example: wheelchair export ppo_guided --onnx ppo_guided.onnx",
+        epilog="example: wheelchair export runs/ppo/policy.npz --onnx policy.onnx",
     )
     parser.add_argument("policy", help="weights: a name or a file .npz; for --npz a run's folder")
     to = parser.add_mutually_exclusive_group(required=True)
