@@ -34,7 +34,7 @@ def add(parts: Any) -> None:
         help="draw what a learned policy looks at",
         description="Drive one episode, hide parts of what the policy sees, and draw how much its "
         "action changes: for each beam at a moment, and for each part over the whole episode.",
-        epilog="example: wheelchair inspect runs/ppo/policy.npz --scene clutter --seed 3 --out looks.png",
+        epilog="example: wheelchair inspect runs/ppo/policy.npz --scene clutter --out looks.png",
     )
     parser.add_argument("policy", help="weights: a name or a file")
     parser.add_argument("--scene", metavar="NAME", default="floor_plan", help="default floor_plan")
