@@ -121,7 +121,7 @@ class LearnedDriver:
             raise InputError("the policy was trained with other ultrasonics than this chair has")
         shown = "path" in dict(self.layout.sizes)
         own = dataclasses.replace(env.task, privileged=False, aim="goal", beams=env.task.beams)
-        self._task, self._outer = task, task
+        self._task = task
         # The chair that drives is this one; what is seen of it is as in training.
         chair = dataclasses.replace(ChairSettings(), footprint=task.footprint, limits=task.limits)
         spec = {"call": "poses", "ways": _ways(env)} if self.layout.posed else env.guidance

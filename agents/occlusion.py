@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from agents.learned import LearnedDriver
@@ -107,7 +108,7 @@ class Looking:
         for x0, y0, x1, y1 in np.asarray(world.walls).reshape(-1, 4):
             view.plot((x0, x1), (y0, y1), color=palette.css(palette.SOLID), lw=1.5, zorder=3)
         for x, y, radius in np.asarray(world.discs).reshape(-1, 3):
-            view.add_patch(_disc(x, y, radius))
+            view.add_patch(Circle((x, y), radius, color=palette.css(palette.SOLID), zorder=3))
         most = max(float(beams[k].max()), 1e-9)
         for end, change in sorted(zip(ends, beams[k], strict=True), key=lambda pair: pair[1]):
             view.plot(
@@ -132,9 +133,3 @@ class Looking:
                       "then": beams[k].tolist()},
             "moment": moment,
         }  # fmt: skip
-
-
-def _disc(x: float, y: float, radius: float) -> Any:
-    from matplotlib.patches import Circle
-
-    return Circle((x, y), radius, color=palette.css(palette.SOLID), zorder=3)

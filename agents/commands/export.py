@@ -38,8 +38,8 @@ def run(given: argparse.Namespace) -> int:
         from agents.learning.publish import publish
 
         file = Path(given.npz)
-        card = publish(Path(given.policy), [Path(name) for name in given.results], file)
-        report(given, card.card, f"{file} and {file.with_suffix('.md')}")
+        weights = publish(Path(given.policy), [Path(name) for name in given.results], file)
+        report(given, weights.card, f"{file} and {file.with_suffix('.md')}")
         return 0
     from agents.learning.export import export_onnx
     from agents.learning.weights import find_weights, load_weights

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -65,12 +66,15 @@ def run(given: argparse.Namespace) -> int:
         content["frames"] = given.frames
     out = Path(given.out or Path("runs") / given.algorithm)
     cases = []
-    for name, change in _variants(given.vary):
-        changes = [*given.set, *change]
+    key, values = _varied(given.vary)
+    for value in values:
+        word = value if isinstance(value, str) else json.dumps(value)
+        name = f"{key.rpartition('.')[2]}_{word}" if key else ""
+        changes = [*given.set, *([f"{key}={word}"] if key else [])]
         own = _settings(given.algorithm, changed(content, changes), where)
         for seed in seeds:
             folder = out / name / f"seed_{seed}" if len(seeds) > 1 else out / name
-            cases.append(Case(f"{name} seed {seed}".strip(), own, changes, seed, folder))
+            cases.append(Case(f"{name} seed {seed}".strip(), own, changes, seed, folder, value))
     if given.jobs > 1 and len(cases) > 1:
         code = _side_by_side(given, cases)
         if code != 0:
@@ -79,10 +83,10 @@ def run(given: argparse.Namespace) -> int:
     else:
         results = {case.name: _one(given, case.own, case.seed, case.folder) for case in cases}
     lines = [f"{name}: {_line(row)}" for name, row in results.items()]
-    if given.vary:
+    if key:
         from agents.learning.variation import write_variation
 
-        lines.append(write_variation(given.vary, [case.folder for case in cases], out))
+        lines.append(write_variation(key, [(case.value, case.folder) for case in cases], out))
     report(given, results, "\n".join([*lines, str(out)]))
     return 0
 
@@ -95,18 +99,20 @@ class Case(NamedTuple):
     changes: list[str]
     seed: int
     folder: Path
+    value: Any  # of the setting that is varied
 
 
-def _variants(vary: str | None) -> list[tuple[str, list[str]]]:
-    """Folder and change of each value of KEY=A,B; one without either if there is none."""
+def _varied(vary: str | None) -> tuple[str, tuple[Any, ...]]:
+    """Key and values of KEY=A,B; no key and one value where nothing is varied."""
+    if vary is None:
+        return "", (None,)
+    from agents.ranges import read_range
     from wheelchair_gym.config import InputError
 
-    if vary is None:
-        return [("", [])]
-    key, _, values = vary.partition("=")
-    if not (key and values):
+    found = read_range(vary)
+    if not found.choices:
         raise InputError(f"--vary {vary}: expected KEY=A,B")
-    return [(f"{key.rpartition('.')[2]}_{value}", [f"{key}={value}"]) for value in names(values)]
+    return found.key, found.choices
 
 
 def _defaults(algorithm: str) -> dict[str, Any]:

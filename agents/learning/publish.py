@@ -75,18 +75,14 @@ def _results(file: Path, names: Mapping[str, str], name: str) -> list[dict[str, 
         command = re.sub(r" --(out|jobs|json) \S+| --(no-video|quiet)", "", content["command"])
         command = re.sub(r"--policies \S+", f"--policies {name}", command)
         return [
-            {"suite": content["title"], "command": command, "commit": _of(content, "commit"),
-             "scene": row["scene"], "seed": names[row["policy"]],
-             **{key: row[key] for key in FIGURES}}
+            {"suite": content["title"], "command": command,
+             "commit": content["provenance"]["commit"], "scene": row["scene"],
+             "seed": names[row["policy"]], **{key: row[key] for key in FIGURES}}
             for row in content["summary"]
             if row["policy"] in names and row["scene"] == "all"
         ]  # fmt: skip
     except (KeyError, TypeError):
         raise InputError(f"{file}: expected the results.json of a comparison") from None
-
-
-def _of(content: Mapping[str, Any], key: str) -> Any:
-    return content["provenance"][key]
 
 
 def _percent(row: Mapping[str, Any], key: str) -> str:

@@ -225,7 +225,8 @@ class Run:
         save_checkpoint(self.folder, content)
 
     def close(self) -> None:
-        """Close the environments."""
+        """Close the environments, and let their worlds go."""
+        gc.unfreeze()
         self.env.close()
         if self._trials is not None:
             self._trials.close()

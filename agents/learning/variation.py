@@ -16,33 +16,28 @@ from agents.learning.run import POLICY
 from agents.learning.weights import load_weights
 from agents.metrics import wilson
 from agents.provenance import write_text
-from wheelchair_gym.config import value_of, with_values
 from wheelchair_gym.files import whole
 
 Curve = list[tuple[float, float]]  # frames and share of success
 NAME = "variation"
 
 
-def write_variation(vary: str, folders: Sequence[Path], out: Path) -> str:
+def write_variation(key: str, runs: Sequence[tuple[Any, Path]], out: Path) -> str:
     """Write variation.csv and variation.svg to a folder; the table as text.
 
     Args:
-        vary: KEY=A,B.
-        folders: of the runs.
+        key: of the setting.
+        runs: its value and the folder of each.
         out: where to.
     """
-    key, _, texts = vary.partition("=")
-    values = [value_of(text.strip()) for text in texts.split(",")]
-    curves: dict[str, list[Curve]] = {str(value): [] for value in values}
+    curves: dict[str, list[Curve]] = {}
     rows: list[dict[str, Any]] = []
-    for folder in folders:
+    for value, folder in runs:
         card = load_weights(folder / POLICY).card
-        value = next(v for v in values if with_values(card["training"], {key: v})
-                     == card["training"])  # fmt: skip
         judged = [row for row in read_curve(folder) if row.get("trial_success")]
         if not judged:
             continue
-        curves[str(value)].append(
+        curves.setdefault(str(value), []).append(
             [(float(row["frames"]), float(row["trial_success"])) for row in judged]
         )
         episodes = card["training"]["trials"]["episodes"]
