@@ -13,7 +13,6 @@ One policy with named states, shown by pictures and logs as the task's note:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import field, replace
 from typing import Any
@@ -23,31 +22,25 @@ from numpy.typing import NDArray
 
 from agents.followers import make_follower
 from agents.followers.follower import CREEP
-from agents.followers.retreat import BACK, back_out
+from agents.followers.retreat import BACK, CRAWL, Retreats, back_out, crawled
 from agents.look_round import LookRound
 from agents.motion import Motion
-from agents.paths import backing
 from agents.reference import Reference
 from agents.scripted import Observation, episode_rng
 from agents.surroundings import Surroundings
 from agents.unseen import assumed, blind_behind, walled
+from agents.widest import widest_plan
 from planners import make_planner
-from planners.space import Space
-from planners.types import Plan, Problem, Status
+from planners.types import Plan, Status
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.maps import FREE, UNKNOWN, OccupancyGrid, bottleneck
+from wheelchair_gym.maps import OccupancyGrid
 
 Array = NDArray[np.float64]
 
-FINER = 0.04  # m: a plan that finds no way is tried again with this much less clearance,
-BACKS = 0.3  # m: and once more if it leads so far in reverse, where nothing looks
 GAIN = 0.1  # m of way that count as progress
 HURRY = 0.4  # share of the patience at the path's end, where the goal is near but not reached
 AHEAD = 3.0  # m of the path on which temporary obstacles count
 CLOSE = 2.0  # m from the outline, within which what moves explains why the chair stands
-SAME = 1.0  # m: so near the last place it backs out farther, up to
-FARTHEST = 4  # times as far
 BEHIND = 2.5  # m: with anything nearer that moves, the chair hardly backs: nothing looks back
 AGAIN = 3.0  # s until a plan is tried again that led round nothing
 DETOUR = 2.0  # m by which a way round may be longer at once, and
@@ -55,7 +48,6 @@ STROLL = 0.5  # m/s more the longer it waits: it waits as long as the way round 
 TOLERATED = 0.06  # m: cells are drawn whole, and hits err
 SHOWN = 1.0  # s for which people see why there is a new path
 BOLD = 1.0  # m of way once there was no progress on which room costs nothing; margins stay
-CRAWL = 0.04  # m/s of any part in reverse where there are people: so slow it harms nobody it hits
 COURTESY = 0.5  # share at which time counts as lost while the chair halts for what moves
 
 
@@ -115,7 +107,7 @@ class PlannedDriver:
         self._around = Surroundings(task)
         self._chair = Motion(task.limits, task.footprint, task.period)
         self._backing = 0.0  # s left to back out
-        self._backed = (np.full(2, np.inf), 0)  # where it backed out last, how often
+        self._retreats = Retreats()
         self._tries = 0  # plans made since there was progress
         self._bold = 0.0  # m on which room costs nothing
         self._round = False  # the path leads round what is temporary
@@ -223,23 +215,10 @@ class PlannedDriver:
     def _plan(self, known: OccupancyGrid, start: Array, goal: Array) -> bool:
         """Plan in a map at the widest clearance that leads to the goal."""
         self.plans += 1
-        clearance, space = self.own.clearance, Space.from_grid(known)
-        free = np.where(known.cells == UNKNOWN, FREE, known.cells)  # as planners take it
-        taken = OccupancyGrid(free, known.resolution, known.origin)
-        most = bottleneck(taken, start[:2], goal[:2]) + 0.5 * known.resolution
-        while clearance > most and clearance - FINER >= self.own.least:
-            clearance -= FINER  # what no disc passes is not worth a search
-        best = math.inf  # m in reverse
-        while True:
-            plan = self._planner.plan(Problem(space, start, goal, clearance), self._rng)
-            found, backs = plan.status is Status.SOLVED, backing(plan.path)
-            second = best < math.inf
-            if not second or (found and backs < best - BACKS):
-                self.plan, self._clearance = plan, clearance
-            clearance -= FINER
-            if second or (found and backs < BACKS) or clearance < self.own.least:
-                return self.solved
-            best = backs if found else best  # once more: with less clearance it may lead ahead
+        self.plan, self._clearance = widest_plan(
+            self._planner, known, start, goal, self.own.clearance, self.own.least, self._rng
+        )
+        return self.solved
 
     def act(self, observation: Observation) -> Array:
         """See `Policy.act`."""
@@ -298,7 +277,7 @@ class PlannedDriver:
         if twist is None or (twist[0] < 0.0 and self._around.blind):
             twist = np.zeros(2)
         elif self._peopled and twist[0] < 0.0:
-            twist = twist * min(1.0, CRAWL / _rear_speed(twist, self._task.footprint))
+            twist = crawled(twist, self._task.footprint)
         elif unseen and twist[0] < -CREEP:
             twist = twist * (-CREEP / twist[0])
         twist = self._around.unhurried(twist[None], self._chair.state)[0]
@@ -321,7 +300,7 @@ class PlannedDriver:
             self._anew()
             if waits or self._reference.left < left + DETOUR:
                 return
-        self._backing = self._farther()
+        self._backing = self._retreats.begin(self._around.pose[:2]) * self.own.backing
 
     @property
     def _temporary(self) -> bool:
@@ -334,13 +313,6 @@ class PlannedDriver:
             self._go_round()
         else:
             self._replan()
-
-    def _farther(self) -> float:
-        """For how long to back out [s]: each time farther from where it did not help before."""
-        place, again = self._around.pose[:2], self._backed[1]
-        again = min(again + 1, FARTHEST) if math.dist(place, self._backed[0]) < SAME else 1
-        self._backed = (place.copy(), again)
-        return again * self.own.backing
 
     def _accompanied(self) -> bool:
         """Whether somebody is so near that they may be behind the chair the next moment, unseen."""
@@ -392,9 +364,3 @@ class PlannedDriver:
         assert self._reference is not None
         ahead = self._reference.rows[self._reference.at :]
         return walled(self._task.map, ahead, self._clearance)
-
-
-def _rear_speed(twist: Array, outline: Footprint) -> float:
-    """The speed of the faster rear corner of a chair that backs [m/s]."""
-    turn = abs(twist[1])
-    return math.hypot(turn * outline.half_width - twist[0], turn * outline.rear)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,13 +12,39 @@ from agents.motion import Motion
 from agents.reference import Reference
 from agents.rollout import stops_clear
 from agents.surroundings import Surroundings
+from wheelchair_gym.geometry import Footprint
 
 Array = NDArray[np.float64]
 
 BACK = 0.15  # m/s in reverse: nothing looks back
+CRAWL = 0.04  # m/s of any part in reverse where there are people: so slow it harms nobody it hits
+SAME = 1.0  # m: so near the last place it backs out farther, up to
+FARTHEST = 4  # times as far
 TURNS = (0.0, 0.3, -0.3, 0.7, -0.7)  # rad/s, in order of preference
 MARGIN = 0.05  # m and
 HOLD = 0.4  # s: what a way back must leave, as `Window` asks of a way ahead
+
+
+class Retreats:
+    """Where the chair backed out last, and how often: each time farther than did not help."""
+
+    def __init__(self) -> None:
+        self._place, self._count = np.full(2, np.inf), 0
+
+    def begin(self, place: Array) -> int:
+        """How many times as far as usual to back out of a place (2,) [m]."""
+        near = math.dist(place, self._place) < SAME
+        self._count = min(self._count + 1, FARTHEST) if near else 1
+        self._place = place.copy()
+        return self._count
+
+
+def crawled(twist: Array, outline: Footprint) -> Array:
+    """A twist (2,) in reverse, slowed so that no rear corner moves faster than a crawl."""
+    swing = abs(twist[1])
+    corner = math.hypot(swing * outline.half_width - twist[0], swing * outline.rear)
+    slowed: Array = twist * min(1.0, CRAWL / corner)
+    return slowed
 
 
 def back_out(around: Surroundings, reference: Reference, chair: Motion) -> Array | None:

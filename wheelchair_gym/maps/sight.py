@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import borrowing_kernel, kernel, whole
-from wheelchair_gym.maps.distance import same
+from wheelchair_gym.maps.gates import Ground, dequeue, enqueue, ground_of, run_at
 
 Field = NDArray[np.float32]
 Index = NDArray[np.int32]
@@ -35,18 +35,6 @@ _SLACK = 0.8  # cells
 _NEAR = 6.0  # rows
 
 
-_RUN = np.dtype([("first", np.int32), ("last", np.int32)])  # columns
-_GATE = np.dtype(
-    [
-        ("row", np.int32),
-        ("col", np.int32),
-        ("east", np.int32),  # 1 or -1: the blocked corner lies in this column beside it ...
-        ("north", np.int32),  # ... and in this row
-        ("way", np.float32),  # the shortest so far
-        ("root", np.int32),  # the bend that lit it
-        ("place", np.int32),  # in the queue, 0 if it does not wait
-    ]
-)
 _BEND = np.dtype(
     [
         ("x", np.float32),
@@ -73,15 +61,6 @@ def no_bends() -> Records:
     return np.empty(0, _BEND)
 
 
-class Ground(NamedTuple):
-    """Free cells row by row, as runs, and the gates among them."""
-
-    run: Index  # (rows + 1,): the first run of each row
-    runs: Records
-    gate: Index  # (rows + 1,): the first gate of each row
-    gates: Records
-
-
 class Beam(NamedTuple):
     """What a bend sees on one side of its row, and how much of that is news."""
 
@@ -91,95 +70,6 @@ class Beam(NamedTuple):
     shadow: int  # 1: news only east of an edge; -1: only west of it; 0: everywhere
     edge: float  # where the edge crosses the bend's own row
     drift: float  # its slope
-
-
-@kernel
-def _ground(free: Mask) -> Ground:
-    """The runs of a map's free cells, and its gates."""
-    rows, cols = free.shape
-    cells = free.view(np.int8)
-    run, gate = np.zeros(rows + 1, np.int32), np.zeros(rows + 1, np.int32)
-    alike = np.zeros(rows, np.bool_)  # rows like the one below
-    runs = np.empty(rows * ((cols + 1) // 2), _RUN)  # as many as there might be: only a few are met
-    k = 0
-    for row in range(rows):
-        run[row] = k
-        alike[row] = row > 0 and same(cells[row], cells[row - 1])
-        if alike[row]:
-            for other in range(run[row - 1], run[row]):
-                runs[k].first, runs[k].last = runs[other].first, runs[other].last
-                k += 1
-            continue
-        col = 0
-        while col < cols:
-            while col < cols and not free[row, col]:
-                col += 1
-            if col < cols:
-                runs[k].first = col
-                while col < cols and free[row, col]:
-                    col += 1
-                runs[k].last = col - 1
-                k += 1
-    run[rows] = k
-    gates = np.empty(4 * k, _GATE)
-    m = 0
-    for row in range(rows):
-        gate[row] = m
-        for side in (-1, 1):
-            beside = row + side
-            if beside < 0 or beside >= rows or alike[max(row, beside)]:
-                continue
-            for k in range(run[beside], run[beside + 1]):
-                for way in (-1, 1):
-                    col = runs[k].last if way > 0 else runs[k].first
-                    if 0 <= col + way < cols and free[row, col] and free[row, col + way]:
-                        gates[m].row, gates[m].col = row, col
-                        gates[m].east, gates[m].north = way, side
-                        gates[m].way, gates[m].place = np.inf, 0
-                        m += 1
-    gate[rows] = m
-    return Ground(run, runs[: run[rows]], gate, gates[:m])
-
-
-@borrowing_kernel
-def _enqueue(gates: Records, queue: Index, gate: int) -> None:
-    """Let a gate wait, or move it up as its way became shorter: a heap, queue[0] its length."""
-    way, k = gates[gate].way, gates[gate].place
-    if k == 0:
-        queue[0] += 1
-        k = queue[0]
-    while k > 1:
-        above = queue[k // 2]
-        if gates[above].way <= way:
-            break
-        queue[k] = above
-        gates[above].place = k
-        k //= 2
-    queue[k] = gate
-    gates[gate].place = k
-
-
-@borrowing_kernel
-def _dequeue(gates: Records, queue: Index) -> int:
-    """The gate with the shortest way."""
-    top, count = queue[1], queue[0] - 1
-    gates[top].place = 0
-    queue[0] = count
-    if count > 0:
-        moved = queue[count + 1]
-        k = 1
-        while 2 * k <= count:
-            below, other = 2 * k, min(2 * k + 1, count)
-            if gates[queue[other]].way < gates[queue[below]].way:
-                below = other
-            if gates[queue[below]].way >= gates[moved].way:
-                break
-            queue[k] = queue[below]
-            gates[queue[k]].place = k
-            k = below
-        queue[k] = moved
-        gates[moved].place = k
-    return int(top)
 
 
 @borrowing_kernel
@@ -215,17 +105,8 @@ def _light(
             here = way + math.sqrt(square + dx * dx)
             if here < line[gate.col] + np.float32(_GAIN) and here < gate.way - np.float32(_GAIN):
                 gate.way, gate.root = here, root
-                _enqueue(ground.gates, queue, k)
+                enqueue(ground.gates, queue, k)
     return a, b
-
-
-@borrowing_kernel
-def _run_at(ground: Ground, row: int, col: int) -> int:
-    """The run that holds a free cell."""
-    k = ground.run[row]
-    while ground.runs[k].last < col:
-        k += 1
-    return int(k)
 
 
 @borrowing_kernel
@@ -244,7 +125,7 @@ def _shine(
     """
     x, y, north = float(bends[root].x), float(bends[root].y), beam.north
     row = math.floor(y + 0.5)
-    run = ground.runs[_run_at(ground, row, math.floor(x + 0.5))]
+    run = ground.runs[run_at(ground, row, math.floor(x + 0.5))]
     near = max(0.5 + north * (row - y), 1e-3)  # to the edge of its own row
     wedges[0].row, wedges[0].first, wedges[0].last = row + north, run.first, run.last
     wedges[0].low = max(beam.low, (run.first - _HALF - x) / near)
@@ -306,7 +187,7 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
         col: see row.
     """
     length = np.full(free.shape, np.inf, np.float32)
-    ground = _ground(free)
+    ground = ground_of(free)
     gates, runs = ground.gates, ground.runs
     queue = np.zeros(len(gates) + 1, np.int32)
     bends = np.empty(len(gates) + 1, _BEND)
@@ -317,7 +198,7 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
     if math.floor(goal_x + 0.5) != col or math.floor(goal_y + 0.5) != row:
         bends[0].x, bends[0].y = col, row
         bends[0].way = math.hypot(col - goal_x, row - goal_y)
-    k = _run_at(ground, row, col)
+    k = run_at(ground, row, col)
     first, last = whole(runs[k].first), whole(runs[k].last)
     count = whole(0)
     _light(ground, queue, bends, count, length, row, first, last)
@@ -326,7 +207,7 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
         _shine(ground, queue, bends, count, length, wedges, beam)
     count += 1
     while queue[0] > 0:
-        gate = gates[_dequeue(gates, queue)]
+        gate = gates[dequeue(gates, queue)]
         row, col = whole(gate.row), whole(gate.col)
         east, up = whole(gate.east), whole(gate.north)
         # Up to the edge, the line from its own root by the corner, others have lit the ground. A
@@ -356,7 +237,7 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
         side = 1 if ex + east * abs(ey) > 0.0 else -1
         lit = False
         if ey * up < 0.0:
-            k = _run_at(ground, row, col)
+            k = run_at(ground, row, col)
             begin, end = whole(runs[k].first), whole(runs[k].last)
             if side > 0:
                 begin = max(begin, math.floor(edge))

@@ -23,8 +23,9 @@ from wheelchair_gym.address import address_of, rows_of
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.safety.decide import decide, slow_for_unseen
+from wheelchair_gym.safety.echoes import hear
 from wheelchair_gym.safety.faults import watch
-from wheelchair_gym.safety.memory import follow, hear, look_round, remember
+from wheelchair_gym.safety.memory import follow, look_round, remember
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.state import (
     BINS,

@@ -12,16 +12,14 @@ count from the end; selects, not branches. The sensor's position is subtracted i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel, inlined
+from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.sensing.bearings import bearing, see_ends
+from wheelchair_gym.sensing.lanes import span
 from wheelchair_gym.sensing.noise import LASER, LASER_BIAS, bits, mix, normal
 from wheelchair_gym.sensing.settings import LaserSettings
 
@@ -32,15 +30,9 @@ SCRATCH = 10  # rows of scratch: 4 for ends, 2 for bearings, 4 for lines
 
 _F = np.float32
 _ZERO, _ONE, _TINY, _NONE = _F(0.0), _F(1.0), _F(1e-30), _F(np.inf)
-_QUARTER, _HALF, _TURN = _F(0.5 * math.pi), _F(math.pi), _F(2.0 * math.pi)
-# Odd polynomial of the arc tangent on [0, 1] (Abramowitz and Stegun 4.4.49), lowest power first.
-_A1, _A3, _A5, _A7 = _F(0.9999993329), _F(-0.3332985605), _F(0.1994653599), _F(-0.1390853351)
-_A9, _A11, _A13, _A15 = _F(0.0964200441), _F(-0.0559098861), _F(0.0218612286), _F(-0.0040540580)
-_EDGE = _F(
-    2e-6
-)  # rad: beams this near to a segment's end count as hits, so that joints have no gap
+_TURN = _F(2.0 * math.pi)
+_EDGE = _F(2e-6)  # rad: beams this near to a segment's end are hits, so that joints have no gap
 _SLIM = _F(1e-12)  # rad2: segments that look narrower than the root of this are seen edge-on
-_LANES = 32  # beams that are compared at once
 
 # A beam's noise is the sum of the four bytes of a 32-bit hash (Irwin-Hall, n = 4, cut at 3.46).
 _U = np.uint32
@@ -84,31 +76,6 @@ class LaserArrays(NamedTuple):
             laser.no_echo * share,
             laser.bias * share,
         )
-
-
-@inlined
-def bearing(y: np.float32, x: np.float32) -> np.float32:
-    """The angle of (x, y) [rad] to 3e-7: a polynomial, so that it vectorises."""
-    ax, ay = abs(x), abs(y)
-    far = ax if ax > ay else ay
-    near = ay if ax > ay else ax
-    a = near / (far if far > _TINY else _TINY)
-    s = a * a
-    r = ((_A15 * s + _A13) * s + _A11) * s + _A9
-    r = (((r * s + _A7) * s + _A5) * s + _A3) * s + _A1
-    r = r * a
-    r = _QUARTER - r if ay > ax else r
-    r = _HALF - r if x < _ZERO else r
-    return -r if y < _ZERO else r
-
-
-@borrowing_kernel
-def see_ends(walls: Array, x: float, y: float, ends: Floats) -> None:
-    """Ends of the segments (n, 4) [m], seen from (x, y): ends (2 n, 2), flat."""
-    flat = walls.reshape(walls.size)
-    for k in range(np.uint64(2 * walls.shape[0])):
-        ends[2 * k] = _F(flat[2 * k] - x)
-        ends[2 * k + 1] = _F(flat[2 * k + 1] - y)
 
 
 @borrowing_kernel
@@ -168,63 +135,6 @@ def _keep_seen(n: int, lines: Floats) -> np.int64:
         lines[4 * kept + 2], lines[4 * kept + 3] = low, high
         kept += np.uint64(high >= _ZERO)
     return np.int64(kept)
-
-
-@intrinsic
-def _raise_block(
-    typingctx: Any, out: Any, cosine: Any, sine: Any, a: Any, b: Any, start: Any, i0: Any, i1: Any
-) -> Any:
-    """out[i] = max(out[i], a cos[i] + b sin[i]) for _LANES beams from start on, if i0 <= i < i1.
-
-    Written as vectors, since intervals are short: a loop would spend its time in its remainder.
-    """
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        number = ir.IntType(32)
-        floats, numbers = ir.VectorType(ir.FloatType(), _LANES), ir.VectorType(number, _LANES)
-
-        def place(k: int) -> Any:
-            array = context.make_array(signature.args[k])(context, builder, args[k])
-            return builder.bitcast(builder.gep(array.data, [args[5]]), floats.as_pointer())
-
-        def spread(value: Any, kind: Any) -> Any:
-            blank = ir.Constant(kind, ir.Undefined)
-            one = builder.insert_element(blank, value, ir.Constant(number, 0))
-            return builder.shuffle_vector(one, blank, ir.Constant(numbers, [0] * _LANES))
-
-        def count(k: int) -> Any:
-            return spread(builder.trunc(builder.sub(args[k], args[6]), number), numbers)
-
-        old, cos, sin = (builder.load(place(k), align=4) for k in (0, 1, 2))
-        new = builder.fadd(
-            builder.fmul(spread(args[3], floats), cos), builder.fmul(spread(args[4], floats), sin)
-        )
-        lane = builder.add(count(5), ir.Constant(numbers, list(range(_LANES))))
-        inside = builder.icmp_unsigned("<", lane, count(7))  # a negative lane is a huge one
-        better = builder.and_(inside, builder.fcmp_ordered(">", new, old))
-        builder.store(builder.select(better, new, old), place(0), align=4)
-        return context.get_dummy_value()
-
-    index = types.int64
-    return types.void(out, cosine, sine, types.float32, types.float32, index, index, index), codegen
-
-
-_raise_lanes = cast("Callable[..., None]", _raise_block)
-
-
-@inlined
-def _span(
-    out: Floats, cosine: Floats, sine: Floats, a: np.float32, b: np.float32, i0: int, i1: int
-) -> None:
-    """Nearest of what beams i0..i1 saw and the line whose inverse range is a cos + b sin."""
-    last = out.shape[0] - _LANES
-    if last < 0:
-        for i in range(i0, i1):
-            inverse = a * cosine[i] + b * sine[i]
-            out[i] = inverse if inverse > out[i] else out[i]
-    else:
-        for i in range(i0, i1, _LANES):
-            _raise_lanes(out, cosine, sine, a, b, min(i, last), i0, i1)
 
 
 @borrowing_kernel
@@ -294,7 +204,7 @@ def exact_scan(
         a, b, low, high = lines[4 * k], lines[4 * k + 1], lines[4 * k + 2], lines[4 * k + 3]
         while high >= _ZERO:  # twice if across the seam behind the sensor
             i0, i1 = int(low), min(beams, int(high) + 1)
-            _span(out, laser.cosine, laser.sine, a, b, i0, i1)
+            span(out, laser.cosine, laser.sine, a, b, i0, i1)
             low, high = _ZERO, high - turn
     _span_discs(laser, x, y, yaw, discs, out)
     for i in range(np.uint64(beams)):

@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel, inlined
-from wheelchair_gym.sensing.laser import see_ends
+from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.sensing.bearings import see_ends
+from wheelchair_gym.sensing.disc_echoes import echo_of_discs, hidden_by_discs, hides, lost
 from wheelchair_gym.sensing.noise import ULTRASONIC, normal, uniform
 from wheelchair_gym.sensing.settings import UltrasonicSettings
 
@@ -60,41 +61,6 @@ class UltrasonicArrays(NamedTuple):
             np.array([m.loss_at if noise else 2 * never for m in models]),
             np.array(rangers.order, dtype=np.int64),
         )
-
-
-@inlined
-def _hides(
-    qx: float, qy: float, ax: float, ay: float, bx: float, by: float, x: float, y: float
-) -> bool:
-    """Whether the segment a-b stands between (x, y) and the point (x + qx, y + qy)."""
-    ex, ey = bx - ax, by - ay
-    cross = qx * ey - qy * ex
-    if cross == 0.0:
-        return False
-    t = ((ax - x) * ey - (ay - y) * ex) / cross
-    u = ((ax - x) * qy - (ay - y) * qx) / cross
-    return 0.0 < t < 1.0 - 1e-9 and 0.0 <= u <= 1.0
-
-
-@borrowing_kernel
-def _hidden_by_discs(qx: float, qy: float, discs: Array, x: float, y: float) -> bool:
-    """Whether a disc stands between (x, y) and the point (x + qx, y + qy)."""
-    for k in range(discs.shape[0]):
-        x0, y0, radius = discs[k, 0] - x, discs[k, 1] - y, discs[k, 2]
-        square = qx * qx + qy * qy
-        along = x0 * qx + y0 * qy
-        inside = along * along - square * (x0 * x0 + y0 * y0 - radius * radius)
-        if inside > 0.0:
-            t = (along - math.sqrt(inside)) / square
-            if 0.0 < t < 1.0 - 1e-9:
-                return True
-    return False
-
-
-@inlined
-def _lost(incidence: float, start: float, end: float, draw: float) -> bool:
-    """Whether an echo at this incidence is lost: never below start, always above end."""
-    return draw < (incidence - start) / (end - start)
 
 
 @borrowing_kernel
@@ -166,52 +132,6 @@ def _nearest_of_wall(
 
 
 @borrowing_kernel
-def _echo_of_discs(
-    x: float,
-    y: float,
-    c: float,
-    s: float,
-    slope: float,
-    reach: float,
-    loss_from: float,
-    loss_at: float,
-    draw: float,
-    walls: Array,
-    discs: Array,
-) -> float:
-    """Distance [m] of the first echo of a disc, walls in between regarded; +inf if none."""
-    best = math.inf
-    half = math.atan(slope)
-    for k in range(discs.shape[0]):
-        x0, y0, radius = discs[k, 0] - x, discs[k, 1] - y, discs[k, 2]
-        far = math.sqrt(x0 * x0 + y0 * y0)
-        if far - radius >= min(best, reach):
-            continue
-        if far <= radius:
-            return 0.0
-        bearing = math.atan2(c * y0 - s * x0, c * x0 + s * y0)
-        direction = min(half, max(-half, bearing))
-        aside = abs(bearing - direction)
-        off = far * math.sin(aside)
-        if aside >= 0.5 * math.pi or off > radius:
-            continue
-        distance = far * math.cos(aside) - math.sqrt(radius * radius - off * off)
-        lost = _lost(math.asin(off / radius), loss_from, loss_at, draw)
-        if lost or distance >= min(best, reach):
-            continue
-        ahead, left = distance * math.cos(direction), distance * math.sin(direction)
-        qx, qy = c * ahead - s * left, s * ahead + c * left
-        hidden = _hidden_by_discs(qx, qy, discs, x, y)
-        for j in range(walls.shape[0]):
-            if hidden:
-                break
-            hidden = _hides(qx, qy, walls[j, 0], walls[j, 1], walls[j, 2], walls[j, 3], x, y)
-        if not hidden:
-            best = distance
-    return best
-
-
-@borrowing_kernel
 def first_echo(
     x: float,
     y: float,
@@ -243,7 +163,7 @@ def first_echo(
     c, s = math.cos(yaw), math.sin(yaw)
     best = math.inf
     if discs.shape[0] > 0:
-        best = _echo_of_discs(x, y, c, s, slope, reach, loss_from, loss_at, draw, walls, discs)
+        best = echo_of_discs(x, y, c, s, slope, reach, loss_from, loss_at, draw, walls, discs)
     n, width = walls.shape[0], scratch.shape[1]
     rows = scratch.reshape(scratch.size)
     ends, square, names = rows[: 4 * width], rows[4 * width : 5 * width], rows[5 * width :]
@@ -264,16 +184,14 @@ def first_echo(
         ahead, left, distance, incidence = _nearest_of_wall(
             c * x0 + s * y0, c * y0 - s * x0, c * x1 + s * y1, c * y1 - s * x1, slope
         )
-        if distance < min(best, reach) and not _lost(incidence, loss_from, loss_at, draw):
+        if distance < min(best, reach) and not lost(incidence, loss_from, loss_at, draw):
             qx, qy = c * ahead - s * left, s * ahead + c * left
-            hidden = _hidden_by_discs(qx, qy, discs, x, y)
+            hidden = hidden_by_discs(qx, qy, discs, x, y)
             for j in range(near if visited else 0):
                 # Only what is nearer can hide it, and that was visited before.
                 if square[j] < _ZERO and not hidden:
                     i = int(names[j])
-                    hidden = _hides(
-                        qx, qy, walls[i, 0], walls[i, 1], walls[i, 2], walls[i, 3], x, y
-                    )
+                    hidden = hides(qx, qy, walls[i, 0], walls[i, 1], walls[i, 2], walls[i, 3], x, y)
             if not hidden:
                 best = distance
         square[first], visited = -_ONE, True
