@@ -139,7 +139,7 @@ class LearnedDriver:
         goal[: len(task.goal)] = task.goal
         episode = Episode(task.map, pose, goal, tolerance=task.tolerance)
         self._course = self._eye.prepare(episode)
-        self._eye.begin(self._course, task.reading, task.key)
+        self._eye.begin(self._course, task.reading, task.key, task.guarded)
         self._task.path = self._course.path
 
     def act(self, observation: Mapping[str, Floats]) -> Array:
@@ -150,7 +150,7 @@ class LearnedDriver:
             if grows and reading.stamp - self._looked >= RELOOK:
                 self._looked = reading.stamp
                 self._look(self._task)
-            seen = self._eye.assess(reading, self._action)
+            seen = self._eye.assess(reading, self._action, self._task.withheld)
             self.told = np.concatenate([seen[key] for key, _ in self.layout.sizes if key in seen])
             self._action = self.network(self.told[None])[0].astype(np.float64)
         self._steps += 1

@@ -68,7 +68,7 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
 
     Inputs are what a reading holds: `laser` (n, beams of the laser) and `ultrasonic` (n, 8) [m]
     with +inf, -inf and NaN as they come; the rest as the task observes it (`twist`, `goal`,
-    `last_action`, `path`). Outputs: `action` (n, 2) in [-1, 1] and the twist it asks for,
+    `last_action`, `shield`, `path`). Outputs: `action` (n, 2) in [-1, 1] and the twist it asks for,
     `twist_asked` (n, 2) [m/s, rad/s].
     A recurrent policy has inputs `h`, `c` and outputs `h_next`, `c_next` (n, memory).
 
@@ -156,7 +156,11 @@ def _features(
         graph.add("Gather", "goal", graph.constant(which, np.int64), axis=1)
         for which in ([0], list(range(1, sizes["goal"])))
     )
-    rest = ["twist", bearing, *(NAMES.get(k, k) for k in ("action", "path") if k in sizes)]
+    rest = [
+        "twist",
+        bearing,
+        *(NAMES.get(k, k) for k in ("action", "shield", "path") if k in sizes),
+    ]
     scaled = graph.add("Mul", graph.add("Concat", *rest, axis=1), graph.constant(layout.scales))
     least = graph.add("Min", far, graph.constant(GOAL_MOST))
     distance = graph.add("Div", least, graph.constant(GOAL_MOST))

@@ -56,26 +56,20 @@ class Layout:
 
     @property
     def scales(self) -> Floats:
-        """What twist, action, path and the rest of the goal are multiplied by (n,)."""
+        """What twist, the rest of the goal, action, shield and path are multiplied by (n,)."""
         path = dict(self.sizes).get("path", 0)
         each = [AHEAD_SCALE, AHEAD_SCALE, 1.0, 1.0] if self.posed else [AHEAD_SCALE] * 2
         goal = dict(self.sizes)["goal"] - 1
-        action = dict(self.sizes).get("action", 0)
-        parts = [[1.0] * 2, [1.0] * goal, [1.0] * action, each * (path // len(each))]
+        plain = sum(dict(self.sizes).get(key, 0) for key in ("action", "shield"))
+        parts = [[1.0] * 2, [1.0] * goal, [1.0] * plain, each * (path // len(each))]
         return np.concatenate(parts).astype(np.float32)
 
     @property
     def scaled(self) -> NDArray[np.int64]:
         """Which numbers of a flat observation those are."""
-        twist, goal = self.place("twist"), self.place("goal")
-        action, path = self.place("action"), self.place("path")
-        parts = [
-            np.arange(twist.start, twist.stop),
-            np.arange(goal.start + 1, goal.stop),
-            np.arange(action.start, action.stop),
-            np.arange(path.start, path.stop),
-        ]
-        return np.concatenate(parts)
+        places = {key: self.place(key) for key in ("twist", "goal", "action", "shield", "path")}
+        places["goal"] = slice(places["goal"].start + 1, places["goal"].stop)
+        return np.concatenate([np.arange(at.start, at.stop) for at in places.values()])
 
 
 def features(xp: Any, flat: Any, layout: Layout, scaled: Any, scales: Any) -> Any:

@@ -123,7 +123,7 @@ _WORLDS = {
         "barn",
         "crowd",
     ],
-    "shares": [0.5, 0.1, 0.1, 0.15, 0.15],
+    "shares": [0.45, 0.05, 0.2, 0.15, 0.15],
 }
 
 
@@ -133,8 +133,9 @@ def _env(points: bool, privileged: bool) -> dict[str, Any]:
         "beams": 64,
         "aim": "time",
         "last_action": True,
+        "shield_state": True,
         "privileged": privileged,
-        "reward": {"progress": 0.1, "withheld": -0.02},
+        "reward": {"progress": 0.1, "bumped": -3.0, "withheld": -0.02},
     }
     if not points:
         task["look_ahead_time"] = []

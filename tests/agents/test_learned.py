@@ -174,7 +174,8 @@ def test_onnx_acts_as_numpy_from_raw_readings(memory, head, tmp_path):
         reaches = [4.0] * 4 + [6.0] * 4
         heard = [[see(r, most) for r, most in zip(row, reaches, strict=True)]
                  for row in raw["ultrasonic"]]  # fmt: skip
-        parts = [pooled, heard, *(raw[key] for key in ("twist", "goal", "last_action", "path"))]
+        rest = ("twist", "goal", "last_action", "shield", "path")
+        parts = [pooled, heard, *(raw[key] for key in rest)]
         actions = plain(np.concatenate(parts, axis=1).astype(np.float32))
         found = exact.run(raw)
         assert np.abs(found["action"] - actions).max() < 1e-5

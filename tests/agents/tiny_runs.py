@@ -16,7 +16,14 @@ ENV = {
     "bank": {"size": 2, "turnover": 0.0},
     "chair": {"randomise": True},
     "sensors": {"laser": {"beams": 48}, "pose_source": "modelled"},
-    "task": {"beams": 32, "aim": "time", "last_action": True, "time_base": 4.0, "time_factor": 0.0},
+    "task": {
+        "beams": 32,
+        "aim": "time",
+        "last_action": True,
+        "shield_state": True,
+        "time_base": 4.0,
+        "time_factor": 0.0,
+    },
 }
 PRIVY = {**ENV, "task": {**ENV["task"], "privileged": True}}
 ON = {"steps": 8, "batch": 32, "epochs": 1, "memory": 8}
@@ -53,7 +60,8 @@ def trained_run(folder):
 
 def random_weights(memory=0, posed=True, head="clip"):
     sizes = [
-        ["laser", 64], ["ultrasonic", 8], ["twist", 2], ["goal", 3], ["action", 2], ["path", 20],
+        ["laser", 64], ["ultrasonic", 8], ["twist", 2], ["goal", 3], ["action", 2],
+        ["shield", 3], ["path", 20],
     ]  # fmt: skip
     layout = Layout.of(sizes, posed)
     rng = np.random.default_rng(5)

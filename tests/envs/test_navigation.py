@@ -259,5 +259,30 @@ def test_a_share_of_episodes_is_driven_without_the_shield_and_never_a_given_chai
         bare += not info["shield"]["asked"].any()
     env.close()
     assert 40 <= bare <= 80
+
+
+def test_a_policy_may_see_whether_it_is_shielded_and_what_was_withheld():
+    config = {"unshielded": 0.3, "task": {"shield_state": True}}
+    env = gym.make(IDS[0], scene="clutter", config=config, shield=True)
+    task, seen = env.unwrapped.task, {True: 0.0, False: 0.0}
+    for seed in range(20):
+        observation, _ = env.reset(seed=seed)
+        assert observation["shield"][1:].tolist() == [0.0, 0.0]
+        for _ in range(40):
+            observation, *_, info = env.step(np.array([1.0, 0.3]))
+            guarded, *withheld = observation["shield"]
+            told = info["shield"]
+            assert guarded == task.guarded == told["asked"].any()
+            less = (told["asked"] - told["given"]) / (task.limits.forward, task.limits.turn)
+            assert withheld == pytest.approx(less, abs=1e-6)
+            seen[task.guarded] = max(seen[task.guarded], abs(withheld[0]))
+            if not env.unwrapped._running:
+                break
+    env.close()
+    assert seen[True] > 0.5
+    assert seen[False] == 0.0
+
+
+def test_a_chair_that_is_given_is_always_shielded():
     with pytest.raises(wheelchair_gym.InputError, match=r"unshielded is 0.3; expected 0"):
         gym.make(IDS[0], config={"unshielded": 0.3}, chair=object())

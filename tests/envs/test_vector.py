@@ -91,7 +91,7 @@ def test_each_row_is_a_single_env_where_every_episode_has_its_own_world():
 def test_each_row_with_a_shield_is_a_single_env_with_one(mode):
     crowd = {"name": "crowd", "place": "hall", "people": {"density": (0.05, 0.1)}}
     settings = QUICK | {"scene": crowd, "shield": True}
-    dear = {"task": {**SHORT["task"], "reward": {"withheld": -0.3}}}
+    dear = {"task": {**SHORT["task"], "reward": {"withheld": -0.3}, "shield_state": True}}
     assert compare(mode, 2, n=4, steps=120, config=dear, randomise=True, **settings) >= 8
     half = {**dear, "unshielded": 0.5}
     assert compare(mode, 2, n=4, steps=120, config=half, randomise=True, **settings) >= 8

@@ -111,6 +111,9 @@ def begin_chair(i: int, batch: Batch, results: Results, scratch: Floats, ranges:
         results.sensed,
     )
     seen = results.sensed[i]
+    guarded = batch.shields.shape[0] > 0
+    if guarded:
+        batch.bare[i] = goes_bare(batch.keys[i], batch.unshielded[0])
     start_task(
         i,
         batch.rules,
@@ -121,15 +124,15 @@ def begin_chair(i: int, batch: Batch, results: Results, scratch: Floats, ranges:
         seen.twist,
         ranges,
         seen.ultrasonic,
+        guarded and not batch.bare[i],
         results.out[i],
     )
     results.success[i] = succeeded(batch.rules[0], course, seen)
-    if batch.shields.shape[0] > 0:
+    if guarded:
         results.reason[i] = NOTHING
         for k in range(2):
             results.asked[i, k] = results.given[i, k] = 0.0
         results.protective[i] = False
-        batch.bare[i] = goes_bare(batch.keys[i], batch.unshielded[0])
         forget(batch.shields[i])
         take_in(i, batch, seen, ranges)
 

@@ -205,7 +205,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if self.shield is not None:
             self.shield.reset()
             self._bare = goes_bare(np.uint64(key), self.settings.unshielded)
-        observation = self.task.begin(self._course, self.chair.reset(self.episode, key), key)
+        reading = self.chair.reset(self.episode, key)
+        guarded = self.shield is not None and not self._bare
+        observation = self.task.begin(self._course, reading, key, guarded)
         self._running = True
         self._trail = []
         self._view = None

@@ -15,6 +15,7 @@ from wheelchair_gym.task.judge import TERMS, reached, weigh
 from wheelchair_gym.task.observe import bearing_to, look_ahead, look_ahead_poses, pool, see
 
 LONG = 256.0  # s, m: a critic sees longer times and ways as this
+WITHHELD = 2.0  # full speeds: no shield withholds more
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -35,6 +36,7 @@ RULES = np.dtype(
         ("ahead", "u8"),  # address of their distances (points,) [m], or plan times [s]
         ("posed", "b1"),  # they are poses at plan times
         ("last_action", "b1"),  # is observed
+        ("shield_state", "b1"),  # is observed
         ("privileged", "b1"),  # observed, too, is what only a critic may see
         ("doubt", "f8"),  # m
         ("heading", "b1"),
@@ -55,6 +57,8 @@ PROGRESS = np.dtype(
         ("time_limit", "f8"),  # s
         ("action", "f8", (2,)),  # the last one, clipped
         ("previous", "f8", (2,)),  # the one before
+        ("guarded", "b1"),  # a shield filters
+        ("withheld", "f8", (2,)),  # by it of the last twist, in full speeds
     ],
     align=True,
 )
@@ -100,7 +104,7 @@ def observe(
         twist: (2,) [m/s, rad/s].
         laser: (beams of the laser,) [m].
         ultrasonic: (rangers,) [m].
-        out: laser, ultrasonic, twist, goal, action, path and privileged, one after another.
+        out: laser, ultrasonic, twist, goal, action, shield, path and privileged, one after another.
     """
     place = rules.beams
     valid = pool(laser, rules.laser_reach, out[:place])
@@ -117,6 +121,11 @@ def observe(
     if rules.last_action:
         out[place], out[place + 1] = own.action[0], own.action[1]
         place += 2
+    if rules.shield_state:
+        out[place] = 1.0 if own.guarded else 0.0
+        for i in range(2):
+            out[place + 1 + i] = min(WITHHELD, max(-WITHHELD, own.withheld[i]))
+        place += 3
     if rules.points > 0:
         ahead = doubles_at(rules.ahead, rules.points)
         if rules.posed:
@@ -161,9 +170,13 @@ def start_task(
     twist: Array,
     laser: Floats,
     ultrasonic: Floats,
+    guarded: bool,
     out: Floats,
 ) -> None:
-    """Row i takes up an episode with its first reading; arguments as of `assess`."""
+    """Row i takes up an episode with its first reading, behind a shield if it is guarded.
+
+    The other arguments are those of `assess`.
+    """
     rule, course, own, verdict = rules[0], courses[i], progress[i], verdicts[i]
     way = way_to_go(course, pose[0], pose[1])
     limit = rule.time_base + rule.time_factor * way / rule.forward
@@ -173,7 +186,9 @@ def start_task(
     own.geodesic = way_to_go(course, course.start[0], course.start[1])
     own.steps_left = max(1, round(limit / rule.period))
     own.to_go = to_go(course, rule.aim, pose[0], pose[1], pose[2])
-    own.action[0], own.action[1] = 0.0, 0.0
+    own.guarded = guarded
+    for k in range(2):
+        own.action[k] = own.withheld[k] = 0.0
     for k in range(verdict.terms.shape[0]):
         verdict.terms[k] = 0.0
     verdict.reward = 0.0
@@ -223,6 +238,7 @@ def assess(
     for k in range(2):
         own.previous[k] = own.action[k]
         own.action[k] = min(1.0, max(-1.0, action[k]))
+    own.withheld[0], own.withheld[1] = less_v / rule.forward, less_w / rule.turn
     rest = to_go(course, rule.aim, pose[0], pose[1], pose[2])
     covered = 0.0
     if not math.isnan(rest):  # else what was covered counts when a way is known again
@@ -241,7 +257,7 @@ def assess(
         verdict.truncated,
         own.action,
         own.previous,
-        math.hypot(less_v / rule.forward, less_w / rule.turn),
+        math.hypot(own.withheld[0], own.withheld[1]),
         verdict.terms,
     )
     verdict.reward = 0.0

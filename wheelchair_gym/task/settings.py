@@ -57,6 +57,11 @@ class TaskSettings:
         low=0.0,
     )
     last_action: bool = setting(default=False, source="true: the last action is observed, too")
+    shield_state: bool = setting(
+        default=False,
+        source="true: whether a shield filters, and what it withheld of the last twist, are "
+        "observed, too",
+    )
     privileged: bool = setting(
         default=False, source="true: a critic's key 'privileged' is observed; in training only"
     )

@@ -21,6 +21,7 @@ from wheelchair_gym.task.assess import (
     PROGRESS,
     RULES,
     VERDICT,
+    WITHHELD,
     assess_alone,
     start_task,
 )
@@ -56,6 +57,8 @@ class Task:
         footprint, limits, drive, sensors: settings of the chair.
         reading: the latest; its pose is the chair's own estimate.
         observation, verdict: of that reading.
+        guarded: a shield filters what the chair is told.
+        withheld: what it took from the last twist that was asked for [m/s, rad/s].
         path: guidance (n, 2) [m], or None; a policy may set it, so that it is drawn.
         note: what a policy says it is about, for people; a policy may set it.
         key: of the episode's randomness; seeds whatever a policy draws.
@@ -69,6 +72,8 @@ class Task:
     observation: Observation
     verdict: Verdict
     key: int
+    guarded: bool
+    withheld: tuple[float, float]
 
     def __init__(
         self,
@@ -125,6 +130,7 @@ class Task:
         r["points"] = 0 if self.guidance is None else len(self._ahead)
         r["ahead"], r["posed"] = address_of(self._ahead), self.posed
         r["last_action"], r["privileged"] = s.last_action, s.privileged
+        r["shield_state"] = s.shield_state
         r["doubt"] = 0.0 if self.sensors.pose_source == "truth" else s.doubt
         r["heading"], r["heading_tolerance"] = s.heading, s.heading_tolerance
         r["aim"] = AIMS.index(s.aim)
@@ -162,6 +168,9 @@ class Task:
         }
         if self.settings.last_action:
             boxes["action"] = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
+        if self.settings.shield_state:
+            low = np.array([0.0, -WITHHELD, -WITHHELD], np.float32)
+            boxes["shield"] = gym.spaces.Box(low, np.array([1.0, WITHHELD, WITHHELD], np.float32))
         if self.guidance is not None and len(self._ahead):
             each = [PATH_REACH, PATH_REACH, 1.0, 1.0][: 4 if self.posed else 2]
             most = np.tile(np.array(each, np.float32), len(self._ahead))
@@ -215,12 +224,14 @@ class Task:
         self.geodesic = ways
         self._goal = tuple(episode.goal.tolist())
 
-    def begin(self, course: Course, reading: Reading, key: int) -> Observation:
-        """Take up a new episode with its first reading."""
+    def begin(
+        self, course: Course, reading: Reading, key: int, guarded: bool = False
+    ) -> Observation:
+        """Take up a new episode with its first reading, behind a shield if it is guarded."""
         self._take(course.episode, course.geodesic)
         self._course, self.path, self.note = course, course.path, ""
         self._alone["course"] = address_of(course.record)
-        self.reading, self.key = reading, key
+        self.reading, self.key, self.guarded, self.withheld = reading, key, guarded, (0.0, 0.0)
         out, verdict = np.empty(self.room, np.float32), self._judged
         start_task(
             0,
@@ -232,6 +243,7 @@ class Task:
             reading.twist,
             reading.laser,
             reading.ultrasonic,
+            guarded,
             out,
         )
         self.tolerance = float(course.record["tolerance"][0])
@@ -261,7 +273,7 @@ class Task:
             *less,
             out,
         )
-        self.reading = reading
+        self.reading, self.withheld = reading, less
         self._take_verdict()
         self.observation = self.unpack(out)
         return self.observation
