@@ -26,7 +26,7 @@ def add(parts: Any) -> None:
     many = parser.add_mutually_exclusive_group()
     many.add_argument("--quick", action="store_true", help="few runs, for a first look")
     many.add_argument(
-        "--runs", type=count, metavar="N", help="per row and map or goal (default 100)"
+        "--runs", type=count, metavar="N", help="per row and map or goal (100 or 400, by study)"
     )
     add_workers(parser)
     parser.add_argument("--out", metavar="DIR", default="runs/study", help="default runs/study")

@@ -55,6 +55,7 @@ STUDIES: Final = (
                   "T1, general conclusion", _share("feasible", 0.95, "feasible runs")),
         ),
         driven,
+        runs=100,
         quick=5,
         notes=(
             "The printed equations (2.15)-(2.16) measure the heading from +y, ours from +x; that "

@@ -267,6 +267,7 @@ STUDIES: Final = (
             "of the legs, true Euclidean ones.",
             "The ratio compares with the published length of the same goal and method.",
         ),
+        runs=100,
         quick=5,
     ),
 )

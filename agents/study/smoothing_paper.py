@@ -114,6 +114,7 @@ STUDIES: Final = (
         CLAIMS,
         lambda r: boxes(r, list(RIVALS), (SECONDS, SMOOTHNESS, GAIN)),
         paired=True,
+        runs=100,
         quick=30,
         notes=(
             "The paper gives medians as box plots and a ranking, no figures: orders compare, "
