@@ -11,6 +11,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from agents import winners
 from agents.evaluate import NOBODY, Spec, drive_episode, env_settings, evaluate, label, make_env
 from agents.metrics import Record, summarise
 from agents.policy import make_policy
@@ -151,6 +152,33 @@ SUITES: dict[str, Suite] = {
     ),
 }
 
+SUITES["league"] = Suite(
+    "Every kind of policy on every kind of scene",
+    (
+        "random",
+        "straight",
+        "a_star+pure_pursuit",
+        "rrt_star+window",
+        "rrt_star_woa_local+window",
+        "rrt_star_woa_global+window",
+        "rrt_star_woa_global+controls",
+        "lattice+dwa",
+        "lattice+mppi",
+        "lattice+woa",
+        BEST,
+    ),
+    (
+        *SUITES["homes"].scenes,
+        "thesis_3",
+        "thesis_5",
+        "barn",
+        *(_doorway(door, 1.05) for door in (1.00, 0.90, 0.85)),
+        *SUITES["temporary"].scenes,
+        *SUITES["crowd"].scenes,
+    ),
+    20,
+)
+
 
 def suite(name: str) -> Suite:
     """A suite by name.
@@ -209,11 +237,18 @@ def compare(
         evaluation["video"] = {"file": film(what, shown, folder), **shown}
     evaluation["provenance"]["wall_time_s"] = round(time.perf_counter() - begun, 2)
     write_json(folder / "results.json", evaluation)
-    write_text(folder / "table.md", markdown(evaluation))
+    write_text(folder / "table.md", in_words(evaluation))
     from agents.report import write_report
 
     write_report(evaluation, folder)
     return evaluation
+
+
+def in_words(evaluation: Evaluation) -> str:
+    """The summary as Markdown, and who wins where."""
+    several = len(evaluation["policies"]) > 1 and len(evaluation["scenes"]) > 1
+    first = f"{winners.told(evaluation)}\n" if several else ""
+    return first + markdown(evaluation)
 
 
 def worth_a_film(summary: Sequence[Record], records: Sequence[Record]) -> Record:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from agents import winners
 from agents.figures import figures
 from agents.html_tables import glossary, html_table, ranked_by_scene
 from agents.tables import (
@@ -99,6 +100,8 @@ def _body(
     several = len(scenes) > 1
     caption = "All scenes, best first" if several else "Best first"
     yield html_table([ranked], caption, scenes=False)
+    if several and len(policies) > 1:
+        yield winners.table(evaluation)
     if several:
         yield html_table(ranked_by_scene(evaluation), "By scene, best first", scenes=True)
     yield "<p class='note'>Small figures are 95 % Wilson intervals. Best is most success, then "

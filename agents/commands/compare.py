@@ -95,11 +95,10 @@ def run(given: argparse.Namespace) -> int:
     """Compare, report, and write everything to the folder."""
     import dataclasses
 
-    from agents.compare import TRAINING, compare, suite
+    from agents.compare import TRAINING, compare, in_words, suite
     from agents.evaluate import label
     from agents.provenance import command_line, cores
     from agents.runs import StoppedError
-    from agents.tables import markdown
 
     what = suite(given.suite)
     env = dict(what.env) if given.config is None else {"config": given.config}
@@ -136,5 +135,5 @@ def run(given: argparse.Namespace) -> int:
     except StoppedError as stopped:
         print(f"wheelchair: stopped; {stopped}; resume with: {command_line()}", file=sys.stderr)
         return 130
-    report(given, evaluation, f"{markdown(evaluation)}\n{folder / 'report.html'}")
+    report(given, evaluation, f"{in_words(evaluation)}\n{folder / 'report.html'}")
     return 0
