@@ -153,7 +153,7 @@ SUITES: dict[str, Suite] = {
 }
 
 SUITES["league"] = Suite(
-    "Every kind of policy on every kind of scene",
+    "Kinds of policies on kinds of scenes: who wins where",
     (
         "random",
         "straight",
@@ -245,10 +245,8 @@ def compare(
 
 
 def in_words(evaluation: Evaluation) -> str:
-    """The summary as Markdown, and who wins where."""
-    several = len(evaluation["policies"]) > 1 and len(evaluation["scenes"]) > 1
-    first = f"{winners.told(evaluation)}\n" if several else ""
-    return first + markdown(evaluation)
+    """The summary as Markdown, who wins where first."""
+    return markdown(evaluation, winners.told(evaluation))
 
 
 def worth_a_film(summary: Sequence[Record], records: Sequence[Record]) -> Record:

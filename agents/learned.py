@@ -128,7 +128,7 @@ class LearnedDriver:
         guidance = make_guidance(spec) if shown else None
         self._eye = Task(own, chair, task.sensors, self._hold * task.period, guidance)
         self.network.reset(1)
-        self._action = np.zeros(2)
+        self._action, self._withheld = np.zeros(2), np.zeros(2)
         self._steps, self._looked = 0, 0.0
         self._look(task)
 
@@ -144,13 +144,17 @@ class LearnedDriver:
 
     def act(self, observation: Mapping[str, Floats]) -> Array:
         """See `Policy.act`."""
+        self._withheld += np.divide(self._task.withheld, self._hold)
         if self._steps % self._hold == 0:
             reading = self._task.reading
             grows = self._task.chart is not None
             if grows and reading.stamp - self._looked >= RELOOK:
                 self._looked = reading.stamp
                 self._look(self._task)
-            seen = self._eye.assess(reading, self._action, self._task.withheld)
+            # What was driven may be less than what was asked for: `deploy` begins slowly.
+            driven, less = self._task.action, (float(self._withheld[0]), float(self._withheld[1]))
+            self._withheld[:] = 0.0
+            seen = self._eye.assess(reading, driven, less)
             self.told = np.concatenate([seen[key] for key, _ in self.layout.sizes if key in seen])
             self._action = self.network(self.told[None])[0].astype(np.float64)
         self._steps += 1

@@ -100,8 +100,7 @@ def _body(
     several = len(scenes) > 1
     caption = "All scenes, best first" if several else "Best first"
     yield html_table([ranked], caption, scenes=False)
-    if several and len(policies) > 1:
-        yield winners.table(evaluation)
+    yield winners.table(evaluation)
     if several:
         yield html_table(ranked_by_scene(evaluation), "By scene, best first", scenes=True)
     yield "<p class='note'>Small figures are 95 % Wilson intervals. Best is most success, then "

@@ -85,8 +85,8 @@ def by_scene(summary: Sequence[Row]) -> list[Row]:
     return [row for row in summary if row["scene"] != "all"]
 
 
-def markdown(evaluation: Mapping[str, Any]) -> str:
-    """The summary as a Markdown table, with the command that made it."""
+def markdown(evaluation: Mapping[str, Any], first: str = "") -> str:
+    """The summary as a Markdown table, with the command that made it; `first` stands before it."""
     names = ["policy", "scene", *(heading(column) for column in COLUMNS)]
     lines = [
         f"# {evaluation['title']}",
@@ -95,6 +95,7 @@ def markdown(evaluation: Mapping[str, Any]) -> str:
         "",
         "Shares carry their 95 % Wilson interval.",
         "",
+        *([first, ""] if first else []),
         "| " + " | ".join(names) + " |",
         "| --- | --- |" + " ---: |" * len(COLUMNS),
     ]

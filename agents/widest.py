@@ -1,4 +1,4 @@
-"""The plan that keeps farthest from walls, of those that lead to the goal."""
+"""The plan at the widest clearance that leads to the goal, and leads ahead."""
 
 from __future__ import annotations
 

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-from scipy.stats import binomtest
-
-from agents.html_tables import Cell, Head, sortable
+from agents.html_tables import Cell, Head, ranked_by_scene, sortable
 from agents.tables import COLUMNS, bounds_written, overall, written
 
 Record = Mapping[str, Any]
 
 LEVEL = 0.05  # of a test
+FEWEST = 6  # pairs with which a paired test can tell anything at that level
 MEANING = (
-    f"Bold wins: the most success, or success that a paired test (McNemar's exact one, {LEVEL:g}, "
-    "each pair by itself) cannot tell from that on the same episodes."
+    "Success. Bold: the most on that scene, or no less than that as far as these episodes tell "
+    f"(McNemar's exact paired test, {LEVEL:g}, each pair of policies by itself)."
 )
 _SHARE = next(column for column in COLUMNS if column.key == "success")
 
 
 def level_with(successes: Mapping[int, bool], others: Mapping[int, bool]) -> bool:
     """Whether two policies' successes by seed cannot be told apart on the seeds of both."""
+    from scipy.stats import binomtest
+
     both = successes.keys() & others.keys()
     ahead = sum(successes[seed] and not others[seed] for seed in both)
     behind = sum(others[seed] and not successes[seed] for seed in both)
@@ -30,17 +31,23 @@ def level_with(successes: Mapping[int, bool], others: Mapping[int, bool]) -> boo
 
 
 def winners(evaluation: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Scene -> the policies that win there, the best one first."""
+    """Scene -> the policies that win there, the best one first; none where nobody succeeds."""
     found = {}
-    for scene in evaluation["scenes"]:
-        rows = [row for row in evaluation["summary"] if row["scene"] == scene]
-        ranked = [r["policy"] for r in overall([{**row, "scene": "all"} for row in rows])]
-        of: dict[str, dict[int, bool]] = {policy: {} for policy in ranked}
+    for scene, rows in zip(evaluation["scenes"], ranked_by_scene(evaluation), strict=True):
+        of: dict[str, dict[int, bool]] = {row["policy"]: {} for row in rows}
         for record in evaluation["records"]:
             if record["scene"] == scene:
                 of[record["policy"]][record["seed"]] = record["success"]
-        found[scene] = [p for p in ranked if level_with(of[ranked[0]], of[p])]
+        best = next(iter(of.values()), {})
+        found[scene] = [name for name in of if any(best.values()) and level_with(best, of[name])]
     return found
+
+
+def tells(evaluation: Mapping[str, Any]) -> bool:
+    """Whether there is anything to win, and enough episodes to say who does."""
+    several = len(evaluation["policies"]) > 1 and len(evaluation["scenes"]) > 1
+    pairs = len({record["seed"] for record in evaluation["records"]})
+    return several and pairs >= FEWEST
 
 
 def _cells(evaluation: Mapping[str, Any]) -> list[tuple[str, list[tuple[Record, bool]]]]:
@@ -57,9 +64,13 @@ def _cells(evaluation: Mapping[str, Any]) -> list[tuple[str, list[tuple[Record, 
 
 
 def told(evaluation: Mapping[str, Any]) -> str:
-    """The table in Markdown."""
-    scenes: Sequence[str] = evaluation["scenes"]
-    lines = [["success [%]", *scenes], ["---", *("---:" for _ in scenes)]]
+    """The table in Markdown; nothing where it would not tell anything."""
+    if not tells(evaluation):
+        return ""
+    lines = [
+        ["success [%]", *evaluation["scenes"]],
+        ["---", *("---:" for _ in evaluation["scenes"])],
+    ]
     for policy, cells in _cells(evaluation):
         lines.append([policy])
         for row, wins in cells:
@@ -67,11 +78,13 @@ def told(evaluation: Mapping[str, Any]) -> str:
             mark = "**" if wins else ""
             lines[-1].append(f"{mark}{share}{mark} ({bounds_written(row, _SHARE)})")
     rows = (" | ".join(cell.replace("|", "\\|") for cell in line) for line in lines)
-    return "\n".join([*(f"| {row} |" for row in rows), "", MEANING, ""])
+    return "\n".join([*(f"| {row} |" for row in rows), "", MEANING])
 
 
 def table(evaluation: Mapping[str, Any]) -> str:
-    """The table as HTML."""
+    """The table as HTML; nothing where it would not tell anything."""
+    if not tells(evaluation):
+        return ""
     heads = [Head("policy"), *(Head(scene, "%", "success") for scene in evaluation["scenes"])]
     body = []
     for policy, cells in _cells(evaluation):

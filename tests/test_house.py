@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import itertools
+import os
 import re
 import subprocess
 import sys
@@ -111,6 +112,23 @@ def test_kernels_know_what_they_depend_on(tmp_path, monkeypatch):
         assert module.high(3.0) == (3.0 if body == "x" else 4.0) * scale
         digests.add(module.high.source_digest)
     assert len(digests) == 4
+
+
+def test_what_was_compiled_for_a_class_that_is_gone_is_compiled_anew(tmp_path):
+    text = (
+        "from typing import NamedTuple\n"
+        "from wheelchair_gym.kernel import kernel\n"
+        "class Old(NamedTuple):\n    x: float\n"
+        "@kernel\ndef twice(own):\n    return 2.0 * own.x\n"
+        "if __name__ != '__main__':\n    print(twice(Old(3.0)))\n"
+    )
+    for name in ("Old", "Young", "Young"):
+        (tmp_path / "changing.py").write_text(text.replace("Old", name))
+        ran = subprocess.run(
+            [sys.executable, "-c", "import changing"], cwd=tmp_path, capture_output=True, text=True,
+            env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"}, check=False,
+        )  # fmt: skip
+        assert ran.stdout == "6.0\n", ran.stderr
 
 
 @pytest.mark.parametrize("name", sorted(p.stem for p in (ROOT / "configs").glob("*.json")))

@@ -8,6 +8,7 @@ constant frozen in, so an edit anywhere recompiles what depends on it and nothin
 from __future__ import annotations
 
 import hashlib
+import pickle
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -65,7 +66,17 @@ def _compiled(function: F, **options: Any) -> F:
         return resolve(tuple(map(types.unliteral, args)), kws)
 
     dispatcher.get_call_template = resolve_plain
-    dispatcher._cache._cache_file._source_stamp = dispatcher.source_digest
+    index = dispatcher._cache._cache_file
+    index._source_stamp, load = dispatcher.source_digest, index._load_index
+
+    def load_index() -> Any:
+        # It names the classes of arguments before its stamp is looked at: they may be gone since.
+        try:
+            return load()
+        except (AttributeError, ImportError, EOFError, pickle.UnpicklingError):
+            return {}
+
+    index._load_index = load_index
     return cast(F, dispatcher)
 
 

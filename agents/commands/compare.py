@@ -34,8 +34,8 @@ def add(parts: Any) -> None:
     )
     parser.add_argument(
         "--suite", default="demo",
-        help="barn, clinic, crowd, cylinders, demo, doors, followers, homes, temporary or thesis "
-        "(default demo)",
+        help="barn, clinic, crowd, cylinders, demo, doors, followers, homes, league, temporary "
+        "or thesis (default demo)",
     )  # fmt: skip
     parser.add_argument("--policies", type=names, metavar="A,B", help="in place of the suite's")
     parser.add_argument(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -66,15 +65,14 @@ def run(given: argparse.Namespace) -> int:
         content["frames"] = given.frames
     out = Path(given.out or Path("runs") / given.algorithm)
     cases = []
-    key, values = _varied(given.vary)
-    for value in values:
-        word = value if isinstance(value, str) else json.dumps(value)
+    key, words = _varied(given.vary)
+    for word in words:
         name = f"{key.rpartition('.')[2]}_{word}" if key else ""
         changes = [*given.set, *([f"{key}={word}"] if key else [])]
         own = _settings(given.algorithm, changed(content, changes), where)
         for seed in seeds:
             folder = out / name / f"seed_{seed}" if len(seeds) > 1 else out / name
-            cases.append(Case(f"{name} seed {seed}".strip(), own, changes, seed, folder, value))
+            cases.append(Case(f"{name} seed {seed}".strip(), own, changes, seed, folder, word))
     if given.jobs > 1 and len(cases) > 1:
         code = _side_by_side(given, cases)
         if code != 0:
@@ -86,7 +84,7 @@ def run(given: argparse.Namespace) -> int:
     if key:
         from agents.learning.variation import write_variation
 
-        lines.append(write_variation(key, [(case.value, case.folder) for case in cases], out))
+        lines.append(write_variation(key, [(case.word, case.folder) for case in cases], out))
     report(given, results, "\n".join([*lines, str(out)]))
     return 0
 
@@ -99,20 +97,19 @@ class Case(NamedTuple):
     changes: list[str]
     seed: int
     folder: Path
-    value: Any  # of the setting that is varied
+    word: str  # the value of the setting that is varied, as it was typed
 
 
-def _varied(vary: str | None) -> tuple[str, tuple[Any, ...]]:
-    """Key and values of KEY=A,B; no key and one value where nothing is varied."""
-    if vary is None:
-        return "", (None,)
-    from agents.ranges import read_range
+def _varied(vary: str | None) -> tuple[str, list[str]]:
+    """Key and values, as they were typed, of KEY=A,B; no key and one value where none varies."""
     from wheelchair_gym.config import InputError
 
-    found = read_range(vary)
-    if not found.choices:
+    if vary is None:
+        return "", [""]
+    key, _, words = vary.partition("=")
+    if not (key and words):
         raise InputError(f"--vary {vary}: expected KEY=A,B")
-    return found.key, found.choices
+    return key, names(words)
 
 
 def _defaults(algorithm: str) -> dict[str, Any]:

@@ -92,6 +92,13 @@ def _percent(row: Mapping[str, Any], key: str) -> str:
     return f"{100.0 * row[key]:.1f} ({low:.1f} to {high:.1f})"
 
 
+def _shielded(card: Mapping[str, Any]) -> str:
+    env = card["env"]
+    if env.get("shield") is None:
+        return ", without a shield"
+    return f", {100.0 * (1.0 - env['unshielded']):.0f} % of them behind the shield"
+
+
 def markdown(name: str, card: Mapping[str, Any]) -> str:
     """A card for people."""
     seeds = list(card["curves"])
@@ -129,7 +136,7 @@ def markdown(name: str, card: Mapping[str, Any]) -> str:
         "",
         "## Curves",
         "",
-        "Success and collisions [%] in trials on worlds that training never saw, without a shield.",
+        f"Success and collisions [%] in trials on worlds that training never saw{_shielded(card)}.",
         "",
         f"| frames | {' | '.join(f'seed {seed}' for seed in seeds)} |",
         f"| ---: |{' --- |' * len(seeds)}",

@@ -22,7 +22,7 @@ Curve = list[tuple[float, float]]  # frames and share of success
 NAME = "variation"
 
 
-def write_variation(key: str, runs: Sequence[tuple[Any, Path]], out: Path) -> str:
+def write_variation(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
     """Write variation.csv and variation.svg to a folder; the table as text.
 
     Args:
@@ -37,7 +37,7 @@ def write_variation(key: str, runs: Sequence[tuple[Any, Path]], out: Path) -> st
         judged = [row for row in read_curve(folder) if row.get("trial_success")]
         if not judged:
             continue
-        curves.setdefault(str(value), []).append(
+        curves.setdefault(value, []).append(
             [(float(row["frames"]), float(row["trial_success"])) for row in judged]
         )
         episodes = card["training"]["trials"]["episodes"]

@@ -109,7 +109,7 @@ class Study:
     claims: tuple[Claim, ...]
     figures: Callable[[Results], Mapping[str, tuple[str, Figure]]]
     paired: bool = False  # all rows with the same seeds; else each with its own
-    runs: int = 400  # the thesis's 100 leave most of its trends open
+    runs: int = 400  # the thesis's 100 leave most trends open
     quick: int = 10
     notes: tuple[str, ...] = ()
 

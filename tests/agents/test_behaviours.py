@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from agents.evaluate import env_settings, make_env
+from agents.followers.retreat import Retreats
 from agents.paths import backing
 from agents.policy import make_policy
 from agents.surroundings import Surroundings
@@ -127,15 +128,9 @@ def test_a_blocked_goal_is_waited_for_and_told():
 
 
 def test_where_backing_out_did_not_help_it_is_done_for_longer():
-    policy, world = (
-        make_policy("a_star+window"),
-        Peopled(lambda t: None, corridor(10.0, 3.2), (1.0, 0.0, 0.0), (9.0, 0.0, 0.0)),
-    )
-    policy.reset(world.task)
-    long = [policy._farther() / policy.own.backing for _ in range(5)]
-    assert long == [1, 2, 3, 4, 4]
-    policy._around.pose = np.array([2.5, 0.0, 0.0])  # elsewhere
-    assert policy._farther() == policy.own.backing
+    retreats, here = Retreats(), np.array([1.0, 0.0])
+    assert [retreats.begin(here) for _ in range(5)] == [1, 2, 3, 4, 4]
+    assert retreats.begin(here + 1.5) == 1
 
 
 @pytest.mark.parametrize(("peopled", "most"), [(True, 0.042), (False, 0.1)])

@@ -54,6 +54,50 @@ def test_a_driver_sees_and_acts_as_in_training(trained):
     assert run.layout.room == len(flat) + 3
 
 
+def test_a_driver_sees_what_was_driven_and_what_a_shield_withheld(trained):
+    """Whoever else has a say: it is told of the action that was driven, shielded or not."""
+    _, folder = trained
+    settings = {**ENV, "sensors": {**ENV["sensors"], "pose_source": "truth"}, "shield": {},
+                "unshielded": 0.5, "task": {**ENV["task"], "time_base": 20.0}}  # fmt: skip
+    env, policy = NavigationEnv(config=settings), make_policy(str(folder / POLICY))
+    most = {True: 0.0, False: 0.0}
+    for seed in range(8):
+        observation, _ = env.reset(seed=seed)
+        policy.reset(env.task)
+        for _ in range(40):
+            policy.act(observation)
+            flat = np.concatenate([observation[key] for key in env.task.boxes()])
+            assert policy.told == pytest.approx(flat, abs=1e-6)
+            most[env.task.guarded] = max(most[env.task.guarded], abs(observation["shield"][1]))
+            observation, _, terminated, truncated, _ = env.step(np.array([1.0, 0.1]))
+            if terminated or truncated:
+                break
+    assert most[True] > 0.1
+    assert most[False] == 0.0
+
+
+def test_a_driver_is_told_what_was_withheld_in_all_the_time_since_it_acted(trained):
+    _, folder = trained
+    env, policy = NavigationEnv("clutter", shield=True), make_policy(str(folder / POLICY))
+    most = 0.0
+    for seed in range(4):
+        observation, _ = env.reset(seed=seed)
+        policy.reset(env.task)
+        withheld = [np.zeros(2), np.zeros(2)]
+        for k in range(60):
+            policy.act(observation)
+            if k and k % 2 == 0:
+                seen = policy.told[policy.layout.place("shield")]
+                mean = np.mean(withheld[-2:], axis=0) / (0.8, 1.0)
+                assert seen == pytest.approx([1.0, *mean], abs=1e-6)
+                most = max(most, abs(withheld[-1][0] - withheld[-2][0]))
+            observation, _, terminated, truncated, _ = env.step(np.array([1.0, 0.0]))
+            withheld.append(np.array(env.task.withheld))
+            if terminated or truncated:
+                break
+    assert most > 0.0
+
+
 def test_a_driver_holds_its_action_where_control_is_faster(trained):
     _, folder = trained
     env = NavigationEnv("clutter", rate=10.0)

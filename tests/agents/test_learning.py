@@ -16,6 +16,7 @@ from stable_baselines3 import PPO
 
 import wheelchair_gym
 from agents.cli import main
+from agents.commands.train import _varied
 from agents.learning.curves import read_curve
 from agents.learning.demonstrations import Imitation, imitate
 from agents.learning.features import features
@@ -179,6 +180,14 @@ def test_recipes_are_whole_runs(name):
     assert own.env_settings().bank.turnover == 0.0  # each checkpoint begins episodes anew
     with pytest.raises(InputError, match="privileged is for ppo's critic"):
         Training(algorithm="sac", env=PRIVY)
+
+
+def test_values_that_vary_are_taken_as_they_were_typed():
+    assert _varied("env.guidance=geodesic, my.ways:guide ,") == (
+        "env.guidance", ["geodesic", "my.ways:guide"],
+    )  # fmt: skip
+    assert _varied("on_policy.rate=1e-3,0.001") == ("on_policy.rate", ["1e-3", "0.001"])
+    assert _varied(None) == ("", [""])
 
 
 def test_runs_that_differ_in_a_setting_are_told_side_by_side(tmp_path, capsys):

@@ -46,3 +46,12 @@ def test_the_best_of_each_scene_and_its_equals_win_there():
     page = table(found)
     assert page.count("<strong>") == 3
     assert "b|&lt;" in page
+
+
+def test_nobody_wins_where_nobody_arrives_or_where_too_few_episodes_tell():
+    never, few = [False] * 20, [True] * 5
+    both = evaluation({("a", "hall"): never, ("b", "hall"): never, ("a", "door"): [True] * 20,
+                       ("b", "door"): never})  # fmt: skip
+    assert winners(both) == {"hall": [], "door": ["a"]}
+    both = evaluation({(p, s): few for p in "ab" for s in ("hall", "door")})
+    assert told(both) == table(both) == ""

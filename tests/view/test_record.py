@@ -87,6 +87,29 @@ def assert_same(observation, other):
         np.testing.assert_array_equal(observation[key], other[key])
 
 
+def test_an_episode_without_its_shield_is_replayed_without(tmp_path):
+    task = {"shield_state": True, "reward": {"withheld": -0.3}}
+    env = gym.make(KINDS[0][0], shield=True, config={"unshielded": 0.5, "task": task})
+    env = Recorded(env, tmp_path / "run.mcap")
+    seen, guarded = [], []
+    for seed in range(6):
+        env.reset(seed=seed)
+        guarded.append(env.unwrapped.task.guarded)
+        seen.append([env.step(np.array([1.0, 0.2]))[:2] for _ in range(15)])
+    env.close()
+    assert {True, False} == set(guarded)
+    for chapter, steps, shielded in zip(
+        read_recording(tmp_path / "run.mcap"), seen, guarded, strict=True
+    ):
+        env = replayed(chapter)
+        env.reset(options={"episode": chapter.episode})
+        assert env.task.guarded == shielded
+        for action, (observation, reward) in zip(chapter.actions, steps, strict=True):
+            again, worth, *_ = env.step(action)
+            assert_same(again, observation)
+            assert worth == reward
+
+
 def test_every_reader_opens_it(run):
     """Check sums hold, messages are as their schemas say, in the order of time; none is missing."""
     file, seen = run

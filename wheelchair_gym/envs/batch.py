@@ -41,7 +41,6 @@ class Batch(NamedTuple):
     guards: Rows  # (1,) of GUARD
     shields: Rows  # (n,) of SHIELD; (0,) without
     unshielded: Array  # (1,) share of episodes without
-    bare: Flags  # (n,) the present episode is one of those
     over: Flags  # (n,) the episode has ended in an earlier step
     begun: Flags  # (n,) is set where an episode was begun in this step
 
@@ -111,9 +110,7 @@ def begin_chair(i: int, batch: Batch, results: Results, scratch: Floats, ranges:
         results.sensed,
     )
     seen = results.sensed[i]
-    guarded = batch.shields.shape[0] > 0
-    if guarded:
-        batch.bare[i] = goes_bare(batch.keys[i], batch.unshielded[0])
+    shields = batch.shields.shape[0] > 0
     start_task(
         i,
         batch.rules,
@@ -124,11 +121,11 @@ def begin_chair(i: int, batch: Batch, results: Results, scratch: Floats, ranges:
         seen.twist,
         ranges,
         seen.ultrasonic,
-        guarded and not batch.bare[i],
+        shields and not goes_bare(batch.keys[i], batch.unshielded[0]),
         results.out[i],
     )
     results.success[i] = succeeded(batch.rules[0], course, seen)
-    if guarded:
+    if shields:
         results.reason[i] = NOTHING
         for k in range(2):
             results.asked[i, k] = results.given[i, k] = 0.0
@@ -187,7 +184,7 @@ def step_chairs(
             seen, action, stop = sensed[i], actions[i], False
             v, w = asked_twist(action[0], action[1], rule.forward, rule.backward, rule.turn)
             asked_v, asked_w = v, w
-            shielded = batch.shields.shape[0] > 0 and not batch.bare[i]
+            shielded = batch.progress[i].guarded
             if shielded:
                 v, w, stop = decide(batch.guards[0], batch.shields[i], v, w)
             advance(i, rigs, chairs, states, worlds, v, w, stop, scratch, ranges, sensed)

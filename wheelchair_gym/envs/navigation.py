@@ -59,12 +59,14 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     | ultrasonic | (8,) | 0 to 4 or 6 m | latest range of each |
     | twist | (2,) | 1.5 x the limits | speed [m/s] and turn [rad/s] by the encoders |
     | goal | (3,) | 0 to 100 m, -1 to 1 | distance, cosine and sine of its bearing |
+    | action | (2,) | -1 to 1 | the last one; with `task.last_action` |
+    | shield | (3,) | 0 to 1, -2 to 2 | with `task.shield_state`: see there |
     | path | (10,) | -10 to 10 m | guided only: x, y of points ahead, in the chair's frame |
 
     ## Reward
     The sum of `info["reward_terms"]`: progress towards the goal (0.125 per metre of way to go),
     time (-0.05 per second), arrived (+1), bumped (-2), timeout (-0.5), change of action
-    (-0.003 x squared change). Weights are settings.
+    (-0.003 x squared change), and what a shield withheld (0). Weights are settings.
 
     ## Start and end
     A scene places walls, start and goal from the seed: episode k of seed s is always the same.
@@ -162,7 +164,6 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if s.sensors.finds_itself:
             self.task.chart = finder.chart
         self.shield: Shield | None = None
-        self._bare = False  # the present episode is driven without it
         if s.shield is not None:
             self.shield = Shield(s.shield, s.chair, s.sensors, 1.0 / s.rate)
         self.worlds = Worlds(s, self.task)
@@ -204,9 +205,10 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         key = episode_key(self._seed, self._count)
         if self.shield is not None:
             self.shield.reset()
-            self._bare = goes_bare(np.uint64(key), self.settings.unshielded)
         reading = self.chair.reset(self.episode, key)
-        guarded = self.shield is not None and not self._bare
+        guarded = self.shield is not None and not goes_bare(
+            np.uint64(key), self.settings.unshielded
+        )
         observation = self.task.begin(self._course, reading, key, guarded)
         self._running = True
         self._trail = []
@@ -233,7 +235,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         chosen = np.asarray(action, np.float64)
         twist = self.task.limits.twist(chosen)
         stop, less = False, (0.0, 0.0)
-        if self.shield is not None and not self._bare:
+        if self.shield is not None and self.task.guarded:
             asked, twist = twist, self.shield.filter(twist, self.task.reading)
             less = float(asked[0] - twist[0]), float(asked[1] - twist[1])
             stop = self.shield.decision.protective

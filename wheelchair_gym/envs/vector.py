@@ -119,7 +119,6 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             guards=guard,
             shields=np.zeros(n if s.shield else 0, SHIELD),
             unshielded=np.array([s.unshielded]),
-            bare=np.zeros(n, np.bool_),
             over=np.zeros(n, np.bool_),
             begun=np.zeros(n, np.bool_),
         )

@@ -28,7 +28,7 @@ GATE = np.dtype(
 )
 
 
-class Ground(NamedTuple):
+class Terrain(NamedTuple):
     """Free cells row by row, as runs, and the gates among them."""
 
     run: Index  # (rows + 1,): the first run of each row
@@ -38,7 +38,7 @@ class Ground(NamedTuple):
 
 
 @kernel
-def ground_of(free: Mask) -> Ground:
+def terrain_of(free: Mask) -> Terrain:
     """The runs of a map's free cells, and its gates."""
     rows, cols = free.shape
     cells = free.view(np.int8)
@@ -82,7 +82,7 @@ def ground_of(free: Mask) -> Ground:
                         gates[m].way, gates[m].place = np.inf, 0
                         m += 1
     gate[rows] = m
-    return Ground(run, runs[: run[rows]], gate, gates[:m])
+    return Terrain(run, runs[: run[rows]], gate, gates[:m])
 
 
 @borrowing_kernel
@@ -127,9 +127,9 @@ def dequeue(gates: Records, queue: Index) -> int:
 
 
 @borrowing_kernel
-def run_at(ground: Ground, row: int, col: int) -> int:
+def run_at(terrain: Terrain, row: int, col: int) -> int:
     """The run that holds a free cell."""
-    k = ground.run[row]
-    while ground.runs[k].last < col:
+    k = terrain.run[row]
+    while terrain.runs[k].last < col:
         k += 1
     return int(k)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import borrowing_kernel, kernel, whole
-from wheelchair_gym.maps.gates import Ground, dequeue, enqueue, ground_of, run_at
+from wheelchair_gym.maps.gates import Terrain, dequeue, enqueue, run_at, terrain_of
 
 Field = NDArray[np.float32]
 Index = NDArray[np.int32]
@@ -74,7 +74,14 @@ class Beam(NamedTuple):
 
 @borrowing_kernel
 def _light(
-    ground: Ground, queue: Index, bends: Records, root: int, length: Field, row: int, a: int, b: int
+    terrain: Terrain,
+    queue: Index,
+    bends: Records,
+    root: int,
+    length: Field,
+    row: int,
+    a: int,
+    b: int,
 ) -> tuple[int, int]:
     """Light the columns a to b of a row; the first and last where that is not too late."""
     line = length[row]
@@ -98,20 +105,20 @@ def _light(
         dx = np.float32(np.int32(k)) + begin
         here = way + math.sqrt(square + dx * dx)
         part[k] = here if here < part[k] else part[k]
-    for k in range(ground.gate[row], ground.gate[row + 1]):
-        gate = ground.gates[k]
+    for k in range(terrain.gate[row], terrain.gate[row + 1]):
+        gate = terrain.gates[k]
         if a <= gate.col <= b:
             dx = np.float32(gate.col) - x
             here = way + math.sqrt(square + dx * dx)
             if here < line[gate.col] + np.float32(_GAIN) and here < gate.way - np.float32(_GAIN):
                 gate.way, gate.root = here, root
-                enqueue(ground.gates, queue, k)
+                enqueue(terrain.gates, queue, k)
     return a, b
 
 
 @borrowing_kernel
 def _shine(
-    ground: Ground,
+    terrain: Terrain,
     queue: Index,
     bends: Records,
     root: int,
@@ -125,7 +132,7 @@ def _shine(
     """
     x, y, north = float(bends[root].x), float(bends[root].y), beam.north
     row = math.floor(y + 0.5)
-    run = ground.runs[run_at(ground, row, math.floor(x + 0.5))]
+    run = terrain.runs[run_at(terrain, row, math.floor(x + 0.5))]
     near = max(0.5 + north * (row - y), 1e-3)  # to the edge of its own row
     wedges[0].row, wedges[0].first, wedges[0].last = row + north, run.first, run.last
     wedges[0].low = max(beam.low, (run.first - _HALF - x) / near)
@@ -140,8 +147,8 @@ def _shine(
         middle = north * (row - y)
         enter, leave = max(middle - 0.5, 1e-3), middle + 0.5
         west, east, edge = x + low * enter, x + high * enter, beam.edge + beam.drift * middle
-        for k in range(ground.run[row], ground.run[row + 1]):
-            a, b = whole(ground.runs[k].first), whole(ground.runs[k].last)
+        for k in range(terrain.run[row], terrain.run[row + 1]):
+            a, b = whole(terrain.runs[k].first), whole(terrain.runs[k].last)
             if b + _HALF < west:
                 continue
             if a - _HALF > east:
@@ -157,7 +164,7 @@ def _shine(
             elif beam.shadow < 0:
                 end = min(end, math.ceil(edge))
             if begin <= end:
-                one, other = _light(ground, queue, bends, root, length, row, begin, end)
+                one, other = _light(terrain, queue, bends, root, length, row, begin, end)
                 lit = lit or one <= other
                 if middle > _NEAR:
                     if one > other:
@@ -187,8 +194,8 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
         col: see row.
     """
     length = np.full(free.shape, np.inf, np.float32)
-    ground = ground_of(free)
-    gates, runs = ground.gates, ground.runs
+    terrain = terrain_of(free)
+    gates, runs = terrain.gates, terrain.runs
     queue = np.zeros(len(gates) + 1, np.int32)
     bends = np.empty(len(gates) + 1, _BEND)
     # Each wedge that waits has its own run, or comes from a gap between two.
@@ -198,19 +205,19 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
     if math.floor(goal_x + 0.5) != col or math.floor(goal_y + 0.5) != row:
         bends[0].x, bends[0].y = col, row
         bends[0].way = math.hypot(col - goal_x, row - goal_y)
-    k = run_at(ground, row, col)
+    k = run_at(terrain, row, col)
     first, last = whole(runs[k].first), whole(runs[k].last)
     count = whole(0)
-    _light(ground, queue, bends, count, length, row, first, last)
+    _light(terrain, queue, bends, count, length, row, first, last)
     for north in (-1, 1):
         beam = Beam(north, -np.inf, np.inf, 0, 0.0, 0.0)
-        _shine(ground, queue, bends, count, length, wedges, beam)
+        _shine(terrain, queue, bends, count, length, wedges, beam)
     count += 1
     while queue[0] > 0:
         gate = gates[dequeue(gates, queue)]
         row, col = whole(gate.row), whole(gate.col)
         east, up = whole(gate.east), whole(gate.north)
-        # Up to the edge, the line from its own root by the corner, others have lit the ground. A
+        # Up to the edge, the line from its own root by the corner, others have lit the terrain. A
         # root that turned the other way lit nothing beyond the gate itself.
         root = bends[gate.root]
         x, y = float(root.x), float(root.y)
@@ -237,13 +244,13 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
         side = 1 if ex + east * abs(ey) > 0.0 else -1
         lit = False
         if ey * up < 0.0:
-            k = run_at(ground, row, col)
+            k = run_at(terrain, row, col)
             begin, end = whole(runs[k].first), whole(runs[k].last)
             if side > 0:
                 begin = max(begin, math.floor(edge))
             else:
                 end = min(end, math.ceil(edge))
-            one, other = _light(ground, queue, bends, count, length, row, begin, end)
+            one, other = _light(terrain, queue, bends, count, length, row, begin, end)
             lit = one <= other
         for north in (-1, 1):
             ahead, beside = ey * north > 0.0, up * north > 0
@@ -257,7 +264,7 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
                 shadow = 1 if corner > straight else -1
             low, high = min(straight, corner), max(straight, corner)
             beam = Beam(north, low, high, shadow, edge, straight if ahead else 0.0)
-            if _shine(ground, queue, bends, count, length, wedges, beam):
+            if _shine(terrain, queue, bends, count, length, wedges, beam):
                 lit = True
         if lit:
             count += 1

@@ -14,7 +14,8 @@ from wheelchair_gym.safety.state import ARC
 
 Floats = NDArray[np.float32]
 
-_FINE = 0.04  # m: an echo's arc is remembered as points so far apart
+_SPACING = 0.04  # m between the points of an echo's arc
+_SLACK = 0.04  # m: points of the laser stand for arcs as long (`memory`)
 _ECHO = 2.5  # m: echoes from farther off do not matter yet
 _AGREE = 0.15  # m: laser and ultrasonic err together by less
 _ASIDE = math.radians(4.0)  # cones have soft edges
@@ -30,7 +31,7 @@ def _explained(g: Any, s: Any, k: int, x: float, y: float, yaw: float, r: float)
     for i in range(s.n_points):
         dx, dy = s.points[i, 0] - x, s.points[i, 1] - y
         ahead, left = c * dx + sn * dy, c * dy - sn * dx
-        inside = ahead > 0.0 and abs(left) <= slope * ahead + _FINE
+        inside = ahead > 0.0 and abs(left) <= slope * ahead + _SLACK
         if inside and dx * dx + dy * dy <= (r + _AGREE) * (r + _AGREE):
             return True
     return False
@@ -73,7 +74,7 @@ def hear(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
         s.n_arc[k] = 0
         if again:
             half = g.ranger_half[k]
-            n = min(ARC, 2 + int(2.0 * half * r / _FINE))
+            n = min(ARC, 2 + int(2.0 * half * r / _SPACING))
             for i in range(n):
                 angle = yaw - half + 2.0 * half * i / (n - 1)
                 s.arc[k, i, 0], s.arc[k, i, 1] = x + r * math.cos(angle), y + r * math.sin(angle)

@@ -1,4 +1,4 @@
-"""Where a sensor sees the ends of segments."""
+"""Where a sensor sees the ends of segments, and an arc tangent that vectorises."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from wheelchair_gym.task.judge import TERMS, reached, weigh
 from wheelchair_gym.task.observe import bearing_to, look_ahead, look_ahead_poses, pool, see
 
 LONG = 256.0  # s, m: a critic sees longer times and ways as this
-WITHHELD = 2.0  # full speeds: no shield withholds more
+WITHHELD = 2.0  # full speeds ahead or of turning: more is observed as this
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -58,7 +58,7 @@ PROGRESS = np.dtype(
         ("action", "f8", (2,)),  # the last one, clipped
         ("previous", "f8", (2,)),  # the one before
         ("guarded", "b1"),  # a shield filters
-        ("withheld", "f8", (2,)),  # by it of the last twist, in full speeds
+        ("withheld", "f8", (2,)),  # by it of the last twist, in full speeds ahead and of turning
     ],
     align=True,
 )

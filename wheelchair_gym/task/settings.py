@@ -59,8 +59,8 @@ class TaskSettings:
     last_action: bool = setting(default=False, source="true: the last action is observed, too")
     shield_state: bool = setting(
         default=False,
-        source="true: whether a shield filters, and what it withheld of the last twist, are "
-        "observed, too",
+        source="true: whether a shield filters (1 or 0), and what it withheld of the last twist, "
+        "in full speeds ahead and of turning, are observed, too",
     )
     privileged: bool = setting(
         default=False, source="true: a critic's key 'privileged' is observed; in training only"

@@ -58,7 +58,8 @@ class Task:
         reading: the latest; its pose is the chair's own estimate.
         observation, verdict: of that reading.
         guarded: a shield filters what the chair is told.
-        withheld: what it took from the last twist that was asked for [m/s, rad/s].
+        action: the last one (2,), of a policy or of what stands between it and the task.
+        withheld: what the shield took from the twist that it asked for [m/s, rad/s].
         path: guidance (n, 2) [m], or None; a policy may set it, so that it is drawn.
         note: what a policy says it is about, for people; a policy may set it.
         key: of the episode's randomness; seeds whatever a policy draws.
@@ -73,6 +74,7 @@ class Task:
     verdict: Verdict
     key: int
     guarded: bool
+    action: Array
     withheld: tuple[float, float]
 
     def __init__(
@@ -231,7 +233,8 @@ class Task:
         self._take(course.episode, course.geodesic)
         self._course, self.path, self.note = course, course.path, ""
         self._alone["course"] = address_of(course.record)
-        self.reading, self.key, self.guarded, self.withheld = reading, key, guarded, (0.0, 0.0)
+        self.reading, self.key, self.guarded = reading, key, guarded
+        self.action, self.withheld = np.zeros(2), (0.0, 0.0)
         out, verdict = np.empty(self.room, np.float32), self._judged
         start_task(
             0,
@@ -273,7 +276,7 @@ class Task:
             *less,
             out,
         )
-        self.reading, self.withheld = reading, less
+        self.reading, self.action, self.withheld = reading, action, less
         self._take_verdict()
         self.observation = self.unpack(out)
         return self.observation

@@ -149,10 +149,13 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
     def _log_episode(self) -> None:
         env = self._env
         episode = env.episode
+        told = {name: dump(getattr(env.settings, name)) for name in SETTINGS}
+        if not env.task.guarded:  # a share of episodes may be driven without
+            told["shield"] = None
         self._out.tell(
             EPISODE,
             {
-                "settings": {name: dump(getattr(env.settings, name)) for name in SETTINGS},
+                "settings": told,
                 "map": packed_map(episode.map),
                 **{name: np.asarray(getattr(episode, name)).tolist() for name in _ARRAYS},
                 **{name: getattr(episode, name) for name in _VALUES},
