@@ -15,6 +15,7 @@ from wheelchair_gym.config import InputError
 _ONE_THREAD = {
     f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "NUMBA")
 }
+KEPT = 300  # s that idle workers wait for the next runs: it takes seconds to load all kernels
 RETRIES = 3  # Ray hands a lost task out so often before it tells us
 
 
@@ -73,7 +74,9 @@ class Loky:
         from joblib.externals.loky import get_reusable_executor
 
         # Where the last one lost a worker, this is a new one.
-        return get_reusable_executor(self.workers, initializer=_start_worker, env=_ONE_THREAD)
+        return get_reusable_executor(
+            self.workers, timeout=KEPT, initializer=_start_worker, env=_ONE_THREAD
+        )
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Hand a call out; its ticket."""

@@ -1,8 +1,9 @@
 """What two workers gain, and what an episode costs beyond its driving, on each engine.
 
-`python -m tests.benchmarks.engines [episodes]`: two bare busy loops say what the machine gives at
-most; then the same episodes by one worker and by two. The rounds alternate, so that whatever else
-the machine does falls on all. The overhead is of runs that do nothing, by two workers.
+`python -m tests.benchmarks.engines [episodes [runs]]`: two bare busy loops say what the machine
+gives at most; then the same episodes, and the same runs of a study for each of its rows and maps,
+by one worker and by two. The rounds alternate, so that whatever else the machine does falls on all.
+The overhead is of runs that do nothing, by two workers.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import statistics
 import sys
 import tempfile
 import time
-from functools import partial
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,14 @@ from agents.compare import BEST
 from agents.engines import ENGINES
 from agents.evaluate import run_episode, warm
 from agents.runs import compute
+from agents.study.catalog import STUDIES
+from agents.study.conduct import BATCH, jobs_of
+from agents.study.measures import measure
 
 ROUNDS, EMPTY, SPINS = 3, 2000, 60_000_000
 ENV = {"pose_source": "modelled", "shield": {}}
 SCENE = "floor_plan"
+STUDY = "t1-3.13"
 
 
 def spin(count: int) -> None:
@@ -54,36 +59,51 @@ def nothing(seed: int) -> dict[str, Any]:
     return {"seed": seed}
 
 
-def seconds(work: Any, count: int, workers: int, engine: str) -> float:
-    """Wall time of so many runs; workers are there already where the engine keeps them."""
-    jobs = {str(seed): seed for seed in range(count)}
+def seconds(
+    work: Any, jobs: Mapping[str, Any], workers: int, engine: str = "loky", batch: int = 1
+) -> float:
+    """Wall time of runs; workers are there already where the engine keeps them."""
     with tempfile.TemporaryDirectory() as folder:
         begun = time.perf_counter()
         compute(jobs, work, Path(folder) / "runs.jsonl", workers=workers, engine=engine,
-                progress=False)  # fmt: skip
+                batch=batch, progress=False)  # fmt: skip
         return time.perf_counter() - begun
+
+
+def seeds(count: int) -> dict[str, int]:
+    """Jobs that are a seed each."""
+    return {str(seed): seed for seed in range(count)}
+
+
+def gain(name: str, timed: Callable[[int], float]) -> None:
+    """Print what two workers gain over one, beside two bare busy loops."""
+    spins, drives = [], []
+    for number in range(ROUNDS):
+        spins.append(2.0 * spun(1) / spun(2))
+        drives.append(timed(1) / timed(2))
+        print(f"round {number}: busy loops {spins[-1]:.3f}, {name} {drives[-1]:.3f}", flush=True)
+    share = statistics.median(d / s for d, s in zip(drives, spins, strict=True))
+    print(f"speed-up by two workers, {name}: {statistics.median(drives):.3f}, of two busy loops "
+          f"{statistics.median(spins):.3f}: {100 * share:.1f} %")  # fmt: skip
 
 
 def main() -> None:
     """Print ratios and milliseconds."""
-    episodes = int(sys.argv[1]) if len(sys.argv) > 1 else 80
+    episodes, runs = (int(word) for word in (*sys.argv[1:], 80, 100)[:2])
     warm(BEST, SCENE, ENV)
-    one, two = partial(seconds, driven, episodes, 1), partial(seconds, driven, episodes, 2)
-    seconds(driven, 4, 2, "loky")  # workers load their kernels
-    spins, drives = [], []
-    for number in range(ROUNDS):
-        spins.append(2.0 * spun(1) / spun(2))
-        drives.append(one("loky") / two("loky"))
-        print(f"round {number}: busy loops {spins[-1]:.3f}, {episodes} episodes {drives[-1]:.3f}",
-              flush=True)  # fmt: skip
-    share = statistics.median(d / s for d, s in zip(drives, spins, strict=True))
-    gain, most = statistics.median(drives), statistics.median(spins)
-    print(f"speed-up by two workers {gain:.3f}, of two busy loops {most:.3f}: {100 * share:.1f} %")
+    seconds(driven, seeds(4), 2)  # workers load their kernels
+    gain(f"{episodes} episodes", lambda workers: seconds(driven, seeds(episodes), workers))
+    jobs = {key: job for key, (_, job) in jobs_of(STUDIES[STUDY], runs).items()}
+    seconds(measure, dict(list(jobs.items())[:200]), 2, batch=BATCH)
+    gain(
+        f"{len(jobs)} runs of {STUDY}",
+        lambda workers: seconds(measure, jobs, workers, batch=BATCH),
+    )
     for engine in ENGINES:
         if engine == "ray" and importlib.util.find_spec("ray") is None:
             continue
-        start = seconds(nothing, 4, 2, engine)
-        cost = statistics.median(seconds(nothing, EMPTY, 2, engine) for _ in range(ROUNDS))
+        start = seconds(nothing, seeds(4), 2, engine)
+        cost = statistics.median(seconds(nothing, seeds(EMPTY), 2, engine) for _ in range(ROUNDS))
         print(f"{engine}: {1e3 * cost / EMPTY:.2f} ms a run of {EMPTY} "
               f"(its start among them; four runs from cold {start:.1f} s)")  # fmt: skip
 
