@@ -12,6 +12,7 @@ import hashlib
 import json
 import os
 import sys
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from functools import cache
@@ -28,6 +29,7 @@ Job = TypeVar("Job")
 
 LOG_PAUSE = 10.0  # s between two lines of progress where they are kept, as in a log
 AHEAD = 2  # batches in hand for each worker, so that none waits for the next
+SPAN = 0.25  # s of work in a batch
 LOSSES = 3  # times in a row that workers may be lost before a single run has ended
 
 
@@ -106,7 +108,6 @@ def compute(
     *,
     workers: int = 1,
     engine: str = "loky",
-    batch: int = 1,
     unit: str = "run",
     progress: bool = True,
     again: Callable[[Job], bool] | None = None,
@@ -120,7 +121,6 @@ def compute(
         store: file of the records.
         workers: processes; with one, `loky` stays in this one.
         engine: one of `ENGINES`.
-        batch: jobs handed out together, for short ones.
         unit: what a run is called in the progress bar.
         progress: show a bar on standard error.
         again: whether a job is made although it is stored.
@@ -140,7 +140,7 @@ def compute(
         missing = [(key, job) for key, job in jobs.items() if key not in known]
         del stored
         here = engine == "loky" and (workers == 1 or len(missing) < 2)
-        made = _here(missing, work) if here else _apart(missing, work, workers, engine, batch)
+        made = _here(missing, work) if here else _apart(missing, work, workers, engine)
         try:
             if missing and before is not None:
                 before([job for _, job in missing])
@@ -186,8 +186,10 @@ def _here(missing: Sequence[tuple[str, Job]], work: Callable[[Job], Record]) -> 
         yield [(key, work(job))]
 
 
-def _batch(work: Callable[[Job], Record], jobs: Sequence[tuple[str, Job]]) -> Found:
-    return [(key, work(job)) for key, job in jobs]
+def _batch(work: Callable[[Job], Record], jobs: Sequence[tuple[str, Job]]) -> tuple[Found, float]:
+    """Records, and the seconds that they took."""
+    begun = time.perf_counter()
+    return [(key, work(job)) for key, job in jobs], time.perf_counter() - begun
 
 
 def _apart(
@@ -195,39 +197,45 @@ def _apart(
     work: Callable[[Job], Record],
     workers: int,
     engine: str,
-    batch: int,
 ) -> Generator[Found]:
     """Records in the order in which workers end them; what a lost worker held is handed out again.
 
-    Every batch that ended before the loss counts.
+    Short jobs are handed out together, for a time at which handing out costs little. Every batch
+    that ended before a loss counts.
     """
-    # Whatever remains is shared by all workers, and the last batches end at about one time.
-    batch = max(1, min(batch, len(missing) // (4 * workers)))
-    waiting = deque(missing[k : k + batch] for k in range(0, len(missing), batch))
+    waiting = deque(missing)
     running: dict[Any, Sequence[tuple[str, Job]]] = {}
-    losses, done = 0, False
+    size, losses, done = 1, 0, False
     pool: Pool = ENGINES[engine](workers)
     try:
         while waiting or running:
             lost = None
             try:
                 while waiting and len(running) < AHEAD * pool.workers:
-                    running[pool.submit(_batch, work, waiting[0])] = waiting[0]
-                    waiting.popleft()
+                    # Whatever remains is shared by all: the last batches end at about one time.
+                    share = max(1, min(size, len(waiting) // (2 * AHEAD * pool.workers)))
+                    jobs = [waiting[k] for k in range(share)]
+                    running[pool.submit(_batch, work, jobs)] = jobs
+                    for _ in jobs:
+                        waiting.popleft()
             except LostError as error:
                 lost = error
             for ticket in pool.ended(list(running)):
-                jobs = running.pop(ticket)
+                held = running.pop(ticket)
                 try:
-                    found = pool.result(ticket)
+                    found, seconds = pool.result(ticket)
                 except LostError as error:
                     lost = error
-                    waiting.appendleft(jobs)
+                    waiting.extendleft(reversed(held))
                     continue
                 losses = 0
+                size = max(1, min(2 * len(held), int(SPAN * len(held) / max(seconds, 1e-9))))
                 yield found
             if lost is not None:
-                losses += 1
+                losses, size = (
+                    losses + 1,
+                    1,
+                )  # a job that kills its worker shall take no other along
                 if losses >= LOSSES:
                     raise lost
         done = True

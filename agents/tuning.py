@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 METRICS = ("sct", "spl", "success", "barn", "barn_own")  # of episodes; the higher, the better
 WHO = ("folder", "jobs", "engine")  # changes no score
 JOURNAL = "trials.log"
-BATCH = 4  # plans handed to a worker together
 Scores = list[float]
 Judge = Callable[[Spec, Sequence[int]], Scores]  # of settings on seeds: one score each
 
@@ -110,7 +109,7 @@ class Plans:
         }
         records = compute(
             runs, partial(_planned, spec=spec, deadline=self.deadline), self.folder / STORE,
-            workers=self.jobs, engine=self.engine, batch=BATCH, unit="plan", progress=False,
+            workers=self.jobs, engine=self.engine, unit="plan", progress=False,
         )  # fmt: skip
         return [record["score"] for record in records.values() if record["score"] is not None]
 

@@ -26,7 +26,6 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.files import whole
 
 STORE = "runs.jsonl"
-BATCH = 20  # runs handed to a worker together: most take milliseconds
 FORMAT = 1
 
 
@@ -87,7 +86,7 @@ def conduct(
     wanted = {study.name: jobs_of(study, counts[study.name]) for study in studies}
     records = compute(
         {key: job for of in wanted.values() for key, (_, job) in of.items()}, measure,
-        folder / STORE, workers=jobs, engine=engine, batch=BATCH, progress=progress,
+        folder / STORE, workers=jobs, engine=engine, progress=progress,
         before=_compile_all,
     )  # fmt: skip
     provenance: dict[str, Any] = {

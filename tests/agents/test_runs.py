@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from agents.engines import ENGINES
+from agents.engines import ENGINES, Loky
 from agents.runs import StoppedError, compute, read_store
 from tests.agents import runs_work as work
 from tests.conftest import ROOT
@@ -23,15 +23,31 @@ INSTALLED = [pytest.param(name, marks=MARKS.get(name, [])) for name in ENGINES]
 
 
 @pytest.mark.parametrize("engine", INSTALLED)
-@pytest.mark.parametrize(("workers", "batch"), [(1, 1), (2, 1), (2, 5)])
-def test_equal_to_the_last_digit_whoever_makes_them(tmp_path, engine, workers, batch):
+@pytest.mark.parametrize("workers", [1, 2])
+def test_equal_to_the_last_digit_whoever_makes_them(tmp_path, engine, workers):
     store = tmp_path / "runs.jsonl"
-    got = compute(
-        JOBS, work.draw, store, workers=workers, engine=engine, batch=batch, progress=False
-    )
+    got = compute(JOBS, work.draw, store, workers=workers, engine=engine, progress=False)
     assert got == WHOLE
     assert list(got) == list(JOBS)
     assert read_store(store) == WHOLE
+
+
+def test_short_jobs_are_handed_out_together_and_long_ones_each(tmp_path, monkeypatch):
+    """Many short jobs before the one that kills its worker: they are few batches."""
+    handed = []
+    submit = Loky.submit
+    monkeypatch.setattr(
+        Loky, "submit", lambda self, f, *a: handed.append(len(a[1])) or submit(self, f, *a)
+    )
+    jobs = {f"k{seed}": (seed, None) for seed in range(2000)}
+    got = compute(jobs, work.draw, tmp_path / "s.jsonl", workers=2, progress=False)
+    assert got == {key: work.draw(job) for key, job in jobs.items()}
+    assert sum(handed) == 2000
+    assert max(handed) > 50
+    assert handed[0] == handed[-1] == 1
+    handed.clear()
+    compute(JOBS, work.slow, tmp_path / "slow.jsonl", workers=2, progress=False)
+    assert set(handed) == {1}
 
 
 @pytest.mark.parametrize("engine", INSTALLED)
@@ -39,7 +55,7 @@ def test_a_killed_worker_loses_nothing(tmp_path, engine):
     mark = tmp_path / "mark"
     jobs = {key: (seed, str(mark) if seed == 6 else None) for key, (seed, _) in JOBS.items()}
     store = tmp_path / "runs.jsonl"
-    got = compute(jobs, work.dying, store, workers=2, engine=engine, batch=2, progress=False)
+    got = compute(jobs, work.dying, store, workers=2, engine=engine, progress=False)
     assert mark.exists()
     assert got == WHOLE
     assert len(store.read_text().splitlines()) == len(JOBS)  # each line once

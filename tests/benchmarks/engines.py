@@ -23,7 +23,7 @@ from agents.engines import ENGINES
 from agents.evaluate import run_episode, warm
 from agents.runs import compute
 from agents.study.catalog import STUDIES
-from agents.study.conduct import BATCH, jobs_of
+from agents.study.conduct import jobs_of
 from agents.study.measures import measure
 
 ROUNDS, EMPTY, SPINS = 3, 2000, 60_000_000
@@ -59,14 +59,12 @@ def nothing(seed: int) -> dict[str, Any]:
     return {"seed": seed}
 
 
-def seconds(
-    work: Any, jobs: Mapping[str, Any], workers: int, engine: str = "loky", batch: int = 1
-) -> float:
+def seconds(work: Any, jobs: Mapping[str, Any], workers: int, engine: str = "loky") -> float:
     """Wall time of runs; workers are there already where the engine keeps them."""
     with tempfile.TemporaryDirectory() as folder:
         begun = time.perf_counter()
         compute(jobs, work, Path(folder) / "runs.jsonl", workers=workers, engine=engine,
-                batch=batch, progress=False)  # fmt: skip
+                progress=False)  # fmt: skip
         return time.perf_counter() - begun
 
 
@@ -94,10 +92,10 @@ def main() -> None:
     seconds(driven, seeds(4), 2)  # workers load their kernels
     gain(f"{episodes} episodes", lambda workers: seconds(driven, seeds(episodes), workers))
     jobs = {key: job for key, (_, job) in jobs_of(STUDIES[STUDY], runs).items()}
-    seconds(measure, dict(list(jobs.items())[:200]), 2, batch=BATCH)
+    seconds(measure, dict(list(jobs.items())[:200]), 2)
     gain(
         f"{len(jobs)} runs of {STUDY}",
-        lambda workers: seconds(measure, jobs, workers, batch=BATCH),
+        lambda workers: seconds(measure, jobs, workers),
     )
     for engine in ENGINES:
         if engine == "ray" and importlib.util.find_spec("ray") is None:
