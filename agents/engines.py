@@ -131,7 +131,7 @@ class Ray:
             ray.init(address, runtime_env=code, **quiet)
         else:
             # Ray itself holds a task of one core to one thread.
-            ray.init(num_cpus=workers, include_dashboard=False, **quiet)
+            ray.init("local", num_cpus=workers, include_dashboard=False, **quiet)
         cores: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
         self.workers = max(workers, int(cores.get("CPU", 1)))
 

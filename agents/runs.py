@@ -232,10 +232,8 @@ def _apart(
                 size = max(1, min(2 * len(held), int(SPAN * len(held) / max(seconds, 1e-9))))
                 yield found
             if lost is not None:
-                losses, size = (
-                    losses + 1,
-                    1,
-                )  # a job that kills its worker shall take no other along
+                losses += 1
+                size = 1  # a job that kills its worker shall take no other along
                 if losses >= LOSSES:
                     raise lost
         done = True

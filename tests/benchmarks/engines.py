@@ -87,16 +87,14 @@ def gain(name: str, timed: Callable[[int], float]) -> None:
 
 def main() -> None:
     """Print ratios and milliseconds."""
-    episodes, runs = (int(word) for word in (*sys.argv[1:], 80, 100)[:2])
+    given = [int(word) for word in sys.argv[1:3]]
+    episodes, runs = given + [80, 100][len(given) :]
     warm(BEST, SCENE, ENV)
     seconds(driven, seeds(4), 2)  # workers load their kernels
     gain(f"{episodes} episodes", lambda workers: seconds(driven, seeds(episodes), workers))
     jobs = {key: job for key, (_, job) in jobs_of(STUDIES[STUDY], runs).items()}
     seconds(measure, dict(list(jobs.items())[:200]), 2)
-    gain(
-        f"{len(jobs)} runs of {STUDY}",
-        lambda workers: seconds(measure, jobs, workers),
-    )
+    gain(f"{len(jobs)} runs of {STUDY}", lambda workers: seconds(measure, jobs, workers))
     for engine in ENGINES:
         if engine == "ray" and importlib.util.find_spec("ray") is None:
             continue
