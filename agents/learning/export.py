@@ -159,7 +159,7 @@ def _features(
     rest = [
         "twist",
         bearing,
-        *(NAMES.get(k, k) for k in ("action", "shield", "path") if k in sizes),
+        *(NAMES.get(k, k) for k in ("action", "shield", "path", "gaps") if k in sizes),
     ]
     scaled = graph.add("Mul", graph.add("Concat", *rest, axis=1), graph.constant(layout.scales))
     least = graph.add("Min", far, graph.constant(GOAL_MOST))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.address import doubles_at, moves_at, rows_of, states_at, table_at
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.task.course import COURSE, seconds_to_go, to_go, way_to_go
+from wheelchair_gym.task.gaps import FRAME, gaps
 from wheelchair_gym.task.judge import TERMS, reached, weigh
 from wheelchair_gym.task.observe import bearing_to, look_ahead, look_ahead_poses, pool, see
 
@@ -37,6 +38,10 @@ RULES = np.dtype(
         ("posed", "b1"),  # they are poses at plan times
         ("last_action", "b1"),  # is observed
         ("shield_state", "b1"),  # is observed
+        ("gaps", "i8"),  # numbers that tell the gaps; 0: none
+        ("frame", "u8"),  # address of the record of FRAME
+        ("directions", "u8"),  # address of the beams' directions (laser_beams, 2)
+        ("laser_beams", "i8"),
         ("privileged", "b1"),  # observed, too, is what only a critic may see
         ("doubt", "f8"),  # m
         ("heading", "b1"),
@@ -76,6 +81,8 @@ VERDICT = np.dtype(
     align=True,
 )
 
+_frames_at = rows_of(FRAME)
+
 # Where the only row of each argument of `assess` lies: a call takes a microsecond per array.
 ALONE = np.dtype([("rules", "u8"), ("course", "u8"), ("progress", "u8"), ("verdict", "u8")])
 _rules_at, _courses_at, _progress_at, _verdicts_at = map(
@@ -104,7 +111,8 @@ def observe(
         twist: (2,) [m/s, rad/s].
         laser: (beams of the laser,) [m].
         ultrasonic: (rangers,) [m].
-        out: laser, ultrasonic, twist, goal, action, shield, path and privileged, one after another.
+        out: laser, ultrasonic, twist, goal, action, shield, path, gaps and privileged, one after
+            another.
     """
     place = rules.beams
     valid = pool(laser, rules.laser_reach, out[:place])
@@ -126,6 +134,7 @@ def observe(
         for i in range(2):
             out[place + 1 + i] = min(WITHHELD, max(-WITHHELD, own.withheld[i]))
         place += 3
+    here = place  # where poses ahead begin, if any do
     if rules.points > 0:
         ahead = doubles_at(rules.ahead, rules.points)
         if rules.posed:
@@ -144,6 +153,11 @@ def observe(
             path = table_at(course.path, course.points, 2)
             look_ahead(path, pose, ahead, out[place : place + 2 * rules.points])
             place += 2 * rules.points
+    if rules.gaps > 0:
+        seen = out[here : place if rules.posed else here]
+        directions = table_at(rules.directions, rules.laser_beams, 2)
+        gaps(laser, directions, _frames_at(rules.frame, 1)[0], seen, out[place : place + rules.gaps])
+        place += rules.gaps
     if rules.privileged:
         seconds = seconds_to_go(course, pose[0], pose[1], pose[2])
         out[place] = min(seconds, LONG) if seconds >= 0.0 else LONG  # NaN: not known

@@ -62,6 +62,11 @@ class TaskSettings:
         source="true: whether a shield filters (1 or 0), and what it withheld of the last twist, "
         "in full speeds ahead and of turning, are observed, too",
     )
+    gaps: bool = setting(
+        default=False,
+        source="true: how far the outline could move to the left and to the right before it "
+        "touches what the scan shows, where it stands and at each pose ahead, is observed, too",
+    )
     privileged: bool = setting(
         default=False, source="true: a critic's key 'privileged' is observed; in training only"
     )

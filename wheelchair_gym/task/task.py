@@ -26,6 +26,7 @@ from wheelchair_gym.task.assess import (
     start_task,
 )
 from wheelchair_gym.task.course import AIMS, Course, way_from
+from wheelchair_gym.task.gaps import GAP_REACH, directions_of, frame_of
 from wheelchair_gym.task.judge import Verdict, reached
 from wheelchair_gym.task.observe import GOAL_REACH, PATH_REACH
 from wheelchair_gym.task.settings import TaskSettings
@@ -110,6 +111,8 @@ class Task:
         if settings.aim == "time" and not self.posed:
             raise InputError("task.aim is 'time'; it needs the guidance 'poses'")
         self._ahead = np.array(settings.look_ahead_time if self.posed else settings.look_ahead)
+        self._frame = frame_of(self.footprint, sensors.laser)
+        self._directions = directions_of(sensors.laser)
         self.rules: Rows = np.zeros(1, RULES)
         self._set_rules()
         self._progress = np.zeros(1, PROGRESS)
@@ -133,6 +136,9 @@ class Task:
         r["ahead"], r["posed"] = address_of(self._ahead), self.posed
         r["last_action"], r["privileged"] = s.last_action, s.privileged
         r["shield_state"] = s.shield_state
+        r["gaps"] = 2 + 2 * int(r["points"]) * self.posed if s.gaps else 0
+        r["frame"], r["directions"] = address_of(self._frame), address_of(self._directions)
+        r["laser_beams"] = self.sensors.laser.beams
         r["doubt"] = 0.0 if self.sensors.pose_source == "truth" else s.doubt
         r["heading"], r["heading_tolerance"] = s.heading, s.heading_tolerance
         r["aim"] = AIMS.index(s.aim)
@@ -177,6 +183,9 @@ class Task:
             each = [PATH_REACH, PATH_REACH, 1.0, 1.0][: 4 if self.posed else 2]
             most = np.tile(np.array(each, np.float32), len(self._ahead))
             boxes["path"] = gym.spaces.Box(-most, most)
+        if self.settings.gaps:
+            low = np.full(self.rules["gaps"][0], -self.footprint.half_width, np.float32)
+            boxes["gaps"] = gym.spaces.Box(low, np.full_like(low, GAP_REACH))
         if self.settings.privileged:
             boxes["privileged"] = gym.spaces.Box(0.0, LONG, (3,), np.float32)
         return boxes
