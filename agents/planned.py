@@ -20,14 +20,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.detours import DETOUR, Detours, barred
 from agents.followers import make_follower
 from agents.followers.follower import CREEP
 from agents.followers.retreat import BACK, CRAWL, Retreats, back_out, crawled
+from agents.headway import Headway
 from agents.look_round import LookRound
 from agents.motion import Motion
 from agents.reference import Reference
 from agents.scripted import Observation, episode_rng
 from agents.surroundings import Surroundings
+from agents.telling import Telling
 from agents.unseen import assumed, blind_behind, walled
 from agents.widest import widest_plan
 from planners import make_planner
@@ -37,18 +40,8 @@ from wheelchair_gym.maps import OccupancyGrid
 
 Array = NDArray[np.float64]
 
-GAIN = 0.1  # m of way that count as progress
-HURRY = 0.4  # share of the patience at the path's end, where the goal is near but not reached
-AHEAD = 3.0  # m of the path on which temporary obstacles count
-CLOSE = 2.0  # m from the outline, within which what moves explains why the chair stands
 BEHIND = 2.5  # m: with anything nearer that moves, the chair hardly backs: nothing looks back
-AGAIN = 3.0  # s until a plan is tried again that led round nothing
-DETOUR = 2.0  # m by which a way round may be longer at once, and
-STROLL = 0.5  # m/s more the longer it waits: it waits as long as the way round would cost
-TOLERATED = 0.06  # m: cells are drawn whole, and hits err
 SHOWN = 1.0  # s for which people see why there is a new path
-BOLD = 1.0  # m of way once there was no progress on which room costs nothing; margins stay
-COURTESY = 0.5  # share at which time counts as lost while the chair halts for what moves
 
 
 @settings
@@ -108,26 +101,25 @@ class PlannedDriver:
         self._chair = Motion(task.limits, task.footprint, task.period)
         self._backing = 0.0  # s left to back out
         self._retreats = Retreats()
-        self._tries = 0  # plans made since there was progress
-        self._bold = 0.0  # m on which room costs nothing
-        self._round = False  # the path leads round what is temporary
+        self._headway, self._detours = Headway(self.own.patience), Detours()
         self._peopled = False  # somebody has been seen on this drive
         self._look = LookRound()
-        self._looked = 0.0  # s since the last look at what stands on the way
-        self._held = 0.0  # s that the chair has waited rather than go a long way round
-        self._waited = 0.0  # s until a plan is tried again that led round nothing
-        self._shown = 0.0  # s for which a state is shown still
         self.plan: Plan | None = None
         self.plans = 0  # made
         self._clearance = self.own.clearance  # m: asked for by the last plan
         self._reference: Reference | None = None
-        self.state = "follows"
+        self._telling = Telling(task)
         self.aim(task.goal)
 
     def aim(self, goal: Array) -> None:
         """Drive to a goal (2 or 3,) [m, m, rad] from now on; without a heading any will do."""
         self.goal = np.asarray(goal, dtype=np.float64)
         self._replan()
+
+    @property
+    def state(self) -> str:
+        """What the chair is about."""
+        return self._telling.state
 
     @property
     def solved(self) -> bool:
@@ -143,7 +135,7 @@ class PlannedDriver:
         """Plan from where the chair is, and begin the new path; whether one leads to the goal."""
         start, goal = self._around.pose, self.goal
         maps = self._maps(start, goal)
-        self._round = self._temporary
+        self._detours.taken = self._temporary
         for known in maps:
             if self._plan(known, start, goal):
                 break
@@ -153,8 +145,10 @@ class PlannedDriver:
                 self._look.begin(start, goal)
         assert self.plan is not None
         path = self.plan.path
-        self._mapped = self._since = 0.0
-        self._planned = " ".join((self.plan.status.name, self.plan.note)).strip()
+        self._mapped = 0.0
+        self._headway.wait()
+        plain = self.solved and not self.plan.note
+        self._planned = "" if plain else f"{self.plan.status.name} {self.plan.note}".strip()
         if not self.solved:
             if self._reference is not None:
                 return False  # the old path is better than none
@@ -168,11 +162,11 @@ class PlannedDriver:
         self._task.path = path[:, :2]
         self._reference = Reference(np.asarray(path, dtype=np.float64), start)
         self._follow()
-        self._best = self._since = 0.0
+        self._headway.begin()
 
     def _follow(self) -> None:
         """Begin to follow: boldly for a while where there was no progress."""
-        own = self._boldly if self._bold > 0.0 else self._follower_settings
+        own = self._boldly if self._headway.bold > 0.0 else self._follower_settings
         self._follower = own.make()
 
     def _go_round(self) -> None:
@@ -181,28 +175,23 @@ class PlannedDriver:
         T1 3.2.2: temporary obstacles are taken into the plan as soon as they are met.
         """
         start, goal = self._around.pose, self.goal
-        kept, barred = (self.plan, self._clearance), self._reference
-        assert barred is not None
+        kept, before = (self.plan, self._clearance), self._reference
+        assert before is not None
         if self._plan(self._around.standing.painted(), start, goal):
             assert self.plan is not None
             round_it = Reference(np.asarray(self.plan.path, dtype=np.float64), start)
-            if round_it.left > barred.left + DETOUR + STROLL * self._held:
-                (self.plan, self._clearance), self._held = kept, self._held + AGAIN
-                self._waited = self._shown = AGAIN
-                self._say("waits", "the way round is long")
+            if self._detours.too_long(round_it, before):
+                self.plan, self._clearance = kept
+                self._telling.say("waits", "the way round is long", self._detours.wait())
                 return
             self._take(self.plan.path, start)
-            self._shown, self._round = SHOWN, True
-            self._say("goes round")
+            self._detours.taken = True
+            self._telling.say("goes round", shown=SHOWN)
             return
         assert self.plan is not None
         blocked = self.plan.status is Status.GOAL_OCCUPIED
-        self._waited = self._shown = AGAIN
-        self._say("waits", "the goal is blocked" if blocked else "no way round")
-
-    def _say(self, state: str, more: str = "") -> None:
-        self.state = state
-        self._task.note = ": ".join(filter(None, (state, more)))
+        why = "the goal is blocked" if blocked else "no way round"
+        self._telling.say("waits", why, self._detours.wait())
 
     def _maps(self, start: Array, goal: Array) -> list[OccupancyGrid]:
         """Maps to plan in, the next one if the last leads nowhere."""
@@ -222,30 +211,45 @@ class PlannedDriver:
 
     def act(self, observation: Observation) -> Array:
         """See `Policy.act`."""
+        unseen = self._take_in()
+        self._decide(unseen)
+        twist = self._steer()
+        if twist is None or (twist[0] < 0.0 and self._around.blind):
+            twist = np.zeros(2)
+        elif self._peopled and twist[0] < 0.0:
+            twist = crawled(twist, self._task.footprint)
+        elif unseen and twist[0] < -CREEP:
+            twist = twist * (-CREEP / twist[0])
+        twist = self._around.unhurried(twist[None], self._chair.state)[0]
+        self._chair.command(twist)
+        action: Array = self._task.limits.action(twist)
+        return action
+
+    def _take_in(self) -> bool:
+        """Take in a reading; whether what is behind the chair is not to be trusted."""
+        task, around = self._task, self._around
+        around.update(task.reading)
+        self._chair.measured(task.reading.twist)
+        self._peopled |= len(around.movers) > 0
+        if task.chart is not None:
+            unseen = blind_behind(task.map, around.pose, task.footprint)
+        else:  # somebody is so near that they may be behind the chair the next moment
+            unseen = bool((np.hypot(around.movers[:, 0], around.movers[:, 1]) < BEHIND).any())
+        around.blind = unseen and not self._headway.tries
+        return unseen
+
+    def _decide(self, unseen: bool) -> None:
+        """Go on as before, or begin something else."""
         period = self._task.period
-        self._around.update(self._task.reading)
-        accompanied = self._accompanied()
-        self._peopled |= len(self._around.movers) > 0
-        unseen, self._around.blind = accompanied, accompanied and not self._tries
-        if self._task.chart is not None:
-            outline = self._task.footprint
-            unseen = blind_behind(self._task.map, self._around.pose, outline)
-            stuck = self._tries > 0
-            self._around.blind = unseen and not stuck
-        self._chair.measured(self._task.reading.twist)
         assert self._reference is not None  # reset made one
-        off = self._reference.advance(self._around.pose)
-        if self._reference.way > self._best + GAIN:
-            bold = self._bold
-            self._bold = max(0.0, bold - (self._reference.way - self._best))
-            if bold > self._bold == 0.0:
+        off, bold = self._reference.advance(self._around.pose), self._headway.bold
+        if self._headway.come(self._reference.way):
+            if bold > self._headway.bold == 0.0:
                 self._follow()
-            self._best, self._since, self._tries = self._reference.way, 0.0, 0
-            self._held = 0.0
-        self._since += period * (COURTESY if self.state == "halts" else 1.0)
-        self._waited -= period
-        self._shown -= period
-        patience = HURRY * self.own.patience if self._reference.ended else self.own.patience
+            self._detours.end_wait()
+        self._headway.lose(period, self.state == "halts")
+        self._detours.tick(period)
+        self._telling.tick(period)
         if self._look.on:
             redrawn = self._redrawn()
             if self._look.done or (redrawn and not unseen):
@@ -262,28 +266,23 @@ class PlannedDriver:
             self._replan()
         elif self._barred():
             self._go_round()
-        elif self._since > patience:
+        elif self._headway.stalled(self._reference.ended):
             self._stalled()
+
+    def _steer(self) -> Array | None:
+        """The next twist (2,) of what the chair is about; None where there is none."""
+        assert self._reference is not None
         twist, way = None, (self._around, self._reference, self._chair)
         if self._look.on:
-            twist = self._look.twist(*way, period)
+            twist = self._look.twist(*way, self._task.period)
         elif self._backing > 0.0:
             twist = back_out(*way)
         if twist is not None:
-            self._say("looks round" if self._look.on else "backs out")
-        else:
-            twist = self._follower.twist(*way)
-            self._tell(twist)
-        if twist is None or (twist[0] < 0.0 and self._around.blind):
-            twist = np.zeros(2)
-        elif self._peopled and twist[0] < 0.0:
-            twist = crawled(twist, self._task.footprint)
-        elif unseen and twist[0] < -CREEP:
-            twist = twist * (-CREEP / twist[0])
-        twist = self._around.unhurried(twist[None], self._chair.state)[0]
-        self._chair.command(twist)
-        action: Array = self._task.limits.action(twist)
-        return action
+            self._telling.say("looks round" if self._look.on else "backs out")
+            return twist
+        twist = self._follower.twist(*way)
+        self._telling.follow(twist, self._around.movers, self._planned)
+        return twist
 
     def _stalled(self) -> None:
         """No progress: a new plan, or back out of where the last one did not help either.
@@ -291,10 +290,9 @@ class PlannedDriver:
         Where nothing temporary stands, a new plan that leads a long way round is no better than the
         old one: the chair backs out to try that once more.
         """
-        self._tries += 1
-        self._since, self._bold = 0.0, BOLD
+        self._headway.dare()
         self._follow()
-        if self._tries % 2:
+        if self._headway.tries % 2:
             assert self._reference is not None
             left, waits = self._reference.left, self._temporary
             self._anew()
@@ -314,40 +312,17 @@ class PlannedDriver:
         else:
             self._replan()
 
-    def _accompanied(self) -> bool:
-        """Whether somebody is so near that they may be behind the chair the next moment, unseen."""
-        movers = self._around.movers
-        return bool((np.hypot(movers[:, 0], movers[:, 1]) < BEHIND).any())
-
-    def _tell(self, twist: Array | None) -> None:
-        """Name the state that a twist of the follower means."""
-        movers = self._around.movers
-        gap = np.hypot(movers[:, 0], movers[:, 1]).min(initial=np.inf)
-        near = gap < CLOSE + self._task.footprint.reach
-        v = 0.0 if twist is None else twist[0]
-        if near and v < 0.0:
-            self._say("gives way")
-        elif near and v < CREEP:
-            self._say("halts")
-        elif twist is None:
-            self._say("waits")
-        elif self._shown <= 0.0:
-            self._say("follows", "" if self._planned == Status.SOLVED.name else self._planned)
-
     def _barred(self) -> bool:
         """Whether a temporary obstacle stands on the next metres of the way."""
-        self._looked += self._task.period
-        if self._looked < self.own.redraw or self._waited > 0.0 or self._task.chart is not None:
+        due = self._detours.due(self._task.period, self.own.redraw)
+        if not due or self._task.chart is not None:
             return False
-        self._looked = 0.0
         assert self._reference is not None
-        rows = self._reference.rows[self._reference.at :]
-        ahead = rows[rows[:, 3] < self._reference.way + AHEAD]
-        return self._around.standing.on_way(ahead, self._clearance - TOLERATED)
+        return barred(self._around.standing, self._reference, self._clearance)
 
     def _gone(self) -> bool:
         """Whether all is gone that the path leads round."""
-        return self._round and not self._temporary
+        return self._detours.taken and not self._temporary
 
     def _redrawn(self) -> bool:
         """Whether it is time to look at a map that grows."""

@@ -134,8 +134,9 @@ def _env(points: bool, privileged: bool) -> dict[str, Any]:
         "aim": "time",
         "last_action": True,
         "shield_state": True,
+        "gaps": True,
         "privileged": privileged,
-        "reward": {"progress": 0.1, "bumped": -3.0, "withheld": -0.02},
+        "reward": {"progress": 0.1, "withheld": -0.02},
     }
     if not points:
         task["look_ahead_time"] = []

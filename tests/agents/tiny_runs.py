@@ -21,6 +21,7 @@ ENV = {
         "aim": "time",
         "last_action": True,
         "shield_state": True,
+        "gaps": True,
         "time_base": 4.0,
         "time_factor": 0.0,
     },

@@ -154,10 +154,10 @@ def observe(
             look_ahead(path, pose, ahead, out[place : place + 2 * rules.points])
             place += 2 * rules.points
     if rules.gaps > 0:
-        seen = out[here : place if rules.posed else here]
+        poses, end = out[here : place if rules.posed else here], place + rules.gaps
         directions = table_at(rules.directions, rules.laser_beams, 2)
-        gaps(laser, directions, _frames_at(rules.frame, 1)[0], seen, out[place : place + rules.gaps])
-        place += rules.gaps
+        gaps(laser, directions, _frames_at(rules.frame, 1)[0], poses, out[place:end])
+        place = end
     if rules.privileged:
         seconds = seconds_to_go(course, pose[0], pose[1], pose[2])
         out[place] = min(seconds, LONG) if seconds >= 0.0 else LONG  # NaN: not known

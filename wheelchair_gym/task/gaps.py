@@ -72,7 +72,8 @@ def gaps(
             along, aside = x, y
             if k > 0:
                 at = 4 * (k - 1)
-                dx, dy, cosine, sine = x - poses[at], y - poses[at + 1], poses[at + 2], poses[at + 3]
+                dx, dy = x - poses[at], y - poses[at + 1]
+                cosine, sine = poses[at + 2], poses[at + 3]
                 along, aside = cosine * dx + sine * dy, cosine * dy - sine * dx
             if low <= along <= high:
                 place = 2 * k + (0 if aside >= 0.0 else 1)

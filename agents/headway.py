@@ -1,0 +1,51 @@
+"""Headway: how far along its path a chair has come, and for how long it has come no farther."""
+
+from __future__ import annotations
+
+GAIN = 0.1  # m of way that count as headway
+HURRY = 0.4  # share of the patience at the path's end, where the goal is near but not reached
+BOLD = 1.0  # m of way once there was no headway on which room costs nothing; margins stay
+COURTESY = 0.5  # share at which time counts as lost while the chair halts for what moves
+
+
+class Headway:
+    """What a chair has patience for.
+
+    Attributes:
+        tries: plans made since there was headway.
+        bold: m of way on which room costs nothing.
+    """
+
+    def __init__(self, patience: float) -> None:
+        self._patience = patience  # s
+        self.tries, self.bold = 0, 0.0
+        self.begin()
+
+    def begin(self) -> None:
+        """A new path begins."""
+        self._best = self._since = 0.0  # m of way, s without more
+
+    def wait(self) -> None:
+        """What was just tried is given its time."""
+        self._since = 0.0
+
+    def come(self, way: float) -> bool:
+        """Take in how far the chair has come [m]; whether that is headway."""
+        if way <= self._best + GAIN:
+            return False
+        self.bold = max(0.0, self.bold - (way - self._best))
+        self._best, self._since, self.tries = way, 0.0, 0
+        return True
+
+    def lose(self, period: float, halting: bool) -> None:
+        """Time [s] goes by; less is lost while the chair halts for what moves."""
+        self._since += period * (COURTESY if halting else 1.0)
+
+    def stalled(self, ended: bool) -> bool:
+        """Whether patience is at its end, which is sooner where the path has ended."""
+        return self._since > (HURRY if ended else 1.0) * self._patience
+
+    def dare(self) -> None:
+        """Something else is tried, boldly."""
+        self.tries += 1
+        self._since, self.bold = 0.0, BOLD

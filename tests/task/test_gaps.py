@@ -1,0 +1,68 @@
+"""Laws of the gaps beside the outline."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.sensing.settings import LaserSettings
+from wheelchair_gym.task.gaps import BEYOND, GAP_REACH, directions_of, frame_of, gaps
+
+OUTLINE, LASER = Footprint(), LaserSettings(yaw=0.02)
+DIRECTIONS, FRAME = directions_of(LASER), frame_of(OUTLINE, LASER)[0]
+AHEAD = [(0.4, 0.1, 0.3), (0.9, -0.2, -0.6), (2.0, 0.5, 1.9)]
+
+
+def corridor(left, right):
+    """What the laser shows between two endless walls along the chair, at y = left and -right."""
+    with np.errstate(divide="ignore"):
+        sine = DIRECTIONS[:, 1]
+        return np.where(sine > 0, left / sine, right / -sine).astype(np.float32)
+
+
+def told(scan, poses=()):
+    """Gaps where the chair stands and at poses (x, y, yaw), a row each."""
+    flat = np.array([(x, y, np.cos(a), np.sin(a)) for x, y, a in poses], np.float32).ravel()
+    out = np.empty(2 + 2 * len(poses), np.float32)
+    gaps(scan, DIRECTIONS, FRAME, flat, out)
+    return out.reshape(-1, 2)
+
+
+def test_gaps_of_a_corridor_are_what_is_left_of_its_width():
+    scan = corridor(0.45, 0.6)
+    here, moved, wide = told(scan, [(0.8, 0.1, 0.0), (0.5, -0.9, 0.0)])
+    assert here == pytest.approx([0.45 - 0.31, 0.6 - 0.31], abs=1e-3)
+    assert moved == pytest.approx([0.35 - 0.31, 0.7 - 0.31], abs=1e-3)
+    assert wide[0] == pytest.approx(0.3 - 0.31, abs=1e-3)  # the wall at -0.6 is on its left
+
+
+def test_gaps_are_those_of_the_points_beside_each_pose():
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        scan = rng.uniform(0.1, 4.0, LASER.beams).astype(np.float32)
+        scan[rng.random(LASER.beams) < 0.05] = np.inf
+        scan[rng.random(LASER.beams) < 0.05] = -np.inf
+        middle = np.median(np.stack([scan[:-2], scan[1:-1], scan[2:]]), axis=0)[::2]
+        kept = (middle > 0) & np.isfinite(middle)
+        points = middle[kept, None] * DIRECTIONS[1:-1:2][kept] + (LASER.x, LASER.y)
+        for row, (x, y, yaw) in zip(told(scan, AHEAD), [(0.0, 0.0, 0.0), *AHEAD], strict=True):
+            c, s = np.cos(yaw), np.sin(yaw)
+            along, aside = np.array([(c, s), (-s, c)]) @ (points - (x, y)).T
+            beside = (along > -OUTLINE.rear - BEYOND) & (along < OUTLINE.front + BEYOND)
+            for gap, side in zip(row, (aside >= 0, aside < 0), strict=True):
+                near = np.abs(aside[beside & side]).min(initial=np.inf) - OUTLINE.half_width
+                assert gap == pytest.approx(min(near, GAP_REACH), abs=1e-5)
+
+
+@pytest.mark.parametrize("odd", [np.inf, -np.inf, 0.0, 0.2, 9.0])
+def test_one_odd_beam_in_three_makes_no_gap(odd):
+    scan = corridor(0.7, 0.7)
+    before = told(scan, AHEAD[:2])
+    scan[40::3] = odd
+    assert told(scan, AHEAD[:2]) == pytest.approx(before, abs=0.02)
+
+
+def test_where_nothing_is_seen_gaps_are_wide():
+    for nothing in (np.inf, -np.inf, np.nan, 0.0):
+        assert (told(np.full(LASER.beams, nothing, np.float32), AHEAD) == GAP_REACH).all()
