@@ -204,6 +204,18 @@ def test_a_bank_kept_in_a_folder_is_the_same_and_is_not_made_again(tmp_path, mon
 
 
 @pytest.mark.parametrize(
+    ("task", "others"),
+    [({"reward": {"bumped": -9.0}}, False), ({"beams": 9}, False), ({"margin": 0.2}, True)],
+)
+def test_what_is_seen_and_rewarded_leaves_kept_worlds_as_they_are(task, others, tmp_path):
+    for own in ({}, task):
+        bank = {"size": 1, "cache": str(tmp_path)}
+        config = {**SHORT, "task": {**SHORT["task"], **own}}
+        NavigationVectorEnv(1, config, **{**QUICK, "bank": bank}).reset(seed=0)
+    assert len(list(tmp_path.iterdir())) == 1 + others
+
+
+@pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ({"num_envs": 0}, "num_envs is 0; expected at least 1"),

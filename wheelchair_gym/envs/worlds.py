@@ -118,13 +118,21 @@ class Worlds:
         return self._task.prepare(self._scene.sample(np.random.default_rng(entropy)))
 
 
+# Settings of the task that leave worlds as they are: what is observed there, and rewarded.
+_SEEN = (
+    "beams", "look_ahead", "look_ahead_time", "last_action", "shield_state", "gaps", "privileged",
+    "reward",
+)  # fmt: skip
+
+
 def _identity(settings: EnvSettings) -> str:
     """A name for all that a bank's worlds depend on, this code included."""
+    task = dump(settings.task)
     named = {
         "scene": dump(settings.scene),
         "guidance": dump(settings.guidance),
         "seed": settings.bank.seed,
-        "task": dump(settings.task),
+        "task": {key: value for key, value in task.items() if key not in _SEEN},
         "footprint": dump(settings.chair.footprint),
         "limits": dump(settings.chair.limits),
     }
