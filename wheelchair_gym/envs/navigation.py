@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.batch import goes_bare
+from wheelchair_gym.envs.drawing import Drawing
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_finder
 from wheelchair_gym.envs.worlds import Worlds
@@ -25,11 +26,7 @@ from wheelchair_gym.simulation.chair import SimulatedChair
 from wheelchair_gym.task.course import Course
 from wheelchair_gym.task.judge import TERMS
 from wheelchair_gym.task.task import Observation, Task
-from wheelchair_gym.types import Chair, Episode, Reading
-
-if TYPE_CHECKING:
-    from wheelchair_gym.view.picture import TopView
-    from wheelchair_gym.view.window import Window
+from wheelchair_gym.types import Chair, Episode
 
 Array = NDArray[np.float64]
 
@@ -177,9 +174,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._seed: int | None = None
         self._count = 0  # episodes of the present seed
         self._running = False
-        self._trail: list[Array] = []
-        self._view: TopView | None = None
-        self._window: Window | None = None
+        self._drawing = Drawing(s)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -212,8 +207,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         )
         observation = self.task.begin(self._course, reading, key, guarded)
         self._running = True
-        self._trail = []
-        self._view = None
+        self._drawing.begin()
         info = self._info()
         if self.render_mode == "human":
             self.render()
@@ -251,7 +245,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     def _info(self) -> dict[str, Any]:
         truth, reading, verdict = self.chair.truth, self.task.reading, self.task.verdict
-        self._trail.append(truth.pose)
+        self._drawing.follow(truth.pose)
         shielded = {} if self.shield is None else {"shield": self.shield.decision._asdict()}
         return shielded | {
             "pose": truth.pose,
@@ -281,34 +275,11 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             return None
         if self.episode is None:
             raise gym.error.ResetNeeded("call reset() before render()")
-        if self._view is None:
-            from wheelchair_gym.view.picture import TopView
-
-            s = self.settings
-            self._view = TopView(
-                self.episode,
-                s.chair.footprint,
-                s.chair.drive,
-                s.sensors,
-                tolerance=self.task.tolerance,
-            )
-        truth, task = self.chair.truth, self.task
-        frame = self._view.draw(
-            truth.pose,
-            reading=task.reading,
-            trail=np.array(self._trail)[:, :2],
-            path=task.path,
-            look_ahead=self.points_ahead,
-            caption=self._caption(task.reading),
-            movers=truth.movers if len(truth.movers) else None,
-        )
+        truth, ahead = self.chair.truth, self.points_ahead
+        frame = self._drawing.picture(self.episode, truth, self.task, ahead)
         if self.render_mode == "rgb_array":
             return frame
-        if self._window is None:
-            from wheelchair_gym.view.window import Window
-
-            self._window = Window("wheelchair_gym", self.settings.rate)
-        self._window.show(frame)
+        self._drawing.show(frame)
         return None
 
     @property
@@ -320,14 +291,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         each = ahead.reshape(-1, 4 if self.task.posed else 2)
         return to_world(each[:, :2], self.task.reading.pose)
 
-    def _caption(self, reading: Reading) -> str:
-        v, w = reading.twist
-        rest = self.task.way_to_go(reading.pose)
-        return f"{reading.stamp:6.1f} s   {v:5.2f} m/s  {w:5.2f} rad/s   {rest:5.1f} m to go"
-
     def close(self) -> None:
         """Stop the chair and close the window; may be called again."""
         self.chair.close()
-        if self._window is not None:
-            self._window.close()
-            self._window = None
+        self._drawing.close()

@@ -1,0 +1,73 @@
+"""Drawing: an environment's episode from above, as a picture or in a window."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.envs.settings import EnvSettings
+from wheelchair_gym.task.task import Task
+from wheelchair_gym.types import Episode, Truth
+
+if TYPE_CHECKING:
+    from wheelchair_gym.view.picture import TopView
+    from wheelchair_gym.view.window import Window
+
+Array = NDArray[np.float64]
+
+
+class Drawing:
+    """Draws where a chair is, was and is led; made of the world when first asked for."""
+
+    def __init__(self, settings: EnvSettings) -> None:
+        self._settings = settings
+        self._trail: list[Array] = []
+        self._view: TopView | None = None
+        self._window: Window | None = None
+
+    def begin(self) -> None:
+        """A new episode begins."""
+        self._trail, self._view = [], None
+
+    def follow(self, pose: Array) -> None:
+        """The chair has come to a pose (3,) [m, m, rad]."""
+        self._trail.append(pose)
+
+    def picture(
+        self, episode: Episode, truth: Truth, task: Task, ahead: Array | None
+    ) -> NDArray[np.uint8]:
+        """An RGB picture (h, w, 3), with points (n, 2) [m] of the guidance."""
+        if self._view is None:
+            from wheelchair_gym.view.picture import TopView
+
+            s = self._settings
+            self._view = TopView(
+                episode, s.chair.footprint, s.chair.drive, s.sensors, tolerance=task.tolerance
+            )
+        (v, w), rest = task.reading.twist, task.way_to_go(task.reading.pose)
+        stamp = task.reading.stamp
+        return self._view.draw(
+            truth.pose,
+            reading=task.reading,
+            trail=np.array(self._trail)[:, :2],
+            path=task.path,
+            look_ahead=ahead,
+            caption=f"{stamp:6.1f} s   {v:5.2f} m/s  {w:5.2f} rad/s   {rest:5.1f} m to go",
+            movers=truth.movers if len(truth.movers) else None,
+        )
+
+    def show(self, picture: NDArray[np.uint8]) -> None:
+        """Show a picture in a window."""
+        if self._window is None:
+            from wheelchair_gym.view.window import Window
+
+            self._window = Window("wheelchair_gym", self._settings.rate)
+        self._window.show(picture)
+
+    def close(self) -> None:
+        """Close the window; may be called again."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
