@@ -27,9 +27,9 @@ from wheelchair_gym.sensing.noise import episode_key
 from wheelchair_gym.simulation.rig import Rig
 from wheelchair_gym.simulation.state import PARAMETER, SENSED, STATE, parameters
 from wheelchair_gym.simulation.world import WORLD, World
-from wheelchair_gym.task.assess import PROGRESS, VERDICT
 from wheelchair_gym.task.course import COURSE, Course
 from wheelchair_gym.task.judge import TERMS
+from wheelchair_gym.task.records import PROGRESS, VERDICT
 from wheelchair_gym.task.task import Observation, Task
 
 Floats = NDArray[np.float32]

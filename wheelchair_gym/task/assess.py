@@ -12,8 +12,9 @@ from wheelchair_gym.address import doubles_at, moves_at, rows_of, states_at, tab
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.task.course import COURSE, seconds_to_go, to_go, way_to_go
 from wheelchair_gym.task.gaps import FRAME, gaps
-from wheelchair_gym.task.judge import TERMS, reached, weigh
+from wheelchair_gym.task.judge import reached, weigh
 from wheelchair_gym.task.observe import bearing_to, look_ahead, look_ahead_poses, pool, see
+from wheelchair_gym.task.records import PROGRESS, RULES, VERDICT
 
 LONG = 256.0  # s, m: a critic sees longer times and ways as this
 WITHHELD = 2.0  # full speeds ahead or of turning: more is observed as this
@@ -21,72 +22,8 @@ WITHHELD = 2.0  # full speeds ahead or of turning: more is observed as this
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-RULES = np.dtype(
-    [
-        ("period", "f8"),  # s
-        ("forward", "f8"),  # m/s
-        ("backward", "f8"),
-        ("turn", "f8"),  # rad/s
-        ("beams", "i8"),  # observed
-        ("laser_reach", "f8"),  # m
-        ("rangers", "i8"),
-        ("reaches", "u8"),  # address of the ultrasonics' reaches (rangers,) [m]
-        ("twist_most", "f8", (2,)),  # m/s, rad/s
-        ("goal_room", "i8"),  # numbers that tell the goal: 3, or 5 with its heading
-        ("points", "i8"),  # of the guidance looked at; 0: none
-        ("ahead", "u8"),  # address of their distances (points,) [m], or plan times [s]
-        ("posed", "b1"),  # they are poses at plan times
-        ("last_action", "b1"),  # is observed
-        ("shield_state", "b1"),  # is observed
-        ("gaps", "i8"),  # numbers that tell the gaps; 0: none
-        ("frame", "u8"),  # address of the record of FRAME
-        ("directions", "u8"),  # address of the beams' directions (laser_beams, 2)
-        ("laser_beams", "i8"),
-        ("privileged", "b1"),  # observed, too, is what only a critic may see
-        ("doubt", "f8"),  # m
-        ("heading", "b1"),
-        ("heading_tolerance", "f8"),  # rad
-        ("aim", "i8"),  # index into AIMS
-        ("weights", "f8", (len(TERMS),)),
-        ("time_base", "f8"),  # s
-        ("time_factor", "f8"),
-    ],
-    align=True,
-)
-
-PROGRESS = np.dtype(
-    [
-        ("steps_left", "i8"),  # control periods
-        ("to_go", "f8"),  # m, or s, at the last reading where a way was known
-        ("geodesic", "f8"),  # m, from the start
-        ("time_limit", "f8"),  # s
-        ("action", "f8", (2,)),  # the last one, clipped
-        ("previous", "f8", (2,)),  # the one before
-        ("guarded", "b1"),  # a shield filters
-        ("withheld", "f8", (2,)),  # by it of the last twist, in full speeds ahead and of turning
-    ],
-    align=True,
-)
-
-VERDICT = np.dtype(
-    [
-        ("terms", "f8", (len(TERMS),)),
-        ("reward", "f8"),
-        ("arrived", "b1"),  # by the chair's own estimate
-        ("terminated", "b1"),
-        ("truncated", "b1"),
-        ("valid_beams", "i8"),
-        ("geodesic", "f8"),  # m, from the start
-    ],
-    align=True,
-)
-
-_frames_at = rows_of(FRAME)
-
-# Where the only row of each argument of `assess` lies: a call takes a microsecond per array.
-ALONE = np.dtype([("rules", "u8"), ("course", "u8"), ("progress", "u8"), ("verdict", "u8")])
-_rules_at, _courses_at, _progress_at, _verdicts_at = map(
-    rows_of, (RULES, COURSE, PROGRESS, VERDICT)
+_rules_at, _courses_at, _progress_at, _verdicts_at, _frames_at = map(
+    rows_of, (RULES, COURSE, PROGRESS, VERDICT, FRAME)
 )
 
 
@@ -104,7 +41,7 @@ def observe(
     """What a policy sees of a reading; returns how many beams are finite.
 
     Args:
-        rules: record of RULES.
+        rules: record of RULES (`task.records`).
         course: record of COURSE.
         own: record of PROGRESS.
         pose: (3,) of the reading [m, m, rad].

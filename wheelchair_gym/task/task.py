@@ -15,20 +15,12 @@ from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.maps.pose_ways import PoseWays
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
-from wheelchair_gym.task.assess import (
-    ALONE,
-    LONG,
-    PROGRESS,
-    RULES,
-    VERDICT,
-    WITHHELD,
-    assess_alone,
-    start_task,
-)
+from wheelchair_gym.task.assess import LONG, WITHHELD, assess_alone, start_task
 from wheelchair_gym.task.course import AIMS, Course, way_from
 from wheelchair_gym.task.gaps import GAP_REACH, directions_of, frame_of
 from wheelchair_gym.task.judge import Verdict, reached
 from wheelchair_gym.task.observe import GOAL_REACH, PATH_REACH
+from wheelchair_gym.task.records import ALONE, PROGRESS, RULES, VERDICT
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.types import Episode, Reading
 
