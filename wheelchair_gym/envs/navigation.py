@@ -64,7 +64,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     ## Reward
     The sum of `info["reward_terms"]`: progress towards the goal (0.125 per metre of way to go),
     time (-0.05 per second), arrived (+1), bumped (-2), timeout (-0.5), change of action
-    (-0.003 x squared change), and what a shield withheld (0). Weights are settings.
+    (-0.003 x squared change), what a shield withheld (0) and haste near obstacles (0). Weights are
+    settings.
 
     ## Start and end
     A scene places walls, start and goal from the seed: episode k of seed s is always the same.

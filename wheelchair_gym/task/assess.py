@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from wheelchair_gym.address import doubles_at, moves_at, rows_of, states_at, table_at
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.task.course import COURSE, seconds_to_go, to_go, way_to_go
-from wheelchair_gym.task.gaps import FRAME, gaps
-from wheelchair_gym.task.judge import reached, weigh
+from wheelchair_gym.task.gaps import FRAME, gaps, haste
+from wheelchair_gym.task.judge import TERMS, reached, weigh
 from wheelchair_gym.task.observe import bearing_to, look_ahead, look_ahead_poses, pool, see
 from wheelchair_gym.task.records import PROGRESS, RULES, VERDICT
 
 LONG = 256.0  # s, m: a critic sees longer times and ways as this
+HASTE = TERMS.index("haste")
 WITHHELD = 2.0  # full speeds ahead or of turning: more is observed as this
 
 Array = NDArray[np.float64]
@@ -199,6 +200,10 @@ def assess(
     verdict.arrived = believes_arrived(rule, course, pose)
     verdict.terminated = verdict.arrived or bumped
     verdict.truncated = own.steps_left <= 0 and not verdict.terminated
+    near = 0.0
+    if rule.weights[HASTE] != 0.0:
+        directions = table_at(rule.directions, rule.laser_beams, 2)
+        near = haste(laser, directions, _frames_at(rule.frame, 1)[0], twist[0], twist[1])
     weigh(
         rule.weights,
         covered,
@@ -209,6 +214,7 @@ def assess(
         own.action,
         own.previous,
         math.hypot(own.withheld[0], own.withheld[1]),
+        near,
         verdict.terms,
     )
     verdict.reward = 0.0

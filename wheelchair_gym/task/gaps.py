@@ -1,19 +1,21 @@
-"""Gaps: how far the chair's outline could move aside before it touches what a scan shows."""
+"""Gaps: how far the chair's outline is from what a scan shows, and could move aside."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.kernel import borrowing_kernel, kernel
 from wheelchair_gym.sensing.settings import LaserSettings
 
 Floats = NDArray[np.float32]
 
 GAP_REACH = 0.5  # m: wider gaps are told as this
+NEAR = 0.2  # m from the outline, from which on haste counts
 BEYOND = 0.05  # m before and behind the outline that count as beside it
 FRAME = np.dtype(
     [
@@ -40,6 +42,41 @@ def directions_of(laser: LaserSettings) -> NDArray[np.float64]:
     return np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
+@kernel
+def _middle(a: float, b: float, c: float) -> float:
+    """The median; of what is lost or too near (infinite) it is so only where two are."""
+    return max(min(a, b), min(max(a, b), c))
+
+
+@borrowing_kernel
+def haste(scan: Floats, directions: NDArray[np.float64], frame: Any, v: float, w: float) -> float:
+    """Squared speed [m2/s2] of the outline's fastest corner, less the farther off all is.
+
+    All of it counts where the scan shows something at the outline, none where nothing is `NEAR`.
+    Beams are looked at as by `gaps`.
+
+    Args:
+        scan: (beams,) as the laser reports it [m].
+        directions: see `directions_of`.
+        frame: record of FRAME.
+        v: speed [m/s].
+        w: turn [rad/s].
+    """
+    reach = max(frame.front, frame.rear)
+    near, least = 2.0 * reach + NEAR, NEAR
+    for i in range(1, scan.shape[0] - 1, 2):
+        r = _middle(scan[i - 1], scan[i], scan[i + 1])
+        if not 0.0 < r < near:
+            continue
+        x, y = frame.x + r * directions[i, 0], frame.y + r * directions[i, 1]
+        dx = max(x - frame.front, -frame.rear - x, 0.0)
+        dy = max(abs(y) - frame.half_width, 0.0)
+        if dx < least and dy < least:
+            least = min(least, math.hypot(dx, dy))
+    speed = math.hypot(abs(v) + abs(w) * frame.half_width, abs(w) * reach)
+    return (1.0 - least / NEAR) * speed * speed
+
+
 @borrowing_kernel
 def gaps(
     scan: Floats, directions: NDArray[np.float64], frame: Any, poses: Floats, out: Floats
@@ -63,8 +100,7 @@ def gaps(
     for k in range(out.shape[0]):
         out[k] = GAP_REACH
     for i in range(1, scan.shape[0] - 1, 2):
-        a, b, c = scan[i - 1], scan[i], scan[i + 1]
-        r = max(min(a, b), min(max(a, b), c))
+        r = _middle(scan[i - 1], scan[i], scan[i + 1])
         if not 0.0 < r < near:  # too near is -inf, no echo is inf; NaN is neither
             continue
         x, y = frame.x + r * directions[i, 0], frame.y + r * directions[i, 1]

@@ -13,13 +13,13 @@ from wheelchair_gym.kernel import kernel
 
 Array = NDArray[np.float64]
 
-TERMS = ("progress", "time", "arrived", "bumped", "timeout", "change", "withheld")
+TERMS = ("progress", "time", "arrived", "bumped", "timeout", "change", "withheld", "haste")
 
 
 class Verdict(NamedTuple):
     """Named reward terms, weighted; the reward is their sum."""
 
-    terms: tuple[float, ...]  # (7,) in the order of TERMS
+    terms: tuple[float, ...]  # (8,) in the order of TERMS
     reward: float
     arrived: bool  # by the chair's own estimate
     terminated: bool  # arrived or bumped
@@ -49,12 +49,13 @@ def weigh(
     action: Array,
     previous: Array,
     withheld: float,
+    haste: float,
     out: Array,
 ) -> None:
     """The reward terms of one step.
 
     Args:
-        weights: (7,) in the order of TERMS.
+        weights: (8,) in the order of TERMS.
         progress: way to go that was covered [m].
         period: control period [s].
         arrived: at the goal, by the chair's own estimate.
@@ -63,7 +64,8 @@ def weigh(
         action: (2,) in [-1, 1].
         previous: the action before.
         withheld: of the twist that was asked for by a shield, in full speeds.
-        out: (7,) weighted terms.
+        haste: squared speed near what the scan shows [m2/s2].
+        out: (8,) weighted terms.
     """
     change = (action[0] - previous[0]) ** 2 + (action[1] - previous[1]) ** 2
     out[0] = weights[0] * progress
@@ -73,3 +75,4 @@ def weigh(
     out[4] = weights[4] * timeout
     out[5] = weights[5] * change
     out[6] = weights[6] * withheld
+    out[7] = weights[7] * haste * period

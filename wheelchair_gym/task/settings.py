@@ -23,6 +23,11 @@ class RewardWeights:
     withheld: float = setting(
         default=0.0, source="what a shield took from the twist that was asked for, in full speeds"
     )
+    haste: float = setting(
+        default=0.0, unit="s/m2",
+        source="squared speed of the outline's fastest corner, for the time that it is within 0.2 m "
+        "of what the scan shows, and more the nearer",
+    )  # fmt: skip
 
 
 @settings

@@ -18,7 +18,7 @@ from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.task.assess import LONG, WITHHELD, assess_alone, start_task
 from wheelchair_gym.task.course import AIMS, Course, way_from
 from wheelchair_gym.task.gaps import GAP_REACH, directions_of, frame_of
-from wheelchair_gym.task.judge import Verdict, reached
+from wheelchair_gym.task.judge import TERMS, Verdict, reached
 from wheelchair_gym.task.observe import GOAL_REACH, PATH_REACH
 from wheelchair_gym.task.records import ALONE, PROGRESS, RULES, VERDICT
 from wheelchair_gym.task.settings import TaskSettings
@@ -135,7 +135,7 @@ class Task:
         r["heading"], r["heading_tolerance"] = s.heading, s.heading_tolerance
         r["aim"] = AIMS.index(s.aim)
         w = s.reward
-        r["weights"] = w.progress, w.time, w.arrived, w.bumped, w.timeout, w.change, w.withheld
+        r["weights"] = tuple(getattr(w, term) for term in TERMS)
         r["time_base"], r["time_factor"] = s.time_base, s.time_factor
 
     def _lay_out(self) -> dict[str, slice]:
