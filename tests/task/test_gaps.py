@@ -7,7 +7,7 @@ import pytest
 
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.sensing.settings import LaserSettings
-from wheelchair_gym.task.gaps import BEYOND, GAP_REACH, directions_of, frame_of, gaps
+from wheelchair_gym.task.gaps import BEYOND, GAP_REACH, NEAR, directions_of, frame_of, gaps, haste
 
 OUTLINE, LASER = Footprint(), LaserSettings(yaw=0.02)
 DIRECTIONS, FRAME = directions_of(LASER), frame_of(OUTLINE, LASER)[0]
@@ -66,3 +66,23 @@ def test_one_odd_beam_in_three_makes_no_gap(odd):
 def test_where_nothing_is_seen_gaps_are_wide():
     for nothing in (np.inf, -np.inf, np.nan, 0.0):
         assert (told(np.full(LASER.beams, nothing, np.float32), AHEAD) == GAP_REACH).all()
+
+
+@pytest.mark.parametrize(("v", "w"), [(0.5, 0.0), (-0.2, 0.0), (0.0, 0.4), (0.3, -0.9)])
+def test_haste_is_the_fastest_corner_squared_and_more_the_nearer(v, w):
+    corners = OUTLINE.corners
+    squared = ((v - w * corners[:, 1]) ** 2 + (w * corners[:, 0]) ** 2).max()
+    for gap in (0.05, 0.1, 0.3):
+        expected = max(0.0, 1.0 - gap / NEAR) * squared
+        scan = corridor(0.31 + gap, 2.0)
+        assert haste(scan, DIRECTIONS, FRAME, v, w) == pytest.approx(expected, abs=0.01 * squared)
+
+
+def test_haste_counts_what_stands_ahead_and_beside_a_corner():
+    scan = np.full(LASER.beams, np.inf, np.float32)
+    for x, y in ((0.8, 0.0), (0.78, -0.37), (0.3, 0.41)):
+        off = np.array([x, y]) - (LASER.x, LASER.y)
+        ahead = np.argmax(DIRECTIONS @ (off / np.hypot(*off)))
+        seen = scan.copy()
+        seen[ahead - 2 : ahead + 3] = np.hypot(*off)
+        assert haste(seen, DIRECTIONS, FRAME, 0.5, 0.0) == pytest.approx(0.5 * 0.25, rel=0.05)

@@ -25,8 +25,8 @@ class RewardWeights:
     )
     haste: float = setting(
         default=0.0, unit="s/m2",
-        source="squared speed of the outline's fastest corner, for the time that it is within 0.2 m "
-        "of what the scan shows, and more the nearer",
+        source="squared speed of the outline's fastest corner, each second within 0.2 m of what "
+        "the scan shows, and more the nearer",
     )  # fmt: skip
 
 
