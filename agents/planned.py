@@ -272,7 +272,8 @@ class PlannedDriver:
     def _steer(self) -> Array | None:
         """The next twist (2,) of what the chair is about; None where there is none."""
         assert self._reference is not None
-        twist, way = None, (self._around, self._reference, self._chair)
+        twist: Array | None = None
+        way = self._around, self._reference, self._chair
         if self._look.on:
             twist = self._look.twist(*way, self._task.period)
         elif self._backing > 0.0:
