@@ -118,12 +118,13 @@ _WORLDS = {
     "name": "mixture",
     "scenes": [
         {"name": "floor_plan", "doors": [0.85, 1.2]},
+        {"name": "floor_plan", "kind": "home", "doors": [0.85, 1.1], "corridors": [1.1, 1.6]},
         "clutter",
         {"name": "clutter", "density": 0.6, "gap": 0.8, "margin": 0.05},
         "barn",
         "crowd",
     ],
-    "shares": [0.45, 0.05, 0.2, 0.15, 0.15],
+    "shares": [0.25, 0.25, 0.05, 0.18, 0.15, 0.12],
 }
 
 
@@ -136,7 +137,7 @@ def _env(points: bool, privileged: bool) -> dict[str, Any]:
         "shield_state": True,
         "gaps": True,
         "privileged": privileged,
-        "reward": {"progress": 0.1, "withheld": -0.02},
+        "reward": {"progress": 0.1, "withheld": -0.02, "haste": -0.3},
     }
     if not points:
         task["look_ahead_time"] = []
