@@ -83,8 +83,7 @@ class Surroundings:
         # A map that the chair draws shows what moves as well: nothing would stand out against it.
         self._tracks = Tracks(task.map, self._laser) if task.chart is None else None
         self.standing = Standing(task.map)
-        angles = self._laser.yaw + np.linspace(-0.5, 0.5, len(reading.laser)) * self._laser.fov
-        self._beams = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        self._beams = self._laser.directions
         self._counted = np.zeros(3)  # dead reckoning, the frame of the memory
         self._memory = np.empty((0, 3))  # x, y, stamp
         self._stamp = reading.stamp

@@ -127,6 +127,12 @@ def twist_of_wheels(left: float, right: float, track: float) -> tuple[float, flo
 
 
 @kernel
+def corner_speed(v: float, w: float, ahead: float, aside: float) -> float:
+    """Speed [m/s] of the faster of two corners so far ahead (or behind) and aside [m]."""
+    return math.hypot(abs(v) + abs(w) * aside, abs(w) * ahead)
+
+
+@kernel
 def odometric_step(
     x: float, y: float, yaw: float, distance: float, turn: float
 ) -> tuple[float, float, float]:

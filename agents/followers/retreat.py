@@ -13,6 +13,7 @@ from agents.reference import Reference
 from agents.rollout import stops_clear
 from agents.surroundings import Surroundings
 from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.kinematics import corner_speed
 
 Array = NDArray[np.float64]
 
@@ -41,9 +42,8 @@ class Retreats:
 
 def crawled(twist: Array, outline: Footprint) -> Array:
     """A twist (2,) in reverse, slowed so that no rear corner moves faster than a crawl."""
-    swing = abs(twist[1])
-    corner = math.hypot(swing * outline.half_width - twist[0], swing * outline.rear)
-    slowed: Array = twist * min(1.0, CRAWL / corner)
+    speed = corner_speed(twist[0], twist[1], outline.rear, outline.half_width)
+    slowed: Array = twist * min(1.0, CRAWL / speed)
     return slowed
 
 

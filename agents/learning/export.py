@@ -14,6 +14,7 @@ from agents.learning.features import (
     NEAR_GOAL,
     RANGE_SCALE,
     RANGE_SHIFT,
+    SCALED,
     Layout,
 )
 from agents.learning.weights import Weights
@@ -159,7 +160,7 @@ def _features(
     rest = [
         "twist",
         bearing,
-        *(NAMES.get(k, k) for k in ("action", "shield", "path", "gaps") if k in sizes),
+        *(NAMES.get(k, k) for k in SCALED[2:] if k in sizes),
     ]
     scaled = graph.add("Mul", graph.add("Concat", *rest, axis=1), graph.constant(layout.scales))
     least = graph.add("Min", far, graph.constant(GOAL_MOST))

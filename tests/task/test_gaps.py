@@ -7,10 +7,11 @@ import pytest
 
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.sensing.settings import LaserSettings
-from wheelchair_gym.task.gaps import BEYOND, GAP_REACH, NEAR, directions_of, frame_of, gaps, haste
+from wheelchair_gym.task.gaps import BEYOND, GAP_REACH, NEAR, gaps, haste
 
 OUTLINE, LASER = Footprint(), LaserSettings(yaw=0.02)
-DIRECTIONS, FRAME = directions_of(LASER), frame_of(OUTLINE, LASER)[0]
+DIRECTIONS = LASER.directions
+RIG = DIRECTIONS, np.array([LASER.x, LASER.y]), OUTLINE.array
 AHEAD = [(0.4, 0.1, 0.3), (0.9, -0.2, -0.6), (2.0, 0.5, 1.9)]
 
 
@@ -25,7 +26,7 @@ def told(scan, poses=()):
     """Gaps where the chair stands and at poses (x, y, yaw), a row each."""
     flat = np.array([(x, y, np.cos(a), np.sin(a)) for x, y, a in poses], np.float32).ravel()
     out = np.empty(2 + 2 * len(poses), np.float32)
-    gaps(scan, DIRECTIONS, FRAME, flat, out)
+    gaps(scan, *RIG, flat, out)
     return out.reshape(-1, 2)
 
 
@@ -37,7 +38,8 @@ def test_gaps_of_a_corridor_are_what_is_left_of_its_width():
     assert wide[0] == pytest.approx(0.3 - 0.31, abs=1e-3)  # the wall at -0.6 is on its left
 
 
-def test_gaps_are_those_of_the_points_beside_each_pose():
+@pytest.mark.parametrize("poses", [[], AHEAD, [(-0.9, 0.2, 0.1), (-1.5, -0.4, 2.9)]])
+def test_gaps_are_those_of_the_points_beside_each_pose(poses):
     rng = np.random.default_rng(3)
     for _ in range(20):
         scan = rng.uniform(0.1, 4.0, LASER.beams).astype(np.float32)
@@ -46,7 +48,7 @@ def test_gaps_are_those_of_the_points_beside_each_pose():
         middle = np.median(np.stack([scan[:-2], scan[1:-1], scan[2:]]), axis=0)[::2]
         kept = (middle > 0) & np.isfinite(middle)
         points = middle[kept, None] * DIRECTIONS[1:-1:2][kept] + (LASER.x, LASER.y)
-        for row, (x, y, yaw) in zip(told(scan, AHEAD), [(0.0, 0.0, 0.0), *AHEAD], strict=True):
+        for row, (x, y, yaw) in zip(told(scan, poses), [(0.0, 0.0, 0.0), *poses], strict=True):
             c, s = np.cos(yaw), np.sin(yaw)
             along, aside = np.array([(c, s), (-s, c)]) @ (points - (x, y)).T
             beside = (along > -OUTLINE.rear - BEYOND) & (along < OUTLINE.front + BEYOND)
@@ -75,7 +77,7 @@ def test_haste_is_the_fastest_corner_squared_and_more_the_nearer(v, w):
     for gap in (0.05, 0.1, 0.3):
         expected = max(0.0, 1.0 - gap / NEAR) * squared
         scan = corridor(0.31 + gap, 2.0)
-        assert haste(scan, DIRECTIONS, FRAME, v, w) == pytest.approx(expected, abs=0.01 * squared)
+        assert haste(scan, *RIG, np.array([v, w])) == pytest.approx(expected, abs=0.01 * squared)
 
 
 def test_haste_counts_what_stands_ahead_and_beside_a_corner():
@@ -85,4 +87,4 @@ def test_haste_counts_what_stands_ahead_and_beside_a_corner():
         ahead = np.argmax(DIRECTIONS @ (off / np.hypot(*off)))
         seen = scan.copy()
         seen[ahead - 2 : ahead + 3] = np.hypot(*off)
-        assert haste(seen, DIRECTIONS, FRAME, 0.5, 0.0) == pytest.approx(0.5 * 0.25, rel=0.05)
+        assert haste(seen, *RIG, np.array([0.5, 0.0])) == pytest.approx(0.5 * 0.25, rel=0.05)

@@ -31,8 +31,7 @@ class Scan(NamedTuple):
 
 def bearings(laser: LaserSettings) -> Array:
     """Angles (beams,) [rad] of a laser's beams in the chair's frame."""
-    half = 0.5 * laser.fov
-    return laser.yaw + np.linspace(-half, half, laser.beams)
+    return laser.yaw + laser.angles
 
 
 def read_scan(laser: LaserSettings, ranges: ArrayLike, clear: float) -> Scan:

@@ -12,6 +12,7 @@ from wheelchair_gym.address import floats_at
 from wheelchair_gym.kernel import borrowing_kernel, inlined
 from wheelchair_gym.safety.state import CELL, CELLS, FAR, FRESH, KEPT, MOVERS
 from wheelchair_gym.sensing.bearings import bearing
+from wheelchair_gym.sensing.laser import middle
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -131,14 +132,6 @@ def was_clear(s: Any, x: float, y: float) -> bool:
             if s.clear[i + a, j + b] < since:
                 return False
     return True
-
-
-@inlined
-def _middle(a: np.float32, b: np.float32, c: np.float32) -> np.float32:
-    """The median of three ranges; where one is invalid, the middle one."""
-    low, high = a if a < b else b, b if a < b else a
-    top = high if high < c else c
-    return low if low > top else top
 
 
 @inlined
@@ -274,7 +267,7 @@ def remember(g: Any, s: Any, laser: Floats) -> None:
         if b < beams:
             r = laser[b]
             if 0 < b < beams - 1:
-                r = _middle(laser[b - 1], r, laser[b + 1])
+                r = middle(laser[b - 1], r, laser[b + 1])
             r = nearest if r == -none else r
         if count > 0:
             span = total - r * _F(count)

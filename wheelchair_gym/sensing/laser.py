@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.kernel import borrowing_kernel, inlined
 from wheelchair_gym.sensing.bearings import bearing, see_ends
 from wheelchair_gym.sensing.lanes import span
 from wheelchair_gym.sensing.noise import LASER, LASER_BIAS, bits, mix, normal
@@ -43,6 +43,14 @@ _8, _15, _16 = _U(8), _U(15), _U(16)
 _FIRST, _SECOND = _U(0x7FEB352D), _U(0x846CA68B)  # of a 32-bit xor-multiply mixer
 
 
+@inlined
+def middle(a: np.float32, b: np.float32, c: np.float32) -> np.float32:
+    """The median of three ranges; where one is invalid, the middle one."""
+    low, high = a if a < b else b, b if a < b else a
+    top = high if high < c else c
+    return low if low > top else top
+
+
 class LaserArrays(NamedTuple):
     """What kernels need to know of a laser."""
 
@@ -61,7 +69,7 @@ class LaserArrays(NamedTuple):
     @classmethod
     def of(cls, laser: LaserSettings, noise: bool) -> LaserArrays:
         """Arrays of settings; without noise all errors are zero."""
-        angles = np.linspace(-laser.fov / 2, laser.fov / 2, laser.beams)
+        angles = laser.angles
         share = 1.0 if noise else 0.0
         return cls(
             np.cos(angles).astype(np.float32),

@@ -5,7 +5,12 @@ from __future__ import annotations
 import math
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from wheelchair_gym.config import InputError, setting, settings
+
+Array = NDArray[np.float64]
 
 RANGERS = 8  # ultrasonics of a chair, whatever it is
 
@@ -36,6 +41,17 @@ class LaserSettings:
         low=0.0,
         high=1.0,
     )
+
+    @property
+    def angles(self) -> Array:
+        """Of each beam in the laser's own frame (beams,) [rad], from right to left."""
+        return np.linspace(-0.5 * self.fov, 0.5 * self.fov, self.beams)
+
+    @property
+    def directions(self) -> Array:
+        """Cosine and sine of each beam in the chair's frame (beams, 2)."""
+        bearings = self.yaw + self.angles
+        return np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
 
 
 @settings

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.address import doubles_at, moves_at, rows_of, states_at, table_at
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.task.course import COURSE, seconds_to_go, to_go, way_to_go
-from wheelchair_gym.task.gaps import FRAME, gaps, haste
+from wheelchair_gym.task.gaps import gaps, haste
 from wheelchair_gym.task.judge import TERMS, reached, weigh
 from wheelchair_gym.task.observe import bearing_to, look_ahead, look_ahead_poses, pool, see
 from wheelchair_gym.task.records import PROGRESS, RULES, VERDICT
@@ -23,8 +23,8 @@ WITHHELD = 2.0  # full speeds ahead or of turning: more is observed as this
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-_rules_at, _courses_at, _progress_at, _verdicts_at, _frames_at = map(
-    rows_of, (RULES, COURSE, PROGRESS, VERDICT, FRAME)
+_rules_at, _courses_at, _progress_at, _verdicts_at = map(
+    rows_of, (RULES, COURSE, PROGRESS, VERDICT)
 )
 
 
@@ -94,7 +94,7 @@ def observe(
     if rules.gaps > 0:
         poses, end = out[here : place if rules.posed else here], place + rules.gaps
         directions = table_at(rules.directions, rules.laser_beams, 2)
-        gaps(laser, directions, _frames_at(rules.frame, 1)[0], poses, out[place:end])
+        gaps(laser, directions, rules.mount[:], rules.outline[:], poses, out[place:end])
         place = end
     if rules.privileged:
         seconds = seconds_to_go(course, pose[0], pose[1], pose[2])
@@ -203,7 +203,7 @@ def assess(
     near = 0.0
     if rule.weights[HASTE] != 0.0:
         directions = table_at(rule.directions, rule.laser_beams, 2)
-        near = haste(laser, directions, _frames_at(rule.frame, 1)[0], twist[0], twist[1])
+        near = haste(laser, directions, rule.mount[:], rule.outline[:], twist)
     weigh(
         rule.weights,
         covered,

@@ -3,83 +3,51 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.kernel import borrowing_kernel, kernel
-from wheelchair_gym.sensing.settings import LaserSettings
+from wheelchair_gym.geometry import rectangle_point_gap
+from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.kinematics import corner_speed
+from wheelchair_gym.sensing.laser import middle
 
+Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 GAP_REACH = 0.5  # m: wider gaps are told as this
 NEAR = 0.2  # m from the outline, from which on haste counts
 BEYOND = 0.05  # m before and behind the outline that count as beside it
-FRAME = np.dtype(
-    [
-        ("x", "f8"),  # m: of the laser, from the drive axle's centre
-        ("y", "f8"),
-        ("front", "f8"),  # m
-        ("rear", "f8"),
-        ("half_width", "f8"),
-    ],
-    align=True,
-)
-
-
-def frame_of(footprint: Footprint, laser: LaserSettings) -> NDArray[np.void]:
-    """The outline, and where its laser stands (1,), a record of FRAME."""
-    frame = np.zeros(1, FRAME)
-    frame[0] = laser.x, laser.y, footprint.front, footprint.rear, footprint.half_width
-    return frame
-
-
-def directions_of(laser: LaserSettings) -> NDArray[np.float64]:
-    """Of each beam in the chair's frame (beams, 2): cosine and sine."""
-    angles = laser.yaw + np.linspace(-laser.fov / 2, laser.fov / 2, laser.beams)
-    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
-
-
-@kernel
-def _middle(a: float, b: float, c: float) -> float:
-    """The median; of what is lost or too near (infinite) it is so only where two are."""
-    return max(min(a, b), min(max(a, b), c))
 
 
 @borrowing_kernel
-def haste(scan: Floats, directions: NDArray[np.float64], frame: Any, v: float, w: float) -> float:
+def haste(scan: Floats, directions: Array, mount: Array, outline: Array, twist: Array) -> float:
     """Squared speed [m2/s2] of the outline's fastest corner, less the farther off all is.
 
     All of it counts where the scan shows something at the outline, none where nothing is `NEAR`.
     Beams are looked at as by `gaps`.
 
     Args:
-        scan: (beams,) as the laser reports it [m].
-        directions: see `directions_of`.
-        frame: record of FRAME.
-        v: speed [m/s].
-        w: turn [rad/s].
+        scan: see `gaps`.
+        directions: see `gaps`.
+        mount: see `gaps`.
+        outline: see `gaps`.
+        twist: (2,) [m/s, rad/s].
     """
-    reach = max(frame.front, frame.rear)
-    near, least = 2.0 * reach + NEAR, NEAR
+    ahead, aside = max(outline[0], outline[1]), outline[2]
+    near = math.hypot(mount[0], mount[1]) + math.hypot(ahead, aside) + NEAR
+    least = NEAR
     for i in range(1, scan.shape[0] - 1, 2):
-        r = _middle(scan[i - 1], scan[i], scan[i + 1])
-        if not 0.0 < r < near:
-            continue
-        x, y = frame.x + r * directions[i, 0], frame.y + r * directions[i, 1]
-        dx = max(x - frame.front, -frame.rear - x, 0.0)
-        dy = max(abs(y) - frame.half_width, 0.0)
-        if dx < least and dy < least:
-            least = min(least, math.hypot(dx, dy))
-    speed = math.hypot(abs(v) + abs(w) * frame.half_width, abs(w) * reach)
-    return (1.0 - least / NEAR) * speed * speed
+        r = middle(scan[i - 1], scan[i], scan[i + 1])
+        if 0.0 < r < near:
+            x, y = mount[0] + r * directions[i, 0], mount[1] + r * directions[i, 1]
+            least = min(least, rectangle_point_gap(x, y, outline))
+    return (1.0 - least / NEAR) * corner_speed(twist[0], twist[1], ahead, aside) ** 2
 
 
 @borrowing_kernel
 def gaps(
-    scan: Floats, directions: NDArray[np.float64], frame: Any, poses: Floats, out: Floats
+    scan: Floats, directions: Array, mount: Array, outline: Array, poses: Floats, out: Floats
 ) -> None:
     """Gaps to the left and to the right of the outline, where it stands and at poses ahead.
 
@@ -88,22 +56,25 @@ def gaps(
 
     Args:
         scan: (beams,) as the laser reports it [m].
-        directions: see `directions_of`.
-        frame: record of FRAME.
+        directions: `LaserSettings.directions`.
+        mount: (2,) of the laser in the chair's frame [m].
+        outline: `Footprint.array`.
         poses: (4 k,) x and y [m], cosine and sine of the heading, of each, in the chair's frame.
         out: (2 + 2 k,) [m], `-half_width` to `GAP_REACH`.
     """
-    count, side = poses.shape[0] // 4, frame.half_width
-    low, high, near = -frame.rear - BEYOND, frame.front + BEYOND, frame.front + frame.rear
+    count, side = poses.shape[0] // 4, outline[2]
+    low, high = -outline[1] - BEYOND, outline[0] + BEYOND
+    far = 0.0  # m: to the farthest pose
     for k in range(count):
-        near = max(near, abs(poses[4 * k]) + abs(poses[4 * k + 1]) + frame.front + frame.rear)
+        far = max(far, math.hypot(poses[4 * k], poses[4 * k + 1]))
+    near = far + math.hypot(mount[0], mount[1]) + math.hypot(max(high, -low), side + GAP_REACH)
     for k in range(out.shape[0]):
         out[k] = GAP_REACH
     for i in range(1, scan.shape[0] - 1, 2):
-        r = _middle(scan[i - 1], scan[i], scan[i + 1])
+        r = middle(scan[i - 1], scan[i], scan[i + 1])
         if not 0.0 < r < near:  # too near is -inf, no echo is inf; NaN is neither
             continue
-        x, y = frame.x + r * directions[i, 0], frame.y + r * directions[i, 1]
+        x, y = mount[0] + r * directions[i, 0], mount[1] + r * directions[i, 1]
         for k in range(count + 1):
             along, aside = x, y
             if k > 0:

@@ -24,7 +24,8 @@ RULES = np.dtype(
         ("last_action", "b1"),  # is observed
         ("shield_state", "b1"),  # is observed
         ("gaps", "i8"),  # numbers that tell the gaps; 0: none
-        ("frame", "u8"),  # address of the record of FRAME
+        ("outline", "f8", (3,)),  # `Footprint.array`
+        ("mount", "f8", (2,)),  # m: of the laser
         ("directions", "u8"),  # address of the beams' directions (laser_beams, 2)
         ("laser_beams", "i8"),
         ("privileged", "b1"),  # observed, too, is what only a critic may see

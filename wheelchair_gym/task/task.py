@@ -17,7 +17,7 @@ from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.task.assess import LONG, WITHHELD, assess_alone, start_task
 from wheelchair_gym.task.course import AIMS, Course, way_from
-from wheelchair_gym.task.gaps import GAP_REACH, directions_of, frame_of
+from wheelchair_gym.task.gaps import GAP_REACH
 from wheelchair_gym.task.judge import TERMS, Verdict, reached
 from wheelchair_gym.task.observe import GOAL_REACH, PATH_REACH
 from wheelchair_gym.task.records import ALONE, PROGRESS, RULES, VERDICT
@@ -103,8 +103,7 @@ class Task:
         if settings.aim == "time" and not self.posed:
             raise InputError("task.aim is 'time'; it needs the guidance 'poses'")
         self._ahead = np.array(settings.look_ahead_time if self.posed else settings.look_ahead)
-        self._frame = frame_of(self.footprint, sensors.laser)
-        self._directions = directions_of(sensors.laser)
+        self._directions = sensors.laser.directions
         self.rules: Rows = np.zeros(1, RULES)
         self._set_rules()
         self._progress = np.zeros(1, PROGRESS)
@@ -129,8 +128,9 @@ class Task:
         r["last_action"], r["privileged"] = s.last_action, s.privileged
         r["shield_state"] = s.shield_state
         r["gaps"] = 2 + 2 * int(r["points"]) * self.posed if s.gaps else 0
-        r["frame"], r["directions"] = address_of(self._frame), address_of(self._directions)
-        r["laser_beams"] = self.sensors.laser.beams
+        laser = self.sensors.laser
+        r["outline"], r["mount"] = self.footprint.array, (laser.x, laser.y)
+        r["directions"], r["laser_beams"] = address_of(self._directions), laser.beams
         r["doubt"] = 0.0 if self.sensors.pose_source == "truth" else s.doubt
         r["heading"], r["heading_tolerance"] = s.heading, s.heading_tolerance
         r["aim"] = AIMS.index(s.aim)

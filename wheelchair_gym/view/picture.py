@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -124,8 +125,7 @@ class TopView:
         ranges = np.asarray(reading.laser, dtype=np.float64)
         if not len(ranges):
             return
-        angles = laser.yaw + np.linspace(-0.5 * laser.fov, 0.5 * laser.fov, len(ranges))
-        rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)  # (beams, 2)
+        rays = replace(laser, beams=len(ranges)).directions
         seen = np.clip(np.nan_to_num(ranges, nan=0.0, posinf=laser.reach), 0.0, laser.reach)
         # A lone beam without echo would stand out of the fan as a spike.
         beside = np.pad(seen, 1)
