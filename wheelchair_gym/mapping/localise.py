@@ -80,6 +80,9 @@ class Localisation:
     alarm: float = setting(
         default=0.7, source="of the usual fit: below, particles are placed anywhere", low=0.0
     )
+    calm: float = setting(
+        default=0.9, source="of the usual fit: a lost chair looks on until it is reached", low=0.0
+    )
     usual: float = setting(
         default=0.9, source="how well scans fit at first, as far as is known", low=0.0, high=1.0
     )
@@ -101,6 +104,8 @@ class Localisation:
             raise InputError(
                 f"Localisation.tries is {self.tries}; expected {self.candidates} or more"
             )
+        if self.calm < self.alarm:
+            raise InputError(f"Localisation.calm is {self.calm}; expected {self.alarm} or more")
 
 
 class Localiser:
@@ -110,7 +115,8 @@ class Localiser:
         pose: the best guess (3,) [m, m, rad].
         count: particles at present.
         fit: likelihood of a beam there that met what the map shows, or went through it, 0 to 1.
-        lost: scans fit worse than they used to; particles are placed anywhere.
+        lost: scans fit worse than they used to, and not well again since; particles are placed
+            anywhere.
         map: the one it looks at.
     """
 
@@ -236,7 +242,7 @@ class Localiser:
         self.fit = math.exp(log_likelihood(self._field, x, y, yaw, told, s.sigma, s.astray))
         self._slow += s.forget_slow * (self.fit - self._slow)
         self._fast += s.forget_fast * (self.fit - self._fast)
-        self.lost = self._fast < s.alarm * self._slow
+        self.lost = self._fast < (s.calm if self.lost else s.alarm) * self._slow
 
     def _ends(self, ranges: NDArray[np.float32]) -> Array:
         """Ends (k, 2) [m] in the chair's frame of beams that met something, evenly chosen."""
