@@ -12,7 +12,8 @@ from tests.simulation.worlds import box
 from wheelchair_gym.geometry import Footprint, to_frame
 from wheelchair_gym.movers import NOBODY, person, together
 from wheelchair_gym.safety import Shield, ShieldSettings
-from wheelchair_gym.safety.state import REASONS
+from wheelchair_gym.safety.memory import last_rows
+from wheelchair_gym.safety.state import KEPT, REASONS
 from wheelchair_gym.sensing import SensorSettings
 from wheelchair_gym.sensing.settings import FaultSettings
 from wheelchair_gym.simulation import SimulatedChair
@@ -122,18 +123,27 @@ def test_a_way_out_is_left(start, way_out):
     assert max(moved[0], moved[2]) > 0.2
 
 
-def test_what_slipped_out_of_view_is_remembered():
-    """A post that the laser saw stands beside the rear when the chair turns."""
+@pytest.mark.parametrize("turn", [(0.3, -1.0), (0.0, -0.3), (-0.1, -0.3)])
+def test_what_slipped_out_of_view_is_remembered(turn):
+    """A post that the laser saw stands beside the rear when the chair turns, for long, too."""
     post = np.array([(0.9, 0.55, 0.9, 0.60), (0.9, 0.60, 0.95, 0.60), (0.95, 0.60, 0.9, 0.55)])
     chair, shield = SimulatedChair(), Shield()
     episode = box(5.0, (0.0, 0.0, 0.0))
     episode = dataclasses.replace(episode, walls=np.vstack([episode.walls, post]))
     reading = chair.reset(episode, 1)
-    for k in range(80):
-        reading = step(chair, shield, AHEAD if k < 22 else np.array([0.3, -1.0]), reading)
-        if k > 25:
-            assert chair.truth.closing <= 0.05 or not chair.truth.caused
-    assert not chair.truth.touched
+    for k in range(900):
+        reading = step(chair, shield, AHEAD if k < 22 else np.array(turn), reading)
+        assert not chair.truth.touched
+
+
+def test_of_more_than_it_remembers_the_last_is_kept():
+    rows = np.zeros((KEPT + 40, 3))
+    rows[:, 0] = np.arange(len(rows))
+    assert last_rows(rows, len(rows), KEPT) == KEPT
+    assert rows[0, 0] == 40
+    assert rows[KEPT - 1, 0] == KEPT + 39
+    assert last_rows(rows, 7, KEPT) == 7
+    assert rows[0, 0] == 40
 
 
 FAULTS = [name for name in REASONS if name.endswith(("silent", "frozen"))]

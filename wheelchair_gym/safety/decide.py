@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import SOONER, approach, brake
-from wheelchair_gym.safety.state import FAR, NOTHING
+from wheelchair_gym.safety.state import FAR, NOTHING, STANDS
 from wheelchair_gym.safety.sweep import surprised, sweep
 
 Array = NDArray[np.float64]
@@ -17,7 +17,6 @@ Array = NDArray[np.float64]
 _HALVINGS = 5  # of the share that is driven: to 3 %
 _COARSE = 4  # the same for who plans, of many twists at once
 _FINE = 0.01  # s: step of the set point's model, as boards run it at 100 Hz
-_STANDS = 0.02  # m/s, rad/s: slower is at rest
 
 
 @borrowing_kernel
@@ -85,7 +84,7 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
     v = min(limits[0], max(-limits[1], v))
     w = min(limits[2], max(-limits[2], w))
     s.asked[0], s.asked[1] = v, w
-    if s.rearmed and v == 0.0 and w == 0.0 and abs(s.set[0]) + abs(s.set[2]) < _STANDS:
+    if s.rearmed and v == 0.0 and w == 0.0 and abs(s.set[0]) + abs(s.set[2]) < STANDS:
         s.latched = NOTHING
     s.rearmed = s.rearmed and s.latched != NOTHING
     share, reason = 0.0, s.latched

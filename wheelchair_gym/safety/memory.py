@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.address import floats_at
 from wheelchair_gym.kernel import borrowing_kernel, inlined
-from wheelchair_gym.safety.state import CELL, CELLS, FAR, FRESH, KEPT, MOVERS
+from wheelchair_gym.safety.state import CELL, CELLS, FAR, FRESH, KEPT, MOVERS, STANDS
 from wheelchair_gym.sensing.bearings import bearing
 from wheelchair_gym.sensing.laser import middle
 
@@ -30,6 +30,9 @@ _JUMP = _F(0.10)  # m: where ranges jump, the edge is a point of its own
 _BODY = 0.35  # m: marks so near each other are of one body
 _EDGE = math.radians(15.0)  # of the laser's view: half a body at 2 m
 _SAME = 0.10  # m: a ray that ends so near a point has looked at it anew
+_AGEING = 0.2  # of the time counts at rest
+_CLOSE_BY = 1.5  # m from the laser: what was seen last farther off is not in the way
+_ALIKE = 0.015  # m: points so near each other are one
 
 
 @borrowing_kernel
@@ -152,6 +155,8 @@ def _forget(
 ) -> int:
     """Drop rows (n, 3 or more) x, y, stamp that are too old, far off, or were looked at anew.
 
+    If more than `most` are left, the last ones are.
+
     Args:
         g: record of GUARD.
         s: record of SHIELD.
@@ -178,11 +183,52 @@ def _forget(
             near = far - _SAME
             if laser[b] >= near and laser[b - 1] >= near and laser[b + 1] >= near:
                 continue
-        if kept < most:
+        for i in range(rows.shape[1]):
+            rows[kept, i] = rows[k, i]
+        kept += 1
+    return last_rows(rows, kept, most)
+
+
+@borrowing_kernel
+def last_rows(rows: Array, n: int, most: int) -> int:
+    """Keep the last rows of n, at most so many; returns how many."""
+    over = max(0, n - most)
+    if over > 0:
+        for k in range(most):
             for i in range(rows.shape[1]):
-                rows[kept, i] = rows[k, i]
-            kept += 1
-    return kept
+                rows[k, i] = rows[k + over, i]
+    return n - over
+
+
+@borrowing_kernel
+def _keep(g: Any, s: Any, laser: Floats, dt: float) -> None:
+    """Keep of all points those that the scan does not look at anew; seen twice, they are one.
+
+    A chair that stands sees the edges of what is hidden anew with each scan, and its dead reckoning
+    does not err: what stood is forgotten later for it.
+    """
+    if abs(s.set[0]) + abs(s.set[2]) < STANDS:
+        for k in range(s.n_points):
+            if s.points[k, 2] > s.stamp + g.memory:
+                s.points[k, 2] += (1.0 - _AGEING) * dt
+    old = _forget(g, s, laser, s.points[:], s.n_old, KEPT, 0.0, 0)
+    fresh = s.points[s.n_old : s.n_points]
+    n = old
+    for k in range(_forget(g, s, laser, fresh, s.n_points - s.n_old, FRESH, 0.0, 0)):
+        alike = -1
+        for j in range(old):
+            dx, dy = s.points[j, 0] - fresh[k, 0], s.points[j, 1] - fresh[k, 1]
+            if dx * dx + dy * dy < _ALIKE * _ALIKE:
+                alike = j
+                break
+        if alike >= 0:
+            s.points[alike, 2] = fresh[k, 2]
+            continue
+        for i in range(3):
+            s.points[n, i] = fresh[k, i]
+        n += 1
+    s.n_old = last_rows(s.points[:], n, KEPT)
+    s.n_points = s.n_old
 
 
 @borrowing_kernel
@@ -195,14 +241,17 @@ def _add(
         return
     lx, ly, c, sn = frame
     px, py = lx + c * x - sn * y, ly + sn * x + c * y
-    s.points[n, 0], s.points[n, 1], s.points[n, 2] = px, py, s.stamp
+    s.points[n, 0], s.points[n, 1] = px, py
     s.n_points = n + 1
     last = s.stamp if was_clear(s, px, py) else -math.inf
     for k in range(marks):
         dx, dy = s.marked[k, 0] - px, s.marked[k, 1] - py
         if s.marked[k, 2] > last and dx * dx + dy * dy < _BESIDE * _BESIDE:
             last = s.marked[k, 2]
-    if s.stamp - last <= g.wary and s.n_marks < MOVERS:
+    moves = s.stamp - last <= g.wary
+    lasts = not moves and x * x + y * y < _CLOSE_BY * _CLOSE_BY
+    s.points[n, 2] = s.stamp + (g.lasting if lasts else g.memory)
+    if moves and s.n_marks < MOVERS:
         m = s.n_marks
         s.marks[m, 0], s.marks[m, 1], s.marks[m, 2] = px, py, last
         s.marks[m, 3] = s.stamp
@@ -241,8 +290,8 @@ def _drop_passed(g: Any, s: Any, first: int) -> None:
 
 
 @borrowing_kernel
-def remember(g: Any, s: Any, laser: Floats) -> None:
-    """Take in a scan: arcs of beams that meet the same thing become a point each.
+def remember(g: Any, s: Any, laser: Floats, dt: float) -> None:
+    """Take in a scan, dt [s] after the last: arcs of beams that meet the same become a point each.
 
     A point is the mean of its arc's ranges, which averages noise, but where the arc ends in the
     open: an edge seen aslant is nearer. The median of three beams keeps lone outliers and lost
@@ -255,7 +304,7 @@ def remember(g: Any, s: Any, laser: Floats) -> None:
         for i in range(s.marks.shape[1]):
             s.marked[k, i] = s.marks[k, i]
     edge = int(_EDGE * g.per_angle)
-    s.n_points = _forget(g, s, laser, s.points[:], s.n_points, KEPT, g.memory, 0)
+    _keep(g, s, laser, dt)
     s.n_marks = _forget(g, s, laser, s.marks[:], s.n_marks, MOVERS // 2, g.wary, edge)
     first = s.n_marks
     frame, far = laser_frame(g, s), _F(FAR)

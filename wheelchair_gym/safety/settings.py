@@ -37,8 +37,12 @@ class ShieldSettings:
         default=0.05, unit="m/s", source="inside the stop zone: slower is no collision", low=0.0
     )
     memory: float = setting(
-        default=3.0, unit="s", source="for which points and free space are remembered", low=0.1,
-        high=60.0,
+        default=3.0, unit="s", source="for which free space and what may move are remembered",
+        low=0.1, high=60.0,
+    )  # fmt: skip
+    lasting: float = setting(
+        default=60.0, unit="s", source="for which what stood, and nobody has looked at since, is",
+        low=0.1, high=3600.0,
     )  # fmt: skip
     vacated: float = setting(
         default=1.5, unit="s",

@@ -70,7 +70,7 @@ def forget(s: Any) -> None:
         s.sonar_silent[k], s.fired[k] = 0.0, -math.inf
         s.doubtful[k], s.n_arc[k] = math.nan, 0
     s.corner[0], s.corner[1] = 1 << 40, 1 << 40  # far off: the whole grid comes in anew
-    s.n_points, s.n_marks, s.n_near, s.n_moving, s.n_close = 0, 0, 0, 0, 0
+    s.n_points, s.n_old, s.n_marks, s.n_near, s.n_moving, s.n_close = 0, 0, 0, 0, 0, 0
     s.gap, s.columns, s.hidden = FAR, 0, 0.0
     for k in range(2):
         s.asked[k], s.given[k] = 0.0, 0.0
@@ -165,7 +165,7 @@ def look(
         s.set[0], s.set[1], s.set[2], s.set[3] = v, 0.0, w, 0.0
     follow(s)
     if fresh:
-        remember(g, s, laser)
+        remember(g, s, laser, dt)
         look_round(g, s, laser)
         if not s.begun:  # the other half of the columns, too
             look_round(g, s, laser)

@@ -43,16 +43,17 @@ REACH = 2.6  # m from the axle: what a chair at 0.8 m/s sweeps before it rests, 
 FAR = 3.6  # m: points farther off are not taken in
 BINS = 36  # of distance, to order points by
 FRESH = 512  # points of one scan
-KEPT = 256  # and of those before
+KEPT = 512  # and of those before
 ARC = 12  # points on the arc of an echo
 NEAR = FRESH + KEPT + RANGERS * ARC
 MOVERS = 96  # points of what moves
 CLOSE = 64  # points inside the stop zone
+STANDS = 0.02  # m/s, rad/s: slower is at rest
 SAMPLES = 38  # points of the outline that may enter what nobody has seen
 
 NUMBERS = (  # of the settings, as kernels take them
-    "margin", "headway", "reaction", "crawl", "memory", "vacated", "unseen", "pace", "spurt",
-    "wary",
+    "margin", "headway", "reaction", "crawl", "memory", "lasting", "vacated", "unseen", "pace",
+    "spurt", "wary",
 )  # fmt: skip
 
 GUARD = np.dtype(
@@ -106,8 +107,9 @@ SHIELD = np.dtype(
         ("clear", "f4", (CELLS, CELLS)),  # s: by one that went well beyond
         ("beam", "i4", (CELLS,)),  # of one column of cells: which sees it, how far it is
         ("range", "f4", (CELLS,)),
-        # points: x, y [m], when seen [s]; those that may move: when they last did,
+        # points: x, y [m], until when they are kept [s]; those that may move: when they last did,
         ("n_points", "i8"),
+        ("n_old", "i8"),  # of them are of scans before the last one
         ("points", "f8", (FRESH + KEPT, 3)),
         ("n_marks", "i8"),
         ("marks", "f8", (MOVERS, 4)),  # and were seen
