@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.geometry import rectangle_point_gap
 from wheelchair_gym.kernel import kernel
 from wheelchair_gym.kinematics import approach, arc_step, carried
-from wheelchair_gym.safety.sweep import kept_clear, points_gap
+from wheelchair_gym.safety.clearance import kept_clear, points_gap
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.safety import Shield
-from wheelchair_gym.safety.sweep import points_gap
+from wheelchair_gym.safety.clearance import points_gap
 from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.types import Reading
 

@@ -12,7 +12,7 @@ from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, footprint_clearance
 from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.safety.sweep import points_gap
+from wheelchair_gym.safety.clearance import points_gap
 
 PLANNER = "a_star"
 NOBODY = np.empty((0, 5))

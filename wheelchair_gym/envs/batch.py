@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.kernel import borrowing_kernel, kernel
 from wheelchair_gym.kinematics import asked_twist
 from wheelchair_gym.safety.decide import decide
-from wheelchair_gym.safety.shield import forget, look
+from wheelchair_gym.safety.look import forget, look
 from wheelchair_gym.safety.state import NOTHING
 from wheelchair_gym.sensing.noise import SHIELDS, uniform
 from wheelchair_gym.simulation.advance import advance, begin

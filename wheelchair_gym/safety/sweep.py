@@ -1,4 +1,4 @@
-"""What the outline would sweep: distances to points, and roll-outs that end at rest."""
+"""What the outline would sweep: roll-outs that end at rest."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel, kernel
+from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import approach, brake, carried, odometric_step
+from wheelchair_gym.safety.cells import was_seen
+from wheelchair_gym.safety.clearance import kept_clear, points_gap, signed_gap
 from wheelchair_gym.safety.state import (
-    CELL,
-    CELLS,
     MOVING,
     NOTHING,
     OBSTACLE,
@@ -34,73 +34,6 @@ _BLIND = 0.3  # m ahead of the axle: beside what is farther back the laser does 
 _REST = 0.01  # m/s: slower is at rest
 _TURN_REST = 0.02  # rad/s
 _WORSE = 1e-6  # m: what is inside the stop zone may not come nearer, beyond rounding
-
-
-@kernel
-def points_gap(
-    x: float, y: float, yaw: float, footprint: Array, points: Array, interest: float
-) -> float:
-    """Distance [m] from the outline at a pose to the nearest point, at most `interest`; 0 inside.
-
-    Args:
-        x: the pose's x [m]; then y [m] and yaw [rad].
-        y: see x.
-        yaw: see x.
-        footprint: `Footprint.array`.
-        points: (k, 3) x, y and no more than the distance from the origin [m], which rises.
-        interest: farther points are not looked for [m].
-    """
-    c, s = math.cos(yaw), math.sin(yaw)
-    middle = 0.5 * (footprint[0] - footprint[1])
-    half_length, half_width = 0.5 * (footprint[0] + footprint[1]), footprint[2]
-    mx, my = x + c * middle, y + s * middle
-    reach = math.hypot(x, y) + interest
-    reach += math.hypot(max(footprint[0], footprint[1]), half_width)
-    best = interest * interest
-    for k in range(points.shape[0]):
-        if points[k, 2] > reach:
-            break
-        px, py = points[k, 0] - mx, points[k, 1] - my
-        dx = max(abs(c * px + s * py) - half_length, 0.0)
-        dy = max(abs(c * py - s * px) - half_width, 0.0)
-        best = min(best, dx * dx + dy * dy)
-    return math.sqrt(best)
-
-
-@kernel
-def kept_clear(
-    least: float, headway: float, speed: float, turn: float, lever: float, crawl: float
-) -> float:
-    """Room [m] to be kept round the outline: `least`, and more the faster a part of it moves.
-
-    Args:
-        least: at a crawl [m].
-        headway: of speed beyond that [s].
-        speed: forward or backward, at least 0 [m/s].
-        turn: at least 0 [rad/s].
-        lever: of the outline's farthest corner [m]; half of it counts.
-        crawl: the speed from which on it grows [m/s].
-    """
-    return least + headway * max(0.0, speed + 0.5 * lever * turn - crawl)
-
-
-@borrowing_kernel
-def signed_gap(px: float, py: float, outline: Array) -> float:
-    """Distance [m] of a point in the chair's frame to the outline; below 0 inside of it."""
-    dx = max(px - outline[0], -outline[1] - px)
-    dy = abs(py) - outline[2]
-    if dx > 0.0 and dy > 0.0:
-        return math.sqrt(dx * dx + dy * dy)
-    return float(max(dx, dy))
-
-
-@borrowing_kernel
-def was_seen(s: Any, x: float, y: float, since: float) -> bool:
-    """Whether the cell of a point (dead-reckoned) was looked at since a stamp [s]."""
-    i, j = math.floor(x / CELL) - s.corner[0], math.floor(y / CELL) - s.corner[1]
-    if i < 0 or j < 0 or i >= CELLS or j >= CELLS:
-        return False
-    return bool(s.seen[i, j] >= since)
 
 
 @borrowing_kernel
