@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -101,7 +102,10 @@ class Case(NamedTuple):
 
 
 def _varied(vary: str | None) -> tuple[str, list[str]]:
-    """Key and values, as they were typed, of KEY=A,B; no key and one value where none varies."""
+    """Key and values, as they were typed, of KEY=A,B; no key and one value where none varies.
+
+    A value may be a list: KEY=[],[1,2].
+    """
     from wheelchair_gym.config import InputError
 
     if vary is None:
@@ -109,7 +113,7 @@ def _varied(vary: str | None) -> tuple[str, list[str]]:
     key, _, words = vary.partition("=")
     if not (key and words):
         raise InputError(f"--vary {vary}: expected KEY=A,B")
-    return key, names(words)
+    return key, [word.strip() for word in re.split(r",(?![^\[]*\])", words) if word.strip()]
 
 
 def _defaults(algorithm: str) -> dict[str, Any]:

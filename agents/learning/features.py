@@ -14,10 +14,10 @@ Floats = NDArray[np.float32]
 RANGE_SCALE, RANGE_SHIFT = 0.6, 0.1  # ranges r [m] are told as 0.6 ln(r + 0.1)
 GOAL_MOST = 10.0  # m: goals farther off are told as this far
 NEAR_GOAL = 2.0  # weight of exp(-distance)
-AHEAD_SCALE = 0.5  # of points and poses ahead, per m
+AHEAD_SCALE = 0.5  # of points and poses ahead, and of the trail, per m
 GAP_SCALE = 4.0  # of gaps, per m
 PRIVILEGED_SCALE = (1.0 / 15.0, 1.0 / 60.0, 1.0 / 10.0)  # of time to go, time left, way to go
-SCALED = "twist", "goal", "action", "shield", "path", "gaps"  # keys told times a factor
+SCALED = "twist", "goal", "action", "shield", "path", "gaps", "trail"  # keys told times a factor
 
 
 @dataclass(frozen=True)
@@ -58,13 +58,14 @@ class Layout:
 
     @property
     def scales(self) -> Floats:
-        """What twist, the rest of the goal, action, shield, path, gaps are multiplied by (n,)."""
+        """What the keys of SCALED are multiplied by (n,); of the goal, all but its distance."""
         path = dict(self.sizes).get("path", 0)
         each = [AHEAD_SCALE, AHEAD_SCALE, 1.0, 1.0] if self.posed else [AHEAD_SCALE] * 2
         goal = dict(self.sizes)["goal"] - 1
         plain = sum(dict(self.sizes).get(key, 0) for key in ("action", "shield"))
         parts = [[1.0] * 2, [1.0] * goal, [1.0] * plain, each * (path // len(each))]
         parts.append([GAP_SCALE] * dict(self.sizes).get("gaps", 0))
+        parts.append([AHEAD_SCALE] * dict(self.sizes).get("trail", 0))
         return np.concatenate(parts).astype(np.float32)
 
     @property

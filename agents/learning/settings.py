@@ -128,7 +128,7 @@ _WORLDS = {
 }
 
 
-def _env(points: bool, privileged: bool) -> dict[str, Any]:
+def _env(points: bool, privileged: bool, trail: bool = False) -> dict[str, Any]:
     """Training's environment: 5 Hz, all noise, every chair another, half of them shielded."""
     task: dict[str, Any] = {
         "beams": 64,
@@ -141,6 +141,8 @@ def _env(points: bool, privileged: bool) -> dict[str, Any]:
     }
     if not points:
         task["look_ahead_time"] = []
+    if trail:
+        task["trail"] = [1.0, 2.0, 4.0, 8.0, 15.0]
     return {
         "scene": _WORLDS,
         "rate": 5.0,
@@ -163,7 +165,7 @@ def _off(algorithm: Algorithm) -> Training:
 # What was tuned, by the name of its file in configs/.
 RECIPES: dict[str, Training] = {
     "ppo_guided": Training(env=_env(True, True)),
-    "ppo_goal": Training(env=_env(False, True), on_policy=OnPolicy(discount=0.995)),
+    "ppo_goal": Training(env=_env(False, True, True), on_policy=OnPolicy(discount=0.995)),
     "recurrent_ppo": Training(
         algorithm="recurrent_ppo",
         env=_env(False, False),

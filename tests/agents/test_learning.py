@@ -143,7 +143,7 @@ def test_features_are_the_same_numbers_in_numpy_and_torch():
 
 
 def test_imitation_comes_near_its_expert_and_warms_a_run(tmp_path):
-    own = Imitation(expert="straight", env=ENV, episodes=4, rounds=2, epochs=40, hidden=(16, 16))
+    own = Imitation(expert="straight", env=ENV, episodes=4, rounds=2, epochs=80, hidden=(16, 16))
     told = imitate(own, 0, tmp_path, progress=False)
     assert told["driver"] == "student"
     first = json.loads((tmp_path / "rounds.json").read_text())[0]
@@ -186,6 +186,7 @@ def test_values_that_vary_are_taken_as_they_were_typed():
     assert _varied("env.guidance=geodesic, my.ways:guide ,") == (
         "env.guidance", ["geodesic", "my.ways:guide"],
     )  # fmt: skip
+    assert _varied("env.task.trail=[], [1,2.5]") == ("env.task.trail", ["[]", "[1,2.5]"])
     assert _varied("on_policy.rate=1e-3,0.001") == ("on_policy.rate", ["1e-3", "0.001"])
     assert _varied(None) == ("", [""])
 

@@ -22,6 +22,7 @@ ENV = {
         "last_action": True,
         "shield_state": True,
         "gaps": True,
+        "trail": [0.5, 2.0],
         "time_base": 4.0,
         "time_factor": 0.0,
     },

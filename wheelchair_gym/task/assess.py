@@ -13,8 +13,16 @@ from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.task.course import COURSE, seconds_to_go, to_go, way_to_go
 from wheelchair_gym.task.gaps import gaps, haste
 from wheelchair_gym.task.judge import TERMS, reached, weigh
-from wheelchair_gym.task.observe import bearing_to, look_ahead, look_ahead_poses, pool, see
+from wheelchair_gym.task.observe import (
+    PATH_REACH,
+    bearing_to,
+    look_ahead,
+    look_ahead_poses,
+    pool,
+    see,
+)
 from wheelchair_gym.task.records import PROGRESS, RULES, VERDICT
+from wheelchair_gym.task.trail import begin_trail, lengthen_trail, look_back
 
 LONG = 256.0  # s, m: a critic sees longer times and ways as this
 HASTE = TERMS.index("haste")
@@ -49,8 +57,8 @@ def observe(
         twist: (2,) [m/s, rad/s].
         laser: (beams of the laser,) [m].
         ultrasonic: (rangers,) [m].
-        out: laser, ultrasonic, twist, goal, action, shield, path, gaps and privileged, one after
-            another.
+        out: laser, ultrasonic, twist, goal, action, shield, path, gaps, trail and privileged, one
+            after another.
     """
     place = rules.beams
     valid = pool(laser, rules.laser_reach, out[:place])
@@ -96,6 +104,10 @@ def observe(
         directions = table_at(rules.directions, rules.laser_beams, 2)
         gaps(laser, directions, rules.mount[:], rules.outline[:], poses, out[place:end])
         place = end
+    if rules.trail > 0:
+        end = place + 2 * rules.trail
+        look_back(own, pose, doubles_at(rules.back, rules.trail), PATH_REACH, out[place:end])
+        place = end
     if rules.privileged:
         seconds = seconds_to_go(course, pose[0], pose[1], pose[2])
         out[place] = min(seconds, LONG) if seconds >= 0.0 else LONG  # NaN: not known
@@ -139,6 +151,7 @@ def start_task(
     own.steps_left = max(1, round(limit / rule.period))
     own.to_go = to_go(course, rule.aim, pose[0], pose[1], pose[2])
     own.guarded = guarded
+    begin_trail(own, pose)
     for k in range(2):
         own.action[k] = own.withheld[k] = 0.0
     for k in range(verdict.terms.shape[0]):
@@ -190,6 +203,7 @@ def assess(
     for k in range(2):
         own.previous[k] = own.action[k]
         own.action[k] = min(1.0, max(-1.0, action[k]))
+    lengthen_trail(own, pose)
     own.withheld[0], own.withheld[1] = less_v / rule.forward, less_w / rule.turn
     rest = to_go(course, rule.aim, pose[0], pose[1], pose[2])
     covered = 0.0

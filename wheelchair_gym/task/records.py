@@ -6,6 +6,8 @@ import numpy as np
 
 from wheelchair_gym.task.judge import TERMS
 
+CRUMBS = 64  # of a trail that are kept
+
 RULES = np.dtype(
     [
         ("period", "f8"),  # s
@@ -28,6 +30,8 @@ RULES = np.dtype(
         ("mount", "f8", (2,)),  # m: of the laser
         ("directions", "u8"),  # address of the beams' directions (laser_beams, 2)
         ("laser_beams", "i8"),
+        ("trail", "i8"),  # places of its own way that are looked back at
+        ("back", "u8"),  # address of how far back they are (trail,) [m]
         ("privileged", "b1"),  # observed, too, is what only a critic may see
         ("doubt", "f8"),  # m
         ("heading", "b1"),
@@ -50,6 +54,8 @@ PROGRESS = np.dtype(
         ("previous", "f8", (2,)),  # the one before
         ("guarded", "b1"),  # a shield filters
         ("withheld", "f8", (2,)),  # by it of the last twist, in full speeds ahead and of turning
+        ("n_crumbs", "i8"),  # of its trail so far; the last ones are kept
+        ("crumbs", "f8", (CRUMBS, 2)),  # m
     ],
     align=True,
 )

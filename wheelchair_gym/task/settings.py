@@ -72,6 +72,10 @@ class TaskSettings:
         source="true: how far the outline could move to the left and to the right before it "
         "touches what the scan shows, where it stands and at each pose ahead, is observed, too",
     )
+    trail: tuple[float, ...] = setting(
+        default=(), unit="m", low=0.0, high=15.0,
+        source="of way ago: where it was then is observed, too; at first, where it began",
+    )  # fmt: skip
     privileged: bool = setting(
         default=False, source="true: a critic's key 'privileged' is observed; in training only"
     )

@@ -103,6 +103,7 @@ class Task:
         if settings.aim == "time" and not self.posed:
             raise InputError("task.aim is 'time'; it needs the guidance 'poses'")
         self._ahead = np.array(settings.look_ahead_time if self.posed else settings.look_ahead)
+        self._back = np.array(settings.trail, np.float64)
         self._directions = sensors.laser.directions
         self.rules: Rows = np.zeros(1, RULES)
         self._set_rules()
@@ -128,6 +129,7 @@ class Task:
         r["last_action"], r["privileged"] = s.last_action, s.privileged
         r["shield_state"] = s.shield_state
         r["gaps"] = 2 + 2 * int(r["points"]) * self.posed if s.gaps else 0
+        r["trail"], r["back"] = len(self._back), address_of(self._back)
         laser = self.sensors.laser
         r["outline"], r["mount"] = self.footprint.array, (laser.x, laser.y)
         r["directions"], r["laser_beams"] = address_of(self._directions), laser.beams
@@ -178,6 +180,9 @@ class Task:
         if self.settings.gaps:
             low = np.full(self.rules["gaps"][0], -self.footprint.half_width, np.float32)
             boxes["gaps"] = gym.spaces.Box(low, np.full_like(low, GAP_REACH))
+        if self.settings.trail:
+            most = np.full(2 * len(self._back), PATH_REACH, np.float32)
+            boxes["trail"] = gym.spaces.Box(-most, most)
         if self.settings.privileged:
             boxes["privileged"] = gym.spaces.Box(0.0, LONG, (3,), np.float32)
         return boxes
