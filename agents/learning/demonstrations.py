@@ -54,7 +54,7 @@ def _shown(
         student.reset(1)
     seen, shown, over = [], [], False
     while not over:
-        flat = np.concatenate([observation[key] for key in env.task.boxes()])
+        flat = np.concatenate([observation[key] for key in env.task.boxes])
         told = np.asarray(expert.act(observation), np.float32)
         seen.append(flat)
         shown.append(told)
@@ -141,7 +141,7 @@ def imitate(own: Imitation, seed: int, folder: Path, progress: bool = True) -> d
 
 def _layout(env: EnvSettings) -> Layout:
     task = NavigationEnv(config=env).task
-    return Layout.of(((key, box.shape[0]) for key, box in task.boxes().items()), task.posed)
+    return Layout.of(((key, box.shape[0]) for key, box in task.boxes.items()), task.posed)
 
 
 class _Student(nn.Module):

@@ -90,7 +90,7 @@ class Run:
         gc.collect()
         gc.freeze()  # worlds stay: looking them through for garbage takes a tenth of the time
         self.env = SB3VecEnv(env, flat=True)
-        sizes = [(key, box.shape[0]) for key, box in env.task.boxes().items()]
+        sizes = [(key, box.shape[0]) for key, box in env.task.boxes.items()]
         self.layout = Layout.of(sizes, env.task.posed)
         self._trials: NavigationVectorEnv | None = None
         self.model = make_model(own, seed, self.env, self.layout)

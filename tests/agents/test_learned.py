@@ -47,7 +47,7 @@ def test_a_driver_sees_and_acts_as_in_training(trained):
     policy, network = make_policy(str(folder / POLICY)), Network(load_weights(folder / POLICY))
     policy.reset(env.task)
     for _ in range(6):
-        flat = np.concatenate([observation[key] for key in env.task.boxes()])
+        flat = np.concatenate([observation[key] for key in env.task.boxes])
         action = policy.act(observation)
         assert action == pytest.approx(network(flat[None])[0], abs=1e-6)
         observation, *_ = env.step(action)
@@ -66,7 +66,7 @@ def test_a_driver_sees_what_was_driven_and_what_a_shield_withheld(trained):
         policy.reset(env.task)
         for _ in range(40):
             policy.act(observation)
-            flat = np.concatenate([observation[key] for key in env.task.boxes()])
+            flat = np.concatenate([observation[key] for key in env.task.boxes])
             assert policy.told == pytest.approx(flat, abs=1e-6)
             most[env.task.guarded] = max(most[env.task.guarded], abs(observation["shield"][1]))
             observation, _, terminated, truncated, _ = env.step(np.array([1.0, 0.1]))

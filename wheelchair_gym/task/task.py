@@ -15,11 +15,10 @@ from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.maps.pose_ways import PoseWays
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
-from wheelchair_gym.task.assess import LONG, WITHHELD, assess_alone, start_task
+from wheelchair_gym.task.assess import assess_alone, start_task
 from wheelchair_gym.task.course import AIMS, Course, way_from
-from wheelchair_gym.task.gaps import GAP_REACH
 from wheelchair_gym.task.judge import TERMS, Verdict, reached
-from wheelchair_gym.task.observe import GOAL_REACH, PATH_REACH
+from wheelchair_gym.task.layout import boxes, places
 from wheelchair_gym.task.records import ALONE, PROGRESS, RULES, VERDICT
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.types import Episode, Reading
@@ -56,6 +55,8 @@ class Task:
         path: guidance (n, 2) [m], or None; a policy may set it, so that it is drawn.
         note: what a policy says it is about, for people; a policy may set it.
         key: of the episode's randomness; seeds whatever a policy draws.
+        boxes: the space of each key of an observation, in the order in which kernels write them.
+        room: numbers in an observation.
         rules: what kernels need to know of all this (1,), a record of RULES.
     """
 
@@ -113,7 +114,8 @@ class Task:
         rows = {"rules": self.rules, "progress": self._progress, "verdict": self._judged}
         for name, row in rows.items():
             self._alone[name] = address_of(row)
-        self._places = self._lay_out()
+        self.boxes = boxes(settings, self.rules[0], self._reaches, self.footprint.half_width)
+        self._places, self.room = places(self.boxes)
 
     def _set_rules(self) -> None:
         r, s, limits = cast("Any", self.rules[0]), self.settings, self.limits
@@ -140,52 +142,10 @@ class Task:
         r["weights"] = tuple(getattr(w, term) for term in TERMS)
         r["time_base"], r["time_factor"] = s.time_base, s.time_factor
 
-    def _lay_out(self) -> dict[str, slice]:
-        """Where each key stands in an observation written in one piece."""
-        places, begin = {}, 0
-        for key, box in self.boxes().items():
-            places[key] = slice(begin, begin + box.shape[0])
-            begin += box.shape[0]
-        self.room = begin  # numbers in an observation
-        return places
-
     @property
     def space(self) -> gym.spaces.Dict:
         """The space of observations."""
-        return gym.spaces.Dict(cast("dict[str, gym.Space[Floats]]", self.boxes()))
-
-    def boxes(self) -> dict[str, Any]:
-        """The space of each key, in the order in which kernels write them."""
-        room = int(self.rules["goal_room"][0])
-        high = np.array([GOAL_REACH, 1.0, 1.0, 1.0, 1.0][:room], np.float32)
-        low = np.array([0.0, -1.0, -1.0, -1.0, -1.0][:room], np.float32)
-        reaches = self._reaches.astype(np.float32)
-        twist = self.rules["twist_most"][0].astype(np.float32)
-        laser = self.sensors.laser.reach
-        boxes = {
-            "laser": gym.spaces.Box(0.0, laser, (self.settings.beams,), np.float32),
-            "ultrasonic": gym.spaces.Box(np.zeros_like(reaches), reaches),
-            "twist": gym.spaces.Box(-twist, twist),
-            "goal": gym.spaces.Box(low, high),
-        }
-        if self.settings.last_action:
-            boxes["action"] = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
-        if self.settings.shield_state:
-            low = np.array([0.0, -WITHHELD, -WITHHELD], np.float32)
-            boxes["shield"] = gym.spaces.Box(low, np.array([1.0, WITHHELD, WITHHELD], np.float32))
-        if self.guidance is not None and len(self._ahead):
-            each = [PATH_REACH, PATH_REACH, 1.0, 1.0][: 4 if self.posed else 2]
-            most = np.tile(np.array(each, np.float32), len(self._ahead))
-            boxes["path"] = gym.spaces.Box(-most, most)
-        if self.settings.gaps:
-            low = np.full(self.rules["gaps"][0], -self.footprint.half_width, np.float32)
-            boxes["gaps"] = gym.spaces.Box(low, np.full_like(low, GAP_REACH))
-        if self.settings.trail:
-            most = np.full(2 * len(self._back), PATH_REACH, np.float32)
-            boxes["trail"] = gym.spaces.Box(-most, most)
-        if self.settings.privileged:
-            boxes["privileged"] = gym.spaces.Box(0.0, LONG, (3,), np.float32)
-        return boxes
+        return gym.spaces.Dict(cast("dict[str, gym.Space[Floats]]", self.boxes))
 
     @property
     def map(self) -> OccupancyGrid:
