@@ -15,7 +15,7 @@ OPEN = {"name": "empty", "size": (12.0, 12.0), "start": (6.0, 6.0, 0.0), "goal":
 
 def seen(own, pose, ways):
     out = np.empty(2 * len(ways), np.float32)
-    look_back(own, np.array(pose), np.array(ways), 10.0, out)
+    look_back(own, np.array(pose), np.array(ways), out)
     return out.reshape(-1, 2)
 
 
@@ -40,6 +40,14 @@ def test_a_pose_that_trembles_leaves_no_trail():
     for _ in range(1000):
         lengthen_trail(own, rng.normal(0.0, 0.03, 3))
     assert own["n_crumbs"] == 1
+
+
+@pytest.mark.parametrize("jump", [np.nan, np.inf, 1e300, 100.0])
+def test_a_pose_that_jumps_or_is_lost_ends_nothing(jump):
+    own = np.zeros(1, PROGRESS)[0]
+    begin_trail(own, np.zeros(3))
+    lengthen_trail(own, np.array([jump, 0.0, 0.0]))
+    assert own["n_crumbs"] <= CRUMBS + 1
 
 
 def test_it_is_observed_and_begins_anew_with_each_episode():

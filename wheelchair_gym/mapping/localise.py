@@ -26,7 +26,6 @@ from wheelchair_gym.mapping.particles import (
     scatter,
     weigh,
 )
-from wheelchair_gym.mapping.scan import bearings
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.sensing.noise import LOCALISE, bits
 from wheelchair_gym.sensing.settings import LaserSettings
@@ -128,9 +127,8 @@ class Localiser:
         self.count, self.fit, self.lost = 0, 0.0, False
         self._particles = new_particles(s.most)
         self._drift = Drift(s.way_by_way, s.way_by_turn, s.turn_by_way, s.turn_by_turn, s.aside)
-        angles = bearings(laser)
         self._mount = np.array([laser.x, laser.y])
-        self._rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)  # (beams, 2)
+        self._rays = laser.directions  # (beams, 2)
         self._reach = laser.reach
         self.map: OccupancyGrid | None = None
 

@@ -13,14 +13,7 @@ from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.task.course import COURSE, seconds_to_go, to_go, way_to_go
 from wheelchair_gym.task.gaps import gaps, haste
 from wheelchair_gym.task.judge import TERMS, reached, weigh
-from wheelchair_gym.task.observe import (
-    PATH_REACH,
-    bearing_to,
-    look_ahead,
-    look_ahead_poses,
-    pool,
-    see,
-)
+from wheelchair_gym.task.observe import bearing_to, look_ahead, look_ahead_poses, pool, see
 from wheelchair_gym.task.records import PROGRESS, RULES, VERDICT
 from wheelchair_gym.task.trail import begin_trail, lengthen_trail, look_back
 
@@ -106,7 +99,7 @@ def observe(
         place = end
     if rules.trail > 0:
         end = place + 2 * rules.trail
-        look_back(own, pose, doubles_at(rules.back, rules.trail), PATH_REACH, out[place:end])
+        look_back(own, pose, doubles_at(rules.back, rules.trail), out[place:end])
         place = end
     if rules.privileged:
         seconds = seconds_to_go(course, pose[0], pose[1], pose[2])
@@ -203,7 +196,8 @@ def assess(
     for k in range(2):
         own.previous[k] = own.action[k]
         own.action[k] = min(1.0, max(-1.0, action[k]))
-    lengthen_trail(own, pose)
+    if rule.trail > 0:
+        lengthen_trail(own, pose)
     own.withheld[0], own.withheld[1] = less_v / rule.forward, less_w / rule.turn
     rest = to_go(course, rule.aim, pose[0], pose[1], pose[2])
     covered = 0.0

@@ -94,6 +94,13 @@ def project(path: Array, x: float, y: float) -> tuple[int, float, float]:
 
 
 @kernel
+def tell_place(c: float, s: float, dx: float, dy: float, out: Floats) -> None:
+    """A place (dx, dy) off [m], in the frame of a chair with that cosine and sine of its yaw."""
+    out[0] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * dx + s * dy)))
+    out[1] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * dy - s * dx)))
+
+
+@kernel
 def look_ahead(path: Array, pose: Array, distances: Array, out: Floats) -> None:
     """Points of a path (n, 2) at distances (k,) [m] beyond the nearest one, in the chair's frame.
 
@@ -119,8 +126,7 @@ def look_ahead(path: Array, pose: Array, distances: Array, out: Floats) -> None:
         t = min(1.0, share + (distances[j] - walked) / length) if length > 0.0 else 1.0
         dx = path[segment, 0] + t * ex - pose[0]
         dy = path[segment, 1] + t * ey - pose[1]
-        out[2 * j] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * dx + s * dy)))
-        out[2 * j + 1] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * dy - s * dx)))
+        tell_place(c, s, dx, dy, out[2 * j : 2 * j + 2])
 
 
 @borrowing_kernel
@@ -162,8 +168,7 @@ def look_ahead_poses(
             share = min(1.0, STRAIGHT * times[j] / far)
             ex, ey = share * dx, share * dy
             heading = math.atan2(dy, dx) - pose[2]
-        out[4 * j] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * ex + s * ey)))
-        out[4 * j + 1] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * ey - s * ex)))
+        tell_place(c, s, ex, ey, out[4 * j : 4 * j + 2])
         out[4 * j + 2], out[4 * j + 3] = (
             np.float32(math.cos(heading)),
             np.float32(math.sin(heading)),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.task.observe import tell_place
 from wheelchair_gym.task.records import CRUMBS
 
 Array = NDArray[np.float64]
@@ -30,11 +31,11 @@ def lengthen_trail(own: Any, pose: Array) -> None:
 
     How far it is counts, not how long the way was: a pose that trembles leaves no trail.
     """
-    while True:
+    for _ in range(CRUMBS):  # however far a pose jumps, and if it is no number
         last, at = (own.n_crumbs - 1) % CRUMBS, own.n_crumbs % CRUMBS
         dx, dy = pose[0] - own.crumbs[last, 0], pose[1] - own.crumbs[last, 1]
         share = APART / max(math.hypot(dx, dy), 1e-9)
-        if share > 1.0:
+        if not share <= 1.0:
             break
         own.crumbs[at, 0] = own.crumbs[last, 0] + share * dx
         own.crumbs[at, 1] = own.crumbs[last, 1] + share * dy
@@ -42,19 +43,17 @@ def lengthen_trail(own: Any, pose: Array) -> None:
 
 
 @borrowing_kernel
-def look_back(own: Any, pose: Array, ways: Array, reach: float, out: Floats) -> None:
+def look_back(own: Any, pose: Array, ways: Array, out: Floats) -> None:
     """Where the chair was so many metres of way ago, in its frame now; at first, where it began.
 
     Args:
         own: record of PROGRESS.
         pose: (3,) [m, m, rad].
         ways: (k,) [m].
-        reach: farther off on an axis is clipped [m].
         out: (2 k,) x and y of each [m].
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(ways.shape[0]):
         at = max(own.n_crumbs - 1 - round(ways[k] / APART), 0) % CRUMBS
         dx, dy = own.crumbs[at, 0] - pose[0], own.crumbs[at, 1] - pose[1]
-        out[2 * k] = np.float32(min(reach, max(-reach, c * dx + s * dy)))
-        out[2 * k + 1] = np.float32(min(reach, max(-reach, c * dy - s * dx)))
+        tell_place(c, s, dx, dy, out[2 * k : 2 * k + 2])
