@@ -17,6 +17,7 @@ from agents.learned import LearnedDriver
 from agents.learning.features import Layout
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import to_world
+from wheelchair_gym.task.layout import PRIVATE
 from wheelchair_gym.view import palette
 
 Array = NDArray[np.float64]
@@ -50,7 +51,7 @@ def hidden_parts(network: Any, told: Floats, layout: Layout) -> dict[str, float]
     before, changes = network(told), {}
     for key, _ in layout.sizes:
         place = layout.place(key)
-        if key == "privileged":
+        if key in PRIVATE:
             continue
         other = told.copy()
         other[:, place] = told[:, place].mean(axis=0)

@@ -22,6 +22,7 @@ from agents.provenance import write_json
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.files import whole
+from wheelchair_gym.task.layout import PRIVATE
 
 Floats = NDArray[np.float32]
 NAMES = {"action": "last_action"}  # of inputs, where a key means something else as an output
@@ -81,7 +82,7 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     graph, layout = _Graph(onnx), weights.layout
     env = load(EnvSettings, weights.card["env"], "weights: env")
     beams = env.sensors.laser.beams
-    sizes = {key: n for key, n in layout.sizes if key != "privileged"}
+    sizes = {key: n for key, n in layout.sizes if key not in PRIVATE}
     rangers = env.sensors.ultrasonic
     reaches = [
         (rangers.narrow if m.model == "narrow" else rangers.wide).reach for m in rangers.mounted

@@ -9,15 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.task.layout import PRIVATE, places
+
 Floats = NDArray[np.float32]
 
 RANGE_SCALE, RANGE_SHIFT = 0.6, 0.1  # ranges r [m] are told as 0.6 ln(r + 0.1)
 GOAL_MOST = 10.0  # m: goals farther off are told as this far
 NEAR_GOAL = 2.0  # weight of exp(-distance)
-AHEAD_SCALE = 0.5  # of points and poses ahead, and of the trail, per m
-GAP_SCALE = 4.0  # of gaps, per m
-PRIVILEGED_SCALE = (1.0 / 15.0, 1.0 / 60.0, 1.0 / 10.0)  # of time to go, time left, way to go
 SCALED = "twist", "goal", "action", "shield", "path", "gaps", "trail"  # keys told times a factor
+_AHEAD, _GAP = [0.5, 0.5, 1.0, 1.0], [4.0]  # of x, y [m] and heading of a pose; of a gap [m]
+SCALES = {  # of keys whose numbers are not told as they are
+    "path": _AHEAD, "gaps": _GAP, "trail": [0.5], "hidden_path": _AHEAD, "hidden_gaps": _GAP,
+    "privileged": [1.0 / 15.0, 1.0 / 60.0, 1.0 / 10.0],  # of time to go, time left, way to go
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -34,12 +38,7 @@ class Layout:
 
     def place(self, key: str) -> slice:
         """Where a key stands; an empty place where it is absent."""
-        begin = 0
-        for name, size in self.sizes:
-            if name == key:
-                return slice(begin, begin + size)
-            begin += size
-        return slice(0, 0)
+        return places(self.sizes).get(key, slice(0, 0))
 
     @property
     def room(self) -> int:
@@ -49,7 +48,7 @@ class Layout:
     @property
     def private(self) -> int:
         """Numbers that only a critic may see; they stand last."""
-        return dict(self.sizes).get("privileged", 0)
+        return sum(size for key, size in self.sizes if key in PRIVATE)
 
     @property
     def told(self) -> int:
@@ -59,21 +58,27 @@ class Layout:
     @property
     def scales(self) -> Floats:
         """What the keys of SCALED are multiplied by (n,); of the goal, all but its distance."""
-        path = dict(self.sizes).get("path", 0)
-        each = [AHEAD_SCALE, AHEAD_SCALE, 1.0, 1.0] if self.posed else [AHEAD_SCALE] * 2
-        goal = dict(self.sizes)["goal"] - 1
-        plain = sum(dict(self.sizes).get(key, 0) for key in ("action", "shield"))
-        parts = [[1.0] * 2, [1.0] * goal, [1.0] * plain, each * (path // len(each))]
-        parts.append([GAP_SCALE] * dict(self.sizes).get("gaps", 0))
-        parts.append([AHEAD_SCALE] * dict(self.sizes).get("trail", 0))
+        parts = [self._scale(key) for key in SCALED]
+        parts[SCALED.index("goal")].pop()
         return np.concatenate(parts).astype(np.float32)
+
+    @property
+    def private_scales(self) -> Floats:
+        """What the numbers that only a critic may see are multiplied by (private,)."""
+        return np.concatenate([self._scale(key) for key in PRIVATE]).astype(np.float32)
+
+    def _scale(self, key: str) -> list[float]:
+        each = SCALES.get(key, [1.0])
+        if key.endswith("path") and not self.posed:
+            each = each[:2]
+        return each * (dict(self.sizes).get(key, 0) // len(each))
 
     @property
     def scaled(self) -> NDArray[np.int64]:
         """Which numbers of a flat observation those are."""
-        places = {key: self.place(key) for key in SCALED}
-        places["goal"] = slice(places["goal"].start + 1, places["goal"].stop)
-        return np.concatenate([np.arange(at.start, at.stop) for at in places.values()])
+        each = {key: self.place(key) for key in SCALED}
+        each["goal"] = slice(each["goal"].start + 1, each["goal"].stop)
+        return np.concatenate([np.arange(at.start, at.stop) for at in each.values()])
 
 
 def features(xp: Any, flat: Any, layout: Layout, scaled: Any, scales: Any) -> Any:

@@ -14,9 +14,11 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
-from agents.learning.features import PRIVILEGED_SCALE, Layout, features
-from agents.learning.weights import Floats
-from wheelchair_gym.config import InputError
+from agents.learning.features import Layout, features
+from agents.learning.weights import Floats, Weights
+from wheelchair_gym.config import InputError, load
+from wheelchair_gym.envs import EnvSettings
+from wheelchair_gym.task.layout import PRIVATE
 
 
 class Features(BaseFeaturesExtractor):
@@ -30,7 +32,7 @@ class Features(BaseFeaturesExtractor):
         self.private: torch.Tensor
         self.register_buffer("scaled", torch.from_numpy(layout.scaled))
         self.register_buffer("scales", torch.from_numpy(layout.scales))
-        self.register_buffer("private", torch.tensor(PRIVILEGED_SCALE[: layout.private]))
+        self.register_buffer("private", torch.from_numpy(layout.private_scales))
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Features (n, told + private) of observations (n, room)."""
@@ -72,6 +74,56 @@ def body(room: int, hidden: tuple[int, ...]) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
+class Teacher:
+    """A trained actor that sees what its student's critic sees, and tells what it would do.
+
+    Raises:
+        InputError: the student's observation lacks what the teacher needs.
+    """
+
+    def __init__(self, weights: Weights, layout: Layout, env: EnvSettings) -> None:
+        known = load(EnvSettings, weights.card["env"], "teacher: env")
+        for name, here, there in (
+            ("rate", env.rate, known.rate),
+            ("task.look_ahead_time", env.task.look_ahead_time, known.task.look_ahead_time),
+            ("memory", 0, weights.memory),
+        ):
+            if here != there:
+                raise InputError(f"teacher: its {name} is {there}; expected {here}")
+        own = Layout.of(
+            [pair for pair in weights.layout.sizes if pair[0] not in PRIVATE], weights.layout.posed
+        )
+        places = []
+        for key, size in own.sizes:
+            at = layout.place(f"hidden_{key}")
+            at = at if at.stop else layout.place(key)
+            if at.stop - at.start != size:
+                raise InputError(
+                    f"teacher: it needs {size} numbers of {key}; observed are {at.stop - at.start}"
+                )
+            places.append(np.arange(at.start, at.stop))
+        self._places = torch.from_numpy(np.concatenate(places))
+        self._layout = own
+        self._told = torch.from_numpy(own.scaled), torch.from_numpy(own.scales)
+        self._dense = [
+            [torch.from_numpy(weights.arrays[f"dense{k}.{part}"]) for part in "wb"]
+            for k in range(weights.dense)
+        ]
+        self._head = torch.tanh if weights.card["head"] == "tanh" else _clipped
+
+    @torch.no_grad()
+    def __call__(self, observations: torch.Tensor) -> torch.Tensor:
+        """Actions (n, 2) in [-1, 1] for a student's flat observations (n, room)."""
+        x = features(torch, observations[:, self._places], self._layout, *self._told)
+        for k, (w, b) in enumerate(self._dense):
+            x = nn.functional.linear(x if k == 0 else torch.relu(x), w, b)
+        return self._head(x)
+
+
+def _clipped(x: torch.Tensor) -> torch.Tensor:
+    return x.clip(-1.0, 1.0)
+
+
 class AsymmetricPolicy(ActorCriticPolicy):
     """Actor and critic of PPO with separate bodies (asymmetric: Pinto et al. 2018)."""
 
@@ -79,6 +131,23 @@ class AsymmetricPolicy(ActorCriticPolicy):
         layout: Layout = self.features_extractor_kwargs["layout"]
         hidden = tuple(self.net_arch["pi"])  # type: ignore[call-overload]
         self.mlp_extractor = Halves(layout.told, layout.private, hidden)  # type: ignore[assignment]
+        self.teacher: Teacher | None = None
+        self.leash = 0.0  # weight of the squared distance from what the teacher does
+
+    def evaluate_actions(
+        self, obs: Any, actions: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
+        """Values, log-probabilities, and what is rewarded beside returns: entropy, less the leash.
+
+        Kickstarting (Schmitt et al. 2018): for a while the actor is drawn to a teacher's actions.
+        """
+        actor, critic = self.mlp_extractor(self.extract_features(obs))
+        chosen: Any = self._get_action_dist_from_latent(actor)
+        bonus = chosen.entropy()
+        if self.teacher is not None and self.leash > 0.0:
+            apart = chosen.distribution.mean - self.teacher(obs)
+            bonus = bonus - self.leash * (apart * apart).sum(dim=1)
+        return self.value_net(critic), chosen.log_prob(actions), bonus
 
 
 def policy_of(algorithm: str) -> Any:

@@ -13,6 +13,7 @@ from agents.learning.run import POLICY
 from agents.learning.weights import Weights, load_weights, save_weights
 from agents.provenance import write_text
 from wheelchair_gym.config import InputError, read_json
+from wheelchair_gym.task.layout import PRIVATE
 
 POINTS = 12  # of each curve in a card
 SHARES = ("success", "collision", "timeout")
@@ -102,7 +103,7 @@ def _shielded(card: Mapping[str, Any]) -> str:
 def markdown(name: str, card: Mapping[str, Any]) -> str:
     """A card for people."""
     seeds = list(card["curves"])
-    sizes = ", ".join(f"{key} {n}" for key, n in card["layout"]["sizes"] if key != "privileged")
+    sizes = ", ".join(f"{key} {n}" for key, n in card["layout"]["sizes"] if key not in PRIVATE)
     lines = [
         f"# {name}",
         "",

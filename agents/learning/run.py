@@ -17,6 +17,7 @@ from typing import Any
 import torch
 from stable_baselines3.common.utils import set_random_seed
 
+from agents.learned import file_digest
 from agents.learning.checkpoint import (
     load_checkpoint,
     save_checkpoint,
@@ -27,7 +28,7 @@ from agents.learning.checkpoint import (
 from agents.learning.curves import Board, Row, Tally, read_curve, write_curve
 from agents.learning.features import Layout
 from agents.learning.model import make_model
-from agents.learning.networks import arrays_of, head_of, take_arrays
+from agents.learning.networks import Teacher, arrays_of, head_of, take_arrays
 from agents.learning.settings import ON_POLICY, Training, plain
 from agents.learning.trials import run_trials, trial_env
 from agents.learning.weights import (
@@ -74,7 +75,9 @@ class Run:
         prepared: Callable[[int, int], None] | None = None,
     ) -> None:
         self.own, self.seed, self.folder = own, seed, folder
-        self._identity = json.dumps([plain(own), seed], sort_keys=True)
+        teacher = own.teaching.teacher
+        self._teacher = None if teacher is None else file_digest(find_weights(teacher))
+        self._identity = json.dumps([plain(own), seed, self._teacher], sort_keys=True)
         content = load_checkpoint(folder)
         if content is not None and content["identity"] != self._identity:
             raise InputError(f"{folder}: holds a run of other settings or another seed; choose "
@@ -94,6 +97,9 @@ class Run:
         self.layout = Layout.of(sizes, env.task.posed)
         self._trials: NavigationVectorEnv | None = None
         self.model = make_model(own, seed, self.env, self.layout)
+        if teacher is not None:
+            known = load_weights(find_weights(teacher))
+            self.model.policy.teacher = Teacher(known, self.layout, self._env_settings)
         self.tally = Tally()
         self.worlds.within = own.curriculum.begin
         self._judged = [0, 0]  # episodes and successes since the curriculum was last moved
@@ -137,6 +143,7 @@ class Run:
         self.model._last_obs = None
         self.tally.begin()
         self._judged = [0, 0]
+        self._let_go()
 
         def step(local: dict[str, Any], _: dict[str, Any]) -> bool:
             self.tally.add(local["infos"], local["dones"])
@@ -160,6 +167,13 @@ class Run:
         self.rows.append(row)
         self._keep(weights)
         return row
+
+    def _let_go(self) -> None:
+        """Give the actor as much leash as it has learned for."""
+        own = self.own.teaching
+        if own.teacher is not None:
+            left = max(0.0, 1.0 - self.frames / (own.until * self.own.frames))
+            self.model.policy.leash = own.weight * left / self.own.on_policy.entropy
 
     def _move_on(self) -> None:
         """Let starts move away from the goal where enough episodes succeed."""
@@ -197,6 +211,7 @@ class Run:
             },
             "env": dump(self._env_settings),
             "training": plain(self.own),
+            "teacher": self._teacher,
             "seed": self.seed,
             "frames": self.frames,
             "row": row,

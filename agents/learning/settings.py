@@ -67,6 +67,23 @@ class Trials:
 
 
 @settings
+class Teaching:
+    """A trained policy that ppo's actor is drawn to at first (kickstarting: Schmitt et al. 2018).
+
+    It is told what the actor does not see: `env.task.unguided` hides the way from the actor alone.
+    """
+
+    teacher: str | None = setting(default=None, source="its weights: a file or name; none")
+    weight: float = setting(default=4.0, source="of the squared distance, at first", low=0.0)
+    until: float = setting(
+        default=0.6,
+        source="share of the frames; the weight falls to 0 in a line",
+        low=0.01,
+        high=1.0,
+    )
+
+
+@settings
 class Training:
     """A whole training run."""
 
@@ -82,6 +99,7 @@ class Training:
     warm_start: str | None = setting(default=None, source="weights to begin with: a file or name")
     on_policy: OnPolicy = OnPolicy()
     off_policy: OffPolicy = OffPolicy()
+    teaching: Teaching = Teaching()
     curriculum: Curriculum = Curriculum()
     trials: Trials = Trials()
 
@@ -89,6 +107,9 @@ class Training:
         made = self.env_settings()
         if made.task.privileged and self.algorithm != "ppo":
             raise InputError(f"env.task.privileged is for ppo's critic, not for {self.algorithm}")
+        taught = self.teaching.teacher is not None
+        if taught and (self.algorithm != "ppo" or self.on_policy.entropy == 0.0):
+            raise InputError("teaching.teacher is for ppo, with on_policy.entropy above 0")
         if self.curriculum.begin > 0.0 and not posed(made):
             raise InputError("curriculum.begin needs env.guidance 'poses', or 0")
 
@@ -128,7 +149,7 @@ _WORLDS = {
 }
 
 
-def _env(points: bool, privileged: bool, trail: bool = False) -> dict[str, Any]:
+def _env(guided: bool, privileged: bool, trail: bool = False) -> dict[str, Any]:
     """Training's environment: 5 Hz, all noise, every chair another, half of them shielded."""
     task: dict[str, Any] = {
         "beams": 64,
@@ -139,14 +160,14 @@ def _env(points: bool, privileged: bool, trail: bool = False) -> dict[str, Any]:
         "privileged": privileged,
         "reward": {"progress": 0.1, "withheld": -0.02, "haste": -0.3},
     }
-    if not points:
-        task["look_ahead_time"] = []
+    if not guided:
+        task["unguided"] = True
     if trail:
         task["trail"] = [1.0, 2.0, 4.0, 8.0, 15.0]
     return {
         "scene": _WORLDS,
         "rate": 5.0,
-        "guidance": {"call": "poses", "share": 0.2},
+        "guidance": {"call": "poses", "share": 0.2 if guided else 0.0},
         "bank": {"size": 1024, "turnover": 0.0, "seed": 1, "cache": "runs/worlds"},
         "chair": {"randomise": True},
         "sensors": {"pose_source": "modelled"},
@@ -165,7 +186,12 @@ def _off(algorithm: Algorithm) -> Training:
 # What was tuned, by the name of its file in configs/.
 RECIPES: dict[str, Training] = {
     "ppo_guided": Training(env=_env(True, True)),
-    "ppo_goal": Training(env=_env(False, True, True), on_policy=OnPolicy(discount=0.995)),
+    "ppo_goal": Training(
+        env=_env(False, True, True),
+        on_policy=OnPolicy(discount=0.995, log_deviation=-1.5),
+        teaching=Teaching(teacher="ppo_guided"),
+        curriculum=Curriculum(begin=120.0),  # who is taught needs none
+    ),
     "recurrent_ppo": Training(
         algorithm="recurrent_ppo",
         env=_env(False, False),

@@ -17,16 +17,20 @@ from stable_baselines3 import PPO
 import wheelchair_gym
 from agents.cli import main
 from agents.commands.train import _varied
+from agents.learned import file_digest
 from agents.learning.curves import read_curve
 from agents.learning.demonstrations import Imitation, imitate
-from agents.learning.features import features
-from agents.learning.networks import Features, arrays_of
+from agents.learning.features import Layout, features
+from agents.learning.networks import Features, Teacher, arrays_of
 from agents.learning.run import POLICY, Run, train
 from agents.learning.settings import RECIPES, Training, plain, read_training
 from agents.learning.weights import Network, load_weights
-from tests.agents.tiny_runs import ENV, PRIVY, random_weights, tiny, trained_run
+from tests.agents.tiny_runs import ENV, ON, PRIVY, random_weights, tiny, trained_run
 from tests.conftest import ROOT
 from wheelchair_gym.config import InputError
+from wheelchair_gym.envs import NavigationVectorEnv
+from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.task.layout import PRIVATE
 
 MORE = ("recurrent_ppo", "td3", "tqc")
 
@@ -160,9 +164,63 @@ def test_imitation_comes_near_its_expert_and_warms_a_run(tmp_path):
         Run(tiny("ppo", env=privy, warm_start=file, hidden=[8]), 0, tmp_path / "other")
 
 
+def test_a_teacher_tells_its_student_what_it_would_do_where_it_sees_the_way(trained):
+    guided = load_weights(trained[1] / POLICY)
+    env = {**PRIVY, "task": {**PRIVY["task"], "unguided": True}}
+    tasks = [
+        NavigationVectorEnv(3, env_settings({**own, "starts": {}})).task for own in (PRIVY, env)
+    ]
+    shown, hidden = (
+        Layout.of(((key, box.shape[0]) for key, box in task.boxes.items()), True) for task in tasks
+    )
+    seen = np.random.default_rng(3).uniform(0.1, 3.0, (20, hidden.room)).astype(np.float32)
+    told = np.zeros((20, shown.room), np.float32)
+    for key, _ in shown.sizes:
+        secret = hidden.place(f"hidden_{key}")
+        told[:, shown.place(key)] = seen[:, secret if secret.stop else hidden.place(key)]
+    wanted, student = Network(guided)(told), env_settings({**env, "starts": {}})
+    assert np.abs(wanted).max() > 0.01
+    assert Teacher(guided, hidden, student)(torch.from_numpy(seen)).numpy() == pytest.approx(
+        wanted, abs=1e-5
+    )
+    blind = Layout.of([pair for pair in hidden.sizes if pair[0] not in PRIVATE], True)
+    with pytest.raises(InputError, match="teacher: it needs 20 numbers of path; observed are 0"):
+        Teacher(guided, blind, student)
+    with pytest.raises(InputError, match=r"teacher: its rate is 5\.0; expected 10\.0"):
+        Teacher(guided, hidden, dataclasses.replace(student, rate=10.0))
+
+
+def test_an_actor_is_drawn_to_its_teacher_until_it_lets_go(trained, tmp_path):
+    env = {**PRIVY, "task": {**PRIVY["task"], "unguided": True}}
+    teaching = {"teacher": str(trained[1] / POLICY), "weight": 50.0, "until": 0.8}
+    changes = {"env": env, "frames": 1920, "trials": {"episodes": 0}}
+    runs, leashes = [], []
+    for own in (teaching, {}):
+        rates = {**ON, "rate": 0.01}
+        run = Run(
+            tiny("ppo", **changes, on_policy=rates, teaching=own), 0, tmp_path / str(len(own))
+        )
+        while not run.done:
+            run.learn()
+            leashes.append(run.model.policy.leash)
+        run.close()
+        runs.append(run)
+    full = 50.0 / runs[0].own.on_policy.entropy
+    lets_go = [full * max(0.0, 1.0 - k / 24) for k in range(30)]
+    assert leashes == pytest.approx([*lets_go, *[0.0] * 30])
+    seen = torch.from_numpy(runs[1].model.rollout_buffer.observations.reshape(-1, run.layout.room))
+    wanted = runs[0].model.policy.teacher(seen)
+    with torch.no_grad():
+        means = [r.model.policy.get_distribution(seen).distribution.mean for r in runs]
+    near, far = (float(((mean - wanted) ** 2).mean()) for mean in means)
+    assert near < 0.3 * far
+    assert runs[0].weights({}).card["teacher"] == file_digest(trained[1] / POLICY)
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
+        ({"teaching": {"teacher": "x.npz"}, "on_policy": {"entropy": 0.0}}, "teaching.teacher is"),
         ({"algorithm": "sac"}, "x.json.algorithm is 'sac'; the command says ppo"),
         ({"frame": 3}, "x.json.frame is not a setting; it has"),
         ({"env": {"task": {"beamz": 3}}}, "beamz is not a setting"),

@@ -59,7 +59,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     | action | (2,) | -1 to 1 | the last one; with `task.last_action` |
     | shield | (3,) | 0 to 1, -2 to 2 | with `task.shield_state`: see there |
     | path | (10,) | -10 to 10 m | guided only: x, y of points ahead, in the chair's frame |
-    | gaps | (2,) or (12,) | -0.31 to 0.5 m | with `task.gaps`: see there |
+    | gaps | (30,) or (12,) | -0.31 to 0.5 m | with `task.gaps`: see there |
     | trail | (2k,) | -10 to 10 m | with `task.trail`: x, y of where it was, in its frame |
 
     ## Reward

@@ -120,8 +120,8 @@ class Worlds:
 
 # Settings of the task that leave worlds as they are: what is observed there, and rewarded.
 _SEEN = (
-    "beams", "look_ahead", "look_ahead_time", "last_action", "shield_state", "gaps", "trail",
-    "privileged", "reward",
+    "beams", "look_ahead", "look_ahead_time", "last_action", "shield_state", "gaps",
+    "trail", "unguided", "privileged", "reward",
 )  # fmt: skip
 
 

@@ -8,12 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import doubles_at, moves_at, rows_of, states_at, table_at
+from wheelchair_gym.address import doubles_at, floats_at, moves_at, rows_of, states_at, table_at
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.task.course import COURSE, seconds_to_go, to_go, way_to_go
 from wheelchair_gym.task.gaps import gaps, haste
 from wheelchair_gym.task.judge import TERMS, reached, weigh
-from wheelchair_gym.task.observe import bearing_to, look_ahead, look_ahead_poses, pool, see
+from wheelchair_gym.task.observe import (
+    bearing_to,
+    look_ahead,
+    look_ahead_poses,
+    pool,
+    see,
+)
 from wheelchair_gym.task.records import PROGRESS, RULES, VERDICT
 from wheelchair_gym.task.trail import begin_trail, lengthen_trail, look_back
 
@@ -50,8 +56,8 @@ def observe(
         twist: (2,) [m/s, rad/s].
         laser: (beams of the laser,) [m].
         ultrasonic: (rangers,) [m].
-        out: laser, ultrasonic, twist, goal, action, shield, path, gaps, trail and privileged, one
-            after another.
+        out: laser, ultrasonic, twist, goal, action, shield, path, gaps, trail,
+            privileged, hidden_path and hidden_gaps, one after another.
     """
     place = rules.beams
     valid = pool(laser, rules.laser_reach, out[:place])
@@ -74,29 +80,13 @@ def observe(
             out[place + 1 + i] = min(WITHHELD, max(-WITHHELD, own.withheld[i]))
         place += 3
     here = place  # where poses ahead begin, if any do
-    if rules.points > 0:
-        ahead = doubles_at(rules.ahead, rules.points)
-        if rules.posed:
-            look_ahead_poses(
-                states_at(course.words, course.word_rows, course.word_cols, course.headings),
-                moves_at(course.moves, course.n_moves, course.headings, 3),
-                course.word_cell,
-                course.word_origin,
-                pose,
-                course.goal,
-                ahead,
-                out[place : place + 4 * rules.points],
-            )
-            place += 4 * rules.points
-        else:
-            path = table_at(course.path, course.points, 2)
-            look_ahead(path, pose, ahead, out[place : place + 2 * rules.points])
-            place += 2 * rules.points
+    if rules.points > 0 and not rules.unguided:
+        place += tell_way(rules, course, pose, out[place:])
     if rules.gaps > 0:
-        poses, end = out[here : place if rules.posed else here], place + rules.gaps
-        directions = table_at(rules.directions, rules.laser_beams, 2)
-        gaps(laser, directions, rules.mount[:], rules.outline[:], poses, out[place:end])
-        place = end
+        poses = out[here:place]
+        if rules.fanned:
+            poses = floats_at(rules.fan, 2 * rules.gaps - 4)
+        place += tell_gaps(rules, laser, poses, out[place:])
     if rules.trail > 0:
         end = place + 2 * rules.trail
         look_back(own, pose, doubles_at(rules.back, rules.trail), out[place:end])
@@ -106,7 +96,42 @@ def observe(
         out[place] = min(seconds, LONG) if seconds >= 0.0 else LONG  # NaN: not known
         out[place + 1] = min(max(0.0, own.steps_left * rules.period), LONG)
         out[place + 2] = min(way_to_go(course, pose[0], pose[1]), LONG)
+        place += 3
+        if rules.unguided and rules.points > 0:
+            end = place + tell_way(rules, course, pose, out[place:])
+            if rules.gaps > 0:
+                tell_gaps(rules, laser, out[place:end], out[end:])
     return valid
+
+
+@borrowing_kernel
+def tell_way(rules: Any, course: Any, pose: Array, out: Floats) -> int:
+    """Tell of points or poses of the guidance ahead of a pose (3,); how many numbers that are."""
+    ahead = doubles_at(rules.ahead, rules.points)
+    if not rules.posed:
+        path = table_at(course.path, course.points, 2)
+        look_ahead(path, pose, ahead, out[: 2 * rules.points])
+        return int(2 * rules.points)
+    look_ahead_poses(
+        states_at(course.words, course.word_rows, course.word_cols, course.headings),
+        moves_at(course.moves, course.n_moves, course.headings, 3),
+        course.word_cell,
+        course.word_origin,
+        pose,
+        course.goal,
+        ahead,
+        out[: 4 * rules.points],
+    )
+    return int(4 * rules.points)
+
+
+@borrowing_kernel
+def tell_gaps(rules: Any, laser: Floats, poses: Floats, out: Floats) -> int:
+    """Tell of gaps, where the chair is and at poses (4 k,) ahead; how many numbers that are."""
+    count = int(2 + poses.shape[0] // 2)
+    directions = table_at(rules.directions, rules.laser_beams, 2)
+    gaps(laser, directions, rules.mount[:], rules.outline[:], poses, out[:count])
+    return count
 
 
 @borrowing_kernel

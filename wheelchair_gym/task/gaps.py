@@ -20,6 +20,20 @@ NEAR = 0.2  # m from the outline, from which on haste counts
 BEYOND = 0.05  # m before and behind the outline that count as beside it
 
 
+def _fan() -> Floats:
+    """Poses that a chair may take next: on arcs of two lengths, and where it pivots."""
+    arcs = [(0.5, turn) for turn in (-0.8, -0.4, 0.0, 0.4, 0.8)]
+    arcs += [(1.1, turn) for turn in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+    arcs += [(0.0, turn) for turn in (-1.0, -0.5, 0.5, 1.0)]
+    way, turn = np.array(arcs).T
+    chord = way * np.sinc(0.5 * turn / np.pi)
+    x, y = chord * np.cos(0.5 * turn), chord * np.sin(0.5 * turn)
+    return np.stack([x, y, np.cos(turn), np.sin(turn)], -1).astype(np.float32).ravel()
+
+
+FAN = _fan()  # (4 k,) x and y [m], cosine and sine of the heading, of each
+
+
 @borrowing_kernel
 def haste(scan: Floats, directions: Array, mount: Array, outline: Array, twist: Array) -> float:
     """Squared speed [m2/s2] of the outline's fastest corner, less the farther off all is.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import gymnasium as gym
@@ -12,6 +13,8 @@ from wheelchair_gym.task.assess import LONG, WITHHELD
 from wheelchair_gym.task.gaps import GAP_REACH
 from wheelchair_gym.task.observe import GOAL_REACH, PATH_REACH
 from wheelchair_gym.task.settings import TaskSettings
+
+PRIVATE = "privileged", "hidden_path", "hidden_gaps"  # keys for critics and teachers; they are last
 
 
 def boxes(
@@ -40,25 +43,33 @@ def boxes(
     if settings.shield_state:
         low = np.array([0.0, -WITHHELD, -WITHHELD], np.float32)
         spaces["shield"] = gym.spaces.Box(low, np.array([1.0, WITHHELD, WITHHELD], np.float32))
-    if rules["points"]:
-        each = [PATH_REACH, PATH_REACH, 1.0, 1.0][: 4 if rules["posed"] else 2]
-        most = np.tile(np.array(each, np.float32), int(rules["points"]))
-        spaces["path"] = gym.spaces.Box(-most, most)
+    each = [PATH_REACH, PATH_REACH, 1.0, 1.0][: 4 if rules["posed"] else 2]
+    ahead = np.tile(np.array(each, np.float32), int(rules["points"]))
+    if rules["points"] and not settings.unguided:
+        spaces["path"] = gym.spaces.Box(-ahead, ahead)
     if settings.gaps:
-        low = np.full(rules["gaps"], -half_width, np.float32)
-        spaces["gaps"] = gym.spaces.Box(low, np.full_like(low, GAP_REACH))
+        spaces["gaps"] = _gaps(int(rules["gaps"]), half_width)
     if settings.trail:
         most = np.full(2 * len(settings.trail), PATH_REACH, np.float32)
         spaces["trail"] = gym.spaces.Box(-most, most)
     if settings.privileged:
         spaces["privileged"] = gym.spaces.Box(0.0, LONG, (3,), np.float32)
+        if rules["points"] and settings.unguided:
+            spaces["hidden_path"] = gym.spaces.Box(-ahead, ahead)
+            if settings.gaps:
+                spaces["hidden_gaps"] = _gaps(2 + 2 * int(rules["points"]), half_width)
     return spaces
 
 
-def places(spaces: dict[str, Any]) -> tuple[dict[str, slice], int]:
-    """Where each key stands in an observation written in one piece, and of how many numbers."""
+def _gaps(count: int, half_width: float) -> Any:
+    low = np.full(count, -half_width, np.float32)
+    return gym.spaces.Box(low, np.full_like(low, GAP_REACH))
+
+
+def places(sizes: Iterable[tuple[str, int]]) -> dict[str, slice]:
+    """Where each key stands in an observation written in one piece, by how many numbers tell it."""
     found, begin = {}, 0
-    for key, box in spaces.items():
-        found[key] = slice(begin, begin + box.shape[0])
-        begin += box.shape[0]
-    return found, begin
+    for key, size in sizes:
+        found[key] = slice(begin, begin + size)
+        begin += size
+    return found

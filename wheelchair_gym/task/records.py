@@ -23,9 +23,12 @@ RULES = np.dtype(
         ("points", "i8"),  # of the guidance looked at; 0: none
         ("ahead", "u8"),  # address of their distances (points,) [m], or plan times [s]
         ("posed", "b1"),  # they are poses at plan times
+        ("unguided", "b1"),  # they are for critics alone
         ("last_action", "b1"),  # is observed
         ("shield_state", "b1"),  # is observed
         ("gaps", "i8"),  # numbers that tell the gaps; 0: none
+        ("fanned", "b1"),  # at a fan of poses, not at those of the guidance
+        ("fan", "u8"),  # address of `gaps.FAN`
         ("outline", "f8", (3,)),  # `Footprint.array`
         ("mount", "f8", (2,)),  # m: of the laser
         ("directions", "u8"),  # address of the beams' directions (laser_beams, 2)

@@ -70,12 +70,18 @@ class TaskSettings:
     gaps: bool = setting(
         default=False,
         source="true: how far the outline could move to the left and to the right before it "
-        "touches what the scan shows, where it stands and at each pose ahead, is observed, too",
+        "touches what the scan shows, is observed, too: where it stands and at each pose ahead; "
+        "where none is looked at, at a fan of poses that it may take next",
     )
     trail: tuple[float, ...] = setting(
         default=(), unit="m", low=0.0, high=15.0,
         source="of way ago: where it was then is observed, too; at first, where it began",
     )  # fmt: skip
+    unguided: bool = setting(
+        default=False,
+        source="true: poses ahead, and the gaps there, are for a critic and a teacher alone, under "
+        "keys of their own where 'privileged' is, too",
+    )
     privileged: bool = setting(
         default=False, source="true: a critic's key 'privileged' is observed; in training only"
     )

@@ -17,6 +17,7 @@ from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.task.assess import assess_alone, start_task
 from wheelchair_gym.task.course import AIMS, Course, way_from
+from wheelchair_gym.task.gaps import FAN
 from wheelchair_gym.task.judge import TERMS, Verdict, reached
 from wheelchair_gym.task.layout import boxes, places
 from wheelchair_gym.task.records import ALONE, PROGRESS, RULES, VERDICT
@@ -103,6 +104,8 @@ class Task:
         self.posed = bool(getattr(guidance, "poses", False))
         if settings.aim == "time" and not self.posed:
             raise InputError("task.aim is 'time'; it needs the guidance 'poses'")
+        if settings.unguided and guidance is not None and not self.posed:
+            raise InputError("task.unguided needs the guidance 'poses', or none")
         self._ahead = np.array(settings.look_ahead_time if self.posed else settings.look_ahead)
         self._back = np.array(settings.trail, np.float64)
         self._directions = sensors.laser.directions
@@ -115,7 +118,8 @@ class Task:
         for name, row in rows.items():
             self._alone[name] = address_of(row)
         self.boxes = boxes(settings, self.rules[0], self._reaches, self.footprint.half_width)
-        self._places, self.room = places(self.boxes)
+        self._places = places((key, box.shape[0]) for key, box in self.boxes.items())
+        self.room = sum(box.shape[0] for box in self.boxes.values())
 
     def _set_rules(self) -> None:
         r, s, limits = cast("Any", self.rules[0]), self.settings, self.limits
@@ -130,7 +134,10 @@ class Task:
         r["ahead"], r["posed"] = address_of(self._ahead), self.posed
         r["last_action"], r["privileged"] = s.last_action, s.privileged
         r["shield_state"] = s.shield_state
-        r["gaps"] = 2 + 2 * int(r["points"]) * self.posed if s.gaps else 0
+        r["unguided"] = s.unguided
+        r["fanned"] = s.unguided or not (self.posed and r["points"])
+        poses = len(FAN) // 4 if r["fanned"] else int(r["points"])
+        r["gaps"], r["fan"] = (2 + 2 * poses) * s.gaps, address_of(FAN)
         r["trail"], r["back"] = len(self._back), address_of(self._back)
         laser = self.sensors.laser
         r["outline"], r["mount"] = self.footprint.array, (laser.x, laser.y)
