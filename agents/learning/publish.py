@@ -93,6 +93,13 @@ def _percent(row: Mapping[str, Any], key: str) -> str:
     return f"{100.0 * row[key]:.1f} ({low:.1f} to {high:.1f})"
 
 
+def _taught(card: Mapping[str, Any]) -> list[str]:
+    if card.get("teacher") is None:
+        return []
+    name = card["training"]["teaching"]["teacher"]
+    return [f"- Teacher: {name}, whose arrays' SHA-256 begins with {card['teacher'][:12]}"]
+
+
 def _shielded(card: Mapping[str, Any]) -> str:
     env = card["env"]
     if env.get("shield") is None:
@@ -116,6 +123,7 @@ def markdown(name: str, card: Mapping[str, Any]) -> str:
         f"periods a second (seeds {', '.join(seeds)}; trials included) on "
         f"{card['machine']['cores']} cores of {card['machine']['cpu']}",
         f"- Versions: {', '.join(f'{key} {value}' for key, value in card['versions'].items())}",
+        *_taught(card),
         f"- Limits: {card['limits']}.",
         "",
         "## Results",

@@ -17,7 +17,6 @@ from typing import Any
 import torch
 from stable_baselines3.common.utils import set_random_seed
 
-from agents.learned import file_digest
 from agents.learning.checkpoint import (
     load_checkpoint,
     save_checkpoint,
@@ -76,7 +75,8 @@ class Run:
     ) -> None:
         self.own, self.seed, self.folder = own, seed, folder
         teacher = own.teaching.teacher
-        self._teacher = None if teacher is None else file_digest(find_weights(teacher))
+        known = None if teacher is None else load_weights(find_weights(teacher))
+        self._teacher = None if known is None else known.digest
         self._identity = json.dumps([plain(own), seed, self._teacher], sort_keys=True)
         content = load_checkpoint(folder)
         if content is not None and content["identity"] != self._identity:
@@ -97,8 +97,7 @@ class Run:
         self.layout = Layout.of(sizes, env.task.posed)
         self._trials: NavigationVectorEnv | None = None
         self.model = make_model(own, seed, self.env, self.layout)
-        if teacher is not None:
-            known = load_weights(find_weights(teacher))
+        if known is not None:
             self.model.policy.teacher = Teacher(known, self.layout, self._env_settings)
         self.tally = Tally()
         self.worlds.within = own.curriculum.begin

@@ -44,6 +44,11 @@ class Weights:
         return int(self.arrays["lstm.h"].shape[1]) if "lstm.h" in self.arrays else 0
 
     @property
+    def digest(self) -> str:
+        """SHA-256 of its arrays, whatever the card says."""
+        return _digest(self.arrays, "")
+
+    @property
     def dense(self) -> int:
         """How many layers there are, the last one gives actions."""
         return sum(name.startswith("dense") and name.endswith(".w") for name in self.arrays)
