@@ -166,6 +166,7 @@ SUITES["league"] = Suite(
         "lattice+mppi",
         "lattice+woa",
         BEST,
+        "ppo_guided",
     ),
     (
         *SUITES["homes"].scenes,

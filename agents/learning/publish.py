@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from agents.learning.curves import read_curve
@@ -63,10 +64,8 @@ def _trials(folder: Path) -> list[list[float]]:
 
 
 def _speed(folder: Path) -> float:
-    """Frames a second over a whole run, trials included."""
-    rows = read_curve(folder)
-    seconds = sum(float(row["wall_time_s"]) for row in rows)
-    return round(float(rows[-1]["frames"]) / seconds) if seconds else 0.0
+    """Frames a second of the middle one of a run's parts, trials apart."""
+    return round(median(float(row["frames_per_second_s"]) for row in read_curve(folder)))
 
 
 def _results(file: Path, names: Mapping[str, str], name: str) -> list[dict[str, Any]]:
@@ -120,7 +119,7 @@ def markdown(name: str, card: Mapping[str, Any]) -> str:
         "",
         f"- Command: `{card['command']}`, at commit {card['commit']}",
         f"- Speed: {', '.join(f'{speed:,.0f}' for speed in card['speeds'].values())} control "
-        f"periods a second (seeds {', '.join(seeds)}; trials included) on "
+        f"periods a second (seeds {', '.join(seeds)}; trials apart) on "
         f"{card['machine']['cores']} cores of {card['machine']['cpu']}",
         f"- Versions: {', '.join(f'{key} {value}' for key, value in card['versions'].items())}",
         *_taught(card),

@@ -10,14 +10,17 @@ import numpy as np
 import pytest
 
 from agents.cli import main
-from agents.evaluate import drive_episode, episode_key
+from agents.compare import SUITES
+from agents.evaluate import drive_episode, episode_key, evaluate
 from agents.learned import file_digest
 from agents.learning.checkpoint import NAME, load_checkpoint
+from agents.learning.publish import markdown
 from agents.learning.run import BEST, POLICY, Run, train
-from agents.learning.weights import Network, load_weights, save_weights
+from agents.learning.weights import Network, load_weights, save_weights, shipped
 from agents.occlusion import hidden_beams, hidden_parts
 from agents.policy import make_policy
 from tests.agents.tiny_runs import ENV, random_weights, tiny, trained_run
+from tests.conftest import ROOT
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 
@@ -345,3 +348,18 @@ def test_what_a_policy_looks_at_is_what_its_action_hangs_on(tmp_path, capsys):
         main([*drawn, "--at", "1.5"])
     assert main(["inspect", "straight"]) == 2
     assert main(["inspect", str(file), "--out", "looks.xyz"]) == 2
+
+
+@pytest.mark.parametrize("name", sorted(shipped()))
+def test_weights_that_come_with_the_package_are_small_told_of_and_drive(name, tmp_path):
+    path = shipped()[name]
+    assert path.stat().st_size < 3_000_000
+    card = load_weights(path).card
+    assert markdown(name, card) == path.with_suffix(".md").read_text()
+    assert {row["seed"] for row in card["results"]} == set(card["curves"])
+    assert f"`{name}`" in (ROOT / "README.md").read_text()
+    records = evaluate(
+        [name], SUITES["homes"].scenes, range(3), env={"pose_source": "modelled"},
+        folder=tmp_path, progress=False,
+    )  # fmt: skip
+    assert sum(record["success"] for record in records) >= 2
