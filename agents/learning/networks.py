@@ -15,7 +15,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from agents.learning.features import Layout, features
-from agents.learning.weights import Floats, Weights
+from agents.learning.weights import Floats, Network, Weights
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.task.layout import PRIVATE
@@ -90,11 +90,10 @@ class Teacher:
         ):
             if here != there:
                 raise InputError(f"teacher: its {name} is {there}; expected {here}")
-        own = Layout.of(
-            [pair for pair in weights.layout.sizes if pair[0] not in PRIVATE], weights.layout.posed
-        )
         places = []
-        for key, size in own.sizes:
+        for key, size in weights.layout.sizes:
+            if key in PRIVATE:
+                continue
             at = layout.place(f"hidden_{key}")
             at = at if at.stop else layout.place(key)
             if at.stop - at.start != size:
@@ -102,26 +101,11 @@ class Teacher:
                     f"teacher: it needs {size} numbers of {key}; observed are {at.stop - at.start}"
                 )
             places.append(np.arange(at.start, at.stop))
-        self._places = torch.from_numpy(np.concatenate(places))
-        self._layout = own
-        self._told = torch.from_numpy(own.scaled), torch.from_numpy(own.scales)
-        self._dense = [
-            [torch.from_numpy(weights.arrays[f"dense{k}.{part}"]) for part in "wb"]
-            for k in range(weights.dense)
-        ]
-        self._head = torch.tanh if weights.card["head"] == "tanh" else _clipped
+        self._places, self._network = np.concatenate(places), Network(weights)
 
-    @torch.no_grad()
     def __call__(self, observations: torch.Tensor) -> torch.Tensor:
         """Actions (n, 2) in [-1, 1] for a student's flat observations (n, room)."""
-        x = features(torch, observations[:, self._places], self._layout, *self._told)
-        for k, (w, b) in enumerate(self._dense):
-            x = nn.functional.linear(x if k == 0 else torch.relu(x), w, b)
-        return self._head(x)
-
-
-def _clipped(x: torch.Tensor) -> torch.Tensor:
-    return x.clip(-1.0, 1.0)
+        return torch.from_numpy(self._network(observations.numpy()[:, self._places]))
 
 
 class AsymmetricPolicy(ActorCriticPolicy):

@@ -7,7 +7,7 @@ import pytest
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
-from wheelchair_gym.task.gaps import FAN, gaps
+from wheelchair_gym.task.gaps import fan, gaps
 from wheelchair_gym.task.layout import PRIVATE
 
 TASK = {"beams": 32, "gaps": True, "privileged": True}
@@ -49,12 +49,12 @@ def test_who_sees_no_poses_ahead_sees_the_gaps_at_a_fan_of_them(guidance):
     seen = env.reset(seed=1)[0]["gaps"]
     expected, laser = np.empty_like(seen), env.settings.sensors.laser
     mount, outline = np.array([laser.x, laser.y]), env.task.footprint.array
-    gaps(env.task.reading.laser, laser.directions, mount, outline, FAN, expected)
+    gaps(env.task.reading.laser, laser.directions, mount, outline, fan(), expected)
     assert np.array_equal(seen, expected)
 
 
 def test_the_fan_lies_on_arcs_to_both_sides_and_on_the_spot():
-    x, y, c, s = FAN.reshape(-1, 4).T
+    x, y, c, s = fan().reshape(-1, 4).T
     assert np.hypot(c, s) == pytest.approx(1.0)
     turn = np.arctan2(s, c)
     assert np.arctan2(y, x) == pytest.approx(np.where(np.hypot(x, y) > 0.0, 0.5 * turn, 0.0))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import rectangle_point_gap
 from wheelchair_gym.kernel import borrowing_kernel
-from wheelchair_gym.kinematics import corner_speed
+from wheelchair_gym.kinematics import arc_step, corner_speed
 from wheelchair_gym.sensing.laser import middle
 
 Array = NDArray[np.float64]
@@ -20,18 +21,17 @@ NEAR = 0.2  # m from the outline, from which on haste counts
 BEYOND = 0.05  # m before and behind the outline that count as beside it
 
 
-def _fan() -> Floats:
-    """Poses that a chair may take next: on arcs of two lengths, and where it pivots."""
-    arcs = [(0.5, turn) for turn in (-0.8, -0.4, 0.0, 0.4, 0.8)]
-    arcs += [(1.1, turn) for turn in (-1.0, -0.5, 0.0, 0.5, 1.0)]
-    arcs += [(0.0, turn) for turn in (-1.0, -0.5, 0.5, 1.0)]
-    way, turn = np.array(arcs).T
-    chord = way * np.sinc(0.5 * turn / np.pi)
-    x, y = chord * np.cos(0.5 * turn), chord * np.sin(0.5 * turn)
-    return np.stack([x, y, np.cos(turn), np.sin(turn)], -1).astype(np.float32).ravel()
+@cache
+def fan() -> Floats:
+    """Poses that a chair may take next (4 k,): on arcs of two lengths, and where it pivots.
 
-
-FAN = _fan()  # (4 k,) x and y [m], cosine and sine of the heading, of each
+    x and y [m], cosine and sine of the heading, of each.
+    """
+    ways = [(0.5, turn) for turn in (-0.8, -0.4, 0.0, 0.4, 0.8)]
+    ways += [(1.1, turn) for turn in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+    ways += [(0.0, turn) for turn in (-1.0, -0.5, 0.5, 1.0)]
+    x, y, yaw = np.array([arc_step(0.0, 0.0, 0.0, way, turn, 1.0) for way, turn in ways]).T
+    return np.stack([x, y, np.cos(yaw), np.sin(yaw)], -1).astype(np.float32).ravel()
 
 
 @borrowing_kernel

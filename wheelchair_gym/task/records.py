@@ -28,7 +28,7 @@ RULES = np.dtype(
         ("shield_state", "b1"),  # is observed
         ("gaps", "i8"),  # numbers that tell the gaps; 0: none
         ("fanned", "b1"),  # at a fan of poses, not at those of the guidance
-        ("fan", "u8"),  # address of `gaps.FAN`
+        ("fan", "u8"),  # address of `gaps.fan()`
         ("outline", "f8", (3,)),  # `Footprint.array`
         ("mount", "f8", (2,)),  # m: of the laser
         ("directions", "u8"),  # address of the beams' directions (laser_beams, 2)

@@ -17,7 +17,7 @@ from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.task.assess import assess_alone, start_task
 from wheelchair_gym.task.course import AIMS, Course, way_from
-from wheelchair_gym.task.gaps import FAN
+from wheelchair_gym.task.gaps import fan
 from wheelchair_gym.task.judge import TERMS, Verdict, reached
 from wheelchair_gym.task.layout import boxes, places
 from wheelchair_gym.task.records import ALONE, PROGRESS, RULES, VERDICT
@@ -135,9 +135,10 @@ class Task:
         r["last_action"], r["privileged"] = s.last_action, s.privileged
         r["shield_state"] = s.shield_state
         r["unguided"] = s.unguided
-        r["fanned"] = s.unguided or not (self.posed and r["points"])
-        poses = len(FAN) // 4 if r["fanned"] else int(r["points"])
-        r["gaps"], r["fan"] = (2 + 2 * poses) * s.gaps, address_of(FAN)
+        if s.gaps:
+            r["fanned"] = s.unguided or not (self.posed and r["points"])
+            r["gaps"] = 2 + (len(fan()) // 2 if r["fanned"] else 2 * int(r["points"]))
+            r["fan"] = address_of(fan())
         r["trail"], r["back"] = len(self._back), address_of(self._back)
         laser = self.sensors.laser
         r["outline"], r["mount"] = self.footprint.array, (laser.x, laser.y)
