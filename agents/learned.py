@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from agents.learning.features import Layout
 from agents.learning.weights import Network, find_weights, load_weights
+from agents.unseen import BEYOND
 from wheelchair_gym.config import InputError, load, setting, settings
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings
@@ -137,7 +138,10 @@ class LearnedDriver:
         pose = task.reading.pose
         goal = np.zeros(3)
         goal[: len(task.goal)] = task.goal
-        episode = Episode(task.map, pose, goal, tolerance=task.tolerance)
+        known = task.map
+        if task.chart is not None:  # the way may lead beyond what is drawn
+            known = known.holding(np.stack([pose[:2], goal[:2]]), BEYOND)
+        episode = Episode(known, pose, goal, tolerance=task.tolerance)
         self._course = self._eye.prepare(episode)
         self._eye.begin(self._course, task.reading, task.key, task.guarded)
         self._task.path = self._course.path

@@ -31,7 +31,7 @@ from agents.reference import Reference
 from agents.scripted import Observation, episode_rng
 from agents.surroundings import Surroundings
 from agents.telling import Telling
-from agents.unseen import assumed, blind_behind, walled
+from agents.unseen import BEYOND, assumed, blind_behind, walled
 from agents.widest import widest_plan
 from planners import make_planner
 from planners.types import Plan, Status
@@ -65,7 +65,7 @@ class Planned:
     least: float = setting(default=0.28, unit="m", source="a cell under the half width", low=0.0)
     astray: float = setting(default=0.8, unit="m", source="farther off the path: replan", low=0.05)
     beyond: float = setting(
-        default=5.0, unit="m", source="ways through the unknown may lead so far round", low=0.5
+        default=BEYOND, unit="m", source="ways through the unknown may lead so far round", low=0.5
     )
     redraw: float = setting(
         default=0.5, unit="s", source="between two looks at a map that grows", low=0.0

@@ -14,6 +14,7 @@ from wheelchair_gym.maps.distance import near
 
 Array = NDArray[np.float64]
 
+BEYOND = 5.0  # m: ways through the unknown may lead so far round
 BLIND = 1.5  # m: what has not been seen so near the chair may be hit before it is seen
 BESIDE = 0.10  # m round the chair, where it is taken to stand free
 BEHIND = 0.25  # m: backing at 0.2 m/s comes to rest within

@@ -120,6 +120,17 @@ def test_a_driver_holds_its_action_where_control_is_faster(trained):
         policy.reset(env.task)
 
 
+def test_on_a_map_that_grows_the_way_leads_beyond_what_is_drawn():
+    env = NavigationEnv({"name": "floor_plan", "kind": "home"}, pose_source="slam")
+    env.reset(seed=5)
+    x0, y0, x1, y1 = env.task.map.bounds
+    gx, gy = env.task.goal[:2]
+    assert not (x0 < gx < x1 and y0 < gy < y1)
+    make_policy("ppo_guided").reset(env.task)
+    assert len(env.task.path) > 2  # where no way is known, it is one straight line
+    assert np.hypot(*(env.task.path[-1] - (gx, gy))) < env.task.tolerance
+
+
 def test_files_that_are_not_whole_are_refused_in_one_line(trained, tmp_path, capsys):
     _, folder = trained
     content = (folder / POLICY).read_bytes()
