@@ -27,7 +27,8 @@ from wheelchair_gym.types import Episode
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-RELOOK = 1.0  # s between two looks at a map that grows: its ways take a third of that
+RELOOK = 1.0  # s between two looks at a map that grows
+SLACK = 4.0  # s: till then a chair may have strayed so far from the way
 
 
 @settings
@@ -125,7 +126,10 @@ class LearnedDriver:
         self._task = task
         # The chair that drives is this one; what is seen of it is as in training.
         chair = dataclasses.replace(ChairSettings(), footprint=task.footprint, limits=task.limits)
-        spec = {"call": "poses", "ways": _ways(env)} if self.layout.posed else env.guidance
+        spec = env.guidance
+        if self.layout.posed:
+            slack = None if task.chart is None else SLACK
+            spec = {"call": "poses", "ways": _ways(env), "slack": slack}
         guidance = make_guidance(spec) if shown else None
         self._eye = Task(own, chair, task.sensors, self._hold * task.period, guidance)
         self.network.reset(1)

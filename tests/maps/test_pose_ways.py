@@ -69,6 +69,34 @@ def test_a_door_that_is_too_narrow_is_no_way_and_slimmer_outlines_find_one():
     assert np.isfinite(slim.time(start))
 
 
+@pytest.mark.parametrize("scene", ["clutter", "floor_plan", "barn"])
+def test_ways_from_one_start_are_as_quick_and_fewer_are_looked_at(scene):
+    for seed in range(3):
+        episode = make_scene(scene).sample(np.random.default_rng(seed))
+        frame = np.array([1.0, -2.0, 0.4 * seed])
+        grid = dataclasses.replace(episode.map, origin=tuple(frame))
+        start, goal = (
+            np.append(to_world(pose[:2] - episode.map.origin[:2], frame), pose[2] + frame[2])
+            for pose in (episode.start, episode.goal)
+        )
+        every, some = (
+            pose_ways(grid, goal, Footprint(), Limits(), starts=[start], slack=slack)
+            for slack in (None, 3.0)
+        )
+        way = some.path(start)
+        assert some.time(start) == pytest.approx(every.time(start), abs=0.4)
+        assert np.hypot(*(way[-1] - goal)[:2]) < 0.05
+        left = every.time(start) - every.time(way)
+        assert left.max() > every.time(start) - 0.4  # its end is at the goal by the other's clock
+        # A little beside the way, ways are known, too.
+        aside = np.add(way[:-5], [0.0, 0.0, 0.1])
+        assert np.isfinite(some.time(aside)).all()
+        known = [np.mean(ways.words >> 18 != (1 << 14) - 1) for ways in (every, some)]
+        assert known[1] < known[0]
+    with pytest.raises(ValueError, match="slack"):
+        pose_ways(grid, goal, Footprint(), Limits(), slack=1.0)
+
+
 def test_ways_turn_with_the_map():
     episode = make_scene("clutter").sample(np.random.default_rng(2))
     turned = dataclasses.replace(episode.map, origin=(2.0, -1.0, 0.7))

@@ -36,6 +36,10 @@ class PoseGuidance:
 
     poses = True  # what `Task` asks a guidance for
     ways: WaysSettings = WaysSettings()
+    slack: float | None = setting(
+        default=None, unit="s", low=0.0,
+        source="only ways so much dearer than from the start are sought; none: all",
+    )  # fmt: skip
     share: float = setting(
         default=0.0, source="of worlds whose map is told less than well", low=0.0, high=1.0
     )
@@ -54,6 +58,7 @@ class PoseGuidance:
             tolerance=DEEP * max(0.0, task.tolerance - task.settings.doubt),
             starts=[task.start],
             own=self.ways,
+            slack=self.slack,
         )
 
     def _told(self, task: Task) -> OccupancyGrid:

@@ -8,7 +8,7 @@ the map's raster.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +31,7 @@ from wheelchair_gym.maps.pose_ways import (
     PoseWays,
     Whole,
     Words,
+    to_local,
 )
 
 Array = NDArray[np.float64]
@@ -78,8 +79,13 @@ def _spread(
     wish: float,
     dear: float,
     margin: float,
+    start: Whole,
+    ease: float,
+    slack: int,
 ) -> Words:
-    """Dijkstra's algorithm from the goal backwards, with a bucket for each tick of time.
+    """A search from the goal backwards, with a bucket for each tick of time.
+
+    Dijkstra's algorithm for the ways from everywhere; A* (Hart et al. 1968) for those from a start.
 
     Args:
         field: distances (rows, cols) [m] on the map's raster.
@@ -95,6 +101,9 @@ def _spread(
         wish: gap [m] beyond which more is worth nothing.
         dear: how many times dearer a move is at no gap.
         margin: least gap [m].
+        start: row, column and heading that ways are sought from.
+        ease: ticks that a cell on the way to it takes at least; 0 for ways from everywhere.
+        slack: ticks that the search goes on when it is there.
     """
     rows, cols = shape
     headings = moves.shape[1]
@@ -102,7 +111,7 @@ def _spread(
     far = np.uint32(FAR) << np.uint32(TIME)
     words = np.full(count, far, np.uint32)
     ahead, behind = np.full(count, -1, np.int32), np.full(count, -1, np.int32)
-    heads = np.full(_BUCKETS, -1, np.int32)
+    heads, waits = np.full(_BUCKETS, -1, np.int32), np.full(count, -1, np.int16)
     cosines = np.cos(np.arange(headings) * (2.0 * math.pi / headings))
     sines = np.sin(np.arange(headings) * (2.0 * math.pi / headings))
     size = cell / UNITS
@@ -119,23 +128,30 @@ def _spread(
             words[state] = np.uint32(
                 (REST << MOVE) | ((x & (UNITS - 1)) << X_BITS) | (y & (UNITS - 1))
             )
-            ahead[state], behind[state] = heads[0], -1
+            ahead[state], behind[state], waits[state] = heads[0], -1, 0
             if heads[0] >= 0:
                 behind[heads[0]] = state
             heads[0] = state
             waiting += 1
-    ticks = 0
-    while waiting > 0 and ticks < FAR - _BUCKETS:
-        bucket = ticks % _BUCKETS
+    now, last, apart = 0, FAR - _BUCKETS, 0.0
+    if seeds.shape[0] > 0:  # cells between the start and the goal
+        apart = math.hypot((seeds[0, 1] >> X_BITS) - start[0], (seeds[0, 0] >> X_BITS) - start[1])
+    while waiting > 0 and now < last:
+        bucket = now % _BUCKETS
         while heads[bucket] >= 0:
             state = heads[bucket]
             heads[bucket] = ahead[state]
             if ahead[state] >= 0:
                 behind[ahead[state]] = -1
+            waits[state] = -1
             waiting -= 1
             k = state % headings
             row, col = state // headings // cols, state // headings % cols
+            near = max(abs(row - start[0]), abs(col - start[1])) <= 1
+            if ease > 0.0 and near and (k - start[2] + 1) % headings <= 2:
+                last = min(last, now + slack)
             word = words[state]
+            ticks = int(word >> np.uint32(TIME))
             before = (word >> np.uint32(MOVE)) & np.uint32(15)
             x = col * UNITS + int((word >> np.uint32(X_BITS)) & np.uint32(UNITS - 1))
             y = row * UNITS + int(word & np.uint32(UNITS - 1))
@@ -162,24 +178,28 @@ def _spread(
                 then = ticks + max(1, round(spent * TICKS))
                 if then >= known:
                     continue
-                if known != FAR:  # it waits in a later bucket: take it out
+                if waits[other] >= 0:
                     if behind[other] >= 0:
                         ahead[behind[other]] = ahead[other]
                     else:
-                        heads[known % _BUCKETS] = ahead[other]
+                        heads[waits[other]] = ahead[other]
                     if ahead[other] >= 0:
                         behind[ahead[other]] = behind[other]
                     waiting -= 1
                 words[other] = (np.uint32(then) << np.uint32(TIME)) | np.uint32(
                     (m << MOVE) | ((x0 & (UNITS - 1)) << X_BITS) | (y0 & (UNITS - 1))
                 )
-                place = then % _BUCKETS
-                ahead[other], behind[other] = heads[place], -1
+                due = then
+                if ease > 0.0:
+                    due += int(ease * (math.hypot(r0 - start[0], c0 - start[1]) - apart))
+                    due = max(now, due)
+                place = due % _BUCKETS
+                ahead[other], behind[other], waits[other] = heads[place], -1, place
                 if heads[place] >= 0:
                     behind[heads[place]] = other
                 heads[place] = other
                 waiting += 1
-        ticks += 1
+        now += 1
     return words
 
 
@@ -216,10 +236,11 @@ def pose_ways(
     limits: Limits,
     *,
     tolerance: float = 0.0,
-    starts: Iterable[ArrayLike] = (),
+    starts: Sequence[ArrayLike] = (),
     own: WaysSettings | None = None,
+    slack: float | None = None,
 ) -> PoseWays:
-    """Quickest ways to a goal from every pose.
+    """Quickest ways to a goal from every pose, or from about one start.
 
     Args:
         grid: the map; what is not known to be solid may be driven on, what lies beyond may not.
@@ -229,7 +250,14 @@ def pose_ways(
         tolerance: how far [m] from the goal its axle may end.
         starts: poses (3,) from which a way shall lead: where none does, a smaller outline is tried.
         own: settings; None: the defaults.
+        slack: s; only ways that may be so much dearer than those from the first start are sought,
+            which is sooner done. None: all are.
+
+    Raises:
+        ValueError: there is slack, but no start.
     """
+    if slack is not None and not starts:
+        raise ValueError("slack needs a start")
     own = own or WaysSettings()
     moves, cost, kind = _moves(own, limits)
     reach = footprint.reach + own.wish + grid.resolution
@@ -245,11 +273,18 @@ def pose_ways(
     inside = (seeds >= 0) & (seeds < np.array([cols, rows]) * UNITS)
     seeds = np.ascontiguousarray(seeds[inside.all(axis=1)])
     switch = 0.5 * limits.forward / limits.acceleration  # half the time to go to full speed
+    begin, ease = np.zeros(3, np.int32), 0.0
+    if slack is not None:
+        ease = own.cell * TICKS / max(limits.forward, limits.backward)
+        x, y, yaw = to_local(grid.origin, *np.asarray(starts[0], np.float64).tolist())
+        turn = 2.0 * math.pi / own.headings
+        begin[:] = y // own.cell, x // own.cell, round(yaw / turn) % own.headings
     for k in range(own.tries):
         words = _spread(
             field, 1.0 / grid.resolution, (rows, cols), own.cell,
             outline_discs(footprint, k * own.slimmer), moves, cost, kind, seeds, switch,
             own.wish, own.dear, own.margin if k == 0 else 0.0,
+            begin, ease, round((slack or 0.0) * TICKS),
         )  # fmt: skip
         ways = PoseWays(words.reshape(rows, cols, own.headings), moves, own.cell, grid.origin)
         if all(math.isfinite(float(ways.time(start))) for start in starts):
