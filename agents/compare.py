@@ -13,6 +13,7 @@ from typing import Any
 
 from agents import winners
 from agents.evaluate import NOBODY, Spec, drive_episode, env_settings, evaluate, label, make_env
+from agents.learning.weights import shipped
 from agents.metrics import Record, summarise
 from agents.policy import make_policy
 from agents.provenance import command_line, commit, machine, versions, write_json, write_text
@@ -166,7 +167,7 @@ SUITES["league"] = Suite(
         "lattice+mppi",
         "lattice+woa",
         BEST,
-        "ppo_guided",
+        *shipped(),
     ),
     (
         *SUITES["homes"].scenes,
