@@ -45,10 +45,14 @@ def test_ways_lead_to_the_goal_and_the_outline_fits(scene):
         assert float(ways.time(episode.start)) >= (far - 0.3) / Limits().forward
 
 
-def test_each_step_of_a_way_is_one_a_chair_can_drive():
+@pytest.mark.parametrize("slack", [None, 3.0])
+@pytest.mark.parametrize(("scene", "seed"), [("clutter", 1), ("floor_plan", 10)])
+def test_each_step_of_a_way_is_one_a_chair_can_drive(scene, seed, slack):
     """Between two poses the chair goes along its heading or turns: it never goes aside."""
-    episode = make_scene("clutter").sample(np.random.default_rng(1))
-    ways = pose_ways(episode.map, episode.goal, Footprint(), Limits())
+    episode = make_scene(scene).sample(np.random.default_rng(seed))
+    ways = pose_ways(
+        episode.map, episode.goal, Footprint(), Limits(), starts=[episode.start], slack=slack
+    )
     path = ways.path(episode.start)
     steps, turns = np.diff(path[:, :2], axis=0), wrap_angle(np.diff(path[:, 2]))
     middle = path[:-1, 2] + 0.5 * turns

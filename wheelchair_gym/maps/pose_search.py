@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 Field = NDArray[np.float32]
 
 _BUCKETS = 1024  # more than the dearest move takes, in ticks
+_UNSEEN, _SETTLED = -1, -2  # of states that wait in no bucket
 
 
 @settings
@@ -111,7 +112,7 @@ def _spread(
     far = np.uint32(FAR) << np.uint32(TIME)
     words = np.full(count, far, np.uint32)
     ahead, behind = np.full(count, -1, np.int32), np.full(count, -1, np.int32)
-    heads, waits = np.full(_BUCKETS, -1, np.int32), np.full(count, -1, np.int16)
+    heads, waits = np.full(_BUCKETS, -1, np.int32), np.full(count, _UNSEEN, np.int16)
     cosines = np.cos(np.arange(headings) * (2.0 * math.pi / headings))
     sines = np.sin(np.arange(headings) * (2.0 * math.pi / headings))
     size = cell / UNITS
@@ -143,7 +144,7 @@ def _spread(
             heads[bucket] = ahead[state]
             if ahead[state] >= 0:
                 behind[ahead[state]] = -1
-            waits[state] = -1
+            waits[state] = _SETTLED
             waiting -= 1
             k = state % headings
             row, col = state // headings // cols, state // headings % cols
@@ -162,6 +163,8 @@ def _spread(
                 if not (0 <= c0 < cols and 0 <= r0 < rows):
                     continue
                 other = (r0 * cols + c0) * headings + k0
+                if waits[other] == _SETTLED:  # others are led from its pose: it stays
+                    continue
                 known = int(words[other] >> np.uint32(TIME))
                 spent = cost[m]
                 if before != REST and kind[before] != kind[m]:
