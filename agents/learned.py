@@ -21,6 +21,7 @@ from wheelchair_gym.config import InputError, load, setting, settings
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.simulation.settings import ChairSettings
+from wheelchair_gym.task.course import Course
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Episode
 
@@ -135,10 +136,12 @@ class LearnedDriver:
         self.network.reset(1)
         self._action, self._withheld = np.zeros(2), np.zeros(2)
         self._steps, self._looked = 0, 0.0
-        self._look(task)
+        self._grows = task.chart is not None and guidance is not None
+        course = self._look(task)
+        self._eye.begin(course, task.reading, task.key, task.guarded)
 
-    def _look(self, task: Any) -> None:
-        """Take up the task as it is now: its map, from where the chair is."""
+    def _look(self, task: Any) -> Course:
+        """The course from where the chair is, on the map as it is now."""
         pose = task.reading.pose
         goal = np.zeros(3)
         goal[: len(task.goal)] = task.goal
@@ -146,19 +149,18 @@ class LearnedDriver:
         if task.chart is not None:  # the way may lead beyond what is drawn
             known = known.holding(np.stack([pose[:2], goal[:2]]), BEYOND)
         episode = Episode(known, pose, goal, tolerance=task.tolerance)
-        self._course = self._eye.prepare(episode)
-        self._eye.begin(self._course, task.reading, task.key, task.guarded)
-        self._task.path = self._course.path
+        course = self._eye.prepare(episode)
+        self._task.path = course.path
+        return course
 
     def act(self, observation: Mapping[str, Floats]) -> Array:
         """See `Policy.act`."""
         self._withheld += np.divide(self._task.withheld, self._hold)
         if self._steps % self._hold == 0:
             reading = self._task.reading
-            grows = self._task.chart is not None
-            if grows and reading.stamp - self._looked >= RELOOK:
+            if self._grows and reading.stamp - self._looked >= RELOOK:
                 self._looked = reading.stamp
-                self._look(self._task)
+                self._eye.redirect(self._look(self._task))
             # What was driven may be less than what was asked for: `deploy` begins slowly.
             driven, less = self._task.action, (float(self._withheld[0]), float(self._withheld[1]))
             self._withheld[:] = 0.0

@@ -131,6 +131,19 @@ def test_on_a_map_that_grows_the_way_leads_beyond_what_is_drawn():
     assert np.hypot(*(env.task.path[-1] - (gx, gy))) < env.task.tolerance
 
 
+def test_on_a_map_that_grows_a_policy_remembers_where_it_has_been():
+    env = NavigationEnv({"name": "floor_plan", "kind": "home"}, pose_source="slam")
+    observation, _ = env.reset(seed=1)
+    policy = make_policy("ppo_goal")
+    policy.reset(env.task)
+    been = []
+    for _ in range(50):
+        observation, *_ = env.step(policy.act(observation))
+        been.append(np.hypot(*policy._eye.observation["trail"][-2:]))
+    assert been[-1] > 0.1  # of 15 s ago: the start, from soon after it on
+    assert (np.diff(been) > -0.15).all()  # never forgotten
+
+
 def test_files_that_are_not_whole_are_refused_in_one_line(trained, tmp_path, capsys):
     _, folder = trained
     content = (folder / POLICY).read_bytes()

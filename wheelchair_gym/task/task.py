@@ -204,9 +204,8 @@ class Task:
         self, course: Course, reading: Reading, key: int, guarded: bool = False
     ) -> Observation:
         """Take up a new episode with its first reading, behind a shield if it is guarded."""
-        self._take(course.episode, course.geodesic)
-        self._course, self.path, self.note = course, course.path, ""
-        self._alone["course"] = address_of(course.record)
+        self.redirect(course)
+        self.note = ""
         self.reading, self.key, self.guarded = reading, key, guarded
         self.action, self.withheld = np.zeros(2), (0.0, 0.0)
         out, verdict = np.empty(self.room, np.float32), self._judged
@@ -228,6 +227,12 @@ class Task:
         self._take_verdict()
         self.observation = self.unpack(out)
         return self.observation
+
+    def redirect(self, course: Course) -> None:
+        """Go on on another course: on a map that has grown, say."""
+        self._take(course.episode, course.geodesic)
+        self._course, self.path = course, course.path
+        self._alone["course"] = address_of(course.record)
 
     def assess(
         self, reading: Reading, action: Array, less: tuple[float, float] = (0.0, 0.0)
