@@ -123,7 +123,7 @@ class LearnedDriver:
         if len(task.sensors.ultrasonic.mounted) != dict(self.layout.sizes)["ultrasonic"]:
             raise InputError("the policy was trained with other ultrasonics than this chair has")
         shown = "path" in dict(self.layout.sizes)
-        own = dataclasses.replace(env.task, privileged=False, aim="goal", beams=env.task.beams)
+        own = dataclasses.replace(env.task, privileged=False, aim="goal")
         self._task = task
         # The chair that drives is this one; what is seen of it is as in training.
         chair = dataclasses.replace(ChairSettings(), footprint=task.footprint, limits=task.limits)
@@ -137,11 +137,11 @@ class LearnedDriver:
         self._action, self._withheld = np.zeros(2), np.zeros(2)
         self._steps, self._looked = 0, 0.0
         self._grows = task.chart is not None and guidance is not None
-        course = self._look(task)
-        self._eye.begin(course, task.reading, task.key, task.guarded)
+        self._eye.begin(self._look(), task.reading, task.key, task.guarded)
 
-    def _look(self, task: Any) -> Course:
+    def _look(self) -> Course:
         """The course from where the chair is, on the map as it is now."""
+        task = self._task
         pose = task.reading.pose
         goal = np.zeros(3)
         goal[: len(task.goal)] = task.goal
@@ -150,7 +150,7 @@ class LearnedDriver:
             known = known.holding(np.stack([pose[:2], goal[:2]]), BEYOND)
         episode = Episode(known, pose, goal, tolerance=task.tolerance)
         course = self._eye.prepare(episode)
-        self._task.path = course.path
+        task.path = course.path
         return course
 
     def act(self, observation: Mapping[str, Floats]) -> Array:
@@ -160,7 +160,7 @@ class LearnedDriver:
             reading = self._task.reading
             if self._grows and reading.stamp - self._looked >= RELOOK:
                 self._looked = reading.stamp
-                self._eye.redirect(self._look(self._task))
+                self._eye.redirect(self._look())
             # What was driven may be less than what was asked for: `deploy` begins slowly.
             driven, less = self._task.action, (float(self._withheld[0]), float(self._withheld[1]))
             self._withheld[:] = 0.0

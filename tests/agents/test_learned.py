@@ -147,7 +147,9 @@ def test_on_a_map_that_grows_a_policy_remembers_where_it_has_been():
 def test_files_that_are_not_whole_are_refused_in_one_line(trained, tmp_path, capsys):
     _, folder = trained
     content = (folder / POLICY).read_bytes()
-    for k, broken in enumerate((content[:-100], b"", b"no weights")):
+    damaged = bytearray(content)
+    damaged[content.index(load_weights(folder / POLICY).arrays["dense0.w"].tobytes()) + 7] ^= 1
+    for k, broken in enumerate((content[:-100], b"", bytes(damaged), b"no weights")):
         file = tmp_path / f"broken{k}.npz"
         file.write_bytes(broken)
         assert main(["simulate", "--scene", "clutter", "--policy", str(file)]) == 2

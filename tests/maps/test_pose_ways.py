@@ -14,6 +14,7 @@ from wheelchair_gym.geometry import Footprint, footprint_clearance, to_world, wr
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 from wheelchair_gym.maps.pose_search import WaysSettings, pose_ways
+from wheelchair_gym.maps.pose_ways import FAR, TIME
 from wheelchair_gym.scenes import make_scene
 
 POSED = {
@@ -95,7 +96,7 @@ def test_ways_from_one_start_are_as_quick_and_fewer_are_looked_at(scene):
         # A little beside the way, ways are known, too.
         aside = np.add(way[:-5], [0.0, 0.0, 0.1])
         assert np.isfinite(some.time(aside)).all()
-        known = [np.mean(ways.words >> 18 != (1 << 14) - 1) for ways in (every, some)]
+        known = [np.mean(ways.words >> TIME != FAR) for ways in (every, some)]
         assert known[1] < known[0]
     with pytest.raises(ValueError, match="slack"):
         pose_ways(grid, goal, Footprint(), Limits(), slack=1.0)
