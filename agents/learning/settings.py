@@ -39,11 +39,11 @@ class OffPolicy:
     buffer: int = setting(default=500_000, source="steps kept", low=100)
     batch: int = setting(default=1024, source="steps replayed at a time", low=2)
     begin: int = setting(default=20_000, source="steps at random before anything is learned", low=0)
-    updates: int = setting(default=8, source="for each step of all environments", low=1)
+    updates: int = setting(default=4, source="for each step of all environments; tuned", low=1)
     rate: float = setting(default=1e-3, source="of learning; falls to 0 in a line", low=0.0)
     discount: float = setting(default=0.99, source="per step", low=0.0, high=1.0)
-    follow: float = setting(default=0.005, source="of targets", low=0.0, high=1.0)
-    noise: float = setting(default=0.2, source="of TD3's actions, sigma", low=0.0)
+    follow: float = setting(default=0.01, source="of targets; tuned", low=0.0, high=1.0)
+    noise: float = setting(default=0.1, source="of TD3's actions, sigma; tuned", low=0.0)
 
 
 @settings
@@ -179,8 +179,9 @@ def _env(guided: bool, privileged: bool, trail: bool = False) -> dict[str, Any]:
 
 def _off(algorithm: Algorithm) -> Training:
     return Training(
-        algorithm=algorithm, env=_env(True, False), envs=128, frames=4_000_000, checkpoint=500
-    )
+        algorithm=algorithm, env=_env(True, False), frames=4_000_000, checkpoint=500,
+        curriculum=Curriculum(factor=1.25, episodes=512),
+    )  # fmt: skip
 
 
 # What was tuned, by the name of its file in configs/.
