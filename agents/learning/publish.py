@@ -127,8 +127,8 @@ def markdown(name: str, card: Mapping[str, Any]) -> str:
         "",
         "## Results",
         "",
-        "Worlds that training never saw; success is without contact; 95 % intervals. The commands drive "
-        f"the weights that are here, of seed {card['seed']}; other seeds' were driven likewise.",
+        "Worlds that training never saw; success is without contact; 95 % intervals. The commands "
+        f"drive the weights here, of seed {card['seed']}; other seeds' were driven likewise.",
         "",
         "| command | seed | episodes | success [%] | with 5 cm of margin | collision [%] | "
         "time [s] |",
