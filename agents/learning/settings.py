@@ -44,7 +44,7 @@ class OffPolicy:
     discount: float = setting(default=0.99, source="per step", low=0.0, high=1.0)
     follow: float = setting(default=0.01, source="of targets; tuned", low=0.0, high=1.0)
     noise: float = setting(
-        default=0.3, source="of TD3's actions, sigma: the most; rows' from 0 up, evenly", low=0.0
+        default=0.2, source="of TD3's actions, sigma: the most; rows' from 0 up, evenly", low=0.0
     )
 
 
@@ -182,7 +182,7 @@ def _env(guided: bool, privileged: bool, trail: bool = False) -> dict[str, Any]:
 def _off(algorithm: Algorithm) -> Training:
     return Training(
         algorithm=algorithm, env=_env(True, False), frames=4_000_000, checkpoint=500,
-        curriculum=Curriculum(factor=1.25, episodes=512),
+        curriculum=Curriculum(factor=1.25, above=0.6, episodes=512),
     )  # fmt: skip
 
 
