@@ -76,8 +76,7 @@ def _off_policy(own: Training, kwargs: dict[str, Any]) -> tuple[dict[str, Any], 
 def _noises(most: float, rows: int) -> VectorizedActionNoise:
     """From none to the most, evenly over the rows, as actors of Ape-X explore (Horgan et al. 2018).
 
-    Where every row is shaken, a policy may come to stand, and never learns that it would stand for
-    good without: some must be driven as it will be.
+    So some rows are driven as the chair will be, without any.
     """
     noises = VectorizedActionNoise(NormalActionNoise(np.zeros(2), np.zeros(2)), rows)
     noises.noises = [
