@@ -69,17 +69,6 @@ def _off_policy(own: Training, kwargs: dict[str, Any]) -> tuple[dict[str, Any], 
         "gradient_steps": o.updates, "train_freq": 1, "gamma": o.discount, "tau": o.follow,
     }  # fmt: skip
     if own.algorithm == "td3":
-        options["action_noise"] = _noises(o.noise, own.envs)
+        noise = NormalActionNoise(np.zeros(2), np.full(2, o.noise))
+        options["action_noise"] = VectorizedActionNoise(noise, own.envs)
     return options, o.rate
-
-
-def _noises(most: float, rows: int) -> VectorizedActionNoise:
-    """From none to the most, evenly over the rows, as actors of Ape-X explore (Horgan et al. 2018).
-
-    So some rows are driven as the chair will be, without any.
-    """
-    noises = VectorizedActionNoise(NormalActionNoise(np.zeros(2), np.zeros(2)), rows)
-    noises.noises = [
-        NormalActionNoise(np.zeros(2), np.full(2, sigma)) for sigma in np.linspace(0.0, most, rows)
-    ]
-    return noises

@@ -42,10 +42,10 @@ class OffPolicy:
     updates: int = setting(default=4, source="for each step of all environments; tuned", low=1)
     rate: float = setting(default=1e-3, source="of learning; falls to 0 in a line", low=0.0)
     discount: float = setting(default=0.99, source="per step", low=0.0, high=1.0)
-    follow: float = setting(default=0.01, source="of targets; tuned", low=0.0, high=1.0)
-    noise: float = setting(
-        default=0.2, source="of TD3's actions, sigma: the most; rows' from 0 up, evenly", low=0.0
+    follow: float = setting(
+        default=0.01, source="of targets; half or twice: alike", low=0.0, high=1.0
     )
+    noise: float = setting(default=0.1, source="of TD3's actions, sigma", low=0.0)
 
 
 @settings

@@ -22,7 +22,7 @@ from agents.learning.demonstrations import Imitation, imitate
 from agents.learning.features import Layout, features
 from agents.learning.networks import Features, Teacher, arrays_of
 from agents.learning.run import POLICY, Run, train
-from agents.learning.settings import RECIPES, OffPolicy, Training, plain, read_training
+from agents.learning.settings import RECIPES, Training, plain, read_training
 from agents.learning.weights import Network, load_weights
 from tests.agents.tiny_runs import ENV, ON, PRIVY, random_weights, tiny, trained_run
 from tests.conftest import ROOT
@@ -126,15 +126,6 @@ def test_numpy_acts_as_every_algorithm_does(algorithm, tmp_path):
         actions, state = run.model.predict(seen, state, first, deterministic=True)
         assert network(seen) == pytest.approx(actions, abs=1e-5)
     run.close()
-
-
-def test_td3_shakes_its_rows_from_none_to_the_most(tmp_path):
-    own = dataclasses.replace(tiny("td3"), off_policy=OffPolicy(noise=0.3))
-    run = Run(own, 0, tmp_path)
-    shaken = np.std([run.model.action_noise() for _ in range(2000)], axis=0)
-    run.close()
-    wanted = np.linspace(0.0, 0.3, own.envs)
-    np.testing.assert_allclose(shaken, np.stack([wanted, wanted], axis=1), atol=0.02)
 
 
 def test_the_curriculum_moves_starts_away_where_enough_succeed(trained):
