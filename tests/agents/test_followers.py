@@ -170,7 +170,7 @@ def test_what_slips_out_of_sight_is_remembered():
 @pytest.mark.parametrize(
     ("spec", "said"),
     [
-        ("nowhere", "known: explore, manual, ppo_goal, ppo_guided, random, straight"),
+        ("nowhere", "known: explore, manual, ppo_goal, ppo_guided, random, straight, td3_guided"),
         (f"{PLANNER}+nobody", "known"),
         ({"name": "straight", "gian": 1.0}, "gian"),
         ({"name": f"{PLANNER}+window", "follower": {"objective": {"wish": -1}}}, "wish"),
