@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.detours import DETOUR, Detours, barred
+from agents.detours import AGAIN, DETOUR, Detours, barred
 from agents.followers import make_follower
 from agents.followers.follower import CREEP
 from agents.followers.retreat import BACK, CRAWL, Retreats, back_out, crawled
@@ -102,6 +102,7 @@ class PlannedDriver:
         self._backing = 0.0  # s left to back out
         self._retreats = Retreats()
         self._headway, self._detours = Headway(self.own.patience), Detours()
+        self._lost = 0.0  # s until a plan is tried again that led nowhere
         self._peopled = False  # somebody has been seen on this drive
         self._look = LookRound()
         self.plan: Plan | None = None
@@ -150,6 +151,7 @@ class PlannedDriver:
         plain = self.solved and not self.plan.note
         self._planned = "" if plain else f"{self.plan.status.name} {self.plan.note}".strip()
         if not self.solved:
+            self._lost = AGAIN  # a search that finds nothing is the longest
             if self._reference is not None:
                 return False  # the old path is better than none
             # Straight on: the follower still touches nothing, and the next plan begins elsewhere.
@@ -250,6 +252,7 @@ class PlannedDriver:
         self._headway.lose(period, self.state == "halts")
         self._detours.tick(period)
         self._telling.tick(period)
+        self._lost -= period
         if self._look.on:
             redrawn = self._redrawn()
             if self._look.done or (redrawn and not unseen):
@@ -262,7 +265,7 @@ class PlannedDriver:
             self._backing -= period * (CRAWL / BACK if self._peopled else 1.0)
             if self._backing <= 0.0:
                 self._anew()
-        elif off > self.own.astray or self._walled() or self._gone():
+        elif self._lost <= 0.0 and (off > self.own.astray or self._walled() or self._gone()):
             self._replan()
         elif self._barred():
             self._go_round()

@@ -5,11 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from agents.detours import AGAIN
 from agents.evaluate import env_settings, make_env
 from agents.followers.retreat import Retreats
 from agents.paths import backing
 from agents.policy import make_policy
 from agents.surroundings import Surroundings
+from planners.types import Plan, Status
 from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.config import InputError
 
@@ -174,6 +176,27 @@ def test_where_nothing_is_left_to_go_round_the_straight_way_is_planned_again():
         longer.append(np.hypot(np.diff(x), np.diff(y)).sum() / straight - 1.0)
     assert max(longer) > 0.02  # planned round it
     assert longer[-1] < 0.2 * max(longer)
+
+
+def test_a_plan_that_led_nowhere_is_tried_again_now_and_then(monkeypatch):
+    policy = make_policy("a_star+window")
+    world = Peopled(lambda t: None, corridor(10.0, 4.0), (1.0, -1.2, 0.0), (9.0, -1.2, 0.0))
+    policy.reset(world.task)
+    before, planned = policy._reference, []
+
+    def nowhere(*_):
+        planned.append(world.time)
+        return Plan(Status.EXHAUSTED), 0.28
+
+    monkeypatch.setattr("agents.planned.widest_plan", nowhere)
+    world.pose[1] = 1.2  # beside its path, farther than it may stray
+    for _ in range(60):
+        policy.act({})
+        world.time += world.task.period  # and there it stays
+        world.task.reading = world.reading()
+    assert 2 <= len(planned) <= 3
+    assert min(np.diff(planned)) > 0.9 * AGAIN
+    assert policy._reference is before
 
 
 def test_for_a_metre_after_no_progress_room_costs_nothing():
