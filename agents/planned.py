@@ -150,8 +150,8 @@ class PlannedDriver:
         self._headway.wait()
         plain = self.solved and not self.plan.note
         self._planned = "" if plain else f"{self.plan.status.name} {self.plan.note}".strip()
+        self._lost = 0.0 if self.solved else AGAIN  # a search that finds nothing is the longest
         if not self.solved:
-            self._lost = AGAIN  # a search that finds nothing is the longest
             if self._reference is not None:
                 return False  # the old path is better than none
             # Straight on: the follower still touches nothing, and the next plan begins elsewhere.
