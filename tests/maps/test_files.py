@@ -68,6 +68,27 @@ def test_grey_205_is_free_or_unknown_by_the_threshold(tmp_path, free_thresh, gre
     assert grid.origin == (1.0, 2.0, 0.5)
 
 
+@pytest.mark.parametrize("negate", [0, 1])
+@pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
+def test_what_is_transparent_is_never_free(tmp_path, mode, negate):
+    """Of every grey and opacity; in trinary what nav2_map_server makes occupied stays so."""
+    grey, opacity = np.meshgrid(np.arange(256), np.array([0, 1, 64, 128, 200, 254, 255]))
+    cv2.imwrite(str(tmp_path / "map.png"), np.dstack([grey, grey, grey, opacity]).astype(np.uint8))
+    file = put(tmp_path, None, image="map.png", mode=mode, negate=negate)
+    cells = np.flipud(read_map(file).cells)
+    clear = opacity < 255
+    assert not (cells[clear] == FREE).any()
+    assert (cells[~clear] == FREE).any()
+    shade = (3 * grey + opacity) / (4 * 255)
+    nav2 = (shade if negate else 1.0 - shade) > KEYS["occupied_thresh"]
+    if mode == "trinary":
+        np.testing.assert_array_equal(cells[clear] == OCCUPIED, nav2[clear])
+    else:
+        assert (cells[clear] == UNKNOWN).all()
+    cv2.imwrite(str(tmp_path / "map.png"), grey[:1].astype(np.uint8))
+    np.testing.assert_array_equal(cells[-1:], read_map(file).cells)  # as without a fourth channel
+
+
 def test_negate_raw_and_scale(tmp_path):
     assert read_map(put(tmp_path, negate=1)).cells.tolist() == [
         [FREE, UNKNOWN],

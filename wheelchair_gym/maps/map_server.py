@@ -2,8 +2,11 @@
 
 Whiteness g is occupancy p = (255 - g) / 255, or g / 255 where the file says negate. The image is
 flipped: its lowest row is row 0 of the grid. Mode trinary knows occupied, free and unknown; scale
-keeps degrees between the thresholds, and takes transparent pixels for unknown; raw takes values
-up to 100 as they are.
+keeps degrees between the thresholds; raw takes values up to 100 as they are, and the rest for
+unknown. A pixel that is not opaque is never free: scale and raw take it for unknown; trinary
+averages its opacity in with its colours, as nav2_map_server does, and keeps what that makes
+occupied. nav2 averages opaque pixels, too, which makes unknown greys free: here their colours alone
+count. In mode raw nav2 does not look at opacity.
 """
 
 from __future__ import annotations
@@ -71,8 +74,8 @@ def _description(path: Path) -> dict[str, Any]:
     return data
 
 
-def _pixels(path: Path) -> tuple[Bytes, NDArray[np.bool_]]:
-    """Greys (rows, cols), top row first, and where the image is transparent."""
+def _pixels(path: Path) -> tuple[Bytes, Bytes]:
+    """Greys (rows, cols), top row first, and how opaque each pixel is."""
     try:
         content = np.frombuffer(path.read_bytes(), dtype=np.uint8)
     except OSError as error:
@@ -92,9 +95,10 @@ def _pixels(path: Path) -> tuple[Bytes, NDArray[np.bool_]]:
     if image.dtype != np.uint8:
         raise InputError(f"{path}: pixels are {image.dtype}; expected 8 or 16 bits each")
     if image.ndim == 2:
-        return np.asarray(image, dtype=np.uint8), np.zeros(image.shape, dtype=np.bool_)
-    clear = image[..., 3] < 255 if image.shape[2] == 4 else np.zeros(image.shape[:2], dtype=bool)
-    return np.rint(image[..., :3].mean(axis=-1)).astype(np.uint8), clear
+        return np.asarray(image, dtype=np.uint8), np.full(image.shape, 255, dtype=np.uint8)
+    opacity = image[..., 3] if image.shape[2] == 4 else np.full(image.shape[:2], 255)
+    grey = np.rint(image[..., :3].mean(axis=-1)).astype(np.uint8)
+    return grey, np.asarray(opacity, dtype=np.uint8)
 
 
 def read_map(path: str | Path) -> OccupancyGrid:
@@ -126,9 +130,14 @@ def read_map(path: str | Path) -> OccupancyGrid:
     ):
         raise InputError(f"{path}: origin is {origin!r}; expected [x, y, yaw]")
     x, y, yaw = (float(value) for value in (*origin, 0.0)[:3])
-    grey, clear = _pixels(path.parent / data["image"])
+    grey, opacity = _pixels(path.parent / data["image"])
     cells = _meaning(mode, bool(negate), occupied, free)[grey]
-    if mode == "scale":
+    clear = opacity < 255
+    if mode == "trinary":
+        shade = (3.0 * grey[clear] + opacity[clear]) / (4.0 * 255.0)
+        p = shade if negate else 1.0 - shade
+        cells[clear] = np.where(p >= occupied, OCCUPIED, UNKNOWN)
+    else:
         cells[clear] = UNKNOWN
     return OccupancyGrid(np.flipud(cells), resolution, (x, y, yaw))
 
