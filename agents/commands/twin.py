@@ -106,7 +106,8 @@ class _Watcher:
         if given.window or given.picture:
             from wheelchair_gym.view.picture import TopView
 
-            self._view = TopView(env.episode, s.chair.footprint, s.chair.drive, s.sensors)
+            size = s.render_height, s.render_width
+            self._view = TopView(env.episode, s.chair.footprint, s.chair.drive, s.sensors, size)
             self._picture()  # compiled before real time begins
         if given.window:
             from wheelchair_gym.view.window import Window

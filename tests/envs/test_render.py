@@ -4,7 +4,8 @@ import gymnasium
 import numpy as np
 import pytest
 
-import wheelchair_gym  # noqa: F401 (registers the ids)
+from wheelchair_gym.config import InputError
+from wheelchair_gym.scenes import SCENES
 
 SHORT = {"scene": "clutter", "task": {"time_base": 1.5, "time_factor": 0.0}}  # 15 steps
 
@@ -62,3 +63,75 @@ def test_driving_goes_on_without_the_window_once_it_is_closed(monkeypatch):
     for _ in "ab":
         seen.close()
     unseen.close()
+
+
+ID = "wheelchair_gym/Navigation-v0"
+STILL = np.zeros(2, dtype=np.float32)
+
+
+@pytest.mark.parametrize("scene", sorted(SCENES))
+def test_every_frame_of_every_scene_has_the_size_that_was_set(scene):
+    world = gymnasium.make(ID, scene=scene, render_mode="rgb_array")
+    small = {"render_width": 96, "render_height": 64}
+    tiny = gymnasium.make(ID, scene=scene, render_mode="rgb_array", **small)
+    for seed in range(2):
+        for shown, shape in ((world, (640, 640, 3)), (tiny, (64, 96, 3))):
+            shown.reset(seed=seed)
+            frame = shown.render()
+            assert frame.shape == shape
+            assert len(np.unique(frame.reshape(-1, 3), axis=0)) > 8  # a world, not a blank
+
+
+def test_pixels_are_observations_across_resets():
+    plain = gymnasium.make(ID, scene="floor_plan", render_mode="rgb_array")
+    world = gymnasium.wrappers.AddRenderObservation(plain)
+    space = world.observation_space
+    assert space.shape == (640, 640, 3)
+    for seed in range(3):  # worlds of three shapes
+        assert space.contains(world.reset(seed=seed)[0])
+        assert space.contains(world.step(STILL)[0])
+
+
+def test_one_film_holds_several_episodes(tmp_path):
+    pytest.importorskip("moviepy", reason="moviepy is not installed (extra: view)")
+    import imageio_ffmpeg
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecVideoRecorder
+
+    def make():
+        short = {"scene": "floor_plan", "task": {"time_base": 0.3, "time_factor": 0.0}}
+        return gymnasium.make(ID, config=short, render_mode="rgb_array")
+
+    world = gymnasium.wrappers.RecordVideo(
+        make(), str(tmp_path), step_trigger=lambda step: step == 0, video_length=12,
+        disable_logger=True,
+    )  # fmt: skip
+    world.reset(seed=0)
+    for _ in range(12):
+        *_, ended, truncated, _ = world.step(STILL)
+        if ended or truncated:
+            world.reset()
+    world.close()
+    many = VecVideoRecorder(DummyVecEnv([make]), str(tmp_path), lambda step: step == 0, 12)
+    many.seed(0)
+    many.reset()
+    for _ in range(12):
+        many.step(STILL[None])
+    many.close()
+    films = sorted(tmp_path.glob("*.mp4"))
+    assert len(films) == 2
+    for film in films:
+        reader = imageio_ffmpeg.read_frames(str(film))
+        assert next(reader)["size"] == (640, 640)
+        assert len(list(reader)) >= 12
+
+
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        ({"render_width": 8}, "render_width is 8; it must be at least 64 and at most 4096"),
+        ({"render_height": 333}, "render_height is 333; expected an even number"),
+    ],
+)
+def test_a_size_that_no_film_can_have_is_refused(size, message):
+    with pytest.raises(InputError, match=message):
+        gymnasium.make(ID, **size)

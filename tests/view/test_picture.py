@@ -11,6 +11,7 @@ from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.movers import door, furniture, obstacle, person, together
 from wheelchair_gym.types import Episode, Reading
 from wheelchair_gym.view import TopView, draw_plan, palette
+from wheelchair_gym.view.canvas import text_width, write_text
 from wheelchair_gym.view.floor import loops, strip_height
 from wheelchair_gym.view.picture import CHAIR_ALPHA
 
@@ -260,6 +261,19 @@ def test_a_caption_stays_clear_of_the_scale_bar(size, words):
     written = np.argwhere((bare != captioned).any(axis=(0, 2)))
     assert 0 < written.min() < strip
     assert written.max() < bar
+    gap = 0.1 * strip  # what ends there was not cut off
+    assert written.max() < bar - gap
+
+
+@pytest.mark.parametrize("size", [(640, 320), (480, 640), (960, 320), 320, 1000])
+def test_a_text_is_as_wide_as_it_is_measured(size):
+    """Captions are shortened by that width: were it less than the writing, they would be cut."""
+    height = size if isinstance(size, int) else size[0]
+    for capital in (0.02 * height, 0.04 * height):
+        paper = np.full((100, 2000, 3), 255, np.uint8)
+        write_text(paper, "9.6 m to go", (10, 80), capital, palette.INK)
+        ends = np.flatnonzero((paper < 128).any(axis=(0, 2)))
+        assert ends.max() + 1 - 10 <= text_width("9.6 m to go", capital) + 2
 
 
 def test_movers_are_drawn_at_their_true_shapes():

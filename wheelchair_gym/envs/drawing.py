@@ -38,14 +38,15 @@ class Drawing:
     def picture(
         self, episode: Episode, truth: Truth, task: Task, ahead: Array | None
     ) -> NDArray[np.uint8]:
-        """An RGB picture (h, w, 3), with points (n, 2) [m] of the guidance."""
+        """An RGB picture of the size that is set, with points (n, 2) [m] of the guidance."""
         if self._view is None:
             from wheelchair_gym.view.picture import TopView
 
             s = self._settings
             self._view = TopView(
-                episode, s.chair.footprint, s.chair.drive, s.sensors, tolerance=task.tolerance
-            )
+                episode, s.chair.footprint, s.chair.drive, s.sensors,
+                size=(s.render_height, s.render_width), tolerance=task.tolerance,
+            )  # fmt: skip
         (v, w), rest = task.reading.twist, task.way_to_go(task.reading.pose)
         stamp = task.reading.stamp
         return self._view.draw(

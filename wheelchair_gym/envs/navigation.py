@@ -99,6 +99,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         shield: bool | Mapping[str, Any] | ShieldSettings | None = None,
         chair: Chair | str | Mapping[str, Any] | None = None,
         render_mode: str | None = None,
+        render_width: int | None = None,
+        render_height: int | None = None,
         **unknown: Any,
     ) -> None:
         """Make the environment.
@@ -125,6 +127,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             chair: drives instead of the simulated chair; or names a real one, such as
                 'ros://HOST:PORT' or 'hardware' (see `hardware.chairs`).
             render_mode: 'human' (a window), 'rgb_array', or None.
+            render_width: of every frame [pixels]; even. The world is in its middle.
+            render_height: likewise.
             unknown: nothing else is taken.
 
         Raises:
@@ -143,6 +147,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             randomise=randomise,
             bank=bank,
             shield=shield,
+            render_width=render_width,
+            render_height=render_height,
             **unknown,
         )
         if chair is not None and s.unshielded > 0.0:
@@ -271,7 +277,10 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         }
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The world from above: an RGB picture (h, w, 3), or None when it goes to a window."""
+        """The world from above: an RGB picture (render_height, render_width, 3).
+
+        None when it goes to a window.
+        """
         if self.render_mode is None:
             gym.logger.warn("render() needs render_mode='rgb_array' or 'human' in gymnasium.make")
             return None

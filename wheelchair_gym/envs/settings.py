@@ -70,8 +70,18 @@ class EnvSettings:
         low=0.0, high=1.0,
     )  # fmt: skip
     hardware: HardwareSettings = HardwareSettings()
+    render_width: int = setting(
+        default=640, unit="pixels", source="of every frame, whatever the shape of its world",
+        low=64, high=4096,
+    )  # fmt: skip
+    render_height: int = setting(default=640, unit="pixels", source="likewise", low=64, high=4096)
 
     def __post_init__(self) -> None:
+        for name in ("render_width", "render_height"):
+            if getattr(self, name) % 2:
+                raise InputError(
+                    f"{name} is {getattr(self, name)}; expected an even number, as films have"
+                )
         if self.sensors.pose_source == "slam" and self.guidance is not None:
             raise InputError(
                 f"guidance is {self.guidance!r}; expected none with the pose source slam: "
@@ -107,7 +117,7 @@ def env_settings(
         base = load(EnvSettings, config, "config")
     else:
         base = read(EnvSettings, config)
-    own = ("scene", "config", "rate", "guidance", "bank", "shield")
+    own = ("scene", "config", "rate", "guidance", "bank", "shield", "render_width", "render_height")
     unknown = [name for name in changes if name not in (*own, *_PLACES)]
     if unknown:
         known = ", ".join((*own, *_PLACES))

@@ -175,14 +175,19 @@ class Canvas:
 
 
 def text_width(text: str, height: float) -> float:
-    """How wide a text is [pixels] whose capitals are `height` pixels high."""
-    (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, height / 21.0, 1)
+    """How wide a text is [pixels] whose capitals are `height` pixels high, as it is written."""
+    scale, stroke = _pen(height)
+    (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, stroke)
     return float(width)
 
 
 def write_text(image: Image, text: str, at: tuple[float, float], height: float, c: Colour) -> None:
     """Write ASCII text whose baseline starts at a column and row; capitals `height` pixels high."""
     where = (round(at[0]), round(at[1]))
-    stroke = max(1, round(height / 9.0))
-    font = cv2.FONT_HERSHEY_SIMPLEX
-    cv2.putText(image, text, where, font, height / 21.0, c, stroke, cv2.LINE_AA)
+    scale, stroke = _pen(height)
+    cv2.putText(image, text, where, cv2.FONT_HERSHEY_SIMPLEX, scale, c, stroke, cv2.LINE_AA)
+
+
+def _pen(height: float) -> tuple[float, int]:
+    """OpenCV's scale and stroke for capitals of a height [pixels]; both change a text's width."""
+    return height / 21.0, max(1, round(height / 9.0))

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 FINE = 2  # the background is drawn with this many times the pixels, then brought down
 _STRIP = 0.047  # the caption strip's share of the long side
 _STRIP_LEAST = 26  # pixels: smaller captions cannot be read
+_NO_STRIP = 200  # pixels: pictures with a shorter long side are for programs, and have no caption
 _CAPITAL = 0.36  # height of a capital, as a share of the strip
 _SHRINK = 0.6  # a caption too long is written smaller, down to this; then it loses words
 
@@ -81,7 +82,8 @@ def blank(bounds: ArrayLike, size: int | tuple[int, int]) -> Canvas:
 
     Args:
         bounds: xmin, ymin, xmax, ymax [m].
-        size: height and width [pixels], or the long side alone: the world then gives the shape.
+        size: height and width [pixels], the world in their middle; or the long side alone: the
+            world then gives the shape.
 
     Returns:
         A canvas with even sides, as video encoders ask for.
@@ -103,14 +105,15 @@ def blank(bounds: ArrayLike, size: int | tuple[int, int]) -> Canvas:
         raise ValueError(f"size is {size}; a picture has at least 64 pixels a side")
     image = np.empty((height, width, 3), dtype=np.uint8)
     image[:] = palette.UNKNOWN
-    room = height - strip_height(max(height, width))
-    unit = max(1.0, max(height, width) / 640.0)
+    long_side = max(height, width)
+    room = height - strip_height(long_side)
+    unit = max(min(1.0, long_side / _NO_STRIP), long_side / 640.0)
     return Canvas(image, fitted(bounds, room, width), unit)
 
 
 def strip_height(long_side: int) -> int:
-    """Height of the caption strip [pixels]."""
-    return max(_STRIP_LEAST, round(_STRIP * long_side))
+    """Height of the caption strip [pixels]; 0 in a picture too small for one."""
+    return 0 if long_side < _NO_STRIP else max(_STRIP_LEAST, round(_STRIP * long_side))
 
 
 def lay_grid(canvas: Canvas, grid: OccupancyGrid) -> None:
@@ -168,6 +171,8 @@ def rule_strip(canvas: Canvas) -> None:
     """Clear the caption strip and put a scale bar at its right end."""
     h, w = canvas.image.shape[:2]
     strip = strip_height(max(h, w) // FINE) * FINE
+    if strip == 0:
+        return
     image = canvas.image[h - strip :]
     image[:] = palette.PAPER
     image[: max(1, round(canvas.unit))] = palette.RULE
@@ -196,17 +201,23 @@ def write_caption(canvas: Canvas, text: str) -> None:
     image = canvas.image
     h, w = image.shape[:2]
     strip = strip_height(max(h, w))
-    _, end, _ = _scale_bar(w, canvas.frame.scale, strip)
-    room = end - 0.75 * strip  # less the space before and after
-    while text_width(text, _SHRINK * _CAPITAL * strip) > room and " " in text.strip():
-        text = text.rstrip().rpartition(" ")[0]
-    if not text.strip():
+    if strip == 0:
         return
-    capital = _CAPITAL * strip * max(_SHRINK, min(1.0, room / text_width(text, _CAPITAL * strip)))
-    part = image[h - strip + 2 :, : math.ceil(end)]
+    # Everything is measured at the pixels at which it is drawn.
+    tall = FINE * strip
+    _, end, _ = _scale_bar(FINE * w, FINE * canvas.frame.scale, tall)
+    room, full, least = end - 0.75 * tall, _CAPITAL * tall, _SHRINK * _CAPITAL * tall
+    while text_width(text, least) > room and " " in text.strip():
+        text = text.rstrip().rpartition(" ")[0]
+    if not text.strip() or text_width(text, least) > room:
+        return
+    capital = max(least, min(full, full * room / text_width(text, full)))
+    if text_width(text, capital) > room:  # strokes have whole widths: not quite in proportion
+        capital = least
+    part = image[h - strip + 2 :, : math.ceil(end / FINE)]
     fine: Any = cv2.resize(part, None, fx=FINE, fy=FINE, interpolation=cv2.INTER_NEAREST)
-    baseline = FINE * (0.5 * strip + 0.5 * capital - 2)
-    write_text(fine, text, (FINE * 0.45 * strip, baseline), FINE * capital, palette.INK)
+    baseline = 0.5 * tall + 0.5 * capital - 2 * FINE
+    write_text(fine, text, (0.45 * tall, baseline), capital, palette.INK)
     size = (part.shape[1], part.shape[0])
     part[:] = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
 

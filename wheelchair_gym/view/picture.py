@@ -35,7 +35,8 @@ class TopView:
         footprint: the chair's outline.
         drive: where the drive wheels are.
         sensors: where the sensors sit and what they can see.
-        size: height and width of a picture, or its long side alone [pixels].
+        size: height and width of a picture, the world in its middle, or its long side alone
+            [pixels].
         tolerance: how near the goal counts [m], where the episode does not say.
         bounds: xmin, ymin, xmax, ymax [m] to show; the whole world if left out.
     """
@@ -115,8 +116,9 @@ class TopView:
             canvas.dot(point, 4.5, palette.FREE)
             canvas.dot(point, 3.0, palette.PATH)
         # The strip is no part of the world: what reached into it is wiped off.
-        strip = floor.strip_height(max(canvas.image.shape[:2]))
-        canvas.image[-strip:] = self.background.image[-strip:]
+        h, w = canvas.image.shape[:2]
+        world = h - floor.strip_height(max(h, w))
+        canvas.image[world:] = self.background.image[world:]
         floor.write_caption(canvas, caption)
         return canvas.image
 
