@@ -136,7 +136,7 @@ def read_map(path: str | Path) -> OccupancyGrid:
     if mode == "trinary":
         shade = (3.0 * grey[clear] + opacity[clear]) / (4.0 * 255.0)
         p = shade if negate else 1.0 - shade
-        cells[clear] = np.where(p >= occupied, OCCUPIED, UNKNOWN)
+        cells[clear] = np.where(p > occupied, OCCUPIED, UNKNOWN)
     else:
         cells[clear] = UNKNOWN
     return OccupancyGrid(np.flipud(cells), resolution, (x, y, yaw))
