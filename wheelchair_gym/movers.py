@@ -30,12 +30,13 @@ SPEED: Final = 1.34  # m/s that people prefer (Weidmann 1993; standard deviation
 FLOOR: Final = 0.4  # friction of furniture on the floor: felt or rubber feet on vinyl
 LEAF_TURN: Final = 1.0  # rad/s of a swing door: 90 degrees in under 2 s
 LEAF_SPEED: Final = 0.5  # m/s of a sliding door
+LEAF_WIDTH: Final = 0.04  # m, thickness of a leaf: DIN 68706-1, 39 to 42 mm
 
 MOVER = np.dtype(
     [
         ("kind", "i8"),
         ("pose", "f8", (3,)),  # m, m, rad at the beginning: the centre; of a door: its hinge, shut
-        ("size", "f8", (2,)),  # m: radius and 0; length and width of a box; length and 0 of a leaf
+        ("size", "f8", (2,)),  # m: radius and 0; length and width of a box or of a leaf
         ("mass", "f8"),  # kg; inf: nothing moves it but itself
         ("friction", "f8"),  # on the floor
         ("speed", "f8"),  # m/s, or rad/s of a leaf that swings
@@ -67,7 +68,7 @@ class Movers(NamedTuple):
     @property
     def discs(self) -> int:
         """How many are round."""
-        return int((self.rows["size"][:, 1] == 0.0).sum()) - self.leaves
+        return int((self.rows["size"][:, 1] == 0.0).sum())
 
     @property
     def leaves(self) -> int:
@@ -77,14 +78,14 @@ class Movers(NamedTuple):
     @property
     def boxes(self) -> int:
         """How many are boxes."""
-        return int((self.rows["size"][:, 1] > 0.0).sum())
+        return int((self.rows["size"][:, 1] > 0.0).sum()) - self.leaves
 
     @property
     def segments(self) -> int:
         """How many segments they show to the sensors."""
         if not len(self.rows):
             return 0
-        return self.leaves + 4 * self.boxes
+        return 4 * (self.leaves + self.boxes)
 
     def route(self, number: int) -> Array:
         """The way points (n, 2) [m] of one person."""
@@ -184,6 +185,7 @@ def door(
     stay: float = 0.0,
     every: float = math.inf,
     least: float = 0.10,
+    width: float = LEAF_WIDTH,
 ) -> Mover:
     """A leaf that opens on a timetable, or for whoever is near its doorway's middle.
 
@@ -202,11 +204,17 @@ def door(
         stay: how long it then stays open [s]; 0: it has no timetable.
         every: after which it does so again [s].
         least: kept from everything while it moves [m].
+        width: thickness of the leaf, half of it on either side of the line from the hinge [m].
+
+    Raises:
+        InputError: a value is out of bounds.
     """
+    if not 0.0 < width:
+        raise InputError(f"door: width {width:g} m; expected a positive number")
     if speed is None:
         speed = LEAF_TURN if swings else LEAF_SPEED
     return _mover(
-        DOOR, pose=(*hinge, heading), size=(length, 0.0), speed=speed, travel=travel, swings=swings,
+        DOOR, pose=(*hinge, heading), size=(length, width), speed=speed, travel=travel, swings=swings,
         near=near, since=since, stay=stay, every=every, least=least,
     )  # fmt: skip
 
@@ -265,22 +273,25 @@ def shapes(movers: Movers, poses: Array) -> tuple[Array, Array]:
         outline = outline_of(row, x, y, yaw)
         if len(outline) == 1:
             discs.append(np.array([(x, y, row["size"][0])]))
-        elif len(outline) == 2:
-            segments.append(outline.reshape(1, 4))
         else:
             segments.append(np.hstack([outline, np.roll(outline, -1, axis=0)]))
     return np.concatenate(discs), np.concatenate(segments)
 
 
 def outline_of(row: Any, x: float, y: float, yaw: float) -> Array:
-    """Points of a mover at a pose: its centre if round, two ends of a leaf, corners of a box."""
+    """Points of a mover at a pose: its centre (1, 2) if round, else its corners (4, 2) [m]."""
     length, width = row["size"]
     c, s = math.cos(yaw), math.sin(yaw)
-    if row["kind"] == DOOR:
-        return np.array([(x, y), (x + c * length, y + s * length)])
     if width == 0.0:
         return np.array([(x, y)])
-    a, b = 0.5 * length, 0.5 * width
-    corners = np.array([(-a, -b), (a, -b), (a, b), (-a, b)])
+    front, b = length if row["kind"] == DOOR else 0.5 * length, 0.5 * width
+    rear = front - length
+    corners = np.array([(rear, -b), (front, -b), (front, b), (rear, b)])
     turned: Array = corners @ np.array([(c, s), (-s, c)]) + (x, y)
     return turned
+
+
+def leaf_line(row: Any, x: float, y: float, yaw: float) -> Array:
+    """The middle line (2, 2) [m] of a leaf at a pose, from its hinge to its other end."""
+    length = row["size"][0]
+    return np.array([(x, y), (x + math.cos(yaw) * length, y + math.sin(yaw) * length)])

@@ -46,7 +46,7 @@ def made_of(row, friction):
     else:
         body = pymunk.Body(mass, 0.5 * mass * length**2)
     if row["kind"] == DOOR:
-        shape = pymunk.Segment(body, (0, 0), (length, 0), 0.0)
+        shape = pymunk.Poly(body, [(x + length / 2, y) for x, y in box])
         shape.filter = LEAF  # no contact with what is FIXED: neither would move
     else:
         shape = pymunk.Poly(body, box) if width else pymunk.Circle(body, length)

@@ -18,7 +18,7 @@ from wheelchair_gym.movers import (
     Mover,
     door,
     furniture,
-    outline_of,
+    leaf_line,
     person,
 )
 from wheelchair_gym.scenes.layout import Layout
@@ -146,7 +146,7 @@ def _barred(grid: OccupancyGrid, leaves: list[Mover]) -> OccupancyGrid:
         row = leaf.row[0]
         if row["swings"]:
             x, y, heading = row["pose"]
-            ends = outline_of(row, x, y, heading + row["travel"])
+            ends = leaf_line(row, x, y, heading + row["travel"])
             steps = np.linspace(0.0, 1.0, 2 + math.ceil(4.0 * row["size"][0] / grid.resolution))
             on = grid.to_cell(ends[0] + steps[:, None] * (ends[1] - ends[0]))
             inside = ((on >= 0) & (on < grid.shape)).all(axis=1)

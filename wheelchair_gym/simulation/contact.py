@@ -23,9 +23,9 @@ from wheelchair_gym.geometry import (
     rectangle_segment_gap,
 )
 from wheelchair_gym.kernel import borrowing_kernel
-from wheelchair_gym.movers import DOOR, PERSON
+from wheelchair_gym.movers import PERSON
 from wheelchair_gym.simulation.engine import FX, FY, VX, VY, body_view
-from wheelchair_gym.simulation.moving import NEVER, moving_at, rows_at
+from wheelchair_gym.simulation.moving import NEVER, is_box, moving_at, rows_at
 
 Array = NDArray[np.float64]
 Motion = tuple[float, float, float, float, float]  # x, y [m], vx, vy [m/s], w [rad/s]
@@ -216,8 +216,8 @@ def note_contacts(world: Any, state: Any, p: Any, chair: Motion) -> None:
     for k in range(world.n_movers):
         row, own, at = rows[k], moving[k], moving[k].slot
         other = (own.pose[0], own.pose[1], own.twist[0], own.twist[1], own.twist[2])
-        if row.kind == DOOR or row.size[1] > 0.0:
-            for i in range(1 if row.kind == DOOR else 4):
+        if is_box(row):
+            for i in range(4):
                 w = walls[at + i]
                 _touch_segment(world, state, p, k, chair, other, w[0], w[1], w[2], w[3])
         else:
@@ -235,8 +235,8 @@ def forget_contacts(world: Any, state: Any, p: Any) -> None:
         if own.judged == NEVER:
             continue
         gap = math.inf
-        if row.kind == DOOR or row.size[1] > 0.0:
-            for i in range(own.slot, own.slot + (1 if row.kind == DOOR else 4)):
+        if is_box(row):
+            for i in range(own.slot, own.slot + 4):
                 w = walls[i]
                 near = rectangle_segment_gap(x, y, yaw, p.outline[:], w[0], w[1], w[2], w[3])
                 gap = min(gap, near)

@@ -33,7 +33,7 @@ def chair_gap(p: Any, pose: Array, x: float, y: float) -> float:
 
 @borrowing_kernel
 def _leaf_at(row: Any, share: float) -> tuple[float, float, float, float]:
-    """Both ends [m] of a door's leaf that is opened by a share."""
+    """Both ends [m] of the middle line of a door's leaf that is opened by a share."""
     x, y, angle, way = row.pose[0], row.pose[1], row.pose[2], share * row.travel
     if row.swings:
         angle += way
@@ -46,7 +46,7 @@ def _leaf_at(row: Any, share: float) -> tuple[float, float, float, float]:
 def _thing_gap(
     world: Any, p: Any, pose: Array, j: int, x: float, y: float, ex: float, ey: float
 ) -> float:
-    """Distance [m] from a leaf to mover j, or to the chair at a pose where j is -1."""
+    """Distance [m] from a leaf's middle line to mover j; to the chair at a pose where j is -1."""
     if j < 0:
         return rectangle_segment_gap(pose[0], pose[1], pose[2], p.outline[:], x, y, ex, ey)
     other = rows_at(world.movers, world.n_movers)[j]
@@ -65,13 +65,14 @@ def _held(world: Any, p: Any, pose: Array, k: int, share: float) -> bool:
     n = world.n_movers
     rows, moving = rows_at(world.movers, n), moving_at(world.moving, n)
     row = rows[k]
+    least = row.least + 0.5 * row.size[1]
     x, y, ex, ey = _leaf_at(row, share)
     ax, ay, bx, by = _leaf_at(row, moving[k].open)
     for j in range(-1, n):
         if j >= 0 and (rows[j].kind == DOOR or not moving[j].there):
             continue
         after = _thing_gap(world, p, pose, j, x, y, ex, ey)
-        if after < row.least and after <= _thing_gap(world, p, pose, j, ax, ay, bx, by):
+        if after < least and after <= _thing_gap(world, p, pose, j, ax, ay, bx, by):
             return True
     return False
 

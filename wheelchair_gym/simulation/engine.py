@@ -149,13 +149,12 @@ def set_circle(shape: np.uint64, x: float, y: float, radius: float) -> None:
 
 
 @borrowing_kernel
-def set_box(shape: np.uint64, length: float, width: float) -> None:
-    """Give a cpPolyShape of four corners, from rear right, another length and width [m]."""
+def set_box(shape: np.uint64, rear: float, front: float, half: float) -> None:
+    """Give a cpPolyShape of four corners, from rear right, other ends and half a width [m]."""
     fields = doubles_at(shape, POLY_DOUBLES)
-    a, b = 0.5 * length, 0.5 * width
-    x0, y0 = -a, b
+    x0, y0 = rear, half
     for k in range(4):
-        x, y = a if k == 1 or k == 2 else -a, b if k > 1 else -b
+        x, y = front if k == 1 or k == 2 else rear, half if k > 1 else -half
         ex, ey = x - x0, y - y0
         scale = 1.0 / (math.sqrt(ex * ex + ey * ey) + TINY)
         place = SHAPE.corners + 4 * k
@@ -204,7 +203,7 @@ def _push(
     fields, pushed = body_view(body), body_view(other)
     weigh(body, 10.0, 2.0)
     weigh(other, 3.0, 0.5)
-    set_box(box, 0.2, 0.3)
+    set_box(box, -0.1, 0.1, 0.15)
     set_touch(box, 0.25, 0)
     add_shape(engine.add_body, space, other)
     add_shape(engine.add, space, box)

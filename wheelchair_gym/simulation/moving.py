@@ -35,7 +35,6 @@ from wheelchair_gym.simulation.engine import (
     remove_shape,
     set_box,
     set_circle,
-    set_segment,
     set_touch,
     weigh,
 )
@@ -77,7 +76,7 @@ moving_at = rows_of(MOVING)
 
 @borrowing_kernel
 def is_box(row: Any) -> bool:
-    """Whether a mover has corners."""
+    """Whether a mover has corners: furniture that is not round, and leaves."""
     return bool(row.size[1] > 0.0)
 
 
@@ -133,15 +132,15 @@ def bring_movers(engine: Any, world: Any) -> None:
         if row.kind == DOOR:
             pair = integers_at(world.leaves, 2 * (leaves + 1))[2 * leaves :]
             leaves += 1
-            own.slot, segment = segment, segment + 1
+            own.slot, segment = segment, segment + 4
             own.body, own.shape = np.uint64(pair[0]), np.uint64(pair[1])
-            set_segment(own.shape, 0.0, 0.0, row.size[0], 0.0)
+            set_box(own.shape, 0.0, row.size[0], 0.5 * row.size[1])
         elif is_box(row):
             pair = integers_at(world.boxes, 2 * (boxes + 1))[2 * boxes :]
             boxes += 1
             own.slot, segment = segment, segment + 4
             own.body, own.shape = np.uint64(pair[0]), np.uint64(pair[1])
-            set_box(own.shape, row.size[0], row.size[1])
+            set_box(own.shape, -0.5 * row.size[0], 0.5 * row.size[0], 0.5 * row.size[1])
             moment = inertia(row)
         else:
             pair = integers_at(world.balls, 2 * (balls + 1))[2 * balls :]

@@ -27,18 +27,15 @@ def show(world: Any) -> None:
         row, own = rows[k], moving[k]
         x, y = own.pose[0], own.pose[1]
         at = own.slot
-        if row.kind != DOOR and not is_box(row):
+        if not is_box(row):
             discs[at, 0], discs[at, 1], discs[at, 2] = x, y, row.size[0]
             continue
         c, s = math.cos(own.pose[2]), math.sin(own.pose[2])
-        if row.kind == DOOR:
-            walls[at, 0], walls[at, 1] = x, y
-            walls[at, 2], walls[at, 3] = x + c * row.size[0], y + s * row.size[0]
-            continue
-        a, b = 0.5 * row.size[0], 0.5 * row.size[1]
-        px, py = x - c * a - s * b, y - s * a + c * b
+        front, b = row.size[0] if row.kind == DOOR else 0.5 * row.size[0], 0.5 * row.size[1]
+        rear = front - row.size[0]
+        px, py = x + c * rear - s * b, y + s * rear + c * b
         for i in range(4):
-            ex, ey = a if i == 1 or i == 2 else -a, b if i > 1 else -b
+            ex, ey = front if i == 1 or i == 2 else rear, b if i > 1 else -b
             qx, qy = x + c * ex - s * ey, y + s * ex + c * ey
             walls[at + i, 0], walls[at + i, 1] = px, py
             walls[at + i, 2], walls[at + i, 3] = qx, qy

@@ -141,7 +141,7 @@ def enter(engine: Any, world: Any, p: Any, x: float, y: float, yaw: float) -> No
 
 def _leaf(body: pymunk.Body) -> pymunk.Shape:
     """A shape for a door."""
-    shape = pymunk.Segment(body, (0, 0), (1, 0), 0.0)
+    shape = pymunk.Poly(body, UNIT_BOX)
     shape.filter = LEAF
     return shape
 

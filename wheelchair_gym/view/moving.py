@@ -45,12 +45,12 @@ def draw_movers(canvas: Canvas, movers: Movers, poses: Array) -> None:
             continue
         kind, colour = int(row["kind"]), FILLS[int(row["kind"])]
         outline = outline_of(row, x, y, yaw)
-        if len(outline) == 2:
-            canvas.line(outline, colour, 3.5)
-        elif len(outline) == 1:
+        if len(outline) == 1:
             rim = RIMS.get(int(row["heeds"]), palette.BLIND) if kind == PERSON else palette.INK
             canvas.disc(outline[0], float(row["size"][0]), colour)
             canvas.ring(outline[0], float(row["size"][0]), rim, 2.0)
         else:
             canvas.fill([outline], colour)
-            canvas.line(outline, palette.INK, 1.5, closed=True)
+            # A leaf is too thin for a line round it in another colour.
+            edge = colour if kind == DOOR else palette.INK
+            canvas.line(outline, edge, 1.5, closed=True)
