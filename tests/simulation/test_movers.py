@@ -310,6 +310,16 @@ def test_a_door_opens_for_the_chair_and_never_closes_on_it():
     assert 0.25 < (shares[:, 1] > 0.5).mean() < 0.5  # 2 s of 6, and the time it takes to move
 
 
+def test_a_leaf_seen_end_on_is_as_wide_as_it_is_thick():
+    """40 mm of it, 1 m ahead of the laser."""
+    chair = exact_chair()
+    reading = chair.reset(among(door((1.66, 0.0), 0.0, 1.0, 1.0)), 0)
+    on = np.flatnonzero(reading.laser < 1.5)
+    angles = chair.sensors.laser.angles[on]
+    assert np.ptp(angles) == pytest.approx(2 * math.atan(0.02), abs=math.radians(0.5))
+    np.testing.assert_allclose(reading.laser[on] * np.cos(angles), 1.0, atol=1e-5)
+
+
 def test_a_leaf_that_is_held_waits_at_a_distance():
     """It closes on a timetable while the chair stands in its way."""
     leaf = door((0.0, 1.0), 0.0, 1.2, -math.pi / 2, since=0.0, stay=3.0, least=0.15)

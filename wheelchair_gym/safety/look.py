@@ -40,6 +40,7 @@ def forget(s: Any) -> None:
         s.doubtful[k], s.n_arc[k] = math.nan, 0
     s.corner[0], s.corner[1] = 1 << 40, 1 << 40  # far off: the whole grid comes in anew
     s.n_points, s.n_old, s.n_marks, s.n_near, s.n_moving, s.n_close = 0, 0, 0, 0, 0, 0
+    s.n_lone = 0
     s.gap, s.columns, s.hidden = FAR, 0, 0.0
     for k in range(2):
         s.asked[k], s.given[k] = 0.0, 0.0

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.address import floats_at
 from wheelchair_gym.kernel import borrowing_kernel, inlined
 from wheelchair_gym.safety.cells import laser_frame, was_clear
-from wheelchair_gym.safety.state import FAR, FRESH, KEPT, MOVERS, STANDS
+from wheelchair_gym.safety.state import FAR, FRESH, KEPT, LONE, MOVERS, STANDS
 from wheelchair_gym.sensing.bearings import bearing
 from wheelchair_gym.sensing.laser import middle
 
@@ -29,6 +29,10 @@ _EDGE = math.radians(15.0)  # of the laser's view: half a body at 2 m
 _SAME = 0.10  # m: a ray that ends so near a point has looked at it anew
 _AGEING = 0.2  # of the time counts at rest
 _CLOSE_BY = 1.5  # m from the laser: what was seen last farther off is not in the way
+# Hits of two scans are of one thing within so much, and a beam's width beside; what is seen aslant
+# is hit farther along it as the chair drives on.
+_LONE_ALONG, _LONE_BESIDE = 0.20, 0.02  # m
+_LONE_KEPT = 1.0  # s: what one beam hit, and others look past
 _ALIKE = 0.015  # m: points so near each other are one
 
 
@@ -154,6 +158,54 @@ def _add(
 
 
 @borrowing_kernel
+def _add_lone(g: Any, s: Any, frame: tuple[float, float, float, float], x: float, y: float) -> None:
+    """Take in what one beam alone hit, in the laser's frame: the same as in a scan before, or new.
+
+    A ghost is nowhere twice. What is thin is: beams meet it again, if not in every scan.
+    """
+    lx, ly, c, sn = frame
+    px, py = lx + c * x - sn * y, ly + sn * x + c * y
+    far = math.sqrt(x * x + y * y)
+    ux, uy = (px - lx) / far, (py - ly) / far
+    beside = _LONE_BESIDE + far / g.per_angle
+    for k in range(s.n_lone):
+        dx, dy = s.lone[k, 0] - px, s.lone[k, 1] - py
+        if abs(ux * dx + uy * dy) < _LONE_ALONG and abs(ux * dy - uy * dx) < beside:
+            s.lone[k, 3] += 1.0 if s.lone[k, 2] < s.stamp else 0.0
+            s.lone[k, 0], s.lone[k, 1], s.lone[k, 2] = px, py, s.stamp
+            return
+    n = last_rows(s.lone[:], s.n_lone, LONE - 1)
+    s.lone[n, 0], s.lone[n, 1], s.lone[n, 2], s.lone[n, 3] = px, py, s.stamp, 1.0
+    s.n_lone = n + 1
+
+
+@borrowing_kernel
+def _keep_lone(g: Any, s: Any, laser: Floats) -> None:
+    """Drop what one beam hit once it is too old; what was hit in two scans is an obstacle.
+
+    Where beams look past it, it is too old sooner than where none does.
+    """
+    n, kept, beams = s.n_points, 0, laser.shape[0]
+    lx, ly, cl, sl = laser_frame(g, s)
+    for k in range(s.n_lone):
+        dx, dy = s.lone[k, 0] - lx, s.lone[k, 1] - ly
+        far = math.sqrt(dx * dx + dy * dy)
+        at = (bearing(_F(cl * dy - sl * dx), _F(cl * dx + sl * dy)) - g.first) * g.per_angle
+        b = int(max(at, 0.0) + 0.5)
+        passed = 1 <= b < beams - 1 and laser[b] >= far - _SAME
+        if s.stamp - s.lone[k, 2] > (_LONE_KEPT if passed else g.memory) or far > FAR:
+            continue
+        for i in range(s.lone.shape[1]):
+            s.lone[kept, i] = s.lone[k, i]
+        kept += 1
+        if s.lone[k, 3] > 1.0 and n < FRESH + KEPT:
+            s.points[n, 0], s.points[n, 1] = s.lone[k, 0], s.lone[k, 1]
+            s.points[n, 2] = -math.inf  # of this scan alone: put there anew after each
+            n += 1
+    s.n_lone, s.n_points = kept, n
+
+
+@borrowing_kernel
 def _drop_passed(g: Any, s: Any, first: int) -> None:
     """Drop marks that were not seen anew beside one that was: there that body was before.
 
@@ -189,8 +241,9 @@ def remember(g: Any, s: Any, laser: Floats, dt: float) -> None:
     """Take in a scan, dt [s] after the last: arcs of beams that meet the same become a point each.
 
     A point is the mean of its arc's ranges, which averages noise, but where the arc ends in the
-    open: an edge seen aslant is nearer. The median of three beams keeps lone outliers and lost
-    echoes out. Too near (-inf) is as near as the laser sees.
+    open: an edge seen aslant is nearer. The median of three beams keeps lost echoes out, and what
+    one beam alone hits: that is an obstacle once another scan hits it, too. Too near (-inf) is as
+    near as the laser sees.
     """
     beams = laser.shape[0]
     cosine, sine = floats_at(g.cosine, beams), floats_at(g.sine, beams)
@@ -212,6 +265,9 @@ def remember(g: Any, s: Any, laser: Floats, dt: float) -> None:
             r = laser[b]
             if 0 < b < beams - 1:
                 r = middle(laser[b - 1], r, laser[b + 1])
+                own = max(laser[b], nearest)
+                if own < r - _JUMP and own <= far:
+                    _add_lone(g, s, frame, own * cosine[b], own * sine[b])
             r = nearest if r == -none else r
         if count > 0:
             span = total - r * _F(count)
@@ -235,4 +291,5 @@ def remember(g: Any, s: Any, laser: Floats, dt: float) -> None:
             tail = _nearer(laser[b], r)
         elif count == 0:
             before = none
+    _keep_lone(g, s, laser)
     _drop_passed(g, s, first)

@@ -48,6 +48,7 @@ ARC = 12  # points on the arc of an echo
 NEAR = FRESH + KEPT + RANGERS * ARC
 MOVERS = 96  # points of what moves
 CLOSE = 64  # points inside the stop zone
+LONE = 48  # things that one beam hit
 STANDS = 0.02  # m/s, rad/s: slower is at rest
 SAMPLES = 38  # points of the outline that may enter what nobody has seen
 
@@ -111,6 +112,9 @@ SHIELD = np.dtype(
         ("n_points", "i8"),
         ("n_old", "i8"),  # of them are of scans before the last one
         ("points", "f8", (FRESH + KEPT, 3)),
+        # what one beam hit: x, y [m], when last [s], in how many scans
+        ("n_lone", "i8"),
+        ("lone", "f8", (LONE, 4)),
         ("n_marks", "i8"),
         ("marks", "f8", (MOVERS, 4)),  # and were seen
         ("marked", "f8", (MOVERS, 4)),  # before the last scan
