@@ -209,13 +209,13 @@ def door(
     Raises:
         InputError: a value is out of bounds.
     """
-    if not 0.0 < width:
+    if not width > 0.0:
         raise InputError(f"door: width {width:g} m; expected a positive number")
     if speed is None:
         speed = LEAF_TURN if swings else LEAF_SPEED
     return _mover(
-        DOOR, pose=(*hinge, heading), size=(length, width), speed=speed, travel=travel, swings=swings,
-        near=near, since=since, stay=stay, every=every, least=least,
+        DOOR, pose=(*hinge, heading), size=(length, width), speed=speed, travel=travel,
+        swings=swings, near=near, since=since, stay=stay, every=every, least=least,
     )  # fmt: skip
 
 

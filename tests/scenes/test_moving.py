@@ -14,7 +14,16 @@ from agents.compare import CORRIDORS, DOORS, suite
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import footprint_clearance, path_length, point_segment_distance
 from wheelchair_gym.maps import bottleneck, geodesic
-from wheelchair_gym.movers import DOOR, FURNITURE, NOBODY, OBSTACLE, PERSON, leaf_line, outline_of, shapes
+from wheelchair_gym.movers import (
+    DOOR,
+    FURNITURE,
+    NOBODY,
+    OBSTACLE,
+    PERSON,
+    leaf_line,
+    outline_of,
+    shapes,
+)
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.describe import measure
 from wheelchair_gym.scenes.doorway import Doorway
