@@ -27,9 +27,11 @@ from wheelchair_gym.movers import (
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.describe import measure
 from wheelchair_gym.scenes.doorway import Doorway
-from wheelchair_gym.scenes.poses import FOOTPRINT, RADIUS
+from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.scenes.traffic import ROUND, free_floor
+
+RADIUS = passing_radius(FOOTPRINT)
 
 
 def drawn(count=8, **spec):

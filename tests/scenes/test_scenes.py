@@ -16,8 +16,10 @@ from wheelchair_gym.scenes.example import draw
 from wheelchair_gym.scenes.labs import DESIGN_LAB_INFLATION
 from wheelchair_gym.scenes.map_file import example_map
 from wheelchair_gym.scenes.papers import GREY_WOLF_GOALS
-from wheelchair_gym.scenes.poses import FOOTPRINT, RADIUS
+from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.stream import below, stream, uniform
+
+RADIUS = passing_radius(FOOTPRINT)
 
 WORLDS = [
     {"world": 3, "start": [-2.0, 1.0, 1.57], "goal": [-2.0, 6.0], "circles": [[-2.0, 3.0, 0.2]]},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -89,6 +90,7 @@ class EnvSettings:
             )
 
 
+_ON_EDGE = 1e-3  # m: a sensor so near the outline's edge is on it
 _PLACES = {
     "beams": ("task", "beams"),
     "pose_source": ("sensors", "pose_source"),
@@ -133,7 +135,28 @@ def env_settings(
         if name in given:
             part = dataclasses.replace(getattr(base, section), **{key: given.pop(name)})
             base = dataclasses.replace(base, **{section: part})
-    return dataclasses.replace(base, **given)
+    made = dataclasses.replace(base, **given)
+    _warn_of_mounts(made)
+    return made
+
+
+def _warn_of_mounts(own: EnvSettings) -> None:
+    """Warn of sensors that are mounted outside the chair's outline."""
+    outline, rangers = own.chair.footprint, own.sensors.ultrasonic.mounted
+    mounts: list[tuple[str, Any]] = [("laser", own.sensors.laser)]
+    mounts += [(f"ultrasonic {k}", mount) for k, mount in enumerate(rangers)]
+    outside = [
+        f"{name} at ({mount.x:g}, {mount.y:g})"
+        for name, mount in mounts
+        if not -outline.rear - _ON_EDGE <= mount.x <= outline.front + _ON_EDGE
+        or abs(mount.y) > outline.half_width + _ON_EDGE
+    ]
+    if outside:
+        warnings.warn(
+            f"sensors outside the chair's outline ({outline}): {', '.join(outside)}; they may see "
+            "from inside a wall: set sensors.laser and sensors.ultrasonic.mounted",
+            stacklevel=3,
+        )
 
 
 def _shield(spec: Any) -> ShieldSettings | None:

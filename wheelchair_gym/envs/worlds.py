@@ -20,6 +20,7 @@ from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.files import whole
 from wheelchair_gym.scenes import make_scene
+from wheelchair_gym.scenes.poses import check_start, widest_way
 from wheelchair_gym.sensing.noise import WORLDS, bits, episode_key
 from wheelchair_gym.task.course import Course
 from wheelchair_gym.task.task import Task
@@ -115,7 +116,13 @@ class Worlds:
         return course
 
     def _make(self, entropy: tuple[int, ...]) -> Course:
-        return self._task.prepare(self._scene.sample(np.random.default_rng(entropy)))
+        rng, footprint = np.random.default_rng(entropy), self._task.footprint
+        episode = self._scene.sample(rng, footprint)
+        check_start(episode, footprint)
+        course = self._task.prepare(episode)
+        if np.isfinite(course.geodesic.at(episode.start[:2])):
+            return course
+        return self._task.prepare(episode, widest_way(episode, footprint))
 
 
 # Settings of the task that leave worlds as they are: what is observed there, and rewarded.

@@ -8,6 +8,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from wheelchair_gym.config import InputError, load
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.scenes.barn import Barn
 from wheelchair_gym.scenes.clutter import Clutter
 from wheelchair_gym.scenes.crowd import Crowd
@@ -17,6 +18,7 @@ from wheelchair_gym.scenes.labs import LAB_MAPS, DesignLab
 from wheelchair_gym.scenes.map_file import MapFile
 from wheelchair_gym.scenes.mixture import Mixture
 from wheelchair_gym.scenes.papers import ChaoticPso, GreyWolf
+from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.scenes.room import EmptyRoom
 from wheelchair_gym.scenes.temporary import Temporary
 from wheelchair_gym.scenes.thesis import THESIS_MAPS
@@ -44,8 +46,12 @@ __all__ = [
 class Scene(Protocol):
     """A frozen settings object that draws worlds: same rng state, same episode."""
 
-    def sample(self, rng: np.random.Generator) -> Episode:
-        """Draw a world, a start and a goal."""
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """Draw a world, a start and a goal for a chair of this footprint.
+
+        Raises:
+            InputError: the settings leave no world that fits it.
+        """
         ...
 
 

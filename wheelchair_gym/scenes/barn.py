@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from wheelchair_gym.config import InputError, read_json, setting, settings
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.scenes.raster import CELL, paint_discs, to_cells
@@ -136,8 +137,8 @@ class Barn:
         default=1.5, unit="m", source="of the map round cylinders, start and goal", low=0.5
     )
 
-    def sample(self, rng: np.random.Generator) -> Episode:
-        """The world asked for, or any.
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """The world asked for, or any that a chair of this footprint can pass.
 
         Raises:
             InputError: the file cannot be read or is malformed, or has no such world; or none of
@@ -148,14 +149,16 @@ class Barn:
         if self.world is not None:
             raise InputError("Barn.world is a world of a file; Barn.path is not given")
         goal = np.array([*_GOAL, _START[2]])
-        radius = FOOTPRINT.half_width + self.clearance
+        radius = footprint.half_width + self.clearance
         for _ in range(_TRIES):
             discs = _drawn(rng, math.ceil(radius / _CYLINDER))
             episode = self._episode(np.array(_START), goal, discs, "barn")
             ways = geodesic(episode.map, goal, radius)
             if np.isfinite(ways.at(episode.start[:2])):
                 return episode
-        raise InputError(f"Barn: none of {_TRIES} worlds leaves {self.clearance} m")
+        raise InputError(
+            f"Barn: none of {_TRIES} worlds leaves {self.clearance} m beside {footprint}"
+        )
 
     def _read(self, rng: np.random.Generator) -> Episode:
         path = Path(self.path)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import geodesic
 from wheelchair_gym.scenes.arena import arena, facing
 from wheelchair_gym.scenes.poses import FOOTPRINT
@@ -72,8 +73,8 @@ class Clutter:
                     break
         return discs
 
-    def sample(self, rng: np.random.Generator) -> Episode:
-        """Draw corridors until one can be passed.
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """Draw corridors until one can be passed by a chair of this footprint.
 
         Raises:
             InputError: fifty could not.
@@ -82,7 +83,9 @@ class Clutter:
         for _ in range(_TRIES):
             discs = self._discs(rng)
             ground = arena((0.0, 0.0, self.length + 2 * _ENDS, self.width), discs=discs)
-            ways = geodesic(ground.map, goal, FOOTPRINT.half_width + self.margin)
+            ways = geodesic(ground.map, goal, footprint.half_width + self.margin)
             if np.isfinite(ways.at(start[:2])):
                 return Episode(ground.map, start, goal, ground.walls, discs, name="clutter")
-        raise InputError(f"Clutter: none of {_TRIES} corridors could be passed with {self}")
+        raise InputError(
+            f"Clutter: none of {_TRIES} corridors could be passed by {footprint} with {self}"
+        )

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import geodesic
 from wheelchair_gym.movers import together
 from wheelchair_gym.scenes.arena import arena
 from wheelchair_gym.scenes.floor_plan import FloorPlan
 from wheelchair_gym.scenes.layout import Layout
-from wheelchair_gym.scenes.poses import FOOTPRINT, RADIUS, stands
+from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius, stands
 from wheelchair_gym.scenes.traffic import (
     DoorsOfScene,
     PeopleOfScene,
@@ -50,21 +51,23 @@ class Crowd:
         if self.hall[0] > self.hall[1]:
             raise InputError(f"Crowd.hall is {self.hall}; expected from, to")
 
-    def sample(self, rng: np.random.Generator) -> Episode:
-        """Draw a place, then who and what moves in it.
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """Draw a place for a chair of this footprint, then who and what moves in it.
 
         Raises:
             InputError: the settings leave no start and goal.
         """
-        return self.storey(rng)[1]
+        return self.storey(rng, footprint)[1]
 
-    def storey(self, rng: np.random.Generator) -> tuple[Layout | None, Episode]:
+    def storey(
+        self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT
+    ) -> tuple[Layout | None, Episode]:
         """The same, with the rooms, corridors and doors where it is a building."""
         layout: Layout | None = None
         if self.place == "building" or (self.place == "any" and rng.random() < 0.5):
-            layout, episode = self.plan.storey(rng)
+            layout, episode = self.plan.storey(rng, footprint)
         else:
-            episode = self._hall(rng)
+            episode = self._hall(rng, footprint)
         taken: list[Array] = []
         start, grid = episode.start, episode.map
         things = draw_light(rng, grid, self.light, start, taken)
@@ -73,7 +76,7 @@ class Crowd:
         movers = together([*things, *leaves, *people])
         return layout, dataclasses.replace(episode, movers=movers, name="crowd")
 
-    def _hall(self, rng: np.random.Generator) -> Episode:
+    def _hall(self, rng: np.random.Generator, footprint: Footprint) -> Episode:
         """An open hall with a few columns; start and goal far apart."""
         for _ in range(_TRIES):
             width, height = rng.uniform(*self.hall, 2)
@@ -91,9 +94,9 @@ class Crowd:
                 for _ in range(2)
             ]
             start, goal = drawn
-            if not all(stands(pose, ground.walls, discs, _CLEARANCE) for pose in drawn):
+            if not all(stands(pose, ground.walls, discs, footprint, _CLEARANCE) for pose in drawn):
                 continue
-            far = float(geodesic(ground.map, goal[:2], RADIUS).at(start[:2]))
+            far = float(geodesic(ground.map, goal[:2], passing_radius(footprint)).at(start[:2]))
             if 0.6 * self.hall[0] <= far < np.inf:
                 return Episode(ground.map, start, goal, ground.walls, discs)
-        raise InputError(f"Crowd: {_TRIES} halls had no start and goal for {FOOTPRINT} in {self}")
+        raise InputError(f"Crowd: {_TRIES} halls had no start and goal for {footprint} in {self}")

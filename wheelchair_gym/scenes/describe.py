@@ -11,7 +11,7 @@ from wheelchair_gym.maps import OCCUPIED, bottleneck, geodesic
 from wheelchair_gym.movers import KINDS, NOBODY, PEOPLE, PERSON
 from wheelchair_gym.scenes import Crowd, Doorway, FloorPlan, Scene, Temporary
 from wheelchair_gym.scenes.layout import Layout
-from wheelchair_gym.scenes.poses import FOOTPRINT, RADIUS
+from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.traffic import free_floor
 from wheelchair_gym.types import Episode
 
@@ -41,7 +41,7 @@ def measure(scene: Scene, seeds: Iterable[int]) -> dict[str, list[float]]:
             table.setdefault("corridor width [m]", []).append(scene.corridor)
             table.setdefault("margin round the corner [m]", []).append(scene.margin)
         start, goal = episode.start[:2], episode.goal[:2]
-        way = float(geodesic(episode.map, goal, RADIUS).at(start))
+        way = float(geodesic(episode.map, goal, passing_radius(FOOTPRINT)).at(start))
         margin = bottleneck(episode.map, start, goal) - FOOTPRINT.half_width
         density = float((episode.map.cells == OCCUPIED).mean())
         direct = float(np.hypot(*(goal - start)))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.scenes.arena import arena
 from wheelchair_gym.scenes.poses import FOOTPRINT, stands
 from wheelchair_gym.scenes.raster import CELL
@@ -36,24 +37,37 @@ class Doorway:
 
     @property
     def margin(self) -> float:
-        """What the chair might grow by on every side and still get round the corner [m].
+        """What the default chair might grow by on every side and still get round the corner [m].
 
         No manoeuvre of a rigid outline has more; below 0 none exists.
         """
-        half = 0.5 * min(self.door, self.corridor) - FOOTPRINT.half_width
-        return _last(lambda grown: _turns(self.door, self.corridor, grown), -0.3, half)
+        return self.margin_of(FOOTPRINT)
+
+    def margin_of(self, footprint: Footprint) -> float:
+        """The same for a footprint; below -0.3 m it is -0.3 m or less."""
+        half = 0.5 * min(self.door, self.corridor) - footprint.half_width
+        if half <= -0.3:
+            return half
+        return _last(lambda grown: _turns(self.door, self.corridor, grown, footprint), -0.3, half)
 
     @staticmethod
     def least(margin: float, corridor: float) -> float:
         """The narrowest door off a corridor [m] that leaves a margin [m] round the corner."""
-        return -_last(lambda door: _turns(-door, corridor, margin), -2.0, -0.5)
+        return -_last(lambda door: _turns(-door, corridor, margin, FOOTPRINT), -2.0, -0.5)
 
-    def sample(self, rng: np.random.Generator) -> Episode:
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw where the door is, which way round, and where the chair starts.
 
         Raises:
-            InputError: the chair does not stand in the corridor.
+            InputError: a chair of this footprint does not get round the corner, or does not stand
+                in the corridor.
         """
+        margin = self.margin_of(footprint)
+        if margin < 0.0:
+            raise InputError(
+                f"Doorway: {footprint} does not turn from a corridor of {self.corridor} m into a "
+                f"door of {self.door} m: it is {-margin:.2f} m too large on every side"
+            )
         low = self.corridor + _WALL
         for _ in range(_TRIES):
             middle = rng.uniform(0.35, 0.65) * self.length
@@ -67,11 +81,10 @@ class Doorway:
                 [middle - side * away, 0.5 * self.corridor, 0.0 if side > 0 else math.pi]
             )
             goal = np.array([middle + rng.uniform(-0.5, 0.5), low + 0.6 * self.room, 0.5 * math.pi])
-            if all(stands(at, ground.walls, ground.discs, _CLEARANCE) for at in (start, goal)):
+            solid = ground.walls, ground.discs
+            if all(stands(at, *solid, footprint, _CLEARANCE) for at in (start, goal)):
                 return Episode(ground.map, start, goal, ground.walls, ground.discs, name="doorway")
-        raise InputError(
-            f"Doorway: {_TRIES} draws left no start in a corridor of {self.corridor} m"
-        )
+        raise InputError(f"Doorway: {_TRIES} draws left no start for {footprint} in {self}")
 
 
 def _last(holds: Callable[[float], bool], low: float, high: float) -> float:
@@ -82,7 +95,7 @@ def _last(holds: Callable[[float], bool], low: float, high: float) -> float:
     return low
 
 
-def _turns(door: float, corridor: float, grown: float) -> bool:
+def _turns(door: float, corridor: float, grown: float, footprint: Footprint) -> bool:
     """Whether the outline, grown on every side [m], turns from a corridor into a door in its side.
 
     At an angle t from the corridor, one long side rests on the door's near post and a rear corner
@@ -90,8 +103,8 @@ def _turns(door: float, corridor: float, grown: float) -> bool:
     slab between both posts is as wide as the outline: from there on it goes in at any length. The
     least over t is the limit: a ladder round a corner, with a width, over a wall with a thickness.
     """
-    length = FOOTPRINT.front + FOOTPRINT.rear + 2.0 * grown
-    width = 2.0 * (FOOTPRINT.half_width + grown)
+    length = footprint.front + footprint.rear + 2.0 * grown
+    width = 2.0 * (footprint.half_width + grown)
     if width > min(door, corridor):
         return False
     s, c = np.sin(_TURN), np.cos(_TURN)

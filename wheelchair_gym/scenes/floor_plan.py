@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kernel import borrowing_kernel, kernel, whole
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic, interpolate
 from wheelchair_gym.maps.edges import boundary
 from wheelchair_gym.scenes.furniture import Furniture, furnish
 from wheelchair_gym.scenes.layout import Layout, Plan, lay_out
-from wheelchair_gym.scenes.poses import FOOTPRINT, RADIUS, draw_pose
+from wheelchair_gym.scenes.poses import FOOTPRINT, draw_pose, passing_radius
 from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, paint_rects
 from wheelchair_gym.scenes.stream import Stream, below, stream, uniform
 from wheelchair_gym.types import Episode
@@ -83,24 +84,26 @@ class FloorPlan:
         things = furnish(source, plan, home, self.furniture, self.passage)
         return Storey(plan, *_build(plan, things), things.discs)
 
-    def sample(self, rng: np.random.Generator) -> Episode:
-        """Draw storeys until one has a start and a goal.
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """Draw storeys until one has a start and a goal for a chair of this footprint.
 
         Raises:
             InputError: fifty storeys had none.
         """
-        return self._world(rng)[1]
+        return self._world(rng, footprint)[1]
 
-    def storey(self, rng: np.random.Generator) -> tuple[Layout, Episode]:
+    def storey(
+        self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT
+    ) -> tuple[Layout, Episode]:
         """The same, with the rooms, corridors and doors of the building.
 
         Raises:
             InputError: fifty storeys had none.
         """
-        plan, episode = self._world(rng)
+        plan, episode = self._world(rng, footprint)
         return Layout(plan), episode
 
-    def _world(self, rng: np.random.Generator) -> tuple[Plan, Episode]:
+    def _world(self, rng: np.random.Generator, footprint: Footprint) -> tuple[Plan, Episode]:
         source = stream(rng)
         start, goal = np.empty(3), np.empty(3)
         least, most = self.size
@@ -110,18 +113,20 @@ class FloorPlan:
             height = uniform(source, least, (least + most) / 2 if home else most)
             storey = self._furnished(source, home, width, height)
             grid = OccupancyGrid(storey.cells, CELL)
-            ground = storey.plan.rooms, storey.walls, storey.discs, FOOTPRINT.array, self.clearance
+            ground = storey.plan.rooms, storey.walls, storey.discs, footprint.array, self.clearance
             for _ in range(_GOALS):
                 there = _draw_goal(source, *ground, goal)
                 if there < 0:
                     continue
-                ways = geodesic(grid, goal[:2], RADIUS)
+                ways = geodesic(grid, goal[:2], passing_radius(footprint))
                 if _draw_start(source, *ground, there, ways.extended, self.way, start):
                     episode = Episode(
                         grid, start, goal, storey.walls, storey.discs, name="floor_plan"
                     )
                     return storey.plan, episode
-        raise InputError(f"FloorPlan: {_TRIES} storeys had no start and goal that fit {self}")
+        raise InputError(
+            f"FloorPlan: {_TRIES} storeys had no start and goal that fit {footprint} in {self}"
+        )
 
 
 @kernel

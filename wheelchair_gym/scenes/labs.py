@@ -14,8 +14,10 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.scenes.arena import arena, facing
 from wheelchair_gym.scenes.numbered import numbered
+from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.types import Episode
 
 Box = tuple[float, float, float, float]
@@ -72,8 +74,8 @@ class Lab:
 
     number: int = setting(default=1, source="which of the three", low=1, high=3)
 
-    def sample(self, rng: np.random.Generator) -> Episode:
-        """The one world there is."""
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """The one world there is, whatever the footprint."""
         plan = LABS[self.number - 1]
         ground = arena((0.0, 0.0, *LAB_SIZE), plan.walls)
         start, goal = facing(plan.start, plan.goal)
@@ -87,8 +89,8 @@ class DesignLab:
 
     path: Literal[1, 2] = setting(default=1, source="the paper's start and goal")
 
-    def sample(self, rng: np.random.Generator) -> Episode:
-        """The one world there is."""
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """The one world there is, whatever the footprint."""
         ground = arena((0.0, 0.0, *DESIGN_LAB_SIZE), DESIGN_LAB)
         start, goal = facing(*DESIGN_LAB_PATHS[self.path])
         return Episode(ground.map, start, goal, ground.walls, ground.discs, name="design_lab")

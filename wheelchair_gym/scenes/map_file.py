@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic, read_ground
-from wheelchair_gym.scenes.poses import RADIUS, stands
+from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius, stands
 from wheelchair_gym.types import Episode, no_discs
 
 Array = NDArray[np.float64]
@@ -49,8 +50,8 @@ class MapFile:
     )
     unknown_is_solid: bool = setting(default=False, source="walls also round unknown cells")
 
-    def sample(self, rng: np.random.Generator) -> Episode:
-        """Draw what is not given.
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """Draw what is not given, for a chair of this footprint.
 
         Raises:
             InputError: the map cannot be read; a given pose is not free; there is no way.
@@ -59,35 +60,49 @@ class MapFile:
         stamp = path.stat().st_mtime_ns if path.exists() else 0
         grid, walls = _ground(path, stamp, self.unknown_is_solid)
         for name, pose in (("start", self.start), ("goal", self.goal)):
-            if pose is not None and not self._free(grid, walls, pose):
-                raise InputError(f"MapFile.{name} is {list(pose)}; the chair cannot stand there")
-        free = np.argwhere(grid.traversable(RADIUS))
+            if pose is not None and not self._free(grid, walls, pose, footprint):
+                raise InputError(f"MapFile.{name} is {list(pose)}; {footprint} cannot stand there")
+        radius = passing_radius(footprint)
+        free = np.argwhere(grid.traversable(radius))
         for _ in range(_GOALS):
-            goal = self._draw(rng, grid, walls, free) if self.goal is None else np.array(self.goal)
+            goal = (
+                self._draw(rng, grid, walls, free, footprint)
+                if self.goal is None
+                else np.array(self.goal)
+            )
             if goal is None:
                 break
-            start = self._begin(rng, grid, walls, geodesic(grid, goal, RADIUS))
+            start = self._begin(rng, grid, walls, geodesic(grid, goal, radius), footprint)
             if start is not None:
                 return Episode(grid, start, goal, walls, name=path.stem)
             if self.goal is not None:
                 break
-        raise InputError(f"{path}: no start and goal with a way of {self.apart} m between them")
+        raise InputError(
+            f"{path}: no start and goal with a way of {self.apart} m between them for {footprint}"
+        )
 
-    def _free(self, grid: OccupancyGrid, walls: Array, pose: Pose) -> bool:
+    def _free(self, grid: OccupancyGrid, walls: Array, pose: Pose, footprint: Footprint) -> bool:
         inside = bool(grid.inside(pose[:2]))
         row, col = grid.to_cell(pose[:2])
         return (
-            inside and grid.cells[row, col] == 0 and stands(np.array(pose), walls, no_discs(), 0.0)
+            inside
+            and grid.cells[row, col] == 0
+            and stands(np.array(pose), walls, no_discs(), footprint, 0.0)
         )
 
     def _begin(
-        self, rng: np.random.Generator, grid: OccupancyGrid, walls: Array, ways: Geodesic
+        self,
+        rng: np.random.Generator,
+        grid: OccupancyGrid,
+        walls: Array,
+        ways: Geodesic,
+        footprint: Footprint,
     ) -> Array | None:
         """A start from which the goal can be reached."""
         if self.start is not None:
             return np.array(self.start) if np.isfinite(ways.at(self.start[:2])) else None
         far = np.argwhere(np.isfinite(ways.field) & (ways.field >= self.apart))
-        return self._draw(rng, grid, walls, far)
+        return self._draw(rng, grid, walls, far, footprint)
 
     def _draw(
         self,
@@ -95,11 +110,12 @@ class MapFile:
         grid: OccupancyGrid,
         walls: Array,
         cells: NDArray[np.int64],
+        footprint: Footprint,
     ) -> Array | None:
         """A pose on one of the cells where the chair stands free."""
         for _ in range(_TRIES if len(cells) else 0):
             x, y = grid.to_world(cells[rng.integers(len(cells))])
             pose = np.array([x, y, rng.uniform(-math.pi, math.pi)])
-            if stands(pose, walls, no_discs(), self.clearance):
+            if stands(pose, walls, no_discs(), footprint, self.clearance):
                 return pose
         return None

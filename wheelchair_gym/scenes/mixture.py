@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.types import Episode
 
 
@@ -31,10 +33,10 @@ class Mixture:
 
         object.__setattr__(self, "_made", tuple(make_scene(scene) for scene in self.scenes))
 
-    def sample(self, rng: np.random.Generator) -> Episode:
-        """Draw a scene, and a world of it."""
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """Draw a scene, and a world of it for a chair of this footprint."""
         shares = np.array(self.shares)
         which = int(rng.choice(len(shares), p=shares / shares.sum()))
         made: Any = vars(self)["_made"]
-        episode: Episode = made[which].sample(rng)
+        episode: Episode = made[which].sample(rng, footprint)
         return episode

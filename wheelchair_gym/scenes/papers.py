@@ -7,7 +7,9 @@ from typing import Final, Literal
 import numpy as np
 
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.scenes.arena import arena, facing
+from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.types import Episode
 
 CHAOTIC_PSO_DISCS: Final = (
@@ -38,8 +40,8 @@ class ChaoticPso:
     A wall round the ground keeps the chair in; it touches nothing of the paper.
     """
 
-    def sample(self, rng: np.random.Generator) -> Episode:
-        """The one world there is."""
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """The one world there is, whatever the footprint."""
         ground = arena((0.0, 0.0, 10.0, 10.0), discs=CHAOTIC_PSO_DISCS)
         start, goal = facing((1.0, 1.0), (9.0, 9.0))
         return Episode(ground.map, start, goal, ground.walls, ground.discs, name="chaotic_pso")
@@ -59,8 +61,8 @@ class GreyWolf:
         default=2.0, unit="m", source="ground beyond 0 and 25, room for the chair", low=1.0
     )
 
-    def sample(self, rng: np.random.Generator) -> Episode:
-        """The one world there is."""
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """The one world there is, whatever the footprint."""
         low, high = -self.margin, 25.0 + self.margin
         ground = arena((low, low, high, high), discs=GREY_WOLF_DISCS)
         start, goal = facing((0.0, 0.0), GREY_WOLF_GOALS[self.goal])

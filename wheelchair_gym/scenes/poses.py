@@ -8,24 +8,60 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, footprint_clearance
 from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.maps import bottleneck
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.scenes.stream import Stream, uniform
+from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-FOOTPRINT: Final = Footprint()
-RADIUS: Final = FOOTPRINT.half_width + CELL  # m: its way through a straight gap, and a cell
+FOOTPRINT: Final = Footprint()  # of the default chair
 _INSET: Final = 0.4  # m: from the axle to the walls of a room, at least
 
 
-def stands(pose: Array, walls: Array, discs: Array, clearance: float) -> bool:
-    """Whether the chair's footprint at a pose (3,) is at least `clearance` [m] from everything."""
+def passing_radius(footprint: Footprint) -> float:
+    """Radius [m] of a disc that passes where the footprint does: half its width, and a cell."""
+    return footprint.half_width + CELL
+
+
+def stands(pose: Array, walls: Array, discs: Array, footprint: Footprint, clearance: float) -> bool:
+    """Whether a footprint at a pose (3,) is at least `clearance` [m] from everything."""
     x, y, yaw = pose
-    gap = footprint_clearance(x, y, yaw, FOOTPRINT.array, walls, discs, clearance + 0.01)
+    gap = footprint_clearance(x, y, yaw, footprint.array, walls, discs, clearance + 0.01)
     return bool(gap >= clearance and gap > 0.0)
+
+
+def check_start(episode: Episode, footprint: Footprint) -> None:
+    """Check that a chair can stand at an episode's start.
+
+    Raises:
+        InputError: it cannot.
+    """
+    if not stands(episode.start, episode.walls, episode.discs, footprint, 0.0):
+        x, y, yaw = episode.start
+        raise InputError(
+            f"scene {episode.name}: {footprint} does not fit at the start "
+            f"({x:.2f}, {y:.2f}, {yaw:.2f})"
+        )
+
+
+def widest_way(episode: Episode, footprint: Footprint) -> float:
+    """The greatest radius [m] of a disc that gets from an episode's start to its goal on the map.
+
+    Raises:
+        InputError: it is less than half the footprint's width, by more than half a cell.
+    """
+    radius = bottleneck(episode.map, episode.start[:2], episode.goal[:2])
+    if radius + 0.5 * episode.map.resolution < footprint.half_width:
+        raise InputError(
+            f"scene {episode.name}: {footprint} does not pass from start to goal; the widest way "
+            f"is {max(0.0, 2.0 * radius):.2f} m wide at its narrowest spot"
+        )
+    return radius
 
 
 @borrowing_kernel

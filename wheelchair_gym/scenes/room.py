@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.scenes.arena import arena
-from wheelchair_gym.scenes.poses import stands
+from wheelchair_gym.scenes.poses import FOOTPRINT, stands
 from wheelchair_gym.types import Episode
 
 Pose = tuple[float, float, float]
@@ -31,19 +32,20 @@ class EmptyRoom:
         if self.apart > 0.4 * math.hypot(*self.size):
             raise InputError(f"EmptyRoom.apart is {self.apart}; too far for a room of {self.size}")
 
-    def sample(self, rng: np.random.Generator) -> Episode:
-        """Draw what is not given.
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """Draw what is not given, for a chair of this footprint.
 
         Raises:
             InputError: the given start or goal does not fit into the room, or nothing drawn does.
         """
         width, height = self.size
         ground = arena((0.0, 0.0, width, height))
+        solid = ground.walls, ground.discs
         for name, pose in (("start", self.start), ("goal", self.goal)):
             outside = pose is not None and not (0 < pose[0] < width and 0 < pose[1] < height)
-            if outside or (pose and not stands(np.array(pose), ground.walls, ground.discs, 0.0)):
+            if outside or (pose and not stands(np.array(pose), *solid, footprint, 0.0)):
                 raise InputError(
-                    f"EmptyRoom.{name} is {pose}; it must lie in a room of {self.size}"
+                    f"EmptyRoom.{name} is {pose}; {footprint} must stand in a room of {self.size}"
                 )
         for _ in range(_TRIES):
             drawn = [
@@ -54,10 +56,9 @@ class EmptyRoom:
             far = math.dist(start[:2], goal[:2]) >= self.apart
             given = self.start is not None and self.goal is not None
             if given or (
-                far
-                and all(
-                    stands(pose, ground.walls, ground.discs, _CLEARANCE) for pose in (start, goal)
-                )
+                far and all(stands(pose, *solid, footprint, _CLEARANCE) for pose in (start, goal))
             ):
                 return Episode(ground.map, start, goal, ground.walls, ground.discs, name="empty")
-        raise InputError(f"EmptyRoom: {_TRIES} draws found no start and goal that fit {self}")
+        raise InputError(
+            f"EmptyRoom: {_TRIES} draws found no start and goal for {footprint} in {self}"
+        )

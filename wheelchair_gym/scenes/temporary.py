@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import geodesic
 from wheelchair_gym.movers import Mover, obstacle, together
 from wheelchair_gym.scenes.floor_plan import FloorPlan
 from wheelchair_gym.scenes.layout import Layout
-from wheelchair_gym.scenes.poses import RADIUS
+from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
@@ -55,18 +56,21 @@ class Temporary:
                 f"Temporary.near is {self.near}; expected more than least, {self.least} m"
             )
 
-    def sample(self, rng: np.random.Generator) -> Episode:
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw a floor plan, and what appears on the way through it.
 
         Raises:
             InputError: the plan's settings leave no start and goal.
         """
-        return self.storey(rng)[1]
+        return self.storey(rng, footprint)[1]
 
-    def storey(self, rng: np.random.Generator) -> tuple[Layout, Episode]:
+    def storey(
+        self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT
+    ) -> tuple[Layout, Episode]:
         """The same, with the rooms, corridors and doors of the building."""
-        layout, episode = self.plan.storey(rng)
-        path = geodesic(episode.map, episode.goal[:2], RADIUS).path(episode.start[:2])
+        layout, episode = self.plan.storey(rng, footprint)
+        radius = passing_radius(footprint)
+        path = geodesic(episode.map, episode.goal[:2], radius).path(episode.start[:2])
         way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
         things: list[Mover] = []
         count = int(rng.integers(self.count[0], self.count[1] + 1))

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.scenes.arena import Arena, arena, facing
 from wheelchair_gym.scenes.numbered import numbered
+from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.scenes.raster import turned_rectangle
 from wheelchair_gym.types import Episode
 
@@ -117,8 +119,8 @@ class ThesisMap:
     )
     seed: int = setting(default=5, source="of the clutter in map 5", low=0)
 
-    def sample(self, rng: np.random.Generator) -> Episode:
-        """The one world there is."""
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """The one world there is, whatever the footprint."""
         ground = _MAPS[self.number - 1](self.gap, self.seed)
         start, goal = facing(START, GOAL)
         name = f"thesis_{self.number}"

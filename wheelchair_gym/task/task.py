@@ -160,13 +160,18 @@ class Task:
         """What the chair knows of the world."""
         return self._told if self.chart is None else self.chart()
 
-    def prepare(self, episode: Episode) -> Course:
+    def prepare(self, episode: Episode, radius: float | None = None) -> Course:
         """What an episode is driven on: the ways to its goal, and the guidance.
+
+        Args:
+            episode: to be driven.
+            radius: that ways keep from what is solid [m]; none: half the width and a margin.
 
         Raises:
             ValueError: the guidance gave no path.
         """
-        radius = self.footprint.half_width + self.settings.margin
+        if radius is None:
+            radius = self.footprint.half_width + self.settings.margin
         ways = geodesic(episode.map, episode.goal[:2], radius)
         path = None
         if self.guidance is not None:

@@ -1,0 +1,75 @@
+"""Laws of every scene for chairs of every size."""
+
+import pytest
+import shapely
+
+from wheelchair_gym.config import InputError
+from wheelchair_gym.envs.settings import EnvSettings, env_settings
+from wheelchair_gym.envs.worlds import Worlds
+from wheelchair_gym.geometry import Footprint, to_world
+from wheelchair_gym.scenes import SCENES
+from wheelchair_gym.scenes.raster import CELL
+from wheelchair_gym.simulation.settings import ChairSettings
+from wheelchair_gym.task.task import Task
+
+CHAIRS = {
+    "default": Footprint(),
+    "child": Footprint(0.55, 0.25, 0.25),
+    "bariatric": Footprint(0.80, 0.40, 0.42),
+    "scooter": Footprint(0.95, 0.30, 0.29),
+    "stretcher": Footprint(1.40, 0.70, 0.65),
+}
+
+
+def worlds(scene, footprint):
+    own = EnvSettings(scene=scene, chair=ChairSettings(footprint=footprint))
+    return Worlds(own, Task(own.task, own.chair, own.sensors, 0.1))
+
+
+def solid(episode):
+    discs = [shapely.Point(x, y).buffer(r, 64) for x, y, r in episode.discs]
+    return [*shapely.linestrings(episode.walls.reshape(-1, 2, 2)), *discs]
+
+
+@pytest.mark.parametrize("name", CHAIRS)
+@pytest.mark.parametrize("scene", sorted(SCENES))
+def test_worlds_are_made_for_the_chair_or_refused(scene, name):
+    footprint = CHAIRS[name]
+    made = worlds(scene, footprint)
+    for seed in range(2):
+        course = refused = None
+        try:
+            course = made.course(seed, 0)
+        except InputError as error:
+            refused = str(error)
+        if course is None:
+            assert name == "stretcher"
+            assert str(footprint) in refused
+            assert "\n" not in refused
+            return
+        episode = course.episode
+        stands = shapely.Polygon(to_world(footprint.corners, episode.start))
+        assert not any(stands.intersects(thing) for thing in solid(episode))
+        way = shapely.LineString(course.geodesic.path(episode.start[:2]))
+        gap = min(way.distance(thing) for thing in solid(episode))
+        # Ways join centres of cells, and a cell is solid whose centre is.
+        assert gap > footprint.half_width - 1.5 * CELL
+
+
+def test_a_start_in_a_wall_and_a_way_through_one_are_refused():
+    tight = {"name": "doorway", "door": 0.8, "corridor": 0.9}
+    with pytest.raises(InputError, match="does not turn from a corridor"):
+        worlds(tight, Footprint(0.7, 0.3, 0.39)).course(0, 0)
+    with pytest.raises(
+        InputError, match=r"thesis_3: .* does not pass from start to goal; .* 1\.\d"
+    ):
+        worlds("thesis_3", Footprint(0.9, 0.6, 0.8)).course(0, 0)
+    with pytest.raises(InputError, match="does not fit at the start"):
+        worlds("chaotic_pso", Footprint(1.4, 1.1, 0.4)).course(0, 0)
+
+
+def test_sensors_outside_the_outline_are_warned_of():
+    short = {"chair": {"footprint": {"front": 0.5, "rear": 0.3, "half_width": 0.31}}}
+    with pytest.warns(UserWarning, match=r"laser at \(0\.66, 0\), ultrasonic 0 at \(0\.7, 0\.12\)"):
+        env_settings(short)
+    env_settings(None)  # warns of nothing: warnings of our own code are errors here
