@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import signal
 import sys
 import threading
@@ -15,12 +16,14 @@ from agents.evaluate import drive_episode
 from agents.metrics import Record
 from agents.policy import Policy
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.hardware.chair import BY_HAND
 from wheelchair_gym.mapping.chair import bare
+from wheelchair_gym.stops import Stops, advice_of, of_shield
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
+
+_LOG = logging.getLogger(__name__)
 
 
 @settings
@@ -40,7 +43,7 @@ class Deployment:
     )  # fmt: skip
     patience: float = setting(
         default=20.0, unit="s", low=0.0,
-        source="kept from driving by silent sensors; not by a person's hand",
+        source="kept from driving by sensors or a latched shield; not by a person's hand",
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -54,13 +57,17 @@ class Capped:
     Args:
         policy: any.
         own: the cap.
+        latched: says for which fault the shield stands; empty: none.
 
     Attributes:
         cap: now [m/s].
     """
 
-    def __init__(self, policy: Policy, own: Deployment) -> None:
+    def __init__(
+        self, policy: Policy, own: Deployment, latched: Callable[[], str] = lambda: ""
+    ) -> None:
         self.policy, self.own, self.cap = policy, own, own.first
+        self._latched = latched
 
     def reset(self, task: Any) -> None:
         """See `Policy.reset`."""
@@ -70,7 +77,7 @@ class Capped:
     def act(self, observation: Mapping[str, NDArray[np.float32]]) -> Array:
         """See `Policy.act`."""
         action, task, own = self.policy.act(observation), self._task, self.own
-        if task.reading.halted:
+        if task.reading.halted or self._latched():
             self.cap = own.first
         else:
             self.cap = min(self.cap + own.rise * task.period, own.most, task.limits.forward)
@@ -96,23 +103,32 @@ class Journal:
 
     def __init__(self, own: Deployment, say: Say, each: bool) -> None:
         self._own, self._say, self._each = own, say, each
-        self._halted, self._since = "", 0.0
+        self._stops = Stops()
         self.ended = ""
 
     def __call__(self, env: Any) -> bool:
         """Take in a step of the environment; whether it has to end."""
-        task = env.unwrapped.task
-        now, why = task.reading.stamp, task.reading.halted
-        if why != self._halted:
-            self._say(f"{now:7.1f} s  stands: {why}" if why else f"{now:7.1f} s  goes on")
-            self._halted, self._since = why, now
+        env = env.unwrapped
+        now, stops = env.task.reading.stamp, self._stops
+        for line in stops.update(now, holds(env)):
+            self._say(f"{now:7.1f} s  {line}")
+        if env.shield is not None and (fault := env.shield.refused()):
+            advice = advice_of(of_shield(fault))
+            self._say(f"{now:7.1f} s  not re-armed: {fault}, still; {advice}")
         if self._each and now > 0.0:
             self._say(_asked(env, now))
-        if latched(env.unwrapped.chair):
-            self.ended = why
-        elif why and why != BY_HAND and now - self._since > self._own.patience:
-            self.ended = f"{why}, for {self._own.patience:g} s"
+        if latched(env.chair):
+            self.ended = stops.why
+        elif stops.waited > self._own.patience:
+            self.ended = f"{stops.why}, for {self._own.patience:g} s"
         return bool(self.ended) and not self._each
+
+
+def holds(env: Any) -> list[str]:
+    """All that keeps a chair from being driven now: what the chair says, and what the shield."""
+    shield = env.unwrapped.shield
+    why = [env.unwrapped.task.reading.halted, of_shield(shield.latched if shield else "")]
+    return [one for one in why if one]
 
 
 def latched(chair: Any) -> str:
@@ -150,14 +166,15 @@ def deploy(
     Returns:
         Figures as of `drive_episode`, by the chair's own belief, and `ended`, why it was ended.
     """
-    journal = Journal(own, say, each)
+    journal, shield = Journal(own, say, each), env.unwrapped.shield
 
     def watch(now: Any) -> bool:
         if film is not None:
             film(now)
         return journal(now)
 
-    record = drive_episode(env, Capped(policy, own), 0, watch, episode)
+    capped = Capped(policy, own, lambda: shield.latched if shield else "")
+    record = drive_episode(env, capped, 0, watch, episode)
     if journal.ended:
         record |= {"outcome": "halted", "success": False}
     return record | {"ended": journal.ended}
@@ -170,16 +187,46 @@ def ended_as_by_hand() -> None:
             signal.signal(getattr(signal, name), signal.default_int_handler)
 
 
-def hear_person(driven: Any) -> None:
-    """A person at the terminal re-arms a chair that waits for it."""
+def hear_person(driven: Any, shield: Any = None) -> None:
+    """A person at the terminal re-arms a chair that waits for it, or its shield.
+
+    What the chair waits for at reset is told from now on with the ways there are to re-arm it.
+
+    Args:
+        driven: the chair, with or without what finds it on a map.
+        shield: of the environment that drives it, if it has one.
+    """
     chair: Any = bare(driven)
-    if not hasattr(chair, "rearm") or sys.stdin is None or not sys.stdin.isatty():
+    terminal = sys.stdin is not None and sys.stdin.isatty()
+    if hasattr(chair, "on_wait"):
+        chair.on_wait = lambda line: _LOG.warning("%s", _with_ways(chair, line, terminal))
+    if not terminal or (shield is None and not hasattr(chair, "rearm")):
         return
 
     def listen() -> None:
         for _ in sys.stdin:
-            if chair.waiting:
-                chair.rearm()
+            if getattr(chair, "waiting", "") or (shield is not None and shield.latched):
+                rearm(chair, shield)
 
     print("Enter re-arms the chair while it waits for a person", file=sys.stderr)
     threading.Thread(target=listen, name="person", daemon=True).start()
+
+
+def rearm(chair: Any, shield: Any) -> None:
+    """A person re-arms a chair and its shield."""
+    if hasattr(chair, "rearm"):
+        chair.rearm()
+    if shield is not None:
+        shield.rearm()
+
+
+def _with_ways(chair: Any, line: str, terminal: bool) -> str:
+    """A line, and how a person re-arms a chair, if that is what the line is about."""
+    if not chair.waiting:
+        return line
+    ways = ["Enter here"] if terminal else []
+    if (hand := getattr(chair.hand, "why", None)) is not None:
+        button = chair.hand.settings.rearm
+        ways.append(f"button {button} of the host's joystick" + (f" ({hand})" if hand else ""))
+    ways.append("the joystick of the drive board: manual, then hold")
+    return f"{line}: {advice_of(line)}, then {', or '.join(ways)}"

@@ -29,9 +29,10 @@ def drive_real(named: Any, settings: Mapping[str, Any], **more: Any) -> tuple[An
     own = env_settings(**{"config": None, **settings})
     chair: Any = make_chair(named, own)
     try:
-        hear_person(chair)
         shield: Any = own.shield or True  # nobody is driven without one
-        return NavigationEnv(chair=chair, **{**settings, **more, "shield": shield}), chair
+        env = NavigationEnv(chair=chair, **{**settings, **more, "shield": shield})
+        hear_person(chair, env.shield)
+        return env, chair
     except BaseException:
         chair.close()
         raise

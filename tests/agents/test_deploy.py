@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from agents.cli import main
-from agents.deploy import Capped, Deployment, deploy
+from agents.deploy import Capped, Deployment, deploy, rearm
 from agents.policy import make_policy
 from tests.conftest import ROOT
 from tests.hardware.hosted import Hosted
@@ -69,7 +69,7 @@ def test_a_cap_begins_low_rises_while_it_drives_and_keeps_the_arc():
 class Drive:
     """A policy over the twin in simulated time, with its log."""
 
-    def __init__(self, dry=False, each=None, **own):
+    def __init__(self, dry=False, each=None, shield=None, **own):
         self.settings = env_settings(
             str(ROOT / "configs" / "hardware.json"), pose_source="odometry", noise=False
         )
@@ -77,7 +77,7 @@ class Drive:
         self.hosted = Hosted(EPISODE, chair=s.chair, sensors=s.sensors, dry=dry)
         self.env = gym.make(
             "wheelchair_gym/Hardware-v0", config=s, chair=placed(self.hosted.chair, s),
-            disable_env_checker=True,
+            disable_env_checker=True, shield=shield,
         ).unwrapped  # fmt: skip
         self.log, self.each = [], each
         self.own = Deployment(**{"first": 0.2, "rise": 0.1, "patience": 2.0, **own})
@@ -147,10 +147,75 @@ def test_a_person_takes_it_and_gives_it_back():
     give = at(4.5, lambda: setattr(faults, "stick", Stick()))
     drive.each = lambda env: [take(env), give(env)]
     assert drive.run()["outcome"] == "success"
-    assert [line.split("s  ", 1)[1] for line in drive.log] == [
-        "stands: a person drives it by the joystick",
-        "goes on",
-    ]
+    stands, on = (line.split("s  ", 1)[1] for line in drive.log)
+    assert stands.startswith("stands: a person drives it by the joystick; ")
+    assert on == "goes on"
+    assert drive.end()
+
+
+def silent_for(drive, begin, end):
+    """The laser says nothing for a while."""
+    laser = drive.hosted.twin.laser
+    off = at(begin, lambda: setattr(laser, "silent", True))
+    on = at(end, lambda: setattr(laser, "silent", False))
+    return lambda env: [off(env), on(env)]
+
+
+def by_the_board(drive, since):
+    """A person takes the chair by the joystick at its board and hands it back."""
+    faults = drive.hosted.twin.faults
+    take = at(since, lambda: setattr(faults, "stick", Stick(0.0, 0.0, True, True)))
+    give = at(since + 0.5, lambda: setattr(faults, "stick", Stick()))
+    return lambda env: [take(env), give(env)]
+
+
+@pytest.mark.parametrize("way", ["Enter", "joystick at the host", "joystick at the board"])
+def test_a_latched_shield_is_told_and_goes_on_when_a_person_re_arms_it(way):
+    """After one drop-out of the laser; nothing is said to go on while the shield stands."""
+    drive = Drive(shield=True, patience=20.0)
+    chair, shield = drive.hosted.chair, drive.env.shield
+    acts = {
+        "Enter": at(4.0, lambda: rearm(chair, shield)),
+        "joystick at the host": at(4.0, chair.rearm),
+        "joystick at the board": by_the_board(drive, 4.0),
+    }
+    fails, latched = silent_for(drive, 1.5, 2.3), []
+
+    def each(env):
+        fails(env)
+        acts[way](env)
+        latched.append(env.shield.latched)
+
+    drive.each = each
+    record = drive.run()
+    assert record["outcome"] == "success"
+    assert 15 < latched.count("laser silent") < 40
+    lines = [line.split("s  ", 1)[1] for line in drive.log]
+    (told,) = [line for line in lines if line.startswith("stands: the shield has stopped it")]
+    assert "laser silent; needs a re-arm by a person: see to its plug" in told
+    assert [k for k, line in enumerate(lines) if line == "goes on"] == [len(lines) - 1]
+    assert float(drive.log[-1].split("s  ")[0]) > 3.9
+    assert any("no longer: the laser is silent" in line for line in lines)
+    assert drive.end()
+
+
+def test_a_latched_shield_that_nobody_re_arms_ends_it():
+    drive = Drive(shield=True)
+    drive.each = silent_for(drive, 1.5, 2.3)
+    record = drive.run()
+    assert record["outcome"] == "halted"
+    assert record["ended"] == "the shield has stopped it: laser silent, for 2 s"
+    assert not any("goes on" in line for line in drive.log)
+    assert drive.end()
+
+
+def test_a_re_arm_while_the_cause_stands_is_refused_and_told():
+    drive = Drive(shield=True, patience=3.0)
+    fails = silent_for(drive, 1.5, 99.0)
+    tries = at(3.0, lambda: rearm(drive.hosted.chair, drive.env.shield))
+    drive.each = lambda env: [fails(env), tries(env)]
+    assert drive.run()["outcome"] == "halted"
+    assert any("not re-armed: laser silent, still; see to its plug" in line for line in drive.log)
     assert drive.end()
 
 

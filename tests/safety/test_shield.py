@@ -392,3 +392,52 @@ def test_a_scan_of_another_laser_is_refused():
     reading = Reading(STILL, STILL, scan, scan[:8], scan[:8], False, 36.0, 0.0)
     with pytest.raises(ValueError, match="181"):
         shield.filter(AHEAD, reading)
+
+
+def blinded(reading):
+    """A reading whose laser has no echo in any direction."""
+    return reading._replace(laser=np.full_like(reading.laser, np.inf))
+
+
+@pytest.mark.parametrize("still", [False, True])
+def test_a_laser_that_goes_blind_among_walls_stops_it(still):
+    """Within the stale limit and two periods; a re-arm while it is blind changes nothing."""
+    chair, shield = SimulatedChair(), Shield()
+    reading = chair.reset(box(5.0, (-4.0, 0.0, 0.0)), 5)
+    twist = STILL if still else np.array([0.5, 0.0])
+    for _ in range(20):
+        reading = step(chair, shield, twist, reading)
+    place = chair.truth.pose
+    for k in range(40):
+        if k == 20:
+            shield.rearm()
+        reading = step(chair, shield, twist, blinded(reading))
+        assert (shield.latched == "laser blind") == (k >= 3)
+    assert abs(chair.truth.twist).max() < 0.01
+    assert np.hypot(*(chair.truth.pose - place)[:2]) < 0.5 * 0.4 + 0.15
+    for _ in range(3):
+        reading = step(chair, shield, twist, reading)
+    assert shield.latched == "laser blind"
+    shield.rearm()
+    for _ in range(3):
+        reading = step(chair, shield, np.array([0.5, 0.0]), reading)
+    assert shield.latched == ""
+    assert shield.decision.given.any()
+
+
+def test_a_laser_that_is_blind_from_the_start_is_told_by_what_ultrasonics_hear():
+    chair, shield = SimulatedChair(), Shield()
+    reading = chair.reset(box(4.0, (0.0, 0.0, 0.0)), 5)
+    for _ in range(80):
+        reading = step(chair, shield, np.array([0.5, 0.0]), blinded(reading))
+    assert shield.latched == "laser blind"
+    assert not chair.truth.touched
+
+
+def test_an_empty_scan_is_believed_where_the_last_thing_in_view_was_passed():
+    """A lone post is left behind; then nothing is within reach, and the chair drives on."""
+    post = [(0.0, 1.0, 0.1, 1.0), (0.1, 1.0, 0.0, 1.1), (0.0, 1.1, 0.0, 1.0)]
+    trace, _, shield = drive((-4.0, 0.0, 0.0), AHEAD, 25.0, half=60.0, walls=post)
+    assert shield.latched == ""
+    assert trace[-1][1].pose[0] > 10.0
+    assert trace[-1][1].twist[0] > 0.75

@@ -18,7 +18,7 @@ from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_finder
 from wheelchair_gym.envs.worlds import Worlds
 from wheelchair_gym.geometry import to_world
-from wheelchair_gym.mapping.chair import LocalisedChair
+from wheelchair_gym.mapping.chair import LocalisedChair, bare
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.shield import Shield
 from wheelchair_gym.sensing.noise import episode_key
@@ -172,6 +172,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.shield: Shield | None = None
         if s.shield is not None:
             self.shield = Shield(s.shield, s.chair, s.sensors, 1.0 / s.rate)
+            # A real chair tells when a person re-arms it; that is meant for its shield, too.
+            getattr(bare(self.chair), "on_rearm", []).append(self.shield.rearm)
         self.worlds = Worlds(s, self.task)
         self.observation_space = cast("gym.Space[Observation]", self.task.space)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)

@@ -30,6 +30,7 @@ from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
+from wheelchair_gym.stops import BROUGHT_TO_REST, BY_HAND, DRY_RUN
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
 
 Array = NDArray[np.float64]
@@ -38,11 +39,13 @@ Hand = Callable[[float, Limits], Array | None]
 _LOG = logging.getLogger(__name__)
 STAND = Command(0.0, 0.0, CommandFlag.PROTECTIVE)
 _FREE = Command(0.0, 0.0)  # stands, too, as a chair that may be driven does
-BY_HAND = "a person drives it by the joystick"
 _MUTE = "the drive board is silent"
-_DRY = "a dry run sends no commands"
 _LOST = 4  # last words, against noise
 _FINE = 0.001  # s between two looks, when the next odometry is waited for
+
+
+def _warn(line: str) -> None:
+    _LOG.warning("%s", line)
 
 
 class HardwareChair:
@@ -60,6 +63,9 @@ class HardwareChair:
         hand: what a person's hand at the host asks for: called with the time and the limits; a
             twist (2,), or None while nobody takes the chair over. It goes before every policy.
         waiting: what reset waits for a person to do; empty while it does not.
+        on_wait: is called with a line when reset has to wait, for a person or for more than 1 s.
+        on_rearm: each is called when a person re-arms the chair: by `rearm`, or at the drive
+            board; or drove it by a joystick and hands it back.
         latched: what the drive board has stopped for, until the next reset; empty: nothing.
         asked: the twist (2,) last asked of it, within the limits, whether or not it was sent.
     """
@@ -78,6 +84,9 @@ class HardwareChair:
         self.senses = senses or BoardSenses(settings, sensors, chair.drive, clock.now)
         self.hand: Hand = lambda now, limits: None
         self.waiting = ""
+        self.on_wait: Callable[[str], object] = _warn
+        self.on_rearm: list[Callable[[], object]] = []
+        self._in_hand = False  # a person has the chair, or it needs one
         self._pace = Pace(clock, period, settings.limits.hold)
         self._known = Known(chair.footprint, sensors.laser)
         self._lock = threading.RLock()
@@ -112,10 +121,10 @@ class HardwareChair:
             self._say(_FREE)
             self.waiting = "" if self.settings.dry else self.senses.stopped()
         if self.waiting:
-            _LOG.warning("%s", self.waiting)
+            self.on_wait(f"{self.waiting}; waits {self.settings.rearm:g} s for that")
         try:
             if not self.settings.dry:
-                self._await(self.senses.stopped, self.settings.rearm)
+                self._await(self.senses.stopped, self.settings.rearm, silent=True)
         finally:
             self.waiting = ""
         with self._lock:
@@ -176,11 +185,27 @@ class HardwareChair:
         return self._pace.clock
 
     def rearm(self) -> None:
-        """A person has seen to what the drive board stopped for: only ever a person's own act."""
+        """A person has seen to what it stopped for: only ever a person's own act."""
         with self._lock:
             if self._standing and not self.settings.dry:
                 self._say(_FREE)  # a fresh command of zero is asked for
                 self.senses.drive.send(Rearm(self.senses.odometry.faults))
+        self._rearmed()
+
+    def _rearmed(self) -> None:
+        for told in self.on_rearm:
+            told()
+
+    def _heed_person(self) -> None:
+        """Notice who re-arms at the drive board, or hands the chair back: the host drives again."""
+        if not math.isfinite(self.senses.stamp_of("odometry")):
+            return
+        mode = self.senses.odometry.mode
+        if mode in (Mode.STOPPED, Mode.MANUAL) or self._by_hand() is not None:
+            self._in_hand = True
+        elif self._in_hand and mode == Mode.HOST:
+            self._in_hand = False
+            self._rearmed()
 
     def close(self) -> None:
         """Stop, and let go of the lines; may be called again."""
@@ -245,13 +270,17 @@ class HardwareChair:
             self._pace.clock.now() + _FINE
         )  # some come a little later than others
 
-    def _await(self, missing: Callable[[], str], patience: float) -> None:
-        """Wait until nothing is missing.
+    def _await(self, missing: Callable[[], str], patience: float, silent: bool = False) -> None:
+        """Wait until nothing is missing; say what is, unless it is silent.
 
         Raises:
             InputError: it still is when patience ends.
         """
-        if why := self._pace.until(missing, patience):
+
+        def tell(why: str) -> None:
+            self.on_wait(f"{why}; waits {patience:g} s for it")
+
+        if why := self._pace.until(missing, patience, tell=None if silent else tell):
             raise InputError(f"{self.settings.drive}: {why}; waited {patience:g} s")
 
     def _halts(self) -> str:
@@ -259,14 +288,14 @@ class HardwareChair:
         if why := self.senses.silent(self._pace.clock.now()):
             return why
         if self.settings.dry:
-            return _DRY
+            return DRY_RUN
         told = self.senses.odometry
         self.latched = self.latched or self.senses.stopped()
         if self.latched:
             return self.latched
         if told.mode == Mode.MANUAL or self._by_hand() is not None:
             return BY_HAND
-        return "the drive board brings it to rest" if told.mode == Mode.STOPPING else ""
+        return BROUGHT_TO_REST if told.mode == Mode.STOPPING else ""
 
     def _by_hand(self) -> Command | None:
         """What a person's hand at the host asks for."""
@@ -286,6 +315,7 @@ class HardwareChair:
             if self._closed:
                 return
             self.senses.poll()
+            self._heed_person()
             now = self._pace.clock.now()
             moves = self._target.v != 0.0 or self._target.w != 0.0
             if moves and (self._pace.late or self._halts()):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 NAP = 0.01  # s between two looks at what arrives beside
+QUIET = 1.0  # s that may pass before it is told what is waited for
 
 
 class Clock(Protocol):
@@ -132,9 +133,21 @@ class Pace:
         patience: float,
         gone: threading.Event | None = None,
         nap: float = NAP,
+        tell: Callable[[str], object] | None = None,
     ) -> str:
-        """Wait until nothing is missing; what still is when patience [s] ends."""
-        end = self.clock.now() + patience
-        while (why := missing()) and self.clock.now() < end:
+        """Wait until nothing is missing; what still is when patience [s] ends.
+
+        Args:
+            missing: says what is; empty: nothing.
+            patience: for it [s].
+            gone: ends the wait, too.
+            nap: between two looks [s].
+            tell: is called with what is missing after a second, and whenever that is another.
+        """
+        begun, told = self.clock.now(), ""
+        while (why := missing()) and self.clock.now() < begun + patience:
+            if tell is not None and why != told and self.clock.now() - begun >= QUIET:
+                told = why
+                tell(why)
             self.clock.wait(self.clock.now() + nap, gone)
         return why

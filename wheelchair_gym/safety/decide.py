@@ -84,8 +84,6 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
     v = min(limits[0], max(-limits[1], v))
     w = min(limits[2], max(-limits[2], w))
     s.asked[0], s.asked[1] = v, w
-    if s.rearmed and v == 0.0 and w == 0.0 and abs(s.set[0]) + abs(s.set[2]) < STANDS:
-        s.latched = NOTHING
     s.rearmed = s.rearmed and s.latched != NOTHING
     share, reason = 0.0, s.latched
     if reason == NOTHING:
@@ -93,6 +91,8 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
     v, w = share * v, share * w
     s.protective = s.latched != NOTHING or (share == 0.0 and surprised(g, s))
     s.reason, s.given[0], s.given[1] = reason, v, w
+    if s.rearmed and abs(s.set[0]) + abs(s.set[2]) < STANDS:  # it stands a period more
+        s.latched, s.rearmed = NOTHING, False
     if s.protective:
         s.set[0], s.set[2] = brake(s.set[0], s.set[2], SOONER * limits[5] * g.period, g.track)
         s.set[1], s.set[3] = 0.0, 0.0

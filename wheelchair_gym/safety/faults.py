@@ -1,4 +1,9 @@
-"""Whom the shield does not trust: sensors that fall silent, or say the same bytes again."""
+"""Whom the shield does not trust: sensors that fall silent, repeat their bytes, or go blind.
+
+A scan without an echo is believed only where nothing speaks against it. The scan before tells what
+should still be in view, and ultrasonics may hear what the laser does not see. In an empty world
+there is no such evidence.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.safety.state import (
     BUMPED,
+    ECHOES,
+    LASER_BLIND,
     LASER_FROZEN,
     LASER_SILENT,
     ODOMETRY_FROZEN,
@@ -28,6 +36,10 @@ _ASKED_V, _ASKED_W = 0.1, 0.25  # m/s, rad/s: so told, wheels that count nothing
 _OFF_V, _OFF_W = 0.25, 0.5  # m/s, rad/s: so far from what they are told, wheels are astray
 _ASTRAY = 0.5  # s
 _ROUND = 1e-6  # s
+_FEW = 0.02  # share of the beams that should have an echo: with fewer the laser is taken for blind
+_LEAST = 2  # of the beams kept that should have an echo, for that to be said
+_EDGE = 0.3  # rad from the end of the fan: what moves may have left it since
+_FAR = 1.0  # m: the same, of the laser's reach
 
 
 @borrowing_kernel
@@ -65,12 +77,70 @@ def valid_share(laser: Floats) -> float:
 
 
 @borrowing_kernel
-def empty(laser: Floats) -> bool:
-    """Whether no beam has an echo: then no noise tells one scan from the next."""
+def count_echoes(laser: Floats) -> int:
+    """Beams (beams,) that met something, too near to measure it or not."""
     echoes = 0
     for k in range(laser.shape[0]):
         echoes += laser[k] < math.inf
-    return echoes == 0
+    return echoes
+
+
+@borrowing_kernel
+def expected_echoes(g: Any, s: Any) -> int:
+    """How many of the echoes kept of an earlier scan should still be in view from the pose now."""
+    half = -g.first - _EDGE
+    cosine, sine = math.cos(s.pose[2]), math.sin(s.pose[2])
+    x = s.pose[0] + cosine * g.mount[0] - sine * g.mount[1]
+    y = s.pose[1] + sine * g.mount[0] + cosine * g.mount[1]
+    yaw = s.echo_pose[2]
+    old_x = s.echo_pose[0] + math.cos(yaw) * g.mount[0] - math.sin(yaw) * g.mount[1]
+    old_y = s.echo_pose[1] + math.sin(yaw) * g.mount[0] + math.cos(yaw) * g.mount[1]
+    yaw += g.mount[2]
+    count = 0
+    for k in range(ECHOES):
+        if not g.nearest <= s.echo[k] < g.reach:
+            continue
+        beam = k * (g.beams - 1) // (ECHOES - 1)
+        way = yaw + g.first + beam / g.per_angle
+        dx = old_x + s.echo[k] * math.cos(way) - x
+        dy = old_y + s.echo[k] * math.sin(way) - y
+        far = math.hypot(dx, dy)
+        bearing = wrap(math.atan2(dy, dx) - s.pose[2] - g.mount[2])
+        count += g.nearest < far < g.reach - _FAR and abs(bearing) < half
+    return count
+
+
+@borrowing_kernel
+def watch_echoes(g: Any, s: Any, laser: Floats, echoes: int, dt: float) -> bool:
+    """Keep count of how long scans lack echoes against the evidence; whether for too long.
+
+    Args:
+        g: record of GUARD.
+        s: record of SHIELD, its pose that of the scan.
+        laser: (beams,) [m].
+        echoes: of its beams.
+        dt: since the reading before [s].
+    """
+    beams, should, heard = laser.shape[0], 0, 0
+    if echoes < _FEW * beams:
+        should = expected_echoes(g, s)
+        for k in range(s.n_arc.shape[0]):
+            heard += s.n_arc[k] > 0
+    if should >= _LEAST and echoes * ECHOES < _FEW * should * beams:
+        s.laser_blind += dt
+    else:
+        s.laser_blind = 0.0
+        for k in range(ECHOES):
+            s.echo[k] = laser[k * (beams - 1) // (ECHOES - 1)]
+        for k in range(3):
+            s.echo_pose[k] = s.pose[k]
+    if heard > 0 and echoes == 0:
+        s.laser_denied += dt
+    else:
+        s.laser_denied = 0.0
+    blind = s.laser_blind > g.stale_laser + g.period + _ROUND
+    denied = s.laser_denied > g.stale_ultrasonic + g.period + _ROUND
+    return bool(blind or denied)
 
 
 @borrowing_kernel
@@ -78,7 +148,7 @@ def watch(
     g: Any, s: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, age: Floats,
     bumped: bool, halted: bool, dt: float,
 ) -> bool:  # fmt: skip
-    """Keep count of what is silent or frozen, and latch; whether the scan is a new one.
+    """Keep count of what is silent, frozen or blind, and latch; whether a new scan is believed.
 
     Args:
         g: record of GUARD.
@@ -101,8 +171,11 @@ def watch(
         s.laser_silent += dt
     else:
         s.laser_silent = 0.0
-    now = hash_floats(laser, np.uint64(0))
-    fresh = not s.begun or now != s.laser_hash or empty(laser)
+    now, echoes = hash_floats(laser, np.uint64(0)), count_echoes(laser)
+    fresh = not s.begun or now != s.laser_hash or echoes == 0  # no noise tells empty scans apart
+    valid = valid_share(laser) >= half
+    if valid and watch_echoes(g, s, laser, echoes, dt):
+        reason = LASER_BLIND
     if fresh:
         s.laser_frozen = 0.0
     elif moves:
@@ -161,9 +234,9 @@ def watch(
     if bumped:
         reason = BUMPED
     if reason > 0:
-        s.latched = reason
+        s.latched, s.rearmed = reason, False  # nobody re-arms what still fails
     for k in range(3):
         s.told[k] = pose[k]
     for k in range(2):
         s.told[3 + k] = twist[k]
-    return fresh
+    return fresh and s.laser_blind == 0.0  # a scan that is doubted clears nothing

@@ -28,9 +28,12 @@ def forget(s: Any) -> None:
     s.stamp, s.latched, s.reason = 0.0, 0, NOTHING
     s.laser_hash, s.sonar_hash = np.uint64(0), np.uint64(0)
     s.laser_silent, s.laser_frozen, s.sonar_frozen = 0.0, 0.0, 0.0
+    s.laser_blind, s.laser_denied = 0.0, 0.0
     s.odometry_silent, s.odometry_frozen, s.astray = 0.0, 0.0, 0.0
+    for k in range(s.echo.shape[0]):
+        s.echo[k] = math.inf
     for k in range(3):
-        s.pose[k] = 0.0
+        s.pose[k], s.echo_pose[k] = 0.0, 0.0
     for k in range(5):
         s.told[k] = 0.0
     for k in range(4):

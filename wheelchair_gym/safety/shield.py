@@ -99,6 +99,7 @@ class Shield:
         self._alone = np.zeros(1, ALONE)
         self._alone["guard"] = address_of(self._guard.record)
         self._alone["shield"] = address_of(self.state)
+        self._asked = False
         self._warm()
         self.reset()
 
@@ -111,6 +112,7 @@ class Shield:
 
     def reset(self) -> None:
         """Begin anew: nothing was seen, the chair stands, nothing is latched."""
+        self._asked = False
         forget_alone(self._alone)
 
     def filter(self, twist: Array, reading: Reading) -> Array:
@@ -151,8 +153,20 @@ class Shield:
         return slowed
 
     def rearm(self) -> None:
-        """A person has seen to a fault: drives on once the chair stands and is told to stand."""
+        """A person has seen to a fault: it goes on once the chair has stood for a period.
+
+        Only ever a person's own act; while the fault's cause stands it changes nothing. In
+        simulation nobody does this: such an episode stands until its time limit ends it.
+        """
         self.state["rearmed"] = True
+        self._asked = True
+
+    def refused(self) -> str:
+        """The fault that a person has just tried to re-arm and whose cause stands; empty: none."""
+        if not self._asked or self.state["rearmed"][0]:
+            return ""
+        self._asked = False
+        return self.latched
 
     @property
     def latched(self) -> str:

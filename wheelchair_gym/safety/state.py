@@ -17,25 +17,14 @@ from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensing.laser import LaserArrays
 from wheelchair_gym.sensing.settings import RANGERS, SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
+from wheelchair_gym.stops import SHIELD_FAULTS
 
 Rows = NDArray[np.void]
 
 # Why a twist was changed; those from LASER_SILENT on are faults and latch.
-REASONS: Final = (
-    "",
-    "obstacle",
-    "moving",
-    "unseen",
-    "laser silent",
-    "laser frozen",
-    "ultrasonic silent",
-    "ultrasonic frozen",
-    "odometry silent",
-    "odometry frozen",
-    "bumped",
-)
-NOTHING, OBSTACLE, MOVING, UNSEEN, LASER_SILENT, LASER_FROZEN = range(6)
-SONAR_SILENT, SONAR_FROZEN, ODOMETRY_SILENT, ODOMETRY_FROZEN, BUMPED = range(6, 11)
+REASONS: Final = ("", "obstacle", "moving", "unseen", *SHIELD_FAULTS)
+NOTHING, OBSTACLE, MOVING, UNSEEN, LASER_SILENT, LASER_FROZEN, LASER_BLIND = range(7)
+SONAR_SILENT, SONAR_FROZEN, ODOMETRY_SILENT, ODOMETRY_FROZEN, BUMPED = range(7, 12)
 
 CELL = 0.10  # m: of the grid of what was looked at
 CELLS = 64  # a side of it: 3.2 m round the chair, as far as whoever moves matters
@@ -50,6 +39,7 @@ MOVERS = 96  # points of what moves
 CLOSE = 64  # points inside the stop zone
 LONE = 48  # things that one beam hit
 STANDS = 0.02  # m/s, rad/s: slower is at rest
+ECHOES = 64  # beams of the last scan with echoes that are kept, to notice a laser gone blind
 SAMPLES = 38  # points of the outline that may enter what nobody has seen
 
 NUMBERS = (  # of the settings, as kernels take them
@@ -74,6 +64,7 @@ GUARD = np.dtype(
         ("first", "f8"),  # rad: of beam 0
         ("per_angle", "f8"),  # beams per rad
         ("nearest", "f8"),  # m
+        ("reach", "f8"),  # m
         ("mount", "f8", (3,)),  # of the laser
         ("ranger_mount", "f8", (RANGERS, 3)),
         ("ranger_half", "f8", (RANGERS,)),  # rad: half of the cone
@@ -96,6 +87,10 @@ SHIELD = np.dtype(
         ("sonar_hash", "u8"),
         ("laser_silent", "f8"),  # s without, s that it was the same
         ("laser_frozen", "f8"),
+        ("laser_blind", "f8"),  # s without an echo where the scan before had some
+        ("laser_denied", "f8"),  # s without an echo while ultrasonics hear something
+        ("echo", "f4", (ECHOES,)),  # m: ranges of beams, evenly, of the last scan with echoes
+        ("echo_pose", "f8", (3,)),  # m, m, rad: where that was taken
         ("sonar_silent", "f8", (RANGERS,)),
         ("sonar_frozen", "f8"),
         ("odometry_silent", "f8"),
@@ -164,6 +159,7 @@ class Guard:
         g["cosine"], g["sine"] = address_of(self.laser.cosine), address_of(self.laser.sine)
         g["first"], g["per_angle"] = self.laser.first, self.laser.per_angle
         g["nearest"], g["mount"] = sensors.laser.nearest, self.laser.mount
+        g["reach"] = sensors.laser.reach
         rangers = sensors.ultrasonic
         for k, one in enumerate(rangers.mounted):
             model = rangers.narrow if one.model == "narrow" else rangers.wide

@@ -1,0 +1,72 @@
+"""Laws of the table of stops: whatever a part can say is in it, and nothing goes on by mistake."""
+
+from __future__ import annotations
+
+import pytest
+
+from wheelchair_gym.hardware.messages import Fault
+from wheelchair_gym.safety.state import REASONS, UNSEEN
+from wheelchair_gym.stops import STOPS, Ends, Stops, advice_of, as_table, of_shield, stops_of
+
+BOARD = "the drive board has stopped ({}); a person must re-arm it"
+
+
+def test_every_fault_of_the_board_and_of_the_shield_has_its_row():
+    for fault in Fault:
+        (row,) = stops_of(BOARD.format(fault.name))
+        assert (row.name, row.ends) == (fault.name, Ends.NEW_RUN)
+    for name in REASONS[UNSEEN + 1 :]:
+        (row,) = stops_of(of_shield(name))
+        assert (row.name, row.part, row.ends) == (name, "shield", Ends.REARM)
+    assert {s.name for s in STOPS if s.part == "shield"} == set(REASONS[UNSEEN + 1 :])
+
+
+def test_several_faults_are_several_rows():
+    both = BOARD.format((Fault.LINK | Fault.STALL).name)
+    assert {row.name for row in stops_of(both)} == {"LINK", "STALL"}
+    assert "USB" in advice_of(both)
+    assert "wheel" in advice_of(both)
+
+
+@pytest.mark.parametrize(
+    ("message", "ends"),
+    [
+        ("the laser is silent (unplugged)", Ends.ITSELF),
+        ("/scan is silent (its last message lacks 'ranges')", Ends.ITSELF),
+        ("/tf does not tell where base_link is on map", Ends.ITSELF),
+        ("the drive board brings it to rest", Ends.ITSELF),
+        ("a person drives it by the joystick", Ends.PERSON),
+        ("ws://x: the link is lost: closed", Ends.NEW_RUN),
+        ("the drive board has stopped (NEW_FAULT); a person must re-arm it", Ends.NEW_RUN),
+        ("something that nobody has thought of", Ends.ITSELF),
+    ],
+)
+def test_what_the_parts_say_is_found(message, ends):
+    (row,) = stops_of(message)
+    assert row.ends is ends
+    assert (row.name == "unknown") == message.startswith("something")
+
+
+def test_it_goes_on_only_when_nothing_holds_it():
+    stops, shield = Stops(), of_shield("laser silent")
+    assert stops.update(0.0, [""]) == []
+    (line,) = stops.update(1.0, ["the laser is silent"])
+    assert line.startswith("stands: the laser is silent; ")
+    (line,) = stops.update(2.0, ["the laser is silent", shield])
+    assert "needs a re-arm by a person" in line
+    assert stops.update(3.0, ["the laser is silent (unplugged)", shield]) == []
+    (line,) = stops.update(4.0, [shield])
+    assert line.startswith("no longer: the laser is silent (unplugged); still stands: the shield")
+    assert stops.waited == 3.0
+    stops.update(5.0, [shield, "a person drives it by the joystick"])
+    assert stops.waited == 0.0
+    stops.update(8.0, [shield])
+    assert stops.waited == 3.0
+    assert stops.update(9.0, []) == ["goes on"]
+    assert stops.waited == 0.0
+
+
+def test_the_table_has_a_line_for_each():
+    lines = as_table().splitlines()
+    assert len(lines) == len(STOPS) + 1
+    assert all(line.count("|") == 6 for line in lines)
