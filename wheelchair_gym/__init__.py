@@ -17,4 +17,10 @@ _VECTOR_ENTRY = "wheelchair_gym.envs.vector:NavigationVectorEnv"
 
 for _id, _kwargs in (("Navigation-v0", {}), ("GuidedNavigation-v0", {"guidance": "geodesic"})):
     gym.register(f"wheelchair_gym/{_id}", _ENTRY, vector_entry_point=_VECTOR_ENTRY, kwargs=_kwargs)
-gym.register("wheelchair_gym/Hardware-v0", _ENTRY, kwargs={"chair": "hardware"})
+# Nobody tells a real chair the truth: what differs from the defaults in configs/hardware.json.
+_REAL = {
+    "sensors": {"pose_source": "mcl"},
+    "chair": {"motor": {"rate": 200.0}},
+    "physics": {"step": 0.005},
+}
+gym.register("wheelchair_gym/Hardware-v0", _ENTRY, kwargs={"chair": "hardware", "config": _REAL})

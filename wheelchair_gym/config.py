@@ -7,19 +7,29 @@ an error that names the place, the value and what was expected.
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import json
 import math
+import os
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar, dataclass_transform
+
+import numpy as np
 
 T = TypeVar("T")
 
 
 class InputError(ValueError):
     """Something a person gave is wrong; its message is one line that says what and where."""
+
+
+def suggest(name: object, known: Iterable[str]) -> str:
+    """The end of a message about an unknown name: the nearest known one, if any is near."""
+    near = difflib.get_close_matches(str(name), list(known), 1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 def setting(
@@ -74,6 +84,10 @@ def _name(hint: Any) -> str:
 
 def _convert(value: Any, hint: Any, where: str) -> Any:
     """The value as the type that the hint asks for, or an error that names the place."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, os.PathLike) and hint is str:
+        value = os.fspath(value)
     origin, args = typing.get_origin(hint), typing.get_args(hint)
     if origin is Literal:
         if value not in args:
@@ -139,7 +153,8 @@ def load(cls: type[T], data: Mapping[str, Any], where: str, base: T | None = Non
         if key not in fields:
             named = key if str(key).isidentifier() else repr(key)  # one line, whatever the key
             known = ", ".join(sorted(fields))
-            raise InputError(f"{where}.{named} is not a setting; it has {known}")
+            near = suggest(key, fields)
+            raise InputError(f"{where}.{named} is not a setting; it has {known}{near}")
     hints = typing.get_type_hints(cls)
     values = {}
     for key, value in data.items():
@@ -218,7 +233,9 @@ def dump(value: Any) -> Any:
         return {key: dump(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
         return [dump(item) for item in value]
-    return value
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return os.fspath(value) if isinstance(value, os.PathLike) else value
 
 
 def value_of(word: str) -> Any:

@@ -15,7 +15,7 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.batch import goes_bare
 from wheelchair_gym.envs.drawing import Drawing
 from wheelchair_gym.envs.guidance import make_guidance
-from wheelchair_gym.envs.settings import EnvSettings, env_settings, make_finder
+from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings, make_finder
 from wheelchair_gym.envs.worlds import Worlds
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.mapping.chair import LocalisedChair, bare
@@ -106,7 +106,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         """Make the environment.
 
         Args:
-            scene: name of a scene, or a mapping of its name and settings.
+            scene: name of a scene, a mapping of its name and settings, or the Path of a map file.
             config: JSON file, or its content, with any of the sections scene, rate, guidance,
                 bank, chair, sensors, physics, task, shield, hardware; the other arguments go before
                 it.
@@ -138,6 +138,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             raise InputError(f"render_mode is {render_mode!r}; expected human, rgb_array or None")
         self.settings = s = env_settings(
             config,
+            also=("chair", "render_mode"),
             scene=scene,
             beams=beams,
             rate=rate,
@@ -194,14 +195,19 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         Args:
             seed: starts the sequence of episodes of this seed.
             options: {"episode": Episode} drives in this world instead of the scene's.
+
+        Raises:
+            InputError: another option is given, or no Episode.
         """
+        given: Episode | None = check_options(options, "episode")
+        if given is not None and not isinstance(given, Episode):
+            raise InputError(f"options: episode is {given!r}; expected an Episode")
         super().reset(seed=seed)
         if seed is not None or self._seed is None:
             drawn = int(self.np_random.integers(2**32)) if seed is None else seed
             self._seed, self._count = drawn, 0
         else:
             self._count += 1
-        given: Episode | None = (options or {}).get("episode")
         if given is None:
             self._course = self.worlds.course(self._seed, self._count)
             self.worlds.forget(self._count)

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from numbers import Integral
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from wheelchair_gym.config import InputError, load, read, setting, settings
+import numpy as np
+
+from wheelchair_gym.config import InputError, dump, load, read, setting, settings, suggest
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.mapping.chair import Finder
 from wheelchair_gym.mapping.localise import Localisation, Localiser
@@ -49,7 +53,9 @@ class StartSettings:
 class EnvSettings:
     """Everything that makes an environment."""
 
-    scene: Any = setting(default="floor_plan", source="a name, or a mapping with a name")
+    scene: Any = setting(
+        default="floor_plan", source="a name, a mapping with a name, or the Path of a map file"
+    )
     rate: float = setting(default=10.0, unit="Hz", source="of control", low=0.5, high=200.0)
     guidance: Any = setting(
         default=None,
@@ -78,6 +84,10 @@ class EnvSettings:
     render_height: int = setting(default=640, unit="pixels", source="likewise", low=64, high=4096)
 
     def __post_init__(self) -> None:
+        if isinstance(self.scene, Mapping):  # plain, so that settings can be written as JSON
+            object.__setattr__(self, "scene", dump(self.scene))
+        elif isinstance(self.scene, PathLike):
+            object.__setattr__(self, "scene", {"name": "map_file", "path": fspath(self.scene)})
         for name in ("render_width", "render_height"):
             if getattr(self, name) % 2:
                 raise InputError(
@@ -91,6 +101,7 @@ class EnvSettings:
 
 
 _ON_EDGE = 1e-3  # m: a sensor so near the outline's edge is on it
+_OWN = ("scene", "rate", "guidance", "bank", "shield", "render_width", "render_height")
 _PLACES = {
     "beams": ("task", "beams"),
     "pose_source": ("sensors", "pose_source"),
@@ -100,13 +111,18 @@ _PLACES = {
 
 
 def env_settings(
-    config: str | Path | Mapping[str, Any] | EnvSettings | None, **changes: Any
+    config: str | Path | Mapping[str, Any] | EnvSettings | None,
+    *,
+    also: Sequence[str] = (),
+    **changes: Any,
 ) -> EnvSettings:
     """Settings from a file, its content or defaults, with the changes that are not None.
 
     Args:
         config: path of a JSON file, its content, ready settings, or None for the defaults.
-        changes: scene, rate, guidance, bank, shield, beams, pose_source, noise, randomise.
+        also: further arguments of who asks, for the message about one that nobody knows.
+        changes: scene, rate, guidance, bank, shield, render_width, render_height, beams,
+            pose_source, noise, randomise.
 
     Raises:
         InputError: the file or a value is wrong.
@@ -117,15 +133,19 @@ def env_settings(
         base = config
     elif isinstance(config, Mapping):
         base = load(EnvSettings, config, "config")
-    else:
+    elif isinstance(config, str | PathLike):
         base = read(EnvSettings, config)
-    own = ("scene", "config", "rate", "guidance", "bank", "shield", "render_width", "render_height")
-    unknown = [name for name in changes if name not in (*own, *_PLACES)]
+    else:
+        raise InputError(f"config is {config!r}; expected a file, its content or EnvSettings")
+    unknown = [name for name in changes if name not in (*_OWN, *_PLACES)]
     if unknown:
-        known = ", ".join((*own, *_PLACES))
-        raise InputError(f"{', '.join(unknown)}: not an argument of this env; it has {known}")
+        known = "config", *_OWN, *_PLACES, *also
+        near = suggest(unknown[0], known)
+        raise InputError(
+            f"{', '.join(unknown)}: not an argument of this env; it has {', '.join(known)}{near}"
+        )
     given = {name: value for name, value in changes.items() if value is not None}
-    if isinstance(given.get("bank"), int):
+    if isinstance(given.get("bank"), Integral):
         given["bank"] = BankSettings(size=given["bank"])
     elif isinstance(given.get("bank"), Mapping):
         given["bank"] = load(BankSettings, given["bank"], "bank")
@@ -159,9 +179,23 @@ def _warn_of_mounts(own: EnvSettings) -> None:
         )
 
 
+def check_options(options: Mapping[str, Any] | None, known: str) -> Any:
+    """The one option that a `reset` knows; None where it is not given.
+
+    Raises:
+        InputError: another option is given.
+    """
+    for name in options or {}:
+        if name != known:
+            raise InputError(
+                f"options: {name!r} is no option of reset; known: {known}{suggest(name, [known])}"
+            )
+    return (options or {}).get(known)
+
+
 def _shield(spec: Any) -> ShieldSettings | None:
     """Settings of a shield from true, false, a mapping or themselves."""
-    if isinstance(spec, bool):
+    if isinstance(spec, bool | np.bool_):
         return ShieldSettings() if spec else None
     if isinstance(spec, Mapping):
         return load(ShieldSettings, spec, "shield")

@@ -18,7 +18,7 @@ from wheelchair_gym.address import address_of
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.batch import Batch, Results, begin_chairs, step_chairs
 from wheelchair_gym.envs.guidance import make_guidance
-from wheelchair_gym.envs.settings import EnvSettings, env_settings
+from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings
 from wheelchair_gym.envs.spare import Spare
 from wheelchair_gym.envs.worlds import Worlds
 from wheelchair_gym.safety.state import GUARD, REASONS, SHIELD, Guard
@@ -37,6 +37,7 @@ Info = dict[str, Any]
 
 _REASONS = np.array(REASONS)
 _ROWS_A_THREAD = 64  # fewer are done sooner than a second thread has woken up
+_ALSO = ("num_envs", "autoreset_mode", "num_threads", "render_mode")  # arguments
 _CORES: int = vars(numba.config)["NUMBA_NUM_THREADS"]  # that this process may use
 
 
@@ -80,7 +81,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         mode = modes.get(getattr(autoreset_mode, "value", autoreset_mode))
         if mode is None:
             raise InputError(f"autoreset_mode is {autoreset_mode}; expected {' or '.join(modes)}")
-        self.settings = s = env_settings(config, **settings)
+        self.settings = s = env_settings(config, also=_ALSO, **settings)
         if s.sensors.finds_itself:
             known = "truth, odometry or modelled, where there are many chairs at once"
             raise InputError(f"sensors.pose_source is {s.sensors.pose_source!r}; expected {known}")
@@ -156,9 +157,13 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             options: {"reset_mask": (n,) bool} leaves the other rows as they are.
 
         Raises:
-            InputError: the seeds are not as many as the rows.
+            InputError: the seeds or the mask are not as many as the rows, or another option is
+                given.
         """
         n = self.num_envs
+        mask = check_options(options, "reset_mask")
+        if mask is not None and (np.shape(mask) != (n,) or np.asarray(mask).dtype != np.bool_):
+            raise InputError(f"options: reset_mask is {mask!r}; expected ({n},) bool")
         super().reset(seed=seed if isinstance(seed, int) else None)
         if seed is None and self._last is None:
             seed = int(self.np_random.integers(2**32))
@@ -166,8 +171,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         if seeds is not None and len(seeds) != n:
             raise InputError(f"{len(seeds)} seeds were given for {n} environments")
         chosen = np.ones(n, np.bool_)
-        if options is not None and "reset_mask" in options:
-            chosen = np.asarray(options["reset_mask"], np.bool_)
+        if mask is not None:
+            chosen = np.asarray(mask, np.bool_)
         for i in np.flatnonzero(chosen).tolist():
             given = None if seeds is None else seeds[i]
             if given is not None:

@@ -1,0 +1,113 @@
+"""What environments take: paths and arrays as plain values, and nothing that nobody knows."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import wheelchair_gym
+from wheelchair_gym.config import InputError, dump, read_json
+from wheelchair_gym.envs import EnvSettings, NavigationEnv, NavigationVectorEnv
+from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.scenes.map_file import MapFile, example_map
+
+ID = "wheelchair_gym/Navigation-v0"
+ROOT = Path(wheelchair_gym.__file__).parents[1]
+
+
+@pytest.mark.parametrize("kind", [NavigationEnv, NavigationVectorEnv])
+def test_an_unknown_argument_is_answered_with_all_that_are_known(kind):
+    own = {
+        name
+        for name, parameter in inspect.signature(kind).parameters.items()
+        if parameter.kind is not parameter.VAR_KEYWORD
+    }
+    fields = {"scene", "config", "rate", "bank", "shield", "beams", "pose_source", "randomise"}
+    with pytest.raises(InputError, match="shild: not an argument of this env") as caught:
+        kind(shild=True)
+    said = str(caught.value)
+    assert "\n" not in said
+    assert "did you mean shield?" in said
+    named = set(said.partition("it has ")[2].replace(";", ",").split(", "))
+    assert own | fields <= named, (own | fields) - named
+
+
+@pytest.mark.parametrize(
+    ("make", "known"),
+    [(lambda: gym.make(ID, scene="empty"), "episode"),
+     (lambda: gym.make_vec(ID, 2, scene="empty"), "reset_mask")],
+)  # fmt: skip
+def test_an_unknown_option_of_reset_is_refused_and_nothing_has_begun(make, known):
+    env = make()
+    begun, _ = env.reset(seed=1)
+    wrong = known[:-1]
+    with pytest.raises(InputError, match=f"{wrong}.*known: {known}.*did you mean {known}"):
+        env.reset(options={wrong: None})
+    with pytest.raises(InputError, match=known):
+        env.reset(options={known: "all of it"})
+    assert all((env.reset(seed=1, options={})[0][key] == begun[key]).all() for key in begun)
+    env.close()
+
+
+def as_arrays(value):
+    """The same value in numpy's types, with paths for texts that name files."""
+    if isinstance(value, dict):
+        return {key: as_arrays(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return np.array(value) if value and not isinstance(value[0], dict) else value
+    if isinstance(value, str):
+        return Path(value) if value.endswith(".yaml") else np.str_(value)
+    if isinstance(value, float):
+        return np.float64(value)
+    return np.bool_(value) if isinstance(value, bool) else np.int64(value)
+
+
+def test_arrays_scalars_and_paths_are_what_they_hold(tmp_path):
+    clinic = str(example_map())
+    scene = {"name": "map_file", "path": clinic, "start": [2.0, 2.0, 0.0], "goal": [13.0, 8.0, 0.0]}
+    plain = {"rate": 5.0, "task": {"beams": 64}, "chair": {"random": {"mass": [100.0, 120.0]}}}
+    file = tmp_path / "env.json"
+    file.write_text(json.dumps({**plain, "scene": scene}))
+    given = gym.make(ID, scene=as_arrays(scene), config=as_arrays(plain)).unwrapped
+    same = gym.make(ID, config=file).unwrapped
+    assert given.settings == same.settings
+    assert json.loads(json.dumps(dump(given.settings))) == dump(same.settings)
+    given.reset(seed=0)
+    assert given.episode.start.tolist() == scene["start"]
+    assert given.episode.goal.tolist() == scene["goal"]
+    assert MapFile(path=example_map(), start=np.array(scene["start"])) == MapFile(
+        path=clinic, start=tuple(scene["start"])
+    )
+    by_path = gym.make(ID, scene=example_map(), rate=np.float32(5), beams=np.int16(64)).unwrapped
+    assert by_path.settings == env_settings(
+        None, scene={"name": "map_file", "path": clinic}, rate=5.0, beams=64
+    )
+
+
+@pytest.mark.parametrize("wrong", [np.array([1.0, 2.0]), np.array("x"), np.float64("nan")])
+def test_an_array_is_no_number(wrong):
+    with pytest.raises(InputError, match=r"rate is"):
+        gym.make(ID, rate=wrong)
+
+
+def test_the_real_chair_is_made_with_the_shipped_settings_and_stands_where_it_is_not():
+    shipped = read_json(ROOT / "configs" / "hardware.json")
+    env = gym.make("wheelchair_gym/Hardware-v0").unwrapped
+    try:
+        own = dump(env.settings)
+        assert own.pop("shield") is not None  # a real chair always has one
+        assert own == {key: value for key, value in shipped.items() if key != "shield"}
+        with pytest.raises(InputError, match=r"/dev/ttyACM0|drive board") as caught:
+            env.reset(seed=0)
+        assert "\n" not in str(caught.value)
+    finally:
+        env.close()
+    mine = {"sensors": {"pose_source": "odometry"}}
+    env = gym.make("wheelchair_gym/Hardware-v0", config=mine).unwrapped
+    assert env.settings == env_settings(EnvSettings(), pose_source="odometry", shield=True)
+    env.close()
