@@ -12,7 +12,17 @@ from pathlib import Path
 from typing import Any
 
 from agents import winners
-from agents.evaluate import NOBODY, Spec, drive_episode, env_settings, evaluate, label, make_env
+from agents.evaluate import (
+    NOBODY,
+    Spec,
+    distinct,
+    drive_episode,
+    env_settings,
+    evaluate,
+    label,
+    make_env,
+    plain,
+)
 from agents.learning.weights import shipped
 from agents.metrics import Record, summarise
 from agents.policy import make_policy
@@ -211,6 +221,11 @@ def compare(
     """
     begun = time.perf_counter()
     folder = Path(folder)
+    what = dataclasses.replace(
+        what,
+        policies=distinct(what.policies, "policies"),
+        scenes=distinct(what.scenes, "scenes"),
+    )
     seeds = list(range(what.episodes)) if seeds is None else list(seeds)
     records = evaluate(
         what.policies, what.scenes, seeds, env=what.env, folder=folder, jobs=jobs,
@@ -268,7 +283,9 @@ def film(what: Suite, shown: Record, folder: Path) -> str:
     env = make_env(scene, env_settings(**what.env))
     frames: list[Any] = []
     try:
-        drive_episode(env, make_policy(policy), shown["seed"], lambda e: frames.append(e.render()))
+        drive_episode(
+            env, make_policy(plain(policy)), shown["seed"], lambda e: frames.append(e.render())
+        )
         period = env.unwrapped.task.period
     finally:
         env.close()

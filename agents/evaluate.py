@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
 from agents.learned import weights_digest
 from agents.metrics import Record, Trace, measure
-from agents.policy import make_policy
+from agents.policy import make_policy, spec_of
 from agents.runs import check, compute, run_key, source_digest
 from agents.watch import Watch
 from wheelchair_gym.config import InputError, load, read_json
@@ -22,31 +24,57 @@ ENV = "wheelchair_gym/Navigation-v0"
 STORE = "episodes.jsonl"
 TIGHT = 0.10  # m beside the chair: with less, turns are looked at, too, which takes a second or two
 NOBODY = Watch()
-Spec = str | Mapping[str, Any]
+Spec = Any  # a name, a mapping with a name, settings; of scenes, the Path of a map file, too
 
 
 def label(spec: Spec) -> str:
-    """How records call a policy or a scene: its `label`, else its name."""
+    """How records call a policy or a scene: its `label`, else its name or its class."""
     if isinstance(spec, str):
         return spec
+    if not isinstance(spec, Mapping):
+        return type(spec).__name__
     return str(spec.get("label", spec.get("name", spec)))
 
 
-def _plain(spec: Spec) -> Spec:
-    if isinstance(spec, str):
+def plain(spec: Spec) -> Spec:
+    """What makes a policy or a scene: without what is only said of it here."""
+    if not isinstance(spec, Mapping):
         return spec
     return {key: value for key, value in spec.items() if key not in ("label", "env")}
 
 
+def distinct(specs: Sequence[Spec], what: str) -> tuple[Spec, ...]:
+    """Policies or scenes as they are compared, each once.
+
+    Raises:
+        InputError: different ones have one label: records could not tell them apart.
+    """
+    found: dict[str, Spec] = {}
+    for given in specs:
+        if what == "policies":
+            spec = spec_of(given)
+        elif isinstance(given, PathLike):
+            spec = {"name": "map_file", "path": fspath(given), "label": Path(given).stem}
+        else:
+            spec = given
+        name = label(spec)
+        if found.setdefault(name, spec) != spec:
+            raise InputError(f"{name!r}: several {what} have this name; give each a label")
+    return tuple(found.values())
+
+
 def scene_env(scene: Spec, env: Mapping[str, Any]) -> dict[str, Any]:
     """Settings of the environment, with the scene's own `env` in place of any of them."""
-    return {**env, **({} if isinstance(scene, str) else scene.get("env", {}))}
+    return {**env, **(scene.get("env", {}) if isinstance(scene, Mapping) else {})}
 
 
 def episode_key(policy: Spec, scene: Spec, seed: int, env: Mapping[str, Any]) -> str:
     """What makes two episodes the same: code, settings, policy, scene and seed."""
-    own, learned = scene_env(scene, env), weights_digest(_plain(policy))
-    parts = [_plain(policy), _plain(scene), seed, own]
+    own, learned = scene_env(scene, env), weights_digest(plain(policy))
+    parts = [plain(policy), plain(scene), seed, own]
+    if not isinstance(policy, str | Mapping):  # somebody's own: its code is not among ours
+        kind = type(policy)
+        parts += [kind.__qualname__, source_digest(inspect.getfile(kind))]
     return run_key(source_digest(), *parts, *([] if learned is None else [learned]))
 
 
@@ -73,7 +101,7 @@ def make_env(scene: Spec, env: Mapping[str, Any], render_mode: str | None = "rgb
 
     assert wheelchair_gym.__name__ in sys.modules
     own = scene_env(scene, env)
-    return gymnasium.make(ENV, scene=_plain(scene), render_mode=render_mode, **own)
+    return gymnasium.make(ENV, scene=plain(scene), render_mode=render_mode, **own)
 
 
 def drive_episode(
@@ -124,7 +152,7 @@ def warm(policy: Spec, scene: Spec, env: Mapping[str, Any]) -> None:
     """Compile (or load from the cache) all that an episode needs, outside its timings."""
     world = make_env(scene, env)
     observation, _ = world.reset(seed=0)
-    driver = make_policy(_plain(policy))
+    driver = make_policy(plain(policy))
     driver.reset(world.unwrapped.task)
     for _ in range(3):
         observation, _, ended, truncated, _ = world.step(driver.act(observation))
@@ -157,7 +185,7 @@ def run_episode(
         _warmed.add(_kind(policy, scene))
     world, each = watch.of_episode(label(policy), label(scene), seed).on(make_env(scene, env))
     try:
-        record = drive_episode(world, make_policy(_plain(policy)), seed, each)
+        record = drive_episode(world, make_policy(plain(policy)), seed, each)
         picture = None
         if folder is not None and not record["success"]:
             picture = f"pictures/{label(policy)}-{label(scene)}-{seed}.png".replace(" ", "_")
@@ -185,7 +213,8 @@ def evaluate(
     """Records of every policy on every scene and seed, in that order.
 
     Args:
-        policies: specs for `make_policy`; a `label` in a mapping names it in the records.
+        policies: specs for `make_policy`; a `label` in a mapping names it in the records, and
+            somebody's own settings are a dataclass.
         scenes: specs for `make_scene`, likewise; settings of the environment in an `env`.
         seeds: of the episodes.
         env: further settings of the environment (pose_source, beams, rate, config).
@@ -204,10 +233,11 @@ def evaluate(
     from wheelchair_gym.scenes import make_scene
 
     env, folder = env_settings(**(env or {})), Path(folder)
+    policies, scenes = distinct(policies, "policies"), distinct(scenes, "scenes")
     for policy in policies:
-        make_policy(_plain(policy))
+        make_policy(plain(policy))
     for scene in scenes:
-        make_scene(_plain(scene))
+        make_scene(plain(scene))
     check(jobs, engine)
     wanted = {
         episode_key(policy, scene, seed, env): (policy, scene, seed)

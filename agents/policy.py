@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import is_dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.config import InputError, load
+from wheelchair_gym.config import InputError, dump, load
 
 Array = NDArray[np.float64]
 
@@ -96,6 +97,32 @@ def settings_of(spec: str | Mapping[str, Any] | Any) -> Any:
     if not hasattr(spec, "make"):
         raise InputError(f"policy is {spec!r}; expected a name, an object or policy settings")
     return spec
+
+
+def spec_of(policy: str | Mapping[str, Any] | Any) -> str | Mapping[str, Any] | Any:
+    """What a policy is compared as: names and mappings as they are, settings of ours as a mapping.
+
+    Settings of somebody's own stay as they are; their class and their values tell them apart.
+
+    Raises:
+        InputError: `make_policy` does not take it, or its values cannot be told.
+    """
+    if isinstance(policy, str | Mapping):
+        return policy
+    settings_of(policy)
+    for name, family in policy_settings().items():
+        if type(policy) is family:
+            plain, own = dump(family()), dump(policy)
+            changed = {key: value for key, value in own.items() if value != plain[key]}
+            if name == "planned":
+                named = (own[part].get("name", "") for part in ("planner", "follower"))
+                changed["label"] = "+".join(named)
+            return {"name": name, **changed} if changed else name
+    if not is_dataclass(policy):
+        raise InputError(
+            f"policy is {policy!r}; expected a dataclass: episodes are stored by its values"
+        )
+    return policy
 
 
 def _named(name: str, values: dict[str, Any]) -> Any:

@@ -2,13 +2,18 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from agents import evaluate as module
+from agents.compare import Suite, compare
 from agents.evaluate import STORE, evaluate
 from agents.metrics import TIMING
+from agents.planned import Planned
 from agents.runs import StoppedError, read_store
-from wheelchair_gym.config import InputError
+from agents.scripted import StraightPolicy
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.scenes.map_file import example_map
 
 SHORT = {"config": {"task": {"time_base": 2.0, "time_factor": 0.0}}, "beams": 45}
 WHAT = (["random", "straight"], ["floor_plan"], [0, 1])
@@ -95,3 +100,66 @@ def test_wrong_input_is_told_before_anything_runs(tmp_path):
     blocked.write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         evaluate(["random"], ["floor_plan"], [0], folder=blocked / "x", progress=False)
+
+
+@settings
+class Turning:
+    """Somebody's own policy: settings that make it."""
+
+    turn: float = setting(default=0.5)
+
+    def make(self):
+        return self
+
+    def reset(self, task):
+        pass
+
+    def act(self, observation):
+        return np.array([0.0, self.turn])
+
+
+class Bare:
+    """A policy without settings that make it."""
+
+    def reset(self, task):
+        pass
+
+    def act(self, observation):
+        return np.zeros(2)
+
+
+def test_policies_may_be_objects(tmp_path):
+    """Settings of ours or of anybody, beside names; a store knows each again by its values."""
+    own = Planned(planner={"name": "a_star"}, follower={"name": "pure_pursuit"})
+    policies = ("straight", StraightPolicy(), own, Turning(), Turning(turn=-0.5))
+    suite = Suite("Objects", policies[:-1], ("empty",), 1, env=SHORT)
+    made = compare(suite, tmp_path, progress=False)
+    assert made["policies"] == ["straight", "a_star+pure_pursuit", "Turning"]
+    assert [record["policy"] for record in made["records"]] == made["policies"]
+    assert (tmp_path / "report.html").stat().st_size > 10_000
+    keys = set(read_store(tmp_path / STORE))
+    assert len(keys) == 3  # a name and its settings are one policy
+    evaluate(policies[-1:], ["empty"], [0], env=SHORT, folder=tmp_path, progress=False)
+    assert len(set(read_store(tmp_path / STORE))) == 4
+
+
+@pytest.mark.parametrize(
+    ("policies", "message"),
+    [
+        ([Bare()], "expected a name, an object or policy settings"),
+        ([Turning(), Turning(turn=-0.5)], "'Turning': several policies have this name; give each"),
+        ([{"name": "a_star"}, {"name": "a_star", "seed": 1}], "'a_star': several policies have"),
+    ],
+)
+def test_policies_that_records_could_not_tell_apart_are_refused(tmp_path, policies, message):
+    with pytest.raises(InputError, match=message):
+        evaluate(policies, ["empty"], [0], env=SHORT, folder=tmp_path, progress=False)
+    assert not (tmp_path / STORE).exists()
+
+
+def test_a_label_names_a_policy_in_its_film_too(tmp_path):
+    policy = {"name": "straight", "label": "ahead"}
+    suite = Suite("One", (policy,), (example_map(),), 1, env=SHORT)
+    made = compare(suite, tmp_path, progress=False)
+    assert made["video"]["policy"] == "ahead"
+    assert made["scenes"] == ["clinic"]
