@@ -139,7 +139,7 @@ def env_settings(
         raise InputError(f"config is {config!r}; expected a file, its content or EnvSettings")
     unknown = [name for name in changes if name not in (*_OWN, *_PLACES)]
     if unknown:
-        known = "config", *_OWN, *_PLACES, *also
+        known = _OWN[0], "config", *_OWN[1:], *_PLACES, *also
         near = suggest(unknown[0], known)
         raise InputError(
             f"{', '.join(unknown)}: not an argument of this env; it has {', '.join(known)}{near}"
