@@ -50,10 +50,15 @@ class FakeRosbridge:
         commands: what the chair was told: (when, v, w).
         mute: topics of which nothing is said.
         mangle: topic -> what becomes of its messages: another message, or a text sent as it is.
+        rate: of simulated time, told at /clock; None: time is real, and there is no /clock.
+        paused: simulated time stands.
+        statics: what the broadcasters of /tf_static say, each in a message of its own, at once; of
+            messages that wait only as many are sent as the client said its queue may hold.
         chair: the simulated one.
     """
 
-    def __init__(self, episode=None, sensors=SENSORS, period=0.05):
+    def __init__(self, episode=None, sensors=SENSORS, period=0.05, rate=None):
+        self.rate, self.paused, self.simulated = rate, False, 0.0
         self.episode = episode or make_scene("empty").sample(np.random.default_rng(0))
         self.sensors, self.period = sensors, period
         self.chair = SimulatedChair(sensors=sensors, period=period)
@@ -64,11 +69,10 @@ class FakeRosbridge:
         self.skew, self.advertised = 0.0, {}
         laser = sensors.laser
         self.mounted = laser.x, laser.y, laser.yaw  # of the laser, as tf tells
+        self.statics = [lambda: self._edge("base_link", "laser_link", self.mounted)]
         self._latched = {
-            "/map": self._map,
-            "/tf_static": lambda: {
-                "transforms": [self._edge("base_link", "laser_link", self.mounted)]
-            },
+            "/map": lambda: [self._map()],
+            "/tf_static": lambda: [{"transforms": [edge()]} for edge in self.statics],
         }
         self._told = {}  # connection -> topics
         self._command = np.zeros(2)
@@ -119,7 +123,8 @@ class FakeRosbridge:
         if operation == "subscribe":
             topics.add(topic)
             if topic in self._latched:
-                self._publish(connection, topic, self._latched[topic]())
+                for message in self._latched[topic]()[-content.get("queue_length", 1 << 30) :]:
+                    self._publish(connection, topic, message)
         elif operation == "unsubscribe":
             topics.discard(topic)
         elif operation == "advertise":
@@ -136,12 +141,17 @@ class FakeRosbridge:
     def _live(self):
         due = time.monotonic()
         while not self._ended.is_set():
+            if self.paused:
+                time.sleep(0.01)
+                due = time.monotonic()
+                continue
+            self.simulated += self.period
             self.reading = self.chair.drive(self._command)
             for connection, topics in list(self._told.items()):
                 for topic, make in self._messages().items():
                     if topic in topics and topic not in self.mute:
                         self._publish(connection, topic, make())
-            due += self.period
+            due += self.period / (self.rate or 1.0)
             time.sleep(max(0.0, due - time.monotonic()))
 
     def _publish(self, connection, topic, message):
@@ -154,16 +164,18 @@ class FakeRosbridge:
             connection.send(message if isinstance(message, str) else json.dumps(whole))
 
     def _header(self, frame):
-        stamp = time.monotonic() + CLOCK + self.skew
+        return {"seq": 0, "frame_id": frame, "stamp": self._time()}
+
+    def _time(self):
+        now = time.monotonic() if self.rate is None else self.simulated
+        stamp = now + CLOCK + self.skew
         second = int(stamp)
-        return {
-            "seq": 0, "frame_id": frame,
-            "stamp": {"secs": second, "nsecs": int(1e9 * (stamp - second))},
-        }  # fmt: skip
+        return {"secs": second, "nsecs": int(1e9 * (stamp - second))}
 
     def _messages(self):
         reading, truth = self.reading, self.chair.truth
-        made = {
+        made = {} if self.rate is None else {"/clock": lambda: {"clock": self._time()}}
+        made |= {
             "/scan": self._scan,
             "/ARDUINO1/Odom": self._odometry,
             "/tf": lambda: {

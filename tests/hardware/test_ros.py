@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import os
@@ -149,7 +150,7 @@ def test_it_maps_where_it_stands(bridge, tmp_path, capsys):
 
 
 def test_a_reading_is_what_the_topics_said(bridge):
-    """Ranges, pose and twist to float32's rounding; what JSON cannot say is invalid."""
+    """Ranges, pose and twist to float32's rounding; what JSON cannot say is no echo."""
     ultrasonic = {"ultrasonic": RANGERS, "battery": "/battery"}
     chair = make_chair(spec(bridge, **ultrasonic), env_settings(CONFIG))
     chair.reset(None, 0)
@@ -160,7 +161,8 @@ def test_a_reading_is_what_the_topics_said(bridge):
     assert reading.laser.shape == told.laser.shape
     both = np.isfinite(reading.laser) & np.isfinite(told.laser)
     np.testing.assert_allclose(reading.laser[both], told.laser[both], atol=0.15)
-    assert not np.isinf(reading.laser).any()
+    dark = ~np.isfinite(reading.laser)  # null, which rosbridge writes for +inf and NaN
+    assert np.isposinf(reading.laser[dark]).all()
     np.testing.assert_allclose(reading.pose, bridge.chair.truth.pose, atol=1e-3)
     assert (reading.age < LATE["pose"]).all()
     assert 30.0 < reading.battery < 42.0
@@ -286,6 +288,122 @@ def test_wrong_messages_are_not_used_and_named(bridge, wrong, caplog):
     assert why in senses.quiet(topic)
     assert senses._heard == known
     assert len(caplog.records) == 1  # said once
+
+
+def test_a_null_range_is_no_echo_unless_the_settings_say_otherwise(bridge):
+    """Rosbridge writes null for +inf; a NaN that is written as such stays invalid."""
+    messages = bridge._messages()
+    scan, range_ = messages["/scan"](), messages[RANGERS[0]]()
+    scan["ranges"][3:5] = [None, math.nan]
+    for null, wanted in (({}, math.inf), ({"null": "invalid"}, math.nan)):
+        senses = Senses(RosSettings(ultrasonic=RANGERS, **null), SENSORS, False)
+        senses.take("/scan", scan, 1.0)
+        for topic, value in zip(RANGERS, (None, math.nan, *[1.0] * 6), strict=True):
+            senses.take(topic, {**range_, "range": value}, 1.0)
+        laser, sonar, _ = senses.ranges(1.0)
+        np.testing.assert_equal(laser[3:5], np.array([wanted, math.nan], np.float32))
+        np.testing.assert_equal(sonar[:3], np.array([wanted, math.nan, 1.0], np.float32))
+        senses.take("/scan", {**scan, "ranges": [None] * 181}, 2.0)
+        assert "no range that is a number" in senses.quiet("/scan")
+
+
+STAMPS = {
+    "Infinity": ('{"secs": Infinity, "nsecs": 0}', "expected 0 to"),
+    "1e400": ('{"sec": 1e400, "nanosec": 0}', "expected 0 to"),
+    "NaN": ('{"sec": NaN, "nanosec": 0}', "expected 0 to"),
+    "an infinite part": ('{"sec": 1, "nanosec": Infinity}', "expected 0 to"),
+    "negative": ('{"sec": -5, "nanosec": 0}', "expected 0 to"),
+    "beyond 32 bits": ('{"sec": 4294967296, "nanosec": 0}', "expected 0 to"),
+    "years ahead": ('{"sec": 1900000000, "nanosec": 0}', "later than its clock told"),
+    "an hour ahead": ('{"sec": 15946, "nanosec": 0}', "later than its clock told"),
+    "years behind": ('{"sec": 5, "nanosec": 0}', "older than the one before"),
+}
+
+
+def test_no_stamp_switches_freshness_off(bridge, caplog):
+    """It is refused with one line, silence is still noticed, and what comes next is used."""
+    bridge.skew = -time.monotonic()
+    for text, why in STAMPS.values():
+        senses = Senses(RosSettings(), SENSORS, False)
+        for topic in ("/scan", "/ARDUINO1/Odom"):
+            caplog.clear()
+            message = bridge._messages()[topic]()
+            wrong = {**message, "header": {**message["header"], "stamp": json.loads(text)}}
+            senses.take(topic, message, 1.0)
+            senses.take(topic, wrong, 1.05)
+            assert why in senses.quiet(topic)
+            senses.take(topic, wrong, 1.06)
+            assert len(caplog.records) == 1
+            bridge.skew += 0.1
+            senses.take(topic, bridge._messages()[topic](), 1.1)
+        assert senses.silent(1.15) == ""
+        assert "/scan is silent" in senses.silent(60.0)
+        senses.forget()
+        for topic in ("/scan", "/ARDUINO1/Odom"):  # as the first of all
+            message = bridge._messages()[topic]()
+            senses.take(
+                topic, {**message, "header": {"frame_id": "", "stamp": json.loads(text)}}, 1
+            )
+        assert "is silent" in senses.silent(60.0)
+
+
+def test_every_broadcaster_of_static_transforms_is_heard(bridge, chair):
+    """Each says its own edges, all at the start; the laser hangs on a chain of them."""
+    chair.close()
+    x, y, yaw = bridge.mounted
+    links = ["base_link", *(f"link_{k}" for k in range(20)), "laser_link"]
+    bridge.statics = [
+        lambda pair=pair, k=k: bridge._edge(*pair, (x, y, yaw) if k == 0 else (0.0, 0.0, 0.0))
+        for k, pair in enumerate(itertools.pairwise(links))
+    ]
+    chair = make_chair(spec(bridge), env_settings(CONFIG))
+    chair.reset(None, 0)
+    assert chair._senses._chain("laser_link", "base_link") is not None
+    assert until(lambda: chair.drive(np.zeros(2)).halted == "")
+    chair.close()
+
+
+def test_a_transform_that_is_broken_costs_itself_only(bridge):
+    senses = Senses(RosSettings(), SENSORS, True)
+    good = bridge._edge("base_link", "laser_link", bridge.mounted)
+    senses.take("/tf_static", {"transforms": [{"header": {}}, good, 7]}, 1.0)
+    assert senses._chain("laser_link", "base_link") is not None
+
+
+def test_silence_is_measured_in_simulated_time(bridge):
+    """A simulation at half of real time is driven; one that is paused is named as that."""
+    slow = FakeRosbridge(rate=0.5)
+    try:
+        chair = make_chair(spec(slow, use_sim_time=True, stall=0.5), env_settings(CONFIG))
+        chair.reset(None, 0)
+        begin, wall = slow.simulated, time.monotonic()
+        halts = {chair.drive(AHEAD).halted for _ in range(8)}
+        assert halts == {""}
+        assert slow.simulated - begin == pytest.approx(0.8, abs=0.15)
+        assert time.monotonic() - wall > 1.2
+        slow.paused = True
+        assert until(lambda: "/clock has stood still" in chair.drive(AHEAD).halted)
+        assert until(lambda: slow.still)
+        slow.paused = False
+        assert until(lambda: chair.drive(AHEAD).halted == "")
+        slow.skew -= 10.0  # the simulation begins anew
+        assert until(lambda: chair.drive(AHEAD).halted == "", 10.0)
+        chair.close()
+        slow.paused = True
+        own = spec(slow, use_sim_time=True, stall=0.2, patience=0.2)
+        paused = make_chair(own, env_settings(CONFIG))
+        with pytest.raises(InputError, match=r"/clock has (stood still|told no time)"):
+            paused.reset(None, 0)
+        paused.close()
+    finally:
+        slow.close()
+
+
+def test_simulated_time_that_the_settings_do_not_know_of_is_named():
+    senses = Senses(RosSettings(), SENSORS, False)
+    assert senses.silent(1.0) == "/scan is silent"
+    senses.take("/clock", {"clock": {"sec": 5, "nanosec": 0}}, 1.0)
+    assert "simulated time: for a simulation set use_sim_time" in senses.silent(1.0)
 
 
 FAULTS = {

@@ -14,6 +14,7 @@ class Heard(NamedTuple):
 
 
 NEVER = Heard(math.nan, -math.inf)
+_AHEAD = 60.0  # s that a clock may jump ahead of this computer's: an hour or a year is an error
 
 
 class Arrivals:
@@ -27,12 +28,17 @@ class Arrivals:
         """When a message was made that came then [s]; `stamp` is by its maker's clock, or NaN.
 
         Raises:
-            ValueError: it is no newer than the one before.
+            ValueError: it is no newer than the one before, or it is a jump ahead.
         """
         if math.isnan(stamp):
             return came
         if stamp <= self._last:
             raise ValueError(f"is {self._last - stamp:.3g} s older than the one before")
+        if (jump := self._ahead - (came - stamp)) > _AHEAD and math.isfinite(self._ahead):
+            raise ValueError(
+                f"is stamped {jump:.3g} s later than its clock told before; if that clock was set, "
+                "reset the chair"
+            )
         # How far the clocks are apart, at most: what the quickest message showed, and their drift.
         ahead = min(came - stamp, self._ahead + self._drift * (came - self._came))
         self._last, self._ahead, self._came = stamp, ahead, came

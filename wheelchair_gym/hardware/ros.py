@@ -6,6 +6,7 @@
 
 Ages are by this computer's clock: a message counts from when it came, later by as much as it took
 longer than the quickest one of its topic, which the stamps tell whatever the other clock says.
+Where `use_sim_time` says so, ages and control periods are by ROS's simulated time instead.
 A command is taken back (zero) when a sensor falls silent, when the policy takes too long, and on
 every way out. What no program here can do is stop a chair whose link is cut: the chair's own
 computer must stop when commands stay away.
@@ -24,6 +25,7 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import roomiest
 from wheelchair_gym.hardware.known import Known
 from wheelchair_gym.hardware.pace import NAP, Pace, WallClock
+from wheelchair_gym.hardware.ros_clock import SimulatedClock
 from wheelchair_gym.hardware.ros_senses import Senses
 from wheelchair_gym.hardware.ros_settings import RosSettings
 from wheelchair_gym.hardware.rosbridge import Rosbridge
@@ -61,8 +63,9 @@ class RosChair:
         self.settings, self.sensors, self.period = settings, sensors, period
         self._limits, s = chair.limits, settings
         self._known = Known(chair.footprint, sensors.laser)
-        self._pace = Pace(WallClock(), period, s.limits.hold)
-        self._senses = Senses(settings, sensors, on_map)
+        clock = self._clock = SimulatedClock(s.clock, s.stall) if s.use_sim_time else None
+        self._pace = Pace(clock or WallClock(), period, s.limits.hold)
+        self._senses = Senses(settings, sensors, on_map, clock)
         self._lock = threading.Lock()  # of what is commanded
         self._set = np.zeros(4)  # speed, its slope, turn, its slope: what it was told last
         self._link = Rosbridge(s.host, s.port, self._senses.take, s.link)
@@ -71,7 +74,7 @@ class RosChair:
         self._link.advertise(s.velocity, "geometry_msgs/Twist")
         for topic, one in self._senses.topics.items():
             if topic != s.map:
-                self._link.subscribe(topic, one.kind)
+                self._link.subscribe(topic, one.kind, one.queue)
         interval = min(NAP, 0.25 * period)
         self._end_guard = self._pace.clock.guard(self._guard, interval, self.url)
         atexit.register(self.close)
@@ -184,12 +187,14 @@ class RosChair:
             InputError: it still is when patience ends.
             ConnectionError: the link is lost.
         """
+        patience = self.settings.limits.patience
 
         def look() -> str:
             self._check()
+            if self._clock is not None and self._clock.still > max(patience, self._clock.stall):
+                raise InputError(f"{self.url}: {self._clock.stopped}")
             return missing()
 
-        patience = self.settings.limits.patience
         if why := self._pace.until(look, patience, self._link.gone):
             raise InputError(f"{self.url}: {why}; waited {patience:g} s")
 

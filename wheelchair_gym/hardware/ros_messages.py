@@ -19,15 +19,24 @@ from wheelchair_gym.sensing.settings import LaserSettings
 Array = NDArray[np.float64]
 
 _ASKEW = 0.3  # rad: roll or pitch beyond is not a chair on a floor
+_LATEST = 1 << 32  # s: ROS keeps 32 bits
 _NEAR = 1e-3  # rad: angles that are rounded to float32 are the same
 
 
 def stamp(header: Mapping[str, Any]) -> float:
     """When a message was made [s], by its maker's clock; NaN if it does not say."""
-    time = header["stamp"]
+    return seconds(header["stamp"]) or math.nan
+
+
+def seconds(time: Mapping[str, Any]) -> float:
+    """A builtin_interfaces/Time [s]."""
     second = time["secs"] if "secs" in time else time["sec"]  # ROS 1 and 2
     part = time["nsecs"] if "nsecs" in time else time["nanosec"]
-    return second + 1e-9 * part or math.nan
+    if not (0 <= second < _LATEST and 0 <= part < 1e9):  # false of NaN, too
+        raise ValueError(
+            f"is stamped {second!r:.20} s, {part!r:.20} ns; expected 0 to {_LATEST} s and < 1e9 ns"
+        )
+    return float(second) + 1e-9 * float(part)
 
 
 def _finite(*values: Any) -> tuple[float, ...]:
@@ -58,6 +67,8 @@ def scan(message: Mapping[str, Any], laser: LaserSettings, silent: float) -> NDA
         message: as it came.
         laser: what the settings say of it; another number or fan of beams is an error.
         silent: what a beam that is null stands for: JSON can neither say NaN nor infinity.
+
+    A scan of nulls alone is an error: no echo anywhere and a broken sensor look alike in it.
     """
     ranges = np.array(message["ranges"], dtype=np.float64)  # None becomes NaN
     if ranges.shape != (laser.beams,):
@@ -71,6 +82,8 @@ def scan(message: Mapping[str, Any], laser: LaserSettings, silent: float) -> NDA
         )
     nearest, farthest = _finite(message["range_min"], message["range_max"])
     null = np.array([value is None for value in message["ranges"]])
+    if null.all():
+        raise ValueError("has no range that is a number: JSON cannot say what its sensor meant")
     out = np.where(ranges > min(farthest, laser.reach), np.inf, ranges)
     out = np.where(ranges < nearest, -np.inf, out)
     out = np.where(ranges == 0.0, np.nan, out)  # drivers older than REP-117: an error
@@ -85,23 +98,39 @@ def odometry(message: Mapping[str, Any]) -> tuple[Array, Array]:
 
 
 def transforms(message: Mapping[str, Any]) -> list[tuple[str, str, Array]]:
-    """Parent, child and pose (3,) of each transform of a tf2_msgs/TFMessage."""
-    found = []
+    """Parent, child and pose (3,) of each transform of a tf2_msgs/TFMessage.
+
+    One that cannot be read costs itself only, unless there is no other.
+    """
+    found: list[tuple[str, str, Array]] = []
+    broken: Exception | None = None
     for edge in message["transforms"]:
-        parent, child = str(edge["header"]["frame_id"]), str(edge["child_frame_id"])
-        move = edge["transform"]
         try:
+            parent, child = str(edge["header"]["frame_id"]), str(edge["child_frame_id"])
+            move = edge["transform"]
             pose = _pose(move["translation"], move["rotation"])
         except ValueError:  # a camera on its side is of no interest; one that matters is missed
             continue
+        except (KeyError, TypeError) as error:
+            broken = error
+            continue
         found.append((parent.lstrip("/"), child.lstrip("/"), pose))
+    if broken is not None and not found:
+        raise broken
     return found
 
 
-def distance(message: Mapping[str, Any]) -> float:
-    """The range [m] of a sensor_msgs/Range, as in `Reading.ultrasonic` (REP-117)."""
+def distance(message: Mapping[str, Any], silent: float) -> float:
+    """The range [m] of a sensor_msgs/Range, as in `Reading.ultrasonic` (REP-117).
+
+    Args:
+        message: as it came.
+        silent: what a range that is null stands for, see `scan`.
+    """
     value = message["range"]
-    if value is None or math.isnan(value):
+    if value is None:
+        return silent
+    if math.isnan(value):
         return math.nan
     nearest, farthest = _finite(message["min_range"], message["max_range"])
     return math.inf if value > farthest else -math.inf if value < nearest else float(value)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.geometry import between, compose
 from wheelchair_gym.hardware import ros_messages as ros
 from wheelchair_gym.hardware.arrivals import NEVER, Arrivals, Heard
+from wheelchair_gym.hardware.ros_clock import SimulatedClock
 from wheelchair_gym.hardware.ros_settings import RosSettings
 from wheelchair_gym.sensing.settings import RANGERS, SensorSettings
 
@@ -20,14 +21,16 @@ Array = NDArray[np.float64]
 
 _LOG = logging.getLogger(__name__)
 _LONGEST = 200  # characters of what is said of a bad message
+_BROADCASTERS = 100  # messages that wait: each node tells its own transforms, at once at the start
 
 
 class Topic(NamedTuple):
-    """A topic: its type, how it is read, and how old the newest may be [s]."""
+    """A topic: its type, how it is read, how old the newest may be [s], how many may wait."""
 
     kind: str
     read: Callable[[Any], Any]
     oldest: float = math.inf
+    queue: int = 1
 
 
 class Senses:
@@ -39,10 +42,18 @@ class Senses:
         settings: topics, frames, limits.
         sensors: what a scan must look like.
         on_map: a pose on the map, by tf, is one of the things that the chair is driven by.
+        clock: simulated time, by which all is measured; None: it is real.
     """
 
-    def __init__(self, settings: RosSettings, sensors: SensorSettings, on_map: bool) -> None:
+    def __init__(
+        self,
+        settings: RosSettings,
+        sensors: SensorSettings,
+        on_map: bool,
+        clock: SimulatedClock | None = None,
+    ) -> None:
         self.settings, self.sensors, self.on_map, s = settings, sensors, on_map, settings
+        self.clock, self._simulated = clock, False
         self._laser = ""  # its frame
         null = math.nan if s.null == "invalid" else math.inf
         self.topics = {
@@ -52,12 +63,16 @@ class Senses:
                 s.limits.scan,
             ),
             s.odometry: Topic("nav_msgs/Odometry", ros.odometry, s.limits.odometry),
-            s.tf: Topic("tf2_msgs/TFMessage", ros.transforms),
-            s.tf_static: Topic("tf2_msgs/TFMessage", ros.transforms),
+            s.tf: Topic("tf2_msgs/TFMessage", ros.transforms, queue=_BROADCASTERS),
+            s.tf_static: Topic("tf2_msgs/TFMessage", ros.transforms, queue=_BROADCASTERS),
+            s.clock: Topic("rosgraph_msgs/Clock", lambda message: ros.seconds(message["clock"])),
             s.map: Topic(
                 "nav_msgs/OccupancyGrid", lambda message: ros.grid(message, s.free, s.occupied)
             ),
-            **{topic: Topic("sensor_msgs/Range", ros.distance) for topic in s.ultrasonic},
+            **{
+                topic: Topic("sensor_msgs/Range", lambda message: ros.distance(message, null))
+                for topic in s.ultrasonic
+            },
         }
         if s.battery:
             self.topics[s.battery] = Topic("sensor_msgs/BatteryState", ros.voltage)
@@ -79,7 +94,13 @@ class Senses:
         s = self.settings
         try:
             value = self.topics[topic].read(message)
-            if topic == s.tf:
+            if self.clock is not None:
+                came = self.clock.now()
+            if topic == s.clock:
+                self._simulated = True
+                if self.clock is not None:
+                    self.clock.tell(value)
+            elif topic == s.tf:
                 edges = {child: (parent, pose, came) for parent, child, pose in value}
                 self._moved = {**self._moved, **edges}
             elif topic == s.tf_static:
@@ -88,8 +109,8 @@ class Senses:
             else:
                 if topic == s.scan:
                     self._laser = str(message["header"]["frame_id"]).lstrip("/")
-                clock = self._arrivals.setdefault(topic, Arrivals(s.limits.drift))
-                self._heard[topic] = Heard(value, clock.taken(ros.stamp(message["header"]), came))
+                stamp = ros.stamp(message["header"])
+                self._heard[topic] = Heard(value, self._taken(topic, stamp, came))
             self._wrong.pop(topic, None)
         except KeyError as error:
             self._refuse(topic, f"lacks {error}")
@@ -97,6 +118,13 @@ class Senses:
             self._refuse(topic, str(error))
         except (AttributeError, IndexError, OverflowError, TypeError):
             self._refuse(topic, "is not made as its type says")
+
+    def _taken(self, topic: str, stamp: float, came: float) -> float:
+        """When a message was made that came then, by the clock that all is measured by."""
+        if self.clock is not None:
+            return self.clock.of_stamp(stamp)
+        clock = self._arrivals.setdefault(topic, Arrivals(self.settings.limits.drift))
+        return clock.taken(stamp, came)
 
     def _refuse(self, topic: str, why: str) -> None:
         self._wrong[topic] = why = " ".join(why.split())[:_LONGEST]
@@ -106,6 +134,8 @@ class Senses:
 
     def silent(self, now: float) -> str:
         """Which of what the chair is driven by is too old or missing; empty: nothing."""
+        if self.clock is not None and (why := self.clock.stopped):
+            return why
         for topic, one in self.topics.items():
             if now - self._heard.get(topic, NEVER).taken > one.oldest:
                 return self.quiet(topic)
@@ -134,7 +164,12 @@ class Senses:
     def quiet(self, topic: str) -> str:
         """That a topic is silent, and what was wrong with what it said last."""
         wrong = self._wrong.get(topic)
-        return f"{topic} is silent" + (f" (its last message {wrong})" if wrong else "")
+        said = f"{topic} is silent" + (f" (its last message {wrong})" if wrong else "")
+        if self._simulated and self.clock is None:
+            said += (
+                f"; {self.settings.clock} tells simulated time: for a simulation set use_sim_time"
+            )
+        return said
 
     def nowhere(self) -> str:
         """That tf does not lead from the map to the chair."""

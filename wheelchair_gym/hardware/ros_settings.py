@@ -29,7 +29,15 @@ class RosSettings:
     map_frame: str = setting(default="map", source="REP-105")
     base_frame: str = setting(default="base_link", source="REP-105, thesis")
     null: Literal["invalid", "no echo"] = setting(
-        default="invalid", source="a range that JSON cannot say: NaN or an infinity, nobody knows"
+        default="no echo", source="a null range: rosbridge writes so for +inf, which is no echo "
+        "(REP-117), and for NaN: drivers that say NaN often (urg_node) need 'invalid'",
+    )  # fmt: skip
+    clock: str = setting(default="/clock", source="ROS: simulated time")
+    use_sim_time: bool = setting(
+        default=False, source="ROS: stamps, ages and periods are by clock, not by real time"
+    )
+    stall: float = setting(
+        default=2.0, unit="s", source="of real time that clock may stand still", low=0.1
     )
     free: int = setting(default=25, unit="%", source="map_saver", low=0, high=100)
     occupied: int = setting(default=65, unit="%", source="map_saver", low=0, high=100)

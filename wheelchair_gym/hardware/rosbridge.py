@@ -85,9 +85,9 @@ class Rosbridge:
         self._thread = threading.Thread(target=self._listen, name=self.url, daemon=True)
         self._thread.start()
 
-    def subscribe(self, topic: str, kind: str) -> None:
-        """Ask for a topic of a type; of messages that wait, only the newest."""
-        self._send({"op": "subscribe", "topic": topic, "type": kind, "queue_length": 1})
+    def subscribe(self, topic: str, kind: str, queue: int = 1) -> None:
+        """Ask for a topic of a type; of messages that wait, the newest so many."""
+        self._send({"op": "subscribe", "topic": topic, "type": kind, "queue_length": queue})
 
     def unsubscribe(self, topic: str) -> None:
         """Ask for a topic no longer."""
