@@ -1,13 +1,14 @@
 """Arrays by address: how a record points to the arrays that belong to it.
 
 A compiled function takes a record of addresses in a microsecond, a tuple of arrays in ten; and a
-row of a batch can point to arrays whose lengths differ from row to row. Whoever writes an address
-keeps the array alive.
+row of a batch can point to arrays whose lengths differ from row to row. `Pointers` is the only way
+to write an address into a record: it checks the array, keeps it alive, and writes the address anew
+in every copy of the record. Arrays that come from outside pass `as_array` first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, cast
 
 import numpy as np
@@ -16,17 +17,125 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
 from numba.np.numpy_support import from_dtype
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
+
+from wheelchair_gym.config import InputError
+
+Shape = tuple[int | None, ...]  # None: any length
+
+
+def as_array(
+    value: Any, dtype: DTypeLike, shape: Shape, where: str, most: float | None = None
+) -> NDArray[Any]:
+    """A C-contiguous array of a dtype and shape; the one given where it is such an array.
+
+    Args:
+        value: array or nested sequences of numbers.
+        dtype: wanted; numbers are converted, other types are refused.
+        shape: wanted; None is any length.
+        where: how errors call it.
+        most: values are finite and no larger than this; None: any value.
+
+    Raises:
+        InputError: the type, the shape or a value is wrong.
+    """
+    wanted = np.dtype(dtype)
+    try:
+        array = np.asarray(value)
+    except (ValueError, TypeError, OverflowError):
+        raise InputError(f"{where} is not an array of numbers") from None
+    if wanted.kind == "V":
+        fits = array.dtype == wanted
+    else:
+        fits = array.dtype.kind in ("iuf" if wanted.kind == "f" else "iu")
+    if not fits:
+        raise InputError(f"{where} has dtype {array.dtype}; expected {_named(wanted)}")
+    if not _has(array, shape):
+        expected = ", ".join("n" if length is None else str(length) for length in shape)
+        comma = "," if len(shape) == 1 else ""
+        raise InputError(f"{where} has shape {array.shape}; expected ({expected}{comma})")
+    if most is not None:
+        wrong = ~(np.abs(array) <= most)
+        if wrong.any():
+            place = tuple(int(k) for k in np.argwhere(wrong)[0])
+            raise InputError(
+                f"{where}{list(place)} is {array[place]:g}; expected at most {most:g} in size"
+            )
+    return np.ascontiguousarray(array, wanted)
+
+
+def _has(array: NDArray[Any], shape: Shape) -> bool:
+    lengths = zip(array.shape, shape, strict=False)
+    return array.ndim == len(shape) and all(want in (None, have) for have, want in lengths)
+
+
+def _named(dtype: np.dtype[Any]) -> str:
+    return "a record of its own kind" if dtype.kind == "V" else str(dtype)
+
+
+class Target:
+    """What an address in a record points to: arrays of a dtype and shape."""
+
+    def __init__(self, dtype: DTypeLike, *shape: int | None) -> None:
+        self.dtype, self.shape = np.dtype(dtype), shape
+
+
+class Pointers:
+    """A record array whose fields hold addresses, and the arrays that these are of.
+
+    A copy, by `copy` or `pickle`, points to the copies of the arrays.
+
+    Args:
+        record: (n,) whose address fields are written here and nowhere else.
+        targets: what each of these fields points to, by its name.
+    """
+
+    def __init__(self, record: NDArray[np.void], targets: Mapping[str, Target]) -> None:
+        self.record = record
+        self._targets = targets
+        self._arrays: dict[tuple[int, str], NDArray[Any]] = {}
+
+    def point(self, name: str, array: NDArray[Any], row: int = 0) -> None:
+        """Let a field of a row point to an array, which is kept alive.
+
+        Raises:
+            ValueError: the array is not what the field points to, or not contiguous.
+        """
+        target = self._targets[name]
+        if array.dtype != target.dtype or not _has(array, target.shape):
+            raise ValueError(
+                f"{name}: an array {array.shape} of {_named(array.dtype)}; expected "
+                f"{target.shape} of {_named(target.dtype)}"
+            )
+        self.record[name][row] = address_of(array)
+        self._arrays[row, name] = array
+
+    def array(self, name: str, row: int = 0) -> NDArray[Any] | None:
+        """What a field of a row points to, or None."""
+        return self._arrays.get((row, name))
+
+    def again(self) -> Pointers:
+        """The same addresses in another record."""
+        other = Pointers(self.record.copy(), self._targets)
+        other._arrays.update(self._arrays)
+        return other
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take up the state of another; the arrays are copies, or were read from a file."""
+        self.__dict__.update(state)
+        for (row, name), array in self._arrays.items():
+            self.record[name][row] = address_of(array)
 
 
 def address_of(array: NDArray[Any]) -> int:
     """The address of a contiguous array's first element.
 
     Raises:
-        ValueError: the array is not contiguous.
+        ValueError: the array is not contiguous, aligned and in this machine's byte order.
     """
-    if not array.flags.c_contiguous:
-        raise ValueError(f"an array of shape {array.shape} is not contiguous")
+    flags = array.flags
+    if not (flags.c_contiguous and flags.aligned and array.dtype.isnative):
+        raise ValueError(f"an array of shape {array.shape} is not contiguous, aligned and native")
     return int(array.ctypes.data)
 
 

@@ -15,11 +15,13 @@ import types
 import typing
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar, dataclass_transform
+from typing import Any, Final, Literal, TypeVar, dataclass_transform
 
 import numpy as np
 
 T = TypeVar("T")
+
+FARTHEST: Final = 1e7  # m: no coordinate and no size is larger; northings of UTM end here
 
 
 class InputError(ValueError):
@@ -62,6 +64,7 @@ def settings(cls: type[T]) -> type[T]:
             own(self)
 
     cls.__post_init__ = check  # type: ignore[attr-defined]
+    cls.__deepcopy__ = lambda self, memo: self  # type: ignore[attr-defined]  # it never changes
     return dataclasses.dataclass(frozen=True)(cls)
 
 

@@ -13,7 +13,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.address import as_array
+from wheelchair_gym.config import FARTHEST, InputError
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.void]
@@ -103,6 +104,37 @@ class Mover(NamedTuple):
 def no_movers() -> Movers:
     """Those of a world where nothing else moves."""
     return Movers(np.zeros(0, MOVER), np.empty((0, 2)))
+
+
+def checked(movers: Movers) -> Movers:
+    """The movers, once every number is one that kernels can take.
+
+    Raises:
+        InputError: an array has a wrong shape or type, or a value is out of bounds.
+    """
+    rows = as_array(movers.rows, MOVER, (None,), "Movers.rows")
+    routes = as_array(movers.routes, np.float64, (None, 2), "Movers.routes", FARTHEST)
+    for name in ("pose", "size", "friction", "speed", "travel", "least"):
+        as_array(
+            rows[name], np.float64, (None, *MOVER[name].shape), f"Movers.rows.{name}", FARTHEST
+        )
+    walks = rows["kind"] == PERSON
+    first, points = rows["first"], rows["points"]
+    right = {
+        "kind": (rows["kind"] >= 0) & (rows["kind"] < len(KINDS)),
+        "size": (rows["size"][:, 0] > 0.0) & (rows["size"][:, 1] >= 0.0),
+        "mass": rows["mass"] > 0.0,
+        "friction": rows["friction"] >= 0.0,
+        "speed": rows["speed"] >= 0.0,
+        "heeds": (rows["heeds"] >= NOBODY) & (rows["heeds"] <= EVERYBODY),
+        "first": (first >= 0) & (first <= len(routes)),
+        "points": (points >= walks) & (points <= len(routes) - first),
+    } | {name: rows[name] >= 0.0 for name in ("patience", "near", "since", "stay", "every")}
+    for name, fits in right.items():
+        if not fits.all():
+            k = int(np.flatnonzero(~fits)[0])
+            raise InputError(f"mover {k}: {name} is {rows[name][k]}, which is out of bounds")
+    return Movers(rows, routes)
 
 
 def together(movers: Iterable[Mover]) -> Movers:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.movers import Movers, no_movers
+from wheelchair_gym.address import as_array
+from wheelchair_gym.config import FARTHEST, InputError
+from wheelchair_gym.movers import Movers, checked, no_movers
 
 if TYPE_CHECKING:
     from wheelchair_gym.maps import OccupancyGrid
@@ -81,6 +84,10 @@ class Episode:
 
     Walls form closed loops that do not cross: a point is inside something solid exactly if a ray
     from it crosses walls an odd number of times. The map is what the chair is told about the world.
+    Neither an episode nor its arrays are ever changed: a deep copy of one is itself.
+
+    Raises:
+        InputError: an array has a wrong shape or type, or a value that is not finite or too large.
     """
 
     map: OccupancyGrid
@@ -93,6 +100,38 @@ class Episode:
     name: str = ""
     movers: Movers = field(default_factory=no_movers)  # which the map does not show
     reference: float | None = None  # m: how long the way is that its source measures speed by
+
+    def __post_init__(self) -> None:
+        shapes: dict[str, tuple[int | None, ...]] = {"start": (3,), "goal": (3,)}
+        shapes |= {"walls": (None, 4), "discs": (None, 3)}
+        for name, shape in shapes.items():
+            array = as_array(getattr(self, name), np.float64, shape, f"Episode.{name}", FARTHEST)
+            object.__setattr__(self, name, array)
+        if (self.discs[:, 2] < 0.0).any():
+            raise InputError(f"Episode.discs has a radius of {self.discs[:, 2].min():g} m")
+        for name in ("tolerance", "time_limit", "reference"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < math.inf:
+                raise InputError(f"Episode.{name} is {value}; expected a positive number, or None")
+        object.__setattr__(self, "movers", checked(self.movers))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Episode:
+        return self
+
+
+class Uncopied:
+    """Base of what holds a line, a thread or a process: it can be neither copied nor pickled."""
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Refuse, before anything that it holds is looked at.
+
+        Raises:
+            TypeError: always.
+        """
+        raise TypeError(
+            f"{type(self).__name__} holds what is outside this program: it can be neither copied "
+            "nor pickled"
+        )
 
 
 class Chair(Protocol):

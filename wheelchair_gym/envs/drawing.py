@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,10 @@ class Drawing:
         self._trail: list[Array] = []
         self._view: TopView | None = None
         self._window: Window | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without picture and window: a copy makes its own when it is asked to draw."""
+        return self.__dict__ | {"_view": None, "_window": None}
 
     def begin(self) -> None:
         """A new episode begins."""

@@ -78,6 +78,10 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     With a shield, `info["shield"]` tells what became of a twist: `reason` (empty: nothing),
     `asked`, `given` and `protective` (the chair makes a protective stop).
 
+    ## Copies
+    `copy.deepcopy(env)` is exact at any moment: it steps on as the original does, to the bit. So is
+    a copy by `pickle`. Its window opens anew. What drives a real chair cannot be copied.
+
     ## Arguments
     See `__init__`. Version 0: first release.
     """

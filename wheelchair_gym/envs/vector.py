@@ -14,7 +14,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import address_of
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.batch import Batch, Results, begin_chairs, step_chairs
 from wheelchair_gym.envs.guidance import make_guidance
@@ -24,9 +23,8 @@ from wheelchair_gym.envs.worlds import Worlds
 from wheelchair_gym.safety.state import GUARD, REASONS, SHIELD, Guard
 from wheelchair_gym.sensing.laser import SCRATCH
 from wheelchair_gym.sensing.noise import episode_key
-from wheelchair_gym.simulation.rig import Rig
-from wheelchair_gym.simulation.state import PARAMETER, SENSED, STATE, parameters
-from wheelchair_gym.simulation.world import WORLD, World
+from wheelchair_gym.simulation.chairs import Chairs
+from wheelchair_gym.simulation.state import SENSED
 from wheelchair_gym.task.course import COURSE, Course
 from wheelchair_gym.task.judge import TERMS
 from wheelchair_gym.task.records import PROGRESS, VERDICT
@@ -47,7 +45,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     What is observed, done, rewarded and told is as there, with a first axis of `num_envs`; infos
     are arrays with their masks. An episode's end begins the next one by itself: in the step after
     (NEXT_STEP, its action is ignored) or in the same step (SAME_STEP, with `final_obs` and
-    `final_info`). Arrays that were handed out are never written again.
+    `final_info`). Arrays that were handed out are never written again. A deep copy, or one by
+    pickle, steps on as the original does, to the bit.
 
     Args:
         num_envs: how many.
@@ -98,51 +97,63 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self.num_threads = max(1, min(n, threads))
         bounds = np.linspace(0, n, self.num_threads + 1).astype(int)
         self._shares = list(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True))
-        self._pool: ThreadPoolExecutor | None = None
-
-        self._rig = Rig(s.sensors)
-        guard = np.zeros(1, GUARD)
+        self._chairs = Chairs(s.chair, s.sensors, s.physics, 1.0 / s.rate, n)
+        self._guard: Guard | None = None
         if s.shield is not None:
             self._guard = Guard(s.shield, s.chair, s.sensors, 1.0 / s.rate)
-            guard = self._guard.record
-        self._batch = Batch(
-            rigs=self._rig.record,
-            rules=self.task.rules,
-            base=parameters(s.chair, s.sensors, s.physics, 1.0 / s.rate),
-            blank=np.zeros(1, STATE),
-            chairs=np.zeros(n, PARAMETER),
-            states=np.zeros(n, STATE),
-            worlds=np.zeros(n, WORLD),
-            courses=np.zeros(n, COURSE),
-            coming=np.zeros(n, COURSE),
-            keys=np.zeros(n, np.uint64),
-            progress=np.zeros(n, PROGRESS),
-            guards=guard,
-            shields=np.zeros(n if s.shield else 0, SHIELD),
-            unshielded=np.array([s.unshielded]),
-            over=np.zeros(n, np.bool_),
-            begun=np.zeros(n, np.bool_),
-        )
-        body, places = s.chair.body, self._batch.worlds
-        self._spaces = [
-            World(s.chair.footprint, body.centre, body.wall_friction, places[i : i + 1])
-            for i in range(n)
-        ]
-        self._kept = np.zeros(
-            (n if s.sensors.faults.share > 0.0 else 1, s.sensors.laser.beams), np.float32
-        )
-        for i, row in enumerate(self._kept):
-            places["kept"][i] = address_of(row)
-        self._held: list[Course | None] = [None] * n  # courses driven on now, kept alive
+        self._progress = np.zeros(n, PROGRESS)
+        self._shields = np.zeros(n if s.shield else 0, SHIELD)
+        self._over = np.zeros(n, np.bool_)
+        self._held: list[Course | None] = [None] * n  # courses driven on now
         self._next: list[Course | None] = [None] * n
         self._seeds = [0] * n
         self._counts = np.zeros(n, np.int64)  # episodes begun of the present seeds
-        beams = s.sensors.laser.beams
-        self._ranges = [np.zeros(beams, np.float32) for _ in self._shares]
-        self._scratch = [np.empty((SCRATCH, 0), np.float32) for _ in self._shares]
         self._out = Spare((n, self.task.room))
         self._final = Spare((n, self.task.room))
         self._last: Results | None = None  # of the last step or reset
+        self._bind()
+
+    def _bind(self) -> None:
+        """Put the rows together that kernels take, and make what they work in."""
+        n, own = self.num_envs, self._chairs
+        self._batch = Batch(
+            rigs=own.rig.record,
+            rules=self.task.rules,
+            base=own.base,
+            blank=own.blank,
+            chairs=own.parameters,
+            states=own.states,
+            worlds=own.places,
+            courses=np.zeros(n, COURSE),
+            coming=np.zeros(n, COURSE),
+            keys=np.zeros(n, np.uint64),
+            progress=self._progress,
+            guards=np.zeros(1, GUARD) if self._guard is None else self._guard.record,
+            shields=self._shields,
+            unshielded=np.array([self.settings.unshielded]),
+            over=self._over,
+            begun=np.zeros(n, np.bool_),
+        )
+        self._pool: ThreadPoolExecutor | None = None
+        beams = self.settings.sensors.laser.beams
+        self._ranges = [np.zeros(beams, np.float32) for _ in self._shares]
+        self._scratch = [np.empty((SCRATCH, 0), np.float32) for _ in self._shares]
+        for i, (course, coming) in enumerate(zip(self._held, self._next, strict=True)):
+            if course is not None:
+                self._batch.courses[i] = course.record[0]
+                self._make_scratch(course)
+            if coming is not None:
+                self._make_ready(i, coming)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without threads, memory that is worked in, and what `_bind` makes."""
+        made = "_batch", "_pool", "_ranges", "_scratch"
+        return {name: value for name, value in self.__dict__.items() if name not in made}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take up what many chairs were about."""
+        self.__dict__.update(state)
+        self._bind()
 
     def reset(
         self,
@@ -220,6 +231,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             own = self._scratch[t], self._ranges[t]
             step_chairs(*self._shares[t], same_step, chosen, self._batch, results, finals, *own)
 
+        self._chairs.record()
         self._share(work)
         begun = self._batch.begun.copy()
         verdicts = results.verdicts
@@ -253,11 +265,17 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     def _draw(self, i: int) -> None:
         """Make row i's next episode ready: its course, its key, and shapes for its walls."""
         seed, count = self._seeds[i], int(self._counts[i])
-        course = self.worlds.course(seed, count)
-        self._next[i] = course
+        course = self._next[i] = self.worlds.course(seed, count)
+        self._make_ready(i, course)
+
+    def _make_ready(self, i: int, course: Course) -> None:
+        """Let a course be row i's next, without a change to the present one."""
         self._batch.coming[i] = course.record[0]
-        self._batch.keys[i] = episode_key(seed, count)
-        self._spaces[i].make_room(course.episode)
+        self._batch.keys[i] = episode_key(self._seeds[i], int(self._counts[i]))
+        self._chairs.worlds[i].make_room(course.episode)
+        self._make_scratch(course)
+
+    def _make_scratch(self, course: Course) -> None:
         walls = course.segments
         if walls > self._scratch[0].shape[1]:
             self._scratch = [np.empty((SCRATCH, walls), np.float32) for _ in self._shares]
@@ -265,7 +283,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     def _taken_up(self, rows: NDArray[np.intp]) -> None:
         """Rows have begun what was coming: draw what comes after."""
         for i in rows.tolist():
-            self._held[i] = self._next[i]
+            course = self._held[i] = self._next[i]
+            self._chairs.episodes[i] = None if course is None else course.episode
             self._counts[i] += 1
             self._draw(i)
         self.worlds.forget(int(self._counts.min()))

@@ -31,7 +31,7 @@ from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.stops import BROUGHT_TO_REST, BY_HAND, DRY_RUN
-from wheelchair_gym.types import Belief, Episode, Reading, Truth
+from wheelchair_gym.types import Belief, Episode, Reading, Truth, Uncopied
 
 Array = NDArray[np.float64]
 Hand = Callable[[float, Limits], Array | None]
@@ -48,7 +48,7 @@ def _warn(line: str) -> None:
     _LOG.warning("%s", line)
 
 
-class HardwareChair:
+class HardwareChair(Uncopied):
     """A chair behind its boards; see `Chair`. Readings hold dead-reckoned poses.
 
     Args:

@@ -33,12 +33,12 @@ from wheelchair_gym.kinematics import approach
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
-from wheelchair_gym.types import Belief, Episode, Reading, Truth
+from wheelchair_gym.types import Belief, Episode, Reading, Truth, Uncopied
 
 Array = NDArray[np.float64]
 
 
-class RosChair:
+class RosChair(Uncopied):
     """A chair behind rosbridge; see `Chair`.
 
     Args:

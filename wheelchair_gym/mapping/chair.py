@@ -47,8 +47,6 @@ class LocalisedChair:
 
     def __init__(self, chair: Chair, finder: Finder) -> None:
         self.chair, self.finder = chair, finder
-        # A chair that cannot know the truth goes by what is believed.
-        self._tell: Callable[[Array], object] = getattr(chair, "found", lambda pose: None)
 
     def reset(self, episode: Episode, key: int) -> Reading:
         """See `Chair.reset`."""
@@ -65,7 +63,10 @@ class LocalisedChair:
         increment = between(self._reckoned, reading.pose)
         self._reckoned = reading.pose
         pose = self.finder.update(increment, reading.laser)
-        self._tell(pose)
+        # A chair that cannot know the truth goes by what is believed.
+        believe: Callable[[Array], object] | None = getattr(self.chair, "found", None)
+        if believe is not None:
+            believe(pose)
         return reading._replace(pose=pose)
 
     @property

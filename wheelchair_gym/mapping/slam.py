@@ -244,7 +244,10 @@ class Slam:
     @property
     def chart(self) -> Callable[[], OccupancyGrid]:
         """Gives the map as it is when asked."""
-        return lambda: self.map
+        return self._map_now
+
+    def _map_now(self) -> OccupancyGrid:
+        return self.map
 
     @property
     def trail(self) -> Array:

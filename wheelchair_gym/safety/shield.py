@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import address_of, rows_of
+from wheelchair_gym.address import Pointers, Target, rows_of
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.safety.decide import decide, slow_for_unseen
 from wheelchair_gym.safety.look import forget, look
@@ -96,9 +96,12 @@ class Shield:
         )
         self.state: NDArray[np.void] = np.zeros(1, SHIELD)
         self._beams = ((sensors or SensorSettings()).laser.beams,)
-        self._alone = np.zeros(1, ALONE)
-        self._alone["guard"] = address_of(self._guard.record)
-        self._alone["shield"] = address_of(self.state)
+        self._pointers = Pointers(
+            np.zeros(1, ALONE), {"guard": Target(GUARD, 1), "shield": Target(SHIELD, 1)}
+        )
+        self._alone = self._pointers.record
+        self._pointers.point("guard", self._guard.record)
+        self._pointers.point("shield", self.state)
         self._asked = False
         self._warm()
         self.reset()

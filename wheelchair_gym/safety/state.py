@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import address_of
+from wheelchair_gym.address import Pointers, Target
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensing.laser import LaserArrays
 from wheelchair_gym.sensing.settings import RANGERS, SensorSettings
@@ -140,13 +140,19 @@ SHIELD = np.dtype(
 
 
 class Guard:
-    """What does not change: settings, outline, limits, mounts; `record` (1,) points to it."""
+    """What does not change: settings, outline, limits, mounts; `record` (1,) points to it.
+
+    A copy in this process is itself, one in another process is made anew.
+    """
 
     def __init__(
         self, own: ShieldSettings, chair: ChairSettings, sensors: SensorSettings, period: float
     ) -> None:
+        self._made_of = own, chair, sensors, period
         self.laser = LaserArrays.of(sensors.laser, False)
-        self.record: Rows = np.zeros(1, GUARD)
+        targets = dict.fromkeys(("cosine", "sine"), Target("f4", None))
+        pointers = Pointers(np.zeros(1, GUARD), targets)
+        self.record: Rows = pointers.record
         g: Any = self.record[0]
         g["limits"], g["outline"] = chair.limits.array, chair.footprint.array
         g["samples"] = _samples(*chair.footprint.array.tolist())
@@ -156,7 +162,8 @@ class Guard:
         for name in ("laser", "ultrasonic", "odometry"):
             g[f"stale_{name}"] = getattr(own.stale, name)
         g["beams"] = sensors.laser.beams
-        g["cosine"], g["sine"] = address_of(self.laser.cosine), address_of(self.laser.sine)
+        pointers.point("cosine", self.laser.cosine)
+        pointers.point("sine", self.laser.sine)
         g["first"], g["per_angle"] = self.laser.first, self.laser.per_angle
         g["nearest"], g["mount"] = sensors.laser.nearest, self.laser.mount
         g["reach"] = sensors.laser.reach
@@ -165,6 +172,12 @@ class Guard:
             model = rangers.narrow if one.model == "narrow" else rangers.wide
             g["ranger_mount"][k] = one.x, one.y, one.yaw
             g["ranger_half"][k], g["ranger_reach"][k] = 0.5 * model.cone, model.reach
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Guard:
+        return self
+
+    def __reduce__(self) -> tuple[type[Guard], tuple[Any, ...]]:
+        return type(self), self._made_of
 
 
 def _samples(front: float, rear: float, half: float) -> NDArray[np.float64]:

@@ -117,6 +117,41 @@ def sense(
 
 
 @borrowing_kernel
+def stand(
+    i: int,
+    rigs: Any,
+    base: Any,
+    blank: Any,
+    chairs: Any,
+    states: Any,
+    worlds: Any,
+    start: Array,
+    key: np.uint64,
+) -> None:
+    """Row i stands at a start in its world, and has sensed nothing yet; see `begin`."""
+    chairs[i], states[i] = base[0], blank[0]
+    rig, p, state, world = rigs[0], chairs[i], states[i], worlds[i]
+    vary(p, key)
+    enter(rig, world, p, start[0], start[1], start[2])
+    state.key, state.met = key, -1
+    draw_fault(state, p)
+    state.charge = p.charge * p.capacity
+    state.voltage = p.empty + (p.full - p.empty) * p.charge
+    locate(state, p, doubles_at(world.body, BODY_DOUBLES))
+    for k in range(3):
+        state.odometry[k] = state.pose[k]
+    locate_self(state, p, 0.0)
+    order = integers_at(rig.order, rig.rangers)
+    # The rangers have been firing in turn all along, from this very place.
+    n = order.shape[0]
+    for turn in range(n):
+        which = order[turn]
+        state.fired[which] = (turn + 1 - n) * p.fire_every
+        for k in range(3):
+            state.fire_pose[which, k] = state.pose[k]
+
+
+@borrowing_kernel
 def begin(
     i: int,
     rigs: Any,
@@ -147,27 +182,37 @@ def begin(
         ranges: (beams,) the scan [m].
         sensed: (n,) of SENSED.
     """
-    chairs[i], states[i] = base[0], blank[0]
+    stand(i, rigs, base, blank, chairs, states, worlds, start, key)
     rig, p, state, world = rigs[0], chairs[i], states[i], worlds[i]
-    vary(p, key)
-    enter(rig, world, p, start[0], start[1], start[2])
-    state.key, state.met = key, -1
-    draw_fault(state, p)
-    state.charge = p.charge * p.capacity
-    state.voltage = p.empty + (p.full - p.empty) * p.charge
-    locate(state, p, doubles_at(world.body, BODY_DOUBLES))
-    for k in range(3):
-        state.odometry[k] = state.pose[k]
-    locate_self(state, p, 0.0)
-    rangers = rangers_of(rig)
-    # The rangers have been firing in turn all along, from this very place.
-    n = rangers.order.shape[0]
-    for turn in range(n):
-        which = rangers.order[turn]
-        state.fired[which] = (turn + 1 - n) * p.fire_every
-        for k in range(3):
-            state.fire_pose[which, k] = state.pose[k]
-    sense(rig, p, state, world, -n * p.fire_every, scratch, ranges, sensed[i])
+    sense(rig, p, state, world, -rig.rangers * p.fire_every, scratch, ranges, sensed[i])
+
+
+@borrowing_kernel
+def drive_again(
+    i: int,
+    rigs: Any,
+    base: Any,
+    blank: Any,
+    chairs: Any,
+    states: Any,
+    worlds: Any,
+    start: Array,
+    key: np.uint64,
+    periods: int,
+) -> None:
+    """Bring row i where the drives that its world has recorded lead, from the start on.
+
+    Physics alone: what a chair senses has no effect on what is driven.
+    """
+    stand(i, rigs, base, blank, chairs, states, worlds, start, key)
+    rig, p, state, world = rigs[0], chairs[i], states[i], worlds[i]
+    order = integers_at(rig.order, rig.rangers)
+    drives = table_at(world.drives, periods, 3)
+    for k in range(periods):
+        stop = drives[k, 2] != 0.0
+        drive(state, p, world, rig, drives[k, 0], drives[k, 1], stop, order)
+        if world.n_movers > 0:  # as `sense` leaves the world
+            show(world)
 
 
 @borrowing_kernel
@@ -191,6 +236,9 @@ def advance(
     rig, p, state, world = rigs[0], chairs[i], states[i], worlds[i]
     before = state.tick
     order = integers_at(rig.order, rig.rangers)
+    if state.step < world.drives_room:
+        record = table_at(world.drives, world.drives_room, 3)[state.step]
+        record[0], record[1], record[2] = v, w, 1.0 if protective else 0.0
     drive(state, p, world, rig, v, w, protective, order)
     reckon(state, p)
     sense(rig, p, state, world, before, scratch, ranges, sensed[i])

@@ -8,24 +8,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import address_of
+from wheelchair_gym.address import Pointers, Target
 from wheelchair_gym.sensing.laser import SCRATCH
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.advance import ALONE, advance_alone, begin
-from wheelchair_gym.simulation.rig import Rig
+from wheelchair_gym.simulation.chairs import Chairs
+from wheelchair_gym.simulation.rig import RIG
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
-from wheelchair_gym.simulation.state import SENSED, STATE, parameters
-from wheelchair_gym.simulation.world import NOWHERE, WORLD, World
+from wheelchair_gym.simulation.state import PARAMETER, SENSED, STATE
+from wheelchair_gym.simulation.world import NOWHERE, WORLD
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.void]
 
 _STORE = 64  # records made at once
+_TARGETS = {
+    "rig": Target(RIG, 1),
+    "chair": Target(PARAMETER, 1),
+    "state": Target(STATE, 1),
+    "world": Target(WORLD, 1),
+    "scratch": Target("f4", SCRATCH, None),
+}
 
 
 class SimulatedChair:
     """A chair in a pymunk world; time passes only when it is driven.
+
+    A copy, by `copy.deepcopy` or `pickle`, drives on as the original does, to the bit.
 
     Args:
         chair: body, motors, limits.
@@ -48,63 +58,60 @@ class SimulatedChair:
         self.sensors = sensors = sensors or SensorSettings()
         self.physics = physics or PhysicsSettings()
         self.period = period
-        self._rig = Rig(sensors)
-        self._base = parameters(chair, sensors, self.physics, period)
-        self._chair = self._base.copy()
-        self._blank = np.zeros(1, STATE)
-        self._state = self._blank.copy()
-        self._place = np.zeros(1, WORLD)
-        body = chair.body
-        self._world = World(chair.footprint, body.centre, body.wall_friction, self._place)
+        self._chairs = Chairs(chair, sensors, self.physics, period)
         self._beams = sensors.laser.beams
-        self._kept = np.zeros(self._beams, np.float32)
-        self._place["kept"] = address_of(self._kept)
-        self._alone = np.zeros(1, ALONE)
-        rows = {
-            "rig": self._rig.record,
-            "chair": self._chair,
-            "state": self._state,
-            "world": self._place,
-        }
-        for name, row in rows.items():
-            self._alone[name] = address_of(row)
-        self._store, self._used = np.empty(0, SENSED), 0
         self._episode: Episode | None = None
         self._moves = False  # anything beside it
         self._truth: Truth | None = None
+        self._bind()
+
+    def _bind(self) -> None:
+        """Name the rows of the only chair, and where they lie."""
+        own = self._chairs
+        self._rig, self._chair, self._state = own.rig, own.parameters, own.states
+        self._place, self._world = own.places, own.worlds[0]
+        self._pointers = Pointers(np.zeros(1, ALONE), _TARGETS)
+        self._alone = self._pointers.record
+        rows = {"rig": own.rig.record, "chair": own.parameters, "state": own.states}
+        for name, row in {**rows, "world": own.places}.items():
+            self._pointers.point(name, row)
+        self._make_scratch()
+        self._store, self._used = np.empty(0, SENSED), 0
+
+    def _make_scratch(self) -> None:
+        segments = 0
+        if self._episode is not None:
+            segments = len(self._episode.walls) + self._episode.movers.segments
+        self._scratch = np.empty((SCRATCH, segments), np.float32)
+        self._pointers.point("scratch", self._scratch)
+        self._alone["walls"] = segments
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Settings, episode and the chair's row; all else follows from these."""
+        names = "settings", "sensors", "physics", "period", "_chairs", "_beams", "_episode"
+        return {name: getattr(self, name) for name in (*names, "_moves", "_truth")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take up what a chair was about."""
+        self.__dict__.update(state)
+        self._bind()
 
     def reset(self, episode: Episode, key: int) -> Reading:
         """Stand at the episode's start and sense; see `Chair.reset`."""
-        walls = np.ascontiguousarray(episode.walls, np.float64)
-        discs = np.ascontiguousarray(episode.discs, np.float64)
-        self._world.make_room(episode)
-        place = self._place
-        place["walls"], place["n_walls"] = address_of(walls), len(walls)
-        place["discs"], place["n_discs"] = address_of(discs), len(discs)
-        place["n_fixed_walls"], place["n_fixed_discs"] = len(walls), len(discs)
-        place["n_movers"] = len(episode.movers)
-        self._solid = walls, discs  # kept alive
-        segments = len(walls)
-        if len(episode.movers):
-            movers = np.ascontiguousarray(episode.movers.rows)
-            routes = np.ascontiguousarray(episode.movers.routes, np.float64)
-            place["movers"] = address_of(movers)
-            place["routes"], place["n_routes"] = address_of(routes), len(routes)
-            self._moving = movers, routes  # kept alive
-            segments += episode.movers.segments
-        self._scratch = np.empty((SCRATCH, segments), np.float32)
-        self._alone["scratch"], self._alone["walls"] = address_of(self._scratch), segments
-        ranges, sensed = self._blank_reading()
+        own = self._chairs
+        own.enter(0, episode)
         self._episode, self._moves = episode, len(episode.movers) > 0
+        self._make_scratch()
+        ranges, sensed = self._blank_reading()
         begin(
             0,
-            self._rig.record,
-            self._base,
-            self._blank,
-            self._chair,
-            self._state,
-            place,
-            np.ascontiguousarray(episode.start, np.float64),
+            own.rig.record,
+            own.base,
+            own.blank,
+            own.parameters,
+            own.states,
+            own.places,
+            episode.start,
             np.uint64(key),
             self._scratch,
             ranges,
@@ -123,13 +130,14 @@ class SimulatedChair:
             raise ValueError(f"twist is ({v}, {w}); expected two finite numbers")
         if self._episode is None:
             raise ValueError("the chair was never reset, or it was closed")
+        self._chairs.record()
         ranges, sensed = self._blank_reading()
         advance_alone(self._alone, v, w, protective, ranges, sensed)
         return self._reading(ranges, sensed)
 
     def close(self) -> None:
         """Let the episode go."""
-        self._episode = self._truth = None
+        self._episode = self._truth = self._chairs.episodes[0] = None
 
     @property
     def truth(self) -> Truth:

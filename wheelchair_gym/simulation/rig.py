@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.address import (
-    address_of,
+    Pointers,
+    Target,
     doubles_at,
     floats_at,
     integers_at,
@@ -34,27 +35,49 @@ RIG = np.dtype(
 )
 
 
+_TARGETS = {
+    "cosine": Target("f4", None),
+    "sine": Target("f4", None),
+    "salt": Target("u4", None),
+    "laser_mount": Target("f8", 3),
+    "ranger_mount": Target("f8", None, 3),
+    "order": Target("i8", None),
+    **{f"ranger_{name}": Target("f8", None) for name in _RANGER_FIELDS},
+}
+
+
 class Rig:
-    """Sensors and engine of a kind of chair; `record` (1,) points to what it keeps alive."""
+    """Sensors and engine of a kind of chair; `record` (1,) points to what it keeps alive.
+
+    It never changes: a copy in this process is itself, one in another process is made anew.
+    """
 
     def __init__(self, sensors: SensorSettings) -> None:
+        self._sensors = sensors
         self.laser = LaserArrays.of(sensors.laser, sensors.noise)
         self.rangers = UltrasonicArrays.of(sensors.ultrasonic, sensors.noise)
-        self.record: NDArray[np.void] = np.zeros(1, RIG)
+        pointers = Pointers(np.zeros(1, RIG), _TARGETS)
+        self.record: NDArray[np.void] = pointers.record
         r: Any = self.record[0]
         for name in ENGINE.names or ():
             r[name] = engine_record()[name][0]
-        r["beams"] = sensors.laser.beams
-        r["cosine"], r["sine"] = address_of(self.laser.cosine), address_of(self.laser.sine)
-        r["salt"] = address_of(self.laser.salt)
-        r["laser_mount"] = address_of(self.laser.mount)
+        r["beams"], r["rangers"] = sensors.laser.beams, len(self.rangers.order)
+        pointers.point("cosine", self.laser.cosine)
+        pointers.point("sine", self.laser.sine)
+        pointers.point("salt", self.laser.salt)
+        pointers.point("laser_mount", self.laser.mount)
         for name in _LASER_FIELDS:
             r[f"laser_{name}"] = getattr(self.laser, name)
-        r["rangers"] = len(self.rangers.order)
-        r["ranger_mount"] = address_of(self.rangers.mount)
-        r["order"] = address_of(self.rangers.order)
+        pointers.point("ranger_mount", self.rangers.mount)
+        pointers.point("order", self.rangers.order)
         for name in _RANGER_FIELDS:
-            r[f"ranger_{name}"] = address_of(getattr(self.rangers, name))
+            pointers.point(f"ranger_{name}", getattr(self.rangers, name))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Rig:
+        return self
+
+    def __reduce__(self) -> tuple[type[Rig], tuple[SensorSettings]]:
+        return type(self), (self._sensors,)
 
 
 @inlined

@@ -16,10 +16,10 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import address_of, integers_at, table_at
+from wheelchair_gym.address import Pointers, Target, integers_at, table_at
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kernel import borrowing_kernel, inlined
-from wheelchair_gym.movers import Movers
+from wheelchair_gym.movers import MOVER, Movers
 from wheelchair_gym.sensing.settings import RANGERS
 from wheelchair_gym.simulation.engine import (
     UNIT_BOX,
@@ -74,11 +74,33 @@ WORLD = np.dtype(
         ("shots", "u8"),  # of what each ranger saw of the movers (rangers, shot)
         ("shot", "i8"),
         ("lines", "u8"),  # of room for half-planes (2 LINES, 4)
+        ("drives", "u8"),  # of the twists driven in this episode (room, 3): v, w, protective
+        ("drives_room", "i8"),
         ("kept", "u8"),  # of a scan (beams,) that a frozen laser says again; 0: none ever is
         ("friction", "f8"),  # of the outline on walls and things
     ],
     align=True,
 )
+
+_PAIRS = Target("u8", None, 2)  # of addresses: body and shape
+TARGETS = {
+    "segments": Target("u8", None),
+    "circles": Target("u8", None),
+    "walls": Target("f8", None, 4),
+    "discs": Target("f8", None, 3),
+    "movers": Target(MOVER, None),
+    "routes": Target("f8", None, 2),
+    "moving": Target(MOVING, None),
+    "balls": _PAIRS,
+    "boxes": _PAIRS,
+    "leaves": _PAIRS,
+    "own_walls": Target("f8", None),
+    "own_discs": Target("f8", None),
+    "shots": Target("f8", RANGERS, None),
+    "lines": Target("f8", 2 * LINES, 4),
+    "drives": Target("f8", None, 3),
+    "kept": Target("f4", None),
+}
 
 # A leaf slides inside its wall, and its hinge is in one: nothing has to look for that contact.
 FIXED: Final = pymunk.ShapeFilter(categories=1)
@@ -155,11 +177,12 @@ class World:
         footprint: the chair's outline.
         centre: of mass, ahead of the axle [m].
         friction: of the outline on walls.
-        rows: (1,) the record of WORLD that points here.
+        pointers: records of WORLD, with `TARGETS`.
+        row: which of them points here.
     """
 
     def __init__(
-        self, footprint: Footprint, centre: float, friction: float, rows: NDArray[np.void]
+        self, footprint: Footprint, centre: float, friction: float, pointers: Pointers, row: int
     ) -> None:
         self.space = pymunk.Space()
         self.space.collision_slop = _SLOP
@@ -171,10 +194,9 @@ class World:
         self._segments: list[pymunk.Shape] = []
         self._circles: list[pymunk.Shape] = []
         self._movers: list[pymunk.Shape] = []
-        self._addresses: list[NDArray[np.uint64]] = [np.empty(0, np.uint64)] * 2
         self._bodies: list[pymunk.Body] = []  # of movers
-        self._kept: dict[str, NDArray[Any]] = {}  # arrays that the record points to
-        self._rows = rows
+        self._pointers, self._row = pointers, row
+        self._rows = rows = pointers.record[row : row + 1]
         rows["friction"] = friction
         self._keep("lines", np.zeros((2 * LINES, 4)))
         rows["space"], rows["body"] = pointer(self.space._space), pointer(self.body._body)
@@ -190,11 +212,11 @@ class World:
         if short[0] > 0:
             count = round(_SPARE * walls) - len(self._segments)
             self._segments += [pymunk.Segment(static, (0, 0), (1, 0), 0.0) for _ in range(count)]
-            self._store("segments", 0, self._segments, count)
+            self._store("segments", self._segments, count)
         if short[1] > 0:
             count = round(_SPARE * discs) - len(self._circles)
             self._circles += [pymunk.Circle(static, 1.0) for _ in range(count)]
-            self._store("circles", 1, self._circles, count)
+            self._store("circles", self._circles, count)
 
         if len(episode.movers):
             self._make_movers(walls, discs, episode.movers)
@@ -202,7 +224,7 @@ class World:
     def poses(self) -> Array:
         """Where the movers are (k, 3) [m, m, rad]; NaN: not there."""
         count = int(self._rows["movers_in"][0])
-        moving = self._kept["moving"][:count]
+        moving: Any = self._held("moving", MOVING)[:count]
         there = moving["there"][:, None]
         return np.where(there, moving["pose"], np.nan)
 
@@ -214,7 +236,7 @@ class World:
             "leaves": (movers.leaves, _leaf),
         }
         for name, (wanted, make) in makers.items():
-            pairs = self._kept.get(name, np.empty((0, 2), np.uint64))
+            pairs = self._held(name, np.uint64, 2)
             fresh = []
             for _ in range(round(_SPARE * wanted) - len(pairs) if wanted > len(pairs) else 0):
                 body = pymunk.Body(1.0, 1.0)
@@ -237,21 +259,31 @@ class World:
             self._keep("shots", np.zeros((RANGERS, shot)))
             self._rows["shot"] = shot
 
+    def record_drives(self, room: int) -> None:
+        """Have room for so many drives of an episode; what was driven stays recorded."""
+        old = self._held("drives", np.float64, 3)
+        new = np.zeros((room, 3))
+        new[: len(old)] = old
+        self._keep("drives", new)
+        self._rows["drives_room"] = room
+
     def _grow(self, name: str, count: int, dtype: np.dtype[Any]) -> None:
         """Make an array of the world at least so long; what it holds stays."""
-        old = self._kept.get(name, np.zeros(0, dtype))
+        old = self._held(name, dtype)
         if count > len(old):
             new = np.zeros(round(_SPARE * count), dtype)
             new[: len(old)] = old
             self._keep(name, new)
 
-    def _keep(self, name: str, array: NDArray[Any]) -> None:
-        self._kept[name] = array
-        self._rows[name] = address_of(array)
+    def _held(self, name: str, dtype: Any, *columns: int) -> NDArray[Any]:
+        array = self._pointers.array(name, self._row)
+        return np.zeros((0, *columns), dtype) if array is None else array
 
-    def _store(self, name: str, which: int, shapes: list[pymunk.Shape], new: int) -> None:
+    def _keep(self, name: str, array: NDArray[Any]) -> None:
+        self._pointers.point(name, array, self._row)
+
+    def _store(self, name: str, shapes: list[pymunk.Shape], new: int) -> None:
         for shape in shapes[-new:]:
             shape.friction, shape.filter = self._friction, FIXED
         fresh = np.array([pointer(shape._shape) for shape in shapes[-new:]], np.uint64)
-        self._addresses[which] = np.concatenate([self._addresses[which], fresh])
-        self._rows[name] = address_of(self._addresses[which])
+        self._keep(name, np.concatenate([self._held(name, np.uint64), fresh]))

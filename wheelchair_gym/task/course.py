@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import address_of, field_at, states_at, table_at
+from wheelchair_gym.address import Pointers, Target, as_array, field_at, states_at, table_at
+from wheelchair_gym.config import FARTHEST
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.maps import Geodesic
 from wheelchair_gym.maps.geodesic import interpolate
 from wheelchair_gym.maps.pose_ways import PoseWays, time_to_go, to_local
+from wheelchair_gym.movers import MOVER
 from wheelchair_gym.task.observe import project
 from wheelchair_gym.types import Episode
 
@@ -56,17 +58,38 @@ COURSE = np.dtype(
     align=True,
 )
 
+_TARGETS = {
+    "walls": Target("f8", None, 4),
+    "discs": Target("f8", None, 3),
+    "movers": Target(MOVER, None),
+    "routes": Target("f8", None, 2),
+    "field": Target("f4", None, None),
+    "path": Target("f8", None, 2),
+    "words": Target("u4", None, None, None),
+    "moves": Target("i4", None, None, 3),
+}
+
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What an episode is driven on; `record` (1,) of COURSE points to arrays kept alive here."""
+    """What an episode is driven on; `record` (1,) of COURSE points to arrays kept alive here.
+
+    It never changes: a copy in this process is itself.
+    """
 
     episode: Episode
     geodesic: Geodesic
     path: Array | None  # (n, 2) m
     ways: PoseWays | None  # of the outline
-    record: NDArray[np.void]
-    _kept: tuple[Any, ...]
+    _pointers: Pointers
+
+    @property
+    def record(self) -> NDArray[np.void]:
+        """The record (1,) of COURSE."""
+        return self._pointers.record
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Course:
+        return self
 
     @cached_property
     def segments(self) -> int:
@@ -91,41 +114,40 @@ class Course:
             tolerance: where the episode names none [m].
             ways: of the outline, where they guide.
         """
-        walls = np.ascontiguousarray(episode.walls, np.float64)
-        discs = np.ascontiguousarray(episode.discs, np.float64)
-        points = np.empty((0, 2)) if path is None else np.ascontiguousarray(path[:, :2])
-        record = np.zeros(1, COURSE)
-        r: Any = record[0]
-        r["walls"], r["n_walls"] = address_of(walls), len(walls)
-        r["discs"], r["n_discs"] = address_of(discs), len(discs)
-        movers = np.ascontiguousarray(episode.movers.rows)
-        routes = np.ascontiguousarray(episode.movers.routes, np.float64)
-        r["movers"], r["n_movers"] = address_of(movers), len(movers)
-        r["routes"], r["n_routes"] = address_of(routes), len(routes)
+        points = np.empty((0, 2))
+        if path is not None:
+            points = as_array(path[:, :2], np.float64, (None, 2), "path of the guidance", FARTHEST)
+        pointers = Pointers(np.zeros(1, COURSE), _TARGETS)
+        r: Any = pointers.record[0]
+        movers, field = episode.movers, geodesic.extended
+        pointers.point("walls", episode.walls)
+        pointers.point("discs", episode.discs)
+        pointers.point("movers", movers.rows)
+        pointers.point("routes", movers.routes)
+        r["n_walls"], r["n_discs"] = len(episode.walls), len(episode.discs)
+        r["n_movers"], r["n_routes"] = len(movers), len(movers.routes)
         r["start"], r["goal"] = episode.start, episode.goal
         r["tolerance"] = tolerance if episode.tolerance is None else episode.tolerance
         r["time_limit"] = math.nan if episode.time_limit is None else episode.time_limit
-        field = geodesic.extended
-        r["field"], (r["rows"], r["cols"]) = address_of(field), field.shape
+        pointers.point("field", field)
+        r["rows"], r["cols"] = field.shape
         r["origin"], r["resolution"] = geodesic.grid.origin, geodesic.grid.resolution
-        r["path"], r["points"] = address_of(points), len(points)
-        kept: tuple[Any, ...] = (walls, discs, movers, routes, points, field)
+        pointers.point("path", points)
+        r["points"] = len(points)
         if ways is not None:
             words, moves = np.ascontiguousarray(ways.words), np.ascontiguousarray(ways.moves)
-            r["words"], (r["word_rows"], r["word_cols"], r["headings"]) = (
-                address_of(words),
-                words.shape,
-            )
-            r["moves"], r["n_moves"], r["word_cell"] = address_of(moves), len(moves), ways.cell
-            r["word_origin"] = ways.origin
-            kept += words, moves
-        return cls(episode, geodesic, path, ways, record, kept)
+            pointers.point("words", words)
+            pointers.point("moves", moves)
+            r["word_rows"], r["word_cols"], r["headings"] = words.shape
+            r["n_moves"], r["word_cell"], r["word_origin"] = len(moves), ways.cell, ways.origin
+        return cls(episode, geodesic, path, ways, pointers)
 
     def begun_at(self, start: Array) -> Course:
         """This course from another start (3,) [m, m, rad]."""
-        record = self.record.copy()
-        record["start"] = start
-        return replace(self, episode=replace(self.episode, start=start), record=record)
+        episode = replace(self.episode, start=start)
+        pointers = self._pointers.again()
+        pointers.record["start"] = episode.start
+        return replace(self, episode=episode, _pointers=pointers)
 
 
 @borrowing_kernel

@@ -9,14 +9,14 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import address_of
+from wheelchair_gym.address import Pointers, Target
 from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.maps.pose_ways import PoseWays
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.task.assess import assess_alone, start_task
-from wheelchair_gym.task.course import AIMS, Course, way_from
+from wheelchair_gym.task.course import AIMS, COURSE, Course, way_from
 from wheelchair_gym.task.gaps import fan
 from wheelchair_gym.task.judge import TERMS, Verdict, reached
 from wheelchair_gym.task.layout import boxes, places
@@ -33,6 +33,20 @@ Observation = dict[str, Floats]
 Guidance = Callable[["Task"], Array | PoseWays]
 
 TWIST_ROOM = 1.5  # a chair pushed or overshooting is seen up to this multiple of its limits
+
+_RULE_TARGETS = {
+    "reaches": Target("f8", None),
+    "ahead": Target("f8", None),
+    "back": Target("f8", None),
+    "fan": Target("f4", None),
+    "directions": Target("f8", None, 2),
+}
+_ALONE_TARGETS = {
+    "rules": Target(RULES, 1),
+    "progress": Target(PROGRESS, 1),
+    "verdict": Target(VERDICT, 1),
+    "course": Target(COURSE, 1),
+}
 
 
 class Task:
@@ -109,40 +123,47 @@ class Task:
         self._ahead = np.array(settings.look_ahead_time if self.posed else settings.look_ahead)
         self._back = np.array(settings.trail, np.float64)
         self._directions = sensors.laser.directions
-        self.rules: Rows = np.zeros(1, RULES)
+        self._pointers = Pointers(np.zeros(1, RULES), _RULE_TARGETS)
+        self.rules: Rows = self._pointers.record
         self._set_rules()
         self._progress = np.zeros(1, PROGRESS)
         self._judged = np.zeros(1, VERDICT)
-        self._alone = np.zeros(1, ALONE)
+        self._rows = Pointers(np.zeros(1, ALONE), _ALONE_TARGETS)
+        self._alone = self._rows.record
         rows = {"rules": self.rules, "progress": self._progress, "verdict": self._judged}
         for name, row in rows.items():
-            self._alone[name] = address_of(row)
+            self._rows.point(name, row)
         self.boxes = boxes(settings, self.rules[0], self._reaches, self.footprint.half_width)
         self._places = places((key, box.shape[0]) for key, box in self.boxes.items())
         self.room = sum(box.shape[0] for box in self.boxes.values())
 
     def _set_rules(self) -> None:
         r, s, limits = cast("Any", self.rules[0]), self.settings, self.limits
+        point = self._pointers.point
         r["period"] = self.period
         r["forward"], r["backward"], r["turn"] = limits.forward, limits.backward, limits.turn
         r["beams"], r["laser_reach"] = s.beams, self.sensors.laser.reach
-        r["rangers"], r["reaches"] = len(self._reaches), address_of(self._reaches)
+        r["rangers"] = len(self._reaches)
+        point("reaches", self._reaches)
         most = max(limits.forward, limits.backward), limits.turn
         r["twist_most"] = np.float32(TWIST_ROOM) * np.array(most, np.float32)
         r["goal_room"] = 5 if s.heading else 3
         r["points"] = 0 if self.guidance is None else len(self._ahead)
-        r["ahead"], r["posed"] = address_of(self._ahead), self.posed
+        r["posed"] = self.posed
+        point("ahead", self._ahead)
         r["last_action"], r["privileged"] = s.last_action, s.privileged
         r["shield_state"] = s.shield_state
         r["unguided"] = s.unguided
         if s.gaps:
             r["fanned"] = s.unguided or not (self.posed and r["points"])
             r["gaps"] = 2 + (len(fan()) // 2 if r["fanned"] else 2 * int(r["points"]))
-            r["fan"] = address_of(fan())
-        r["trail"], r["back"] = len(self._back), address_of(self._back)
+            point("fan", fan())
+        r["trail"] = len(self._back)
+        point("back", self._back)
         laser = self.sensors.laser
         r["outline"], r["mount"] = self.footprint.array, (laser.x, laser.y)
-        r["directions"], r["laser_beams"] = address_of(self._directions), laser.beams
+        r["laser_beams"] = laser.beams
+        point("directions", self._directions)
         r["doubt"] = 0.0 if self.sensors.pose_source == "truth" else s.doubt
         r["heading"], r["heading_tolerance"] = s.heading, s.heading_tolerance
         r["aim"] = AIMS.index(s.aim)
@@ -237,7 +258,7 @@ class Task:
         """Go on on another course: on a map that has grown, say."""
         self._take(course.episode, course.geodesic)
         self._course, self.path = course, course.path
-        self._alone["course"] = address_of(course.record)
+        self._rows.point("course", course.record)
 
     def assess(
         self, reading: Reading, action: Array, less: tuple[float, float] = (0.0, 0.0)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.hardware.twin.build import built
+from wheelchair_gym.types import Uncopied
 
 FREQUENCY = 16_000_000  # Hz
 CRASHED = 5  # simavr's cpu_Crashed
@@ -54,7 +55,7 @@ def _library() -> c.CDLL:
     return library
 
 
-class EmulatedBoard:
+class EmulatedBoard(Uncopied):
     """A microcontroller that runs a firmware; time passes only in `run`.
 
     Args:

@@ -1,0 +1,127 @@
+"""Laws of copies: a copy steps on as its original does, to the bit, or refuses in one line."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents.sb3 import SB3VecEnv
+from tests.copies import COPIERS, differences, drive_copies
+from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
+
+LASER = {"laser": {"beams": 64}}
+BRIEF = {"sensors": LASER, "task": {"beams": 32, "time_base": 6.0, "time_factor": 0.0}}
+FAULTS = {"faults": {"share": 1.0, "since": [0.2, 1.0]}}
+BANK = {"size": 3, "turnover": 0.0}
+# What may differ in the state of an environment: pose sources, shield, movers, guidance, faults.
+SINGLE = {
+    "clutter": {"scene": "clutter", "config": BRIEF},
+    "unrepeated": {"scene": "doorway", "config": BRIEF, "bank": 0},
+    "shield": {"scene": "floor_plan", "config": BRIEF, "shield": True},
+    "crowd": {"scene": "crowd", "config": BRIEF, "shield": True, "pose_source": "odometry"},
+    "temporary": {"scene": "temporary", "config": BRIEF, "pose_source": "modelled"},
+    "poses": {"scene": "clutter", "config": BRIEF, "guidance": "poses", "randomise": True},
+    "faults": {"scene": "clutter", "config": BRIEF | {"sensors": LASER | FAULTS}, "shield": True},
+    "mcl": {"scene": "clutter", "config": BRIEF, "pose_source": "mcl"},
+    "slam": {"scene": "empty", "config": BRIEF, "pose_source": "slam"},
+}  # fmt: skip
+MANY = {name: SINGLE[name] for name in ("clutter", "shield", "crowd", "temporary", "faults")}
+SIMULATED = sorted(
+    name for name in gym.registry if name.startswith("wheelchair_gym/") and "Hardware" not in name
+)
+
+
+def settings_of(settings):
+    return {"bank": BANK} | settings
+
+
+def forward(rng, shape=(2,)):
+    """An action that gets somewhere, into things too."""
+    action = rng.uniform(-1.0, 1.0, shape)
+    action[..., 0] = np.abs(action[..., 0])
+    return action.astype(np.float32)
+
+
+def begin_single(env):
+    return env.reset()
+
+
+def step_single(env, rng):
+    told = env.step(forward(rng))
+    return None if told[2] or told[3] else told
+
+
+def begin_many(env):
+    return env.reset()
+
+
+def step_many(env, rng):
+    told = env.step(forward(rng, (env.num_envs, 2)))
+    if "final_obs" in told[4]:  # the other rows are arbitrary
+        ended = told[4]["_final_obs"]
+        told[4]["final_obs"] = {key: rows[ended] for key, rows in told[4]["final_obs"].items()}
+    return told
+
+
+def vector(settings, **more):
+    return NavigationVectorEnv(3, **settings_of(settings), **more)
+
+
+@pytest.mark.parametrize("name", SINGLE)
+def test_a_copy_of_an_env_steps_on_as_the_original(name):
+    env = NavigationEnv(**settings_of(SINGLE[name]))
+    env.reset(seed=5)
+    drive_copies(begin_single, step_single, env, 12, seed=5)
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+def test_a_copy_of_every_registered_env_steps_on_as_the_original(name):
+    """With its wrappers."""
+    env = gym.make(name, config=BRIEF, bank=BANK)
+    env.reset(seed=2)
+    drive_copies(begin_single, step_single, env, 3, seed=2)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("name", MANY)
+def test_a_copy_of_many_chairs_steps_on_as_the_original(name, mode):
+    env = vector(MANY[name], autoreset_mode=mode, num_threads=2)
+    env.reset(seed=5)
+    drive_copies(begin_many, step_many, env, 5, seed=5, steps=12)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_a_copy_for_stable_baselines_steps_on_as_the_original(flat):
+    def step(env, rng):
+        told = env.step(forward(rng, (3, 2)))
+        for info in told[3]:
+            info.get("episode", {}).pop("t", None)  # wall time
+        return told
+
+    env = SB3VecEnv(vector(SINGLE["shield"], autoreset_mode="SameStep"), flat)
+    env.seed(4)
+    drive_copies(lambda env: env.reset(), step, env, 5, seed=4, steps=40)
+
+
+def test_a_copy_before_the_first_reset_is_that_env():
+    for make in (NavigationEnv, NavigationVectorEnv):
+        for copied in COPIERS:
+            env = make(**settings_of(SINGLE["crowd"]))
+            env.action_space.seed(1)
+            other = copied(env)
+            assert not list(differences(env.reset(seed=3), other.reset(seed=3)))
+            assert not list(differences(env.action_space.sample(), other.action_space.sample()))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", SINGLE)
+def test_ten_thousand_copies_step_on_as_their_originals(name):
+    """Half of them of single envs, half of many at once; for a run with MALLOC_PERTURB_ set."""
+    env = NavigationEnv(**settings_of(SINGLE[name]))
+    env.reset(seed=11)
+    drive_copies(begin_single, step_single, env, 700, seed=11)
+    if name in MANY:
+        many = vector(MANY[name], autoreset_mode="SameStep", num_threads=2)
+        many.reset(seed=11)
+        drive_copies(begin_many, step_many, many, 740, seed=11)
