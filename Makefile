@@ -13,7 +13,7 @@ SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
 .PHONY: demo test test-all lint bench clean help emulator firmware
 
 help:
-	@echo "make demo      planners drive a wheelchair through floor plans; prints where the report is"
+	@echo "make demo      planned and learned policies drive a wheelchair; prints where the report is"
 	@echo "make test      the laws of the project, under 10 minutes on two cores"
 	@echo "make test-all  the long ones, too"
 	@echo "make lint      ruff and mypy"

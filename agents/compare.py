@@ -25,7 +25,7 @@ from agents.evaluate import (
 )
 from agents.learning.weights import shipped
 from agents.metrics import Record, summarise
-from agents.policy import make_policy
+from agents.policy import kind_of, make_policy
 from agents.provenance import command_line, commit, machine, versions, write_json, write_text
 from agents.tables import markdown, overall
 from agents.watch import Watch
@@ -62,8 +62,16 @@ def _doorway(door: float, corridor: float) -> Spec:
 
 SUITES: dict[str, Suite] = {
     "demo": Suite(
-        "Scripted policies on several scenes",
-        ("random", "straight", "a_star+pure_pursuit", BEST),
+        "Planned and learned policies on several scenes",
+        (
+            "rrt_star_woa_local+window",
+            "rrt_star_woa_local+controls",
+            "rrt_star_woa_global+window",
+            "rrt_star_woa_global+controls",
+            BEST,
+            "ppo_guided",
+            "ppo_goal",
+        ),
         ("floor_plan", "clutter", "thesis_3", "map_file"),
         3,
     ),
@@ -244,6 +252,7 @@ def compare(
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         },
         "policies": [label(policy) for policy in what.policies],
+        "kinds": {label(policy): kind_of(plain(policy)) for policy in what.policies},
         "scenes": [label(scene) for scene in what.scenes],
         "records": records,
         "summary": summary,
@@ -262,8 +271,9 @@ def compare(
 
 
 def in_words(evaluation: Evaluation) -> str:
-    """The summary as Markdown, who wins where first."""
-    return markdown(evaluation, winners.told(evaluation))
+    """The summary as Markdown, first who arrived how often and who wins where."""
+    first = winners.learned_beside_planned(evaluation), winners.told(evaluation)
+    return markdown(evaluation, "\n\n".join(filter(None, first)))
 
 
 def worth_a_film(summary: Sequence[Record], records: Sequence[Record]) -> Record:

@@ -125,6 +125,12 @@ def spec_of(policy: str | Mapping[str, Any] | Any) -> str | Mapping[str, Any] | 
     return policy
 
 
+def kind_of(policy: str | Mapping[str, Any] | Any) -> str:
+    """What family of ours a policy is of: learned, planned, ...; empty: somebody's own."""
+    own = settings_of(policy)
+    return next((name for name, kind in policy_settings().items() if type(own) is kind), "")
+
+
 def _named(name: str, values: dict[str, Any]) -> Any:
     from agents.followers import FOLLOWERS
     from agents.learning.weights import shipped

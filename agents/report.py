@@ -133,8 +133,11 @@ def answer(evaluation: Evaluation) -> str:
     if not rows or not evaluation["records"]:
         return "<p>No episodes were recorded.</p>"
     best = rows[0]
-    said = [
-        f"<p class='lead'><strong>{as_text(best['policy'])}</strong> "
+    beside = winners.learned_beside_planned(evaluation)
+    lead = "<p class='lead'>"
+    said = [f"{lead}{as_text(beside)}</p>"] if beside else []
+    said += [
+        f"{'<p>' if beside else lead}<strong>{as_text(best['policy'])}</strong> "
         f"{_standing(rows)}reaches the goal in "
         f"<strong>{written(best['success'], _SHARE)} %</strong> of "
         f"{_count(best['episodes'], 'episode')} "

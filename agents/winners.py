@@ -63,6 +63,29 @@ def _cells(evaluation: Mapping[str, Any]) -> list[tuple[str, list[tuple[Record, 
     ]
 
 
+def learned_beside_planned(evaluation: Mapping[str, Any]) -> str:
+    """One sentence on who arrived how often; nothing where not both kinds were compared."""
+    kinds = evaluation.get("kinds", {})  # older results have none
+    begins = {
+        "learned": "Learned policies reached the goal in {} episodes",
+        "planned": "planned ones in {}",
+    }
+    said = []
+    for kind, begin in begins.items():
+        ends = {
+            name: [r["success"] for r in evaluation["records"] if r["policy"] == name]
+            for name in evaluation["policies"]
+            if kinds.get(name) == kind
+        }
+        number = sum(map(len, ends.values()))
+        if number == 0:
+            return ""
+        each = ", ".join(f"{name} {sum(of)} of {len(of)}" for name, of in ends.items())
+        share = f"{sum(map(sum, ends.values()))} of {number}"
+        said.append(f"{begin.format(share)} ({each})")
+    return ", ".join(said) + "."
+
+
 def told(evaluation: Mapping[str, Any]) -> str:
     """The table in Markdown; nothing where it would not tell anything."""
     if not tells(evaluation):

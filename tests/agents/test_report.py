@@ -1,6 +1,7 @@
 """A report stands alone, shows every failure, and repeats the numbers it was given."""
 
 import base64
+import html
 import re
 from html.parser import HTMLParser
 
@@ -8,6 +9,8 @@ import numpy as np
 import pytest
 
 from agents import figures, report
+from agents.compare import BEST, SUITES, in_words
+from agents.policy import kind_of
 from agents.report import write_report
 from agents.tables import COLUMNS, markdown, overall
 from wheelchair_gym.scenes.doorway import Doorway
@@ -284,3 +287,36 @@ def test_no_mark_of_a_figure_is_cut_off_and_no_curve_is_left_out(monkeypatch):
         assert clearances.get_xlim()[0] < x.min()
         assert x.max() <= clearances.get_xlim()[1]
         assert y.max() == 100.0
+
+
+def test_the_first_sentence_sets_the_learned_policies_beside_the_planned_ones(tmp_path):
+    what = evaluation()
+    plain = re.sub(r"<[^>]+>", "", report.answer(what))
+    assert not plain.startswith("Learned")
+    for record in what["records"]:  # one of them also reaches its goal where it was late
+        if record["policy"] == POLICIES[1] and record["outcome"] == "timeout":
+            record["success"] = True
+    what["kinds"] = {POLICIES[0]: "learned", POLICIES[1]: "planned"}
+    said = (
+        "Learned policies reached the goal in 2 of 6 episodes (dwa 2 of 6), planned ones in 4 of 6 "
+        "(a|b <i>& 4 of 6)."
+    )
+    page = write_report(what, tmp_path).read_text(encoding="utf-8")
+    first = page[page.index("class='answer'>") :].partition(">")[2]
+    assert first.startswith("<p class='lead'>")
+    text = html.unescape(re.sub(r"<(?!i>)[^>]+>", "", first.partition("</p>")[0]))
+    assert text == said
+    assert in_words(what).splitlines()[6] == said
+    what["kinds"] = dict.fromkeys(POLICIES, "planned")  # nothing to set side by side
+    assert not re.sub(r"<[^>]+>", "", report.answer(what)).startswith("Learned")
+
+
+def test_the_demo_shows_what_the_project_is_about():
+    demo = SUITES["demo"]
+    planners = ("rrt_star_woa_local", "rrt_star_woa_global")
+    assert {f"{p}+{f}" for p in planners for f in ("window", "controls")} <= set(demo.policies)
+    assert {BEST, "ppo_guided", "ppo_goal"} <= set(demo.policies)
+    kinds = {kind_of(policy) for policy in demo.policies}
+    assert kinds == {"learned", "planned"}
+    assert {"floor_plan", "clutter", "map_file"} <= set(demo.scenes)
+    assert any(scene.startswith("thesis_") for scene in demo.scenes)
