@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from agents.evaluate import drive_episode
 from agents.metrics import Record
 from agents.policy import Policy
+from agents.start_fit import StartCheck, start_fit
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import wrap
 from wheelchair_gym.mapping.chair import bare
-from wheelchair_gym.stops import Stops, advice_of, of_shield
+from wheelchair_gym.stops import Stops, advice_of, holds, of_shield
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
@@ -110,7 +112,7 @@ class Journal:
         """Take in a step of the environment; whether it has to end."""
         env = env.unwrapped
         now, stops = env.task.reading.stamp, self._stops
-        for line in stops.update(now, holds(env)):
+        for line in stops.update(now, holds(env.task.reading.halted, env.shield)):
             self._say(f"{now:7.1f} s  {line}")
         if env.shield is not None and (fault := env.shield.refused()):
             advice = advice_of(of_shield(fault))
@@ -122,13 +124,6 @@ class Journal:
         elif stops.waited > self._own.patience:
             self.ended = f"{stops.why}, for {self._own.patience:g} s"
         return bool(self.ended) and not self._each
-
-
-def holds(env: Any) -> list[str]:
-    """All that keeps a chair from being driven now: what the chair says, and what the shield."""
-    shield = env.unwrapped.shield
-    why = [env.unwrapped.task.reading.halted, of_shield(shield.latched if shield else "")]
-    return [one for one in why if one]
 
 
 def latched(chair: Any) -> str:
@@ -151,6 +146,7 @@ def deploy(
     say: Say,
     each: bool = False,
     film: Callable[[Any], None] | None = None,
+    begin: Callable[[Any], None] | None = None,
 ) -> Record:
     """Drive a real chair to an episode's goal.
 
@@ -162,13 +158,19 @@ def deploy(
         say: takes the lines of the log.
         each: tell every command; never give up.
         film: is called with the environment after reset and each step, too.
+        begin: is called with the environment after reset, before anything is driven; may raise.
 
     Returns:
         Figures as of `drive_episode`, by the chair's own belief, and `ended`, why it was ended.
     """
     journal, shield = Journal(own, say, each), env.unwrapped.shield
+    steps = 0
 
     def watch(now: Any) -> bool:
+        nonlocal steps
+        if begin is not None and steps == 0:
+            begin(now)
+        steps += 1
         if film is not None:
             film(now)
         return journal(now)
@@ -178,6 +180,35 @@ def deploy(
     if journal.ended:
         record |= {"outcome": "halted", "success": False}
     return record | {"ended": journal.ended}
+
+
+def check_start(env: Any, start: Array, own: StartCheck, forced: bool, say: Say) -> None:
+    """Tell how well the first scan fits the map where the chair is said to stand.
+
+    Args:
+        env: of the chair, after reset.
+        start: (3,) m, m, rad on the episode's map.
+        own: what is believed.
+        forced: a start that fits badly is told, and not refused.
+        say: takes the line.
+
+    Raises:
+        InputError: it fits badly.
+    """
+    env = env.unwrapped
+    found = start_fit(
+        env.episode.map, start, env.settings.sensors.laser, env.task.reading.laser, own
+    )
+    x, y, yaw = start.tolist()
+    off = np.hypot(*(found.pose - start)[:2])
+    turn = np.degrees(abs(wrap(float(found.pose[2] - yaw))))
+    told = f"the scan fits the map with {found.fit:.2f} of 1 at --start {x:g},{y:g},{yaw:g}"
+    if not found.wrong:
+        say(f"{told}, best {off:.2f} m and {turn:.0f} deg beside it")
+    elif forced:
+        say(f"{told}: {found.wrong}; it goes on, as --force-start says")
+    else:
+        raise InputError(f"{told}: {found.wrong}; correct it, or add --force-start")
 
 
 def ended_as_by_hand() -> None:

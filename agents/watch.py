@@ -8,9 +8,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+
+from wheelchair_gym.config import InputError
 
 if TYPE_CHECKING:
     from wheelchair_gym.mapping.log import Log
@@ -28,11 +30,13 @@ class Watch:
         record: MCAP file to write, or None.
         live: port where viewers may join, 0 for a free one, or None.
         images: rendered pictures, too, so many a second [Hz]; 0: none.
+        when_full: what becomes of the run when the disk is full, see `Recording.when_full`.
     """
 
     record: str | None = None
     live: int | None = None
     images: float = 0.0
+    when_full: Literal["go-on", "end"] = "go-on"
 
     def __bool__(self) -> bool:
         return self.record is not None or self.live is not None
@@ -55,7 +59,8 @@ class Watch:
             return env, film
         from wheelchair_gym.view.record import Recorded, Recording
 
-        env = Recorded(env, self.record, self.live, Recording(images=self.images))
+        own = Recording(images=self.images, when_full=self.when_full)
+        env = Recorded(env, self.record, self.live, own)
         if env.port is None:
             return env, film
         _say(env.port)
@@ -93,6 +98,10 @@ class Watch:
             out.send("/pose", m.pose_in_map(out.now, slam.pose))
             out.send("/particles", m.particles(out.now, slam.poses))
             k += 1
+            if (why := out.failed()) and self.when_full == "end":
+                raise InputError(f"{why}, and the run, too")
+            if why:
+                print(f"{why}; the run goes on", file=sys.stderr)
 
         return each, lambda end: out.close()
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import enum
 import re
 from collections.abc import Iterable
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 
 class Ends(enum.Enum):
@@ -169,6 +169,12 @@ def needs_person(message: str) -> bool:
 def by_hand(message: str) -> bool:
     """Whether it says that a person drives."""
     return stops_of(message)[0].ends is Ends.PERSON
+
+
+def holds(halted: str, shield: Any) -> list[str]:
+    """What keeps a chair from being driven: what it says (`Reading.halted`), and its shield."""
+    fault = "" if shield is None else of_shield(shield.latched)
+    return [why for why in (halted, fault) if why]
 
 
 class Stops:

@@ -151,6 +151,10 @@ def add_watch(parser: argparse.ArgumentParser, record: str = "FILE.mcap") -> Non
         "--images", metavar="HZ", type=distance, default=0.0,
         help="rendered pictures for viewers, so many a second (default none)",
     )  # fmt: skip
+    parser.add_argument(
+        "--when-full", choices=("go-on", "end"), default="go-on",
+        help="the run, when the disk of the recording is full (default go-on)",
+    )  # fmt: skip
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
@@ -166,7 +170,7 @@ def watch(given: argparse.Namespace) -> Watch:
     """Who looks on, as those options say."""
     from agents.watch import Watch
 
-    return Watch(given.record, given.live, given.images)
+    return Watch(given.record, given.live, given.images, given.when_full)
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -42,6 +42,10 @@ def add(parts: Any) -> None:
         "--start", metavar="X,Y,YAW", type=pose, required=True, help="about where it stands"
     )
     parser.add_argument(
+        "--force-start", action="store_true",
+        help="drive even where the first scan does not fit the map at --start",
+    )  # fmt: skip
+    parser.add_argument(
         "--chair", metavar="CHAIR", default="hardware",
         help="or ros://HOST:PORT, or FILE.json:NAME as in configs/chairs.json (default hardware)",
     )  # fmt: skip
@@ -68,9 +72,10 @@ def add(parts: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Drive it; 0 when it arrived."""
     from agents.commands.real import drive_real
-    from agents.deploy import Deployment, deploy
+    from agents.deploy import Deployment, check_start, deploy
     from agents.evaluate import env_settings, warm
     from agents.policy import make_policy
+    from agents.start_fit import StartCheck
     from wheelchair_gym.config import InputError
     from wheelchair_gym.envs.settings import env_settings as whole_settings
 
@@ -90,9 +95,13 @@ def run(given: argparse.Namespace) -> int:
     print("getting ready", file=sys.stderr)
     warm(spec(given.policy), _WARM, settings)  # nothing is compiled while a person sits in it
     env, _ = drive_real(named, settings, render_mode="rgb_array")
+
+    def begin(env: Any) -> None:
+        check_start(env, episode.start, StartCheck(), given.force_start, _say)
+
     try:
         env, film = watch(given).on(env)
-        record = deploy(env, policy, episode, own, _say, given.dry_run, film)
+        record = deploy(env, policy, episode, own, _say, given.dry_run, film, begin)
     finally:
         env.close()
     record |= {"policy": given.policy, "map": given.map, "goal": given.goal}

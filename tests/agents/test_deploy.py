@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import signal
 import threading
 import time
@@ -10,6 +12,7 @@ import time
 import gymnasium as gym
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from agents.cli import main
 from agents.deploy import Capped, Deployment, deploy, rearm
@@ -299,6 +302,12 @@ def words_for(config, map_, record):
     return [*words, "--record", str(record)]
 
 
+def messages(file, topic):
+    """The messages of a topic of a recording."""
+    with file.open("rb") as stream:
+        return [message.data for *_, message in make_reader(stream).iter_messages([topic])]
+
+
 def test_the_command_is_ended_by_a_signal(monkeypatch, tmp_path, capfd):
     """SIGTERM stops the chair, and what happened is on record."""
     drive, record, file = Drive(), tmp_path / "run.mcap", tmp_path / "map.yaml"
@@ -309,7 +318,31 @@ def test_the_command_is_ended_by_a_signal(monkeypatch, tmp_path, capfd):
     words += ["--pose", "odometry"]
     assert ended(words, lambda: end_when(lambda: motion.motion.speed > 0.1)) == 130
     assert capfd.readouterr().err.splitlines()[-1] == "wheelchair: stopped"
-    assert record.stat().st_size > 10_000
+    boards = [json.loads(told) for told in messages(record, "/board")]
+    assert len(boards) > 5
+    assert {board["mode"] for board in boards} == {"HOST"}
+    assert boards[-1]["left"] > boards[0]["left"] + 5
+    assert boards[-1]["duty_left"] > 0.02
+    assert all(abs(board["wall"] - time.time()) < 300.0 for board in boards)
+    assert {board["faults"] for board in boards} == {""}
+    assert drive.end()
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.57])
+def test_a_start_that_the_scan_does_not_fit_is_refused(turn, monkeypatch, tmp_path, capfd):
+    """Here 1.5 m off, and turned; nothing is driven, and the line says where it may stand."""
+    drive, file = Drive(), tmp_path / "map.yaml"
+    write_map(EPISODE.map, file)
+    monkeypatch.setattr("wheelchair_gym.hardware.chairs.make_chair", lambda *_: drive.env.chair)
+    words = words_for(ROOT / "configs" / "hardware.json", file, tmp_path / "run.mcap")
+    words += ["--pose", "odometry", "--start", f"{X - 0.9},{Y + 1.2},{turn}"]
+    place = drive.hosted.twin.plant.pose
+    assert main(words) == 2
+    line = capfd.readouterr().err.splitlines()[-1]
+    assert line.startswith("wheelchair: the scan fits the map with 0.")
+    assert re.search(r"it fits (1.00|0.9\d) at 3.0", line)
+    assert "--force-start" in line
+    assert np.hypot(*(drive.hosted.twin.plant.pose - place)[:2]) < 0.01
     assert drive.end()
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import resource
 from pathlib import Path
 from typing import get_args, get_type_hints
 
@@ -22,6 +24,7 @@ from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.sensing import SensorSettings
 from wheelchair_gym.simulation import SimulatedChair
 from wheelchair_gym.types import Belief
+from wheelchair_gym.view.mcap_file import McapFile
 from wheelchair_gym.view.record import Recorded, Recording
 from wheelchair_gym.view.replay import read_recording, replayed
 
@@ -304,6 +307,103 @@ def test_what_is_no_recording_is_one_line(run, damage, tmp_path, capsys):
     said = capsys.readouterr().err.strip().splitlines()
     assert len(said) == 1
     assert "b.mcap" in said[0]
+
+
+def driven(env, steps):
+    """Rewards of an episode of turning on the spot, nearly."""
+    env.reset(seed=1)
+    return [env.step(np.array([0.05, 0.3], np.float32))[1] for _ in range(steps)]
+
+
+class SmallDisk:
+    """A file on a disk with so much room; it takes what still fits, as disks do."""
+
+    def __init__(self, file, room):
+        self._file, self._room = file, room
+
+    def __getattr__(self, name):
+        return getattr(self._file, name)
+
+    def write(self, data):
+        left = self._room - self._file.tell()
+        if left <= 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return self._file.write(data[:left])
+
+
+@pytest.mark.parametrize("room", [300, 300_000, 500_001, 650_000, 700_003])
+@pytest.mark.parametrize("kind", ["disk", "limit"])
+def test_a_full_disk_ends_the_recording_and_not_the_run(room, kind, tmp_path, monkeypatch, caplog):
+    """One line says so; the file is whole up to there. The limit is the kernel's, of any file."""
+    file, limits = tmp_path / "run.mcap", resource.getrlimit(resource.RLIMIT_FSIZE)
+    env = Recorded(gym.make("wheelchair_gym/Navigation-v0", scene="empty"), file)
+    if kind == "disk":
+        disk = env._out._disk
+        monkeypatch.setattr(disk, "_file", SmallDisk(disk._file, room))
+    else:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))
+    try:
+        rewards = driven(env, 80)
+        env.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert len(rewards) == 80
+    (line,) = [record.message for record in caplog.records]
+    assert "run.mcap: " in line
+    assert "the recording ends here" in line
+    assert file.stat().st_size <= room
+    if room < 300_000:  # nothing that was driven is in it
+        with pytest.raises(InputError, match=r"run\.mcap"):
+            read_recording(file)
+        return
+    (chapter,) = read_recording(file)
+    assert 3 < len(chapter.verdicts) < 80
+    for verdict, reward in zip(chapter.verdicts, rewards, strict=False):
+        assert verdict["reward"] == reward
+    with file.open("rb") as stream:
+        topics = {channel.topic for _, channel, _ in make_reader(stream).iter_messages()}
+    assert {"/scan", "/reading", "/map"} <= topics
+
+
+def test_a_full_disk_ends_the_run_where_that_is_wanted(tmp_path, monkeypatch, capsys):
+    def small(path):
+        made = McapFile(path)
+        made._file = SmallDisk(made._file, 200_000)
+        return made
+
+    monkeypatch.setattr("wheelchair_gym.view.outlet.McapFile", small)
+    file = tmp_path / "run.mcap"
+    words = ["simulate", "--scene", "empty", "--policy", "straight", "--record", str(file)]
+    assert main([*words, "--when-full", "end"]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line == (
+        f"wheelchair: {file}: No space left on device; the recording ends here, and the run, too"
+    )
+    assert len(read_recording(file)[0].verdicts) > 3
+
+
+def test_a_recording_never_replaces_another(tmp_path, caplog):
+    names = []
+    for steps in (3, 4, 5):
+        env = Recorded(gym.make("wheelchair_gym/Navigation-v0", scene="empty"), tmp_path / "a.mcap")
+        driven(env, steps)
+        env.close()
+        names.append(env.file.name)
+    assert names == ["a.mcap", "a-1.mcap", "a-2.mcap"]
+    assert "a.mcap exists; the recording is " in caplog.text
+    assert "a-2.mcap" in caplog.text
+    assert [len(read_recording(tmp_path / name)[0].verdicts) for name in names] == [3, 4, 5]
+
+
+def test_a_run_that_an_error_ends_is_readable(tmp_path):
+    file = tmp_path / "run.mcap"
+    env = Recorded(gym.make("wheelchair_gym/Navigation-v0", scene="empty"), file)
+    driven(env, 5)
+    env._log_reading = lambda: 1 / 0
+    with pytest.raises(ZeroDivisionError):
+        env.step(np.zeros(2, np.float32))
+    env.close()
+    assert len(read_recording(file)[0].verdicts) == 5
 
 
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path):

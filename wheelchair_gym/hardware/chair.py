@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.config import InputError
 from wheelchair_gym.hardware.board_senses import BoardSenses
 from wheelchair_gym.hardware.known import Known
-from wheelchair_gym.hardware.messages import Command, CommandFlag, Mode, Rearm
+from wheelchair_gym.hardware.messages import Command, CommandFlag, Fault, Mode, Rearm, Switch
 from wheelchair_gym.hardware.pace import Clock, Pace, WallClock
 from wheelchair_gym.hardware.parameters import wanted_parameters
 from wheelchair_gym.hardware.settings import HardwareSettings
@@ -234,6 +234,21 @@ class HardwareChair(Uncopied):
     def belief(self) -> Belief:
         """The odometry's own pose."""
         return Belief(self._known.reckoned)
+
+    @property
+    def report(self) -> dict[str, float | str]:
+        """What the drive board said last: mode, faults, switches, counts, duties and set point."""
+        with self._lock:
+            if not math.isfinite(self.senses.stamp_of("odometry")):
+                return {}
+            told = self.senses.odometry
+        names = ("left", "right", "duty_left", "duty_right", "v", "w")
+        flags = {"faults": Fault(told.faults), "switches": Switch(told.switches)}
+        return {
+            "mode": Mode(told.mode).name,
+            **{name: flag.name or "" for name, flag in flags.items()},
+            **{name: getattr(told, name) for name in names},
+        }
 
     @property
     def wanted(self) -> dict[str, dict[str, float]]:

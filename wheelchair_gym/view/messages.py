@@ -82,6 +82,13 @@ PLAIN: Final[dict[str, Any]] = {
         terminated=_YES, truncated=_YES,
     ),
     "/battery": _schema("battery", voltage=_MAYBE),
+    "/board": {
+        **_schema(
+            "board", wall=_NUMBER, mode=_TEXT, faults=_TEXT, switches=_TEXT, left=_NUMBER,
+            right=_NUMBER, duty_left=_NUMBER, duty_right=_NUMBER, v=_NUMBER, w=_NUMBER,
+        ),
+        "required": ["wall"],
+    },
 }  # fmt: skip
 
 

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import json
+import logging
 from pathlib import Path
 from typing import Any
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.files import refused
+from wheelchair_gym.view.mcap_file import McapFile
 
 NANO = 1_000_000_000
 _NAME = "wheelchair_gym"
+_CHUNK = 1 << 18  # bytes: a full disk costs no more of the recording
+_LOG = logging.getLogger(__name__)
 
 
 class Outlet:
     """Topics, an instant, and whoever listens.
 
     Args:
-        file: MCAP to write; what was there is lost. It is whole after `close`.
+        file: MCAP to write; a number is added to its name where it exists. It is whole after
+            `close`, and after a disk has run full.
         port: of this machine, where Foxglove's viewers may join (WebSocket); 0: a free one.
 
     Attributes:
+        file: that is written, or None.
         now: the instant of what is sent [ns].
         port: where viewers may join, or None.
 
@@ -38,7 +43,12 @@ class Outlet:
             raise InputError("recording needs: pip install 'wheelchair_gym[record]'") from None
         self.now = 0
         self._context = context = foxglove.Context()  # channels end with it
-        self._file = None if file is None else _opened(file, context)
+        self._told = False
+        self._disk = None if file is None else McapFile(file)
+        self._file = None if self._disk is None else _opened(self._disk, context)
+        self.file = None if self._disk is None else self._disk.path
+        if self.file is not None and self.file != Path(str(file)):
+            _LOG.warning("%s exists; the recording is %s", file, self.file)
         self._server = None
         if port is not None:
             try:
@@ -61,22 +71,29 @@ class Outlet:
         text = json.dumps(content, allow_nan=False)
         self._channels[topic].log(text.encode(), log_time=self.now)
 
+    def failed(self) -> str:
+        """That the file has just ended before the run did; told once, then empty."""
+        if self._told or self._disk is None or not self._disk.error:
+            return ""
+        self._told = True
+        return f"{self.file}: {self._disk.error}; the recording ends here"
+
     def close(self) -> None:
         """Finish the file and let viewers go; may be called again."""
         if self._file:
             self._file.close()
+        if self._disk:
+            self._disk.close()
+        if why := self.failed():
+            _LOG.warning("%s", why)
         if self._server:
             self._server.stop()
         self._file = self._server = None
 
 
-def _opened(file: str | Path, context: Any) -> Any:
+def _opened(disk: McapFile, context: Any) -> Any:
     import foxglove
+    from foxglove.mcap import MCAPWriteOptions
 
-    try:
-        Path(file).parent.mkdir(parents=True, exist_ok=True)
-        with Path(file).open("wb"):
-            pass
-        return foxglove.open_mcap(file, allow_overwrite=True, context=context)
-    except OSError as error:
-        raise refused(Path(file), error) from None
+    own = MCAPWriteOptions(chunk_size=_CHUNK, disable_seeking=True)
+    return foxglove.open_mcap(disk, context=context, writer_options=own)

@@ -7,17 +7,21 @@ same once more to the last bit, so that a run can be driven and judged again (`v
 from __future__ import annotations
 
 import base64
+import logging
 import math
+import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from wheelchair_gym.config import dump, setting, settings
+from wheelchair_gym.config import InputError, dump, setting, settings
+from wheelchair_gym.mapping.chair import bare
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.movers import MOVER, shapes
+from wheelchair_gym.stops import Stops, holds
 from wheelchair_gym.types import Belief
 from wheelchair_gym.view.outlet import NANO, Outlet
 
@@ -29,8 +33,11 @@ READING: Final = "/reading"
 COMMAND: Final = "/command"
 SHIELD: Final = "/shield"  # what became of the command
 VERDICT: Final = "/verdict"
+BOARD: Final = "/board"  # of a real chair: wall time, and what its drive board tells
 # Of an environment: what judging needs.
 SETTINGS: Final = ("rate", "chair", "sensors", "task", "shield")
+
+_LOG = logging.getLogger(__name__)
 
 
 @settings
@@ -48,6 +55,9 @@ class Recording:
         default=0.0, unit="Hz", source="rendered pictures; 0: none", low=0.0, high=60.0
     )
     quality: int = setting(default=80, source="of JPEG", low=1, high=100)
+    when_full: Literal["go-on", "end"] = setting(
+        default="go-on", source="the run, when the disk is full; the recording ends in any case"
+    )
 
 
 def packed(values: ArrayLike, kind: DTypeLike) -> str:
@@ -70,11 +80,13 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
 
     Args:
         env: a `NavigationEnv`, wrapped or not.
-        file: MCAP to write; what was there is lost. It is whole after `close`.
+        file: MCAP to write; a number is added to its name where it exists. It is whole after
+            `close`, and up to the moment at which a disk has run full.
         port: of this machine, where Foxglove's viewers may join (WebSocket); 0: a free one.
         recording: how often what is sent.
 
     Attributes:
+        file: that is written, or None.
         port: where viewers may join, or None.
 
     Raises:
@@ -91,7 +103,7 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
     ) -> None:
         super().__init__(env)
         self._out = Outlet(file, port)
-        self.port = self._out.port
+        self.file, self.port = self._out.file, self._out.port
         from wheelchair_gym.view import messages
 
         self._m: Any = messages
@@ -108,17 +120,22 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         self._trail.clear()
         self._path: Any = None
         self._chart: OccupancyGrid = self._env.episode.map
-        self._notes = {"policy": "", "chair": "", "shield": ""}
+        self._note, self._stops = "", Stops()
         self._log_episode()
         if self._env.task.chart is None:
             self._log_map(self._chart)
         self._log_reading()
+        self._see_to_disk()
         return observation, info
 
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Drive for one control period, and record it."""
+        """Drive for one control period, and record it.
+
+        Raises:
+            InputError: the disk is full, and the run is to end then.
+        """
         observation, reward, terminated, truncated, info = self.env.step(action)
         chosen = np.asarray(action, np.float64).tolist()
         twist = self._env.task.limits.twist(action).tolist()
@@ -130,6 +147,7 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         self._log_reading()
         ends = {"terminated": terminated, "truncated": truncated}
         self._out.tell(VERDICT, {"reward": reward, "terms": info["reward_terms"], **ends})
+        self._see_to_disk()
         return observation, float(reward), terminated, truncated, info
 
     def close(self) -> None:
@@ -138,6 +156,13 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
             super().close()
         finally:
             self._out.close()
+
+    def _see_to_disk(self) -> None:
+        why = self._out.failed()
+        if why and self._own.when_full == "end":
+            raise InputError(f"{why}, and the run, too")
+        if why:
+            _LOG.warning("%s; the run goes on", why)
 
     @property
     def _env(self) -> Any:
@@ -215,9 +240,10 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         ahead = env.points_ahead
         if ahead is not None:
             self._send("/lookahead", "poses_in_map", ahead)
-        latched = "" if env.shield is None else env.shield.latched
-        notes = {"policy": env.task.note, "chair": reading.halted, "shield": latched}
-        self._log_news(env.task.path, notes)
+        report = getattr(bare(env.chair), "report", None)
+        if report is not None:
+            self._out.tell(BOARD, {"wall": time.time(), **report})
+        self._log_news(env.task.path, reading.stamp)
 
     def _log_seldom(self, reading: Any, believed: Belief) -> bool:
         """Trail, pictures and, for viewers that come late, what stays; whether the map changed."""
@@ -239,15 +265,18 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
                 self._log_map(chart)
         return changed
 
-    def _log_news(self, path: Any, notes: dict[str, str]) -> None:
+    def _log_news(self, path: Any, stamp: float) -> None:
         """What is told when it changes."""
         if path is not None and path is not self._path:
             self._send("/path", "poses_in_map", path)
         self._path = path
-        for who, said in notes.items():
-            if said != self._notes[who]:
-                self._send("/note", "note", who, said or "goes on", bool(said) and who != "policy")
-        self._notes = notes
+        note = self._env.task.note
+        if note != self._note:
+            self._note = note
+            self._send("/note", "note", "policy", note or "-", False)
+        shield, reading = self._env.shield, self._env.task.reading
+        for line in self._stops.update(stamp, holds(reading.halted, shield)):
+            self._send("/note", "note", "chair", line, bool(self._stops.messages))
 
 
 def _due(since: float, period: float) -> bool:

@@ -114,12 +114,24 @@ def read_recording(file: str | Path) -> list[Chapter]:
     except Exception as error:  # whatever readers and decompressors make of damaged bytes
         why = str(error) or type(error).__name__
         raise InputError(f"{file}: expected a whole recording as MCAP ({why})") from None
+    if chapters:  # a full disk or an error may have cut the last step
+        _cut(chapters)
     for chapter in chapters:
         if not len(chapter.readings) - 1 == len(chapter.actions) == len(chapter.verdicts):
             raise InputError(f"{file}: expected a reading after each command, and a verdict")
     if not chapters:
         raise InputError(f"{file}: expected a recording of a chair; there is no {EPISODE} in it")
     return chapters
+
+
+def _cut(chapters: list[Chapter]) -> None:
+    """Leave out what the last episode holds beyond its last whole step."""
+    last = chapters[-1]
+    steps = min(len(last.readings) - 1, len(last.actions), len(last.verdicts))
+    if steps < 0:
+        chapters.pop()
+        return
+    del last.readings[steps + 1 :], last.actions[steps:], last.verdicts[steps:]
 
 
 def _take(chapters: list[Chapter], topic: str, content: Record) -> None:

@@ -1,0 +1,54 @@
+"""Laws of the check of a start: true starts pass, those that are far off are refused."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from agents.start_fit import start_fit
+from wheelchair_gym.maps import OCCUPIED
+from wheelchair_gym.scenes import make_scene
+from wheelchair_gym.sensing import SensorSettings
+from wheelchair_gym.simulation import SimulatedChair
+
+LASER = SensorSettings().laser
+SCENES = ("floor_plan", "clutter", "crowd", "doorway", "empty", "temporary")
+
+
+def fits(scene, seed, way, turn):
+    """How a scan fits a start that is off by a way [m] and a turn [rad], in any free direction."""
+    episode = make_scene(scene).sample(np.random.default_rng(1000 + seed))
+    ranges, rng = SimulatedChair().reset(episode, seed).laser, np.random.default_rng(seed)
+    grid = episode.map
+    for _ in range(50):
+        angle = rng.uniform(0.0, 2.0 * math.pi)
+        offset = np.array([way * math.cos(angle), way * math.sin(angle), turn])
+        start = episode.start + offset
+        inside = grid.inside(start[:2])
+        if inside and grid.cells[tuple(grid.to_cell(start[:2]))] != OCCUPIED:
+            return start_fit(grid, start, LASER, ranges)
+    raise AssertionError("nothing is free there")
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("off", [(0.0, 0.0), (0.1, math.radians(3.0)), (0.25, math.radians(-8.0))])
+def test_a_true_start_passes_with_its_usual_error(scene, off):
+    found = fits(scene, 3, *off)
+    assert found.wrong == ""
+    assert found.fit > 0.6
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("off", [(1.5, 0.0), (0.0, 0.5 * math.pi), (1.5, -0.5 * math.pi)])
+def test_a_start_far_off_is_refused_and_the_right_one_named(scene, off):
+    found = fits(scene, 3, *off)
+    assert "it fits" in found.wrong
+    assert found.better > found.fit + 0.15
+
+
+def test_a_laser_that_sees_nothing_is_refused():
+    episode = make_scene("empty").sample(np.random.default_rng(0))
+    blind = np.full(LASER.beams, np.inf, np.float32)
+    assert "0% of the laser's beams" in start_fit(episode.map, episode.start, LASER, blind).wrong
