@@ -20,6 +20,7 @@ from agents.unseen import BEYOND
 from wheelchair_gym.config import InputError, load, setting, settings
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings
+from wheelchair_gym.files import modified, read_bytes
 from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.task.course import Course
 from wheelchair_gym.task.task import Task
@@ -67,7 +68,7 @@ class Learned:
 
 @cache
 def _digest(path: Path, stamp: int) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(read_bytes(path, "weights")).hexdigest()
 
 
 def file_digest(path: Path) -> str:
@@ -76,10 +77,7 @@ def file_digest(path: Path) -> str:
     Raises:
         InputError: it cannot be read.
     """
-    try:
-        return _digest(path, path.stat().st_mtime_ns)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    return _digest(path, modified(path))
 
 
 def weights_digest(spec: Any) -> str | None:

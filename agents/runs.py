@@ -7,12 +7,12 @@ a run, written as they come.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import os
 import sys
 import time
+import zlib
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from functools import cache
@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 from agents.engines import ENGINES, LostError, Pool
 from agents.interrupt import by_hand
 from wheelchair_gym.config import InputError, dump
-from wheelchair_gym.files import refused
+from wheelchair_gym.files import LIMITS, opened, parse_json, refused
 
 Record = dict[str, Any]
 Job = TypeVar("Job")
@@ -59,15 +59,44 @@ def run_key(*parts: Any) -> str:
 
 
 def read_store(path: Path) -> dict[str, Record]:
-    """Records by key; a line cut short by a crash is left out."""
+    """Records by key; damaged lines, as after a crash, are left out and counted on standard error.
+
+    Raises:
+        InputError: the store cannot be read.
+    """
     records: dict[str, Record] = {}
-    if path.exists():
-        with path.open(encoding="utf-8") as lines:
-            for line in lines:
-                with contextlib.suppress(json.JSONDecodeError, KeyError, TypeError):
-                    stored = json.loads(line)
-                    records[stored["key"]] = stored["record"]
+    if not path.exists():
+        return records
+    damaged, most = 0, LIMITS["line"].most
+    with opened(path) as lines:
+        while line := lines.readline(most):
+            if not line.strip():
+                continue
+            try:
+                stored = parse_json(line, path)
+                record = stored["record"]
+                if not isinstance(stored["key"], str) or not isinstance(record, dict):
+                    raise TypeError
+                if "crc" in stored and stored["crc"] != _checksum(record):
+                    raise ValueError
+            except (InputError, KeyError, TypeError, ValueError):
+                damaged += 1
+                continue
+            records[stored["key"]] = record
+    if damaged:
+        count = "1 damaged line" if damaged == 1 else f"{damaged} damaged lines"
+        print(f"wheelchair: {path}: skipped {count}; what is lost is made anew", file=sys.stderr)
     return records
+
+
+def _checksum(record: Record) -> int:
+    return zlib.crc32(json.dumps(record, sort_keys=True).encode())
+
+
+def stored_line(key: str, record: Record) -> str:
+    """A record as a line of a store."""
+    content = {"key": key, "record": record, "crc": _checksum(record)}
+    return json.dumps(content, allow_nan=False) + "\n"
 
 
 def open_store(path: Path) -> Any:
@@ -78,6 +107,8 @@ def open_store(path: Path) -> Any:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: cannot be written (not a regular file)")
         store = path.open("a+b", buffering=0)
     except OSError as error:
         raise refused(path, error) from None
@@ -146,11 +177,7 @@ def compute(
                 before([job for _, job in missing])
             for found in _bar(made, len(jobs), len(known), unit, progress):
                 known |= found
-                text = "".join(
-                    json.dumps({"key": key, "record": record}, allow_nan=False) + "\n"
-                    for key, record in found
-                )
-                lines.write(text.encode())
+                lines.write("".join(stored_line(*each) for each in found).encode())
         except (KeyboardInterrupt, SystemError) as error:
             if not by_hand(error):
                 raise

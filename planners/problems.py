@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,8 @@ import numpy as np
 
 from planners.space import Space
 from planners.types import Problem
-from wheelchair_gym.config import InputError, read_json
+from wheelchair_gym.errors import InputError, shown
+from wheelchair_gym.files import LIMITS, is_coordinate, read_json
 
 KEYS = {"name", "size", "rects", "start", "goal", "optimum"}
 
@@ -19,18 +19,16 @@ KEYS = {"name", "size", "rects", "start", "goal", "optimum"}
 def _numbers(value: Any, count: int, where: str) -> tuple[float, ...]:
     """A list of so many finite numbers, or an error that names the place."""
     good = isinstance(value, list) and len(value) == count
-    if not good or not all(_is_number(number) for number in value):
-        raise InputError(f"{where} is {value!r}; expected a list of {count} finite numbers")
+    if not good or not all(map(is_coordinate, value)):
+        raise InputError(f"{where} is {shown(value)}; expected a list of {count} coordinates [m]")
     return tuple(float(number) for number in value)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _problem(data: Any, where: str) -> tuple[Problem, float | None]:
     if not isinstance(data, Mapping):
-        raise InputError(f"{where} is {data!r}; expected an object with {', '.join(sorted(KEYS))}")
+        raise InputError(
+            f"{where} is {shown(data)}; expected an object with {', '.join(sorted(KEYS))}"
+        )
     for key in data:
         if key not in KEYS:
             raise InputError(f"{where}.{key} is not a key; it has {', '.join(sorted(KEYS))}")
@@ -38,22 +36,26 @@ def _problem(data: Any, where: str) -> tuple[Problem, float | None]:
         if key not in data:
             raise InputError(f"{where}.{key} is missing")
     if not isinstance(data["name"], str):
-        raise InputError(f"{where}.name is {data['name']!r}; expected text")
+        raise InputError(f"{where}.name is {shown(data['name'])}; expected text")
     size = data["size"]
-    if not _is_number(size) or size <= 0:
-        raise InputError(f"{where}.size is {size!r}; expected metres, above 0")
+    if not is_coordinate(size) or size <= 0:
+        expected = f"expected metres, above 0 and at most {LIMITS['coordinate'].most:,}"
+        raise InputError(f"{where}.size is {shown(size)}; {expected}")
     if not isinstance(data["rects"], list):
-        raise InputError(f"{where}.rects is {data['rects']!r}; expected a list of rectangles")
+        raise InputError(f"{where}.rects is {shown(data['rects'])}; expected a list of rectangles")
+    if len(data["rects"]) > LIMITS["outline"].most:
+        expected = f"expected at most {LIMITS['outline'].most:,}"
+        raise InputError(f"{where}.rects has {len(data['rects']):,} rectangles; {expected}")
     rectangles = []
     for index, rectangle in enumerate(data["rects"]):
         x0, y0, x1, y1 = _numbers(rectangle, 4, f"{where}.rects[{index}]")
         if x1 <= x0 or y1 <= y0:
             expected = "expected x0 < x1 and y0 < y1"
-            raise InputError(f"{where}.rects[{index}] is {rectangle!r}; {expected}")
+            raise InputError(f"{where}.rects[{index}] is {shown(rectangle)}; {expected}")
         rectangles.append((x0, y0, x1, y1))
     optimum = data.get("optimum")
-    if optimum is not None and (not _is_number(optimum) or optimum < 0):
-        raise InputError(f"{where}.optimum is {optimum!r}; expected metres or null")
+    if optimum is not None and (not is_coordinate(optimum) or optimum < 0):
+        raise InputError(f"{where}.optimum is {shown(optimum)}; expected metres or null")
     problem = Problem(
         Space.from_rectangles(rectangles, (0.0, 0.0, size, size)),
         np.array(_numbers(data["start"], 2, f"{where}.start")),

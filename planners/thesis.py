@@ -11,7 +11,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from wheelchair_gym.config import InputError, parse_json, read_text
+from wheelchair_gym.config import LARGEST
+from wheelchair_gym.errors import InputError, shown
+from wheelchair_gym.files import parse_json, read_text
 
 # Each key of the file: its kind, its least value, and where it goes in the planner's settings.
 KEYS: Final[dict[str, tuple[type, float, tuple[str, ...]]]] = {
@@ -82,9 +84,10 @@ def _checked(key: str, value: Any, path: Path) -> Any:
     if kind is int and good:
         good = float(value).is_integer()
     if not good or (numeric and not math.isfinite(value)):
-        raise InputError(f"{path}: {key} is {value!r}; expected {KINDS[kind]}")
-    if numeric and value < least:
-        raise InputError(f"{path}: {key} is {value!r}; expected at least {least:g}")
+        raise InputError(f"{path}: {key} is {shown(value)}; expected {KINDS[kind]}")
+    if numeric and not least <= value <= LARGEST:
+        expected = f"expected at least {least:g} and at most {LARGEST:g}"
+        raise InputError(f"{path}: {key} is {shown(value)}; {expected}")
     return kind(value)
 
 
@@ -100,14 +103,14 @@ def read_thesis(path: str | Path) -> ThesisFile:
         InputError: the file cannot be read, or a key is unknown or has a wrong value.
     """
     path = Path(path)
-    data = parse_json(without_trailing_commas(read_text(path)), path)
+    data = parse_json(without_trailing_commas(read_text(path, "json")), path)
     if not isinstance(data, Mapping):
         raise InputError(f"{path}: expected an object with keys, got {type(data).__name__}")
     values: dict[str, Any] = {}
     settings: dict[str, Any] = {}
     for key, value in data.items():
         if key not in KEYS:
-            raise InputError(f"{path}: {key!r} is not a key; it has {', '.join(KEYS)}")
+            raise InputError(f"{path}: {shown(key)} is not a key; it has {', '.join(KEYS)}")
         values[key] = _checked(key, value, path)
         *above, last = KEYS[key][2] or ("",)
         if last:

@@ -22,7 +22,7 @@ ARROW = {
     "agents": {"wheelchair_gym", "planners"},
 }
 # What planners may know of the chair: words, settings, geometry and maps, and how to compile.
-FOR_PLANNERS = {"types", "geometry", "kinematics", "maps", "config", "kernel"}
+FOR_PLANNERS = {"types", "geometry", "kinematics", "maps", "config", "kernel", "errors", "files"}
 # Third-party packages that live in one room each.
 ROOMS = {
     "pymunk": ("wheelchair_gym/simulation/",),

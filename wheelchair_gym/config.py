@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import json
 import math
 import os
 import types
@@ -19,18 +18,25 @@ from typing import Any, Final, Literal, TypeVar, dataclass_transform
 
 import numpy as np
 
+from wheelchair_gym.errors import InputError as InputError
+from wheelchair_gym.errors import shown
+from wheelchair_gym.files import LIMITS
+from wheelchair_gym.files import parse_json as parse_json
+from wheelchair_gym.files import read_json as read_json
+from wheelchair_gym.files import read_text as read_text
+
 T = TypeVar("T")
 
-FARTHEST: Final = 1e7  # m: no coordinate and no size is larger; northings of UTM end here
+FARTHEST: Final = float(LIMITS["coordinate"].most)  # m: northings of UTM end here
 
-
-class InputError(ValueError):
-    """Something a person gave is wrong; its message is one line that says what and where."""
+# Bounds of settings that state none: beyond them, kernels could overflow.
+LARGEST: Final = 1e9
+LARGEST_INTEGER: Final = 2**63 - 1
 
 
 def suggest(name: object, known: Iterable[str]) -> str:
     """The end of a message about an unknown name: the nearest known one, if any is near."""
-    near = difflib.get_close_matches(str(name), list(known), 1)
+    near = difflib.get_close_matches(str(name)[:80], list(known), 1)
     return f"; did you mean {near[0]}?" if near else ""
 
 
@@ -69,16 +75,19 @@ def settings(cls: type[T]) -> type[T]:
 
 
 def _bounded(value: Any, metadata: Mapping[str, Any], where: str) -> None:
-    low, high = metadata.get("low"), metadata.get("high")
     for number in value if isinstance(value, tuple) else (value,):
         if isinstance(number, bool) or not isinstance(number, int | float):
             continue
+        low, high = metadata.get("low"), metadata.get("high")
+        largest = LARGEST if isinstance(number, float) else LARGEST_INTEGER
+        if not -largest <= number <= largest:
+            low, high = -largest if low is None else low, largest if high is None else high
         if (low is not None and number < low) or (high is not None and number > high):
             bounds = " and ".join(
                 ([f"at least {low}"] if low is not None else [])
                 + ([f"at most {high}"] if high is not None else [])
             )
-            raise InputError(f"{where} is {number}; it must be {bounds}")
+            raise InputError(f"{where} is {shown(number)}; it must be {bounds}")
 
 
 def _name(hint: Any) -> str:
@@ -94,7 +103,9 @@ def _convert(value: Any, hint: Any, where: str) -> Any:
     origin, args = typing.get_origin(hint), typing.get_args(hint)
     if origin is Literal:
         if value not in args:
-            raise InputError(f"{where} is {value!r}; it must be one of {', '.join(map(str, args))}")
+            raise InputError(
+                f"{where} is {shown(value)}; it must be one of {', '.join(map(str, args))}"
+            )
         return value
     if origin in (types.UnionType, typing.Union):
         for option in args:
@@ -104,10 +115,10 @@ def _convert(value: Any, hint: Any, where: str) -> Any:
                 if dataclasses.is_dataclass(option) and isinstance(value, Mapping):
                     raise
         expected = " or ".join(_name(option) for option in args)
-        raise InputError(f"{where} is {value!r}; expected {expected}")
+        raise InputError(f"{where} is {shown(value)}; expected {expected}")
     if origin is tuple:
         if not isinstance(value, Sequence) or isinstance(value, str):
-            raise InputError(f"{where} is {value!r}; expected a list")
+            raise InputError(f"{where} is {shown(value)}; expected a list")
         if args[-1] is Ellipsis:
             return tuple(_convert(v, args[0], f"{where}[{i}]") for i, v in enumerate(value))
         if len(value) != len(args):
@@ -116,17 +127,19 @@ def _convert(value: Any, hint: Any, where: str) -> Any:
         return tuple(_convert(v, a, f"{where}[{i}]") for i, (v, a) in enumerate(pairs))
     if origin in (dict, Mapping) or (origin is not None and issubclass(origin, Mapping)):
         if not isinstance(value, Mapping):
-            raise InputError(f"{where} is {value!r}; expected an object")
+            raise InputError(f"{where} is {shown(value)}; expected an object")
         return {k: _convert(v, args[1], f"{where}.{k}") for k, v in value.items()}
     if dataclasses.is_dataclass(hint):
         if isinstance(value, Mapping):
             return load(typing.cast(type, hint), value, where)
         if isinstance(value, typing.cast(type, hint)):
             return value
-        raise InputError(f"{where} is {value!r}; expected an object ({_name(hint)})")
+        raise InputError(f"{where} is {shown(value)}; expected an object ({_name(hint)})")
     if hint is Any:
         return value
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
+        if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+            raise InputError(f"{where} is an integer of more than 64 bits; expected a number")
         if math.isnan(value):
             raise InputError(f"{where} is NaN; expected a number")
         return float(value)
@@ -134,7 +147,7 @@ def _convert(value: Any, hint: Any, where: str) -> Any:
         return int(value)
     if isinstance(value, hint) and not (isinstance(value, bool) and hint is not bool):
         return value
-    raise InputError(f"{where} is {value!r}; expected {_name(hint)}")
+    raise InputError(f"{where} is {shown(value)}; expected {_name(hint)}")
 
 
 def load(cls: type[T], data: Mapping[str, Any], where: str, base: T | None = None) -> T:
@@ -154,7 +167,7 @@ def load(cls: type[T], data: Mapping[str, Any], where: str, base: T | None = Non
     fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
     for key in data:
         if key not in fields:
-            named = key if str(key).isidentifier() else repr(key)  # one line, whatever the key
+            named = key if str(key).isidentifier() and len(key) < 80 else shown(key)
             known = ", ".join(sorted(fields))
             near = suggest(key, fields)
             raise InputError(f"{where}.{named} is not a setting; it has {known}{near}")
@@ -180,45 +193,6 @@ def _is_settings(value: Any) -> bool:
     return dataclasses.is_dataclass(value) and not isinstance(value, type)
 
 
-def read_text(path: str | Path) -> str:
-    """The content of a text file.
-
-    Raises:
-        InputError: the file is missing, unreadable or not text.
-    """
-    path = Path(path)
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file; expected UTF-8") from None
-
-
-def read_json(path: str | Path) -> Any:
-    """The content of a JSON file.
-
-    Raises:
-        InputError: the file is missing, unreadable or not JSON.
-    """
-    return parse_json(read_text(path), path)
-
-
-def parse_json(text: str, path: str | Path) -> Any:
-    """The content of a JSON text; errors name the path.
-
-    Raises:
-        InputError: it is not JSON.
-    """
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError as error:
-        message = f"{path}: line {error.lineno}, column {error.colno}: not JSON: {error.msg}"
-        raise InputError(message) from None
-    except RecursionError:
-        raise InputError(f"{path}: not JSON that can be read: nested too deep") from None
-
-
 def read(cls: type[T], path: str | Path) -> T:
     """Make settings from a JSON file.
 
@@ -242,10 +216,10 @@ def dump(value: Any) -> Any:
 
 
 def value_of(word: str) -> Any:
-    """What a person typed: JSON, or else the word itself."""
+    """What a person typed: JSON, or else the word itself (also what is JSON beyond its limits)."""
     try:
-        return json.loads(word)
-    except json.JSONDecodeError:
+        return parse_json(word, "a value")
+    except InputError:
         return word
 
 
@@ -262,7 +236,7 @@ def with_values(settings: Mapping[str, Any], values: Mapping[str, Any]) -> dict[
         for part in above:
             inner = place.get(part, {})
             if not isinstance(inner, Mapping):
-                raise InputError(f"{key}: {part} is {inner!r}; it has no keys")
+                raise InputError(f"{key}: {part} is {shown(inner)}; it has no keys")
             place[part] = {**inner}
             place = place[part]
         place[last] = value

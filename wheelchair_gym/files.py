@@ -1,14 +1,241 @@
-"""Files that appear under their names only when they are whole."""
+"""Files: read within stated limits from regular files only; written whole or not at all.
+
+Every reader of the project opens its file here. A limit is checked before memory is asked for.
+"""
 
 from __future__ import annotations
 
+import json
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO, Any, Final, NamedTuple
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.errors import InputError, shown
+
+
+class Limit(NamedTuple):
+    """The largest amount that a file may hold of something."""
+
+    most: int
+    unit: str
+    what: str
+
+
+_MIB: Final = 2**20
+# README.md shows this table; a test compares the two.
+LIMITS: Final[dict[str, Limit]] = {
+    "json": Limit(16 * _MIB, "bytes", "a JSON file: settings, problems, worlds, floor plans"),
+    "depth": Limit(64, "levels", "lists and objects inside one another, in JSON and YAML"),
+    "integer": Limit(64, "bits", "a whole number in JSON and YAML"),
+    "yaml": Limit(64 * 1024, "bytes", "the YAML file of a map; aliases are refused"),
+    "values": Limit(1000, "values", "the YAML file of a map"),
+    "image": Limit(256 * _MIB, "bytes", "the image of a map: PGM, PNG, BMP, JPEG or TIFF"),
+    "cells": Limit(100_000_000, "cells or pixels", "a map, from a file or generated"),
+    "decoded": Limit(512 * _MIB, "bytes", "the pixels of a map's image, decoded"),
+    "coordinate": Limit(10_000_000, "m", "a coordinate or a size in maps, worlds and problems"),
+    "outline": Limit(5_000, "corners or shapes", "the outline of a house, a world, a problem"),
+    "text": Limit(128 * _MIB, "bytes", "a MovingAI map or scenario, a curve in CSV"),
+    "log": Limit(512 * _MIB, "bytes", "a log in BreezySLAM's format"),
+    "recording": Limit(2048 * _MIB, "bytes", "a recording"),
+    "chunk": Limit(64 * _MIB, "bytes", "a chunk of a recording, decompressed"),
+    "unpacked": Limit(4096 * _MIB, "bytes", "all chunks of a recording, decompressed"),
+    "weights": Limit(256 * _MIB, "bytes", "weights of a policy: the file, and its arrays unpacked"),
+    "checkpoint": Limit(16_384 * _MIB, "bytes", "a training checkpoint: the file, and unpacked"),
+    "line": Limit(64 * _MIB, "bytes", "a line of a store of records"),
+}
+
+
+@contextmanager
+def opened(path: str | Path, limit: str | None = None) -> Iterator[IO[bytes]]:
+    """A regular file, open for reading.
+
+    Args:
+        path: of the file.
+        limit: which of `LIMITS` its size must keep; None: it is read piece by piece.
+
+    Raises:
+        InputError: it is missing, unreadable, no regular file or too large.
+    """
+    try:
+        # Not opened before it is known to be regular: opening a pipe waits, a port resets a board.
+        kind = os.stat(path)
+        if not stat.S_ISREG(kind.st_mode):
+            raise InputError(f"{path}: cannot be read (not a regular file)")
+        with open(path, "rb") as file:
+            if limit is not None:
+                _check_size(path, os.fstat(file.fileno()).st_size, limit)
+            yield file
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except ValueError as error:
+        if isinstance(error, InputError) or "null" not in str(error):
+            raise
+        raise InputError(f"{str(path)!r}: cannot be read (a NUL character in its name)") from None
+
+
+def _check_size(path: str | Path, size: int, limit: str) -> None:
+    most = LIMITS[limit]
+    if size > most.most:
+        raise InputError(f"{path}: more than {most.most:,} {most.unit}, the limit of {most.what}")
+
+
+def read_bytes(path: str | Path, limit: str) -> bytes:
+    """The content of a regular file within one of `LIMITS`.
+
+    Raises:
+        InputError: it is missing, unreadable, no regular file or too large.
+    """
+    with opened(path, limit) as file:
+        content = file.read(os.fstat(file.fileno()).st_size + 1)
+        while more := file.read(_MIB):  # some files hold more than they say
+            content += more
+            _check_size(path, len(content), limit)
+    _check_size(path, len(content), limit)
+    return content
+
+
+def modified(path: str | Path) -> int:
+    """When a file was last changed [ns]; 0 where there is none."""
+    try:
+        return os.stat(path).st_mtime_ns
+    except (OSError, ValueError):
+        return 0
+
+
+def read_text(path: str | Path, limit: str = "text") -> str:
+    """The content of a text file within one of `LIMITS`.
+
+    Raises:
+        InputError: the file is missing, unreadable, too large or not text.
+    """
+    try:
+        return read_bytes(path, limit).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file; expected UTF-8") from None
+
+
+def read_json(path: str | Path) -> Any:
+    """The content of a JSON file.
+
+    Raises:
+        InputError: the file is missing, unreadable, beyond a limit or not JSON.
+    """
+    return parse_json(read_text(path, "json"), path)
+
+
+def parse_json(text: str | bytes, path: str | Path) -> Any:
+    """The content of a JSON text; errors name the path.
+
+    Raises:
+        InputError: it is not JSON, or beyond a limit.
+    """
+    try:
+        content = json.loads(text, parse_int=_parse_int)
+    except json.JSONDecodeError as error:
+        message = f"{path}: line {error.lineno}, column {error.colno}: not JSON: {error.msg}"
+        raise InputError(message) from None
+    except RecursionError:
+        raise InputError(f"{path}: {_TOO_DEEP}") from None
+    except ValueError as error:  # an integer beyond its limit, bytes that are no text
+        raise InputError(f"{path}: not JSON that can be read: {error}") from None
+    _check_values(content, path)
+    return content
+
+
+_TOO_DEEP: Final = f"nested too deep; expected at most {LIMITS['depth'].most} levels"
+
+
+def _parse_int(digits: str) -> int:
+    # Digits are counted first: Python itself takes quadratic time, and refuses 4,301 of them.
+    if len(digits) > 20 or not -(2**63) <= int(digits) < 2**64:
+        raise ValueError(f"{shown(digits)} needs more than {LIMITS['integer'].most} bits")
+    return int(digits)
+
+
+def _check_values(content: Any, path: str | Path) -> None:
+    """Refuse deep nesting, and text that cannot be printed."""
+    level = [content]
+    for _ in range(LIMITS["depth"].most + 1):
+        following = []
+        for value in level:
+            if isinstance(value, dict):
+                following += [*value, *value.values()]
+            elif isinstance(value, list):
+                following += value
+            elif isinstance(value, str) and not value.isascii():
+                try:
+                    value.encode()
+                except UnicodeEncodeError:
+                    raise InputError(f"{path}: half a surrogate pair in {value!a:.80}") from None
+        level = following
+        if not level:
+            return
+    raise InputError(f"{path}: {_TOO_DEEP}")
+
+
+def parse_yaml(text: str, path: str | Path) -> Any:
+    """The content of a YAML text without aliases; errors name the path.
+
+    Raises:
+        InputError: it is not YAML, beyond a limit, or holds an alias.
+    """
+    import yaml  # only here: settings are JSON
+
+    class Loader(yaml.SafeLoader):
+        """Counts what it composes."""
+
+        values = depth = 0
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            if self.check_event(yaml.AliasEvent):
+                raise yaml.YAMLError("aliases are not allowed")
+            self.values, self.depth = self.values + 1, self.depth + 1
+            if self.values > LIMITS["values"].most:
+                raise yaml.YAMLError(f"more than {LIMITS['values'].most} values")
+            if self.depth > LIMITS["depth"].most:
+                raise yaml.YAMLError(_TOO_DEEP)
+            node = super().compose_node(parent, index)
+            self.depth -= 1
+            return node
+
+        def construct_yaml_int(self, node: Any) -> int:
+            if len(str(node.value)) > 80:
+                raise ValueError("a whole number of more than 80 characters")
+            value = int(super().construct_yaml_int(node))
+            if not -(2**63) <= value < 2**64:
+                raise ValueError(f"{value} needs more than {LIMITS['integer'].most} bits")
+            return value
+
+    Loader.add_constructor("tag:yaml.org,2002:int", Loader.construct_yaml_int)
+    try:
+        return yaml.load(text, Loader)
+    except (yaml.YAMLError, ValueError, OverflowError, TypeError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f"line {mark.line + 1}: " if mark else ""
+        problem = getattr(error, "problem", None) or " ".join(str(error).split()) or "broken"
+        raise InputError(f"{path}: {place}not YAML: {problem}") from None
+
+
+def check_cells(rows: float, columns: float, where: str) -> None:
+    """Refuse a map of too many cells before memory is asked for.
+
+    Raises:
+        InputError: it has more than the limit.
+    """
+    most = LIMITS["cells"].most
+    if not rows * columns <= most:
+        raise InputError(f"{where}: {columns:.6g} x {rows:.6g} cells; expected at most {most:,}")
+
+
+def is_coordinate(value: Any) -> bool:
+    """Whether a value is a finite number that a coordinate [m] in a file may have."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) <= LIMITS["coordinate"].most  # false for NaN
 
 
 @contextmanager

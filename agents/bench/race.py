@@ -192,7 +192,10 @@ def known_records(path: Any) -> dict[str, Record]:
     content = read_json(path)
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
         raise InputError(f"{path}: not a result of 'wheelchair bench planners'")
-    return {
-        record["key"]: {k: v for k, v in record.items() if k != "key"}
-        for record in [*content["records"], *content["others"]]
-    }
+    parts = [content.get("records"), content.get("others")]
+    records = [record for part in parts if isinstance(part, list) for record in part]
+    if not all(isinstance(part, list) for part in parts) or not all(
+        isinstance(record, Mapping) and isinstance(record.get("key"), str) for record in records
+    ):
+        raise InputError(f"{path}: expected lists of records with keys, 'records' and 'others'")
+    return {record["key"]: {k: v for k, v in record.items() if k != "key"} for record in records}

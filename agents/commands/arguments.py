@@ -75,16 +75,17 @@ def spec(text: str) -> str | dict[str, Any]:
         InputError: the file cannot be read, or has no object of settings under that name.
     """
     from planners.thesis import is_thesis, read_thesis, without_trailing_commas
-    from wheelchair_gym.config import InputError, parse_json, read_text
+    from wheelchair_gym.errors import InputError, shown
+    from wheelchair_gym.files import parse_json, read_text
 
     file, colon, name = text.rpartition(":")
     if not colon:
         return text
-    content = parse_json(without_trailing_commas(read_text(file)), file)
+    content = parse_json(without_trailing_commas(read_text(file, "json")), file)
     if is_thesis(content):
         return read_thesis(file).planner(name)
     if not isinstance(content, Mapping) or not isinstance(content.get(name), Mapping):
-        known = ", ".join(content) if isinstance(content, Mapping) else ""
+        known = shown(", ".join(content))[1:-1] if isinstance(content, Mapping) else ""
         raise InputError(f"{file}: no settings under {name!r}; known: {known or 'none'}")
     return {**content[name], "name": name}
 

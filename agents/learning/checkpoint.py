@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import io
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
-from wheelchair_gym.config import InputError
-from wheelchair_gym.files import whole
+from wheelchair_gym.errors import InputError
+from wheelchair_gym.files import LIMITS, read_bytes, whole
 
 NAME = "checkpoint.pt"
 _HEAD = b"wheelchair checkpoint 1\n"
@@ -79,16 +80,23 @@ def load_checkpoint(folder: Path) -> dict[str, Any] | None:
     path = folder / NAME
     if not path.exists():
         return None
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    data = read_bytes(path, "checkpoint")
     head = len(_HEAD) + 65
     body = memoryview(data)[head:]
     digest = hashlib.sha256(body).hexdigest().encode()
     if data[:head] != _HEAD + digest + b"\n":
         raise InputError(f"{path}: expected a whole checkpoint; delete it to begin anew")
-    content: dict[str, Any] = torch.load(io.BytesIO(body), weights_only=True)
+    try:
+        with zipfile.ZipFile(io.BytesIO(body)) as packed:
+            if sum(member.file_size for member in packed.infolist()) > LIMITS["checkpoint"].most:
+                raise ValueError("too large when unpacked")
+        content = torch.load(io.BytesIO(body), weights_only=True)
+        if not isinstance(content, dict):
+            raise ValueError("not an object with keys")
+    except Exception as error:  # whatever torch makes of what it cannot read
+        why = " ".join(str(error).split()[:20]) or type(error).__name__
+        expected = "expected a whole checkpoint; delete it to begin anew"
+        raise InputError(f"{path}: {expected} ({why})") from None
     return content
 
 

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from agents.provenance import write_text
+from wheelchair_gym.errors import InputError
+from wheelchair_gym.files import read_text
 
 NAME = "curve.csv"
 Row = dict[str, Any]
@@ -47,12 +49,31 @@ class Tally:
 
 
 def read_curve(folder: Path) -> list[Row]:
-    """The rows of a folder's curve."""
+    """The rows of a folder's curve, as they were written.
+
+    Raises:
+        InputError: it cannot be read.
+    """
     path = folder / NAME
     if not path.exists():
         return []
-    with path.open(newline="", encoding="utf-8") as file:
-        return [dict(row) for row in csv.DictReader(file)]
+    try:
+        rows = list(csv.DictReader(io.StringIO(read_text(path))))
+    except csv.Error as error:
+        raise InputError(f"{path}: not a table in CSV ({error})") from None
+    return [
+        {key: _value(word) for key, word in row.items() if key is not None and word} for row in rows
+    ]
+
+
+def _value(word: Any) -> Any:
+    """A number where a word is one, as `write_curve` was given it; else the word itself."""
+    for kind in (int, float):
+        try:
+            return kind(word)
+        except (ValueError, TypeError):
+            continue
+    return word
 
 
 def write_curve(folder: Path, rows: list[Row]) -> None:

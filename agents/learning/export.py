@@ -17,11 +17,12 @@ from agents.learning.features import (
     SCALED,
     Layout,
 )
-from agents.learning.weights import Weights
+from agents.learning.weights import Weights, check_card
 from agents.provenance import write_json
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.envs.settings import EnvSettings
-from wheelchair_gym.files import whole
+from wheelchair_gym.errors import shown
+from wheelchair_gym.files import read_bytes, read_json, whole
 from wheelchair_gym.task.layout import PRIVATE
 
 Floats = NDArray[np.float32]
@@ -196,17 +197,12 @@ class OnnxNetwork:
     """
 
     def __init__(self, path: str | Path) -> None:
-        from wheelchair_gym.config import read_json
-
         try:
             import onnxruntime
         except ImportError:
             raise InputError("ONNX policies need: pip install 'wheelchair_gym[learn]'") from None
         path = Path(path)
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+        content = read_bytes(path, "weights")
         self.card = read_json(f"{path}.json")
         if not isinstance(self.card, dict) or hashlib.sha256(content).hexdigest() != self.card.get(
             "sha256"
@@ -214,11 +210,24 @@ class OnnxNetwork:
             raise InputError(f"{path}: differs from what {path.name}.json says; export it again")
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1
-        self._session = onnxruntime.InferenceSession(
-            content, options, providers=["CPUExecutionProvider"]
-        )
-        self._layout = Layout.of(self.card["layout"]["sizes"], self.card["layout"]["posed"])
-        self._inputs = self.card["inputs"]
+        options.log_severity_level = 4  # errors are told below
+        try:
+            check_card(self.card)
+            self._session = onnxruntime.InferenceSession(
+                content, options, providers=["CPUExecutionProvider"]
+            )
+            inputs = {value.name: value.shape[-1] for value in self._session.get_inputs()}
+            if self.card.get("inputs") != inputs:
+                raise ValueError(f"inputs are {shown(inputs)}")
+            self._layout = Layout.of(self.card["layout"]["sizes"], self.card["layout"]["posed"])
+            self._inputs = inputs
+            self.reset(1)
+            action = self(np.ones((1, self._layout.room), np.float32))  # graphs may fail only here
+            if action.shape != (1, 2) or action.dtype != np.float32:
+                raise ValueError(f"its action has shape {action.shape}; expected (1, 2)")
+        except Exception as error:  # whatever onnxruntime makes of a graph that is none
+            why = " ".join(str(error).split()[:20]) or type(error).__name__
+            raise InputError(f"{path}: expected an exported policy ({why})") from None
         self.reset(1)
 
     def reset(self, rows: int) -> None:

@@ -54,7 +54,7 @@ def publish(folder: Path, results: Sequence[Path], path: Path) -> Weights:
 
 def _trials(folder: Path) -> list[list[float]]:
     """Frames, success and collision of some trials in a run's curve, the last one among them."""
-    rows = [row for row in read_curve(folder) if row.get("trial_success")]
+    rows = [row for row in read_curve(folder) if row.get("trial_success") is not None]
     count = min(POINTS, len(rows))
     picked = [rows[round((k + 1) * len(rows) / count) - 1] for k in range(count)]
     return [

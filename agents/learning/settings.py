@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from wheelchair_gym.config import InputError, dump, load, setting, settings
 from wheelchair_gym.envs.settings import EnvSettings
+from wheelchair_gym.errors import shown
 
 Algorithm = Literal["ppo", "recurrent_ppo", "sac", "td3", "tqc"]
 ON_POLICY = ("ppo", "recurrent_ppo")
@@ -223,9 +224,11 @@ def read_training(content: Mapping[str, Any], where: str, algorithm: Algorithm) 
     Raises:
         InputError: a setting is wrong, or the file is for another algorithm.
     """
+    if not isinstance(content, Mapping):
+        raise InputError(f"{where}: expected an object with keys, got {type(content).__name__}")
     named = content.get("algorithm", algorithm)
     if named != algorithm:
-        raise InputError(f"{where}.algorithm is {named!r}; the command says {algorithm}")
+        raise InputError(f"{where}.algorithm is {shown(named)}; the command says {algorithm}")
     return load(Training, {"algorithm": algorithm, **content}, where, recipe(algorithm))
 
 

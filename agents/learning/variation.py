@@ -34,7 +34,7 @@ def write_variation(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> st
     rows: list[dict[str, Any]] = []
     for value, folder in runs:
         card = load_weights(folder / POLICY).card
-        judged = [row for row in read_curve(folder) if row.get("trial_success")]
+        judged = [row for row in read_curve(folder) if row.get("trial_success") is not None]
         if not judged:
             continue
         curves.setdefault(value, []).append(

@@ -255,7 +255,7 @@ def test_the_design_lab_has_the_papers_ways():
     ("change", "says"),
     [
         ({"start": [1, 2]}, r"\[0\].start is \[1, 2\]"),
-        ({"goal": "far"}, r"\[0\].goal is far"),
+        ({"goal": "far"}, r"\[0\].goal is 'far'"),
         ({"circles": None}, r"\[0\].circles is None"),
         ({"circles": [[1, 2, -1]]}, r"\[0\].circles\[0\] has radius -1"),
         ({"circles": [[1, 2, "x"]]}, r"\[0\].circles\[0\] is"),

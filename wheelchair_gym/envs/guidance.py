@@ -87,6 +87,13 @@ class PoseGuidance:
 BUILT_IN: dict[str, Any] = {"geodesic": geodesic_path, "poses": PoseGuidance()}
 
 
+def is_built_in(spec: Any) -> bool:
+    """Whether a guidance setting is none or comes with the package: no file of data names code."""
+    if isinstance(spec, Mapping):
+        spec = spec.get("call")
+    return spec is None or (isinstance(spec, str) and spec in BUILT_IN)
+
+
 def make_guidance(spec: Any) -> Guidance | None:
     """What a guidance setting stands for.
 

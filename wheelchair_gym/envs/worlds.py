@@ -108,7 +108,10 @@ class Worlds:
         import joblib  # only here, since it is slow to import
 
         if path.exists():
-            return self._task.lay_out(*joblib.load(path))
+            try:
+                return self._task.lay_out(*joblib.load(path))
+            except Exception:  # whatever pickles make of damaged bytes: the world is made again
+                path.unlink(missing_ok=True)
         course = self._make((_BANK, self._bank.seed, number))
         with whole(path) as part:
             guide = course.path if course.ways is None else course.ways

@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.config import InputError, read_text, setting, settings
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.files import read_text
 from wheelchair_gym.kinematics import odometric_step, twist_of_wheels
 from wheelchair_gym.sensing.settings import LaserSettings
 
@@ -95,7 +96,7 @@ def read_log(path: str | Path, form: LogFormat | None = None) -> Log:
     skipped: Counter[str] = Counter()
     stamps, ways, scans = [], [], []
     last: tuple[float, float, float] | None = None
-    for line in read_text(path).splitlines():
+    for line in read_text(path, "log").splitlines():
         if not line.strip():
             continue
         values = _numbers(line, columns)

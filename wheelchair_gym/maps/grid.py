@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.files import check_cells
 from wheelchair_gym.geometry import to_frame
 from wheelchair_gym.geometry import to_world as placed
 from wheelchair_gym.maps.distance import distance_to_squares, near
@@ -99,6 +100,8 @@ class OccupancyGrid:
         high = np.maximum(np.ceil(lattice.max(axis=0) + room), (cols, rows)).astype(np.int64)
         if not low.any() and (high == (cols, rows)).all():
             return self
+        width, height = (high - low).tolist()
+        check_cells(height, width, "a grid that holds all points")
         after = high - (cols, rows)
         pad = ((-low[1], after[1]), (-low[0], after[0]))
         cells = np.pad(self.cells, pad, constant_values=UNKNOWN)

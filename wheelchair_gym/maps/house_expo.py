@@ -13,7 +13,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.config import InputError, read_json
+from wheelchair_gym.errors import InputError, shown
+from wheelchair_gym.files import LIMITS, check_cells, is_coordinate, read_json
 from wheelchair_gym.geometry import polygon_edges
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
 
@@ -23,7 +24,7 @@ MARGIN: Final = 0.25  # m of solid ground round the outline, in its grid
 FRAME: Final = 1.0  # m of it in its walls, so that the grid lies within
 TOUCH: Final = 1e-6  # cells: an edge along the side of a cell does not cut it
 SLACK: Final = 0.01  # m: by so much a box may differ from the corners that it holds
-MOST_SIDE: Final = 1000.0  # m
+MOST_SIDE: Final = 300.0  # m
 
 
 class House(NamedTuple):
@@ -44,32 +45,35 @@ class House(NamedTuple):
         """The house as cells [m]: one that is not wholly inside the outline is occupied."""
         low, high = self.outline.min(axis=0) - MARGIN, self.outline.max(axis=0) + MARGIN
         columns, rows = np.ceil((high - low) / resolution).astype(int)
-        x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)  # centres
+        check_cells(rows, columns, self.name)
         inside, cut = np.zeros((rows, columns), dtype=np.bool_), np.zeros((rows, columns), np.bool_)
         corners = (self.outline - low) / resolution
         for (ax, ay), (bx, by) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            # Only rows that the edge reaches: an outline of many corners costs its length.
+            part = slice(max(0, int(min(ay, by)) - 1), int(max(ay, by)) + 2)
+            y = np.arange(rows)[part, None] + 0.5  # centres
+            x = np.arange(columns) + 0.5
             if ay != by:
                 straddles = (ay <= y) != (by <= y)
-                inside ^= straddles & (ax + (y - ay) / (by - ay) * (bx - ax) > x)
+                inside[part] ^= straddles & (ax + (y - ay) / (by - ay) * (bx - ax) > x)
             # Cells through whose inside the edge passes: no axis parts it from them.
             ex, ey = bx - ax, by - ay
             near = np.abs(ex * (y - ay) - ey * (x - ax)) < 0.5 * (abs(ex) + abs(ey)) - TOUCH
             near &= (x + 0.5 > min(ax, bx) + TOUCH) & (x - 0.5 < max(ax, bx) - TOUCH) | (ex == 0.0)
             near &= (y + 0.5 > min(ay, by) + TOUCH) & (y - 0.5 < max(ay, by) - TOUCH) | (ey == 0.0)
-            cut |= near
+            cut[part] |= near
         cells = np.where(inside & ~cut, FREE, OCCUPIED).astype(np.int8)
         return OccupancyGrid(cells, resolution, (float(low[0]), float(low[1]), 0.0))
 
 
 def _points(value: Any, width: int, where: str) -> Array:
-    try:
-        points = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        points = np.empty(0)
-    if points.ndim != 2 or points.shape[1] != width or not np.isfinite(points).all():
-        expected = f"expected a list of lists of {width} finite numbers"
-        raise InputError(f"{where} is {str(value)[:60]}; {expected}")
-    return points
+    if not isinstance(value, list) or not all(
+        isinstance(point, list) and len(point) == width and all(map(is_coordinate, point))
+        for point in value
+    ):
+        expected = f"expected a list of lists of {width} coordinates [m]"
+        raise InputError(f"{where} is {shown(value)}; {expected}")
+    return np.array(value, dtype=np.float64).reshape(-1, width)
 
 
 def read_house(path: str | Path) -> House:
@@ -84,6 +88,9 @@ def read_house(path: str | Path) -> House:
         raise InputError(f"{path}: verts is missing; expected a HouseExpo floor plan")
     corners = _points(data["verts"], 2, f"{path}: verts")
     outline = corners[np.any(corners != np.roll(corners, 1, axis=0), axis=1)]
+    if len(outline) > LIMITS["outline"].most:
+        expected = f"expected at most {LIMITS['outline'].most:,}"
+        raise InputError(f"{path}: verts has {len(outline):,} corners; {expected}")
     if len(outline) < 3:
         raise InputError(f"{path}: verts has {len(outline)} corners; expected at least 3")
     low, high = outline.min(axis=0), outline.max(axis=0)
@@ -92,14 +99,14 @@ def read_house(path: str | Path) -> House:
     box = data.get("bbox")
     if box is not None:
         if not isinstance(box, Mapping) or not {"min", "max"} <= set(box):
-            raise InputError(f"{path}: bbox is {str(box)[:60]}; expected min and max")
+            raise InputError(f"{path}: bbox is {shown(box)}; expected min and max")
         given = _points([box["min"], box["max"]], 2, f"{path}: bbox")
         if np.abs(given - [low, high]).max() > SLACK:
             found = f"{low.tolist()} to {high.tolist()}"
             raise InputError(f"{path}: bbox is {given.tolist()}; expected that of verts, {found}")
     rooms = data.get("room_category", {})
     if not isinstance(rooms, Mapping):
-        raise InputError(f"{path}: room_category is {str(rooms)[:60]}; expected an object")
+        raise InputError(f"{path}: room_category is {shown(rooms)}; expected an object")
     boxes = {
         str(kind): _points(value, 4, f"{path}: room_category.{kind}")
         for kind, value in rooms.items()

@@ -11,7 +11,8 @@ count. In mode raw nav2 does not look at opacity.
 
 from __future__ import annotations
 
-import math
+import io
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, Literal, get_args
@@ -21,14 +22,23 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from wheelchair_gym.config import InputError
-from wheelchair_gym.files import whole
+from wheelchair_gym.errors import InputError, shown
+from wheelchair_gym.files import (
+    LIMITS,
+    check_cells,
+    is_coordinate,
+    parse_yaml,
+    read_bytes,
+    read_text,
+    whole,
+)
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 Mode = Literal["trinary", "scale", "raw"]
 Bytes = NDArray[np.uint8]
 Cells = NDArray[np.int8]
 
+_FORMATS = ("PNG", "PPM", "BMP", "JPEG", "TIFF")
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 # What map_saver writes, where more than one grey would do: free, occupied, unknown, invalid raw.
 _USUAL: Final = (254, 0, 205, 255)
@@ -50,22 +60,14 @@ def _meaning(mode: Mode, negate: bool, occupied: float, free: float) -> Cells:
 def _number(data: Mapping[str, Any], key: str, path: Path, low: float, high: float) -> float:
     value = data[key]
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-        raise InputError(f"{path}: {key} is {value!r}; expected a number from {low:g} to {high:g}")
+        raise InputError(
+            f"{path}: {key} is {shown(value)}; expected a number from {low:g} to {high:g}"
+        )
     return float(value)
 
 
 def _description(path: Path) -> dict[str, Any]:
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file; expected YAML in UTF-8") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        place = f"line {mark.line + 1}: " if mark else ""
-        problem = getattr(error, "problem", None) or "broken"
-        raise InputError(f"{path}: {place}not YAML: {problem}") from None
+    data = parse_yaml(read_text(path, "yaml"), path)
     if not isinstance(data, dict):
         raise InputError(f"{path}: expected keys {', '.join(_KEYS)}")
     for key in _KEYS:
@@ -74,12 +76,31 @@ def _description(path: Path) -> dict[str, Any]:
     return data
 
 
+def _checked_image(path: Path) -> bytes:
+    """The content of an image file whose header keeps the limits, so that it may be decoded."""
+    from PIL import Image  # only here, where the header alone is read
+
+    content = read_bytes(path, "image")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of its own, looser limit
+            header = Image.open(io.BytesIO(content), formats=_FORMATS)
+    except Exception:  # whatever Pillow makes of damaged bytes
+        raise InputError(f"{path}: not an image that can be decoded; expected PGM or PNG") from None
+    columns, rows = header.size
+    check_cells(rows, columns, str(path))
+    # As OpenCV decodes it: 16 bits where the format has them, and every channel.
+    size = rows * columns * max(1, len(header.getbands())) * (1 if "8" in header.mode else 2)
+    if size > LIMITS["decoded"].most:
+        raise InputError(
+            f"{path}: {size:,} bytes of pixels; expected at most {LIMITS['decoded'].most:,}"
+        )
+    return content
+
+
 def _pixels(path: Path) -> tuple[Bytes, Bytes]:
     """Greys (rows, cols), top row first, and how opaque each pixel is."""
-    try:
-        content = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    content = np.frombuffer(_checked_image(path), dtype=np.uint8)
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # the error below says it
     try:
@@ -110,13 +131,13 @@ def read_map(path: str | Path) -> OccupancyGrid:
     path = Path(path)
     data = _description(path)
     if not isinstance(data["image"], str) or not data["image"]:
-        raise InputError(f"{path}: image is {data['image']!r}; expected a file name")
+        raise InputError(f"{path}: image is {shown(data['image'])}; expected a file name")
     mode = data.get("mode", "trinary")
     if mode not in get_args(Mode):
-        raise InputError(f"{path}: mode is {mode!r}; it must be one of trinary, scale, raw")
+        raise InputError(f"{path}: mode is {shown(mode)}; it must be one of trinary, scale, raw")
     negate = data["negate"]
     if negate not in (0, 1):
-        raise InputError(f"{path}: negate is {negate!r}; expected 0 or 1")
+        raise InputError(f"{path}: negate is {shown(negate)}; expected 0 or 1")
     resolution = _number(data, "resolution", path, 1e-4, 1e3)
     occupied = _number(data, "occupied_thresh", path, 0.0, 1.0)
     free = _number(data, "free_thresh", path, 0.0, 1.0)
@@ -126,9 +147,9 @@ def read_map(path: str | Path) -> OccupancyGrid:
     if (
         not isinstance(origin, list)
         or len(origin) not in (2, 3)
-        or not all(isinstance(v, int | float) and math.isfinite(v) for v in origin)
+        or not all(map(is_coordinate, origin))
     ):
-        raise InputError(f"{path}: origin is {origin!r}; expected [x, y, yaw]")
+        raise InputError(f"{path}: origin is {shown(origin)}; expected [x, y, yaw]")
     x, y, yaw = (float(value) for value in (*origin, 0.0)[:3])
     grey, opacity = _pixels(path.parent / data["image"])
     cells = _meaning(mode, bool(negate), occupied, free)[grey]
@@ -139,7 +160,13 @@ def read_map(path: str | Path) -> OccupancyGrid:
         cells[clear] = np.where(p > occupied, OCCUPIED, UNKNOWN)
     else:
         cells[clear] = UNKNOWN
-    return OccupancyGrid(np.flipud(cells), resolution, (x, y, yaw))
+    grid = OccupancyGrid(np.flipud(cells), resolution, (x, y, yaw))
+    if not all(map(is_coordinate, grid.bounds)):
+        raise InputError(
+            f"{path}: reaches from {grid.bounds[:2]} to {grid.bounds[2:]} m; "
+            f"expected coordinates up to {LIMITS['coordinate'].most:,} m"
+        )
+    return grid
 
 
 def write_map(

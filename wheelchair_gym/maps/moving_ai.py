@@ -7,21 +7,22 @@ out of bounds, 'T' trees and 'W' water, all solid. It has no scale: a cell is on
 
 from __future__ import annotations
 
-import math
+import re
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.config import InputError, read_text
+from wheelchair_gym.errors import InputError
+from wheelchair_gym.files import check_cells, is_coordinate, read_text
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
 
 Array = NDArray[np.float64]
 
+_DIGITS: Final = re.compile(r"[1-9][0-9]{0,17}")
 PASSABLE: Final = ".GS"
 SOLID: Final = "@OTW"
-MOST_CELLS: Final = 100_000_000  # a map beyond this is refused before memory is asked for
 
 
 class Task(NamedTuple):
@@ -36,7 +37,7 @@ class Task(NamedTuple):
 
 def _size(line: str, key: str, where: str) -> int:
     words = line.split()
-    if len(words) != 2 or words[0] != key or not words[1].isdecimal() or int(words[1]) < 1:
+    if len(words) != 2 or words[0] != key or not _DIGITS.fullmatch(words[1]):
         raise InputError(f"{where} is {line.strip()[:40]!r}; expected '{key} N', N at least 1")
     return int(words[1])
 
@@ -60,8 +61,7 @@ def read_octile(path: str | Path, resolution: float = 1.0) -> OccupancyGrid:
     width = _size(head[2], "width", f"{path}: line 3")
     if head[3].strip() != "map":
         raise InputError(f"{path}: line 4 is {head[3][:40]!r}; expected 'map'")
-    if height * width > MOST_CELLS:
-        raise InputError(f"{path}: {width} x {height} cells; expected at most {MOST_CELLS}")
+    check_cells(height, width, str(path))
     rows = [line.rstrip("\r\n") for line in lines[4:]]
     while len(rows) > height and not rows[-1].strip():
         rows.pop()
@@ -105,11 +105,12 @@ def read_scenario(path: str | Path, resolution: float = 1.0) -> list[Task]:
             bucket, name, width, height = int(words[0]), words[1], int(words[2]), int(words[3])
             x0, y0, x1, y1 = (int(word) for word in words[4:8])
             length = float(words[8])
-        except (ValueError, IndexError):
+        except (ValueError, IndexError, OverflowError):
             expected = "expected bucket, map, width, height, start x y, goal x y, length"
             raise InputError(f"{path}: line {k} is {line[:60]!r}; {expected}") from None
         inside = all(0 <= x < width for x in (x0, x1)) and all(0 <= y < height for y in (y0, y1))
-        if not inside or not 0.0 <= length < math.inf:
+        small = length >= 0.0 and all(map(is_coordinate, (width, height, length)))
+        if not inside or not small:
             raise InputError(f"{path}: line {k}: start, goal or length lies outside its map")
         start, goal = (
             resolution * np.array([x + 0.5, height - 0.5 - y]) for x, y in ((x0, y0), (x1, y1))

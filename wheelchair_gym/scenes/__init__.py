@@ -8,6 +8,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from wheelchair_gym.config import InputError, load
+from wheelchair_gym.errors import shown
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.scenes.barn import Barn
 from wheelchair_gym.scenes.clutter import Clutter
@@ -84,11 +85,11 @@ def make_scene(spec: str | Mapping[str, Any] | Scene) -> Scene:
     if not isinstance(spec, Mapping):
         if not hasattr(spec, "sample"):
             raise InputError(
-                f"scene is {spec!r}; expected a name, an object with a name or a scene"
+                f"scene is {shown(spec)}; expected a name, an object with a name or a scene"
             )
         return spec
     name = spec.get("name")
-    if name not in SCENES:
-        raise InputError(f"scene.name is {name!r}; it must be one of {', '.join(SCENES)}")
+    if not isinstance(name, str) or name not in SCENES:
+        raise InputError(f"scene.name is {shown(name)}; it must be one of {', '.join(SCENES)}")
     given = {key: value for key, value in spec.items() if key != "name"}
     return load(SCENES[name], given, f"scene {name}")

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.files import check_cells
 from wheelchair_gym.geometry import polygon_edges
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 from wheelchair_gym.scenes.raster import CELL, Rect, paint_discs, paint_polygon, to_cells
@@ -42,6 +43,7 @@ def arena(
     """
     x0, y0 = bounds[0] - FRAME, bounds[1] - FRAME
     shape = to_cells(bounds[3] + FRAME - y0), to_cells(bounds[2] + FRAME - x0)
+    check_cells(*shape, "scene")
     cells = np.full(shape, OCCUPIED, dtype=np.int8)
     Rect(0, 0, shape[1], shape[0]).grown(-to_cells(FRAME)).paint(cells, 0)
     for left, low, right, high in rects:

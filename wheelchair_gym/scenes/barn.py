@@ -14,7 +14,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
-from wheelchair_gym.config import InputError, read_json, setting, settings
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.errors import shown
+from wheelchair_gym.files import LIMITS, check_cells, is_coordinate, modified, read_json
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.scenes.poses import FOOTPRINT
@@ -77,25 +79,28 @@ def _drawn(rng: np.random.Generator, width: int) -> Array:
 
 def _numbers(value: Any, lengths: tuple[int, ...], where: str) -> list[float]:
     good = isinstance(value, list) and len(value) in lengths
-    if not good or not all(
-        isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in value
-    ):
+    if not good or not all(map(is_coordinate, value)):
         wanted = " or ".join(map(str, lengths))
-        raise InputError(f"{where} is {str(value)[:60]}; expected {wanted} numbers")
+        raise InputError(f"{where} is {shown(value)}; expected {wanted} coordinates")
     return [float(v) for v in value]
 
 
 def _world(data: Any, where: str) -> tuple[Array, Array, Array, float | None]:
     """Start (3,), goal (3,), circles (m, 3), and how long BARN's own way is, of one world."""
     if not isinstance(data, Mapping):
-        raise InputError(f"{where} is {str(data)[:60]}; expected an object")
+        raise InputError(f"{where} is {shown(data)}; expected an object")
     for key in ("world", "start", "goal", "circles"):
         if key not in data:
             raise InputError(f"{where}.{key} is missing")
+    if not isinstance(data["world"], int | str):
+        raise InputError(f"{where}.world is {shown(data['world'])}; expected a number or a name")
     start = _numbers(data["start"], (3,), f"{where}.start")
     goal = _numbers(data["goal"], (2, 3), f"{where}.goal")
     if not isinstance(data["circles"], list):
-        raise InputError(f"{where}.circles is {str(data['circles'])[:60]}; expected a list")
+        raise InputError(f"{where}.circles is {shown(data['circles'])}; expected a list")
+    if len(data["circles"]) > LIMITS["outline"].most:
+        expected = f"expected at most {LIMITS['outline'].most:,}"
+        raise InputError(f"{where}.circles has {len(data['circles']):,} circles; {expected}")
     circles = [
         _numbers(circle, (3,), f"{where}.circles[{k}]") for k, circle in enumerate(data["circles"])
     ]
@@ -162,7 +167,7 @@ class Barn:
 
     def _read(self, rng: np.random.Generator) -> Episode:
         path = Path(self.path)
-        worlds = _worlds(path, path.stat().st_mtime_ns if path.exists() else 0)
+        worlds = _worlds(path, modified(path))
         index = int(rng.integers(len(worlds)))
         if self.world is not None:
             named = numbers_in(path)
@@ -177,6 +182,7 @@ class Barn:
         points = np.vstack([discs[:, :2], start[:2], goal[:2]])
         low = np.floor((points.min(axis=0) - self.margin) / CELL) * CELL
         cols, rows = (to_cells(side) for side in points.max(axis=0) + self.margin - low)
+        check_cells(rows, cols, name)
         cells = np.zeros((rows, cols), dtype=np.int8)
         paint_discs(cells, discs, low[0], low[1], CELL, OCCUPIED)
         grid = OccupancyGrid(cells, CELL, (low[0], low[1], 0.0))
@@ -190,5 +196,5 @@ def numbers_in(path: str | Path) -> list[Any]:
         InputError: the file cannot be read, or holds no list of worlds.
     """
     path = Path(path)
-    worlds = _worlds(path, path.stat().st_mtime_ns if path.exists() else 0)
+    worlds = _worlds(path, modified(path))
     return [world.get("world") if isinstance(world, Mapping) else None for world in worlds]

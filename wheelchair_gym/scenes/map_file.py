@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.files import modified
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic, read_ground
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius, stands
@@ -57,8 +58,7 @@ class MapFile:
             InputError: the map cannot be read; a given pose is not free; there is no way.
         """
         path = Path(self.path) if self.path else example_map()
-        stamp = path.stat().st_mtime_ns if path.exists() else 0
-        grid, walls = _ground(path, stamp, self.unknown_is_solid)
+        grid, walls = _ground(path, modified(path), self.unknown_is_solid)
         for name, pose in (("start", self.start), ("goal", self.goal)):
             if pose is not None and not self._free(grid, walls, pose, footprint):
                 raise InputError(f"MapFile.{name} is {list(pose)}; {footprint} cannot stand there")

@@ -14,6 +14,11 @@ from wheelchair_gym.task.gaps import GAP_REACH
 from wheelchair_gym.task.observe import GOAL_REACH, PATH_REACH
 from wheelchair_gym.task.settings import TaskSettings
 
+# Every key that an observation may have, the first four always.
+KEYS = (
+    "laser", "ultrasonic", "twist", "goal", "action", "shield", "path", "gaps", "trail",
+    "privileged", "hidden_path", "hidden_gaps",
+)  # fmt: skip
 PRIVATE = "privileged", "hidden_path", "hidden_gaps"  # keys for critics and teachers; they are last
 
 

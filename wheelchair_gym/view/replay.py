@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
-import json
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple, get_type_hints
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
-from wheelchair_gym.config import InputError, load
+from wheelchair_gym.config import load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
+from wheelchair_gym.envs.guidance import is_built_in
+from wheelchair_gym.errors import InputError, shown
+from wheelchair_gym.files import check_cells, is_coordinate, parse_json, read_bytes
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.mapping.log import Log
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.movers import MOVER, Movers
-from wheelchair_gym.sensing.settings import LaserSettings
+from wheelchair_gym.sensing.settings import LaserSettings, SensorSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
-from wheelchair_gym.view.record import COMMAND, EPISODE, FLOATS, READING, VERDICT
+from wheelchair_gym.view.record import COMMAND, EPISODE, FLOATS, READING, SETTINGS, VERDICT
+from wheelchair_gym.view.unpack import mcap_messages, number, numbers, packed_array, value_of
 
 Array = NDArray[np.float64]
 Record = dict[str, Any]
+_TOPICS: Final = (EPISODE, READING, COMMAND, VERDICT)
 
 
 class Moment(NamedTuple):
@@ -98,21 +101,16 @@ def read_recording(file: str | Path) -> list[Chapter]:
     Raises:
         InputError: the extra 'record' is not installed, or the file is no whole recording of ours.
     """
-    try:
-        from mcap.reader import make_reader
-    except ImportError:
-        raise InputError("replaying needs: pip install 'wheelchair_gym[record]'") from None
+    content = read_bytes(file, "recording")
     chapters: list[Chapter] = []
     try:
-        with Path(file).open("rb") as stream:
-            reader = make_reader(stream, validate_crcs=True)
-            messages = reader.iter_messages([EPISODE, READING, COMMAND, VERDICT])
-            for _, channel, message in messages:
-                _take(chapters, channel.topic, json.loads(message.data))
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror or error})") from None
+        for topic, text in mcap_messages(content, _TOPICS):
+            _take(chapters, topic, parse_json(text, topic))
+    except ImportError:
+        raise InputError("replaying needs: pip install 'wheelchair_gym[record]'") from None
     except Exception as error:  # whatever readers and decompressors make of damaged bytes
-        why = str(error) or type(error).__name__
+        why = f"no {error}" if isinstance(error, KeyError) else str(error) or type(error).__name__
+        why = " ".join(why.split())
         raise InputError(f"{file}: expected a whole recording as MCAP ({why})") from None
     if chapters:  # a full disk or an error may have cut the last step
         _cut(chapters)
@@ -135,65 +133,95 @@ def _cut(chapters: list[Chapter]) -> None:
 
 
 def _take(chapters: list[Chapter], topic: str, content: Record) -> None:
+    if not isinstance(content, dict):
+        raise ValueError(f"{topic} holds no object")
     if topic == EPISODE:
         chapters.append(_begun(content))
+    elif not chapters:
+        raise ValueError(f"{topic} comes before the first {EPISODE}")
     elif topic == READING:
         readings = chapters[-1].readings
-        readings.append(_moment(content, readings[-1] if readings else None))
+        before = readings[-1] if readings else None
+        readings.append(_moment(content, before, chapters[-1].settings.sensors))
     elif topic == COMMAND:
-        chapters[-1].actions.append(np.array(content["action"]))
+        chapters[-1].actions.append(numbers(content, "action", (2,)))
     else:
+        for name in ("terminated", "truncated"):
+            value_of(content, name, bool)
+        number(content, "reward")
+        for name in value_of(content, "terms", dict):
+            number(content["terms"], name)
         chapters[-1].verdicts.append(content)
 
 
-def _floats(text: str, kind: DTypeLike) -> NDArray[Any]:
-    return np.frombuffer(base64.b64decode(text), kind)
-
-
 def _grid(content: Record) -> OccupancyGrid:
-    cells = _floats(content["cells"], "<i1").reshape(content["shape"])
-    return OccupancyGrid(cells, content["resolution"], tuple(content["origin"]))
+    rows, columns = (int(side) for side in numbers(content, "shape", (2,)))
+    check_cells(rows, columns, "map")
+    x, y, yaw = numbers(content, "origin", (3,)).tolist()
+    cells = packed_array(content, "cells", "<i1", rows * columns).reshape(rows, columns)
+    grid = OccupancyGrid(cells, number(content, "resolution"), (x, y, yaw))
+    if not all(map(is_coordinate, grid.bounds)):
+        raise ValueError("the map reaches too far")
+    return grid
 
 
 def _begun(content: Record) -> Chapter:
+    tolerance, time_limit = (
+        None if content[name] is None else number(content, name)
+        for name in ("tolerance", "time_limit")
+    )
     episode = Episode(
-        _grid(content["map"]),
-        np.array(content["start"]),
-        np.array(content["goal"]),
-        np.array(content["walls"]).reshape(-1, 4),
-        np.array(content["discs"]).reshape(-1, 3),
-        *(content[name] for name in ("tolerance", "time_limit", "name")),
+        _grid(value_of(content, "map", dict)),
+        numbers(content, "start", (3,)),
+        numbers(content, "goal", (3,)),
+        numbers(content, "walls", (-1, 4)),
+        numbers(content, "discs", (-1, 3)),
+        tolerance,
+        time_limit,
+        value_of(content, "name", str),
     )
     if "movers" in content:  # not in recordings of the first release
-        rows, routes = _floats(content["movers"], MOVER), np.array(content["routes"])
-        episode = dataclasses.replace(episode, movers=Movers(rows, routes.reshape(-1, 2)))
+        rows, routes = packed_array(content, "movers", MOVER), numbers(content, "routes", (-1, 2))
+        episode = dataclasses.replace(episode, movers=Movers(rows, routes))
     path = content["path"]
     if isinstance(path, list):
-        path = np.array(path)
-    settings = load(EnvSettings, content["settings"], EPISODE)
+        path = numbers(content, "path", (-1, 3 if path and np.size(path[0]) == 3 else 2))
+    elif not is_built_in(path):
+        raise ValueError(f"path is {shown(path)}")
+    given = value_of(content, "settings", dict)
+    if not set(given) <= set(SETTINGS):
+        raise ValueError(f"settings has {shown(sorted(given))}; expected {', '.join(SETTINGS)}")
+    settings = load(EnvSettings, given, EPISODE)
     return Chapter(settings, episode, path, [], [], [])
 
 
-def _moment(content: Record, before: Moment | None) -> Moment:
+def _moment(content: Record, before: Moment | None, sensors: SensorSettings) -> Moment:
     """A moment as it was recorded; what older recordings do not hold is as good as unknown."""
-    told = {name: content[name] for name in ("bumped", "stamp")}
-    told |= {name: np.array(content[name]) for name in ("pose", "twist")}
-    told |= {name: _floats(content[name], "<f4") for name in FLOATS}
-    voltage = content["battery"]
-    told["battery"] = math.nan if voltage is None else voltage
-    real = content["truth"] | {name: np.array(content["truth"][name]) for name in ("pose", "twist")}
+    told: Record = {"bumped": value_of(content, "bumped", bool), "stamp": number(content, "stamp")}
+    told |= {"pose": numbers(content, "pose", (3,)), "twist": numbers(content, "twist", (2,))}
+    rangers = len(sensors.ultrasonic.mounted)
+    sizes = {"laser": sensors.laser.beams, "ultrasonic": rangers, "age": rangers}
+    told |= {name: packed_array(content, name, "<f4", sizes[name]) for name in FLOATS}
+    told["battery"] = math.nan if content["battery"] is None else number(content, "battery")
+    real = dict(value_of(content, "truth", dict))
+    for name, kind in get_type_hints(Truth).items():
+        if kind is float and name in real:
+            real[name] = number(real, name)
+        elif kind in (bool, int) and name in real:
+            value_of(real, name, kind)
+    real |= {"pose": numbers(real, "pose", (3,)), "twist": numbers(real, "twist", (2,))}
     if "movers" in real:
-        real["movers"] = _floats(real["movers"], "<f8").reshape(-1, 3)
+        real["movers"] = packed_array(real, "movers", "<f8").reshape(-1, 3)
     particles, chart = content.get("particles"), before.belief.chart if before else None
     if "map" in content:
-        grid = _grid(content["map"])
+        grid = _grid(value_of(content, "map", dict))
         chart = lambda: grid  # noqa: E731
     belief = Belief(
-        np.array(content.get("odometry", content["pose"])),
-        None if particles is None else _floats(particles, "<f4").reshape(-1, 3),
+        numbers(content, "odometry" if "odometry" in content else "pose", (3,)),
+        None if particles is None else packed_array(content, "particles", "<f4").reshape(-1, 3),
         chart,
     )
-    return Moment(Reading(**told, halted=content.get("halted", "")), Truth(**real), belief)
+    return Moment(Reading(**told, halted=str(content.get("halted", ""))), Truth(**real), belief)
 
 
 def recorded_log(file: str | Path) -> tuple[Log, LaserSettings]:

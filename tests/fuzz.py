@@ -1,0 +1,853 @@
+"""Every reader of files, valid files for each, and mutations of them that may never do harm.
+
+A reader either reads a file or says in one line what is wrong with it (`InputError`). Each input is
+a pure function of the reader's name and a number. A worker process, limited in memory, reads
+inputs; who started it notices when it hangs or dies: `python -m tests.benchmarks.fuzz_files`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import json
+import os
+import re
+import resource
+import select
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tests.conftest import ROOT
+
+TIMEOUT = 20.0  # s for one input
+READY = 300.0  # s until a worker has read its valid file: kernels may be compiled
+MEMORY = 3 * 2**30  # bytes that a worker may have beside what it has when ready
+LONGEST = 2000  # characters of a message
+CLINIC = ROOT / "wheelchair_gym" / "maps" / "data" / "clinic.yaml"
+
+
+class Reader(NamedTuple):
+    """How a kind of file is made, mutated and read."""
+
+    make: Callable[[Path], Path]  # writes a valid file into a folder
+    read: Callable[[Path], Any]  # reads it, and uses what was read
+    covers: tuple[str, ...]  # functions of the project that open files and are exercised so
+    mutate: Callable[[bytes, np.random.Generator], bytes] | None = None  # None: `mutated`
+
+
+# Values that numbers and words are replaced by.
+EXTREMES = (
+    "0", "-1", "1", "0.5", "-0.0", "1e155", "-1e155", "1e308", "1e400", "-1e400", "NaN", "Infinity",
+    "-Infinity", "5e-324", "2147483648", "9223372036854775807", "9223372036854775808", "-1e9",
+    "18446744073709551616", "9" * 400, "9" * 4301, "1e5", "100001", "1e9", "1000000",
+    "null", "true", "false", '""', "[]", "{}", "[[]]", '"\\u0000"', '"\\ud800"', '"nan"',
+    '"../../../../../../dev/zero"', "[1, 2, 3]", '{"name": {}}', "[" * 90 + "]" * 90,
+    "[" * 5000 + "]" * 5000, '{"a": ' * 500 + "1" + "}" * 500, '"' + "x" * 5000 + '"',
+)  # fmt: skip
+_TOKEN = re.compile(rb'-?[0-9][0-9.eE+-]*|"[^"\n]*"|\b[A-Za-z_]+\b')
+
+
+def flipped(data: bytes, rng: np.random.Generator) -> bytes:
+    """Bytes with some bits flipped, cut out, doubled, put in, or cut off."""
+    out = bytearray(data)
+    for _ in range(int(rng.integers(1, 4))):
+        at = int(rng.integers(0, len(out) + 1))
+        size = int(2 ** rng.uniform(0, 8))
+        match int(rng.integers(0, 6)):
+            case 0 | 1 if out:
+                out[min(at, len(out) - 1)] ^= 1 << int(rng.integers(0, 8))
+            case 2:
+                del out[at:]
+            case 3:
+                del out[at : at + size]
+            case 4:
+                out[at:at] = out[at : at + size]
+            case _:
+                out[at:at] = rng.bytes(min(size, 16))
+    return bytes(out)
+
+
+def retold(data: bytes, rng: np.random.Generator) -> bytes:
+    """A text with one to three of its numbers, words or strings replaced by extremes."""
+    for _ in range(int(rng.choice([1, 1, 1, 2, 3]))):
+        tokens = list(_TOKEN.finditer(data))
+        if tokens:
+            found = tokens[int(rng.integers(len(tokens)))]
+            extreme = EXTREMES[int(rng.integers(len(EXTREMES)))].encode()
+            data = data[: found.start()] + extreme + data[found.end() :]
+    return data
+
+
+def _places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    inner: Any = value.items() if isinstance(value, dict) else ()
+    inner = enumerate(value[:50]) if isinstance(value, list) else inner
+    return [path, *(place for key, item in inner for place in _places(item, (*path, key)))]
+
+
+def rebuilt(data: bytes, rng: np.random.Generator) -> bytes:
+    """JSON with a value replaced, dropped, doubled, wrapped or nested, or a key put in."""
+    try:
+        value = json.loads(data)
+    except ValueError:
+        return retold(data, rng)
+    places = _places(value)
+    *above, last = ("root", *places[int(rng.integers(len(places)))])
+    whole: Any = {"root": value}
+    holder = whole
+    for key in above:
+        holder = holder[key]
+    extreme = EXTREMES[int(rng.integers(len(EXTREMES)))]
+    match int(rng.integers(0, 6)):
+        case 0:
+            holder[last] = f"%{extreme}%"
+        case 1 if last != "root":
+            del holder[last]
+        case 2 if isinstance(holder, list):
+            holder.extend([holder[last]] * int(rng.integers(1, 200)))
+        case 3:
+            holder[last] = [holder[last]]
+        case 4 if isinstance(holder, dict) and last != "root":
+            holder[f"{last}_"] = holder[last]
+        case _:
+            other = places[int(rng.integers(len(places)))]
+            found = value
+            for key in other:
+                found = found[key]
+            holder[last] = json.loads(json.dumps(found))
+    text = json.dumps(whole["root"]) if "root" in whole else ""
+    return re.sub(r'"%((?:[^"\\]|\\.)*)%"', lambda m: json.loads(f'"{m[1]}"'), text).encode(
+        errors="replace"
+    )
+
+
+def mutated(data: bytes, rng: np.random.Generator) -> bytes:
+    """A mutation of any kind."""
+    return (flipped, retold, rebuilt)[int(rng.integers(3))](data, rng)
+
+
+def input_of(name: str, valid: bytes, number: int) -> bytes:
+    """The mutation of a reader's valid file with a number."""
+    rng = np.random.default_rng((zlib.crc32(name.encode()), number))
+    return (READERS[name].mutate or mutated)(valid, rng)
+
+
+# ---- maps
+
+
+def _copy_map(folder: Path) -> Path:
+    for path in CLINIC.parent.glob("clinic.*"):
+        shutil.copy(path, folder)
+    return folder / "clinic.yaml"
+
+
+def _use_map(path: Path) -> None:
+    """A map as `plan` and an environment take it."""
+    from planners import Problem, Space, make_planner
+    from wheelchair_gym.maps import read_ground
+    from wheelchair_gym.scenes import make_scene
+
+    grid, _ = read_ground(path)
+    if grid.cells.size > 2_000_000:  # large and allowed: using it takes what it takes
+        return
+    scene = make_scene({"name": "map_file", "path": str(path)})
+    episode = scene.sample(np.random.default_rng(0))
+    problem = Problem(Space.from_grid(grid), episode.start, episode.goal, 0.36)
+    make_planner({"name": "rrt_connect", "iterations": 200}).plan(problem, np.random.default_rng(0))
+
+
+def _small_map(folder: Path) -> Path:
+    from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, write_map
+
+    cells = np.zeros((40, 60), np.int8)
+    cells[:2] = cells[-2:] = OCCUPIED
+    cells[:, :2] = cells[:, -2:] = cells[15:25, 20:30] = OCCUPIED
+    write_map(OccupancyGrid(cells, 0.1), folder / "hall.yaml", suffix=".png")
+    return folder / "hall.yaml"
+
+
+def _png(folder: Path) -> Path:
+    _small_map(folder)
+    return folder / "hall.png"
+
+
+def _pgm(folder: Path) -> Path:
+    _small_map(folder)
+    import cv2
+
+    image = cv2.imread(str(folder / "hall.png"), cv2.IMREAD_GRAYSCALE)
+    cv2.imwrite(str(folder / "hall.pgm"), image)
+    text = (folder / "hall.yaml").read_text()
+    (folder / "hall.yaml").write_text(text.replace("hall.png", "hall.pgm"))
+    return folder / "hall.pgm"
+
+
+def _mutated_png(data: bytes, rng: np.random.Generator) -> bytes:
+    """Half of the time a chunk's content is mutated and its checksum made right again."""
+    if rng.random() < 0.4:
+        return flipped(data, rng)
+    at, chunks = 8, []
+    while at + 12 <= len(data):
+        size = int.from_bytes(data[at : at + 4], "big")
+        chunks.append((data[at + 4 : at + 8], data[at + 8 : at + 8 + size]))
+        at += 12 + size
+    which = int(rng.integers(len(chunks)))
+    kind, content = chunks[which]
+    if kind == b"IHDR" and rng.random() < 0.7:
+        sides = rng.choice([0, 1, 59, 1000, 20_000, 2**31 - 1, 2**32 - 1, 100_000], 2)
+        head = b"".join(int(side).to_bytes(4, "big") for side in sides)
+        content = head + bytes([int(rng.choice([1, 8, 16])), int(rng.choice([0, 2, 6])), 0, 0, 0])
+    elif kind == b"IDAT" and rng.random() < 0.5:
+        content = zlib.compress(bytes(int(rng.choice([10, 10**6, 10**8]))), 9)
+    else:
+        content = flipped(content, rng)
+    chunks[which] = kind, content
+    out = data[:8]
+    for kind, content in chunks:
+        check = zlib.crc32(kind + content).to_bytes(4, "big")
+        out += len(content).to_bytes(4, "big") + kind + content + check
+    return out
+
+
+def _octile(folder: Path) -> Path:
+    rows = ["." * 40] * 12 + ["." * 15 + "@T" * 5 + "." * 15] * 8 + ["." * 20 + "GS" * 10] * 10
+    path = folder / "yard.map"
+    path.write_text("type octile\nheight 30\nwidth 40\nmap\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def _scenario(folder: Path) -> Path:
+    path = folder / "yard.scen"
+    lines = [f"{k}\tyard.map\t40\t30\t{k}\t0\t{k + 3}\t9\t{k + 10}.4142" for k in range(8)]
+    path.write_text("version 1\n" + "\n".join(lines) + "\n")
+    return path
+
+
+def _use_scenario(path: Path) -> None:
+    from wheelchair_gym.maps import read_scenario
+
+    read_scenario(path)
+
+
+def _house(folder: Path) -> Path:
+    path = folder / "house.json"
+    verts = [[0, 0], [8, 0], [8, 4], [5, 4], [4, 6.5], [0, 6]]
+    rooms = {"Kitchen": [[0, 0, 3, 3]], "Hall": []}
+    path.write_text(json.dumps({"verts": verts, "room_category": rooms, "id": "abc"}))
+    return path
+
+
+# ---- worlds, problems, settings
+
+
+def _barn(folder: Path) -> Path:
+    path = folder / "barn.json"
+    worlds = [
+        {"world": k, "start": [0, 0, 0.3], "goal": [5, 0], "reference_path_length": 5.5,
+         "circles": [[1.5, y, 0.075], [3.0, -y, 0.2]]}
+        for k, y in ((3, 1.5), (8, 2.0))
+    ]  # fmt: skip
+    path.write_text(json.dumps(worlds))
+    return path
+
+
+def _use_barn(path: Path) -> None:
+    from wheelchair_gym.scenes import make_scene
+    from wheelchair_gym.scenes.barn import numbers_in
+
+    for world in numbers_in(path)[:2]:
+        scene = make_scene({"name": "barn", "path": str(path), "world": world})
+        episode = scene.sample(np.random.default_rng(0))
+        if episode.map.cells.size < 1_000_000:
+            episode.map.traversable(0.36)
+
+
+def _problems(folder: Path) -> Path:
+    path = folder / "problems.json"
+    problem = {
+        "name": "hall", "size": 5, "rects": [[2.0, 1.5, 3.0, 2.5], [0, 4, 1, 4.5]],
+        "start": [1, 2], "goal": [4, 2], "optimum": 3.2361,
+    }  # fmt: skip
+    path.write_text(json.dumps([problem, problem | {"name": "again", "size": 6.5}]))
+    return path
+
+
+def _use_problems(path: Path) -> None:
+    from agents.bench.cases import stored_cases
+    from planners import make_planner
+    from planners.problems import read_problems
+
+    for problem, _ in read_problems(path)[:2]:
+        for planner in ({"name": "rrt_connect", "iterations": 200}, {"name": "visibility"}):
+            make_planner(planner).plan(problem, np.random.default_rng(0), deadline=1.0)
+    stored_cases(path)
+
+
+def _thesis(folder: Path) -> Path:
+    path = folder / "thesis.json"
+    path.write_text(
+        '{"ReturnOnFirstPath": true, "MapProcessor_Obstacles_Dilation": 4, '
+        '"MapProcessor_Epsilon": 0.5, "MapProcessor_Map_Name": "5", '
+        '"PathPlanner_Iterations": 300, "PathPlanner_Step_Size": 2.0, '
+        '"PathOptimizer_Population": 10, "PathOptimizer_b_Parameter": 1,}'
+    )
+    return path
+
+
+def _use_thesis(path: Path) -> None:
+    from agents.commands.arguments import spec
+    from planners import make_planner
+    from planners.thesis import read_thesis
+
+    make_planner(read_thesis(path).planner())
+    made = spec(f"{path}:rrt_star")
+    make_planner(made)
+
+
+def _env(folder: Path) -> Path:
+    from wheelchair_gym.config import dump
+    from wheelchair_gym.envs.settings import EnvSettings
+
+    path = folder / "env.json"
+    content = {**dump(EnvSettings()), "scene": {"name": "empty", "size": [6.0, 5.0]}}
+    del content["hardware"]
+    path.write_text(json.dumps(content))
+    return path
+
+
+def _use_env(path: Path) -> None:
+    """Settings, and the world that they name; stepping is for who chose the settings."""
+    from agents.evaluate import env_settings as checked
+    from wheelchair_gym.envs.settings import env_settings
+    from wheelchair_gym.scenes import make_scene
+
+    checked(config=path)
+    own = env_settings(path)
+    if own.scene != "crowd":
+        make_scene(own.scene).sample(np.random.default_rng(0))
+
+
+def _scenes(folder: Path) -> Path:
+    from wheelchair_gym.config import dump
+    from wheelchair_gym.scenes import SCENES
+
+    path = folder / "scenes.json"
+    names = ("empty", "clutter", "grey_wolf", "mixture", "doorway", "thesis_3")
+    path.write_text(json.dumps({name: dump(SCENES[name]()) for name in names}))
+    return path
+
+
+def _use_scenes(path: Path) -> None:
+    from agents.commands.arguments import spec
+    from wheelchair_gym.errors import InputError
+    from wheelchair_gym.scenes import make_scene
+
+    refused = None
+    for name in ("empty", "clutter", "grey_wolf", "mixture", "doorway", "thesis_3"):
+        try:
+            make_scene(spec(f"{path}:{name}")).sample(np.random.default_rng(1))
+        except InputError as error:
+            refused = error
+    if refused is not None:
+        raise refused
+
+
+def _planners(folder: Path) -> Path:
+    path = folder / "planners.json"
+    shutil.copy(ROOT / "configs" / "planners.json", path)
+    return path
+
+
+def _use_planners(path: Path) -> None:
+    from agents.commands.arguments import spec
+    from planners import PLANNERS, make_planner
+    from wheelchair_gym.errors import InputError
+
+    refused = None
+    for name in PLANNERS:
+        try:
+            make_planner(spec(f"{path}:{name}"))
+        except InputError as error:
+            refused = error
+    if refused is not None:
+        raise refused
+
+
+def _training(folder: Path) -> Path:
+    path = folder / "ppo.json"
+    shutil.copy(ROOT / "configs" / "ppo_guided.json", path)
+    return path
+
+
+def _use_training(path: Path) -> None:
+    from agents.learning.settings import read_training
+    from wheelchair_gym.files import read_json
+
+    read_training(read_json(path), path.name, "ppo")
+
+
+# ---- results
+
+
+def _bench(folder: Path) -> Path:
+    from agents.bench.race import FORMAT
+
+    path = folder / "bench.json"
+    record = {"key": "abc", "planner": "rrt", "seed": 0, "curve": [[0.1, 3.0]]}
+    path.write_text(json.dumps({"format": FORMAT, "records": [record], "others": []}))
+    return path
+
+
+def _use_bench(path: Path) -> None:
+    from agents.bench.race import known_records
+
+    known_records(path)
+
+
+def _comparison(folder: Path) -> Path:
+    path = folder / "results.json"
+    row = {"policy": "mine.npz", "scene": "all"} | {key: 0.5 for key in _figures()}
+    content = {
+        "command": "wheelchair compare --policies mine.npz --out x", "title": "homes",
+        "provenance": {"commit": "abc"}, "summary": [row],
+    }  # fmt: skip
+    path.write_text(json.dumps(content))
+    return path
+
+
+def _figures() -> tuple[str, ...]:
+    from agents.learning.publish import FIGURES
+
+    return tuple(FIGURES)
+
+
+def _use_comparison(path: Path) -> None:
+    from agents.learning.publish import _results
+
+    _results(path, {"mine.npz": "0"}, "mine")
+
+
+def _curve(folder: Path) -> Path:
+    from agents.learning.curves import write_curve
+
+    rows = [{"frames": k * 100, "success": 0.1 * k, "trial_success": 0.5} for k in range(5)]
+    write_curve(folder, rows)
+    return folder / "curve.csv"
+
+
+def _use_curve(path: Path) -> None:
+    from agents.learning.curves import read_curve, write_curve
+
+    rows = read_curve(path.parent)
+    write_curve(path.parent / "again", rows)
+
+
+def _store(folder: Path) -> Path:
+    from agents.runs import stored_line
+
+    path = folder / "episodes.jsonl"
+    records = [{"outcome": "success", "time": 3.5 + k, "names": ["a", None]} for k in range(6)]
+    path.write_text("".join(stored_line(f"{k}", record) for k, record in enumerate(records)))
+    return path
+
+
+def _work(job: int) -> dict[str, Any]:
+    return {"outcome": "success", "time": 3.5 + job, "names": ["a", None]}
+
+
+def _use_store(path: Path) -> None:
+    """The resume never stops, and what is stored is what was computed or is computed again."""
+    from agents.runs import compute
+
+    jobs = {f"{k}": k for k in range(6)}
+    with contextlib.redirect_stderr(io.StringIO()):
+        found = compute(jobs, _work, path, progress=False)
+    assert found == {key: _work(job) for key, job in jobs.items()}
+
+
+# ---- logs and recordings
+
+
+def _log(folder: Path) -> Path:
+    from wheelchair_gym.mapping.log import LogFormat
+
+    form = LogFormat()
+    rng = np.random.default_rng(0)
+    lines = []
+    for k in range(6):
+        head = [k * 100_000, 0, k * 20, k * 21, *([0] * (form.first - 4))]
+        ranges = rng.integers(100, 5000, form.laser.beams).tolist()
+        lines.append(" ".join(map(str, head + ranges)))
+    path = folder / "log.dat"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def _use_log(path: Path) -> None:
+    from agents.survey import by_odometry
+    from wheelchair_gym.mapping.log import LogFormat, read_log
+    from wheelchair_gym.mapping.slam import SlamSettings
+
+    form = LogFormat()
+    by_odometry(read_log(path, form), form.laser, SlamSettings().mapping)
+
+
+def _recording(folder: Path) -> Path:
+    import gymnasium as gym
+
+    from wheelchair_gym.view.record import Recorded
+
+    config = {"sensors": {"laser": {"beams": 31}}, "task": {"beams": 16}, "shield": {}}
+    scene = {"name": "empty", "size": [5.0, 4.0]}
+    path = folder / "run.mcap"
+    env: Any = gym.make(
+        "wheelchair_gym/Navigation-v0", scene=scene, config=config, guidance="geodesic"
+    )
+    env = Recorded(env, path)
+    env.reset(seed=1)
+    for _ in range(4):
+        env.step(np.array([0.5, 0.2]))
+    env.close()
+    return path
+
+
+def _mutated_recording(data: bytes, rng: np.random.Generator) -> bytes:
+    """Bytes of the file, or, in most inputs, messages in a file that is whole again."""
+    if rng.random() < 0.3:
+        return flipped(data, rng)
+    from mcap.reader import make_reader
+    from mcap.writer import CompressionType, Writer
+
+    out = io.BytesIO()
+    kinds = list(CompressionType)
+    writer = Writer(out, compression=kinds[int(rng.integers(len(kinds)))])
+    writer.start()
+    topics = ("/episode", "/reading", "/command", "/verdict")
+    messages = list(make_reader(io.BytesIO(data)).iter_messages(topics))
+    ids = {topic: writer.register_channel(topic, "json", 0) for topic in topics}
+    which = set(rng.integers(0, len(messages), int(rng.integers(1, 3))).tolist())
+    for k, (_, channel, message) in enumerate(messages):
+        body = rebuilt(message.data, rng) if k in which else message.data
+        writer.add_message(ids[channel.topic], message.log_time, body, message.publish_time)
+    writer.finish()
+    return out.getvalue()
+
+
+def _use_recording(path: Path) -> None:
+    from wheelchair_gym.view.replay import read_recording, recorded_log, replayed
+
+    for chapter in read_recording(path)[:2]:
+        env = replayed(chapter)
+        env.reset(options={"episode": chapter.episode})
+        for action in chapter.actions[:6]:
+            env.step(action)
+        env.close()
+    recorded_log(path)
+
+
+# ---- what was learned
+
+
+def _weights(folder: Path) -> Path:
+    from agents.learning.weights import save_weights
+    from tests.agents.tiny_runs import random_weights
+
+    save_weights(folder / "mine.npz", random_weights(memory=4))
+    return folder / "mine.npz"
+
+
+def _mutated_weights(data: bytes, rng: np.random.Generator) -> bytes:
+    """Bytes of the file; in most inputs its arrays or its card, with a digest that is right."""
+    if rng.random() < 0.3:
+        return flipped(data, rng)
+    with np.load(io.BytesIO(data)) as file:
+        arrays = {name: file[name] for name in file.files}
+    card = arrays.pop("card").tobytes()
+    arrays.pop("digest")
+    if rng.random() < 0.5:
+        card = rebuilt(card, rng)
+    else:
+        name = list(arrays)[int(rng.integers(len(arrays)))]
+        array = arrays[name]
+        match int(rng.integers(0, 8)):
+            case 0:
+                del arrays[name]
+            case 1:
+                arrays[name] = array[..., :-1]
+            case 2:
+                arrays[name] = array.T if array.ndim == 2 else array[:, None]
+            case 3:
+                arrays[name] = array.astype(str(rng.choice(["f8", "i8", "S8", "c8", "f2", "?"])))
+            case 4:
+                arrays[name] = np.zeros((0, 0), np.float32)
+            case 5:
+                arrays[name] = np.full_like(array, rng.choice([np.nan, np.inf, 3e38]))
+            case 6:
+                arrays[f"dense{int(rng.integers(3, 9))}.w"] = array
+            case _:
+                arrays[name] = np.float32(3.0) * np.ones(())
+    digest = hashlib.sha256(card)
+    for name in sorted(arrays):
+        digest.update(f"{name}{arrays[name].shape}".encode())
+        digest.update(arrays[name].tobytes())
+    extra = {"card": card, "digest": digest.hexdigest().encode()}
+    out = io.BytesIO()
+    save = np.savez_compressed if rng.random() < 0.5 else np.savez
+    save(out, **arrays, **{key: np.frombuffer(text, np.uint8) for key, text in extra.items()})
+    return out.getvalue()
+
+
+def _use_weights(path: Path) -> None:
+    from agents.policy import make_policy
+
+    policy: Any = make_policy({"name": str(path)})
+    policy.network.reset(1)
+    policy.network(np.ones((1, policy.layout.room), np.float32))
+
+
+def _onnx(folder: Path) -> Path:
+    from agents.learning.export import export_onnx
+    from tests.agents.tiny_runs import random_weights
+
+    export_onnx(random_weights(memory=4), folder / "mine.onnx")
+    return folder / "mine.onnx"
+
+
+def _use_onnx(path: Path) -> None:
+    """The graph, with a sidecar that says its digest is right."""
+    side = Path(f"{path}.json")
+    card = json.loads(side.read_text())
+    card["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
+    side.write_text(json.dumps(card))
+    _use_weights(path)
+
+
+def _sidecar(folder: Path) -> Path:
+    return Path(f"{_onnx(folder)}.json")
+
+
+def _use_sidecar(path: Path) -> None:
+    _use_weights(path.with_suffix(""))
+
+
+def _checkpoint(folder: Path) -> Path:
+    import torch
+
+    from agents.learning.checkpoint import NAME, save_checkpoint
+
+    content = {"identity": "x", "number": 2, "model": {"modules": {"a": {"w": torch.ones(3, 4)}}}}
+    save_checkpoint(folder, content)
+    return folder / NAME
+
+
+def _mutated_checkpoint(data: bytes, rng: np.random.Generator) -> bytes:
+    """Mostly with a digest that is right."""
+    if rng.random() < 0.3:
+        return flipped(data, rng)
+    head = data.index(b"\n") + 1
+    body = flipped(data[head + 65 :], rng)
+    return data[:head] + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
+
+
+def _use_checkpoint(path: Path) -> None:
+    from agents.learning.checkpoint import load_checkpoint
+
+    load_checkpoint(path.parent)
+
+
+READERS: dict[str, Reader] = {
+    "map yaml": Reader(_small_map, _use_map, ("maps.map_server._description",), retold),
+    "map yaml, bytes": Reader(_copy_map, _use_map, ("maps.map_server._description",), flipped),
+    "map png": Reader(
+        _png, lambda path: _use_map(path.with_suffix(".yaml")),
+        ("maps.map_server._checked_image",), _mutated_png,
+    ),
+    "map pgm": Reader(
+        _pgm, lambda path: _use_map(path.with_suffix(".yaml")),
+        ("maps.map_server._checked_image",),
+    ),
+    "octile map": Reader(_octile, _use_map, ("maps.moving_ai.read_octile",)),
+    "scenario": Reader(_scenario, _use_scenario, ("maps.moving_ai.read_scenario",)),
+    "house": Reader(_house, _use_map, ("maps.house_expo.read_house",)),
+    "barn worlds": Reader(_barn, _use_barn, ("scenes.barn._worlds",)),
+    "problems": Reader(
+        _problems, _use_problems, ("problems.read_problems", "bench.cases.stored_cases")
+    ),
+    "thesis settings": Reader(
+        _thesis, _use_thesis, ("thesis.read_thesis", "commands.arguments.spec")
+    ),
+    "env settings": Reader(
+        _env, _use_env,
+        ("config.read", "evaluate.env_settings", "commands.arguments.shield_of",
+         "commands.hardware._calibrate"),
+    ),
+    "scene settings": Reader(_scenes, _use_scenes, ("commands.arguments.spec",)),
+    "planner settings": Reader(_planners, _use_planners, ("commands.arguments.spec",)),
+    "training settings": Reader(_training, _use_training, ("commands.train.run",)),
+    "planner results": Reader(_bench, _use_bench, ("bench.race.known_records",)),
+    "comparison": Reader(_comparison, _use_comparison, ("learning.publish._results",)),
+    "curve": Reader(_curve, _use_curve, ("learning.curves.read_curve",)),
+    "store": Reader(_store, _use_store, ("runs.read_store",)),
+    "log": Reader(_log, _use_log, ("mapping.log.read_log",)),
+    "recording": Reader(
+        _recording, _use_recording, ("view.replay.read_recording",), _mutated_recording
+    ),
+    "weights": Reader(
+        _weights, _use_weights, ("learning.weights.load_weights", "learned._digest"),
+        _mutated_weights,
+    ),
+    "onnx": Reader(_onnx, _use_onnx, ("learning.export.__init__",), flipped),
+    "onnx card": Reader(_sidecar, _use_sidecar, ("learning.export.__init__",)),
+    "checkpoint": Reader(
+        _checkpoint, _use_checkpoint, ("learning.checkpoint.load_checkpoint",), _mutated_checkpoint
+    ),
+}  # fmt: skip
+
+
+# ---- the worker, and who watches it
+
+
+def judged(name: str, path: Path) -> str:
+    """Read a file: '' if it was read, 'refused', or what went wrong."""
+    from wheelchair_gym.errors import InputError
+
+    try:
+        READERS[name].read(path)
+    except InputError as error:
+        text = str(error)
+        if "\n" in text or len(text) > LONGEST:
+            lines = text.count("\n") + 1
+            return f"a message of {len(text)} characters, {lines} lines: {text[:200]!r}"
+        return "refused"
+    except Exception as error:
+        frames = error.__traceback__
+        where = ""
+        while frames is not None:
+            file = Path(frames.tb_frame.f_code.co_filename)
+            if file.is_relative_to(ROOT) and "site-packages" not in file.parts:
+                where = f"{file.relative_to(ROOT)}:{frames.tb_lineno}"
+            frames = frames.tb_next
+        return f"{type(error).__name__} at {where}: {str(error)[:200]}"
+    return ""
+
+
+def _memory(key: str) -> int:
+    """Of this process [bytes]: VmHWM, the most since it was last reset, or VmSize."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith(key):
+            return int(line.split()[1]) * 1024
+    return 0
+
+
+def work() -> None:
+    """Answer each line NAME, NUMBER of standard input with a line of JSON."""
+    answers = os.fdopen(os.dup(1), "w", buffering=1)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    os.dup2(1, 2)
+    valid: dict[str, bytes] = {}
+    paths: dict[str, Path] = {}
+    with tempfile.TemporaryDirectory() as top:
+        for line in sys.stdin:
+            name, number = json.loads(line)
+            if name not in valid:
+                resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY,) * 2)
+                folder = Path(top) / name.replace(" ", "_").replace(",", "")
+                folder.mkdir()
+                paths[name] = READERS[name].make(folder)
+                valid[name] = paths[name].read_bytes()
+                said = judged(name, paths[name])
+                hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+                resource.setrlimit(resource.RLIMIT_AS, (_memory("VmSize") + MEMORY, hard))
+                if said:
+                    answers.write(json.dumps({"said": f"the valid file: {said}"}) + "\n")
+                    continue
+            if number < 0:
+                answers.write(json.dumps({"said": ""}) + "\n")
+                continue
+            paths[name].write_bytes(input_of(name, valid[name], number))
+            with contextlib.suppress(OSError):
+                Path("/proc/self/clear_refs").write_text("5")  # forgets the most so far
+            before, begun = _memory("VmRSS"), time.perf_counter()
+            said = judged(name, paths[name])
+            took = time.perf_counter() - begun
+            grown = max(0, _memory("VmHWM") - before)
+            answers.write(json.dumps({"said": said, "s": took, "bytes": grown}) + "\n")
+
+
+class Watched:
+    """A worker that is started anew after a hang or a crash."""
+
+    def __init__(self) -> None:
+        self._running: Any = None
+        self._ready: set[str] = set()
+
+    def __enter__(self) -> Watched:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop()
+
+    def ask(self, name: str, number: int) -> dict[str, Any]:
+        """What became of an input: said, s, bytes; a hang or a crash has its own words."""
+        if self._running is None:
+            self._start()
+        if name not in self._ready:
+            first = self._answer(name, -1, READY)
+            if first["said"]:
+                return first
+            self._ready.add(name)
+        return self._answer(name, number, TIMEOUT)
+
+    def _answer(self, name: str, number: int, limit: float) -> dict[str, Any]:
+        running = self._running
+        running.stdin.write(json.dumps([name, number]) + "\n")
+        running.stdin.flush()
+        ready = select.select([running.stdout], [], [], limit)[0]
+        line = running.stdout.readline() if ready else ""
+        if line:
+            answer: dict[str, Any] = json.loads(line)
+            return answer
+        code = running.poll() if not ready else running.wait()
+        self._stop()
+        said = f"crash with exit code {code}" if ready else f"hang: over {limit:g} s"
+        return {"said": said, "s": limit if not ready else 0.0, "bytes": 0}
+
+    def _start(self) -> None:
+        environ = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+        self._running = subprocess.Popen(
+            [sys.executable, "-c", "from tests.fuzz import work; work()"], cwd=ROOT, env=environ,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        self._ready = set()
+
+    def _stop(self) -> None:
+        if self._running is not None:
+            self._running.kill()
+            self._running.communicate()
+            self._running = None
+
+
+def fuzz(watched: Watched, name: str, numbers: range) -> dict[str, Any]:
+    """Counts of a reader's inputs, the longest time and most memory of one, and what failed."""
+    found: dict[str, Any] = {
+        "inputs": 0, "read": 0, "refused": 0, "failed": [], "longest_s": 0.0, "most_bytes": 0,
+    }  # fmt: skip
+    for number in numbers:
+        answer = watched.ask(name, number)
+        found["inputs"] += 1
+        if answer["said"] in ("", "refused"):
+            found["read" if answer["said"] == "" else "refused"] += 1
+        else:
+            found["failed"].append([number, answer["said"]])
+        found["longest_s"] = max(found["longest_s"], answer.get("s", 0.0))
+        found["most_bytes"] = max(found["most_bytes"], answer.get("bytes", 0))
+    return found

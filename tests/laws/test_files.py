@@ -1,0 +1,371 @@
+"""Laws of files: whatever is in them, they are read or refused in one line, within the limits."""
+
+from __future__ import annotations
+
+import ast
+import io
+import json
+import os
+import subprocess
+import sys
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents.cli import main
+from agents.learning.weights import load_weights, save_weights
+from agents.runs import compute, read_store
+from tests.agents.tiny_runs import random_weights
+from tests.conftest import ROOT
+from tests.fuzz import READERS, Watched, fuzz
+from wheelchair_gym.errors import InputError
+from wheelchair_gym.files import LIMITS
+
+PACKAGES = ("wheelchair_gym", "planners", "agents")
+OPENING = {"read_bytes", "read_text", "read_json", "opened", "open", "imread"}
+LOADING = {"joblib.load", "torch.load", "np.load", "json.load", "yaml.load", "pickle.load"}
+# Functions that open what no stranger gives, and why each needs no case among the readers.
+OWN = {
+    "files.opened": "opens for all",
+    "files.read_bytes": "reads for all",
+    "files.read_text": "reads for all",
+    "files.read_json": "reads for all",
+    "files.parse_yaml": "parses for all",
+    "kernel._file_digest": "sources of the project",
+    "runs.source_digest": "sources of the project",
+    "envs.worlds._identity": "sources of the project",
+    "hardware.twin.build._folder": "sources of the project",
+    "envs.worlds._of_bank": "pickles of a folder that is this program's own, as __pycache__ is",
+    "hardware.link.open_port": "a serial port",
+    "view.outlet._opened": "opened to be written",
+    "view.video.webp": "a picture that was just written",
+    "report._video": "a video that was just written",
+    "report.write_page": "comes with the package",
+    "study.model.published": "comes with the package",
+    "bench.environments.resident": "of the kernel",
+    "provenance.machine": "of the kernel",
+    "cli._stand_in": "standard streams",
+    "cli._drop_output": "standard streams",
+    "commands.train._last": "written by the same command",
+    "commands.train._side_by_side": "opened to be written",
+    "learning.checkpoint.save_checkpoint": "opened to be written",
+    "runs.open_store": "opened to be written; `read_store` reads it",
+}
+
+
+def opening_functions():
+    """Functions of the project, as module.function, that open files."""
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            module = ".".join(path.relative_to(ROOT / package).with_suffix("").parts)
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.FunctionDef) and any(map(opens, ast.walk(node))):
+                    yield f"{module}.{node.name}"
+
+
+def opens(node):
+    """Whether a node is a call that opens a file."""
+    if not isinstance(node, ast.Call):
+        return False
+    name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+    return name in OPENING or (name == "load" and ast.unparse(node.func) in LOADING)
+
+
+def test_every_function_that_opens_files_is_fuzzed():
+    """A reader without a case among `tests.fuzz.READERS` fails here; so does a case of none."""
+    found = set(opening_functions())
+    fuzzed = {function for reader in READERS.values() for function in reader.covers}
+    assert found - fuzzed - set(OWN) == set(), "add a reader to tests/fuzz.py"
+    assert (fuzzed | set(OWN)) - found == set(), "no such function opens a file"
+
+
+@pytest.mark.parametrize("count", [40, pytest.param(2000, marks=pytest.mark.long)])
+def test_mutations_of_valid_files_are_read_or_refused(count):
+    """Nothing crashes, hangs, fills the memory or ends in a traceback."""
+    with Watched() as watched:
+        failed = {
+            name: found["failed"]
+            for name in READERS
+            if (found := fuzz(watched, name, range(count)))["failed"]
+        }
+    assert failed == {}
+
+
+# ---- what strangers tried, each by the command that reads it
+
+
+def png(width, height, data=b""):
+    """A PNG whose header says so."""
+    chunks = ((b"IHDR", width.to_bytes(4, "big") + height.to_bytes(4, "big") + b"\x08\0\0\0\0"),
+              (b"IDAT", zlib.compress(data)), (b"IEND", b""))  # fmt: skip
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
+        for kind, data in chunks
+    )
+
+
+def bomb(kind="<f4", shape="(8000000000,)"):
+    """Weights whose one array says it is large, in a small file."""
+    out = io.BytesIO()
+    head = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}".encode()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as packed:
+        packed.writestr("card.npy", b"\x93NUMPY\x01\0" + len(head).to_bytes(2, "little") + head)
+        packed.writestr("zeros.npy", bytes(2**25))
+    return out.getvalue()
+
+
+YAML = (
+    "image: {}\nresolution: {}\norigin: [0, 0, 0]\nnegate: 0\n"
+    "occupied_thresh: 0.65\nfree_thresh: 0.2\n"
+)
+ANCHORS = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"a{k + 1}: &a{k + 1} [{', '.join([f'*a{k}'] * 9)}]\n" for k in range(10)
+)
+PROBLEM = {"name": "p", "size": 5, "rects": [[2, 1, 3, 2]], "start": [1, 2], "goal": [4, 2]}
+
+
+def plan_map(text, image=b""):
+    def case(folder):
+        (folder / "map.yaml").write_text(text)
+        (folder / "map.png").write_bytes(image)
+        return ["plan", "--map", folder / "map.yaml", "--planner", "rrt", "--start", "1,1",
+                "--goal", "2,2"]  # fmt: skip
+
+    return case
+
+
+def problem(text=None, **changes):
+    def case(folder):
+        content = json.dumps([PROBLEM | changes]) if text is None else text
+        (folder / "problems.json").write_text(content)
+        return ["plan", "--problems", folder / "problems.json", "--planner", "visibility"]
+
+    return case
+
+
+def config(content):
+    def case(folder):
+        text = content if isinstance(content, str) else json.dumps(content)
+        (folder / "env.json").write_text(text)
+        return ["simulate", "--policy", "straight", "--config", folder / "env.json"]
+
+    return case
+
+
+def weights(content):
+    def case(folder):
+        (folder / "mine.npz").write_bytes(content)
+        return ["simulate", "--scene", "empty", "--policy", folder / "mine.npz"]
+
+    return case
+
+
+def pipe(folder):
+    os.mkfifo(folder / "pipe")
+    return plan_map(YAML.format("pipe", 0.05))(folder)
+
+
+TRIED = {
+    "anchors ten deep": plan_map(ANCHORS + YAML.format("map.png", 0.05)),
+    "an image that is a pipe": pipe,
+    "an image that is a device": plan_map(YAML.format("/dev/zero", 0.05)),
+    "an image that is a folder": plan_map(YAML.format(".", 0.05)),
+    "an image with NUL in its name": plan_map(YAML.format('"a\\0b"', 0.05)),
+    "an image of 60,000 by 60,000": plan_map(
+        YAML.format("map.png", 0.05), png(60_000, 60_000, bytes(10**6))
+    ),
+    "cells of a kilometre": plan_map(YAML.format("map.png", 1e3), png(900, 1, bytes(901))),
+    "a map that is a pipe": lambda folder: [
+        os.mkfifo(folder / "m.map") or "plan", "--map", folder / "m.map", "--planner", "rrt",
+        "--start", "1,1", "--goal", "2,2",
+    ],
+    "a map with NUL in its name": lambda folder: [
+        "plan", "--map", "a\0b.yaml", "--planner", "rrt", "--start", "1,1", "--goal", "2,2",
+    ],
+    "problems that are a device": lambda folder: [
+        "plan", "--problems", "/dev/zero", "--planner", "rrt",
+    ],
+    "a size of 1e155": problem(size=1e155),
+    "a size of 1e308": problem(size=1e308),
+    "a rectangle of 1e155": problem(rects=[[0, 0, 1e155, 1]]),
+    "a goal at 1e155": problem(goal=[1e155, 1]),
+    "a size of 400 digits": problem(size=10**400),
+    "a size of 4,301 digits": problem(json.dumps([PROBLEM]).replace("5", "9" * 4301, 1)),
+    "half a surrogate pair": problem(name="\ud800"),
+    "lists 100,000 deep": problem("[" * 100_000),
+    "lists 900 deep": problem("[" * 900 + "]" * 900),
+    "a scene that is a list": config({"scene": []}),
+    "a scene whose name is an object": config({"scene": {"name": {}}}),
+    "a scene that is deep": config('{"scene": ' + '{"name": ' * 500 + "1" + "}" * 501),
+    "a room of 1e155": config({"scene": {"name": "empty", "size": [1e155, 1e155]}}),
+    "a margin of 1e155": config({"scene": {"name": "grey_wolf", "margin": 1e155}}),
+    "a margin of 1e8": config({"scene": {"name": "grey_wolf", "margin": 1e8}}),
+    "a clutter of 1e155": config({"scene": {"name": "clutter", "width": 1e155}}),
+    "a mass of 400 digits": config({"chair": {"body": {"mass": 10**400}}}),
+    "a seed of 400 digits": config({"bank": {"seed": 10**400}}),
+    "a tolerance of 1e155": config({"task": {"tolerance": 1e155}}),
+    "a config that is a pipe": lambda folder: [
+        os.mkfifo(folder / "p") or "simulate", "--config", folder / "p",
+    ],
+    "weights that say 32 GB": weights(bomb()),
+    "weights of objects": weights(bomb("|O", "(1,)")),
+    "a setting of 4,301 digits": lambda folder: [
+        *problem()(folder), "--set", "iterations=" + "9" * 4301,
+    ],
+    "a log that is a device": lambda folder: ["map", "--log", "/dev/zero", "--out", folder / "o"],
+    "a recording that is a device": lambda folder: ["replay", "/dev/zero"],
+    "a recording with NUL in its name": lambda folder: ["replay", "a\0b.mcap"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", sorted(TRIED))
+def test_what_strangers_tried_is_one_line_and_code_2(tmp_path, capfd, case):
+    assert main([str(word) for word in TRIED[case](tmp_path)]) == 2
+    said = capfd.readouterr()
+    lines = [line for line in said.err.splitlines() if not line.startswith("compiling, once")]
+    assert len(lines) == 1
+    assert lines[0].startswith("wheelchair: ")
+    assert len(lines[0]) < 1100
+
+
+WRONG_SHAPES = {
+    "an output of three": {"dense2.w": (3, 32), "dense2.b": (3,)},
+    "an input too narrow": {"dense0.w": (32, 7)},
+    "a scalar": {"dense1.b": ()},
+    "no rows": {"dense1.w": (0, 32), "dense1.b": (0,)},
+    "three dimensions": {"dense0.w": (32, 2, 2)},
+    "an array of no layer": {"dense7.w": (2, 2)},
+    "a memory of another width": {"lstm.h": (16, 4), "lstm.x": (16, 3), "lstm.b": (16,)},
+}
+
+
+@pytest.mark.parametrize("case", sorted(WRONG_SHAPES))
+def test_weights_of_wrong_shapes_and_a_right_digest_are_refused(tmp_path, case):
+    known = random_weights()
+    for name, shape in WRONG_SHAPES[case].items():
+        known.arrays[name] = np.zeros(shape, np.float32)
+    save_weights(tmp_path / "mine.npz", known)
+    with pytest.raises(InputError, match=r"mine\.npz: expected whole weights of a policy \("):
+        load_weights(tmp_path / "mine.npz")
+
+
+@pytest.mark.parametrize("guidance", ["os:abort", {"call": "os:abort"}])
+def test_weights_name_no_code(tmp_path, guidance):
+    known = random_weights()
+    known.card["env"]["guidance"] = guidance
+    save_weights(tmp_path / "mine.npz", known)
+    with pytest.raises(InputError, match=r"env\.guidance names code"):
+        load_weights(tmp_path / "mine.npz")
+
+
+# ---- stores
+
+
+def square(job):
+    return {"value": job * job}
+
+
+def test_a_damaged_store_is_resumed_and_says_how_many_lines_it_skipped(tmp_path, capsys):
+    store = tmp_path / "episodes.jsonl"
+    jobs = {f"{k}": k for k in range(8)}
+    whole = compute(jobs, square, store, progress=False)
+    lines = store.read_bytes().splitlines(keepends=True)
+    lines[1] = lines[1].replace(b"value", b"val\xffe")  # a bad byte
+    lines[2] = lines[2].replace(b'{"value": 4}', b"null")
+    lines[3] = lines[3].replace(b'{"value": 9}', b'{"value": 8}')  # a byte that still is JSON
+    lines[4] = lines[4][:9] + b"\n"
+    lines[5] = b"[1, 2]\n"
+    lines[6] = b"{" * 5000 + b"\n"
+    store.write_bytes(b"".join(lines))
+    made = []
+
+    def counted(job):
+        made.append(job)
+        return square(job)
+
+    assert compute(jobs, counted, store, progress=False) == whole
+    assert made == [1, 2, 3, 4, 5, 6]
+    said = capsys.readouterr().err
+    assert said == f"wheelchair: {store}: skipped 6 damaged lines; what is lost is made anew\n"
+    store.write_text('{"key": "0", "record": {"value": 0}}\n')  # as 0.1 wrote it
+    assert read_store(store) == {"0": {"value": 0}}
+    assert capsys.readouterr().err == ""
+
+
+def test_a_store_that_is_a_pipe_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "episodes.jsonl")
+    with pytest.raises(InputError, match="not a regular file"):
+        compute({"0": 0}, square, tmp_path / "episodes.jsonl", progress=False)
+
+
+# ---- standard output
+
+
+FULL, CLOSED = (
+    f"wheelchair: standard output: cannot be written ({why}"
+    for why in ("No space left", "Bad file descriptor")
+)
+
+
+def full():
+    """A device that takes nothing."""
+    return open("/dev/full", "w")
+
+
+def left():
+    """The end to write to of a pipe whose reader has gone."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    return open(writer, "w")
+
+
+@pytest.mark.parametrize(
+    ("output", "code", "says"),
+    [
+        (full, 2, FULL),
+        (lambda: None, 2, CLOSED),
+        (left, 141, ""),
+    ],
+)
+@pytest.mark.parametrize("words", [["settings", "limits"], ["settings", "limits", "--json", "-"]])
+def test_output_that_cannot_be_written_is_one_line(monkeypatch, capfd, output, code, says, words):
+    """A reader that leaves ends it quietly."""
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, "stdout", output())
+        assert main(words) == code
+        sys.stdout.close()  # which writes nothing more
+    said = capfd.readouterr().err
+    assert said.startswith(says)
+    assert said.count("\n") == (1 if says else 0)
+
+
+@pytest.mark.parametrize(
+    ("redirected", "code", "says"), [("> /dev/full", 2, FULL), (">&-", 2, CLOSED), ("2>&-", 0, "")]
+)
+def test_so_is_help_and_the_end_of_the_program(redirected, code, says):
+    done = subprocess.run(
+        ["bash", "-c", f"{sys.executable} -m agents.cli settings --help {redirected}"],
+        capture_output=True, text=True, check=False, cwd=ROOT, stdin=subprocess.DEVNULL,
+    )  # fmt: skip
+    assert done.stderr.startswith(says)
+    assert done.stderr.count("\n") == (1 if says else 0)
+    assert done.returncode == code
+
+
+# ---- documentation
+
+
+def test_the_readme_tells_every_limit():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    for limit in LIMITS.values():
+        assert f"| {limit.what} | {limit.most:,} {limit.unit} |" in text
+
+
+def test_a_file_that_is_larger_than_its_limit_is_not_read(tmp_path):
+    path = Path(tmp_path / "large.json")
+    with path.open("wb") as file:
+        file.truncate(LIMITS["json"].most + 1)  # sparse: takes no room
+    assert main(["plan", "--problems", str(path), "--planner", "rrt"]) == 2

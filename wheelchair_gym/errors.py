@@ -1,0 +1,18 @@
+"""What is told to a person whose input is wrong."""
+
+from __future__ import annotations
+
+import reprlib
+
+
+class InputError(ValueError):
+    """Something a person gave is wrong; its message is one line that says what and where."""
+
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
+
+
+def shown(value: object) -> str:
+    """A value as an error message shows it: like `repr`, but never longer than about a line."""
+    return _SHORT.repr(value)
