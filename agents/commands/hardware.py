@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
+import time
 from typing import Any
 
 from agents.commands.arguments import add_json, changed, count, distance, finite, report
@@ -40,7 +41,10 @@ def add(parts: Any) -> None:
     one.add_argument("--side", type=distance, default=4.0, help="of the square (default 4 m)")
     one.add_argument("--runs", type=count, default=2, help="each way (default 2; UMBmark: 5)")
     add_json(one)
-    one = _part(whats, "monitor", _monitor, "what all say, live")
+    one = _part(
+        whats, "monitor", _monitor, "what all say, live; through the program that drives, if any"
+    )
+    one.add_argument("--yes", action="store_true", help="open the ports even if that resets boards")
     one.add_argument("--seconds", type=finite, help="end by itself (default: Ctrl-C)")
     one = _part(whats, "drive", _drive, "by the joystick at the host (hardware.joystick)")
     one.add_argument("--seconds", type=finite, help="end by itself (default: Ctrl-C)")
@@ -239,26 +243,64 @@ def _measured(what: str) -> Any:
 
 def _monitor(given: argparse.Namespace) -> int:
     from wheelchair_gym.hardware.checking import LOOK
+    from wheelchair_gym.hardware.feed import watch
     from wheelchair_gym.hardware.live import live_rows
 
-    senses, clock = _senses(_settings(given))
+    settings = _settings(given)
+    device = settings.hardware.drive
+    show = _Table()
+    if (told := watch(device)) is not None:
+        print(f"{device} is held by another program: this is what it hears", file=sys.stderr)
+        begun = time.monotonic()
+        for rows in told:
+            show(rows)
+            if given.seconds is not None and time.monotonic() - begun >= given.seconds:
+                return 0
+        print(f"the program that held {device} has ended", file=sys.stderr)
+        return 0
+    if not given.yes:
+        _ask_before_reset([device, settings.hardware.range])
+    senses, clock = _senses(settings)
     begun = shown = clock.now()
-    drawn = 0
     try:
         while given.seconds is None or clock.now() - begun < given.seconds:
             senses.poll()
             clock.wait(clock.now() + LOOK)
-            if clock.now() - shown < _SHOWN:
-                continue
-            shown = clock.now()
-            rows = live_rows(senses, shown)
-            if drawn and sys.stdout.isatty():
-                print(f"\033[{drawn}A\033[J", end="")
-            print("\n".join(f"{name:13} {value}" for name, value in rows), flush=True)
-            drawn = len(rows)
+            if clock.now() - shown >= _SHOWN:
+                shown = clock.now()
+                show(live_rows(senses, shown))
     finally:
         senses.close()
     return 0
+
+
+class _Table:
+    """Rows on the terminal, each table in the place of the one before."""
+
+    def __init__(self) -> None:
+        self._drawn = 0
+
+    def __call__(self, rows: Any) -> None:
+        if self._drawn and sys.stdout.isatty():
+            print(f"\033[{self._drawn}A\033[J", end="")
+        print("\n".join(f"{name:13} {value}" for name, value in rows), flush=True)
+        self._drawn = len(rows)
+
+
+def _ask_before_reset(devices: Any) -> None:
+    """Let a person agree to what opening ports does to their boards."""
+    from wheelchair_gym.config import InputError
+    from wheelchair_gym.hardware.ports import resets
+
+    named = [device for device in devices if resets(device)]
+    if not named:
+        return
+    what = f"opening {' and '.join(named)} may reset the boards: a chair that is driven brakes hard"
+    if sys.stdin is None or not sys.stdin.isatty():
+        raise InputError(f"{what}; --yes opens them all the same")
+    print(f"{what}. Open them? [y/N] ", end="", file=sys.stderr, flush=True)
+    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+        raise InputError("nothing was opened")
 
 
 def _drive(given: argparse.Namespace) -> int:

@@ -48,7 +48,7 @@ class Mealpy:
         try:
             import mealpy
         except ImportError:
-            raise InputError("optimizer mealpy: not installed; pip install mealpy") from None
+            raise InputError("optimizer mealpy needs: pip install 'wheelchair_gym[peers]'") from None
         try:
             k, _ = start.population.shape
             model = mealpy.get_optimizer_by_class(self.algorithm)(

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
+import threading
+import time
 
 import pytest
 
@@ -10,6 +13,9 @@ from agents.cli import main
 from agents.commands import hardware
 from tests.conftest import ROOT
 from tests.hardware.realtime import serving
+from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.hardware.board_senses import BoardSenses
+from wheelchair_gym.hardware.feed import watch
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
@@ -36,6 +42,54 @@ def test_tools_work_over_devices(served, tmp_path, capsys):
     assert all(one["good"] for one in lines)
     assert main(["hardware", "monitor", "--config", str(served.config), "--seconds", "2"]) == 0
     assert "battery" in capsys.readouterr().out
+
+
+def test_monitor_listens_to_the_program_that_drives(served, capsys):
+    """It opens no port of its own: the owner's line stays open, and nothing is reset."""
+    settings = env_settings(str(served.config))
+    own = settings.hardware
+    senses = BoardSenses(own, settings.sensors, settings.chair.drive, time.monotonic)
+    ended = threading.Event()
+
+    def drive():
+        while not ended.wait(0.005):
+            senses.poll()
+
+    owner = threading.Thread(target=drive)
+    owner.start()
+    try:
+        end = time.monotonic() + 30.0
+        while senses._feed is None and time.monotonic() < end:
+            time.sleep(0.01)
+        words = ["hardware", "monitor", "--config", str(served.config), "--seconds", "1"]
+        assert main(words) == 0
+        said = capsys.readouterr()
+        assert "another program" in said.err
+        assert "battery" in said.out
+        assert senses.drive.statistics.opened == 1
+        # Any other tool is told who has the port, and blames no cable.
+        assert main(["hardware", "check", "--config", str(served.config), "--no-person"]) == 1
+        said = capsys.readouterr().out
+        assert f"{own.drive} is in use by this very program" in said
+        assert "cable" not in said.split("range board")[0]
+    finally:
+        ended.set()
+        owner.join()
+        senses.close()
+    assert watch(own.drive) is None
+
+
+def test_monitor_asks_before_it_resets_a_board(tmp_path, monkeypatch, capsys):
+    config = tmp_path / "config.json"
+    config.write_text(json.dumps({"hardware": {"drive": "/dev/null", "range": "/dev/null"}}))
+    words = ["hardware", "monitor", "--config", str(config), "--seconds", "0.1"]
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    assert main(words) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1
+    assert "/dev/null" in said[0]
+    assert "--yes" in said[0]
+    assert main([*words, "--yes"]) == 0
 
 
 def test_a_person_says_where_it_stands(monkeypatch, capsys):

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import subprocess
+import sys
+import termios
+
 import numpy as np
 import pytest
 
+from tests.conftest import ROOT
 from tests.hardware.conftest import build
 from tests.simulation.worlds import box
+from wheelchair_gym.hardware import ports, protocol
 from wheelchair_gym.hardware.healing import RETRY
 from wheelchair_gym.hardware.link import Link
 from wheelchair_gym.hardware.messages import (
@@ -18,6 +26,7 @@ from wheelchair_gym.hardware.messages import (
     Odometry,
     Rearm,
 )
+from wheelchair_gym.hardware.ports import explained
 from wheelchair_gym.hardware.protocol import Receiver, encode
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
@@ -129,6 +138,101 @@ def test_an_unplugged_line_opens_again():
     assert link.statistics.missed == 3
     clock.now += 2.0
     assert link.silence == 2.0
+
+
+@pytest.fixture
+def terminal():
+    """A device that nothing else opens, and that no board stands behind."""
+    near, far = os.openpty()
+    yield os.ttyname(far)
+    os.close(near)
+    os.close(far)
+
+
+HOLD = """
+import sys
+from wheelchair_gym.hardware.ports import open_port
+held = open_port(sys.argv[1])
+print("holds", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_port_is_one_program_s_alone(terminal):
+    """Another one is told who has it, in one line that blames no cable."""
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLD, terminal], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        cwd=ROOT, text=True,
+    )  # fmt: skip
+    assert holder.stdout.readline() == "holds\n"
+    clock = Clock()
+    link = Link(terminal, clock)
+    assert link.send(Identify()) is None
+    assert link.why.startswith(f"{terminal} is in use by ")
+    assert f"process {holder.pid}" in link.why
+    assert "cable" not in link.why
+    assert "\n" not in link.why
+    holder.communicate("")
+    clock.now += RETRY
+    assert link.send(Identify()) is not None
+    second = Link(terminal, clock)  # a config whose boards share a device
+    second.poll()
+    assert "this very program" in second.why
+    link.close()
+
+
+def test_closing_a_port_leaves_dtr_alone(terminal):
+    """The next opening then resets no board."""
+    link = Link(terminal)
+    link.poll()
+    reader = os.open(terminal, os.O_RDWR | os.O_NOCTTY)
+    assert not termios.tcgetattr(reader)[2] & termios.HUPCL
+    os.close(reader)
+    link.close()
+
+
+def test_what_forbids_a_port_is_told_with_what_to_do(tmp_path, monkeypatch):
+    device = str(tmp_path / "ttyACM0")
+    said = str(explained(device, PermissionError(errno.EACCES, "Permission denied")))
+    assert device in said
+    assert "sudo usermod -aG dialout $USER" in said
+    by_id = tmp_path / "by-id"
+    monkeypatch.setattr(ports, "_BY_ID", str(by_id))
+    for there in ("no USB serial port is there", "usb-Arduino_Mega-if00"):
+        link = Link(device)
+        link.poll()
+        assert "no such device" in link.why
+        assert there in link.why
+        by_id.mkdir(exist_ok=True)
+        (by_id / "usb-Arduino_Mega-if00").touch()
+    monkeypatch.setattr(ports, "runs", lambda program: program == "ModemManager")
+    said = str(explained(device, OSError(errno.EBUSY, "busy")))
+    assert "in use by another program" in said
+    assert "ModemManager" in said
+    assert "ModemManager" in ports.silent_advice()
+
+
+def test_another_version_of_the_protocol_is_called_that(monkeypatch):
+    port = FakePort()
+    link = Link("x", Clock(), lambda _: port)
+    mine = protocol.VERSION
+    monkeypatch.setattr(protocol, "VERSION", mine + 1)
+    frame = encode(Identity(1, 2, 3, 4), 7)
+    monkeypatch.undo()
+    port.given = frame
+    assert link.poll() == []
+    assert f"speaks version {mine + 1} of the protocol" in link.mismatch
+    assert f"this program version {mine}" in link.mismatch
+    port.given = encode(Identity(1, 2, 3, 4), 8)
+    assert len(link.poll()) == 1
+    assert link.mismatch == ""
+    port.given = np.random.default_rng(1).bytes(100_000)
+    link.poll()
+    assert link.mismatch == ""  # noise, on a line that was understood
+    strange = Link("x", Clock(), lambda _: port)
+    port.given = np.random.default_rng(1).bytes(100_000)
+    strange.poll()
+    assert "not understood" in strange.mismatch
 
 
 def test_a_full_line_loses_one_frame_only():

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.hardware.arrivals import Newest
+from wheelchair_gym.hardware.feed import Feed
 from wheelchair_gym.hardware.hokuyo import Hokuyo, TimedScan, open_laser
-from wheelchair_gym.hardware.link import Link, Port, open_port
+from wheelchair_gym.hardware.link import Link
+from wheelchair_gym.hardware.live import live_rows
 from wheelchair_gym.hardware.messages import (
     STRIPS,
     Answer,
@@ -26,6 +28,7 @@ from wheelchair_gym.hardware.messages import (
 )
 from wheelchair_gym.hardware.odometer import Odometer
 from wheelchair_gym.hardware.parameters import DRIVE, RANGE
+from wheelchair_gym.hardware.ports import Port, is_device, open_port
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.kinematics import DriveGeometry
 from wheelchair_gym.sensing.settings import RANGERS, SensorSettings
@@ -79,6 +82,8 @@ class BoardSenses:
         drift = settings.limits.drift
         self._odometry, self._ranges, self._scan = Newest(drift), Newest(drift), Newest(drift)
         self._stamp = -math.inf
+        self._feed: Feed | None = None
+        self._offers = is_device(settings.drive)
 
     def forget(self) -> None:
         """Nothing was heard; where the wheels have come stays known."""
@@ -87,13 +92,25 @@ class BoardSenses:
         self.pressed = False
 
     def poll(self) -> None:
-        """Take in what has come; never waits."""
+        """Take in what has come, and tell those that watch; never waits."""
         for frame in self.drive.poll():
             self._take("drive", frame.message)
         for frame in self.range.poll() if self.range else ():
             self._take("range", frame.message)
         for scan in self.laser.poll():
             self._scan.take(scan, scan.stamp, scan.heard)
+        if self._offers and self.drive.connected:
+            self._tell(self._now())
+
+    def _tell(self, now: float) -> None:
+        """What the chair says, to those that watch: the port is ours alone."""
+        if self._feed is None:
+            try:
+                self._feed = Feed(self.settings.drive)
+            except OSError:  # nobody can watch: no reason not to drive
+                self._offers = False
+                return
+        self._feed.pump(now, lambda: live_rows(self, now))
 
     def _take(self, board: str, message: Any) -> None:
         now = self._now()
@@ -140,11 +157,11 @@ class BoardSenses:
         """Which of what the chair is driven by is too old or missing; empty: nothing."""
         limits, ages = self.settings.limits, self.ages(now)
         if ages["odometry"] > limits.odometry:
-            return _quiet("the drive board", self.drive.why)
+            return _quiet("the drive board", self.drive.why or self.drive.mismatch)
         if ages["scan"] > limits.scan:
             return _quiet("the laser", self.laser.why)
         if self.range and ages["ultrasonic"] > limits.ultrasonic:
-            return _quiet("the range board", self.range.why)
+            return _quiet("the range board", self.range.why or self.range.mismatch)
         return ""
 
     def unheard(self, now: float) -> str:
@@ -231,6 +248,9 @@ class BoardSenses:
         for line in (self.drive, self.range, self.laser):
             if line is not None:
                 line.close()
+        if self._feed is not None:
+            self._feed.close()
+        self._feed, self._offers = None, False
 
 
 _RANGE_OF: dict[int, float] = {

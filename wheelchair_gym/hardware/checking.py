@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from wheelchair_gym.hardware.board_senses import BoardSenses
+from wheelchair_gym.hardware.link import Link
+from wheelchair_gym.hardware.live import flag_names
 from wheelchair_gym.hardware.messages import (
     Board,
     Command,
@@ -19,6 +21,7 @@ from wheelchair_gym.hardware.messages import (
     Switch,
 )
 from wheelchair_gym.hardware.pace import Clock
+from wheelchair_gym.hardware.ports import silent_advice
 
 LOOK = 0.005  # s between two looks at the lines
 WATCH = 3.0  # s that all is watched for rates
@@ -100,15 +103,19 @@ class Checker:
     def _line(self, name: str) -> Finding:
         own, senses = self.senses.settings, self.senses
         url = {"odometry": own.drive, "ultrasonic": own.range, "scan": own.laser}[name]
-        why = {
-            "odometry": senses.drive.why,
-            "ultrasonic": senses.range.why if senses.range else "",
-            "scan": senses.laser.why,
-        }[name]
+        lines = {"odometry": senses.drive, "ultrasonic": senses.range, "scan": senses.laser}
+        line = lines[name]
+        why = "" if line is None else line.why
+        mismatch = line.mismatch if isinstance(line, Link) else ""
         silent = name in self._missing()
+        found = (why or mismatch or "open, but silent") if silent else "open"
+        if line is senses.laser:
+            advice = "its cable, its power, its address"
+        else:  # what is known of a port that cannot be opened says itself what to do
+            advice = "" if why or mismatch else silent_advice()
         return Finding(
-            _WHO[name], "line", f"{url}: {(why or 'silent') if silent else 'open'}", not silent,
-            "cable, power, name of the device, rights to open it (group dialout), firmware",
+            _WHO[name], "line", found if found.startswith(url) else f"{url}: {found}",
+            not silent, advice,
         )  # fmt: skip
 
     def _identities(self) -> list[Finding]:
@@ -248,8 +255,3 @@ class Checker:
                 "contact at pin 37, closed to ground when let go",
             )
         ]  # fmt: skip
-
-
-def flag_names(flags: Fault | Switch) -> str:
-    """What is set, by name."""
-    return flags.name or "none"

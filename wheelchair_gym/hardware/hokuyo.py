@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.hardware.healing import Healing
-from wheelchair_gym.hardware.link import Port, open_port
+from wheelchair_gym.hardware.ports import Port, load_serial, open_port
 from wheelchair_gym.hardware.scip import (
     DONE_ALREADY,
     LASER_OFF,
@@ -30,6 +30,7 @@ from wheelchair_gym.hardware.scip import (
 PORT = 10940  # of TCP
 ANSWER_WITHIN = 1.0  # s: a request without answer, or a stream without scan: begin anew
 _CHUNK = 65536
+_TCP = "tcp://"
 
 
 class TcpPort:
@@ -96,9 +97,9 @@ def open_laser(url: str) -> Port:
         OSError: it cannot be opened.
         InputError: the URL is malformed.
     """
-    if not url.startswith("tcp://"):
+    if not url.startswith(_TCP):
         return open_port(url)
-    host, _, port = url.removeprefix("tcp://").rstrip("/").partition(":")
+    host, _, port = url.removeprefix(_TCP).rstrip("/").partition(":")
     if not host or not (port or "0").isdecimal():
         raise InputError(f"{url!r} is no laser; expected tcp://HOST:PORT or a serial device")
     return TcpPort(host, int(port or PORT))
@@ -134,6 +135,9 @@ class Hokuyo:
     Attributes:
         specs: what the sensor says of itself, None until it has.
         statistics: what came of it.
+
+    Raises:
+        InputError: pyserial is needed, and not installed.
     """
 
     def __init__(
@@ -143,6 +147,8 @@ class Hokuyo:
         clock: Callable[[], float] = time.monotonic,
         opener: Callable[[str], Port] = open_laser,
     ) -> None:
+        if opener is open_laser and not url.startswith(_TCP):
+            load_serial()
         self.url, self.reach = url, reach
         self.specs: Specs | None = None
         self.statistics = LaserStatistics()

@@ -5,54 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 from wheelchair_gym.hardware.healing import Healing
 from wheelchair_gym.hardware.messages import Message
-from wheelchair_gym.hardware.protocol import BAUD, Frame, Receiver, encode
+from wheelchair_gym.hardware.ports import Port, explained, load_serial, open_port
+from wheelchair_gym.hardware.protocol import VERSION, Frame, Receiver, encode
 
-TWIN = "wheelchair_gym.hardware.twin"  # knows URLs twin://NAME
 _CHUNK = 4096  # bytes read at once
-
-
-class Port(Protocol):
-    """What a link needs of a serial port; pyserial's are such."""
-
-    @property
-    def in_waiting(self) -> int:
-        """Bytes that can be read at once."""
-        ...
-
-    def read(self, size: int) -> bytes:
-        """At most so many bytes, at once."""
-        ...
-
-    def write(self, data: bytes) -> int | None:
-        """Send bytes."""
-        ...
-
-    def close(self) -> None:
-        """Let the port go."""
-        ...
-
-
-def open_port(url: str) -> Port:
-    """Open a device, or any URL that pyserial knows, without waiting for anything later.
-
-    Raises:
-        OSError: it cannot be opened.
-    """
-    import serial
-
-    if TWIN not in serial.protocol_handler_packages:
-        serial.protocol_handler_packages.append(TWIN)
-    port: Any = serial.serial_for_url(
-        url, baudrate=BAUD, timeout=0, write_timeout=0, do_not_open=True
-    )
-    port.dtr = False  # an Arduino takes it for a reset
-    port.open()
-    opened: Port = port
-    return opened
+_STRANGE = 20  # frames refused, and none understood: no noise does that
 
 
 @dataclass
@@ -77,6 +37,9 @@ class Link:
 
     Attributes:
         statistics: what passed.
+
+    Raises:
+        InputError: pyserial is needed, and not installed.
     """
 
     def __init__(
@@ -85,11 +48,13 @@ class Link:
         clock: Callable[[], float] = time.monotonic,
         opener: Callable[[str], Port] = open_port,
     ) -> None:
+        if opener is open_port:
+            load_serial()
         self.url = url
         self.statistics = LinkStatistics()
         self._clock = clock
         self._line = Healing(lambda: opener(url), self._begin)
-        self._receiver = Receiver()
+        self._receiver, self._understood = Receiver(), False
         self._heard: float | None = None
         self._sequence = 0
         self._last: int | None = None  # sequence of the board
@@ -104,6 +69,22 @@ class Link:
     def why(self) -> str:
         """Why the line is not open, as a line of text; empty while it is."""
         return self._line.why
+
+    @property
+    def mismatch(self) -> str:
+        """Why what comes is not understood, as a line of text; empty: it is, or nothing comes."""
+        receiver = self._receiver
+        if receiver.other is not None:
+            return (
+                f"{self.url}: the board speaks version {receiver.other} of the protocol, this "
+                f"program version {VERSION}: flash the firmware of this release (make firmware)"
+            )
+        if self.statistics.opened and not self._understood and receiver.bad >= _STRANGE:
+            return (
+                f"{self.url}: what comes is not understood ({receiver.bad} frames refused): a "
+                "different device or firmware is at this port"
+            )
+        return ""
 
     @property
     def silence(self) -> float:
@@ -128,7 +109,7 @@ class Link:
         except OSError as error:  # pyserial's errors are OSErrors
             self.statistics.unsent += 1
             if "timeout" not in type(error).__name__.lower():  # no room: only this frame is lost
-                self._line.drop(error)
+                self._line.drop(explained(self.url, error))
             return None
         if written is not None and written < len(data):  # no room; the board drops what it got
             self.statistics.unsent += 1
@@ -144,13 +125,14 @@ class Link:
             while port is not None and (waiting := port.in_waiting):
                 frames += self._receiver.feed(port.read(min(waiting, _CHUNK)))
         except OSError as error:
-            self._line.drop(error)
+            self._line.drop(explained(self.url, error))
         self.statistics.bad = self._bad_before + self._receiver.bad
         for frame in frames:
             if self._last is not None:
                 self.statistics.missed += (frame.sequence - self._last - 1) & 0xFF
             self._last = frame.sequence
         if frames:
+            self._understood = True
             self._heard = self._clock()
             self.statistics.received += len(frames)
         return frames
@@ -161,6 +143,6 @@ class Link:
 
     def _begin(self, port: Port) -> None:
         port.write(b"\0")  # ends whatever the board has half heard
-        self._last, self._receiver = None, Receiver()
+        self._last, self._receiver, self._understood = None, Receiver(), False
         self._bad_before = self.statistics.bad
         self.statistics.opened += 1

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wheelchair_gym.hardware.board_senses import BoardSenses
-from wheelchair_gym.hardware.checking import flag_names
 from wheelchair_gym.hardware.messages import Fault, Mode, Switch
+
+if TYPE_CHECKING:
+    from wheelchair_gym.hardware.board_senses import BoardSenses
+
+
+def flag_names(flags: Fault | Switch) -> str:
+    """What is set, by name."""
+    return flags.name or "none"
 
 
 def live_rows(senses: BoardSenses, now: float) -> list[tuple[str, str]]:
@@ -17,7 +24,11 @@ def live_rows(senses: BoardSenses, now: float) -> list[tuple[str, str]]:
     for name, link in (("drive board", senses.drive), ("range board", senses.range)):
         if link is not None:
             s = link.statistics
-            state = link.why or f"{s.received} frames, {s.bad} refused, {s.missed} missed"
+            state = (
+                link.why
+                or link.mismatch
+                or f"{s.received} frames, {s.bad} refused, {s.missed} missed"
+            )
             rows.append((name, state))
     laser = senses.laser
     rows.append(("laser", laser.why or f"{laser.statistics.scans} scans"))

@@ -176,10 +176,12 @@ class Receiver:
 
     Attributes:
         bad: frames refused, for want of form, checksum or version.
+        other: version of the last frame that was whole and of another one; None: there was none.
     """
 
     def __init__(self) -> None:
         self.bad = 0
+        self.other: int | None = None
         self._bytes = bytearray()
 
     def feed(self, data: bytes) -> list[Frame]:
@@ -202,13 +204,15 @@ class Receiver:
         # One byte more than a frame can have is enough to know that it is none.
         self._bytes += data[: ENCODED_MAX + 1 - len(self._bytes)]
 
-    @staticmethod
-    def _check(encoded: bytes) -> Frame | None:
+    def _check(self, encoded: bytes) -> Frame | None:
         if len(encoded) > ENCODED_MAX:
             return None
         body = cobs_decode(encoded)
-        if body is None or len(body) < _HEAD + _CRC or body[0] != VERSION:
+        if body is None or len(body) < _HEAD + _CRC:
             return None
         if zlib.crc32(body[:-_CRC]) != int.from_bytes(body[-_CRC:], "little"):
+            return None
+        self.other = None if body[0] == VERSION else body[0]
+        if self.other is not None:
             return None
         return Frame(body[2], message_of(body[1], body[_HEAD:-_CRC]))
