@@ -52,6 +52,7 @@ def add(parts: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Train each seed, of each value that a setting shall have."""
+    from agents.learning.networks import CONTRIBUTED, algorithm_class
     from wheelchair_gym.config import InputError, read_json
 
     try:
@@ -61,6 +62,8 @@ def run(given: argparse.Namespace) -> int:
     content = _defaults(given.algorithm) if given.config is None else read_json(given.config)
     if not isinstance(content, dict):
         raise InputError(f"{given.config}: expected an object with keys")
+    if given.algorithm in CONTRIBUTED:  # before anything is compiled or written
+        algorithm_class(given.algorithm)
     where = "settings" if given.config is None else Path(given.config).name
     if given.frames is not None and given.algorithm != "bc":
         content["frames"] = given.frames

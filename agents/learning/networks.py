@@ -139,6 +139,9 @@ def policy_of(algorithm: str) -> Any:
     return {"ppo": AsymmetricPolicy, "recurrent_ppo": "MlpLstmPolicy"}.get(algorithm, "MlpPolicy")
 
 
+CONTRIBUTED = ("recurrent_ppo", "tqc")  # algorithms of sb3-contrib, of the extra 'learn'
+
+
 def algorithm_class(name: str) -> Any:
     """The class of an algorithm.
 

@@ -48,7 +48,8 @@ class Mealpy:
         try:
             import mealpy
         except ImportError:
-            raise InputError("optimizer mealpy needs: pip install 'wheelchair_gym[peers]'") from None
+            needs = "pip install 'wheelchair_gym[peers]'"
+            raise InputError(f"optimizer mealpy needs: {needs}") from None
         try:
             k, _ = start.population.shape
             model = mealpy.get_optimizer_by_class(self.algorithm)(
