@@ -8,6 +8,7 @@ in every copy of the record. Arrays that come from outside pass `as_array` first
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 from typing import Any, cast
 
@@ -88,43 +89,67 @@ class Pointers:
     Args:
         record: (n,) whose address fields are written here and nowhere else.
         targets: what each of these fields points to, by its name.
+        constant: nothing is written any more once this was handed on: a deep copy is itself.
     """
 
-    def __init__(self, record: NDArray[np.void], targets: Mapping[str, Target]) -> None:
+    def __init__(
+        self, record: NDArray[np.void], targets: Mapping[str, Target], constant: bool = False
+    ) -> None:
         self.record = record
-        self._targets = targets
-        self._arrays: dict[tuple[int, str], NDArray[Any]] = {}
+        self._targets, self._constant = targets, constant
+        self._kept: dict[tuple[int, str], NDArray[Any] | Pointers] = {}
 
-    def point(self, name: str, array: NDArray[Any], row: int = 0) -> None:
+    def point(self, name: str, to: NDArray[Any] | Pointers, row: int = 0) -> None:
         """Let a field of a row point to an array, which is kept alive.
+
+        Args:
+            name: of the field.
+            to: an array of numbers, or the pointers whose record it is: addresses in a record that
+                was copied apart from its pointers would be those of the original.
+            row: of the record.
 
         Raises:
             ValueError: the array is not what the field points to, or not contiguous.
         """
-        target = self._targets[name]
+        target, array = self._targets[name], _array_of(to)
         if array.dtype != target.dtype or not _has(array, target.shape):
             raise ValueError(
                 f"{name}: an array {array.shape} of {_named(array.dtype)}; expected "
                 f"{target.shape} of {_named(target.dtype)}"
             )
         self.record[name][row] = address_of(array)
-        self._arrays[row, name] = array
+        self._kept[row, name] = to
 
     def array(self, name: str, row: int = 0) -> NDArray[Any] | None:
         """What a field of a row points to, or None."""
-        return self._arrays.get((row, name))
+        to = self._kept.get((row, name))
+        return None if to is None else _array_of(to)
 
     def again(self) -> Pointers:
         """The same addresses in another record."""
-        other = Pointers(self.record.copy(), self._targets)
-        other._arrays.update(self._arrays)
+        other = Pointers(self.record.copy(), self._targets, self._constant)
+        other._kept.update(self._kept)
+        return other
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Pointers:
+        if self._constant:
+            return self
+        other = Pointers.__new__(Pointers)
+        memo[id(self)] = other
+        record, kept = copy.deepcopy((self.record, self._kept), memo)
+        own = {"_targets": self._targets, "_constant": False}
+        other.__setstate__(own | {"record": record, "_kept": kept})
         return other
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take up the state of another; the arrays are copies, or were read from a file."""
         self.__dict__.update(state)
-        for (row, name), array in self._arrays.items():
-            self.record[name][row] = address_of(array)
+        for (row, name), to in self._kept.items():
+            self.record[name][row] = address_of(_array_of(to))
+
+
+def _array_of(to: NDArray[Any] | Pointers) -> NDArray[Any]:
+    return to.record if isinstance(to, Pointers) else to
 
 
 def address_of(array: NDArray[Any]) -> int:

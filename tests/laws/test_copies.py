@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
+
 import gymnasium as gym
 import numpy as np
 import pytest
 
+from agents.followers import FOLLOWERS
+from agents.learning.weights import shipped
+from agents.policy import make_policy, policy_settings
 from agents.sb3 import SB3VecEnv
-from tests.copies import COPIERS, differences, drive_copies
+from planners import PLANNERS, Problem, Space, make_planner
+from tests.copies import COPIERS, by_pickle, differences, drive_copies
+from tests.simulation.worlds import cluttered
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
+from wheelchair_gym.hardware.chair import HardwareChair
+from wheelchair_gym.hardware.ros import RosChair
+from wheelchair_gym.hardware.twin.board import EmulatedBoard
+from wheelchair_gym.scenes import SCENES, make_scene
+from wheelchair_gym.simulation import SimulatedChair
+from wheelchair_gym.types import Uncopied
 
 LASER = {"laser": {"beams": 64}}
 BRIEF = {"sensors": LASER, "task": {"beams": 32, "time_base": 6.0, "time_factor": 0.0}}
@@ -125,3 +139,109 @@ def test_ten_thousand_copies_step_on_as_their_originals(name):
         many = vector(MANY[name], autoreset_mode="SameStep", num_threads=2)
         many.reset(seed=11)
         drive_copies(begin_many, step_many, many, 740, seed=11)
+
+
+def step_policy(driven, rng):
+    env, policy, seen = driven
+    action = policy.act(seen[0])
+    told = env.step(np.asarray(action, np.float32))
+    seen[0] = told[0]
+    return None if told[2] or told[3] else (action, told)
+
+
+def begin_policy(driven):
+    env, policy, seen = driven
+    seen[:] = [env.reset()[0]]
+    policy.reset(env.task)
+    return seen
+
+
+def drive_policy(name, copies):
+    scene = "clutter" if name != "explore" else "empty"
+    own = {"pose_source": "slam"} if name == "explore" else {}
+    env = NavigationEnv(scene, bank=BANK, **own)
+    env.reset(seed=1)
+    drive_copies(begin_policy, step_policy, (env, make_policy(name), [None]), copies, seed=1)
+
+
+DRIVERS = [name for name in policy_settings() if name not in ("manual", "learned", "planned")]
+
+
+@pytest.mark.parametrize("name", [*DRIVERS, *(f"a_star+{name}" for name in FOLLOWERS)])
+def test_a_copy_of_env_and_policy_drives_on_as_the_original(name):
+    drive_policy(name, 2)
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_a_copy_of_env_and_learned_policy_drives_on_as_the_original(name):
+    drive_policy(name, 2)
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_a_copy_of_a_planner_plans_the_same(name):
+    fields = {field.name for field in dataclasses.fields(PLANNERS[name])}
+    planner = make_planner({"name": name} | {k: 60 for k in ("iterations",) if k in fields})
+    space = Space.from_rectangles([(4.0, 0.0, 5.0, 3.0)], (0.0, 0.0, 10.0, 10.0))
+    problem = Problem(space, np.array([1.0, 1.0]), np.array([9.0, 2.0]))
+    plans = [
+        one.plan(problem, np.random.default_rng(3))
+        for one in (planner, *(c(planner) for c in COPIERS))
+    ]
+    for plan in plans[1:]:
+        assert plan.path.tobytes() == plans[0].path.tobytes()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_copy_of_a_scene_draws_the_same(name):
+    scene = make_scene(name)
+    first, *others = [
+        one.sample(np.random.default_rng(4)) for one in (scene, *(c(scene) for c in COPIERS))
+    ]
+    for other in others:
+        assert not list(differences(vars_of(other), vars_of(first)))
+
+
+def vars_of(episode):
+    return {name: getattr(episode, name) for name in ("start", "goal", "walls", "discs")}
+
+
+class Foreign(Uncopied):
+    """Stands for a chair behind a line."""
+
+
+@pytest.mark.parametrize("copied", COPIERS)
+def test_what_is_outside_refuses_in_one_line(copied):
+    for chair in (HardwareChair, RosChair, EmulatedBoard):
+        assert issubclass(chair, Uncopied)
+    env = NavigationEnv(bank=BANK, chair=Foreign())
+    with pytest.raises(TypeError, match="neither copied nor pickled") as told:
+        copied(env)
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("copied", COPIERS)
+def test_a_chair_that_was_moved_by_other_means_is_not_copied(copied):
+    chair = SimulatedChair()
+    chair.reset(cluttered(1), 0)
+    chair.drive(np.array([0.5, 0.0]))
+    chair._world.body.position += (0.5, 0.0)
+    chair.drive(np.array([0.5, 0.0]))
+    with pytest.raises(TypeError, match="moved by other means"):
+        copied(chair)
+
+
+def test_a_copy_that_was_pickled_shares_nothing_with_what_it_is_a_copy_of():
+    """Whatever is written into the arrays of the original, the copy does not see it."""
+    settings = settings_of(SINGLE["shield"])
+    known, env = NavigationEnv(**settings), NavigationEnv(**settings)
+    for one in (known, env):
+        one.reset(seed=3)
+        one.step(np.array([0.5, 0.1]))
+    made = copy.deepcopy(by_pickle(copy.deepcopy(env)))
+    for array in (env.episode.walls, env.episode.discs, env._course.geodesic.extended):
+        array[:] = np.nan
+    for array in (*env.shield._guard.laser[:2], *env.chair._rig.laser[:2], env.task._directions):
+        array[:] = np.nan
+    for _ in range(5):
+        action = np.array([0.5, 0.1])
+        assert not list(differences(known.step(action), made.step(action)))

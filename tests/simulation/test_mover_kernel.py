@@ -70,7 +70,7 @@ class BusyOracle(Oracle):
         super().__init__(lent, episode, FIXED)
         self.fields = np.zeros((1 + len(self.movers), BODY_DOUBLES))
         lent._place["body"] = address_of(self.fields[0])
-        moving = lent._chairs._pointers.array("moving")
+        moving = lent._chairs.pointers.array("moving")
         for k, fields in enumerate(self.fields[1:]):
             moving["body"][k] = address_of(fields)
         self.read()
@@ -101,7 +101,7 @@ class BusyOracle(Oracle):
             fields[[FX, FY, TORQUE]] = 0.0
 
     def carry(self, engine, world):
-        moving = self.lent._chairs._pointers.array("moving")
+        moving = self.lent._chairs.pointers.array("moving")
         for k, (body, row) in enumerate(zip(self.movers, self.rows, strict=True)):
             if moving["carry"][k] == 1:
                 self.put(body, *row["pose"].tolist())
@@ -158,8 +158,8 @@ def test_movers_equal_the_plain_api_exactly(seed, monkeypatch):
         chair.drive(twist)
         oracle.drive(monkeypatch, *twist.tolist())
         assert chair.state["pose"].tolist() == oracle.lent._state["pose"].tolist(), k
-        moving = chair._chairs._pointers.array("moving")
-        others = oracle.lent._chairs._pointers.array("moving")
+        moving = chair._chairs.pointers.array("moving")
+        others = oracle.lent._chairs.pointers.array("moving")
         for i, body in enumerate(oracle.movers):
             assert moving["pose"][i].tolist() == [*body.position, body.angle], (k, i)
             for name in moving.dtype.names:

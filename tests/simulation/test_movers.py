@@ -39,7 +39,7 @@ def among(*things, half=5.0, start=(0.0, 0.0, 0.0)):
 
 
 def moving(chair):
-    return chair._chairs._pointers.array("moving")
+    return chair._chairs.pointers.array("moving")
 
 
 def crowds(seeds, **settings):

@@ -100,7 +100,7 @@ class Shield:
             np.zeros(1, ALONE), {"guard": Target(GUARD, 1), "shield": Target(SHIELD, 1)}
         )
         self._alone = self._pointers.record
-        self._pointers.point("guard", self._guard.record)
+        self._pointers.point("guard", self._guard.pointers)
         self._pointers.point("shield", self.state)
         self._asked = False
         self._warm()

@@ -151,7 +151,7 @@ class Guard:
         self._made_of = own, chair, sensors, period
         self.laser = LaserArrays.of(sensors.laser, False)
         targets = dict.fromkeys(("cosine", "sine"), Target("f4", None))
-        pointers = Pointers(np.zeros(1, GUARD), targets)
+        self.pointers = pointers = Pointers(np.zeros(1, GUARD), targets, constant=True)
         self.record: Rows = pointers.record
         g: Any = self.record[0]
         g["limits"], g["outline"] = chair.limits.array, chair.footprint.array

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any, TypeVar
 
 from wheelchair_gym.config import InputError, setting, settings
@@ -35,4 +36,7 @@ def _fixed(scene: type[T], name: str, number: int, what: str) -> type[T]:
         "__module__": scene.__module__,
         "number": setting(default=number, source="of the map", low=number, high=number),
     }
-    return settings(type(f"{scene.__name__}{number}", (scene,), namespace))
+    made: type[T] = settings(type(f"{scene.__name__}{number}", (scene,), namespace))
+    # A pickle names a class by its module and its name there.
+    setattr(sys.modules[scene.__module__], made.__name__, made)
+    return made

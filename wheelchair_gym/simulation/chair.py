@@ -72,9 +72,10 @@ class SimulatedChair:
         self._place, self._world = own.places, own.worlds[0]
         self._pointers = Pointers(np.zeros(1, ALONE), _TARGETS)
         self._alone = self._pointers.record
-        rows = {"rig": own.rig.record, "chair": own.parameters, "state": own.states}
-        for name, row in {**rows, "world": own.places}.items():
-            self._pointers.point(name, row)
+        self._pointers.point("rig", own.rig.pointers)
+        self._pointers.point("chair", own.parameters)
+        self._pointers.point("state", own.states)
+        self._pointers.point("world", own.pointers)
         self._make_scratch()
         self._store, self._used = np.empty(0, SENSED), 0
 

@@ -77,7 +77,7 @@ class Chairs:
 
     def _make_worlds(self) -> None:
         body, self.places[:] = self._chair.body, np.zeros((), WORLD)
-        pointers = self._pointers = Pointers(self.places, TARGETS)
+        pointers = self.pointers = Pointers(self.places, TARGETS)
         self.worlds = [
             World(self._chair.footprint, body.centre, body.wall_friction, pointers, i)
             for i in range(len(self.places))
@@ -94,14 +94,14 @@ class Chairs:
         self.episodes[i] = episode
         place: Any = self.places[i]
         walls, discs, movers = episode.walls, episode.discs, episode.movers
-        self._pointers.point("walls", walls, i)
-        self._pointers.point("discs", discs, i)
+        self.pointers.point("walls", walls, i)
+        self.pointers.point("discs", discs, i)
         place["n_walls"] = place["n_fixed_walls"] = len(walls)
         place["n_discs"] = place["n_fixed_discs"] = len(discs)
         place["n_movers"], place["n_routes"] = len(movers), len(movers.routes)
         if len(movers):
-            self._pointers.point("movers", movers.rows, i)
-            self._pointers.point("routes", movers.routes, i)
+            self.pointers.point("movers", movers.rows, i)
+            self.pointers.point("routes", movers.routes, i)
 
     def record(self) -> None:
         """Have room to record one more drive of every row."""
@@ -117,8 +117,8 @@ class Chairs:
     def __getstate__(self) -> dict[str, Any]:
         """All but the worlds: how they were begun in, and what was driven since."""
         state = self.__dict__.copy()
-        del state["worlds"], state["_pointers"]
-        arrays = (self._pointers.array("drives", i) for i in range(len(self.places)))
+        del state["worlds"], state["pointers"]
+        arrays = (self.pointers.array("drives", i) for i in range(len(self.places)))
         steps = self.states["step"].tolist()
         state["drives"] = [
             np.zeros((0, 3)) if array is None else array[:step].copy()
@@ -143,7 +143,7 @@ class Chairs:
     def _drive_again(self, i: int, episode: Episode, drives: NDArray[np.float64]) -> None:
         self.enter(i, episode)
         self.worlds[i].record_drives(max(_ROOM, 2 * len(drives)))
-        held = self._pointers.array("drives", i)
+        held = self.pointers.array("drives", i)
         if held is not None:
             held[: len(drives)] = drives
         was = self.states[i : i + 1].copy()

@@ -56,7 +56,7 @@ class Rig:
         self._sensors = sensors
         self.laser = LaserArrays.of(sensors.laser, sensors.noise)
         self.rangers = UltrasonicArrays.of(sensors.ultrasonic, sensors.noise)
-        pointers = Pointers(np.zeros(1, RIG), _TARGETS)
+        self.pointers = pointers = Pointers(np.zeros(1, RIG), _TARGETS, constant=True)
         self.record: NDArray[np.void] = pointers.record
         r: Any = self.record[0]
         for name in ENGINE.names or ():

@@ -81,12 +81,12 @@ class Course:
     geodesic: Geodesic
     path: Array | None  # (n, 2) m
     ways: PoseWays | None  # of the outline
-    _pointers: Pointers
+    pointers: Pointers  # of the record
 
     @property
     def record(self) -> NDArray[np.void]:
         """The record (1,) of COURSE."""
-        return self._pointers.record
+        return self.pointers.record
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Course:
         return self
@@ -117,7 +117,7 @@ class Course:
         points = np.empty((0, 2))
         if path is not None:
             points = as_array(path[:, :2], np.float64, (None, 2), "path of the guidance", FARTHEST)
-        pointers = Pointers(np.zeros(1, COURSE), _TARGETS)
+        pointers = Pointers(np.zeros(1, COURSE), _TARGETS, constant=True)
         r: Any = pointers.record[0]
         movers, field = episode.movers, geodesic.extended
         pointers.point("walls", episode.walls)
@@ -145,9 +145,9 @@ class Course:
     def begun_at(self, start: Array) -> Course:
         """This course from another start (3,) [m, m, rad]."""
         episode = replace(self.episode, start=start)
-        pointers = self._pointers.again()
+        pointers = self.pointers.again()
         pointers.record["start"] = episode.start
-        return replace(self, episode=episode, _pointers=pointers)
+        return replace(self, episode=episode, pointers=pointers)
 
 
 @borrowing_kernel

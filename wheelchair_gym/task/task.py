@@ -130,9 +130,9 @@ class Task:
         self._judged = np.zeros(1, VERDICT)
         self._rows = Pointers(np.zeros(1, ALONE), _ALONE_TARGETS)
         self._alone = self._rows.record
-        rows = {"rules": self.rules, "progress": self._progress, "verdict": self._judged}
-        for name, row in rows.items():
-            self._rows.point(name, row)
+        self._rows.point("rules", self._pointers)
+        self._rows.point("progress", self._progress)
+        self._rows.point("verdict", self._judged)
         self.boxes = boxes(settings, self.rules[0], self._reaches, self.footprint.half_width)
         self._places = places((key, box.shape[0]) for key, box in self.boxes.items())
         self.room = sum(box.shape[0] for box in self.boxes.values())
@@ -258,7 +258,7 @@ class Task:
         """Go on on another course: on a map that has grown, say."""
         self._take(course.episode, course.geodesic)
         self._course, self.path = course, course.path
-        self._rows.point("course", course.record)
+        self._rows.point("course", course.pointers)
 
     def assess(
         self, reading: Reading, action: Array, less: tuple[float, float] = (0.0, 0.0)
