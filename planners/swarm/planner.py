@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from time import perf_counter
 from typing import Any, Final, Literal
@@ -171,7 +172,11 @@ class SwarmPlanner:
     def plan(
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
-        """Answer a problem with the valid path that costs least of all that the swarm tried."""
+        """Answer a problem with the valid path that costs least of all that the swarm tried.
+
+        The planner of the first path has the whole deadline: one that never stops by itself leaves
+        the swarm one iteration. `first_iterations` counts its own, which replay a plan with it.
+        """
         began, end = begin(deadline)
         answer = trivial(problem)
         if answer is not None:
@@ -179,16 +184,17 @@ class SwarmPlanner:
         path: Array | None = None
         first = Plan(Status.EXHAUSTED)
         if self.first not in (None, "line"):
-            first = _planner(self.first).plan(problem, rng)
+            first = _planner(self.first).plan(problem, rng, _left(end))
             if first.status != Status.SOLVED:
                 return first
             path = first.path[:, :2]
         first_s = perf_counter() - began
         start = self.start(problem, path, rng)
         counters = {"nodes": first.counters.get("nodes", 0), "iterations": 0}
+        if "iterations" in first.counters:
+            counters["first_iterations"] = first.counters["iterations"]
         if len(start.task.anchors) > 0:
-            left = max(0.0, end - perf_counter())
-            found = self.search(start, rng, None if deadline is None else left)
+            found = self.search(start, rng, _left(end))
             counters |= {"iterations": found.iterations, "found_iterations": found.found}
             if len(found.line):
                 path = found.line
@@ -197,6 +203,11 @@ class SwarmPlanner:
             return Plan(Status.EXHAUSTED, counters=counters, timings=timings)
         apart = np.append(True, (np.diff(path, axis=0) != 0.0).any(axis=1))
         return Plan(Status.SOLVED, path[apart], first.tree, counters, timings)
+
+
+def _left(end: float) -> float | None:
+    """Seconds until the clock shows `end`; None without a deadline."""
+    return max(0.0, end - perf_counter()) if end < math.inf else None
 
 
 def _optimizer(spec: str | Mapping[str, Any]) -> Any:

@@ -1,0 +1,93 @@
+"""A deadline binds a planner and every planner that it calls; by a clock that ticks when read."""
+
+from __future__ import annotations
+
+import ast
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from agents.bench.contenders import with_iterations
+from planners import PLANNERS, make_planner
+from planners.swarm.planner import FIRST, SwarmPlanner
+from planners.types import Status
+from tests.conftest import ROOT
+from tests.planners.swarm_worlds import among_blocks
+
+DEADLINE = 0.05  # s
+TICK = 0.005  # s: what each look at the clock takes
+MANY = 100_000  # iterations: some seconds' worth
+LATE = 10  # looks: to end two stages, and to tell how long each took
+
+
+class Clock:
+    """Time that passes only while somebody looks."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        self.now += TICK
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    ticking = Clock()
+    monkeypatch.setattr(time, "perf_counter", ticking)
+    for name, module in list(sys.modules.items()):
+        if name.startswith("planners") and hasattr(module, "perf_counter"):
+            monkeypatch.setattr(module, "perf_counter", ticking)
+    return ticking
+
+
+def with_first(name):
+    limit = {} if name == "a_star" else {"iterations": MANY}
+    return SwarmPlanner(first={"name": name, **limit}, iterations=MANY)
+
+
+UNLIMITED = {
+    **{name: with_iterations(make_planner(name), MANY) for name in sorted(PLANNERS)},
+    **{f"swarm after {name}": with_first(name) for name in sorted(FIRST)},
+}
+
+
+@pytest.mark.parametrize("name", UNLIMITED)
+def test_nobody_works_on_when_time_is_over(name, clock):
+    plan = UNLIMITED[name].plan(among_blocks(), np.random.default_rng(0), DEADLINE)
+    assert clock.now <= TICK + DEADLINE + LATE * TICK
+    assert plan.status in (Status.SOLVED, Status.EXHAUSTED, Status.STUCK)
+    for what in ("iterations", "first_iterations", "nodes"):
+        assert plan.counters.get(what, 0) < MANY / 10, what
+
+
+@pytest.mark.parametrize("first", ["rrt_star", "rrt_connect"])
+def test_iterations_of_both_stages_replay_a_plan_made_under_a_deadline(first, clock):
+    planner = with_first(first)
+    plan = planner.plan(among_blocks(), np.random.default_rng(1), DEADLINE)
+    made, grown = plan.counters["iterations"], plan.counters["first_iterations"]
+    assert made > 0
+    known = replace(planner, first={"name": first, "iterations": grown}, iterations=made)
+    again = known.plan(among_blocks(), np.random.default_rng(1))
+    np.testing.assert_array_equal(plan.path, again.path)
+    assert plan.counters == again.counters
+
+
+def test_who_has_a_deadline_hands_it_on():
+    """Each call of another's `plan` or `search` in a function that was given a deadline."""
+    calls = 0
+    for path in sorted((ROOT / "planners").rglob("*.py")):
+        for function in ast.walk(ast.parse(path.read_text())):
+            if not isinstance(function, ast.FunctionDef):
+                continue
+            if "deadline" not in [argument.arg for argument in function.args.args]:
+                continue
+            for call in ast.walk(function):
+                if isinstance(call, ast.Call) and getattr(call.func, "attr", "") == "plan":
+                    calls += 1
+                    said = f"{path.name}, line {call.lineno}: {ast.unparse(call)}"
+                    assert len(call.args) == 3, said
+    assert calls >= 5
