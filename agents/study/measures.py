@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.paths import printed_turning, turning
 from agents.runs import Record
 from agents.study.model import APART
 from agents.study.worlds import drawn_problem, episode_of, ground, lab_problem, problem_of
@@ -93,25 +94,6 @@ def plan_drawn(job: Job, seed: int) -> Record:
     return {**record, "ratio": found.length / shortest}
 
 
-def turning(path: Array) -> float:
-    """Mean absolute turning angle [rad] of a path (n, 2) at its inner points."""
-    legs = np.diff(path, axis=0)
-    legs = legs[(legs != 0.0).any(axis=1)]
-    if len(legs) < 2:
-        return 0.0
-    angles = np.diff(np.unwrap(np.arctan2(legs[:, 1], legs[:, 0])))
-    return float(np.abs(angles).mean())
-
-
-def printed_smoothness(path: Array) -> float:
-    """P1's f1 (5) of way points (n, 2), with its (3) as printed; NaN for fewer than three."""
-    first, second = path[1:-1] - path[:-2], path[2:] - path[:-2]
-    a, b = np.hypot(*first.T), np.hypot(*second.T)
-    good = (a > 0.0) & (b > 0.0)
-    values = (a[good] ** 2 + b[good] ** 2) / (2.0 * a[good] * b[good])
-    return float(values.sum() / (len(path) - 1)) if len(values) else math.nan
-
-
 def smoothing(job: Job, seed: int) -> Record:
     """P1: one optimiser from the start population that all rivals share."""
     from dataclasses import replace
@@ -140,7 +122,7 @@ def smoothing(job: Job, seed: int) -> Record:
         "smoothness": after,
         "smoothness_before": before,
         "improvement": 100.0 * (before - after) / before if before > 0.0 else 0.0,
-        "printed_smoothness": printed_smoothness(found.way_points),
+        "printed_turning": printed_turning(found.way_points),
         "length_m": path_length(found.line) if valid else None,
         "least_is_valid": valid and found.cost <= found.least + 1e-9,
     }

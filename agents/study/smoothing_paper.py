@@ -24,7 +24,7 @@ RIVALS: Final = {  # the paper's ranking, best first
 SECONDS: Final = Metric("time_s", "optimisation time", "s", 5, solved=False)
 SMOOTHNESS: Final = Metric("smoothness", "mean turning angle", "rad", 4, solved=False)
 GAIN: Final = Metric("improvement", "improvement", "%", 1, solved=False)
-PRINTED: Final = Metric("printed_smoothness", "f1 as printed", "", 4, solved=False)
+PRINTED: Final = Metric("printed_turning", "f1 as printed", "", 4, solved=False)
 COST: Final = Metric("cost", "cost f", "m", 3, solved=False)
 NEGLIGIBLE: Final = 0.01  # of the rival's median
 

@@ -5,11 +5,14 @@ import json
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from agents import paths
 from agents.cli import main
 from agents.runs import StoppedError
 from agents.study import conduct as module
+from agents.study import measures
 from agents.study.catalog import CLAIMS, STUDIES
 from agents.study.conduct import STORE, conduct
 from agents.study.model import published
@@ -165,3 +168,15 @@ def test_wrong_input_is_one_line(arguments, said, tmp_path, capsys):
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1
     assert said in lines[0]
+
+
+def test_studies_and_benchmarks_measure_smoothness_by_one_definition():
+    """f1 of one path is one number, also where a swarm lets way points coincide."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        path = np.cumsum(rng.normal(size=(7, 2)), axis=0)
+        doubled = path[np.sort(np.append(np.arange(7), rng.integers(0, 7, 3)))]
+        for way in (path, doubled):
+            assert measures.turning(way) == paths.turning(way) == paths.turning(path)
+            printed = paths.printed_turning(path)
+            assert measures.printed_turning(way) == paths.printed_turning(way) == printed
