@@ -21,7 +21,6 @@ from wheelchair_gym.config import InputError, load, setting, settings
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.files import modified, read_bytes
-from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.task.course import Course
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Episode
@@ -124,13 +123,12 @@ class LearnedDriver:
         own = dataclasses.replace(env.task, privileged=False, aim="goal")
         self._task = task
         # The chair that drives is this one; what is seen of it is as in training.
-        chair = dataclasses.replace(ChairSettings(), footprint=task.footprint, limits=task.limits)
         spec = env.guidance
         if self.layout.posed:
             slack = None if task.chart is None else SLACK
             spec = {"call": "poses", "ways": _ways(env), "slack": slack}
         guidance = make_guidance(spec) if shown else None
-        self._eye = Task(own, chair, task.sensors, self._hold * task.period, guidance)
+        self._eye = Task(own, task.chair, task.sensors, self._hold * task.period, guidance)
         self.network.reset(1)
         self._action, self._withheld = np.zeros(2), np.zeros(2)
         self._steps, self._looked = 0, 0.0

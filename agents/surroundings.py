@@ -20,7 +20,6 @@ from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.safety.clearance import points_gap
-from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.types import Reading
 
 Array = NDArray[np.float64]
@@ -91,8 +90,8 @@ class Surroundings:
         self.hits: Array = np.empty((0, 2))
         self.points: Array = np.empty((0, 3))
         self.movers: Array = np.empty((0, 5))
-        chair = ChairSettings(footprint=task.footprint, limits=task.limits)
-        self._sight = Shield(None, chair, task.sensors, task.period)
+        # Also where nothing filters commands: then a shield's defaults say what is too fast.
+        self._sight = Shield(task.shield, task.chair, task.sensors, task.period)
         self._look(reading)
 
     def chart(self, known: OccupancyGrid) -> None:

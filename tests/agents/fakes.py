@@ -8,6 +8,7 @@ from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kinematics import Limits, approach, arc_step
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
 from wheelchair_gym.sensing.settings import LaserSettings, SensorSettings
+from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.types import Reading
 
 BEAMS = 181
@@ -45,7 +46,7 @@ class PaperWorld:
         self.task = SimpleNamespace(
             chart=None,
             map=grid, start=np.array(start, float), goal=np.array(goal, float), period=period,
-            footprint=Footprint(), limits=Limits(),
+            footprint=Footprint(), limits=Limits(), chair=ChairSettings(), shield=None,
             sensors=SensorSettings(laser=LaserSettings(beams=BEAMS)),
             path=None, tolerance=0.3, time_limit=60.0, key=7,
         )  # fmt: skip

@@ -10,8 +10,10 @@ from agents.rollout import Body, Near, mover_gap, stops_clear
 from agents.surroundings import Surroundings, sampled_walls, voxel_means
 from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.config import InputError
+from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import Footprint, footprint_clearance
 from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.safety import Shield
 from wheelchair_gym.safety.clearance import points_gap
 
 PLANNER = "a_star"
@@ -165,6 +167,31 @@ def test_what_slips_out_of_sight_is_remembered():
         around.update(world.task.reading)
     behind = around.points[:, :2] + world.pose[:2]
     assert np.hypot(*(behind - (2.65, 0.5)).T).min() < 0.06
+
+
+@pytest.mark.parametrize("shield", [None, {"unseen": 0.3, "margin": 0.1}])
+@pytest.mark.parametrize(
+    "chair",
+    [
+        {},
+        {"footprint": {"rear": 0.5, "half_width": 0.4}},
+        {"limits": {"deceleration": 0.4, "protective": 1.0}},
+        {"drive": {"track": 0.4}},
+    ],
+)
+def test_a_policy_is_slowed_as_the_shield_of_its_own_chair_would(chair, shield):
+    """Where nobody has looked: backwards, and turning, at the start."""
+    env = NavigationEnv("empty", {"chair": chair}, shield=shield)
+    env.reset(seed=0)
+    own, around = env.settings, Surroundings(env.task)
+    same = Shield(own.shield, own.chair, own.sensors, 1.0 / own.rate)
+    same.look(env.task.reading)
+    twists = np.array([(v, w) for v in (-0.3, -0.1, 0.0, 0.6) for w in (-0.9, 0.0, 0.4)])
+    for v in (0.0, -0.2):
+        motion = np.array([v, 0.0, 0.0, 0.0])
+        slowed = around.unhurried(twists, motion)
+        np.testing.assert_array_equal(slowed, same.unhurried(twists, motion))
+        assert (slowed != twists).any()
 
 
 @pytest.mark.parametrize(

@@ -171,7 +171,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if s.sensors.finds_itself:
             finder = make_finder(s)
             self.chair = LocalisedChair(self.chair, finder)
-        self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, make_guidance(s.guidance))
+        guided = make_guidance(s.guidance)
+        self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guided, s.shield)
         if s.sensors.finds_itself:
             self.task.chart = finder.chart
         self.shield: Shield | None = None

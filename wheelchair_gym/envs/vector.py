@@ -87,7 +87,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self.num_envs = n = num_envs
         self.metadata = {"autoreset_mode": mode, "render_modes": [], "render_fps": round(s.rate)}
         self.render_mode = None
-        self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, make_guidance(s.guidance))
+        guidance = make_guidance(s.guidance)
+        self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guidance, s.shield)
         self.worlds = Worlds(s, self.task)
         self.single_observation_space = self.task.space
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)

@@ -13,6 +13,7 @@ from wheelchair_gym.address import Pointers, Target
 from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.maps.pose_ways import PoseWays
+from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.task.assess import assess_alone, start_task
@@ -61,7 +62,9 @@ class Task:
         tolerance: [m].
         time_limit: [s].
         period: control period [s].
-        footprint, limits, drive, sensors: settings of the chair.
+        chair, sensors: settings of the chair.
+        footprint, limits, drive: those of its parts.
+        shield: settings of what filters its commands, or None.
         reading: the latest; its pose is the chair's own estimate.
         observation, verdict: of that reading.
         guarded: a shield filters what the chair is told.
@@ -93,13 +96,14 @@ class Task:
         sensors: SensorSettings,
         period: float,
         guidance: Guidance | None = None,
+        shield: ShieldSettings | None = None,
     ) -> None:
         if settings.beams > sensors.laser.beams:
             raise InputError(
                 f"task.beams is {settings.beams}; the laser has only {sensors.laser.beams}"
             )
         self.settings = settings
-        self.sensors = sensors
+        self.chair, self.sensors, self.shield = chair, sensors, shield
         self.footprint, self.limits, self.drive = chair.footprint, chair.limits, chair.drive
         self.period = period
         self.guidance = guidance
