@@ -37,9 +37,27 @@ def add(parts: Any) -> None:
     )  # fmt: skip
     one.add_argument("--plot", metavar="FILE.png", help="draw it")
     add_json(one)
-    one = _part(whats, "calibrate", _calibrate, "squares both ways (UMBmark); writes the track")
-    one.add_argument("--side", type=distance, default=4.0, help="of the square (default 4 m)")
-    one.add_argument("--runs", type=count, default=2, help="each way (default 2; UMBmark: 5)")
+    one = _part(
+        whats, "calibrate", _calibrate,
+        "counts of a metre, by a straight way to a wall; then the track, by squares (UMBmark)",
+    )  # fmt: skip
+    one.add_argument(
+        "what", nargs="?", choices=("distance", "track"), default="distance",
+        help="counts per metre (default), or the track, which needs them right",
+    )  # fmt: skip
+    one.add_argument("--runs", type=count, default=2, help="there and back (default 2)")
+    one.add_argument("--way", type=distance, default=1.5, help="distance: straight (default 1.5 m)")
+    one.add_argument(
+        "--tape", action="store_true", help="distance: a person measures, where no wall is ahead"
+    )
+    one.add_argument(
+        "--push", action="store_true",
+        help="distance: a person pushes it, brakes lifted; nothing is driven",
+    )  # fmt: skip
+    one.add_argument("--side", type=distance, default=4.0, help="track: square (default 4 m)")
+    one.add_argument(
+        "--write", action="store_true", help="distance: write it to the config and to the board"
+    )
     add_json(one)
     one = _part(
         whats, "monitor", _monitor, "what all say, live; through the program that drives, if any"
@@ -48,6 +66,9 @@ def add(parts: Any) -> None:
     one.add_argument("--seconds", type=finite, help="end by itself (default: Ctrl-C)")
     one = _part(whats, "drive", _drive, "by the joystick at the host (hardware.joystick)")
     one.add_argument("--seconds", type=finite, help="end by itself (default: Ctrl-C)")
+    one.add_argument(
+        "--wait", type=distance, default=30.0, help="s for a joystick that is missing (default 30)"
+    )
 
 
 def _part(whats: Any, name: str, run: Any, what: str) -> argparse.ArgumentParser:
@@ -125,8 +146,7 @@ def _setup(given: argparse.Namespace) -> int:
                 continue
             left = set_parameters(senses, clock, board, wanted)
             if left:
-                why = senses.disagrees(board, left)
-                raise InputError(f"{why}; it takes parameters at rest, with its drivers off")
+                raise InputError(f"{given.config}: {'; '.join(left.values())}")
             if not save_parameters(senses, clock, board):
                 raise InputError(f"the {board} board does not say that it saved its parameters")
             print(f"{board} board: {len(wanted)} parameters as in {given.config}, saved")
@@ -152,7 +172,7 @@ def _tune(given: argparse.Namespace) -> int:
         if tried:
             left = set_parameters(chair.senses, chair.clock, "drive", chair.wanted["drive"])
             if left:
-                raise InputError(chair.senses.disagrees("drive", left))
+                raise InputError("; ".join(left.values()))
         step = step_response(chair, None, given.step, given.seconds, given.turn)  # type: ignore[arg-type]
     except ValueError as error:
         if isinstance(error, InputError):
@@ -190,6 +210,159 @@ def _plot(file: str, step: Any, name: str) -> None:
 
 
 def _calibrate(given: argparse.Namespace) -> int:
+    return _calibrate_track(given) if given.what == "track" else _calibrate_distance(given)
+
+
+def _calibrate_distance(given: argparse.Namespace) -> int:
+    from wheelchair_gym.config import InputError
+    from wheelchair_gym.hardware.calibrating_distance import LEAST, calibrate_distance
+
+    if not given.push and given.way < LEAST:
+        raise InputError(f"--way {given.way:g}: expected at least {LEAST:g} m")
+    settings = _settings(given)
+    believed = settings.chair.drive.counts_per_metre
+    try:
+        runs = (_pushed if given.push else _driven)(given, settings)
+        told = calibrate_distance(runs, believed)
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        print(f"wheelchair: {error}; nothing was written", file=sys.stderr)
+        return 1
+    text = (
+        f"{told.counts_per_metre:.1f} counts per metre, deviation {told.deviation:.1f} in "
+        f"{len(runs)} runs; the config says {believed:g}\n"
+    )
+    text += "".join(f"{r.measured:.3f} m measured, {r.counted:.3f} m counted\n" for r in runs)
+    if given.write:
+        _keep_counts(given, settings, round(told.counts_per_metre, 1))
+        text += f"written to {given.config} and to the drive board, saved"
+    else:
+        text += "not written: --write does, to the config and to the drive board"
+    report(given, told._asdict() | {"runs": [run._asdict() for run in runs]}, text)
+    return 0
+
+
+def _driven(given: argparse.Namespace, settings: Any) -> list[Any]:
+    """Runs that it drives: towards the wall and back, or ahead with a tape."""
+    from wheelchair_gym.hardware.calibrating_distance import ROOM, SPEED, drive_run
+
+    free = given.way * (2.0 if given.tape else 1.0) + ROOM
+    print(
+        f"it drives {given.way:g} m straight ahead at about {SPEED:g} m/s"
+        + ("" if given.tape else ", and back over that way")
+        + f": keep {free:.1f} m free, and a hand at the emergency stop",
+        file=sys.stderr, flush=True,
+    )  # fmt: skip
+    chair = _chair(settings)
+    try:
+        if given.tape:
+            return [drive_run(chair, given.way, False, _by_tape) for _ in range(given.runs)]
+        return [drive_run(chair, given.way, k % 2 == 1, None) for k in range(2 * given.runs)]
+    finally:
+        chair.close()
+
+
+def _pushed(given: argparse.Namespace, settings: Any) -> list[Any]:
+    """Runs that a person pushes it; no command is sent."""
+    import math
+
+    from wheelchair_gym.geometry import between
+    from wheelchair_gym.hardware.calibrating_distance import Run, moved, see_wall, straight
+    from wheelchair_gym.hardware.checking import LOOK
+    from wheelchair_gym.hardware.pace import Clock
+
+    senses, clock = _senses(settings)
+
+    def stands() -> Any:
+        """Pose, ways and wall where it stands now; all that waits on the lines is taken in."""
+        held: Clock = clock
+        end = held.now() + 1.0
+        while held.now() < end:
+            senses.poll()
+            held.wait(held.now() + LOOK)
+        if why := senses.silent(held.now()):
+            raise ValueError(why)
+        wall = None if given.tape else see_wall(senses, held, senses.poll)
+        return *senses.odometer.at(held.now()), wall
+
+    runs = []
+    try:
+        for _ in range(given.runs):
+            pose, ways, wall = stands()
+            _wait_for_enter("push it straight ahead, let it stand, then press Enter", senses, clock)
+            after, counted_ways, later = stands()
+            straight(counted_ways - ways)
+            way = between(pose, after)
+            counted = math.hypot(way[0], way[1])
+            if wall is None:
+                runs.append(Run(counted, _by_tape(counted)))
+            else:
+                runs.append(Run(counted, moved(wall, later, way)))
+    finally:
+        senses.close()
+    return runs
+
+
+def _wait_for_enter(what: str, senses: Any, clock: Any) -> None:
+    """Wait for a person's Enter; what the boards say meanwhile is taken in."""
+    import threading
+
+    from wheelchair_gym.config import InputError
+    from wheelchair_gym.hardware.checking import LOOK
+
+    print(what, file=sys.stderr, flush=True)
+    lines: list[str] = []
+    person = threading.Thread(target=lambda: lines.append(sys.stdin.readline()), daemon=True)
+    person.start()
+    while person.is_alive():
+        senses.poll()
+        clock.wait(clock.now() + LOOK)
+    if not lines or not lines[0]:
+        raise InputError("standard input ended before Enter was pressed")
+
+
+def _by_tape(counted: float) -> float:
+    """Ask a person how far it came."""
+    from wheelchair_gym.config import InputError
+
+    print(
+        f"it counted {counted:.3f} m: how many metres did the axle's centre come, by the tape?",
+        file=sys.stderr, flush=True,
+    )  # fmt: skip
+    for line in sys.stdin:
+        try:
+            return float(line)
+        except ValueError:
+            if line.strip():
+                print("expected a number, such as 1.483", file=sys.stderr, flush=True)
+    raise InputError("standard input ended before the way was told")
+
+
+def _keep_counts(given: argparse.Namespace, settings: Any, counts: float) -> None:
+    """Give counts of a metre to the drive board, which may refuse them, then to the config.
+
+    Raises:
+        InputError: the board refuses them, or the file cannot be written.
+    """
+    from agents.provenance import write_json
+    from wheelchair_gym.config import InputError, read_json
+    from wheelchair_gym.hardware.setting_up import save_parameters, set_parameters
+
+    senses, clock = _senses(settings)
+    try:
+        if refused := set_parameters(senses, clock, "drive", {"counts_per_metre": counts}):
+            raise InputError(f"{'; '.join(refused.values())}; nothing was written")
+        if not save_parameters(senses, clock, "drive"):
+            raise InputError("the drive board does not say that it saved its parameters")
+    finally:
+        senses.close()
+    content = read_json(given.config)
+    content.setdefault("chair", {}).setdefault("drive", {})["counts_per_metre"] = counts
+    write_json(given.config, content)
+
+
+def _calibrate_track(given: argparse.Namespace) -> int:
     from agents.provenance import write_json
     from wheelchair_gym.config import read_json
     from wheelchair_gym.hardware.calibrating import calibrate, drive_square
@@ -313,8 +486,10 @@ def _drive(given: argparse.Namespace) -> int:
     if not own.device:
         own = dataclasses.replace(own, device=ANY)
     load_evdev()
-    chair, shown = _chair(settings), 0.0
-    stick = Joystick(own, chair.rearm)
+    stick = Joystick(own, lambda: chair.rearm())
+    limits = settings.chair.limits
+    _await_joystick(stick, limits, given.wait)
+    chair, shown, gone = _chair(settings), 0.0, 0.0
     chair.hand = stick
     print("hold the button to drive; let go to stand", file=sys.stderr)
     try:
@@ -325,10 +500,30 @@ def _drive(given: argparse.Namespace) -> int:
                 shown, (v, w) = reading.stamp, reading.twist
                 why = stick.why or reading.halted
                 print(f"{shown:7.1f} s  {v:6.3f} m/s  {w:6.3f} rad/s  {why}", flush=True)
-            if chair.latched:
-                print(f"wheelchair: {chair.latched}", file=sys.stderr)
+            gone = gone + chair.period if stick.why else 0.0
+            ended = f"{stick.why}, for {given.wait:g} s" if gone > given.wait else chair.latched
+            if ended:
+                print(f"wheelchair: {ended}", file=sys.stderr)
                 return 1
     finally:
         chair.close()
         stick.close()
     return 0
+
+
+def _await_joystick(stick: Any, limits: Any, patience: float) -> None:
+    """Wait for a joystick, and say so.
+
+    Raises:
+        InputError: none is there when patience [s] ends.
+    """
+    from wheelchair_gym.config import InputError
+
+    begun, told = time.monotonic(), False
+    while stick(time.monotonic(), limits) is None and stick.why:
+        if time.monotonic() - begun >= patience:
+            raise InputError(f"{stick.why}; waited {patience:g} s")
+        if not told:
+            print(f"waits {patience:g} s for a joystick: {stick.why}", file=sys.stderr, flush=True)
+            told = True
+        time.sleep(min(0.1, patience))

@@ -14,7 +14,9 @@ from agents.commands import hardware
 from tests.conftest import ROOT
 from tests.hardware.realtime import serving
 from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.hardware import joystick
 from wheelchair_gym.hardware.board_senses import BoardSenses
+from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.feed import watch
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
@@ -90,6 +92,89 @@ def test_monitor_asks_before_it_resets_a_board(tmp_path, monkeypatch, capsys):
     assert "/dev/null" in said[0]
     assert "--yes" in said[0]
     assert main([*words, "--yes"]) == 0
+
+
+@pytest.mark.long
+def test_counts_of_a_metre_are_measured_and_written(served, monkeypatch, capsys):
+    """Set up with twice as many, it finds the true ones by the wall ahead, in real time."""
+    monkeypatch.setattr(HardwareChair, "reset", armed(HardwareChair.reset))
+    content = json.loads(served.config.read_text())
+    content["chair"]["drive"]["counts_per_metre"] = 2.0 * 4346.0
+    served.config.write_text(json.dumps(content))
+    with_config = ["--config", str(served.config)]
+    assert main(["hardware", "setup", *with_config]) == 0
+    words = ["hardware", "calibrate", *with_config, "--runs", "1", "--way", "0.6"]
+    assert main(words) == 0
+    assert "not written" in capsys.readouterr().out
+    assert json.loads(served.config.read_text()) == content
+    assert main([*words, "--write"]) == 0
+    assert "written to" in capsys.readouterr().out
+    counts = json.loads(served.config.read_text())["chair"]["drive"]["counts_per_metre"]
+    assert counts == pytest.approx(4346.0, rel=0.01)
+    monkeypatch.setattr("sys.stdin", io.StringIO("\nmuch\n1e-3\n"))
+    assert main(["hardware", "calibrate", *with_config, "--runs", "1", "--push", "--tape"]) == 1
+    assert "nothing was written" in capsys.readouterr().err  # nobody pushed it
+
+
+class NoStick:
+    """A device that is not there, or is taken away after so many looks."""
+
+    def __init__(self, looks=0):
+        self.looks, self.axes = looks, {0: (-1, 1), 1: (-1, 1)}
+
+    def read(self):
+        self.looks -= 1
+        if self.looks < 0:
+            raise OSError("no joystick: plug it in")
+        return ()
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize("looks", [0, 5])
+def test_drive_without_a_joystick_says_what_it_waits_for_and_ends(
+    served, monkeypatch, capsys, looks
+):
+    """At the start, and where it is taken away under way."""
+    devices = [NoStick(looks)]
+
+    def opener(_own):
+        if not devices or not looks:
+            raise OSError("no joystick: plug it in")
+        return devices.pop()
+
+    monkeypatch.setattr(joystick, "load_evdev", lambda: None)
+    monkeypatch.setattr(joystick.Joystick.__init__, "__defaults__", (lambda: None, opener))
+    monkeypatch.setattr(HardwareChair, "reset", armed(HardwareChair.reset))
+    words = ["hardware", "drive", "--config", str(served.config), "--wait", "0.5"]
+    assert main(words) == (1 if looks else 2)
+    said = capsys.readouterr().err
+    assert "no joystick: plug it in" in said.strip().splitlines()[-1]
+    assert "0.5 s" in said.strip().splitlines()[-1]
+    assert ("waits 0.5 s for a joystick" in said) == (not looks)
+
+
+def armed(reset):
+    """A person re-arms a chair that waits for it."""
+
+    def both(chair, *words):
+        ended = threading.Event()
+
+        def person():
+            while not ended.wait(0.05):
+                if chair.waiting:
+                    chair.rearm()
+
+        thread = threading.Thread(target=person)
+        thread.start()
+        try:
+            return reset(chair, *words)
+        finally:
+            ended.set()
+            thread.join()
+
+    return both
 
 
 def test_a_person_says_where_it_stands(monkeypatch, capsys):

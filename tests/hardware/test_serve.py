@@ -62,6 +62,18 @@ def test_a_host_drives_through_devices(served):
     else:
         pytest.fail(f"not served: {sorted(kind.__name__ for kind in heard)}, {len(scans)} scans")
     assert np.isfinite(scans[-1].scan.ranges).all()
+    # Its laser is unplugged while the host is connected, and plugged in again.
+    served.twin.laser.plugged = False
+    broken = False
+    while time.monotonic() < end and not broken:
+        laser.poll()
+        broken = bool(laser.why) and laser._line.thing is None
+        time.sleep(0.01)
+    assert broken
+    served.twin.laser.plugged = True
+    while time.monotonic() < end and not laser.poll():
+        time.sleep(0.01)
+    assert laser.why == ""
     # The host leaves; the chair stops by itself, and the devices stay for the next one.
     for line in (drive, ranges, laser):
         line.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -10,9 +11,18 @@ import pytest
 from tests.hardware.hosted import Hosted
 from tests.simulation.worlds import box
 from wheelchair_gym.hardware.calibrating import Square, calibrate, drive_square, reckon
+from wheelchair_gym.hardware.calibrating_distance import (
+    Run,
+    calibrate_distance,
+    drive_run,
+    moved,
+    straight,
+    wall_of,
+)
 from wheelchair_gym.hardware.checking import Checker
 from wheelchair_gym.hardware.live import live_rows
 from wheelchair_gym.hardware.messages import Switch
+from wheelchair_gym.hardware.odometer import Odometer
 from wheelchair_gym.hardware.setting_up import save_parameters, set_parameters
 from wheelchair_gym.hardware.tuning import step_response
 from wheelchair_gym.sensing import SensorSettings
@@ -20,7 +30,7 @@ from wheelchair_gym.sensing.settings import LaserSettings, OdometrySettings
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
-TRACK = 0.54
+TRACK, COUNTS = 0.54, 4346.0
 
 
 @pytest.fixture
@@ -98,7 +108,12 @@ def test_another_fan_and_other_parameters_are_found():
     senses.poll()
     senses.ask_again()
     assert set_parameters(senses, clock, "drive", {"kp": 33.0}) == {}
-    assert set_parameters(senses, clock, "drive", {"kp": 1e9}) == {"kp": 1e9}
+    before = clock.now()
+    refused = set_parameters(senses, clock, "drive", {"kp": 1e9, "ki": 120.0})
+    assert refused == {
+        "kp": "the drive board's kp is 33; expected 1e+09, which it refuses: it takes 0 to 400"
+    }
+    assert clock.now() - before < 0.5  # it is not asked again and again
     hosted.close()
 
 
@@ -145,6 +160,85 @@ def test_squares_both_ways_tell_track_and_wheels(track, ratio):
     assert told.after < 1e-4 < told.before
     with pytest.raises(ValueError, match="both ways"):
         calibrate([driven(4.0, True, track, ratio)], TRACK)
+
+
+def believing(counts):
+    """A chair whose boards and config hold so many counts of a metre; its wheels make 4,346."""
+    hosted = Hosted(box(3.0))
+    chair = hosted.chair
+    drive = dataclasses.replace(chair.chair.drive, counts_per_metre=counts)
+    chair.chair = dataclasses.replace(chair.chair, drive=drive)
+    chair.senses.odometer = Odometer(drive, chair.settings.limits.odometry)
+    hosted.clock.wait(0.5)
+    wanted = {"counts_per_metre": counts}
+    assert set_parameters(chair.senses, hosted.clock, "drive", wanted) == {}
+    return hosted
+
+
+@pytest.mark.parametrize("share", [0.5, 2.0])
+def test_counts_of_a_metre_are_recovered(share):
+    """By the laser, forwards and back, wherever they were set wrong; then it drives as asked."""
+    hosted = believing(share * COUNTS)
+    begun = hosted.twin.plant.pose
+    runs = [drive_run(hosted.chair, 0.5, back, None) for back in (False, True)]
+    told = calibrate_distance(runs, share * COUNTS)
+    assert told.counts_per_metre == pytest.approx(COUNTS, rel=0.01)
+    assert all(run.counted / run.measured == pytest.approx(1.0 / share, rel=0.01) for run in runs)
+    assert np.hypot(*(hosted.twin.plant.pose - begun)[:2]) < 0.1
+    assert not hosted.twin.hits
+    hosted.close()
+
+
+def test_counts_of_a_metre_are_recovered_by_tape():
+    hosted = believing(0.5 * COUNTS)
+    begun = hosted.twin.plant.pose
+
+    def tape(counted):
+        assert counted == pytest.approx(0.5, abs=0.1)
+        return float(np.hypot(*(hosted.twin.plant.pose - begun)[:2]))
+
+    told = calibrate_distance([drive_run(hosted.chair, 0.5, False, tape)], 0.5 * COUNTS)
+    assert told.counts_per_metre == pytest.approx(COUNTS, rel=0.01)
+    hosted.close()
+
+
+def seen(x, turned, noise=0.015, seed=0, gone=0.0):
+    """Ten scans' echoes of a wall x ahead of the axle that is turned, some from something else."""
+    rng = np.random.default_rng(seed)
+    aside = np.tile(np.linspace(-0.2, 0.2, 97), 10)
+    far = (x * math.cos(turned) - 0.66 * math.cos(turned)) / np.cos(aside - turned)
+    far = far + rng.normal(0.0, noise, len(far))
+    far[rng.random(len(far)) < gone] *= 0.5
+    return np.stack([0.66 + far * np.cos(aside), far * np.sin(aside)], axis=1)
+
+
+@pytest.mark.parametrize("turned", [-0.3, 0.0, 0.2])
+def test_a_way_is_what_the_wall_came_nearer(turned):
+    """To a millimetre or two in the laser's noise, with a chair leg before the wall."""
+    before = wall_of(seen(3.0, turned, gone=0.1))
+    after = wall_of(seen(2.0, turned, seed=1, gone=0.1))
+    assert moved(before, after, np.array([0.5, 0.0, 0.0])) == pytest.approx(1.0, abs=5e-3)
+    assert before.bearing == pytest.approx(turned, abs=0.01)
+
+
+def test_what_is_no_wall_or_no_straight_way_is_refused():
+    with pytest.raises(ValueError, match="no wall ahead"):
+        wall_of(np.empty((0, 2)))
+    with pytest.raises(ValueError, match="no flat wall"):
+        wall_of(seen(2.0, 0.0, noise=0.2))
+    with pytest.raises(ValueError, match="turned by"):
+        wall_of(seen(2.0, 0.8, noise=0.0))
+    with pytest.raises(ValueError, match="straight way"):
+        straight(np.array([1.0, 1.1]))
+    for runs, why in (
+        ([Run(1.0, 11.0)], "10 times apart"),
+        ([Run(1.0, 0.05)], "10 times apart"),
+        ([Run(1.0, 0.0)], "more than 0"),
+        ([Run(1.0, math.nan)], "more than 0"),
+        ([Run(1.0, 1.0), Run(1.0, 1.05)], "the runs differ by 4.9%"),
+    ):
+        with pytest.raises(ValueError, match=why):
+            calibrate_distance(runs, COUNTS)
 
 
 @pytest.mark.long

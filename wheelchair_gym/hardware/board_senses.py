@@ -216,8 +216,16 @@ class BoardSenses:
                 link.send(Get(number))
                 return f"the {board} board does not tell its {name}"
             if not math.isclose(told.value, value, rel_tol=_AGREE, abs_tol=1e-6):
-                return f"the {board} board's {name} is {told.value:.6g}; expected {value:.6g}"
+                said = f"the {board} board's {name} is {told.value:.6g}; expected {value:.6g}"
+                return said + self.beyond(board, name, value)
         return ""
+
+    def beyond(self, board: str, name: str, value: float) -> str:
+        """That a board's own bounds of a parameter forbid a value; empty: they do not, so far."""
+        told = self._told[board].get((DRIVE if board == "drive" else RANGE).index(name))
+        if told is None or told.low <= value <= told.high:
+            return ""
+        return f", which it refuses: it takes {told.low:g} to {told.high:g}"
 
     def ask_again(self) -> None:
         """What parameters the boards hold is not known any longer."""

@@ -127,7 +127,11 @@ def open_evdev(own: JoystickSettings) -> Device:
         if {own.ahead, own.aside} <= axes and own.hold in device.capabilities().get(EV_KEY, []):
             return _Evdev(device)
         device.close()
-    raise OSError(f"no joystick at {own.device!r} with these axes and this button")
+    where = "at any /dev/input/event*" if own.device == ANY else f"at {own.device}"
+    raise OSError(
+        f"no joystick {where} that this user may read and that has the axes and the button of "
+        "hardware.joystick: plug it in, or sudo usermod -aG input $USER and log in again"
+    )
 
 
 class Joystick:

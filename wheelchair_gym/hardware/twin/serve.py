@@ -73,6 +73,8 @@ class LaserServer:
             peer.setblocking(False)
             self._hang_up()
             self._peer = peer
+        if not self._laser.plugged:
+            self._hang_up()
         if self._peer is None:
             return
         try:
