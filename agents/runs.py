@@ -67,7 +67,7 @@ def read_store(path: Path) -> dict[str, Record]:
     records: dict[str, Record] = {}
     if not path.exists():
         return records
-    damaged, most = 0, LIMITS["line"].most
+    damaged, summed, most = 0, False, LIMITS["line"].most
     with opened(path) as lines:
         while line := lines.readline(most):
             if not line.strip():
@@ -77,7 +77,8 @@ def read_store(path: Path) -> dict[str, Record]:
                 record = stored["record"]
                 if not isinstance(stored["key"], str) or not isinstance(record, dict):
                     raise TypeError
-                if "crc" in stored and stored["crc"] != _checksum(record):
+                summed = summed or "crc" in stored  # only stores of 0.1 begin without
+                if summed and stored["crc"] != _checksum(stored["key"], record):
                     raise ValueError
             except (InputError, KeyError, TypeError, ValueError):
                 damaged += 1
@@ -89,13 +90,13 @@ def read_store(path: Path) -> dict[str, Record]:
     return records
 
 
-def _checksum(record: Record) -> int:
-    return zlib.crc32(json.dumps(record, sort_keys=True).encode())
+def _checksum(key: str, record: Record) -> int:
+    return zlib.crc32(json.dumps([key, record], sort_keys=True).encode())
 
 
 def stored_line(key: str, record: Record) -> str:
     """A record as a line of a store."""
-    content = {"key": key, "record": record, "crc": _checksum(record)}
+    content = {"key": key, "record": record, "crc": _checksum(key, record)}
     return json.dumps(content, allow_nan=False) + "\n"
 
 

@@ -85,7 +85,7 @@ def make_planner(spec: str | Mapping[str, Any] | Planner) -> Planner:
         raise InputError(f"planner is {spec!r}; expected a name or an object with a name")
     values = {"name": spec} if isinstance(spec, str) else dict(spec)
     name = values.pop("name", None)
-    if name not in PLANNERS:
+    if not isinstance(name, str) or name not in PLANNERS:
         raise InputError(f"planner {name!r} is unknown; there are {', '.join(sorted(PLANNERS))}")
     planner: Planner = load(PLANNERS[name], values, f"planner {name}")
     return planner

@@ -666,7 +666,7 @@ def _use_checkpoint(path: Path) -> None:
 
 READERS: dict[str, Reader] = {
     "map yaml": Reader(_small_map, _use_map, ("maps.map_server._description",), retold),
-    "map yaml, bytes": Reader(_copy_map, _use_map, ("maps.map_server._description",), flipped),
+    "map yaml bytes": Reader(_copy_map, _use_map, ("maps.map_server._description",), flipped),
     "map png": Reader(
         _png, lambda path: _use_map(path.with_suffix(".yaml")),
         ("maps.map_server._checked_image",), _mutated_png,
@@ -760,7 +760,7 @@ def work() -> None:
             name, number = json.loads(line)
             if name not in valid:
                 resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY,) * 2)
-                folder = Path(top) / name.replace(" ", "_").replace(",", "")
+                folder = Path(top) / name.replace(" ", "_")
                 folder.mkdir()
                 paths[name] = READERS[name].make(folder)
                 valid[name] = paths[name].read_bytes()

@@ -70,7 +70,8 @@ def opened(path: str | Path, limit: str | None = None) -> Iterator[IO[bytes]]:
                 _check_size(path, os.fstat(file.fileno()).st_size, limit)
             yield file
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+        named = path if len(str(path)) < 1000 else shown(str(path))  # which may come from a file
+        raise InputError(f"{named}: cannot be read ({error.strerror or error})") from None
     except ValueError as error:
         if isinstance(error, InputError) or "null" not in str(error):
             raise

@@ -87,7 +87,7 @@ def spec(text: str) -> str | dict[str, Any]:
     if not isinstance(content, Mapping) or not isinstance(content.get(name), Mapping):
         known = shown(", ".join(content))[1:-1] if isinstance(content, Mapping) else ""
         raise InputError(f"{file}: no settings under {name!r}; known: {known or 'none'}")
-    return {**content[name], "name": name}
+    return {"name": name, **content[name]}  # the file may know it under another name
 
 
 def changed(settings: str | Mapping[str, Any], changes: Sequence[str]) -> dict[str, Any]:

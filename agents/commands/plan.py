@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import sys
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from planners.thesis import ThesisFile
 
 CLEARANCE = 0.36  # m: the chair's half width of 0.31 m and a margin of 0.05 m
+INVALID = "invalid"  # a status that only the judge gives
 OUTLINES = 0.8  # m between the outlines drawn along a path
 
 
@@ -128,9 +131,12 @@ def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, 
     plan = planner.plan(problem, np.random.default_rng(seed))
     spent = time.perf_counter() - begun
     solved = len(plan.path) > 0
+    why = _fault(planner, plan, problem) if solved else ""
+    if why:  # said by who did not plan it
+        plan = dataclasses.replace(plan, note=why)
     return plan, {
         "name": problem.name,
-        "status": str(plan.status),
+        "status": INVALID if why else str(plan.status),
         "length": plan.length if solved else None,
         "optimum": None,
         "time_s": spent,
@@ -138,6 +144,28 @@ def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, 
         "note": plan.note,
         "path": plan.path.tolist(),
     }
+
+
+def _fault(planner: Any, plan: Plan, problem: Problem) -> str:
+    """What is wrong with a path by a judge that shares nothing with planners; '' if nothing is.
+
+    A path of points is judged as a disc drives it, one of poses as its planner's footprint does.
+    """
+    from planners.judge import TOLERANCE, Judge, sweep_faults
+
+    if not np.isfinite(plan.path).all():
+        return "a point is not finite"
+    footprint = getattr(planner, "footprint", None)
+    if plan.path.shape[1] == 2 or footprint is None:
+        found = Judge.of(problem).faults(plan.path, problem.start, problem.goal)
+        return found[0] if found else ""
+    for name, end, at in (("start", problem.start, 0), ("end", problem.goal, -1)):
+        gap = float(np.hypot(*(plan.path[at, :2] - end[:2])))
+        if not gap <= TOLERANCE:
+            return f"its {name} is {gap} m from where it should be"
+    space = problem.space
+    found = sweep_faults(plan.path, footprint.corners, space.solid, space.bounds)
+    return found[0] if found else ""
 
 
 def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
@@ -148,6 +176,12 @@ def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
     clearance = problem.clearance
     _warm(planner)
     plan, answer = _answer(planner, problem, given.seed)
+    if answer["status"] == INVALID:
+        if given.json:
+            report(given, answer, INVALID)
+        said = f"{type(planner).__name__} says solved, but by an independent judge {plan.note}"
+        print(f"wheelchair: plan: {INVALID}: {said}", file=sys.stderr)
+        return 1
     if plan.status is Status.SOLVED:
         text = (
             f"solved: {plan.length:.3f} m, {len(plan.path)} points, {1e3 * answer['time_s']:.1f} ms"
@@ -174,8 +208,6 @@ def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
     }
     if plan.status in places:
         raise InputError(f"plan: {plan.status}: {places[plan.status]}")
-    import sys
-
     none = "there is no path" if plan.status is Status.NO_PATH else "no path was found"
     why = f": {plan.note}" if plan.note else ""
     print(
@@ -190,8 +222,6 @@ def _at(point: Any) -> str:
 
 
 def _run_problems(given: argparse.Namespace, planner: Any) -> int:
-    import dataclasses
-
     from planners.problems import read_problems
 
     problems = read_problems(given.problems)

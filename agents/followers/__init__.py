@@ -30,6 +30,6 @@ def make_follower(spec: Mapping[str, Any]) -> Any:
     """
     values = dict(spec)
     name = values.pop("name", "window")
-    if name not in FOLLOWERS:
+    if not isinstance(name, str) or name not in FOLLOWERS:
         raise InputError(f"follower {name!r} is unknown; known: {', '.join(sorted(FOLLOWERS))}")
     return load(FOLLOWERS[name], values, f"follower {name}")

@@ -15,8 +15,9 @@ from agents.commands.arguments import changed, spec
 from agents.compare import SUITES
 from agents.followers import FOLLOWERS
 from agents.provenance import command_line
-from planners import PLANNERS, make_planner
+from planners import PLANNERS, Plan, Status, make_planner
 from tests.conftest import ROOT
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, write_map
 from wheelchair_gym.scenes import SCENES, make_scene
 
@@ -217,6 +218,31 @@ def test_the_thesis_settings_are_a_planner_and_a_map(hall, capsys):
     assert wide["touching"] < wide["length"]  # four pixels of 5 cm are kept
 
 
+@pytest.mark.parametrize("poses", [False, True])
+def test_a_path_through_a_wall_is_not_called_solved(hall, capsys, monkeypatch, poses):
+    """Whoever planned it: an independent judge has looked at it before the word is said."""
+
+    class Straight:
+        def plan(self, problem, rng, deadline=None):
+            path = np.array([problem.start[:2], problem.goal[:2]])
+            return Plan(Status.SOLVED, np.hstack([path, np.zeros((2, 1))]) if poses else path)
+
+    planner = Straight()
+    if poses:
+        planner.footprint = Footprint()
+    monkeypatch.setattr("planners.make_planner", lambda spec: planner)
+    assert run(*plan(hall, "hall.yaml")) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("wheelchair: plan: invalid: Straight says solved, but")
+    assert "inside an obstacle" in said.err
+    arguments = ["plan", "--problems", hall / "problems.json", "--planner", "rrt", "--json", "-"]
+    assert run(*arguments) == 0
+    (answer,) = json.loads(capsys.readouterr().out)
+    assert answer["status"] == "invalid"
+    assert "inside an obstacle" in answer["note"]
+
+
 def test_problems_are_answered_one_by_one(hall, capsys):
     arguments = ["plan", "--problems", hall / "problems.json", "--planner", "rrt_star"]
     assert run(*arguments, "--json", "-") == 0
@@ -336,6 +362,13 @@ def test_settings_come_from_a_file_and_from_changes(tmp_path):
         assert make_planner(spec(f"{ROOT / 'configs' / 'planners.json'}:{name}")) == make_planner(
             name
         )
+
+
+def test_a_file_names_its_settings_as_it_likes(tmp_path):
+    file = tmp_path / "mine.json"
+    file.write_text('{"quick": {"name": "rrt_star", "step": 2.0}, "rrt": {"step": 1.0}}')
+    assert make_planner(spec(f"{file}:quick")) == make_planner({"name": "rrt_star", "step": 2.0})
+    assert make_planner(spec(f"{file}:rrt")) == make_planner({"name": "rrt", "step": 1.0})
 
 
 def test_every_world_of_a_file_with_every_pose_source(tmp_path, monkeypatch):

@@ -38,7 +38,7 @@ def chair_settings(spec: str | Mapping[str, Any], base: HardwareSettings | None 
         if not host or url.path not in ("", "/"):
             raise InputError(f"chair {name!r}: expected {name.partition(':')[0]}://HOST:PORT")
         name, place = url.scheme, {"host": host} | ({} if port is None else {"port": port})
-    if name not in CHAIRS:
+    if not isinstance(name, str) or name not in CHAIRS:
         raise InputError(f"chair {name!r} is unknown; known: {', '.join(sorted(CHAIRS))}")
     kept = base if isinstance(base, CHAIRS[name]) else None
     return load(CHAIRS[name], values | place, f"chair {name}", kept)

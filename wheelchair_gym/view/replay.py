@@ -110,7 +110,7 @@ def read_recording(file: str | Path) -> list[Chapter]:
         raise InputError("replaying needs: pip install 'wheelchair_gym[record]'") from None
     except Exception as error:  # whatever readers and decompressors make of damaged bytes
         why = f"no {error}" if isinstance(error, KeyError) else str(error) or type(error).__name__
-        why = " ".join(why.split())
+        why = " ".join(why.split())[:200]
         raise InputError(f"{file}: expected a whole recording as MCAP ({why})") from None
     if chapters:  # a full disk or an error may have cut the last step
         _cut(chapters)
