@@ -72,23 +72,21 @@ def add(parts: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Drive it; 0 when it arrived."""
     from agents.commands.real import drive_real
-    from agents.deploy import Deployment, check_start, deploy, say
+    from agents.deploy import Deployment, check_start, deploy
     from agents.evaluate import env_settings, warm
     from agents.policy import make_policy
     from agents.start_fit import StartCheck
     from wheelchair_gym.config import InputError
     from wheelchair_gym.envs.settings import env_settings as whole_settings
-    from wheelchair_gym.hardware.chairs import check_extras
 
     if len(given.start) != 3:
         raise InputError("--start: expected X,Y,YAW (m, m, rad)")
     caps = {name: getattr(given, name) for name in ("first", "rise", "most")}
     own = Deployment(**{name: value for name, value in caps.items() if value is not None})
-    named: Any = given.chair if "://" in given.chair else spec(given.chair)
-    check_extras(named)
     policy = make_policy(spec(given.policy))
     settings = env_settings(config=given.config, pose_source=given.pose)
     episode = _episode(given, whole_settings(**settings).chair.footprint)
+    named: Any = given.chair if "://" in given.chair else spec(given.chair)
     if given.dry_run:
         named = {"name": named} if isinstance(named, str) else named
         if named["name"] != "hardware":
@@ -99,11 +97,11 @@ def run(given: argparse.Namespace) -> int:
     env, _ = drive_real(named, settings, render_mode="rgb_array")
 
     def begin(env: Any) -> None:
-        check_start(env, episode.start, StartCheck(), given.force_start, say)
+        check_start(env, episode.start, StartCheck(), given.force_start, _say)
 
     try:
         env, film = watch(given).on(env)
-        record = deploy(env, policy, episode, own, say, given.dry_run, film, begin)
+        record = deploy(env, policy, episode, own, _say, given.dry_run, film, begin)
     finally:
         env.close()
     record |= {"policy": given.policy, "map": given.map, "goal": given.goal}
@@ -144,3 +142,7 @@ def _episode(given: argparse.Namespace, outline: Any) -> Any:
             where = f"--goal {goal[0]:g},{goal[1]:g}"
             raise InputError(f"{where}: no room for the chair on {given.map}, however it faces")
     return Episode(grid, np.array(given.start), goal, walls, name=Path(given.map).stem)
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)

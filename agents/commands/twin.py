@@ -45,7 +45,6 @@ def run(given: argparse.Namespace) -> int:
     from wheelchair_gym.hardware.twin.lockstep import Twin
     from wheelchair_gym.hardware.twin.plant import Plant
     from wheelchair_gym.hardware.twin.serve import ServedTwin
-    from wheelchair_gym.hardware.twin.setup import set_up
     from wheelchair_gym.maps import write_map
 
     if given.port > 65535:
@@ -60,7 +59,6 @@ def run(given: argparse.Namespace) -> int:
         write_map(env.episode.map, given.write_map)
     twin = Twin(Plant(settings.chair, settings.sensors))
     twin.reset(env.episode, given.seed)
-    set_up(twin)
     twin.advance(0.1)
     twin.plant.scan(0)  # compiled before real time begins
     twin.plant.ping(0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -16,6 +17,7 @@ from tests.hardware.conftest import build
 from wheelchair_gym.hardware.messages import Switch
 from wheelchair_gym.hardware.twin.faults import WORDS, break_it
 from wheelchair_gym.hardware.twin.lockstep import Faults, Twin
+from wheelchair_gym.hardware.twin.plant import Slope
 from wheelchair_gym.hardware.twin.serve import ServedTwin
 from wheelchair_gym.hardware.twin.stick import Stick
 from wheelchair_gym.maps import read_map
@@ -27,6 +29,14 @@ SAID = {
     "encoder left lost": lambda served: served.twin.faults.blind == [True, False],
     "encoder right swapped": lambda served: served.twin.faults.swapped == [False, True],
     "block right": lambda served: served.twin.faults.held == (False, True),
+    "driver right -0.6": lambda served: served.twin.faults.stuck_drivers == [None, -0.6],
+    "motor left inverted": lambda served: served.twin.faults.inverted == [True, False],
+    "motor both swapped": lambda served: served.twin.faults.swapped_motors,
+    "brakes 0.2": lambda served: served.twin.faults.brakes == 0.2,
+    "slope 8": lambda served: served.twin.faults.slope == Slope(math.radians(8.0)),
+    "slope 8 90": lambda served: served.twin.faults.slope == Slope(math.radians(8.0), math.pi / 2),
+    "push -250": lambda served: served.twin.faults.push == -250.0,
+    "reset-on-open drive": lambda served: served.drive.wire.resets,
     "battery 28": lambda served: served.twin.faults.battery == 28.0,
     "sonar 3 silent": lambda served: served.twin.faults.silent == {3},
     "sonar 4 0.5": lambda served: served.twin.faults.stuck == {4: 0.5},
@@ -55,6 +65,10 @@ def test_words_break_it_and_mend_it():
     wrong = (
         "press",
         "press x",
+        "driver left 2",
+        "motor left swapped",
+        "brakes 2",
+        "slope 90",
         "battery x",
         "battery 99",
         "sonar 8 silent",

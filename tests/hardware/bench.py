@@ -25,6 +25,9 @@ class Bench(NativeDrive):
         self.speeds, self.ways = [0.0, 0.0], [0.0, 0.0]
         self.seen = [True, True]  # a wheel whose encoder is seen
         self.sign = [1, 1]  # of its encoder
+        self.stuck = [None, None]  # the duty at which a driver is stuck while it is enabled
+        self.pull = 0.0  # m/s2: of a slope, forward
+        self.grip = 1.0  # share of the brakes that is left
         self.target = None  # command sent every 20 ms
         self.runs = 0
 
@@ -34,11 +37,13 @@ class Bench(NativeDrive):
                 assert self.send(Command(*self.target)) == []
             self.runs += 1
             for i in range(2):
+                self.speeds[i] += self.pull * 0.005
                 if self.enable:
-                    aim = self.duty[i] * self.battery / FEED
+                    duty = self.duty[i] if self.stuck[i] is None else self.stuck[i]
+                    aim = duty * self.battery / FEED
                     self.speeds[i] += (aim - self.speeds[i]) * (1 - math.exp(-0.005 / LAG))
                 if not self.release:
-                    slower = max(0.0, abs(self.speeds[i]) - BRAKE * 0.005)
+                    slower = max(0.0, abs(self.speeds[i]) - self.grip * BRAKE * 0.005)
                     self.speeds[i] = math.copysign(slower, self.speeds[i])
                 self.ways[i] += self.speeds[i] * 0.005
                 if self.seen[i]:

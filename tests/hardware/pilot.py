@@ -29,8 +29,8 @@ PERIOD = 0.02  # s
 class Pilot:
     """Drives a twin in a large room; what was heard last stands in `heard`, by kind."""
 
-    def __init__(self, half=50.0, noise=False, chair: ChairSettings | None = None):
-        self.twin = Twin(Plant(chair, SensorSettings(noise=noise)))
+    def __init__(self, half=50.0, noise=False, chair: ChairSettings | None = None, new=False):
+        self.twin = Twin(Plant(chair, SensorSettings(noise=noise)), new)
         self.twin.reset(box(half), 0)
         self.target = None
         self.heard, self.odometry = {}, []

@@ -299,6 +299,245 @@ def test_at_rest_on_a_protective_stop_the_brakes_close_until_it_is_to_drive_agai
     assert sum(bench.speeds) / 2 == pytest.approx(0.3, abs=0.02)
 
 
+def stick(bench, duty):
+    bench.stuck = [duty, duty]
+
+
+def at_rest(bench):
+    bench.start(0.0, seconds=0.5)
+
+
+def driving(bench):
+    bench.start(0.5)
+
+
+def by_joystick(bench):
+    by_hand(bench, 0.2, manual=True)
+    by_hand(bench, 0.2, manual=True, held=True)
+    by_hand(bench, 2.0, manual=True, held=True, ahead=1.0)
+
+
+def let_go(bench):
+    by_joystick(bench)
+    by_hand(bench, 0.02, manual=True, ahead=1.0)
+
+
+def host_gone(bench):
+    driving(bench)
+    bench.target = None
+    bench.run(0.25)
+
+
+@pytest.mark.parametrize("duty", [0.8, -0.8])
+@pytest.mark.parametrize("mode", [at_rest, driving, by_joystick, let_go, host_gone])
+def test_a_wheel_faster_than_its_aim_is_cut_whoever_drives(bench, mode, duty):
+    mode(bench)
+    stick(bench, duty)
+    aim = {driving: 0.5, by_joystick: 0.4}.get(mode, 0.0)
+    passed = None
+    for k in range(200):
+        if mode in (by_joystick, let_go):
+            held = mode is by_joystick
+            by_hand(bench, 0.01, manual=True, held=held, ahead=1.0)
+        else:
+            bench.run(0.01)
+        fast = max(bench.speeds) > aim + 0.25 or min(bench.speeds) < -0.25
+        if passed is None and fast:
+            passed = k
+        if not bench.enable:
+            break
+        assert passed is None or k - passed <= 20  # 0.2 s
+    assert off(bench)
+    assert bench.odometry().faults & ~Fault.LINK
+    bench.run(1.0)
+    assert bench.speeds == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("slow", [0.05, 0.1, -0.1])
+def test_a_slow_driver_that_sticks_at_rest_is_cut_too(bench, slow):
+    """Its wheel never passes the margin; but the chair does not stay where it is to stay."""
+    at_rest(bench)
+    stick(bench, slow)
+    bench.run(1.0)
+    assert off(bench)
+    assert max(map(abs, bench.ways)) < 0.1
+
+
+def test_a_chair_that_rolls_while_it_is_stopped_is_told(bench):
+    bench.run(0.1)
+    bench.grip, bench.pull = 0.0, 1.2
+    bench.run(0.5)
+    assert bench.odometry().faults & Fault.RUNAWAY
+    assert off(bench)
+
+
+@pytest.mark.parametrize("pull", [0.0, 0.5, 1.36, -1.36])
+@pytest.mark.parametrize("v", [0.8, -0.3, 0.1])
+def test_slopes_and_hard_stops_are_no_runaways(bench, pull, v):
+    """8 degrees pull by 1.36 m/s2; emergency, protective and gentle stops, a host that is lost."""
+    bench.pull = pull
+    for ends in ((0.0, 0.0), (0.0, 0.0, CommandFlag.PROTECTIVE), (-v, 0.5), None):
+        bench.start(v, 0.2, seconds=2.5)
+        bench.target = ends
+        bench.run(2.5)
+        assert bench.odometry().faults in (0, Fault.LINK), (ends, bench.odometry())
+    bench.start(v, seconds=2.5)
+    bench.switches = Switch.STOP_PRESSED
+    bench.run(1.5)
+    assert bench.odometry().faults == Fault.EMERGENCY_STOP
+
+
+@pytest.mark.parametrize("pull", [0.34, 1.36, -1.36])
+def test_at_zero_it_stays_where_it_is_and_then_the_brakes_close(bench, pull):
+    bench.pull = pull
+    bench.start(0.3, seconds=2.0)
+    bench.target = (0.0, 0.0)
+    while max(map(abs, bench.speeds)) > 0.01:
+        bench.run(STEP)
+    home, closed = bench.ways[0], None
+    for k in range(4000):
+        bench.run(STEP)
+        if closed is None and not bench.release:
+            closed = k * STEP
+    assert abs(bench.ways[0] - home) < 0.02
+    assert closed < 1.2
+    assert not bench.enable
+    bench.target = (0.3, 0.0)  # and it starts without rolling back
+    back = []
+    for _ in range(100):
+        bench.run(STEP)
+        back.append(home - bench.ways[0])
+    assert max(back) < 0.02
+    assert bench.odometry().faults == 0
+
+
+@pytest.mark.parametrize("target", [(0.0, 0.0, CommandFlag.PROTECTIVE), (0.0, 0.0), None])
+def test_brakes_that_slip_again_and_again_are_a_fault_and_the_motors_hold(bench, target):
+    bench.start(0.0, seconds=0.2)
+    bench.target = target
+    bench.run(0.5)
+    bench.grip, bench.pull = 0.1, 1.36
+    released, changes = bench.release, 0
+    for _ in range(2000):
+        bench.run(STEP)
+        changes += bench.release != released
+        released = bench.release
+    assert bench.odometry().faults & Fault.BRAKE
+    assert changes <= 8
+    assert bench.ways[0] < 0.2
+    home = bench.ways[0]
+    bench.run(10.0)
+    assert abs(bench.ways[0] - home) < 0.002
+    assert bench.enable
+    assert not bench.release
+    bench.target = (0.0, 0.0)  # a person may drive it to level ground
+    bench.run(0.1)
+    assert bench.rearm() == Status.DONE
+    bench.target = (0.3, 0.0)
+    bench.run(2.0)
+    assert bench.speeds[0] == pytest.approx(0.3, abs=0.02)
+
+
+@pytest.mark.parametrize(("factor", "v"), [(2.0, 0.4), (2.0, 0.8), (0.5, 0.8)])
+def test_counts_per_metre_that_cannot_be_are_told(bench, factor, v):
+    """The board expects twice the counts, and drives twice as fast; or the other way round."""
+    bench.start()
+    assert bench.odometry().faults == 0
+    bench.rearm()
+    bench.target = None
+    bench.run(1.5)  # stopped: parameters may be changed
+    bench.send(Set(DRIVE.index("counts_per_metre"), 4346.0 * factor))
+    bench.target = (0.0, 0.0)
+    bench.run(0.1)
+    assert bench.rearm() == Status.DONE
+    bench.target = (v, 0.0)
+    bench.run(6.0)
+    assert bench.odometry().faults & Fault.IMPLAUSIBLE
+    assert off(bench)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_a_take_over_with_the_stick_off_its_centre_brakes_hard(bench, held):
+    bench.start(0.8)
+    way = bench.ways[0]
+    by_hand(bench, 1.0, manual=True, held=held, ahead=-1.0)
+    assert max(map(abs, bench.speeds)) < 0.01
+    assert bench.ways[0] - way < 0.8**2 / (2 * 1.5) + 0.8 * 0.05
+
+
+def test_a_dead_man_let_go_drives_again_from_the_centre_only(bench):
+    by_joystick(bench)
+    by_hand(bench, 0.1, manual=True, ahead=1.0)
+    by_hand(bench, 2.0, manual=True, held=True, ahead=1.0)
+    assert max(map(abs, bench.speeds)) < 0.01
+    by_hand(bench, 0.1, manual=True, held=True)
+    by_hand(bench, 3.0, manual=True, held=True, ahead=1.0)
+    assert bench.speeds[0] == pytest.approx(0.4, abs=0.01)
+
+
+def test_a_hosts_rearm_does_not_hand_over_a_moving_chair(bench):
+    by_joystick(bench)
+    bench.run(0.2)  # the joystick is silent: on the way to rest
+    bench.target = (0.8, 0.0)
+    for _ in range(10):
+        bench.run(STEP)
+        if max(map(abs, bench.speeds)) > 0.05:
+            assert bench.rearm() in (Status.MOVING, Status.DONE)
+            assert bench.odometry().mode != Mode.HOST
+    bench.run(0.1)
+    assert max(bench.speeds) < 0.4
+    bench.run(3.0)
+    assert max(map(abs, bench.speeds)) < 0.01
+
+
+def outward(strips, v, w):
+    """How fast a point of the pressed sides moves outwards at most [m/s]."""
+    points = {
+        Switch.FRONT: [v - w * y for y in (-0.31, 0.31)],
+        Switch.REAR: [-v + w * y for y in (-0.31, 0.31)],
+        Switch.LEFT: [w * x for x in (-0.3, 0.7)],
+        Switch.RIGHT: [-w * x for x in (-0.3, 0.7)],
+    }
+    return max(speed for strip, speeds in points.items() if strips & strip for speed in speeds)
+
+
+@pytest.mark.parametrize("strips", range(2, 32, 2))
+def test_what_is_pressed_moves_away_only_whatever_is_asked(bench, strips):
+    rng = np.random.default_rng(strips)
+    bench.start(*rng.uniform((-0.3, -1.0), (0.8, 1.0)), seconds=2.0)
+    bench.switches = strips
+    bench.run(1.5)
+    moved = 0.0
+    for _ in range(12):
+        bench.target = tuple(rng.uniform((-0.8, -1.0), (0.8, 1.0)))
+        for _ in range(10):
+            bench.run(0.05)
+            left, right = bench.speeds
+            v, w = (left + right) / 2, (right - left) / 0.54
+            assert outward(strips, v, w) < 0.015
+            moved = max(moved, abs(v))
+    both = Switch.FRONT | Switch.REAR
+    assert (moved < 0.01) == (strips & both == both)  # there is a way out of every other
+
+
+def test_a_store_that_cannot_be_read_is_no_chair_until_a_host_has_stored_one(bench):
+    size = bench.library.drive_store_size(bench.pointer)
+    assert not bench.library.drive_restore(bench.pointer, bytes(size))
+    by_joystick(bench)
+    assert off(bench)
+    assert bench.odometry().faults & Fault.STORE
+    bench.run(0.5)
+    bench.target = (0.0, 0.0)
+    bench.run(0.1)
+    assert bench.rearm() == Status.CAUSE_STANDS
+    bench.target = None
+    assert bench.send(Save())[0].status == Status.DONE
+    bench.target = (0.0, 0.0)
+    bench.run(0.1)
+    assert bench.rearm() == Status.DONE
+    assert bench.odometry().faults == 0
+
+
 def test_parameters_keep_their_bounds_and_change_at_rest_only(bench):
     for index, name in enumerate(DRIVE):
         (told,) = bench.send(Get(index))

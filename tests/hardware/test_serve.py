@@ -42,6 +42,22 @@ def served():
     twin.close()
 
 
+@pytest.mark.parametrize("resets", [False, True])
+def test_opening_a_port_resets_its_board_where_it_is_told_to(served, resets):
+    served.drive.wire.resets = resets
+    before = served.twin.drive.resets
+    for count in (1, 2):
+        line = Link(served.drive.path)
+        heard, end = [], time.monotonic() + MOST
+        while not heard and time.monotonic() < end:
+            heard = [one for one in line.poll() if isinstance(one.message, Odometry)]
+            time.sleep(0.02)
+        assert heard
+        line.close()
+        time.sleep(0.1)
+        assert served.twin.drive.resets - before == (count if resets else 0)
+
+
 def test_a_host_drives_through_devices(served):
     drive, ranges = Link(served.drive.path), Link(served.range.path)
     laser = Hokuyo(f"tcp://127.0.0.1:{served.laser.port}")

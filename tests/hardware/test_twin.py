@@ -31,6 +31,7 @@ from wheelchair_gym.hardware.protocol import BAUD
 from wheelchair_gym.hardware.twin.board import FREQUENCY
 from wheelchair_gym.hardware.twin.laser import model_of
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
+from wheelchair_gym.hardware.twin.plant import Slope
 from wheelchair_gym.sensing.settings import LaserSettings
 from wheelchair_gym.simulation.settings import MotorSettings
 
@@ -69,7 +70,7 @@ def test_the_boards_drive_like_the_simulated_chair(pilot):
     commands = np.random.default_rng(4).uniform((-0.3, -0.8), (0.8, 0.8), (5, 2))
     sim = exact_chair(step=0.005, motor=MotorSettings(rate=200.0))
     sim.reset(box(50), 0)
-    pilot.start(seconds=0.1)
+    pilot.start(seconds=0.2)  # its motors have taken it over from the brakes
     start = pilot.pose
     quantum = np.array([1.0, 2.0 / 0.54]) / COUNTS / 0.1
     within = []
@@ -189,7 +190,9 @@ def test_a_hung_drive_board_is_reset_and_stays_stopped(pilot):
     assert pilot.twin.motion.speed == pytest.approx(0.3, abs=0.01)
 
 
-def test_parameters_outlive_power_off_and_garbage_does_not(pilot):
+def test_parameters_outlive_power_off_and_garbage_does_not():
+    build("drive.elf")
+    pilot = Pilot(new=True)
     kp = DRIVE.index("kp")
     pilot.run(0.1)
     assert pilot.now.faults == Fault.RESET | Fault.STORE  # a new chip
@@ -266,7 +269,7 @@ def test_a_hung_range_board_is_reset(pilot):
     pilot.twin.range.hang()
     pilot.run(0.4)
     assert pilot.twin.range.resets == 1
-    assert pilot.ask(Identify(), Identity, "range") == Identity(2, 6, WATCHDOG, 0)
+    assert pilot.ask(Identify(), Identity, "range") == Identity(2, 6, WATCHDOG, 1)
 
 
 def test_the_strip_stops_the_chair_at_a_wall(pilot):
@@ -293,6 +296,50 @@ def test_a_person_drives_by_joystick_while_the_host_is_dead(pilot):
     pilot.until_rest()
     pilot.run(0.1)
     assert pilot.twin.braked
+
+
+@pytest.mark.parametrize("angle", [2.0, 8.0])
+def test_gravity_and_brakes_are_those_of_the_slope(pilot, angle):
+    """Free on a slope it speeds up by g sin(angle) less what rolling takes; braked it stands."""
+    pilot.twin.faults.slope = Slope(math.radians(angle), 0.0)
+    start = pilot.pose
+    pilot.run(2.0)
+    assert np.abs(pilot.pose - start).max() < 1e-3
+    assert pilot.now.left == pilot.now.right == 0
+    pilot.twin.faults.switches = Switch.FREEWHEEL
+    pilot.run(0.5)
+    before = pilot.twin.motion.speed
+    pilot.run(0.5)
+    rise = (pilot.twin.motion.speed - before) / 0.5
+    pull = 9.81 * math.sin(math.radians(angle))
+    wheels = 135.0 / (135.0 + 2 * 0.15 / 0.165**2)
+    assert rise == pytest.approx((pull - 0.25) * wheels, abs=0.12)
+
+
+def test_a_stuck_driver_is_cut_and_the_brakes_hold_it_on_8_degrees(pilot):
+    pilot.start(0.5, 0.0, 2.0)
+    pilot.twin.faults.slope = Slope(math.radians(8.0))
+    pilot.run(0.3)
+    pilot.twin.faults.stuck_drivers = [0.8, 0.8]
+    steps = pilot.twin.steps
+    while pilot.twin.enabled:
+        pilot.twin.advance(0.001)
+        assert pilot.twin.steps - steps < 400
+    assert pilot.until_rest(2.0) < 1.5
+    pilot.run(1.0)
+    assert pilot.now.faults & (Fault.RUNAWAY | Fault.OVER_SPEED)
+    assert pilot.twin.braked
+    assert pilot.until_rest(0.01) == 0.0
+
+
+def test_motors_that_were_exchanged_stop_the_chair(pilot):
+    pilot.twin.faults.swapped_motors = True
+    pilot.start(0.0, 0.0, 0.1)
+    pilot.target = (0.3, 0.4)
+    pilot.run(2.0)
+    assert pilot.now.faults & (Fault.DIRECTION | Fault.STALL | Fault.RUNAWAY)
+    assert not pilot.twin.enabled
+    assert np.abs(pilot.pose).max() < 0.3  # m, m, rad
 
 
 def test_a_low_battery_stops_the_chair(pilot):

@@ -34,8 +34,10 @@ class Fault(enum.IntFlag):
     OVER_SPEED = 0x0040
     UNDER_VOLTAGE = 0x0080
     DRIVER = 0x0100  # a motor driver reports a fault, Hall sensors among them
-    STORE = 0x0200  # EEPROM unreadable: parameters are the defaults
-    RUNAWAY = 0x0400  # not at rest long after it should be
+    STORE = 0x0200  # EEPROM unreadable: parameters are the defaults, until a host stores them
+    RUNAWAY = 0x0400  # a wheel turns faster than its aim, or does not come to rest
+    BRAKE = 0x0800  # the closed brakes have slipped repeatedly
+    IMPLAUSIBLE = 0x1000  # motor voltage and measured speed do not fit together
 
 
 class Switch(enum.IntFlag):
@@ -70,7 +72,7 @@ class Status(enum.IntEnum):
     UNKNOWN = 1
     OUT_OF_RANGE = 2
     MOVING = 3  # only at rest, with the drivers off
-    CAUSE_STANDS = 4
+    CAUSE_STANDS = 4  # of a fault (STORE: none was stored yet), or the freewheel lever
     NOT_AT_ZERO = 5  # needs a fresh command of zero
     OTHER_FAULTS = 6
     BUSY = 7
@@ -180,7 +182,7 @@ class Identity(NamedTuple):
     board: int  # Board
     parameters: int
     cause: int  # of the reset: MCUSR; 1 power, 2 reset pin, 4 brown-out, 8 watchdog timer
-    stored: int  # 1: parameters are those of EEPROM
+    stored: int  # 1: EEPROM holds parameters that a host has stored
 
 
 class Unknown(NamedTuple):

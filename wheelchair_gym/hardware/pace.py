@@ -142,14 +142,12 @@ class Pace:
             patience: for it [s].
             gone: ends the wait, too.
             nap: between two looks [s].
-            tell: is called with what is missing after a second, and whenever that is another,
-                whatever it says in brackets.
+            tell: is called with what is missing after a second, and whenever that is another.
         """
         begun, told = self.clock.now(), ""
         while (why := missing()) and self.clock.now() < begun + patience:
-            what = why.partition(" (")[0]
-            if tell is not None and what != told and self.clock.now() - begun >= QUIET:
-                told = what
+            if tell is not None and why != told and self.clock.now() - begun >= QUIET:
+                told = why
                 tell(why)
             self.clock.wait(self.clock.now() + nap, gone)
         return why

@@ -37,8 +37,17 @@ DRIVE = (
     "battery_full",
     "manual",
     "creep",
+    "half_width",
+    "runaway",
+    "load",
+    "hold",
+    "park",
+    "slip",
 )
 RANGE = ("interval", "sound", "narrow_reach", "wide_reach", "narrow_blind", "wide_blind")
+
+
+_MISSING, _COUNTS = 0.01, 3.0  # m; counts of coarse encoders, which tell of a way in jumps
 
 
 def drive_parameters(chair: ChairSettings) -> dict[str, float]:
@@ -51,6 +60,8 @@ def drive_parameters(chair: ChairSettings) -> dict[str, float]:
     values |= {name: float(getattr(motor, name)) for name in ("kp", "ki", "kd", "ka", "smoothing")}
     values["feed"] = motor.constant / drive.wheel_radius
     values["under_voltage"] = chair.battery.empty
+    values["missing"] = max(_MISSING, _COUNTS / drive.counts_per_metre)
+    values["half_width"] = chair.footprint.half_width
     return values
 
 

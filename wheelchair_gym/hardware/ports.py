@@ -81,9 +81,8 @@ def open_port(url: str) -> Port:
         port.open()
     except OSError as error:
         raise explained(url, error) from None
-    number: int | None = getattr(port, "fd", None)
-    if number is not None and is_device(url):
-        _claim(number, url)
+    if is_device(url):
+        _claim(port.fd, url)
     opened: Port = port
     return opened
 

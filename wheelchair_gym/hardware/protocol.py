@@ -28,7 +28,7 @@ from wheelchair_gym.hardware.messages import (
     Unknown,
 )
 
-VERSION = 1
+VERSION = 2
 BAUD = 500_000  # 1/s: exact on a 16 MHz AVR
 RANGERS = 8
 PAYLOAD_MAX = 48

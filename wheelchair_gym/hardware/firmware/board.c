@@ -122,7 +122,7 @@ void board_identify(const parameters_t *parameters)
 
 bool board_save(const parameters_t *parameters)
 {
-    if (written < to_write)
+    if (to_write)
         return false;
     store_parameters(parameters, image);
     to_write = STORE_SIZE(parameters->count);
@@ -130,12 +130,20 @@ bool board_save(const parameters_t *parameters)
     return true;
 }
 
-void board_save_on(void)
+void board_save_on(parameters_t *parameters)
 {
-    if (written < to_write && eeprom_is_ready()) {
+    if (!to_write || !eeprom_is_ready())
+        return;
+    if (written < to_write) {
         eeprom_update_byte((uint8_t *)(uint16_t)written, image[written]);
         written++;
+        return;
     }
+    parameters->stored = true;
+    for (uint8_t i = 0; i < to_write; i++)
+        if (eeprom_read_byte((const uint8_t *)(uint16_t)i) != image[i])
+            parameters->stored = false;
+    to_write = 0;
 }
 
 void board_sleep(uint32_t seen)

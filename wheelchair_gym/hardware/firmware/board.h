@@ -16,9 +16,10 @@ void board_send(uint8_t kind, const void *payload, uint8_t length);
 void board_answer(answered_t answered, uint8_t *answer);
 void board_identify(const parameters_t *parameters);
 
-/* Write the parameters to EEPROM, a byte whenever it is ready: never waits. */
+/* Write the parameters to EEPROM, a byte whenever it is ready, and read them back: never waits.
+ * They are `stored` when what was read is what was written. */
 bool board_save(const parameters_t *parameters);
-void board_save_on(void);
+void board_save_on(parameters_t *parameters);
 
 /* Sleep until a byte waits or the tick has moved on from `seen`. */
 void board_sleep(uint32_t seen);

@@ -2,7 +2,9 @@
 
 #include <math.h>
 
-#define THERE 1e-6F /* m/s, rad/s: an approach that is this near has arrived */
+#define THERE 1e-6F      /* m/s, rad/s: an approach that is this near has arrived */
+#define LEVEL 1.0F       /* V at rest: less is friction, not a slope */
+#define LOAD_SHARE SPAN  /* low-pass of 1 s */
 
 static float least(float a, float b) { return a < b ? a : b; }
 static float most(float a, float b) { return a > b ? a : b; }
@@ -38,7 +40,8 @@ void fall(axis_t *axis, float bound, float rate, float dt)
 
 worked_t work_out(const drive_values_t *p)
 {
-    return (worked_t){RUN / (p->smoothing + RUN), 1.0F / (p->counts_per_metre * RUN)};
+    float count = 1.0F / p->counts_per_metre;
+    return (worked_t){RUN / (p->smoothing + RUN), count * (1.0F / RUN), count};
 }
 
 void measure_wheel(wheel_t *wheel, worked_t k, int32_t counts)
@@ -53,27 +56,83 @@ void measure_wheel(wheel_t *wheel, worked_t k, int32_t counts)
         wheel->behind = 0.0F;
 }
 
+float way_beyond(wheel_t *wheel, worked_t k, float fall)
+{
+    float far = 0.0F, way = (float)(wheel->counts - wheel->from) * k.count;
+    for (uint8_t i = 0; i < 2; i++) {
+        float aim = i ? -least(wheel->aim, wheel->aim_from) : most(wheel->aim, wheel->aim_from);
+        wheel->may[i] = most(most(0.0F, aim), wheel->may[i] - fall * SPAN);
+        float over = (i ? -way : way) - wheel->may[i] * SPAN;
+        wheel->sum_over[i] += over - wheel->past[i][wheel->at];
+        wheel->past[i][wheel->at] = over;
+        far = most(far, wheel->sum_over[i]);
+    }
+    wheel->at = (uint8_t)((wheel->at + 1) % SPANS);
+    wheel->from = wheel->counts;
+    wheel->aim_from = wheel->aim;
+    return far;
+}
+
+void excuse_wheel(wheel_t *wheel)
+{
+    wheel->from = wheel->counts;
+    for (uint8_t i = 0; i < 2; i++) {
+        wheel->may[i] = most(wheel->may[i], fabsf(wheel->speed));
+        wheel->sum_over[i] = 0.0F;
+        for (uint8_t j = 0; j < SPANS; j++)
+            wheel->past[i][j] = 0.0F;
+    }
+}
+
+float way_from_home(const wheel_t *wheel, worked_t k)
+{
+    return (float)(wheel->counts - wheel->home) * k.count;
+}
+
 float control_wheel(wheel_t *wheel, const drive_values_t *p, worked_t k, float target, float rate,
-                    float battery)
+                    float battery, bool held)
 {
     /* The target passes the same low-pass, so that its delay does not wind up the integral. */
+    float before = wheel->aim;
     wheel->aim += k.share * (target - wheel->aim);
+    if (before * wheel->aim < 0.0F) /* it turns back: its way begins anew */
+        wheel->behind = 0.0F;
     float error = wheel->aim - wheel->speed;
     float slope = (error - wheel->error) * (1.0F / RUN);
     wheel->error = error;
     float volts = p->feed * target + p->ka * rate + p->kp * error + wheel->sum + p->kd * slope;
-    if (target == 0.0F && fabsf(wheel->speed) < 0.5F * k.quantum) {
-        /* At rest both ends of the motor are joined: it holds without drawing current. */
-        wheel->sum = volts = 0.0F;
+    if (held) {
+        /* What held it on its slope goes on; a spring to where it stands takes what is missing. */
+        volts -= p->hold * way_from_home(wheel, k);
+        wheel->behind = 0.0F;
         if (fabsf(wheel->aim) < THERE)
             wheel->aim = 0.0F;
     } else if (fabsf(volts) < battery) {
         wheel->sum += p->ki * error * RUN;
     }
-    return least(battery, most(-battery, volts));
+    wheel->rate = rate;
+    return wheel->volts = least(battery, most(-battery, volts));
+}
+
+void weigh_wheel(wheel_t *wheel, const drive_values_t *p)
+{
+    float load = wheel->volts - p->feed * wheel->speed - p->ka * wheel->rate;
+    wheel->load += LOAD_SHARE * (load - wheel->load);
+}
+
+void rest_wheel(wheel_t *wheel)
+{
+    wheel->home = wheel->counts;
+    if (fabsf(wheel->sum) < LEVEL)
+        wheel->sum = 0.0F; /* both ends of the motor are joined: it holds without current */
 }
 
 void release_wheel(wheel_t *wheel)
 {
-    wheel->aim = wheel->sum = wheel->error = wheel->behind = 0.0F;
+    wheel->aim = wheel->sum = wheel->error = wheel->behind = wheel->load = 0.0F;
+}
+
+void leave_home(wheel_t *wheel, const drive_values_t *p, worked_t k)
+{
+    wheel->sum -= p->hold * way_from_home(wheel, k);
 }

@@ -16,10 +16,23 @@
 #define SAG 500U             /* ms below `under_voltage`: starting currents pass */
 #define LOOK 100U            /* ms over which impossible encoder steps are counted */
 #define ILLEGAL_MOST 20U     /* in that time: a few are noise */
-#define RUNAWAY_AFTER 1000U  /* ms at set point zero, and still not at rest */
+#define RUNAWAY_AFTER 500U   /* ms at set point zero, and still not at rest */
+#define SPAN_TIME (SPANS * SPAN) /* s over which a wheel must be too fast */
+#define FOLLOW 1.5F          /* m/s2 by which a wheel follows a falling aim, at least */
+#define BRAKED 0.5F          /* m/s2 of the closed brakes alone, at least: 180 kg down 8 degrees */
+#define TAKE_OVER 150U       /* ms for the motors to take a chair from its brakes */
+#define PUSHED_BACK 3.0F     /* times `missing` that a wheel may be pushed back */
+#define HOLD_MOST 0.05F      /* m from where it came to rest: it is not held */
+#define SLIPS_MOST 3         /* of closed brakes: they do not hold */
+#define FORGET 60000U        /* ms after which an older slip is no sign any longer */
 
 /* What takes the drivers' power and closes the brakes at once: control itself may be what fails. */
-#define CUTTING (EMERGENCY_STOP | STALL | DIRECTION | ENCODER | OVER_SPEED | DRIVER | RUNAWAY)
+#define CUTTING                                                                      \
+    (EMERGENCY_STOP | STALL | DIRECTION | ENCODER | OVER_SPEED | DRIVER | RUNAWAY |  \
+     IMPLAUSIBLE)
+
+/* Faults with which the motors may still hold the chair where its brakes slip. */
+#define HOLDABLE (LINK | UNDER_VOLTAGE | BRAKE)
 
 #define BOUNDS(name, initial, low, high, unit) {initial, low, high},
 static const bounds_t bounds[] PROGMEM = {DRIVE_PARAMETERS(BOUNDS)};
@@ -34,10 +47,20 @@ void drive_begin(drive_t *drive)
     drive->must_zero = true;
 }
 
+void drive_restored(drive_t *drive)
+{
+    if (!drive->parameters.stored)
+        drive->faults |= STORE;
+}
+
+static bool wheels_rest(const drive_t *drive)
+{
+    return fabsf(drive->wheels[0].speed) < REST && fabsf(drive->wheels[1].speed) < REST;
+}
+
 bool drive_at_rest(const drive_t *drive)
 {
-    return drive->v.speed == 0.0F && drive->w.speed == 0.0F &&
-           fabsf(drive->wheels[0].speed) < REST && fabsf(drive->wheels[1].speed) < REST;
+    return drive->v.speed == 0.0F && drive->w.speed == 0.0F && wheels_rest(drive);
 }
 
 static uint16_t milliseconds(float seconds) { return (uint16_t)(seconds * 1000.0F + 0.5F); }
@@ -51,20 +74,30 @@ static bool command_fresh(const drive_t *drive, uint32_t now)
 static bool cause_stands(const drive_t *drive)
 {
     return drive->inputs.switches & (STOP_PRESSED | FREEWHEEL | DRIVER_LEFT | DRIVER_RIGHT) ||
-           drive->battery < drive->p.under_voltage;
+           drive->battery < drive->p.under_voltage ||
+           (drive->faults & STORE && !drive->parameters.stored);
+}
+
+/* Whether the brakes may be trusted with the chair: they have not slipped just now. */
+static bool brakes_hold(const drive_t *drive, uint32_t now)
+{
+    return !(drive->faults & BRAKE) &&
+           (!drive->slips || now - drive->slipped_at > milliseconds(drive->p.park));
 }
 
 static uint8_t rearm(drive_t *drive, uint16_t seen, bool zero, uint32_t now)
 {
     if (drive->faults & ~seen)
         return OTHER_FAULTS;
-    if (drive->mode != STOPPED || !drive_at_rest(drive))
-        return drive->armed && !drive->faults ? DONE : MOVING;
+    bool standing = drive->mode == STOPPED || (drive->mode == STOPPING && drive->held);
+    if (!standing || !drive_at_rest(drive))
+        return drive->armed && !drive->faults && drive->mode != STOPPING ? DONE : MOVING;
     if (cause_stands(drive))
         return CAUSE_STANDS;
     if (!zero)
         return NOT_AT_ZERO;
     drive->faults = 0;
+    drive->slips = 0;
     drive->armed = true;
     drive->must_zero = false; /* zero was asked for just now */
     drive->valid_at = now;
@@ -75,7 +108,7 @@ static void measure(drive_t *drive, worked_t k, const inputs_t *in)
 {
     for (uint8_t i = 0; i < 2; i++) {
         if (!drive->begun)
-            drive->wheels[i].counts = in->counts[i];
+            drive->wheels[i].counts = drive->wheels[i].from = in->counts[i];
         measure_wheel(&drive->wheels[i], k, in->counts[i]);
     }
     if (!drive->begun) {
@@ -88,9 +121,65 @@ static void measure(drive_t *drive, worked_t k, const inputs_t *in)
     drive->pressed |= in->switches;
 }
 
-/* Latch what is wrong. */
-static void watch(drive_t *drive, const inputs_t *in)
+/* Latch that the chair does not come to rest, or does not stay there. */
+static void watch_rest(drive_t *drive, worked_t k, const inputs_t *in)
 {
+    bool moves = !drive->held && !drive_at_rest(drive) && in->now - drive->moved_at > RUNAWAY_AFTER;
+    for (uint8_t i = 0; i < 2 && drive->held; i++)
+        moves |= fabsf(way_from_home(&drive->wheels[i], k)) > HOLD_MOST + k.count;
+    if (drive->running && moves)
+        drive->faults |= RUNAWAY;
+    if (in->switches & FREEWHEEL) {
+        excuse_wheel(&drive->wheels[0]); /* it is pushed by hand */
+        excuse_wheel(&drive->wheels[1]);
+    }
+}
+
+void drive_look(drive_t *drive)
+{
+    const worked_t k = work_out(&drive->p);
+    drive->span = (uint8_t)(drive->span + 1U) % SPAN_RUNS;
+    for (uint8_t i = 0; i < 2; i++) {
+        wheel_t *wheel = &drive->wheels[i];
+        if (drive->span != 2 * i) /* one wheel in a run: the runs take more equal times */
+            continue;
+        float most = drive->p.runaway * SPAN_TIME + k.count;
+        if (way_beyond(wheel, k, drive->running ? FOLLOW : BRAKED) > most)
+            drive->faults |= RUNAWAY;
+        /* Braking hard and holding ask for more than any load does in driving. */
+        if (drive->driving)
+            weigh_wheel(wheel, &drive->p);
+        else
+            wheel->load = 0.0F;
+        if (fabsf(wheel->load) > drive->p.load)
+            drive->faults |= IMPLAUSIBLE;
+    }
+}
+
+/* Closed brakes that slip: count it, and let the motors hold the chair where they may. */
+static void watch_brakes(drive_t *drive, worked_t k, const inputs_t *in)
+{
+    float bound = drive->p.slip + k.count;
+    if (!drive->shut || drive->faults & BRAKE ||
+        (fabsf(way_from_home(&drive->wheels[0], k)) < bound &&
+         fabsf(way_from_home(&drive->wheels[1], k)) < bound))
+        return;
+    if (in->now - drive->slipped_at > FORGET)
+        drive->slips = 0;
+    drive->slipped_at = in->now;
+    drive->shut = drive->parked = false;
+    if (++drive->slips >= SLIPS_MOST)
+        drive->faults |= BRAKE;
+    if (drive->mode == STOPPED && !(drive->faults & (uint16_t)~HOLDABLE) && !cause_stands(drive))
+        drive->mode = STOPPING;
+}
+
+/* Latch what is wrong. */
+static void watch(drive_t *drive, worked_t k, const inputs_t *in)
+{
+    float missing = drive->p.missing + k.count; /* whole counts are seen */
+    watch_rest(drive, k, in);
+    watch_brakes(drive, k, in);
     if (in->switches & STOP_PRESSED)
         drive->faults |= EMERGENCY_STOP;
     if (in->switches & (DRIVER_LEFT | DRIVER_RIGHT) && drive->mode != STOPPED && !drive->parked)
@@ -99,9 +188,10 @@ static void watch(drive_t *drive, const inputs_t *in)
         const wheel_t *wheel = &drive->wheels[i];
         if (fabsf(wheel->speed) > drive->p.over_speed)
             drive->faults |= OVER_SPEED;
-        if (wheel->behind > drive->p.missing)
-            drive->faults |= wheel->speed * wheel->aim < -REST * fabsf(wheel->aim) ? DIRECTION
-                                                                                   : STALL;
+        /* Who pushes a chair against its way turns its wheels back, too; not far. */
+        bool back = wheel->speed * wheel->aim < -REST * fabsf(wheel->aim);
+        if (wheel->behind > (back ? PUSHED_BACK * missing : missing))
+            drive->faults |= back ? DIRECTION : STALL;
     }
     if (in->now - drive->look_at >= LOOK) {
         if ((uint8_t)(in->illegal - drive->illegal) > ILLEGAL_MOST)
@@ -140,8 +230,11 @@ static bool choose(drive_t *drive, uint32_t now, target_t *target)
         bool centred = stick->ahead == 0.0F && stick->aside == 0.0F;
         if (fresh && stick->held && !drive->was_held)
             rearm(drive, UINT16_MAX, centred, now);
-        if (fresh)
+        if (fresh) {
+            if (drive->was_held && !stick->held)
+                drive->must_zero = true; /* let go: back to the centre before it drives again */
             drive->was_held = stick->held;
+        }
         if (centred)
             drive->must_zero = false;
     } else {
@@ -151,8 +244,8 @@ static bool choose(drive_t *drive, uint32_t now, target_t *target)
         if (fresh && drive->command.v == 0 && drive->command.w == 0)
             drive->must_zero = false;
     }
-    if (drive->must_zero)
-        *target = (target_t){0.0F, 0.0F, false};
+    if (drive->must_zero) /* somebody takes over from a moving chair, or has let go of it */
+        *target = (target_t){0.0F, 0.0F, true};
     return fresh;
 }
 
@@ -168,18 +261,10 @@ static void decide(drive_t *drive, bool asked, uint32_t now)
         drive->faults |= LINK;
         drive->armed = false;
     }
-    if (drive->mode == HOST || drive->mode == MANUAL) {
+    if (drive->mode == HOST || drive->mode == MANUAL)
         drive->mode = STOPPING;
-        drive->still_at = now;
-    }
-    if (drive->mode == STOPPING) {
-        if (drive->v.speed != 0.0F || drive->w.speed != 0.0F)
-            drive->still_at = now;
-        else if (now - drive->still_at > RUNAWAY_AFTER)
-            drive->faults |= RUNAWAY;
-        if (drive_at_rest(drive))
-            drive->mode = STOPPED;
-    }
+    if (drive->mode == STOPPING && drive_at_rest(drive) && brakes_hold(drive, now))
+        drive->mode = STOPPED;
     if (drive->faults & CUTTING || drive->inputs.switches & FREEWHEEL)
         drive->mode = STOPPED;
 }
@@ -189,10 +274,17 @@ static float clamp(float value, float low, float high)
     return value < low ? low : value > high ? high : value;
 }
 
+static bool moves(const drive_t *drive)
+{
+    return drive->v.speed != 0.0F || drive->v.slope != 0.0F || drive->w.speed != 0.0F ||
+           drive->w.slope != 0.0F;
+}
+
 static void move_set_point(drive_t *drive, target_t target)
 {
     const drive_values_t *p = &drive->p;
     float per_track = 1.0F / fmaxf(p->track, 0.1F);
+    drive->wants = false;
     if (drive->mode == STOPPED) {
         drive->v = drive->w = (axis_t){0.0F, 0.0F};
         return;
@@ -209,9 +301,13 @@ static void move_set_point(drive_t *drive, target_t target)
     float low = -p->backward, high = p->forward, turn = p->turn;
     uint8_t pressed = drive->inputs.switches & STRIPS;
     if (pressed) {
+        /* Where along a strip it touches is not known: all of a pressed side must move away. A side
+         * strip reaches before and behind the axle, and either turn moves one of its ends out. */
         low = pressed & REAR ? 0.0F : -fminf(p->creep, p->backward);
         high = pressed & FRONT ? 0.0F : fminf(p->creep, p->forward);
-        turn = CREEP_TURN;
+        bool sides = pressed & (LEFT | RIGHT) || (pressed & (FRONT | REAR)) == (FRONT | REAR);
+        float away = pressed & FRONT ? -drive->v.speed : drive->v.speed;
+        turn = sides ? 0.0F : clamp(away / p->half_width, 0.0F, CREEP_TURN);
     }
     /* What a strip forbids ends at once; within bounds the limits of comfort hold. */
     if (drive->v.speed < low || drive->v.speed > high)
@@ -224,6 +320,49 @@ static void move_set_point(drive_t *drive, target_t target)
     else
         approach(&drive->w, clamp(target.w, -turn, turn), p->turn_acceleration,
                  p->turn_acceleration, p->turn_jerk, RUN);
+    /* Behind brakes that open the motors take the chair over first: a slope shows only now. */
+    if (moves(drive) && drive->inputs.now - drive->open_at < TAKE_OVER) {
+        drive->v = drive->w = (axis_t){0.0F, 0.0F};
+        drive->wants = true;
+    }
+}
+
+/* A chair whose set point is zero stays where it came to rest: the motors hold it, and after a
+ * while, or in a protective stop at once, the brakes. */
+static void keep(drive_t *drive, target_t target, worked_t k, uint32_t now)
+{
+    bool still = !moves(drive) && !drive->wants;
+    if (drive->mode != HOST && drive->mode != MANUAL)
+        drive->parked = false;
+    if (!still)
+        drive->parked = false;
+    if (drive->mode == STOPPED) {
+        drive->held = false;
+    } else if (drive->held && moves(drive)) {
+        drive->held = false;
+        for (uint8_t i = 0; i < 2; i++)
+            leave_home(&drive->wheels[i], &drive->p, k);
+    } else if (!drive->held && !drive->parked && !moves(drive) && drive_at_rest(drive)) {
+        drive->held = true;
+        drive->held_at = now;
+        for (uint8_t i = 0; i < 2; i++)
+            rest_wheel(&drive->wheels[i]);
+    }
+    bool settled = now - drive->held_at > milliseconds(drive->p.park);
+    if (drive->held && still && drive->mode != STOPPING && brakes_hold(drive, now) &&
+        (target.protective || settled)) {
+        drive->held = false;
+        drive->parked = true;
+        drive->learned = settled;
+        for (uint8_t i = 0; i < 2; i++) {
+            if (settled)
+                leave_home(&drive->wheels[i], &drive->p, k);
+            else
+                release_wheel(&drive->wheels[i]);
+        }
+    }
+    if (drive->parked || drive->mode == STOPPED || moves(drive))
+        drive->moved_at = now;
 }
 
 void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
@@ -232,14 +371,16 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
     axis_t v = drive->v, w = drive->w;
     const worked_t k = work_out(&drive->p);
     measure(drive, k, inputs);
-    watch(drive, inputs);
+    watch(drive, k, inputs);
     bool asked = choose(drive, inputs->now, &target);
     decide(drive, asked, inputs->now);
     move_set_point(drive, target);
-    drive->parked = drive->mode != STOPPED && target.protective && drive_at_rest(drive);
+    keep(drive, target, k, inputs->now);
     bool running = drive->mode != STOPPED && !drive->parked;
+    bool braking = drive->mode == STOPPING || target.protective;
+    drive->driving = running && !braking && !drive->held;
     float v_rate = drive->v.slope, w_rate = drive->w.slope;
-    if (drive->mode == STOPPING || (running && target.protective)) { /* feeds its rate forward */
+    if (running && braking) { /* feeds its rate forward */
         v_rate = (drive->v.speed - v.speed) * (1.0F / RUN);
         w_rate = (drive->w.speed - w.speed) * (1.0F / RUN);
     }
@@ -249,14 +390,28 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
         drive->duty[i] = 0.0F;
         if (running) {
             float speed = drive->v.speed + half * drive->w.speed, rate = v_rate + half * w_rate;
-            float volts = control_wheel(&drive->wheels[i], &drive->p, k, speed, rate, battery);
+            float volts = control_wheel(&drive->wheels[i], &drive->p, k, speed, rate, battery,
+                                        drive->held);
             drive->duty[i] = fminf(1.0F, fmaxf(-1.0F, volts * per_battery));
-        } else {
+        } else if (!drive->parked) {
+            if (drive->running) /* just cut: the brakes need their time */
+                excuse_wheel(&drive->wheels[i]);
             release_wheel(&drive->wheels[i]);
         }
         outputs->duty[i] = drive->duty[i];
     }
-    outputs->enable = outputs->release = running;
+    if (!running) /* where it was held, what it needs is known */
+        drive->open_at = inputs->now - (drive->parked && drive->learned ? TAKE_OVER : 0U);
+    drive->running = outputs->enable = running;
+    /* Brakes that slip close all the same, and the motors hold against what they do not. */
+    outputs->release = running && !(drive->faults & BRAKE && drive->held);
+    if (outputs->release || inputs->switches & FREEWHEEL) {
+        drive->shut = false;
+    } else if (!drive->shut && !running && wheels_rest(drive)) {
+        drive->shut = true;
+        for (uint8_t i = 0; i < 2; i++)
+            drive->wheels[i].home = drive->wheels[i].counts;
+    }
 }
 
 answered_t drive_heed(drive_t *drive, const uint8_t *body, uint8_t size, uint32_t now,
@@ -276,8 +431,11 @@ answered_t drive_heed(drive_t *drive, const uint8_t *body, uint8_t size, uint32_
         memcpy(&seen, payload, sizeof seen);
         bool zero = command_fresh(drive, now) && drive->command.v == 0 && drive->command.w == 0;
         status = rearm(drive, seen.faults, zero, now);
-        if (status == DONE && !joystick_fresh(&drive->joystick, now))
+        if (status == DONE && drive->manual && drive_at_rest(drive) &&
+            !joystick_fresh(&drive->joystick, now)) {
             drive->manual = false; /* a person at the host takes over from a dead joystick */
+            drive->must_zero = !zero;
+        }
     }
     bool at_rest = drive->mode == STOPPED && drive_at_rest(drive);
     return heed(&drive->parameters, body, size, at_rest, status, answer, save);

@@ -29,11 +29,22 @@ typedef struct {
     uint16_t faults;
     bool armed;       /* no fault since a person re-armed */
     bool manual;      /* the joystick has it */
-    bool parked;      /* at rest on a protective stop: drivers off, brakes on, as when stopped */
+    bool running;     /* the drivers were on in the last run */
+    bool driving;     /* and neither braking hard nor holding */
+    bool held;        /* at rest under control: where each wheel is, it stays */
+    bool parked;      /* at rest for a while: drivers off, brakes on, as when stopped */
+    bool learned;     /* parked, and what holds it on its slope is known */
+    bool wants;       /* asked to move, and holds until its motors bear it */
+    uint32_t open_at; /* ms, when the brakes were last closed */
+    bool shut;        /* at rest behind closed brakes */
+    uint8_t slips;    /* of closed brakes, since a person re-armed or for a minute */
+    uint32_t slipped_at; /* ms, the last */
+    uint8_t span;     /* runs of this span of the look-out for runaways */
     bool must_zero;   /* whoever drives must ask for zero once before it is heeded */
     bool was_held;
     uint32_t valid_at; /* ms, when someone last drove */
-    uint32_t still_at; /* ms, when the set point was last away from zero */
+    uint32_t moved_at; /* ms, when the set point was last away from zero */
+    uint32_t held_at;  /* ms, when it came to rest */
 
     command_t command;
     uint8_t echo;      /* its sequence */
@@ -54,8 +65,16 @@ typedef struct {
 
 void drive_begin(drive_t *drive);
 
+/* EEPROM was read: `stored` of the parameters says whether they are its. */
+void drive_restored(drive_t *drive);
+
 /* One run of the control, every 5 ms. */
 void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs);
+
+/* After each run, when motors and host have got what they wait for: whether a wheel turns faster than
+ * its aim or away from it, whoever drives and if nobody does, and not as its voltage says. What is
+ * found counts from the next run on. */
+void drive_look(drive_t *drive);
 
 /* Heed a message (head and payload). The answer's payload goes to `answer` (PAYLOAD_MAX); returns
  * the answer's kind and its size, kind 0 for none. `save` is set when EEPROM is to be written. */

@@ -152,23 +152,28 @@ int main(void)
     drive_begin(&drive);
     begin();
     board_begin(&drive.parameters);
-    if (!drive.parameters.stored)
-        drive.faults |= STORE;
+    drive_restored(&drive);
     board_identify(&drive.parameters);
     uint32_t controlled = 0, told = 0;
+    bool look = false;
     for (;;) {
         uint32_t now = board_now();
         hear(now);
         if (now - controlled >= CONTROL_PERIOD) {
             controlled += CONTROL_PERIOD;
             control(now);
-            board_save_on();
+            look = true;
+            board_save_on(&drive.parameters);
             wdt_reset();
         }
         if (now - told >= ODOMETRY_PERIOD) {
             told += ODOMETRY_PERIOD;
             odometry_t odometry = drive_tell(&drive, now, board_bad(), board_lost());
             board_send(ODOMETRY, &odometry, sizeof odometry);
+        }
+        if (look) {
+            drive_look(&drive);
+            look = false;
         }
         board_sleep(now);
     }

@@ -34,6 +34,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     ranging_begin(&ranging);
     memcpy(image, data, size < sizeof image ? size : sizeof image);
     restore_parameters(&drive.parameters, image);
+    drive_restored(&drive);
     restore_parameters(&ranging.parameters, image);
     for (size_t i = 0; i < size; i++) {
         uint32_t now = (uint32_t)i;
@@ -45,13 +46,20 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             answered_t told = drive_heed(&drive, receiver.body, got, now, answer, &save);
             MUST(told.size <= PAYLOAD_MAX);
             MUST(drive.faults == before || receiver.body[1] == REARM);
+            MUST(drive.faults & STORE || !(before & STORE) || drive.parameters.stored);
+            drive.parameters.stored |= save;
             told = ranging_heed(&ranging, receiver.body, got, answer, &save);
             MUST(told.size <= PAYLOAD_MAX);
         }
         if (i % 5 == 0) {
             inputs_t inputs = {now, {data[i], -data[i]}, data[i], (uint8_t)(data[i] & data[0]),
                                36.0F};
+            uint16_t latched = drive.faults;
             drive_step(&drive, &inputs, &outputs);
+            drive_look(&drive);
+            MUST(!outputs.release || outputs.enable);
+            MUST(!(outputs.enable && latched & (EMERGENCY_STOP | RUNAWAY | IMPLAUSIBLE | STALL)) ||
+                 !drive.faults);
             MUST(fabsf(outputs.duty[0]) <= 1.0F && fabsf(outputs.duty[1]) <= 1.0F);
             MUST(drive.v.speed <= drive.p.forward * 1.1F + 0.1F);
             MUST(drive.v.speed >= -drive.p.backward * 1.1F - 0.1F);

@@ -79,6 +79,7 @@ EXPORT void drive_run(drive_t *drive, uint32_t now, int32_t left, int32_t right,
     inputs_t inputs = {now, {left, right}, illegal, switches, battery};
     outputs_t outputs;
     drive_step(drive, &inputs, &outputs);
+    drive_look(drive);
     memcpy(duty, outputs.duty, sizeof outputs.duty);
     *pins = (uint8_t)(outputs.enable | outputs.release << 1);
 }
@@ -93,6 +94,7 @@ EXPORT unsigned drive_hear(drive_t *drive, receiver_t *receiver, const uint8_t *
         if (size) {
             bool save = false;
             answered_t told = drive_heed(drive, receiver->body, size, now, answer, &save);
+            drive->parameters.stored |= save;
             if (told.kind)
                 written += frame(told.kind, 0, answer, told.size, out + written);
         }
@@ -111,7 +113,9 @@ EXPORT void drive_stick(drive_t *drive, const uint8_t *bytes, unsigned length, u
 }
 EXPORT bool drive_restore(drive_t *drive, const uint8_t *image)
 {
-    return restore_parameters(&drive->parameters, image);
+    bool good = restore_parameters(&drive->parameters, image);
+    drive_restored(drive);
+    return good;
 }
 EXPORT void drive_store(const drive_t *drive, uint8_t *image)
 {

@@ -23,7 +23,7 @@ typedef struct {
     float *values;
     uint8_t count;
     uint8_t board;
-    bool stored; /* the values are those of EEPROM */
+    bool stored; /* EEPROM holds values that a host has stored */
 } parameters_t;
 
 bounds_t bounds_of(const parameters_t *parameters, uint8_t index);

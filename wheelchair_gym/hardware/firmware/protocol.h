@@ -14,7 +14,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define PROTOCOL_VERSION 1
+#define PROTOCOL_VERSION 2
 #define BAUD 500000UL /* exact at 16 MHz; 115200 would be 2 % off */
 
 #define HEAD_SIZE 3     /* version, kind, sequence */
@@ -100,7 +100,7 @@
     F(uint8_t, board, "1")      /* BOARDS */                              \
     F(uint8_t, parameters, "1") /* how many */                            \
     F(uint8_t, cause, "1")      /* of the reset: MCUSR */                 \
-    F(uint8_t, stored, "1")     /* 1: parameters are those of EEPROM */
+    F(uint8_t, stored, "1")     /* 1: EEPROM holds what a host stored */
 
 #define MESSAGES(M)                                                             \
     M(COMMAND) M(REARM) M(GET) M(SET) M(SAVE) M(IDENTIFY) M(ODOMETRY) M(RANGES) \
@@ -145,8 +145,11 @@ typedef struct PACKED { IDENTITY_LAYOUT(MEMBER) } identity_t;
     N(OVER_SPEED, 0x0040)                                                              \
     N(UNDER_VOLTAGE, 0x0080)                                                           \
     N(DRIVER, 0x0100)        /* a motor driver reports a fault, Hall sensors among them */ \
-    N(STORE, 0x0200)         /* EEPROM unreadable: parameters are the defaults */      \
-    N(RUNAWAY, 0x0400)       /* not at rest long after it should be */
+    N(STORE, 0x0200)         /* EEPROM unreadable: parameters are the defaults; stands until \
+                                a host has stored them */                              \
+    N(RUNAWAY, 0x0400)       /* a wheel turns faster than its aim, or does not come to rest */ \
+    N(BRAKE, 0x0800)         /* the closed brakes have slipped repeatedly */           \
+    N(IMPLAUSIBLE, 0x1000)   /* motor voltage and measured speed do not fit together */
 
 #define SWITCHES(N)                                              \
     N(STOP_PRESSED, 0x01)    /* emergency stop */                \
@@ -169,7 +172,7 @@ typedef struct PACKED { IDENTITY_LAYOUT(MEMBER) } identity_t;
     N(UNKNOWN, 1)            /* no such message or parameter */          \
     N(OUT_OF_RANGE, 2)                                                   \
     N(MOVING, 3)             /* only at rest, with the drivers off */    \
-    N(CAUSE_STANDS, 4)       /* of a fault, or the freewheel lever */    \
+    N(CAUSE_STANDS, 4)       /* of a fault (STORE: none was stored yet), or the lever */ \
     N(NOT_AT_ZERO, 5)        /* needs a fresh command of zero */         \
     N(OTHER_FAULTS, 6)       /* stand than those named */                \
     N(BUSY, 7)
@@ -214,7 +217,13 @@ enum { BOARDS(NUMBER) };
     P(under_voltage, 30.0F, 0.0F, 60.0F, "V")                                          \
     P(battery_full, 60.0F, 5.0F, 100.0F, "V")   /* at the ADC's full scale */          \
     P(manual, 0.5F, 0.05F, 1.0F, "1")           /* share of the limits by joystick */  \
-    P(creep, 0.1F, 0.0F, 0.3F, "m/s")           /* away from a pressed strip */
+    P(creep, 0.1F, 0.0F, 0.3F, "m/s")           /* away from a pressed strip */        \
+    P(half_width, 0.31F, 0.1F, 1.0F, "m")       /* of the outline, to the side strips */ \
+    P(runaway, 0.25F, 0.1F, 0.5F, "m/s")        /* mean over 0.1 s beyond the aim: RUNAWAY */ \
+    P(load, 8.0F, 2.0F, 60.0F, "V")             /* beyond back-EMF, mean of 1 s: IMPLAUSIBLE */ \
+    P(hold, 400.0F, 0.0F, 2000.0F, "V/m")       /* position hold at rest */            \
+    P(park, 1.0F, 0.2F, 60.0F, "s")             /* at rest: drivers off, brakes on */  \
+    P(slip, 0.01F, 0.002F, 0.1F, "m")           /* of a closed brake; three times: BRAKE */
 
 #define RANGE_PARAMETERS(P)                                                            \
     P(interval, 0.06F, 0.05F, 0.5F, "s")        /* between two firings */              \

@@ -208,7 +208,7 @@ int main(void)
         if (now != seen) {
             seen = now;
             wdt_reset();
-            board_save_on();
+            board_save_on(&ranging.parameters);
             uint16_t since = (uint16_t)(now - ranging.fired_at[ranging.firing]);
             bool was_busy = phase != RESTING;
             if (phase == LISTENING)

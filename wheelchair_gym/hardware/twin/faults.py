@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 from wheelchair_gym.hardware.messages import Switch
 from wheelchair_gym.hardware.twin.lockstep import Faults
+from wheelchair_gym.hardware.twin.plant import Slope
 from wheelchair_gym.hardware.twin.serve import ServedTwin
 from wheelchair_gym.hardware.twin.stick import Stick
 from wheelchair_gym.hardware.twin.wire import Harm
@@ -51,6 +53,38 @@ def _block(served: ServedTwin, words: Sequence[str]) -> None:
     held = list(served.twin.faults.held)
     held[_SIDES.index(words[0])] = True
     served.twin.faults.held = (held[0], held[1])
+
+
+def _driver(served: ServedTwin, words: Sequence[str]) -> None:
+    side = _SIDES.index(words[0])
+    served.twin.faults.stuck_drivers[side] = _number(words[1], -1.0, 1.0)
+
+
+def _motor(served: ServedTwin, words: Sequence[str]) -> None:
+    if words[0] == "both" and words[1] == "swapped":
+        served.twin.faults.swapped_motors = True
+    elif words[1] == "inverted":
+        served.twin.faults.inverted[_SIDES.index(words[0])] = True
+    else:
+        raise ValueError(words[1])
+
+
+def _brakes(served: ServedTwin, words: Sequence[str]) -> None:
+    served.twin.faults.brakes = _number(words[0], 0.0, 1.0)
+
+
+def _slope(served: ServedTwin, words: Sequence[str]) -> None:
+    angle = math.radians(_number(words[0], 0.0, 20.0))
+    to = math.radians(_number(words[1], -360.0, 360.0)) if len(words) > 1 else 0.0
+    served.twin.faults.slope = Slope(angle, to)
+
+
+def _push(served: ServedTwin, words: Sequence[str]) -> None:
+    served.twin.faults.push = _number(words[0], -1000.0, 1000.0)
+
+
+def _reset_on_open(served: ServedTwin, words: Sequence[str]) -> None:
+    {"drive": served.drive, "range": served.range}[words[0]].wire.resets = True
 
 
 def _battery(served: ServedTwin, words: Sequence[str]) -> None:
@@ -106,7 +140,7 @@ def _heal(served: ServedTwin, words: Sequence[str]) -> None:
     twin.faults = Faults()
     twin.laser.plugged, twin.laser.silent = True, False
     for end in (served.drive, served.range):
-        end.wire.plugged, end.wire.harm = True, Harm()
+        end.wire.plugged, end.wire.harm, end.wire.resets = True, Harm(), False
 
 
 WORDS: dict[str, tuple[str, Callable[[ServedTwin, Sequence[str]], None]]] = {
@@ -114,6 +148,12 @@ WORDS: dict[str, tuple[str, Callable[[ServedTwin, Sequence[str]], None]]] = {
     "release": (" | ".join(_SWITCHES), _release),
     "encoder": ("left | right, lost | swapped", _encoder),
     "block": ("left | right", _block),
+    "driver": ("left | right, DUTY (-1 to 1) at which it is stuck", _driver),
+    "motor": ("left | right, inverted; or both swapped", _motor),
+    "brakes": ("SHARE of their torque that is left", _brakes),
+    "slope": ("DEGREES (0 to 20), and the DIRECTION in degrees in which the floor falls", _slope),
+    "push": ("NEWTONS (-1000 to 1000) along its heading", _push),
+    "reset-on-open": ("drive | range: opening its port resets the board", _reset_on_open),
     "battery": ("VOLTS", _battery),
     "sonar": ("0 to 7, silent | METRES", _sonar),
     "stick": ("AHEAD ASIDE (-1 to 1, held) | free | back | silent", _stick),

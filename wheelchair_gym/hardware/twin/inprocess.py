@@ -16,7 +16,6 @@ from wheelchair_gym.hardware.ports import Port
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import STEP
-from wheelchair_gym.hardware.twin.setup import set_up
 from wheelchair_gym.hardware.twin.wire import WIRES, Wire
 
 _numbers = itertools.count()
@@ -80,7 +79,6 @@ class TwinChair:
     """
 
     def __init__(self, twin: Twin, period: float, settings: HardwareSettings | None = None) -> None:
-        set_up(twin)
         self.twin, name = twin, f"in-process-{next(_numbers)}"
         self._names = f"{name}-drive", f"{name}-range"
         self.drive = WIRES[self._names[0]] = Wire(twin.drive, np.random.default_rng(0))

@@ -11,10 +11,12 @@ import math
 from dataclasses import dataclass, field
 
 from wheelchair_gym.hardware.messages import Switch
+from wheelchair_gym.hardware.parameters import drive_parameters, range_parameters
 from wheelchair_gym.hardware.protocol import BAUD
 from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
 from wheelchair_gym.hardware.twin.laser import TURN, TwinLaser
-from wheelchair_gym.hardware.twin.plant import STEP, Motion, Plant
+from wheelchair_gym.hardware.twin.plant import STEP, Motion, Plant, Slope
+from wheelchair_gym.hardware.twin.setup import stored
 from wheelchair_gym.hardware.twin.stick import EVERY, Stick, ibus
 from wheelchair_gym.types import Episode
 
@@ -47,6 +49,14 @@ class Faults:
     silent: set[int] = field(default_factory=set)  # ultrasonics that do not answer
     stuck: dict[int, float] = field(default_factory=dict)  # and those that always say this [m]
     stick: Stick | None = None  # what a joystick's receiver at the drive board says; None: silent
+    # drivers whose output stays at a duty whatever the board says; None: they obey. Enable still
+    # switches them off.
+    stuck_drivers: list[float | None] = field(default_factory=lambda: [None, None])
+    swapped_motors: bool = False  # each driver feeds the other side's motor
+    inverted: list[bool] = field(default_factory=lambda: [False, False])  # motors' two wires
+    brakes: float = 1.0  # share of the spring brakes' torque that is left
+    slope: Slope | None = None  # of the floor; None: level
+    push: float = 0.0  # N, with which a person pushes the chair along its heading
 
 
 class Twin:
@@ -54,6 +64,8 @@ class Twin:
 
     Args:
         plant: the chair.
+        new: its boards were never set up: their EEPROM is blank. Else it holds the parameters of
+            the plant's settings.
 
     Attributes:
         drive: the drive board; bytes go through a `Wire`.
@@ -65,11 +77,18 @@ class Twin:
         hits: steps in which a strip was hit.
     """
 
-    def __init__(self, plant: Plant | None = None) -> None:
+    def __init__(self, plant: Plant | None = None, new: bool = False) -> None:
         self.plant = plant or Plant()
         self.faults = Faults()
-        self.drive = EmulatedBoard("atmega2560", "drive.elf", (BAUD, IBUS_BAUD))
-        self.range = EmulatedBoard("atmega328p", "range.elf", (BAUD, 0))
+        drive, ranges = (
+            ("atmega2560", "drive.elf", (BAUD, IBUS_BAUD)),
+            ("atmega328p", "range.elf", (BAUD, 0)),
+        )
+        self.drive, self.range = EmulatedBoard(*drive), EmulatedBoard(*ranges)
+        if not new:
+            chair = self.plant.chair
+            self.drive.set_eeprom(stored(*drive, drive_parameters(chair.settings)))
+            self.range.set_eeprom(stored(*ranges, range_parameters(chair.sensors.ultrasonic)))
         for i in range(4):
             self.range.add_pulse_sonar(("D", 4 + i), ("B", i))
         for i in range(4):
@@ -88,7 +107,7 @@ class Twin:
         """Put the chair at an episode's start; the boards and their time go on."""
         self.plant.reset(episode, key)
         # Counts within a step are worked out from differences: a jump of the chair is none.
-        self.motion = self.plant.push((0.0, 0.0), False, True)
+        self.motion = self.plant.push((0.0, 0.0), (False, False), 1.0)
 
     @property
     def duty(self) -> tuple[float, float]:
@@ -119,9 +138,14 @@ class Twin:
             self._step()
 
     def _step(self) -> None:
-        before = self.motion
+        before, faults, on = self.motion, self.faults, self.enabled
         self.motion = motion = self.plant.push(
-            self.duty, self.enabled, self.braked, self.faults.held
+            self._terminals(),
+            (on, on),
+            faults.brakes if self.braked else 0.0,
+            faults.held,
+            faults.slope,
+            faults.push,
         )
         self.steps += 1
         until = self.steps * CYCLES
@@ -143,6 +167,17 @@ class Twin:
         self.range.run(until)
         if self.steps % TURN == 0:
             self.laser.turn(self.steps)
+
+    def _terminals(self) -> tuple[float, float]:
+        """Duties at the motors: those that the board asks for, but for what is broken."""
+        faults, asked = self.faults, self.duty
+        left, right = (
+            duty if stuck is None else stuck
+            for duty, stuck in zip(asked, faults.stuck_drivers, strict=True)
+        )
+        if faults.swapped_motors:
+            left, right = right, left
+        return (-left if faults.inverted[0] else left), (-right if faults.inverted[1] else right)
 
     def _show_switches(self) -> None:
         if self.motion.hit:

@@ -1,7 +1,8 @@
 """The simulated chair under motors that somebody else drives: the same physics, one step at a time.
 
 Only what the simulation leaves to its own speed control is given from outside: the two duties,
-whether the drivers have power, and whether the spring brakes are closed.
+whether each driver has power, the torque of the spring brakes, and what pulls at the chair (a
+slope, a person).
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ from wheelchair_gym.sensing import SensorSettings
 from wheelchair_gym.sensing.laser import SCRATCH, scan
 from wheelchair_gym.sensing.ultrasonic import fire
 from wheelchair_gym.simulation.chair import SimulatedChair
-from wheelchair_gym.simulation.engine import body_view
-from wheelchair_gym.simulation.motion import step_once, work_out
+from wheelchair_gym.simulation.engine import VX, VY, W, X, Y, body_view
+from wheelchair_gym.simulation.motion import Worked, step_once, work_out
 from wheelchair_gym.simulation.period import locate
 from wheelchair_gym.simulation.rig import RIG, laser_of, rangers_of
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
-from wheelchair_gym.simulation.state import PARAMETER, STATE
+from wheelchair_gym.simulation.state import GRAVITY, PARAMETER, STATE
 from wheelchair_gym.simulation.world import WORLD
 from wheelchair_gym.types import Episode
 
@@ -53,9 +54,61 @@ class Motion(NamedTuple):
     hit: bool  # a strip was pressed hard enough in this step
 
 
+class Slope(NamedTuple):
+    """A floor that is not level.
+
+    Attributes:
+        angle: of the floor against the horizontal [rad].
+        downhill: direction in the world in which it falls [rad].
+    """
+
+    angle: float
+    downhill: float = 0.0
+
+    @property
+    def pull(self) -> tuple[float, float]:
+        """What gravity adds to a chair that rolls freely (x, y) [m/s2]."""
+        along = GRAVITY * math.sin(self.angle)
+        return along * math.cos(self.downhill), along * math.sin(self.downhill)
+
+
+@borrowing_kernel
+def brake_impulses(
+    state: Any, p: Any, k: Worked, forward: float, aside: float, turn: float, most: float
+) -> tuple[float, float]:
+    """Impulses [N s] at the left and right rim by which closed spring brakes hold their wheels.
+
+    A brake is dry friction: it stops its wheel and all that rolls with it, or takes its full torque
+    where that is not enough. Both are those that bring the chair to rest in this step.
+
+    Args:
+        state: of the chair.
+        p: its parameters.
+        k: what was worked out of them.
+        forward: speed of the centre of mass along the heading [m/s].
+        aside: its speed across it, left positive [m/s].
+        turn: of the chair [rad/s].
+        most: impulse that one brake can take [N s].
+    """
+    half = 0.5 * p.track
+    left = k.inertia[0] * k.radii[0] * state.spin[0]
+    right = k.inertia[1] * k.radii[1] * state.spin[1]
+    along = p.mass * forward + left + right
+    about = p.moment * turn + p.mass * p.centre * aside + half * (right - left)
+    left, right = 0.5 * (along - about / half), 0.5 * (along + about / half)
+    return min(most, max(-most, left)), min(most, max(-most, right))
+
+
 @borrowing_kernel
 def push(
-    alone: Any, left: float, right: float, powered: bool, brake: float, held: tuple[bool, bool]
+    alone: Any,
+    left: float,
+    right: float,
+    powered: tuple[bool, bool],
+    brake: float,
+    held: tuple[bool, bool],
+    pull: tuple[float, float],
+    force: float,
 ) -> tuple[float, float, float, float, float, bool]:
     """One physics step under given duties; the fields of `Motion`.
 
@@ -63,9 +116,12 @@ def push(
         alone: (1,) of ALONE, whose chair it is.
         left: duty of the left motor.
         right: duty of the right one.
-        powered: false: the drivers' outputs are open, the motors turn freely.
+        powered: false: that driver's output is open, its motor turns freely.
         brake: torque of each closed spring brake [N m]; 0 where they are held open.
         held: wheels (left, right) that something blocks.
+        pull: acceleration along the floor (x, y) [m/s2]: gravity's on a slope, at the centre of
+            mass. The tyres' load is that of level ground: 1 % more than on 8 degrees.
+        force: with which a person pushes the chair along its heading [N].
     """
     own = alone[0]
     p = _chairs_at(own.chair, 1)[0]
@@ -73,18 +129,33 @@ def push(
     world = _worlds_at(own.world, 1)[0]
     rig = _rigs_at(own.rig, 1)[0]
     k = work_out(p)
+    fields = body_view(world.body)
+    c, s = math.cos(state.pose[2]), math.sin(state.pose[2])
+    for along, axis, speed in (
+        (pull[0] + c * force / p.mass, X, VX),
+        (pull[1] + s * force / p.mass, Y, VY),
+    ):
+        # Munk2D moves a body by its speed before a step, and tyres answer within the step: the way
+        # that it will move by this part of its speed is none.
+        fields[speed] += along * p.dt
+        fields[axis] -= along * p.dt * p.dt
+    forward, aside = c * fields[VX] + s * fields[VY], c * fields[VY] - s * fields[VX]
+    most = brake * p.dt * k.per_radius[0]
+    taken = brake_impulses(state, p, k, forward, aside, fields[W], most)
     for i in range(2):
-        # A brake takes from the wheel's own momentum; the tyre then takes from the chair's.
-        slower = min(abs(state.spin[i]), brake * p.dt / p.wheel_inertia)
-        state.spin[i] -= math.copysign(slower, state.spin[i])
+        # What a brake takes from the wheel, the tyre then takes from the chair; until then the
+        # wheel turns on as the chair moves, by its speed before.
+        slower = taken[i] / (k.inertia[i] * k.radii[i])
+        state.spin[i] -= slower
+        state.turned[i] += slower * p.dt
         # An open motor draws nothing: its voltage is that which it makes itself.
         free = p.constant * state.spin[i] / state.voltage
-        state.duty[i] = (left if i == 0 else right) if powered else free
+        state.duty[i] = (left if i == 0 else right) if powered[i] else free
         if held[i]:
             state.spin[i], state.duty[i] = 0.0, 0.0
     hit = step_once(state, p, k, world.space, world.body, rig.step)
     state.tick += 1
-    locate(state, p, body_view(world.body))
+    locate(state, p, fields)
     scale = k.counts_per_rad
     return (
         state.turned[0] * scale,
@@ -164,13 +235,25 @@ class Plant:
     def push(
         self,
         duty: tuple[float, float],
-        powered: bool,
-        braked: bool,
+        powered: tuple[bool, bool],
+        brake: float,
         held: tuple[bool, bool] = (False, False),
+        slope: Slope | None = None,
+        force: float = 0.0,
     ) -> Motion:
-        """Move on by STEP under these duties; wheels that are held do not turn."""
-        brake = self.brakes.torque if braked else 0.0
-        return Motion._make(push(self._alone, *duty, powered, brake, held))
+        """Move on by STEP.
+
+        Args:
+            duty: of the left and the right motor.
+            powered: which drivers' outputs are on.
+            brake: share of the spring brakes' torque that holds the wheels; 0: they are open.
+            held: wheels that something blocks.
+            slope: of the floor; None: level.
+            force: with which a person pushes the chair along its heading [N].
+        """
+        pull = slope.pull if slope else (0.0, 0.0)
+        torque = brake * self.brakes.torque
+        return Motion._make(push(self._alone, *duty, powered, torque, held, pull, force))
 
     def ping(self, which: int) -> float:
         """What an ultrasonic ranges now [m]; +inf without echo."""

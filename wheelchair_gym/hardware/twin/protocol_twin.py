@@ -30,6 +30,7 @@ class Serial:
         if wire is None or not wire.plugged:
             raise OSError(f"{self.port}: no such device")
         self._wire = wire
+        wire.open()
 
     @property
     def in_waiting(self) -> int:

@@ -1,13 +1,14 @@
 """The twin in real time: a pseudo-terminal for each board, a TCP port for the laser.
 
-Whatever speaks to the chair speaks to this, unchanged. One thing is not shown: opening a terminal
-does not reset a board, as a real Arduino does.
+Whatever speaks to the chair speaks to this, unchanged. A board whose wire `resets` is reset when
+its terminal is opened, as a real Arduino is.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import select
 import socket
 import termios
 import time
@@ -33,26 +34,42 @@ class Terminal:
 
     def __init__(self, wire: Wire) -> None:
         self.wire = wire
-        # Our copy of the far end stays open: else each host that leaves would look like an error.
-        self._near, self._far = os.openpty()
-        tty.setraw(self._far)
+        self._near, far = os.openpty()
+        tty.setraw(far)
         os.set_blocking(self._near, False)
-        self.path = os.ttyname(self._far)
+        self.path = os.ttyname(far)
+        os.close(far)  # so that the near end tells whether a host has it open
+        self._poll = select.poll()
+        self._poll.register(self._near, select.POLLIN)
+        self._open = False
 
     def pump(self) -> None:
         """Pass bytes both ways; never waits."""
-        with contextlib.suppress(BlockingIOError):
+        before, self._open = self._open, not self._hung_up()
+        if self._open and not before:
+            self.wire.open()
+        with contextlib.suppress(OSError):  # nothing to read, or nobody there
             self.wire.write(os.read(self._near, _CHUNK))
-        if data := self.wire.read():
+        data = self.wire.read()
+        if data and self._open:
             try:
                 os.write(self._near, data)
             except BlockingIOError:  # nobody reads: what waits is old
-                termios.tcflush(self._far, termios.TCIFLUSH)
+                self._flush()
+
+    def _hung_up(self) -> bool:
+        return any(event & select.POLLHUP for _, event in self._poll.poll(0))
+
+    def _flush(self) -> None:
+        """Drop what waits at the far end; a host that has it for itself alone keeps it."""
+        with contextlib.suppress(OSError):
+            far = os.open(self.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            termios.tcflush(far, termios.TCIFLUSH)
+            os.close(far)
 
     def close(self) -> None:
         """Take the device away."""
         os.close(self._near)
-        os.close(self._far)
 
 
 class LaserServer:

@@ -2,58 +2,71 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cache
+
 from wheelchair_gym.config import InputError
-from wheelchair_gym.hardware.messages import Answer, Message, Parameter, Save, Set, Status
-from wheelchair_gym.hardware.parameters import DRIVE, RANGE, drive_parameters, range_parameters
+from wheelchair_gym.hardware.messages import (
+    Answer,
+    Identify,
+    Identity,
+    Message,
+    Parameter,
+    Save,
+    Set,
+    Status,
+)
+from wheelchair_gym.hardware.parameters import DRIVE, RANGE
 from wheelchair_gym.hardware.protocol import Receiver, encode
-from wheelchair_gym.hardware.twin.board import EmulatedBoard
-from wheelchair_gym.hardware.twin.lockstep import Twin
-from wheelchair_gym.sensing.settings import SensorSettings
-from wheelchair_gym.simulation.settings import ChairSettings
+from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
 
-_BOOT = 0.2  # s
-_ANSWER = 0.01  # s
-_SAVE = 1.0  # s: a byte of EEPROM each control run of 5 ms, 26 parameters of 4
+_BOOT = FREQUENCY // 10  # cycles
+_ANSWER = FREQUENCY // 100
+_SAVED = FREQUENCY  # a byte of EEPROM each control run of 5 ms, at most 32 parameters of 4
+_SIZE = 256  # bytes: more than the largest store
+_NAMES = {"drive.elf": DRIVE, "range.elf": RANGE}
 
 
-def set_up(twin: Twin) -> None:
-    """Give both boards what the plant's settings ask, where that is not what they hold by default.
+def stored(mcu: str, target: str, bauds: tuple[int, int], wanted: Mapping[str, float]) -> bytes:
+    """What EEPROM holds once a host has written these parameters and stored them.
+
+    Args:
+        mcu: see `EmulatedBoard`.
+        target: see `EmulatedBoard`.
+        bauds: see `EmulatedBoard`.
+        wanted: values by name; the others keep the board's own defaults.
 
     Raises:
-        InputError: a board refuses a value.
+        InputError: the board refuses a value.
     """
-    plant, chair = twin.plant.chair, ChairSettings()
-    tables = (
-        (twin.drive, DRIVE, drive_parameters(plant.settings), drive_parameters(chair)),
-        (
-            twin.range, RANGE, range_parameters(plant.sensors.ultrasonic),
-            range_parameters(SensorSettings().ultrasonic),
-        ),
-    )  # fmt: skip
-    if any(wanted != default for _, _, wanted, default in tables):
-        twin.advance(_BOOT)
-    for board, names, wanted, default in tables:
-        changed = {name: value for name, value in wanted.items() if value != default[name]}
-        for name, value in changed.items():
-            told = _asked(twin, board, Set(names.index(name), value), Parameter, _ANSWER)
-            if not isinstance(told, Parameter) or told.status != Status.DONE:
-                raise InputError(f"the board refuses {name} = {value:g}")
-        if changed:
-            kept = _asked(twin, board, Save(), Answer, _ANSWER)
-            if kept is None or kept.status != Status.DONE:
-                raise InputError("the board does not keep its parameters")
-            twin.advance(_SAVE)
+    return _stored(mcu, target, bauds, tuple(wanted.items()))
 
 
-def _asked(
-    twin: Twin, board: EmulatedBoard, message: Message, kind: type, seconds: float
-) -> Parameter | Answer | None:
-    """The answer to a message, within so many seconds."""
-    receiver, end = Receiver(), twin.steps + round(seconds * 1000)
+@cache
+def _stored(
+    mcu: str, target: str, bauds: tuple[int, int], wanted: tuple[tuple[str, float], ...]
+) -> bytes:
+    board = EmulatedBoard(mcu, target, bauds)
+    board.run(_BOOT)
+    for name, value in wanted:
+        told = _asked(board, Set(_NAMES[target].index(name), value), Parameter)
+        if not isinstance(told, Parameter) or told.status != Status.DONE:
+            raise InputError(f"the board refuses {name} = {value:g}")
+    _asked(board, Save(), Answer)
+    board.run(board.cycle + _SAVED)
+    told = _asked(board, Identify(), Identity)
+    if not isinstance(told, Identity) or not told.stored:
+        raise InputError("the board does not keep its parameters")
+    kept = board.eeprom(_SIZE)
+    board.close()
+    return kept
+
+
+def _asked(board: EmulatedBoard, message: Message, kind: type) -> Message | None:
+    """The answer to a message."""
+    receiver = Receiver()
+    board.read()
     board.write(b"\0" + encode(message, 0))
-    while twin.steps < end:
-        twin.advance(0.001)
-        for frame in receiver.feed(board.read()):
-            if isinstance(frame.message, kind):
-                return frame.message  # type: ignore[return-value]
-    return None
+    board.run(board.cycle + _ANSWER)
+    heard = [frame.message for frame in receiver.feed(board.read())]
+    return next((told for told in heard if isinstance(told, kind)), None)

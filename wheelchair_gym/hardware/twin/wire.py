@@ -31,6 +31,8 @@ class Wire:
         rng: of the harm.
         harm: what is done to bytes.
         plugged: false: both ends hear nothing, and the host gets an error.
+        resets: the board is reset when a host opens the port, as an Arduino is with its automatic
+            reset in place.
         log: bytes that the board has said, unharmed, while it is a list.
     """
 
@@ -38,7 +40,13 @@ class Wire:
     rng: np.random.Generator
     harm: Harm = field(default_factory=Harm)
     plugged: bool = True
+    resets: bool = False
     log: list[bytes] | None = None
+
+    def open(self) -> None:
+        """A host has opened the port."""
+        if self.resets:
+            self.board.reset()
 
     def write(self, data: bytes) -> None:
         """From the host to the board."""
