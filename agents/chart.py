@@ -18,7 +18,7 @@ from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
 
-ENDLESS = 0.0  # m: a goal that is never near enough
+ENDLESS = 1e-9  # m: a goal that is never near enough
 _BLANK = OccupancyGrid(np.full((40, 40), FREE, np.int8), 0.1, (-2.0, -2.0, 0.0))
 NOWHERE = Episode(_BLANK, np.zeros(3), np.array([1.0, 0.0, 0.0]), name="unknown")
 

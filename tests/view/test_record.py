@@ -406,6 +406,19 @@ def test_a_run_that_an_error_ends_is_readable(tmp_path):
     assert len(read_recording(file)[0].verdicts) == 5
 
 
+def test_a_run_that_is_killed_is_readable_up_to_its_last_second(tmp_path):
+    """Nothing is closed; the last messages are in memory alone."""
+    file, copy = tmp_path / "run.mcap", tmp_path / "copy.mcap"
+    env = Recorded(gym.make("wheelchair_gym/Navigation-v0", scene="empty"), file)
+    rewards = driven(env, 60)
+    copy.write_bytes(file.read_bytes())
+    env.close()
+    (chapter,) = read_recording(copy)
+    assert 60 - 25 < len(chapter.verdicts) < 60
+    assert [v["reward"] for v in chapter.verdicts] == rewards[: len(chapter.verdicts)]
+    assert len(read_recording(file)[0].verdicts) == 60
+
+
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
         Recorded(gym.make("wheelchair_gym/Navigation-v0"), tmp_path)

@@ -19,8 +19,9 @@ _TAIL = _HEAD.pack(_DATA_END, 4) + bytes(4) + _HEAD.pack(0x02, 20) + bytes(20) +
 class McapFile:
     """What a writer of MCAP writes to, from begin to end.
 
-    Where the disk is full, or gone, what was written so far is made a whole file, and what comes
-    later is dropped: `write` never fails.
+    After each record the file is ended, and the next one takes that end's place: a program that is
+    killed leaves a whole file. Where the disk is full, or gone, what was written so far is made a
+    whole file, and what comes later is dropped: `write` never fails.
 
     Args:
         path: of the file; where it exists a number is added to its name.
@@ -49,18 +50,41 @@ class McapFile:
         except OSError as error:
             raise refused(first, error) from None
         self._at = 0
+        self._left, self._head = len(_MAGIC), b""  # bytes of the record that is written
+        self._ending = False
 
     def write(self, data: bytes | bytearray) -> int:
         """Take all of the data."""
         self._at += len(data)
-        left = memoryview(data)
-        while left and not self.error:
-            try:
-                left = left[self._file.write(left) :]
-            except OSError as error:
-                self.error = error.strerror or str(error)
-                self._mend()
+        if self.error:
+            return len(data)
+        try:
+            self._put(data)
+            if self._whole(bytes(data)):
+                self._put(_TAIL)
+                self._file.seek(self._at)
+        except OSError as error:
+            self.error = error.strerror or str(error)
+            self._mend()
         return len(data)
+
+    def _put(self, data: bytes | bytearray) -> None:
+        left = memoryview(data)
+        while left:
+            left = left[self._file.write(left) :]
+
+    def _whole(self, data: bytes) -> bool:
+        """Whether a record ends with this data, and more are to come."""
+        while data:
+            skipped = min(self._left, len(data))
+            self._left, data = self._left - skipped, data[skipped:]
+            if not self._left and data:
+                taken = _HEAD.size - len(self._head)
+                self._head, data = self._head + data[:taken], data[taken:]
+                if len(self._head) == _HEAD.size:
+                    opcode, self._left = _HEAD.unpack(self._head)
+                    self._head, self._ending = b"", self._ending or opcode == _DATA_END
+        return not (self._left or self._head or self._ending)
 
     def seek(self, offset: int, whence: int = 0) -> int:
         """Where it is: a writer that does not go back asks for no other place.
