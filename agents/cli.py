@@ -113,7 +113,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(error)
         return 1
     except OSError as error:  # a full disk, or standard output that is full or closed
-        _say(f"{error.filename or 'standard output'}: cannot be written ({error.strerror})")
+        if error.errno is None:
+            _say(error)
+        elif error.filename is not None:
+            _say(f"{error.filename}: {error.strerror}")
+        else:
+            _say(f"standard output: cannot be written ({error.strerror})")
         _drop_output()
         return 2
     except ValueError as error:

@@ -688,7 +688,8 @@ READERS: dict[str, Reader] = {
     "env settings": Reader(
         _env, _use_env,
         ("config.read", "evaluate.env_settings", "commands.arguments.shield_of",
-         "commands.hardware._calibrate"),
+         "commands.hardware._calibrate_track",
+         "commands.hardware._keep_counts"),
     ),
     "scene settings": Reader(_scenes, _use_scenes, ("commands.arguments.spec",)),
     "planner settings": Reader(_planners, _use_planners, ("commands.arguments.spec",)),
