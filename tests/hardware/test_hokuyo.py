@@ -226,7 +226,7 @@ def test_a_lost_connection_is_made_again():
     laser, sensor, ports, clock = begin()
     ports[0].open = False
     assert laser.poll() == []
-    assert laser.why == "gone"
+    assert laser.why == "x: gone"
     clock.now += RETRY
     laser.poll()
     ports[1].said += sensor.scan(some_scan(UST_10LX), 0)

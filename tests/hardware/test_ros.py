@@ -401,7 +401,7 @@ def test_silence_is_measured_in_simulated_time(bridge):
 
 def test_simulated_time_that_the_settings_do_not_know_of_is_named():
     senses = Senses(RosSettings(), SENSORS, False)
-    assert senses.silent(1.0) == "/scan is silent"
+    assert senses.silent(1.0) == "/scan is silent: does its node run, is this its name?"
     senses.take("/clock", {"clock": {"sec": 5, "nanosec": 0}}, 1.0)
     assert "simulated time: for a simulation set use_sim_time" in senses.silent(1.0)
 

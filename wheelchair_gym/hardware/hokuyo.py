@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import select
 import socket
 import time
@@ -58,7 +59,7 @@ class TcpPort:
         readable, writable, _ = select.select([self._socket], [self._socket], [], 0)
         if writable:
             if error := self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
-                raise OSError(error, "connection failed")
+                raise OSError(error, f"connection failed, {os.strerror(error)}")
             self._flush()
         if readable:
             data = self._socket.recv(_CHUNK)
@@ -174,9 +175,9 @@ class Hokuyo:
                 for reply in self._parser.feed(port.read(waiting)):
                     self._heed(port, reply, scans)
             if port is not None and self._clock() - self._since > ANSWER_WITHIN:
-                self._line.drop(f"no answer to {self._asked} for {ANSWER_WITHIN:g} s")
+                self._lose(f"no answer to {self._asked} for {ANSWER_WITHIN:g} s")
         except (OSError, InputError) as error:
-            self._line.drop(str(error))
+            self._lose(str(error))
         self.statistics.bad = self._bad_before + self._parser.bad
         return scans
 
@@ -186,6 +187,10 @@ class Hokuyo:
             with contextlib.suppress(OSError):
                 self._line.thing.write(b"QT\n")
         self._line.close()
+
+    def _lose(self, why: str) -> None:
+        """It is lost; what is said of it names it."""
+        self._line.drop(why if self.url in why else f"{self.url}: {why}")
 
     def _begin(self, port: Port) -> None:
         self._bad_before, self._parser = self.statistics.bad, ScipParser()
@@ -220,7 +225,7 @@ class Hokuyo:
             self._ask(port, "BM")
         else:
             self.statistics.refused += 1
-            self._line.drop(f"{self._asked} was refused with status {reply.status}")
+            self._lose(f"{self._asked} was refused with status {reply.status}")
 
     def _take(self, reply: Reply, scans: list[TimedScan]) -> None:
         assert self.specs is not None

@@ -165,6 +165,8 @@ class Senses:
         """That a topic is silent, and what was wrong with what it said last."""
         wrong = self._wrong.get(topic)
         said = f"{topic} is silent" + (f" (its last message {wrong})" if wrong else "")
+        if not wrong and topic not in self._heard:
+            said += ": does its node run, is this its name?"
         if self._simulated and self.clock is None:
             said += (
                 f"; {self.settings.clock} tells simulated time: for a simulation set use_sim_time"
