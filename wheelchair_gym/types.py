@@ -111,7 +111,8 @@ class Episode:
             raise InputError(f"Episode.discs has a radius of {self.discs[:, 2].min():g} m")
         for name in ("tolerance", "time_limit", "reference"):
             value = getattr(self, name)
-            if value is not None and not 0.0 < value < math.inf:
+            least = 0.0 if name == "tolerance" else math.ulp(0.0)  # 0 m: it never arrives
+            if value is not None and not least <= value < math.inf:
                 raise InputError(f"Episode.{name} is {value}; expected a positive number, or None")
         object.__setattr__(self, "movers", checked(self.movers))
 
