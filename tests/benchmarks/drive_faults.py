@@ -62,6 +62,7 @@ class Ride:
         body = BodySettings(mass=float(self.rng.uniform(*MASSES)))
         self.pilot = Pilot(chair=dataclasses.replace(self.chair, body=body))
         self.twin = self.pilot.twin
+        self.twin.range.run = lambda _cycle: None  # it has no part in this, and takes half the time
         self._counts = (0.0, 0.0)
 
     def each(self, seconds: float):
