@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import ast
+import importlib.metadata
 import itertools
 import os
+import platform
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 
 from tests.conftest import ROOT
 
@@ -80,6 +85,51 @@ def test_importing_the_env_loads_neither_torch_nor_planners():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
+
+
+AWAY = """
+import contextlib, io, sys
+def loaded(*argv):
+    from agents.cli import main
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        try:
+            code = main(argv)
+        except SystemExit as end:
+            code = end.code
+    assert code in (0, None), (argv, code)
+    return {name for name in ("torch", "stable_baselines3", "sb3_contrib") if name in sys.modules}
+import planners, wheelchair_gym, wheelchair_gym.envs, wheelchair_gym.view
+from agents.cli import COMMANDS
+for command in ((), *((part.__name__.rpartition(".")[2],) for part in COMMANDS)):
+    assert not loaded(*command, "--help"), command
+ways = "--start", "2,2", "--goal", "13,8"
+assert not loaded("plan", "--map", sys.argv[1], "--planner", "visibility", *ways), "plan"
+assert not loaded("simulate", "--scene", "empty", "--policy", "ppo_goal"), "simulate"
+assert not loaded("settings", "lattice"), "settings"
+"""
+
+
+def test_commands_that_neither_train_nor_export_load_no_torch():
+    from wheelchair_gym.scenes.map_file import example_map
+
+    clinic = str(example_map())
+    out = subprocess.run(
+        [sys.executable, "-c", AWAY, clinic], capture_output=True, text=True, check=False
+    )
+    assert out.returncode == 0, out.stderr
+
+
+def test_what_is_used_beyond_its_interface_has_an_upper_bound():
+    """Private modules, structs and code generation may change with any minor version."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    bounds = {r.name: r.specifier for r in map(Requirement, project["dependencies"])}
+    bounds["python"] = SpecifierSet(project["requires-python"])
+    here = {name: importlib.metadata.version(name) for name in bounds if name != "python"}
+    here["python"] = platform.python_version()
+    for name, allowed in bounds.items():
+        assert here[name] in allowed, name
+    for name in ("numba", "pymunk", "torch", "gymnasium", "python"):
+        assert "99" not in bounds[name], f"{name} has no upper bound"
 
 
 def test_nothing_speaks_of_where_it_was_made():

@@ -16,7 +16,7 @@ OWN = {
     "drive": "wheelchair_gym.kinematics:DriveGeometry",
     "sensors": "wheelchair_gym.sensing.settings:SensorSettings",
     "chair": "wheelchair_gym.simulation.settings:ChairSettings",
-    "imitation": "agents.learning.demonstrations:Imitation",
+    "imitation": "agents.learning.settings:Imitation",
     "log": "wheelchair_gym.mapping.log:LogFormat",
     "recording": "wheelchair_gym.view.record:Recording",
     "shield": "wheelchair_gym.safety.settings:ShieldSettings",

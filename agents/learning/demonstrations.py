@@ -18,30 +18,15 @@ from torch import nn
 
 from agents.learning.features import Layout
 from agents.learning.networks import Features, body
-from agents.learning.settings import environment
+from agents.learning.settings import Imitation, environment
 from agents.learning.weights import FORMAT, Floats, Network, Weights, save_weights
 from agents.policy import make_policy
 from agents.provenance import command_line, commit, machine, versions, write_json
-from wheelchair_gym.config import dump, load, setting, settings
+from wheelchair_gym.config import dump, load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.settings import StartSettings
 
 _SEED = 7_000_003  # of the first episode, far from those that policies are tested on
-
-
-@settings
-class Imitation:
-    """How a scripted policy is imitated."""
-
-    expert: Any = setting(default="lattice+window", source="the best scripted policy")
-    env: Any = setting(default=None, source="as of a training run; none: that of ppo_guided")
-    episodes: int = setting(default=200, source="in each round", low=1)
-    rounds: int = setting(default=3, source="the expert drives in the first one", low=1)
-    epochs: int = setting(default=20, source="over all that was shown, after each round", low=1)
-    batch: int = setting(default=1024, source="steps at a time", low=1)
-    rate: float = setting(default=1e-3, source="of learning (Adam)", low=0.0)
-    hidden: tuple[int, ...] = setting(default=(256, 256), source="units of each layer", low=1)
-    jobs: int = setting(default=1, source="processes that drive", low=1)
 
 
 def _shown(

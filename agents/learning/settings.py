@@ -236,3 +236,18 @@ def plain(own: Training) -> dict[str, Any]:
     """A run's settings as JSON."""
     values: dict[str, Any] = dump(own)
     return values
+
+
+@settings
+class Imitation:
+    """How a scripted policy is imitated."""
+
+    expert: Any = setting(default="lattice+window", source="the best scripted policy")
+    env: Any = setting(default=None, source="as of a training run; none: that of ppo_guided")
+    episodes: int = setting(default=200, source="in each round", low=1)
+    rounds: int = setting(default=3, source="the expert drives in the first one", low=1)
+    epochs: int = setting(default=20, source="over all that was shown, after each round", low=1)
+    batch: int = setting(default=1024, source="steps at a time", low=1)
+    rate: float = setting(default=1e-3, source="of learning (Adam)", low=0.0)
+    hidden: tuple[int, ...] = setting(default=(256, 256), source="units of each layer", low=1)
+    jobs: int = setting(default=1, source="processes that drive", low=1)

@@ -18,11 +18,11 @@ import wheelchair_gym
 from agents.cli import main
 from agents.commands.train import _varied
 from agents.learning.curves import read_curve
-from agents.learning.demonstrations import Imitation, imitate
+from agents.learning.demonstrations import imitate
 from agents.learning.features import Layout, features
 from agents.learning.networks import Features, Teacher, arrays_of
 from agents.learning.run import POLICY, Run, train
-from agents.learning.settings import RECIPES, Training, plain, read_training
+from agents.learning.settings import RECIPES, Imitation, Training, plain, read_training
 from agents.learning.weights import Network, load_weights
 from tests.agents.tiny_runs import ENV, ON, PRIVY, random_weights, tiny, trained_run
 from tests.conftest import ROOT
