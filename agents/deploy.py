@@ -206,9 +206,14 @@ def check_start(env: Any, start: Array, own: StartCheck, forced: bool, say: Say)
     if not found.wrong:
         say(f"{told}, best {off:.2f} m and {turn:.0f} deg beside it")
     elif forced:
-        say(f"{told}: {found.wrong}; it goes on, as --force-start says")
+        say(f"{told}: {found.wrong}; driven all the same (--force-start)")
     else:
         raise InputError(f"{told}: {found.wrong}; correct it, or add --force-start")
+
+
+def say(line: str) -> None:
+    """Write a line of the log to standard error."""
+    print(line, file=sys.stderr, flush=True)
 
 
 def ended_as_by_hand() -> None:

@@ -89,7 +89,12 @@ STOPS: Final = (
     _board("DRIVER", "a motor driver reports a fault", "see to the driver and its motor"),
     _board("STORE", "the board's memory is unreadable", "run wheelchair hardware setup"),
     _board("RUNAWAY", "a wheel turned although it should not", "see to the drivers and the brakes"),
-    _board("not armed", "nobody has armed the board yet", "nothing needs to be mended"),
+    _board("BRAKE", "the closed brakes slip", "see to the brakes; do not park on a slope"),
+    _board(
+        "IMPLAUSIBLE", "the motors' voltage and the measured speed do not fit together",
+        "see to the encoders and their counts per metre, then to the motors",
+    ),
+    _board("not armed", "nobody has armed the board yet", "close the freewheel lever if open"),
     Stop(
         "board fault", "drive board", r"the drive board has stopped \(",
         "the board has stopped for a fault", Ends.NEW_RUN, "see to what it names",
@@ -115,6 +120,11 @@ STOPS: Final = (
         "pose unknown", "link", r"\S+ does not tell where ",
         "transforms do not lead from the map to the chair", Ends.ITSELF,
         "see to the localiser; it waits until the pose is told",
+    ),
+    Stop(
+        "clock stands", "link", r"\S+ has (told no time|stood still) ",
+        "the simulated clock of ROS does not go on", Ends.ITSELF,
+        "start the simulation; it waits until the clock goes on",
     ),
     Stop(
         "link lost", "link", r".*the link is lost",

@@ -72,7 +72,7 @@ def add(parts: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Drive it; 0 when it arrived."""
     from agents.commands.real import drive_real
-    from agents.deploy import Deployment, check_start, deploy
+    from agents.deploy import Deployment, check_start, deploy, say
     from agents.evaluate import env_settings, warm
     from agents.policy import make_policy
     from agents.start_fit import StartCheck
@@ -97,11 +97,11 @@ def run(given: argparse.Namespace) -> int:
     env, _ = drive_real(named, settings, render_mode="rgb_array")
 
     def begin(env: Any) -> None:
-        check_start(env, episode.start, StartCheck(), given.force_start, _say)
+        check_start(env, episode.start, StartCheck(), given.force_start, say)
 
     try:
         env, film = watch(given).on(env)
-        record = deploy(env, policy, episode, own, _say, given.dry_run, film, begin)
+        record = deploy(env, policy, episode, own, say, given.dry_run, film, begin)
     finally:
         env.close()
     record |= {"policy": given.policy, "map": given.map, "goal": given.goal}
@@ -142,7 +142,3 @@ def _episode(given: argparse.Namespace, outline: Any) -> Any:
             where = f"--goal {goal[0]:g},{goal[1]:g}"
             raise InputError(f"{where}: no room for the chair on {given.map}, however it faces")
     return Episode(grid, np.array(given.start), goal, walls, name=Path(given.map).stem)
-
-
-def _say(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)

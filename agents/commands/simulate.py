@@ -59,9 +59,11 @@ def add(parts: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Drive the episode and report it."""
+    from agents.deploy import Deployment, Journal, say
     from agents.evaluate import drive_episode, env_settings, label, make_env
     from agents.policy import make_policy
     from wheelchair_gym.config import InputError
+    from wheelchair_gym.stops import holds
     from wheelchair_gym.view.video import write_png, write_video
 
     policy = make_policy(spec(given.policy))
@@ -79,24 +81,35 @@ def run(given: argparse.Namespace) -> int:
         env = make_env(scene, settings, mode)
     frames: list[Any] = []
     film: Any = (lambda e: frames.append(e.render())) if given.video else None
+    # Of a real chair it is told when it stands and why, and what cannot go on is ended.
+    journal = None if given.chair is None else Journal(Deployment(), say, False)
     try:
         env, film = watch(given).on(env, film)
-        record = drive_episode(env, policy, given.seed, film, episode)
+
+        def each(now: Any) -> bool:
+            if film is not None:
+                film(now)
+            return journal is not None and journal(now)
+
+        record = drive_episode(env, policy, given.seed, each, episode)
         if given.video:
             write_video(given.video, frames, round(1.0 / env.unwrapped.task.period))
         if given.picture:
             write_png(given.picture, env.render())
     finally:
         env.close()
-    halted = env.unwrapped.task.reading.halted
+    if journal is not None and journal.ended:
+        record |= {"outcome": "halted", "success": False}
+    stands = holds(env.unwrapped.task.reading.halted, env.unwrapped.shield)
     place = label(scene) if episode is None else episode.name
-    record |= {"policy": given.policy, "scene": place, "seed": given.seed}
+    record |= {"policy": given.policy, "scene": place, "seed": given.seed, "stands": stands}
     least = record["clearance_min"]
     text = (
         f"{given.policy} on {place}, seed {given.seed}: {record['outcome']} after "
         f"{record['time']:.1f} s and {record['length']:.2f} m (shortest {record['geodesic']:.2f}"
         f" m), least clearance {'-' if least is None else f'{least:.3f}'} m"
-        + (f"; it stands: {halted}" if halted else "")
+        + (f"; it stands: {'; '.join(stands)}" if stands else "")
+        + (" (nobody re-arms it in simulation)" if stands and given.chair is None else "")
     )
     report(given, record, text)
     return 0

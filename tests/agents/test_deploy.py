@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -15,7 +16,7 @@ import pytest
 from mcap.reader import make_reader
 
 from agents.cli import main
-from agents.deploy import Capped, Deployment, deploy, rearm
+from agents.deploy import Capped, Deployment, deploy, hear_person, rearm
 from agents.policy import make_policy
 from tests.conftest import ROOT
 from tests.hardware.hosted import Hosted
@@ -23,6 +24,7 @@ from tests.hardware.realtime import EPISODE, X, Y, serving
 from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.chairs import placed
+from wheelchair_gym.hardware.joystick import Joystick, JoystickSettings
 from wheelchair_gym.hardware.messages import Switch
 from wheelchair_gym.hardware.twin.stick import Stick
 from wheelchair_gym.kinematics import Limits
@@ -212,6 +214,18 @@ def test_a_latched_shield_that_nobody_re_arms_ends_it():
     assert drive.end()
 
 
+def test_in_simulation_a_latched_shield_stands_until_time_is_up(tmp_path, capsys):
+    """Nobody is there to re-arm it, and the command says why the chair stands."""
+    config = tmp_path / "fails.json"
+    faults = {"share": 1.0, "since": [0.5, 1.0]}
+    config.write_text(json.dumps({"sensors": {"faults": faults, "pose_source": "odometry"}}))
+    words = ["simulate", "--scene", "empty", "--policy", "straight", "--config", str(config)]
+    assert main([*words, "--seed", "1", "--shield", "on", "--json", "-"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["outcome"] == "timeout"
+    assert told["stands"][0].startswith("the shield has stopped it: ")
+
+
 def test_a_re_arm_while_the_cause_stands_is_refused_and_told():
     drive = Drive(shield=True, patience=3.0)
     fails = silent_for(drive, 1.5, 99.0)
@@ -220,6 +234,29 @@ def test_a_re_arm_while_the_cause_stands_is_refused_and_told():
     assert drive.run()["outcome"] == "halted"
     assert any("not re-armed: laser silent, still; see to its plug" in line for line in drive.log)
     assert drive.end()
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_it_says_how_a_person_re_arms_it(terminal, monkeypatch, caplog):
+    """The ways there are: no Enter where nobody is at a terminal, no joystick that is not there."""
+    drive = Drive(shield=True)
+    stdin = io.StringIO("")
+    stdin.isatty = lambda: terminal
+    monkeypatch.setattr("sys.stdin", stdin)
+    joystick = JoystickSettings(device="/dev/input/event99")
+
+    def nobody(own):
+        raise OSError("no joystick at '/dev/input/event99'")
+
+    drive.hosted.chair.hand = Joystick(joystick, drive.hosted.chair.rearm, nobody)
+    hear_person(drive.env.chair, drive.env.shield)
+    drive.env.reset(options={"episode": EPISODE})
+    (line,) = [r.message for r in caplog.records if "a person must re-arm" in r.message]
+    assert ("Enter here" in line) == terminal
+    assert "button 314 of the host's joystick (no joystick at '/dev/input/event99')" in line
+    assert "waits 120 s" in line
+    drive.env.close()
+    drive.end()
 
 
 def test_an_exception_stops_it():

@@ -151,6 +151,40 @@ def test_reset_stops_and_waits_for_a_person_and_stays_where_it_is(hosted):
     assert chair.reset(None, 0).halted == ""
 
 
+def test_reset_says_what_it_waits_for_and_why_a_re_arm_is_refused(hosted):
+    """A silent laser, then the emergency stop, which is pressed still as a person re-arms."""
+    chair, told = hosted.chair, []
+    chair.on_wait = told.append
+    hosted.twin.laser.silent = True
+    with pytest.raises(InputError, match="the laser is silent"):
+        chair.reset(None, 0)
+    (line,) = told
+    assert line.startswith("the laser is silent (")
+    assert line.endswith("; waits 5 s for it")
+    hosted.twin.laser.silent = False
+    hosted.minds = False
+    told.clear()
+    hosted.twin.faults.switches = Switch.STOP_PRESSED
+    acts = {
+        1.0: chair.rearm,
+        2.0: lambda: setattr(hosted.twin.faults, "switches", Switch(0)),
+        3.0: chair.rearm,
+    }
+    begun = hosted.clock.now()
+
+    def person():
+        for due in [due for due in acts if hosted.clock.now() > begun + due]:
+            acts.pop(due)()
+
+    hosted.clock.guard(person, 0.05, "person")
+    chair.reset(None, 0)
+    waits, refused = told
+    assert "EMERGENCY_STOP" in waits
+    assert waits.endswith("a person must re-arm it; waits 120 s for that")
+    assert refused == "not re-armed: what stopped the drive board is still there"
+    assert hosted.clock.now() > begun + 3.0
+
+
 FAULTS = {
     "drive board's cable": (lambda h: setattr(h.drive, "plugged", False), "drive board is silent"),
     "range board's cable": (lambda h: setattr(h.range, "plugged", False), "range board is silent"),

@@ -23,7 +23,15 @@ from numpy.typing import NDArray
 from wheelchair_gym.config import InputError
 from wheelchair_gym.hardware.board_senses import BoardSenses
 from wheelchair_gym.hardware.known import Known
-from wheelchair_gym.hardware.messages import Command, CommandFlag, Fault, Mode, Rearm, Switch
+from wheelchair_gym.hardware.messages import (
+    Command,
+    CommandFlag,
+    Fault,
+    Mode,
+    Rearm,
+    Status,
+    Switch,
+)
 from wheelchair_gym.hardware.pace import Clock, Pace, WallClock
 from wheelchair_gym.hardware.parameters import wanted_parameters
 from wheelchair_gym.hardware.settings import HardwareSettings
@@ -40,6 +48,13 @@ _LOG = logging.getLogger(__name__)
 STAND = Command(0.0, 0.0, CommandFlag.PROTECTIVE)
 _FREE = Command(0.0, 0.0)  # stands, too, as a chair that may be driven does
 _MUTE = "the drive board is silent"
+_REARM = 2  # kind of the message, as an answer names it
+_REFUSED: dict[int, str] = {
+    Status.CAUSE_STANDS: "what stopped the drive board is still there",
+    Status.NOT_AT_ZERO: "the sticks are not at rest",
+    Status.OTHER_FAULTS: "the drive board has stopped for something else meanwhile",
+    Status.MOVING: "the chair moves",
+}
 _LOST = 4  # last words, against noise
 _FINE = 0.001  # s between two looks, when the next odometry is waited for
 
@@ -124,7 +139,7 @@ class HardwareChair(Uncopied):
             self.on_wait(f"{self.waiting}; waits {self.settings.rearm:g} s for that")
         try:
             if not self.settings.dry:
-                self._await(self.senses.stopped, self.settings.rearm, silent=True)
+                self._await(self._unarmed, self.settings.rearm, silent=True)
         finally:
             self.waiting = ""
         with self._lock:
@@ -191,6 +206,13 @@ class HardwareChair(Uncopied):
                 self._say(_FREE)  # a fresh command of zero is asked for
                 self.senses.drive.send(Rearm(self.senses.odometry.faults))
         self._rearmed()
+
+    def _unarmed(self) -> str:
+        """Why the board needs a person; a re-arm that it refuses is told."""
+        answer = self.senses.answers.pop("drive", None)
+        if answer is not None and answer.kind == _REARM and answer.status in _REFUSED:
+            self.on_wait(f"not re-armed: {_REFUSED[answer.status]}")
+        return self.senses.stopped()
 
     def _rearmed(self) -> None:
         for told in self.on_rearm:

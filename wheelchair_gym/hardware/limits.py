@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.safety.settings import StaleSettings
+
+_STALE = StaleSettings()  # of the shield: the host's limits are the same unless they are set
 
 
 @settings
 class HostLimits:
     """Beyond these the chair is told to stand."""
 
-    scan: float = setting(default=0.2, unit="s", source="oldest of the laser", low=0.01)
-    odometry: float = setting(default=0.1, unit="s", source="oldest of the encoders", low=0.01)
+    scan: float = setting(
+        default=_STALE.laser, unit="s", source="oldest of the laser: shield.stale", low=0.01
+    )
+    odometry: float = setting(
+        default=_STALE.odometry, unit="s", source="oldest of the encoders: shield.stale", low=0.01
+    )
     pose: float = setting(default=0.5, unit="s", source="oldest of the localiser", low=0.01)
-    ultrasonic: float = setting(default=1.0, unit="s", source="oldest of each", low=0.01)
+    ultrasonic: float = setting(
+        default=_STALE.ultrasonic, unit="s", source="oldest of each: shield.stale", low=0.01
+    )
     hold: float = setting(
         default=0.5, unit="s", source="twist_mux: a command counts so long beyond its period",
         low=0.0,

@@ -142,12 +142,14 @@ class Pace:
             patience: for it [s].
             gone: ends the wait, too.
             nap: between two looks [s].
-            tell: is called with what is missing after a second, and whenever that is another.
+            tell: is called with what is missing after a second, and whenever that is another,
+                whatever it says in brackets.
         """
         begun, told = self.clock.now(), ""
         while (why := missing()) and self.clock.now() < begun + patience:
-            if tell is not None and why != told and self.clock.now() - begun >= QUIET:
-                told = why
+            what = why.partition(" (")[0]
+            if tell is not None and what != told and self.clock.now() - begun >= QUIET:
+                told = what
                 tell(why)
             self.clock.wait(self.clock.now() + nap, gone)
         return why

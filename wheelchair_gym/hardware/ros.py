@@ -176,6 +176,11 @@ class RosChair(Uncopied):
         return self._known.truth
 
     @property
+    def report(self) -> dict[str, float | str]:
+        """What a recording holds of a drive board beside wall time: ROS tells of none."""
+        return {}
+
+    @property
     def belief(self) -> Belief:
         """The odometry's own pose."""
         return Belief(self._known.reckoned)
