@@ -28,11 +28,11 @@ Shape = tuple[int | None, ...]  # None: any length
 def as_array(
     value: Any, dtype: DTypeLike, shape: Shape, where: str, most: float | None = None
 ) -> NDArray[Any]:
-    """A C-contiguous array of a dtype and shape; the one given where it is such an array.
+    """A C-contiguous, aligned array of a dtype and shape; the one given where it is such an array.
 
     Args:
         value: array or nested sequences of numbers.
-        dtype: wanted; numbers are converted, other types are refused.
+        dtype: wanted; numbers are converted where they fit, other types are refused.
         shape: wanted; None is any length.
         where: how errors call it.
         most: values are finite and no larger than this; None: any value.
@@ -45,10 +45,7 @@ def as_array(
         array = np.asarray(value)
     except (ValueError, TypeError, OverflowError):
         raise InputError(f"{where} is not an array of numbers") from None
-    if wanted.kind == "V":
-        fits = array.dtype == wanted
-    else:
-        fits = array.dtype.kind in ("iuf" if wanted.kind == "f" else "iu")
+    fits = array.dtype == wanted if wanted.kind == "V" else array.dtype.kind in "iuf"
     if not fits:
         raise InputError(f"{where} has dtype {array.dtype}; expected {_named(wanted)}")
     if not _has(array, shape):
@@ -62,7 +59,12 @@ def as_array(
             raise InputError(
                 f"{where}{list(place)} is {array[place]:g}; expected at most {most:g} in size"
             )
-    return np.ascontiguousarray(array, wanted)
+    if wanted.kind in "iu" and array.dtype != wanted:
+        bounds = np.iinfo(wanted)
+        wrong = ~((array >= bounds.min) & (array <= bounds.max) & (array == np.rint(array)))
+        if wrong.any():
+            raise InputError(f"{where} has a value of {array[wrong][0]}; expected {wanted}")
+    return np.require(array, wanted, ["C", "A"])
 
 
 def _has(array: NDArray[Any], shape: Shape) -> bool:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.address import as_array
 from wheelchair_gym.config import FARTHEST, InputError
 from wheelchair_gym.movers import Movers, checked, no_movers
+from wheelchair_gym.sensing.settings import RANGERS
 
 if TYPE_CHECKING:
     from wheelchair_gym.maps import OccupancyGrid
@@ -35,6 +36,26 @@ class Reading(NamedTuple):
     battery: float  # V
     stamp: float  # s since reset
     halted: str = ""  # why the chair stands whatever it is told; empty: it does as it is told
+
+
+def check_reading(reading: Reading, beams: int) -> None:
+    """Refuse a reading whose arrays have other shapes than kernels count on.
+
+    Raises:
+        ValueError: the first array that has, and its shape.
+    """
+    pose, twist, laser, ultrasonic, age, *_ = reading
+    if not (
+        laser.shape == (beams,)
+        and pose.shape == (3,)
+        and twist.shape == (2,)
+        and ultrasonic.shape == age.shape == (RANGERS,)
+    ):
+        shapes = {"pose": (3,), "twist": (2,), "laser": (beams,)}
+        for name, shape in (shapes | dict.fromkeys(("ultrasonic", "age"), (RANGERS,))).items():
+            found = getattr(reading, name).shape
+            if found != shape:
+                raise ValueError(f"the reading's {name} has shape {found}; expected {shape}")
 
 
 class Belief(NamedTuple):

@@ -389,7 +389,7 @@ def test_for_who_plans_only_the_unseen_slows_and_nothing_is_decided():
 def test_a_scan_of_another_laser_is_refused():
     shield = Shield()
     scan = np.full(181, 5.0, np.float32)
-    reading = Reading(STILL, STILL, scan, scan[:8], scan[:8], False, 36.0, 0.0)
+    reading = Reading(np.zeros(3), STILL, scan, scan[:8], scan[:8], False, 36.0, 0.0)
     with pytest.raises(ValueError, match="181"):
         shield.filter(AHEAD, reading)
 

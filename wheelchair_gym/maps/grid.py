@@ -9,6 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.address import as_array
+from wheelchair_gym.config import FARTHEST, InputError
 from wheelchair_gym.files import check_cells
 from wheelchair_gym.geometry import to_frame
 from wheelchair_gym.geometry import to_world as placed
@@ -29,6 +31,9 @@ class OccupancyGrid:
 
     Only OCCUPIED is solid and only FREE may be driven on; what lies between is neither, unless it
     is asked to count as solid.
+
+    Raises:
+        InputError: the cells are no table of small whole numbers, or a length is out of bounds.
     """
 
     cells: NDArray[np.int8]  # (rows, cols)
@@ -40,14 +45,19 @@ class OccupancyGrid:
     )
 
     def __post_init__(self) -> None:
-        cells = np.ascontiguousarray(self.cells, dtype=np.int8)
-        if cells.ndim != 2 or cells.size == 0:
-            raise ValueError(
+        cells = as_array(self.cells, np.int8, (None, None), "OccupancyGrid.cells")
+        if cells.size == 0:
+            raise InputError(
                 f"cells have shape {cells.shape}; expected (rows, cols), none of them 0"
             )
         if not 0.0 < self.resolution < math.inf:
-            raise ValueError(f"resolution is {self.resolution}; expected more than 0 m")
-        x, y, yaw = (float(value) for value in self.origin)
+            raise InputError(f"resolution is {self.resolution}; expected more than 0 m")
+        x, y, yaw = as_array(
+            self.origin, np.float64, (3,), "OccupancyGrid.origin", FARTHEST
+        ).tolist()
+        side = max(cells.shape) * float(self.resolution)
+        if not side <= FARTHEST:
+            raise InputError(f"a side of the grid is {side:g} m; expected at most {FARTHEST:g} m")
         object.__setattr__(self, "cells", cells)
         object.__setattr__(self, "origin", (x, y, yaw))
 

@@ -27,7 +27,7 @@ from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.state import GUARD, REASONS, SHIELD, Guard
 from wheelchair_gym.sensing.settings import RANGERS, SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings
-from wheelchair_gym.types import Reading
+from wheelchair_gym.types import Reading, check_reading
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -95,7 +95,7 @@ class Shield:
             self.settings, chair or ChairSettings(), sensors or SensorSettings(), period
         )
         self.state: NDArray[np.void] = np.zeros(1, SHIELD)
-        self._beams = ((sensors or SensorSettings()).laser.beams,)
+        self._beams = (sensors or SensorSettings()).laser.beams
         self._pointers = Pointers(
             np.zeros(1, ALONE), {"guard": Target(GUARD, 1), "shield": Target(SHIELD, 1)}
         )
@@ -133,10 +133,9 @@ class Shield:
         """Take in a reading.
 
         Raises:
-            ValueError: its laser is not the one in the settings.
+            ValueError: an array has another shape; its laser is not the one in the settings.
         """
-        if reading.laser.shape != self._beams:
-            raise ValueError(f"the reading has {reading.laser.shape} beams; expected {self._beams}")
+        check_reading(reading, self._beams)
         look_alone(
             self._alone, reading.pose, reading.twist, reading.laser, reading.ultrasonic,
             reading.age, bool(reading.bumped), reading.halted != "", reading.stamp,

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import Pointers, Target
+from wheelchair_gym.address import Pointers, Target, as_array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.maps.pose_ways import PoseWays
@@ -220,9 +220,9 @@ class Task:
                 path = np.stack([episode.start[:2], episode.goal[:2]])
             return Course.of(episode, ways, path, self.settings.tolerance, guide)
         if guide is not None:
-            guide = np.ascontiguousarray(guide, dtype=np.float64)
-            if guide.ndim != 2 or len(guide) < 2 or guide.shape[1] < 2:
-                raise ValueError(f"guidance gave a path of shape {guide.shape}; expected (n, 2)")
+            guide = as_array(guide, np.float64, (None, None), "the path of the guidance")
+            if len(guide) < 2 or guide.shape[1] < 2:
+                raise InputError(f"guidance gave a path of shape {guide.shape}; expected (n, 2)")
         return Course.of(episode, ways, guide, self.settings.tolerance)
 
     def _take(self, episode: Episode, ways: Geodesic) -> None:
