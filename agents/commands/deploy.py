@@ -78,15 +78,17 @@ def run(given: argparse.Namespace) -> int:
     from agents.start_fit import StartCheck
     from wheelchair_gym.config import InputError
     from wheelchair_gym.envs.settings import env_settings as whole_settings
+    from wheelchair_gym.hardware.chairs import check_extras
 
     if len(given.start) != 3:
         raise InputError("--start: expected X,Y,YAW (m, m, rad)")
     caps = {name: getattr(given, name) for name in ("first", "rise", "most")}
     own = Deployment(**{name: value for name, value in caps.items() if value is not None})
+    named: Any = given.chair if "://" in given.chair else spec(given.chair)
+    check_extras(named)
     policy = make_policy(spec(given.policy))
     settings = env_settings(config=given.config, pose_source=given.pose)
     episode = _episode(given, whole_settings(**settings).chair.footprint)
-    named: Any = given.chair if "://" in given.chair else spec(given.chair)
     if given.dry_run:
         named = {"name": named} if isinstance(named, str) else named
         if named["name"] != "hardware":

@@ -248,13 +248,13 @@ def _driven(given: argparse.Namespace, settings: Any) -> list[Any]:
     from wheelchair_gym.hardware.calibrating_distance import ROOM, SPEED, drive_run
 
     free = given.way * (2.0 if given.tape else 1.0) + ROOM
+    chair = _chair(settings)
     print(
         f"it drives {given.way:g} m straight ahead at about {SPEED:g} m/s"
         + ("" if given.tape else ", and back over that way")
         + f": keep {free:.1f} m free, and a hand at the emergency stop",
         file=sys.stderr, flush=True,
     )  # fmt: skip
-    chair = _chair(settings)
     try:
         if given.tape:
             return [drive_run(chair, given.way, False, _by_tape) for _ in range(given.runs)]

@@ -21,15 +21,20 @@ from wheelchair_gym.view.window import Window
 CONFIG = ["--config", str(ROOT / "configs" / "hardware.json")]
 REAL = ["simulate", "--pose", "odometry", "--goal", "1,1"]
 PICTURE = np.zeros((8, 8, 3), np.uint8)
+DEPLOY = ["deploy", "--map", "some.yaml", "--start", "1,2,0", "--goal", "3,2"]
 # Package: the module that is imported, and what needs it: words of a command, or a call.
 NEEDED = {
     "pyserial": ("serial", [
         *(["hardware", what, *CONFIG] for what in ("check", "setup", "tune", "calibrate")),
         ["hardware", "monitor", "--yes", *CONFIG], [*REAL, "--chair", "hardware", *CONFIG],
+        [*DEPLOY, "--chair", "hardware", *CONFIG],
     ]),
     "evdev": ("evdev", [["hardware", "drive", *CONFIG]]),
-    "websockets": ("websockets", [[*REAL, "--chair", "ros://127.0.0.1:1"]]),
-    "mcap": ("mcap", [["replay", "some.mcap"]]),
+    "websockets": ("websockets", [
+        [*REAL, "--chair", "ros://127.0.0.1:1"],
+        [*DEPLOY, "--chair", "ros://127.0.0.1:1", *CONFIG],
+    ]),
+    "mcap": ("mcap", [["replay", "there.mcap"]]),
     "foxglove-sdk": ("foxglove", [lambda: Outlet("some.mcap")]),
     "pygame-ce": ("pygame", [Window]),
     "moviepy": ("imageio_ffmpeg", [lambda: write_video("some.mp4", [PICTURE], 10.0)]),
@@ -80,6 +85,7 @@ def test_what_needs_it_names_the_extra_in_one_line(package, without, tmp_path, m
     module, uses = NEEDED[package]
     without(module)
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "there.mcap").touch()
     for use in uses:
         if isinstance(use, list):
             assert main(use) == 2
@@ -90,7 +96,7 @@ def test_what_needs_it_names_the_extra_in_one_line(package, without, tmp_path, m
             said = str(error.value).splitlines()
         assert len(said) == 1
         assert re.search(rf"pip install ['\"]wheelchair_gym\[{extras()[package]}\]", said[0]), said
-        assert not list(tmp_path.iterdir())
+        assert [file.name for file in tmp_path.iterdir()] == ["there.mcap"]  # nothing was begun
 
 
 @pytest.mark.parametrize("readme", ["README.md", "wheelchair_gym/hardware/README.md"])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.hardware.arrivals import Newest
-from wheelchair_gym.hardware.feed import Feed
+from wheelchair_gym.hardware.feed import OFFERED, Feed
 from wheelchair_gym.hardware.hokuyo import Hokuyo, TimedScan, open_laser
 from wheelchair_gym.hardware.link import Link
 from wheelchair_gym.hardware.live import live_rows
@@ -83,7 +83,7 @@ class BoardSenses:
         self._odometry, self._ranges, self._scan = Newest(drift), Newest(drift), Newest(drift)
         self._stamp = -math.inf
         self._feed: Feed | None = None
-        self._offers = is_device(settings.drive)
+        self._offers = OFFERED and is_device(settings.drive)
 
     def forget(self) -> None:
         """Nothing was heard; where the wheels have come stays known."""

@@ -79,6 +79,22 @@ def make_chair(spec: str | Mapping[str, Any], settings: EnvSettings) -> Chair:
     return RosChair(own, sensors, settings.chair, period, not worked_out)
 
 
+def check_extras(spec: str | Mapping[str, Any]) -> None:
+    """Refuse a chair at once whose packages are missing, before anything else is prepared.
+
+    Raises:
+        InputError: the spec is wrong, or an extra is not installed.
+    """
+    if isinstance(chair_settings(spec), HardwareSettings):
+        from wheelchair_gym.hardware.ports import load_serial
+
+        load_serial()
+        return
+    from wheelchair_gym.hardware.rosbridge import load_websockets
+
+    load_websockets()
+
+
 def placed(chair: Chair, settings: EnvSettings) -> Chair:
     """A chair that knows its odometry alone, with poses on the map where no finder gives them."""
     if settings.sensors.finds_itself:

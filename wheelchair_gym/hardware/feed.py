@@ -12,6 +12,7 @@ from pathlib import Path
 
 Rows = list[tuple[str, str]]
 
+OFFERED = hasattr(socket, "AF_UNIX") and hasattr(os, "getuid")  # not on every system
 INTERVAL = 0.5  # s between two tables
 _PATIENCE = 3.0  # s for a table: its owner has ended, or hangs
 _WATCHERS = 8
@@ -83,6 +84,8 @@ class Feed:
 
 def watch(device: str) -> Iterator[Rows] | None:
     """The tables of a device's owner until it ends; None where no owner offers any."""
+    if not OFFERED:
+        return None
     line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     line.settimeout(_PATIENCE)
     try:

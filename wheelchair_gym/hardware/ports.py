@@ -81,8 +81,9 @@ def open_port(url: str) -> Port:
         port.open()
     except OSError as error:
         raise explained(url, error) from None
-    if is_device(url):
-        _claim(port.fd, url)
+    number: int | None = getattr(port, "fd", None)
+    if number is not None and is_device(url):
+        _claim(number, url)
     opened: Port = port
     return opened
 

@@ -10,6 +10,7 @@ be read ends the link, and a lost link stays lost.
 
 from __future__ import annotations
 
+import importlib
 import json
 import logging
 import socket
@@ -39,6 +40,18 @@ class Link:
     )
 
 
+def load_websockets() -> None:
+    """Make sure of the package websockets.
+
+    Raises:
+        InputError: the extra 'ros' is not installed.
+    """
+    try:
+        importlib.import_module("websockets.sync.client")
+    except ImportError:
+        raise InputError("a chair under ROS needs: pip install 'wheelchair_gym[ros]'") from None
+
+
 class Rosbridge:
     """A link that is open from when it is made until `close`, or until it is lost.
 
@@ -58,11 +71,10 @@ class Rosbridge:
     """
 
     def __init__(self, host: str, port: int, hear: Hear, link: Link) -> None:
-        try:
-            from websockets.exceptions import ConnectionClosed, WebSocketException
-            from websockets.sync.client import connect
-        except ImportError:
-            raise InputError("a chair under ROS needs: pip install 'wheelchair_gym[ros]'") from None
+        load_websockets()
+        from websockets.exceptions import ConnectionClosed, WebSocketException
+        from websockets.sync.client import connect
+
         self._broken: tuple[type[Exception], ...] = (ConnectionClosed, EOFError, OSError)
         name = f"[{host}]" if ":" in host else host
         self.url = f"ros://{name}:{port}"
