@@ -31,7 +31,8 @@ def _problem(data: Any, where: str) -> tuple[Problem, float | None]:
         )
     for key in data:
         if key not in KEYS:
-            raise InputError(f"{where}.{key} is not a key; it has {', '.join(sorted(KEYS))}")
+            named = key if len(key) < 80 else shown(key)
+            raise InputError(f"{where}.{named} is not a key; it has {', '.join(sorted(KEYS))}")
     for key in sorted(KEYS - {"optimum"}):
         if key not in data:
             raise InputError(f"{where}.{key} is missing")
