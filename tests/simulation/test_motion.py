@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from tests.simulation.worlds import box, cluttered, exact_chair
-from wheelchair_gym.simulation.settings import BatterySettings, BodySettings
-from wheelchair_gym.simulation.state import GRAVITY
+from wheelchair_gym.simulation.settings import GRAVITY, BatterySettings, BodySettings
 
 FORWARD, BACKWARD = np.array([0.8, 0.0]), np.array([-0.3, 0.0])
 STILL, PIVOT = np.zeros(2), np.array([0.0, 1.0])

@@ -28,6 +28,7 @@ from wheelchair_gym.sensing.settings import LaserSettings, SensorSettings
 from wheelchair_gym.simulation import SimulatedChair
 from wheelchair_gym.simulation.contact import CLOSING, caused_by_chair
 from wheelchair_gym.simulation.orca import LINES, choose, keep_from_wall
+from wheelchair_gym.simulation.settings import BodySettings
 
 STILL, FORWARD = np.zeros(2), np.array([0.8, 0.0])
 QUIET = SensorSettings(noise=False, laser=LaserSettings(beams=32))
@@ -256,6 +257,36 @@ def test_who_drives_into_something_caused_it(thing, caused, met):
     assert caused is None or truth.caused == caused
     if met == -1 or caused:
         assert own == pytest.approx(0.8, abs=0.35)
+
+
+@pytest.mark.parametrize("twist", [(0.0, 0.0), (0.0, 0.06), (0.0, -0.06), (0.03, 0.0)])
+def test_a_chair_that_is_shoved_into_a_wall_has_not_caused_it(twist):
+    """Somebody pushes a trolley into its back; the wall is 20 cm ahead."""
+    trolley = furniture((3.4, 0.1, 0.0), (0.6, 0.6), 120.0, 0.02)
+    runner = person([(1.5, 0.1), (6.0, 0.1)], 2.0, heeds=NOBODY, mass=200.0)
+    chair = exact_chair()
+    chair.reset(among(trolley, runner, half=5.0, start=(4.1, 0.0, 0.0)), 0)
+    hardest = 0.0
+    for _ in range(60):
+        chair.drive(np.array(twist))
+        truth = chair.truth
+        assert not truth.caused
+        hardest = max(hardest, truth.closing * (truth.met == -1))
+    assert hardest > 0.3
+
+
+@pytest.mark.parametrize("friction", [0.05, 0.2, 0.7])
+def test_a_chair_that_slides_into_a_wall_has_caused_it(friction):
+    """It is told to stand when it is too late: what it still does is its own doing."""
+    chair = exact_chair(body=BodySettings(friction=friction))
+    chair.reset(among(half=5.0), 0)
+    stop_at = 5.0 - 0.7 - 0.15
+    for _ in range(120):
+        chair.drive(FORWARD if chair.truth.pose[0] < stop_at else STILL)
+        if chair.truth.contact:
+            break
+    assert chair.truth.caused
+    assert chair.truth.closing > 0.3
 
 
 def test_a_standing_chair_never_causes_a_collision():

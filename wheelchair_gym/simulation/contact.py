@@ -2,7 +2,10 @@
 
 *Caused by the chair* is a contact at which some point of the chair's outline closes on the other
 thing at more than 0.05 m/s, and faster than the other thing closes on it. Speeds are those before
-the physics step that found the contact, along the normal of the surfaces that meet.
+the physics step that found the contact, along the normal of the surfaces that meet. Of its own
+speed counts what its own driving explains: a chair that was shoved into something did not cause
+that contact. Driving explains the set point, and from a higher one as much as tyres and motors have
+not yet been able to brake; a quarter more than that is an error of control, and the chair's own.
 
 A contact with a mover is judged when it begins, and again after each second that it lasts: by then
 a chair that was bumped into has long been able to stop, and whoever pushes on does so by choice.
@@ -32,6 +35,7 @@ Motion = tuple[float, float, float, float, float]  # x, y [m], vx, vy [m/s], w [
 
 CLOSING: Final = 0.05  # m/s: slower is no collision of the chair's making
 _TOUCHING = 1e-6  # m: Munk2D finds contacts where shapes overlap; beyond rounding
+_CONTROL, _CONTROL_LEAST = 1.25, 0.005  # times, m/s: an error of control is no more than that
 _SAME = 1.0  # s for which a contact, once judged, stays what it was: a stop takes 0.73 s
 _APART = 0.02  # m beyond which a contact is over
 _NEAR = 0.10  # m: farther people do not come in one physics step
@@ -54,13 +58,24 @@ def _speed(motion: Motion, px: float, py: float, nx: float, ny: float) -> float:
 
 
 @borrowing_kernel
+def _own_doing(state: Any, own: float, px: float, py: float, nx: float, ny: float) -> float:
+    """How much [m/s] of the closing speed of a point of the outline its own driving explains."""
+    ahead = math.cos(state.pose[2]) * nx + math.sin(state.pose[2]) * ny
+    around = (px - state.pose[0]) * ny - (py - state.pose[1]) * nx
+    v = state.driven[1] if ahead > 0.0 else state.driven[0]
+    w = state.driven[3] if around > 0.0 else state.driven[2]
+    driven = max(0.0, ahead * v + around * w)
+    return own if own <= _CONTROL * driven + _CONTROL_LEAST else driven
+
+
+@borrowing_kernel
 def _note(
     world: Any, state: Any, p: Any, number: int, chair: Motion, other: Motion, px: float,
     py: float, nx: float, ny: float,
 ) -> None:  # fmt: skip
     """Take in one touching point, whose normal (nx, ny) looks away from the chair."""
     own, theirs = _speed(chair, px, py, nx, ny), -_speed(other, px, py, nx, ny)
-    caused = caused_by_chair(own, theirs)
+    caused = caused_by_chair(_own_doing(state, own, px, py, nx, ny), theirs)
     if number >= 0:
         mover = moving_at(world.moving, world.n_movers)[number]
         if mover.judged < state.tick < mover.judged + _SAME / p.dt:

@@ -27,9 +27,10 @@ from wheelchair_gym.simulation.engine import (
     body_view,
     step_space,
 )
-from wheelchair_gym.simulation.state import GRAVITY
+from wheelchair_gym.simulation.settings import GRAVITY
 
 _SWEEPS = 20  # of Gauss-Seidel, when a wheel slips
+_LATER = 0.8  # of what it can brake: wheels follow their set point late
 _CREEP = 0.05  # m/s: drag rises linearly below this speed, so that it never reverses a motion
 
 
@@ -99,6 +100,22 @@ def track_set_point(state: Any, p: Any, v: float, w: float, protective: bool, dt
     w = min(limits[2], max(-limits[2], w))
     state.v, state.v_rate = approach(state.v, state.v_rate, v, limits[3], limits[4], limits[7], dt)
     state.w, state.w_rate = approach(state.w, state.w_rate, w, limits[6], limits[6], limits[8], dt)
+
+
+@borrowing_kernel
+def explain(state: Any, p: Any, k: Worked) -> None:
+    """Which speeds and turns the set point explains: itself, and what it was, braked since then.
+
+    It brakes no faster than comfort, tyres and motors let it, and a little slower.
+    """
+    motors = 2.0 * p.gain * p.constant * p.current / p.nominal_radius
+    force = min(motors, 2.0 * k.bound / p.dt)
+    slower = _LATER * k.run * min(p.limits[4], force / p.mass)
+    a22 = k.matrix[2]
+    turn_slower = _LATER * k.run * min(p.limits[6], 0.5 * p.track * force / a22)
+    own = state.driven
+    own[0], own[1] = min(state.v, own[0] + slower), max(state.v, own[1] - slower)
+    own[2], own[3] = min(state.w, own[2] + turn_slower), max(state.w, own[3] - turn_slower)
 
 
 @borrowing_kernel

@@ -38,6 +38,7 @@ from wheelchair_gym.simulation.engine import (
     set_touch,
     weigh,
 )
+from wheelchair_gym.simulation.settings import GRAVITY
 
 Array = NDArray[np.float64]
 
@@ -66,7 +67,6 @@ MOVING = np.dtype(
 NEVER = -(1 << 40)  # a tick long before any
 FAR = 1e4  # m: where no wall is
 _APART = 20.0  # m between things that are far away
-_GRAVITY = 9.81  # m/s2
 _GHOSTS = 1  # the group of those who heed nobody: they pass through each other, as in DynaBARN
 _WRAP = 3.0  # of a disc's radius and a box's length: their floor friction's mean lever is a third
 
@@ -220,7 +220,7 @@ def _push_person(row: Any, own: Any, fields: Array, p: Any) -> None:
 def _drag(row: Any, fields: Array, dt: float) -> None:
     """Friction on the floor: slows what slides and turns, and never turns it round."""
     speed = math.sqrt(fields[VX] * fields[VX] + fields[VY] * fields[VY])
-    bound = row.friction * row.mass * _GRAVITY
+    bound = row.friction * row.mass * GRAVITY
     if speed > 0.0:
         share = min(bound, row.mass * speed / dt) / speed
         fields[FX], fields[FY] = -share * fields[VX], -share * fields[VY]

@@ -14,7 +14,13 @@ from wheelchair_gym.simulation.contact import (
 )
 from wheelchair_gym.simulation.doors import keep_times, turn_leaves
 from wheelchair_gym.simulation.engine import ANGLE, VX, VY, W, X, Y, body_view
-from wheelchair_gym.simulation.motion import control_speed, step_once, track_set_point, work_out
+from wheelchair_gym.simulation.motion import (
+    control_speed,
+    explain,
+    step_once,
+    track_set_point,
+    work_out,
+)
 from wheelchair_gym.simulation.moving import carry, follow, push
 from wheelchair_gym.simulation.people import walk
 from wheelchair_gym.simulation.shown import show, take_shot
@@ -91,6 +97,7 @@ def drive(
             hard = protective or state.bumped
             track_set_point(state, p, v, w, hard, k.run)
             control_speed(state, p, k)
+            explain(state, p, k)
             if hard:  # what follows begins without a slope
                 state.v_rate, state.w_rate = 0.0, 0.0
         before = (fields[X], fields[Y], fields[VX], fields[VY], fields[W])

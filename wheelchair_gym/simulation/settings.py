@@ -6,6 +6,8 @@ from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kinematics import DriveGeometry, Limits
 
+GRAVITY = 9.81  # m/s2
+
 
 @settings
 class BodySettings:
@@ -103,6 +105,41 @@ class ChairSettings:
     randomise: bool = setting(
         default=False, source="true: draw mass, friction and motor gain anew each episode"
     )
+
+    @property
+    def grip(self) -> float:
+        """What its tyres hold together [m/s2], on the slipperiest floor that it is told of."""
+        body = self.body
+        friction = min(self.random.friction) if self.randomise else body.friction
+        return friction * GRAVITY * (1.0 - body.centre / body.casters)
+
+    @property
+    def braking(self) -> float:
+        """The deceleration [m/s2] that tyres and motors are sure to reach, on level ground."""
+        motor, radius = self.motor, self.drive.wheel_radius
+        mass = max(self.random.mass) if self.randomise else self.body.mass
+        gain = min(self.random.gain) if self.randomise else 1.0
+        force = 2.0 * gain * motor.constant * motor.current / radius
+        return min(self.grip, force / (mass + 2.0 * motor.inertia / radius**2))
+
+    @property
+    def lag(self) -> float:
+        """How much later [s] the heaviest chair it is told of follows than its feed-forward says.
+
+        What that does not give of the volts for an acceleration, an error of speed has to.
+        """
+        motor = self.motor
+        mass = max(self.random.mass) if self.randomise else self.body.mass
+        gain = min(self.random.gain) if self.randomise else 1.0
+        pull = 2.0 * gain * motor.constant / (motor.resistance * self.drive.wheel_radius)
+        missing = max(0.0, mass / pull - motor.ka)  # V s2/m
+        return missing / motor.kp if motor.kp > 0.0 else 0.0
+
+    @property
+    def turning(self) -> float:
+        """The turn acceleration [rad/s2] that tyres and motors are sure to reach."""
+        square = self.body.gyration**2 + self.body.centre**2
+        return 0.5 * self.drive.track * self.braking / square
 
 
 @settings

@@ -12,8 +12,6 @@ from wheelchair_gym.sensing.noise import PARAMETERS, uniform
 from wheelchair_gym.sensing.settings import RANGERS, SensorSettings
 from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings, whole_ratio
 
-GRAVITY = 9.81  # m/s2
-
 PARAMETER = np.dtype(
     [
         # the body, as it truly is this episode
@@ -99,6 +97,8 @@ STATE = np.dtype(
         ("v_rate", "f8"),
         ("w", "f8"),
         ("w_rate", "f8"),
+        # what its own driving explains, m/s and rad/s: least and greatest speed, and turn
+        ("driven", "f8", (4,)),
         # wheels: left, right
         ("spin", "f8", (2,)),  # rad/s
         ("turned", "f8", (2,)),  # rad since reset
