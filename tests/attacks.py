@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.edges import POSTS, SCREEN, SLABS, Edges
 from wheelchair_gym.address import table_at
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry import footprint_clearance
@@ -29,11 +30,14 @@ Array = NDArray[np.float64]
 
 KINDS: Final = (
     "random", "ahead", "wall", "mover", "edge", "backwards", "pivot", "switches", "greedy",
+    "leaf", "slab", "post", "corner",
 )  # fmt: skip
-RANDOM, AHEAD, WALL, MOVER, EDGE, BACKWARDS, PIVOT, SWITCHES, GREEDY = range(len(KINDS))
+RANDOM, AHEAD, WALL, MOVER, EDGE, BACKWARDS, PIVOT, SWITCHES, GREEDY = range(9)
+LEAF, SLAB, POST, CORNER = range(9, len(KINDS))  # in a hall of `tests.edges`
 SECONDS: Final = 8.0  # of an attack
-PERIOD: Final = 0.1  # s
-MEMORY: Final = 31  # readings: the last 3 s
+MEMORY: Final = 3.0  # s
+TICK: Final = 0.1  # s: attackers change their minds at such times
+MASSES: Final = (60.0, 100.0, 180.0, 250.0)  # kg: of chairs, and of the bands of a report
 SCENES: Final[dict[str, Any]] = {
     "clutter": {"name": "clutter", "density": 0.6},
     "floor_plan": {"name": "floor_plan"},
@@ -44,11 +48,57 @@ SCENES: Final[dict[str, Any]] = {
         "people": {"density": (0.05, 0.12), "crossing": 0.5, "blind": 0.5},
     },
     "building": {"name": "crowd", "place": "building"},
+    # As wide as two beams at a stopping distance and the way of a reaction, or wider.
+    "edges": Edges(0.009, 0.06),
 }
+THIN: Final = {"thin": Edges(0.0001, 0.008)}  # narrower: no law, counted apart
 HARM, SLOW = 0.05, 0.10  # m/s
 _MOVERS = 48  # that are remembered of a row
 _FAN = ((1.0, 0.0), (1.0, 0.4), (1.0, -0.4), (1.0, 1.0), (1.0, -1.0), (-1.0, 0.0), (-1.0, 1.0),
         (-1.0, -1.0), (0.0, 1.0), (0.0, -1.0))  # fmt: skip
+
+
+@borrowing_kernel
+def _edge(world: Any, key: np.uint64, kind: int, x: float, y: float) -> tuple[float, float]:
+    """Where an attack on something narrow drives at: its end, or as far aside as the outline is."""
+    walls = table_at(world.walls, world.n_walls, 4)
+    discs = table_at(world.discs, world.n_discs, 3)
+    which, aside = uniform(key, 0, 5, 0), 0.020 * uniform(key, 0, 5, 1) - 0.010
+    if uniform(key, 0, 5, 2) < 0.4:
+        aside *= 33.0  # up to the corners of the outline
+    if kind == LEAF:
+        number = min(int(which * world.n_movers), world.n_movers - 1)
+        w = walls[moving_at(world.moving, world.n_movers)[number].slot + 3]  # its hinge
+        f = walls[moving_at(world.moving, world.n_movers)[number].slot + 1]  # its other end
+        tx, ty = 0.5 * (w[0] + w[2]), 0.5 * (w[1] + w[3])
+        fx, fy = 0.5 * (f[0] + f[2]), 0.5 * (f[1] + f[3])
+        if (fx - x) ** 2 + (fy - y) ** 2 < (tx - x) ** 2 + (ty - y) ** 2:
+            tx, ty = fx, fy
+    elif kind == SLAB:
+        number = world.n_fixed_walls - 4 * (SLABS + 1) + 4 * int(which * SLABS)
+        w = walls[number + 3]
+        tx, ty = 0.5 * (w[0] + w[2]), 0.5 * (w[1] + w[3])
+    elif kind == POST:
+        number = int(which * POSTS)
+        tx, ty = discs[number, 0], discs[number, 1]
+    else:  # round the screen's end, and at what stands behind it
+        tx, ty = discs[POSTS, 0], discs[POSTS, 1]
+        first = world.n_fixed_walls - 4
+        ox, oy = 0.0, 0.0
+        for k in range(4):
+            ox, oy = ox + 0.25 * walls[first + k, 0], oy + 0.25 * walls[first + k, 1]
+        w = walls[first + 1]
+        ex, ey = w[2] - w[0], w[3] - w[1]
+        long = math.sqrt(ex * ex + ey * ey)
+        side = math.copysign(1.0 / long, (tx - ox) * ex + (ty - oy) * ey)
+        wx, wy = ox + side * ex * (SCREEN + 0.45), oy + side * ey * (SCREEN + 0.45)
+        cross = (wx - ox) * (y - oy) - (wy - oy) * (x - ox)
+        if cross * ((wx - ox) * (ty - oy) - (wy - oy) * (tx - ox)) < 0.0:
+            along = ((x - ox) * ex + (y - oy) * ey) * side
+            if along < SCREEN + 0.2:  # it is before the screen, and not yet beside its end
+                return wx, wy
+    far = math.sqrt((tx - x) ** 2 + (ty - y) ** 2)
+    return tx - aside * (ty - y) / max(far, 0.1), ty + aside * (tx - x) / max(far, 0.1)
 
 
 @borrowing_kernel
@@ -63,7 +113,7 @@ def aim(
         footprint: of the chair.
         kinds: (n,) of KINDS.
         keys: (n,) of each attack's randomness.
-        steps: (n,) since its beginning.
+        steps: (n,) ticks since its beginning.
         out: (n, 2), is written.
     """
     for i in range(pose.shape[0]):
@@ -110,6 +160,9 @@ def aim(
             continue  # as before
         # Others drive at a point: the nearest of those of their kind that is not too near.
         best, tx, ty = math.inf, x + math.cos(yaw), y + math.sin(yaw)
+        if kind >= LEAF:
+            tx, ty = _edge(world, key, kind, x, y)
+            best = math.sqrt((tx - x) ** 2 + (ty - y) ** 2)
         if kind == MOVER and world.n_movers > 0:
             moving = moving_at(world.moving, world.n_movers)
             for k in range(world.n_movers):
@@ -131,7 +184,8 @@ def aim(
             far += 2.0 * uniform(key, 0, 3, k)
             if far < best:
                 best, tx, ty = far, qx, qy
-        for k in range(world.n_discs if kind != MOVER or world.n_movers == 0 else 0):
+        looks = kind < LEAF and (kind != MOVER or world.n_movers == 0)
+        for k in range(world.n_discs if looks else 0):
             far = math.sqrt((discs[k, 0] - x) ** 2 + (discs[k, 1] - y) ** 2)
             far += 2.0 * uniform(key, 0, 4, k)
             if far < best:
@@ -226,6 +280,7 @@ class Report:
     contacts: int  # of any kind, whoever caused them
     events: list[Event]
     reasons: dict[str, int]  # periods in which a shield let a twist pass ("") or changed it
+    cells: dict[str, list[int]]  # by kind, rate and mass: attacks, and contacts of any kind
 
     def told(self, info: Any, live: NDArray[np.bool_]) -> None:
         """Count what a shield decided."""
@@ -241,6 +296,13 @@ class Report:
         self.events += other.events
         for name, count in other.reasons.items():
             self.reasons[name] = self.reasons.get(name, 0) + count
+        for name, counts in other.cells.items():
+            self.count(name, *counts)
+
+    def count(self, cell: str, attacks: int, contacts: int) -> None:
+        """Count attacks and contacts of a cell of the table."""
+        old = self.cells.get(cell, [0, 0])
+        self.cells[cell] = [old[0] + attacks, old[1] + contacts]
 
 
 class Event(NamedTuple):
@@ -254,6 +316,18 @@ class Event(NamedTuple):
     met: int
     closing: float  # m/s
     seen: bool  # it could have been
+    cell: str  # of the table
+
+
+def cell_of(kind: str, rate: float, mass: float) -> str:
+    """The cell of the table for a kind, a rate [Hz] and a mass [kg]."""
+    band = max(0, min(len(MASSES) - 2, int(np.searchsorted(MASSES, mass, "right")) - 1))
+    return f"{kind},{rate:g},{MASSES[band]:g}-{MASSES[band + 1]:g}"
+
+
+def blank() -> Report:
+    """A report of no attacks."""
+    return Report(0, 0, [], {}, {})
 
 
 @borrowing_kernel
@@ -290,24 +364,29 @@ class Attack:
         faults: share of attacks in which a sensor fails.
         bank: worlds.
         threads: of the environment.
+        rate: of control [Hz].
     """
 
     def __init__(
         self, scene: str, rows: int, shield: Any = True, faults: float = 0.25, bank: int = 200,
-        threads: int | None = None,
+        threads: int | None = None, rate: float = 10.0,
     ) -> None:  # fmt: skip
-        config = {
+        config: dict[str, Any] = {
             "task": {"time_base": SECONDS, "time_factor": 0.0, "tolerance": 0.01, "beams": 64},
             "sensors": {
                 "faults": {"share": faults, "since": (0.5, 5.0)},
                 "pose_source": "odometry",
             },
-            "chair": {"randomise": True},
+            "chair": {"randomise": True, "random": {"mass": [MASSES[0], MASSES[-1]]}},
         }
         self.env = NavigationVectorEnv(
-            rows, config, scene=SCENES[scene], shield=shield, num_threads=threads,
-            bank={"size": bank, "turnover": 0.0},
+            rows, config, scene={**SCENES, **THIN}[scene], shield=shield, num_threads=threads,
+            bank={"size": bank, "turnover": 0.0}, rate=rate,
         )  # fmt: skip
+        self._rate, self._memory = rate, round(MEMORY * rate) + 1
+        self._kinds = np.arange(LEAF)
+        if isinstance(self.env.settings.scene, Edges):
+            self._kinds = np.arange(LEAF, len(KINDS))
         self._sensors = self.env.settings.sensors
 
     def run(self, seed: int, each: int) -> Report:
@@ -317,31 +396,39 @@ class Attack:
         _, info = env.reset(seed=seed)
         worlds, states = env._batch.worlds, env._batch.states
         done, steps = np.zeros(n, np.int64), np.zeros(n, np.int64)
-        poses, twists = np.zeros((MEMORY, n, 3)), np.zeros((MEMORY, n, 2))
-        others = np.full((MEMORY, n, _MOVERS, 2), np.nan)
+        memory, hold = self._memory, self._rate * TICK
+        poses, twists = np.zeros((memory, n, 3)), np.zeros((memory, n, 2))
+        others = np.full((memory, n, _MOVERS, 2), np.nan)
+        chairs = env._batch.chairs
         actions = np.zeros((n, 2))
-        report, touched, at = Report(n * each, 0, [], {}), np.zeros(n, np.bool_), 0
+        report, touched, at = blank(), np.zeros(n, np.bool_), 0
+        report.attacks = n * each
         poses[0], twists[0] = info["pose"], info["twist"]
         places(worlds, others[0])
         keys, kinds = self._draw(seed, done)
         over = np.zeros(n, np.bool_)
         while (done < each).any():
-            aim(worlds, info["pose"].copy(), outline, kinds, keys, steps, actions)
+            ticks = (steps / hold).astype(np.int64)
+            aim(worlds, info["pose"].copy(), outline, kinds, keys, ticks, actions)
             _, _, terminated, truncated, info = env.step(actions)
             begun, at = over, at + 1
             over = terminated | truncated
             steps = np.where(begun, 0, steps + 1)
-            now = at % MEMORY
+            now = at % memory
             poses[now], twists[now] = info["pose"], info["twist"]
             places(worlds, others[now])
             live = (done < each) & ~begun
             report.told(info, live)
             contact = info["contact"] & live
             report.contacts += int((contact & ~touched).sum())
-            touched = (touched | contact) & ~over
+            touched |= contact
+            for i in np.flatnonzero(over & live).tolist():
+                cell = cell_of(KINDS[kinds[i]], self._rate, chairs["mass"][i])
+                report.count(cell, 1, int(touched[i]))
+            touched &= ~over
             harm = info["caused"] & (info["closing"] > HARM) & live
             for i in np.flatnonzero(harm).tolist():
-                past = [(at - k) % MEMORY for k in range(min(int(steps[i]), MEMORY - 1) + 1)]
+                past = [(at - k) % memory for k in range(min(int(steps[i]), memory - 1) + 1)]
                 trace = poses[past, i], twists[past, i], others[past, i]
                 fault = "" if steps[i] < states["fault_step"][i] else FAULTS[states["fault"][i]]
                 report.events.append(
@@ -349,6 +436,7 @@ class Attack:
                         seed + i, int(done[i]), round(float(info["time"][i]), 3), KINDS[kinds[i]],
                         fault, int(info["met"][i]), round(float(info["closing"][i]), 4),
                         self._could_be_seen(i, int(info["met"][i]), trace),
+                        cell_of(KINDS[kinds[i]], self._rate, chairs["mass"][i]),
                     )
                 )  # fmt: skip
             done += over
@@ -360,7 +448,7 @@ class Attack:
         """Keys and kinds of the attacks that begin or go on."""
         n = len(done)
         keys = np.array([episode_key(seed + i, int(done[i])) for i in range(n)], np.uint64)
-        return keys, (keys >> np.uint64(40)) % np.uint64(len(KINDS))
+        return keys, self._kinds[(keys >> np.uint64(40)) % np.uint64(len(self._kinds))]
 
     def _could_be_seen(self, i: int, met: int, trace: tuple[Array, Array, Array]) -> bool:
         """Whether what row i touches was in sight, a stopping time before, in the last 3 s."""
@@ -373,7 +461,7 @@ class Attack:
         moving = walls[world["n_fixed_walls"] :], discs[world["n_fixed_discs"] :]
         place = touching_point(poses[0], outline, *(fixed if met < 0 else moving))
         for k in range(1, len(poses)):
-            if k * PERIOD < stopping_time(*twists[k], limits):
+            if k / self._rate < stopping_time(*twists[k], limits):
                 continue
             points = [place] if met < 0 else [place, place + others[k, met] - others[0, met]]
             for point in points:

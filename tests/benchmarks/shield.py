@@ -1,8 +1,10 @@
-"""Attacks on the shield, counted: `python -m tests.benchmarks.shield --attacks 100000`.
+"""Attacks on the shield, counted: `python -m tests.benchmarks.shield --attacks 102400`.
 
-Attackers of many kinds (`tests.attacks`) drive in every scene, some with sensors that fail. Each
-finished chunk is stored: the same command after Ctrl-C goes on with what is missing. A chunk is
-stored under what it depends on, this project's code among it.
+Attackers of many kinds (`tests.attacks`) drive in every scene, at every rate, some with sensors
+that fail; two fifths of them drive at the ends of leaves, at slabs, posts and what stands behind a
+corner. Things too thin for any promise are attacked beside that, and counted apart. Each finished
+chunk is stored: the same command after Ctrl-C goes on with what is missing. A chunk is stored under
+what it depends on, this project's code among it.
 """
 
 from __future__ import annotations
@@ -17,23 +19,26 @@ from pathlib import Path
 
 from agents.evaluate import source_digest
 from agents.provenance import commit, machine, write_json
-from tests.attacks import HARM, SCENES, SLOW, Attack, Event, Report
+from tests.attacks import HARM, SCENES, SLOW, THIN, Attack, Event, Report, blank
 
 ROWS, EACH = 256, 4  # attacks of a chunk: rows times so many
+RATES = "5,10,20,50"  # Hz
+WEIGHTS = {"edges": 10, "thin": 1}  # chunks of a scene for 3 of any other
 
 
 def main() -> int:
     """Attack, print what came of it, and say by the exit code whether the shield held."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--attacks", type=int, default=100_000, metavar="N")
+    parser.add_argument("--attacks", type=int, default=102_400, metavar="N")
     parser.add_argument("--first-seed", type=int, default=0, metavar="S")
-    parser.add_argument("--scenes", default=",".join(SCENES), metavar="A,B")
+    parser.add_argument("--scenes", default=",".join({**SCENES, **THIN}), metavar="A,B")
+    parser.add_argument("--rates", default=RATES, metavar="HZ,HZ", help="of control")
     parser.add_argument("--shield", choices=("on", "off"), default="on")
     parser.add_argument("--faults", type=float, default=0.2, metavar="SHARE")
     parser.add_argument("--threads", type=int, metavar="N")
     parser.add_argument("--out", default="runs/shield", metavar="DIR")
     given = parser.parse_args()
-    scenes = given.scenes.split(",")
+    scenes, rates = given.scenes.split(","), [float(rate) for rate in given.rates.split(",")]
     folder = Path(given.out)
     folder.mkdir(parents=True, exist_ok=True)
     store = folder / f"attacks-{given.shield}.jsonl"
@@ -42,45 +47,57 @@ def main() -> int:
         for line in store.read_text().splitlines():
             chunk = json.loads(line)
             stored[chunk["key"]] = chunk["report"]
-    chunks = math.ceil(given.attacks / (ROWS * EACH * len(scenes)))
-    whole, begun = Report(0, 0, [], {}), time.monotonic()
+    weights = {scene: WEIGHTS.get(scene, 3) for scene in scenes}
+    share = sum(weight for scene, weight in weights.items() if scene not in THIN) or 1
+    unit = given.attacks / (ROWS * EACH * len(rates) * share)  # chunks of a weight of 1
+    whole, apart, begun = blank(), blank(), time.monotonic()
     per_scene = {}
     digest = source_digest()
-    for scene in scenes:
-        attack, own = None, Report(0, 0, [], {})
-        for k in range(chunks):
-            seed = given.first_seed + k * ROWS
-            key = f"{digest} {scene} {seed} {given.shield} {given.faults}"
-            if key not in stored:
-                if attack is None:
-                    on = given.shield == "on"
-                    attack = Attack(scene, ROWS, on, given.faults, threads=given.threads)
-                report = attack.run(seed, EACH)
-                stored[key] = dataclasses.asdict(report) | {"events": list(report.events)}
-                with store.open("a") as file:
-                    file.write(json.dumps({"key": key, "report": stored[key]}) + "\n")
-            told = stored[key]
-            events = [Event(*event) for event in told["events"]]
-            own.add(Report(told["attacks"], told["contacts"], events, told["reasons"]))
-            bad = sum(event.seen for event in own.events)
-            spent = time.monotonic() - begun
-            print(f"{scene}: {own.attacks} attacks, {bad} harmful, {spent:.0f} s", file=sys.stderr)
+    for scene, weight in weights.items():
+        own = blank()
+        for rate in rates:
+            attack = None
+            for k in range(max(1, math.ceil(unit * weight - 1e-9))):
+                seed = given.first_seed + k * ROWS
+                key = f"{digest} {scene} {rate:g} {seed} {given.shield} {given.faults}"
+                if key not in stored:
+                    if attack is None:
+                        on = given.shield == "on"
+                        attack = Attack(
+                            scene, ROWS, on, given.faults, threads=given.threads, rate=rate
+                        )
+                    report = attack.run(seed, EACH)
+                    stored[key] = dataclasses.asdict(report) | {"events": list(report.events)}
+                    with store.open("a") as file:
+                        file.write(json.dumps({"key": key, "report": stored[key]}) + "\n")
+                told = stored[key]
+                own.add(Report(**(told | {"events": [Event(*event) for event in told["events"]]})))
+                bad = sum(event.seen for event in own.events)
+                spent = time.monotonic() - begun
+                print(
+                    f"{scene}, {rate:g} Hz: {own.attacks} attacks of the scene, {bad} harmful, "
+                    f"{spent:.0f} s", file=sys.stderr, flush=True,
+                )  # fmt: skip
         per_scene[scene] = summary(own)
-        whole.add(own)
-    result = summary(whole) | {"scenes": per_scene}
+        (apart if scene in THIN else whole).add(own)
+    result = summary(whole) | {"scenes": per_scene, "thin": summary(apart)}
     result["provenance"] = {
         "commit": commit(), "machine": machine(), "first_seed": given.first_seed,
-        "faults": given.faults, "shield": given.shield,
+        "faults": given.faults, "shield": given.shield, "rates": rates,
     }  # fmt: skip
     write_json(folder / f"attacks-{given.shield}.json", result)
+    print(table(whole))
     print(
         f"{result['attacks']} attacks, {result['contacts']} contacts of any kind; caused by the "
         f"chair above {HARM:g} m/s: {result['harmful']} with what could have been seen, "
-        f"{result['unseen']} with what could not, at {result['unseen_fastest']:.3f} m/s at most"
+        f"{result['unseen']} with what could not, at {result['unseen_fastest']:.3f} m/s at most; "
+        f"seeds {given.first_seed} and on, sensors of {given.faults:g} of them fail"
     )
     for event in whole.events:
         if event.seen:
             print("  ", event)
+    if apart.attacks:
+        print(f"Things thinner than is promised, counted apart:\n{table(apart)}")
     return 0 if result["harmful"] == 0 and result["unseen_fastest"] <= SLOW else 1
 
 
@@ -94,7 +111,41 @@ def summary(report: Report) -> dict[str, object]:
         "unseen": len(blind),
         "unseen_fastest": max(blind, default=0.0),
         "reasons": report.reasons,
+        "cells": report.cells,
     }
+
+
+def table(report: Report) -> str:
+    """Attacks by kind, by rate and by mass, and by all three: counts and the fastest contacts."""
+    lines = [
+        f"{'kind, rate [Hz], mass [kg]':<34}{'attacks':>9}{'contacts':>10}{'harmful':>9}"
+        f"{'fastest':>9}{'unseen':>8}{'fastest':>9}"
+    ]
+    groups: dict[str, list[str]] = {}
+    order: list[str] = []
+    for cell in report.cells:
+        kind, rate, mass = cell.split(",")
+        for name in (f"{kind}", f"{rate} Hz", f"{mass} kg", f"{kind}, {rate} Hz, {mass} kg"):
+            groups.setdefault(name, []).append(cell)
+    order = sorted(groups, key=lambda name: (name.count(","), name[0].isdigit(), _natural(name)))
+    for name in order:
+        cells = set(groups[name])
+        attacks = sum(report.cells[cell][0] for cell in cells)
+        contacts = sum(report.cells[cell][1] for cell in cells)
+        events = [event for event in report.events if event.cell in cells]
+        seen = [event.closing for event in events if event.seen]
+        blind = [event.closing for event in events if not event.seen]
+        lines.append(
+            f"{name:<34}{attacks:>9}{contacts:>10}{len(seen):>9}{max(seen, default=0.0):>9.3f}"
+            f"{len(blind):>8}{max(blind, default=0.0):>9.3f}"
+        )
+    return "\n".join(lines)
+
+
+def _natural(name: str) -> list[tuple[str, float]]:
+    """What sorts names by the numbers in them."""
+    words = name.replace("-", " ").replace(",", " ").split()
+    return [("", float(word)) if word[0].isdigit() else (word, 0.0) for word in words]
 
 
 if __name__ == "__main__":

@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 
 from tests.simulation.worlds import box
+from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, to_frame
+from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.movers import NOBODY, door, person, together
 from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.safety.memory import last_rows
 from wheelchair_gym.safety.state import KEPT, REASONS
 from wheelchair_gym.sensing import SensorSettings
 from wheelchair_gym.sensing.settings import FaultSettings
-from wheelchair_gym.simulation import SimulatedChair
+from wheelchair_gym.simulation import ChairSettings, SimulatedChair
+from wheelchair_gym.simulation.settings import BodySettings
 from wheelchair_gym.types import Reading
 
 AHEAD, BACK, LEFT = np.array([0.8, 0.0]), np.array([-0.3, 0.0]), np.array([0.0, 1.0])
@@ -87,7 +90,6 @@ def test_the_end_of_a_door_leaf_stops_it(key, offset):
     leaf = door((1.0, offset), 0.0, 1.0, math.pi / 2)
     truths = charge(key, movers=[leaf])
     assert not truths[-1].touched
-    assert truths[-1].twist[0] < 0.06
 
 
 @pytest.mark.parametrize("radius", [0.0005, 0.001, 0.0045])
@@ -111,6 +113,75 @@ def test_ghosts_that_one_beam_meets_do_not_stop_it():
         changed += shield.decision.reason != ""
     assert changed <= 10
     assert chair.truth.pose[0] > 3.0
+
+
+def rib(depth, place):
+    """9 mm wide, before the wall at x = 5 m."""
+    x, low, high = 5.0 - depth, place - 0.0045, place + 0.0045
+    return [(5.0, low, x, low), (x, low, x, high), (x, high, 5.0, high)]
+
+
+@pytest.mark.parametrize("depth", [0.03, 0.045, 0.055, 0.07, 0.09])
+def test_a_rib_before_a_wall_is_not_averaged_away(depth):
+    """No arc of beams that meets both is so near the wall that the margin does not cover it."""
+    for key in range(12):
+        start = (5.0 - depth - 0.70 - 0.05, 0.0, 0.0)
+        beams = rib(depth, 0.02 * key - 0.11)
+        _, _, shield = drive(start, STILL, 0.3, key=key, walls=beams)
+        assert shield.state["gap"][0] < 0.05 + ShieldSettings().margin - 0.005
+
+
+@pytest.mark.parametrize(("depth", "key", "place"), [(0.055, 71, -0.065), (0.065, 59, -0.044)])
+def test_at_50_hertz_it_creeps_onto_no_rib(depth, key, place):
+    chair, shield = SimulatedChair(period=0.02), Shield(period=0.02)
+    episode = box(5.0, (1.0, 0.0, 0.0))
+    walls = np.vstack([episode.walls, rib(depth, place)])
+    reading = chair.reset(dataclasses.replace(episode, walls=walls), key)
+    for _ in range(450):
+        reading = step(chair, shield, AHEAD, reading)
+        assert not chair.truth.caused
+
+
+@pytest.mark.parametrize(
+    ("chair", "period", "told"),
+    [
+        (ChairSettings(body=BodySettings(friction=0.05)), 0.1, "brake with 1.80"),
+        (ChairSettings(body=BodySettings(mass=400.0)), 0.1, "reaches 1.31"),
+        (ChairSettings(body=BodySettings(friction=0.28)), 0.1, "in a curve"),
+        (ChairSettings(limits=Limits(deceleration=4.0)), 0.1, "brake with 4.80"),
+        (ChairSettings(), 1.0, "4 to 100 Hz"),
+        (ChairSettings(), 0.005, "4 to 100 Hz"),
+    ],
+)
+def test_a_chair_that_cannot_brake_as_its_limits_say_is_refused(chair, period, told):
+    with pytest.raises(InputError, match=told):
+        Shield(chair=chair, period=period)
+
+
+@pytest.mark.parametrize("mass", [20.0, 60.0, 270.0])
+@pytest.mark.parametrize("friction", [0.31, 0.9])
+def test_the_lightest_and_the_heaviest_that_is_taken_stops_in_time(mass, friction):
+    settings = ChairSettings(body=BodySettings(mass=mass, friction=friction))
+    for key, twist in enumerate(((0.8, 0.0), (0.8, 0.1), (0.8, 0.4))):
+        chair, shield = SimulatedChair(settings), Shield(chair=settings)
+        reading = chair.reset(box(3.0, (0.0, 0.0, 0.3)), key)
+        for _ in range(70):
+            reading = step(chair, shield, np.array(twist), reading)
+            assert not chair.truth.caused
+
+
+def test_with_less_to_brake_with_a_chair_of_lower_limits_is_taken():
+    limits = Limits(
+        forward=0.3, turn=0.5, acceleration=0.2, deceleration=0.3, protective=0.5,
+        turn_acceleration=0.8,
+    )  # fmt: skip
+    settings = ChairSettings(body=BodySettings(friction=0.1), limits=limits)
+    chair, shield = SimulatedChair(settings), Shield(chair=settings)
+    reading = chair.reset(box(3.0, (0.0, 0.0, 0.3)), 1)
+    for _ in range(120):
+        reading = step(chair, shield, AHEAD, reading)
+        assert not chair.truth.caused
+    assert chair.truth.clearance < 0.2
 
 
 def test_in_the_open_nothing_is_changed():

@@ -97,7 +97,9 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
         s.set[0], s.set[2] = brake(s.set[0], s.set[2], SOONER * limits[5] * g.period, g.track)
         s.set[1], s.set[3] = 0.0, 0.0
         return 0.0, 0.0, True
-    for _ in range(round(g.period / _FINE)):
-        s.set[0], s.set[1] = approach(s.set[0], s.set[1], v, limits[3], limits[4], limits[7], _FINE)
-        s.set[2], s.set[3] = approach(s.set[2], s.set[3], w, limits[6], limits[6], limits[8], _FINE)
+    n = max(1, round(g.period / _FINE))
+    dt = g.period / n
+    for _ in range(n):
+        s.set[0], s.set[1] = approach(s.set[0], s.set[1], v, limits[3], limits[4], limits[7], dt)
+        s.set[2], s.set[3] = approach(s.set[2], s.set[3], w, limits[6], limits[6], limits[8], dt)
     return v, w, False

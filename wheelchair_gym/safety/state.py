@@ -7,12 +7,14 @@ dead reckoning, which nobody corrects, so that what is near keeps its place.
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.address import Pointers, Target
+from wheelchair_gym.config import InputError
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensing.laser import LaserArrays
 from wheelchair_gym.sensing.settings import RANGERS, SensorSettings
@@ -38,6 +40,9 @@ NEAR = FRESH + KEPT + RANGERS * ARC
 MOVERS = 96  # points of what moves
 CLOSE = 64  # points inside the stop zone
 LONE = 48  # things that one beam hit
+RATES: Final = (4.0, 100.0)  # Hz: of control
+_SPARE = 1.2  # times what its limits ask for a chair must be able to do, to follow its set point
+_ROUND = 1e-6
 STANDS = 0.02  # m/s, rad/s: slower is at rest
 ECHOES = 64  # beams of the last scan with echoes that are kept, to notice a laser gone blind
 SAMPLES = 38  # points of the outline that may enter what nobody has seen
@@ -139,16 +144,47 @@ SHIELD = np.dtype(
 )
 
 
+def check(chair: ChairSettings, period: float) -> None:
+    """Refuse a chair that cannot brake as its limits say, and a period at which no law was shown.
+
+    Raises:
+        InputError: tyres or motors hold less than the limits ask for; the period is out of bounds.
+    """
+    limits = chair.limits
+    rate = 1.0 / period
+    if not RATES[0] - _ROUND <= rate <= RATES[1] + _ROUND:
+        raise InputError(
+            f"rate is {rate:g} Hz; with a shield expected {RATES[0]:g} to {RATES[1]:g} Hz"
+        )
+    brakes = max(limits.deceleration, limits.protective)
+    for what, asked, held in (
+        ("brake with", brakes, chair.braking),
+        ("brake in a curve with", math.hypot(brakes, limits.forward * limits.turn), chair.grip),
+        ("turn with", limits.turn_acceleration, chair.turning),
+    ):
+        asked *= _SPARE
+        if asked > held:
+            raise InputError(
+                f"chair.limits ask to {what} {asked:.2f}, with a fifth to spare; by its mass, "
+                f"friction and motors the chair reaches {held:.2f} (SI units), so no shield holds: "
+                "lower the limits, or drive without a shield"
+            )
+
+
 class Guard:
     """What does not change: settings, outline, limits, mounts; `record` (1,) points to it.
 
     A copy in this process is itself, one in another process is made anew.
+
+    Raises:
+        InputError: see `check`.
     """
 
     def __init__(
         self, own: ShieldSettings, chair: ChairSettings, sensors: SensorSettings, period: float
     ) -> None:
         self._made_of = own, chair, sensors, period
+        check(chair, period)
         self.laser = LaserArrays.of(sensors.laser, False)
         targets = dict.fromkeys(("cosine", "sine"), Target("f4", None))
         self.pointers = pointers = Pointers(np.zeros(1, GUARD), targets, constant=True)
@@ -159,6 +195,7 @@ class Guard:
         g["period"], g["track"] = period, chair.drive.track
         for name in NUMBERS:
             g[name] = getattr(own, name)
+        g["reaction"] += chair.lag
         for name in ("laser", "ultrasonic", "odometry"):
             g[f"stale_{name}"] = getattr(own.stale, name)
         g["beams"] = sensors.laser.beams

@@ -33,7 +33,15 @@ _STOOD = 0.15  # s: a scan or two
 _BLIND = 0.3  # m ahead of the axle: beside what is farther back the laser does not look
 _REST = 0.01  # m/s: slower is at rest
 _TURN_REST = 0.02  # rad/s
+_ROUND = 1e-6  # of a pose
 _WORSE = 1e-6  # m: what is inside the stop zone may not come nearer, beyond rounding
+
+
+@borrowing_kernel
+def held(g: Any) -> int:
+    """Poses of a roll-out for which a twist is driven: as long as a period, or a little longer."""
+    poses: int = math.ceil(g.period / STEP - _ROUND)
+    return poses
 
 
 @borrowing_kernel
@@ -156,7 +164,7 @@ def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
     lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
     sv, av, sw, aw = s.set[0], s.set[1], s.set[2], s.set[3]
     x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * g.reaction, sw * g.reaction)
-    t, hold = g.reaction, round(g.period / STEP)
+    t, hold = g.reaction, held(g)
     least = _CRAWLING * g.margin
     bound, mbound = s.gap - (abs(sv) + lever * abs(sw)) * t, 0.0
     for k in range(_LONGEST):
@@ -200,7 +208,7 @@ def _sweep_still(
     # What the wheels do now they do a moment longer.
     x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * g.reaction, sw * g.reaction)
     t = g.reaction
-    hold = round(g.period / STEP)
+    hold = held(g)
     # Along something inside the stop zone the chair may crawl on, as far as noise leaves room.
     least = _CRAWLING * g.margin if s.n_close > 0 else margin
     # Of the gap, from below: it is looked for anew only where it might matter.
