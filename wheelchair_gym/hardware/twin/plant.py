@@ -24,8 +24,8 @@ from wheelchair_gym.simulation.engine import VX, VY, W, X, Y, body_view
 from wheelchair_gym.simulation.motion import Worked, step_once, work_out
 from wheelchair_gym.simulation.period import locate
 from wheelchair_gym.simulation.rig import RIG, laser_of, rangers_of
-from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
-from wheelchair_gym.simulation.state import GRAVITY, PARAMETER, STATE
+from wheelchair_gym.simulation.settings import GRAVITY, ChairSettings, PhysicsSettings
+from wheelchair_gym.simulation.state import PARAMETER, STATE
 from wheelchair_gym.simulation.world import WORLD
 from wheelchair_gym.types import Episode
 
