@@ -4,54 +4,99 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
 from numba.core import event
 
-_PATIENCE = 1.0  # s of compiling before anything is said
+_LOG_PAUSE = 10.0  # s of compiling between two lines where they are kept, as in a log
+_PATIENCE = 0.5  # s of compiling before the first of these lines
 _OURS = ("wheelchair_gym", "planners", "agents")
 
 
+def called_by(dispatcher: Any) -> dict[Callable[..., Any], Any]:
+    """The kernel and all kernels that it calls, directly or not: function -> dispatcher."""
+    found: dict[Callable[..., Any], Any] = {}
+    waiting = [dispatcher]
+    while waiting:
+        kernel = waiting.pop()
+        function = kernel.py_func
+        if function in found:
+            continue
+        found[function] = kernel
+        names = (function.__globals__.get(name) for name in function.__code__.co_names)
+        waiting += [value for value in names if hasattr(value, "source_digest") and _is_ours(value)]
+    return found
+
+
+def _is_ours(dispatcher: Any) -> bool:
+    function = getattr(dispatcher, "py_func", None)
+    return function is not None and function.__module__.partition(".")[0] in _OURS
+
+
 class CompileProgress(event.Listener):
-    """A line on standard error that names the kernel at work; in a log, one line in all."""
+    """Tells on standard error which kernel is compiled, and how many of how many.
+
+    On a terminal one line that changes; in a log one line after half a second of compiling, and
+    one every ten seconds. The number to come is that of the kernels which the one at work calls.
+    """
 
     def __init__(self) -> None:
-        self._depth = 0
-        self._begun = 0.0
-        self._said = False
+        self.quiet = False  # a helper process says nothing
+        self._compiled: set[Callable[..., Any]] = set()
+        self._expected = 0
+        self._begun: list[float] = []  # s, of each compilation at work, the outermost first
+        self._spent = 0.0  # s compiled before the outermost one at work
+        self._due = _PATIENCE  # s of compiling until the next line of a log
 
     def on_start(self, event: Any) -> None:
         """A kernel is about to be compiled, perhaps on behalf of another."""
-        function = event.data["dispatcher"].py_func
-        if function.__module__.partition(".")[0] not in _OURS:
+        dispatcher = event.data["dispatcher"]
+        if not _is_ours(dispatcher):
             return
-        if self._depth == 0:
-            self._begun = time.perf_counter()
-        self._depth += 1
-        if time.perf_counter() - self._begun < _PATIENCE:
-            return
-        place = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
-        if sys.stderr.isatty():
-            sys.stderr.write(f"\r\033[Kcompiling, once on this machine: {place}")
-            sys.stderr.flush()
-        elif not self._said:
-            print("compiling, once on this machine; this takes up to a minute", file=sys.stderr)
-        self._said = True
+        now = time.perf_counter()
+        if not self._begun:
+            missing = [
+                function
+                for function, kernel in called_by(dispatcher).items()
+                if function not in self._compiled
+                and not (getattr(kernel, "part", None) or kernel).overloads
+            ]
+            self._expected = len(self._compiled) + max(1, len(missing))
+        self._begun.append(now)
+        self._compiled.add(dispatcher.py_func)
+        self._write(dispatcher.py_func, self._spent + now - self._begun[0])
 
     def on_end(self, event: Any) -> None:
         """A kernel has been compiled."""
-        function = event.data["dispatcher"].py_func
-        if function.__module__.partition(".")[0] not in _OURS:
+        if not _is_ours(event.data["dispatcher"]) or not self._begun:
             return
-        self._depth -= 1
-        if self._depth == 0 and self._said and sys.stderr.isatty():
-            sys.stderr.write("\r\033[K")
+        begun = self._begun.pop()
+        if not self._begun:
+            self._spent += time.perf_counter() - begun
+            if not self.quiet and sys.stderr.isatty():
+                sys.stderr.write("\r\033[K")
+                sys.stderr.flush()
+
+    def _write(self, function: Callable[..., Any], spent: float) -> None:
+        done = len(self._compiled)
+        line = (
+            f"compiling {done} of about {max(done, self._expected)} kernels, once on this machine"
+        )
+        if self.quiet:
+            return
+        if sys.stderr.isatty():
+            place = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
+            sys.stderr.write(f"\r\033[K{line}: {place}")
             sys.stderr.flush()
+        elif spent >= self._due:
+            print(f"{line}; {spent:.0f} s so far", file=sys.stderr, flush=True)
+            self._due = spent + _LOG_PAUSE
 
 
-_progress = CompileProgress()
+progress = CompileProgress()
 
 
 def watch() -> None:
     """Show progress whenever this process compiles a kernel of ours."""
-    event.register("numba:compile", _progress)  # type: ignore[no-untyped-call]
+    event.register("numba:compile", progress)  # type: ignore[no-untyped-call]

@@ -174,6 +174,11 @@ def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
     from wheelchair_gym.config import InputError
 
     clearance = problem.clearance
+    if given.picture and not isinstance(planner, Visibility):
+        from planners.graphs.cones import shortest
+        from wheelchair_gym.beside import compile_beside
+
+        compile_beside([shortest], lambda: _warm(Visibility()))
     _warm(planner)
     plan, answer = _answer(planner, problem, given.seed)
     if answer["status"] == INVALID:

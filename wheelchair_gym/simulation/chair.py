@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.address import Pointers, Target
+from wheelchair_gym.beside import compile_beside
 from wheelchair_gym.sensing.laser import SCRATCH
 from wheelchair_gym.sensing.settings import SensorSettings
 from wheelchair_gym.simulation.advance import ALONE, advance_alone, begin
@@ -64,6 +65,13 @@ class SimulatedChair:
         self._moves = False  # anything beside it
         self._truth: Truth | None = None
         self._bind()
+        compile_beside((begin, advance_alone), self._drive_nowhere)
+
+    def _drive_nowhere(self) -> None:
+        """Compile all that driving needs; for a helper process."""
+        nowhere: Any = None
+        self.reset(Episode(nowhere, np.zeros(3), np.zeros(3)), 0)
+        self.drive(np.zeros(2))
 
     def _bind(self) -> None:
         """Name the rows of the only chair, and where they lie."""

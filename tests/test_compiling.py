@@ -1,0 +1,122 @@
+"""Kernels: what is made of them, who makes it, and what a person sees meanwhile."""
+
+from __future__ import annotations
+
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+
+# Three kernels, one calling the next.
+TOY = """
+from wheelchair_gym.kernel import kernel
+
+@kernel
+def low(x):
+    return 2.0 * x
+
+@kernel
+def middle(x):
+    return low(x) + 1.0
+
+@kernel
+def high(x):
+    return middle(x) + low(x)
+"""
+# What is told of are the project's own kernels: here these are.
+HEAD = """
+import numba.core.event as event
+import wheelchair_gym.progress as progress
+progress._OURS = ("toy",)
+from toy import high, low, middle
+class Count(event.Listener):
+    names = []
+    def on_start(self, event):
+        self.names.append(event.data["name"])
+    def on_end(self, event):
+        pass
+event.register("numba:run_pass", Count())
+def lowered():
+    return sorted(n for n in Count.names if n.startswith("native_lowering"))
+"""
+
+
+def run(folder: Path, code: str, **changes) -> subprocess.CompletedProcess[str]:
+    """Run code after the toy kernels, with an empty folder for what is compiled."""
+    with start(folder, code, **changes) as process:
+        out, err = process.communicate()
+    return subprocess.CompletedProcess([], process.returncode, out, err)
+
+
+def start(folder: Path, code: str, stderr: int = subprocess.PIPE) -> subprocess.Popen[str]:
+    """Start a process for `run`."""
+    (folder / "toy.py").write_text(TOY)
+    return subprocess.Popen(
+        [sys.executable, "-c", HEAD + code],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": str(folder / "compiled")},
+        stdout=subprocess.PIPE,
+        stderr=stderr,
+        text=True,
+    )
+
+
+def test_machine_code_is_made_for_what_python_calls_alone(tmp_path):
+    ran = run(
+        tmp_path,
+        "print(high(3.0))\n"
+        "for k in (low, middle):\n"
+        "    part, = k.part.overloads.values()\n"
+        "    print(len(k.overloads), part.library._finalized)\n"
+        "print(low(5.0), len(low.overloads))\n",
+    )
+    assert ran.stdout == "13.0\n0 False\n0 False\n10.0 1\n", ran.stderr
+
+
+def test_a_terminal_shows_a_count_from_the_first_kernel_on(tmp_path):
+    ours, theirs = pty.openpty()
+    ran = run(tmp_path, "high(3.0)\n", stderr=theirs)
+    os.close(theirs)
+    with os.fdopen(ours, "rb") as terminal:
+        shown = terminal.read1(10000).decode()
+    assert ran.returncode == 0
+    for k, name in enumerate(("high", "middle", "low"), start=1):
+        line = f"compiling {k} of about 3 kernels, once on this machine: toy.{name}"
+        assert f"\r\033[K{line}" in shown
+    assert shown.endswith("\r\033[K")
+
+
+def test_a_log_gets_a_line_now_and_then(tmp_path):
+    code = "progress.progress._due = 0.0\nhigh(3.0)\n"
+    shown = run(tmp_path, code).stderr
+    assert shown == "compiling 1 of about 3 kernels, once on this machine; 0 s so far\n"
+    assert run(tmp_path, code).stderr == ""  # it was compiled before
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="helpers are copies of a process")
+def test_a_helper_compiles_what_its_parent_then_loads(tmp_path):
+    code = (
+        "from wheelchair_gym.beside import compile_beside, locked, _helpers\n"
+        "import os\n"
+        "os.sched_getaffinity = lambda pid: {0, 1}\n"
+        "compile_beside([high], lambda: high(3.0))\n"
+        "for helper in _helpers:\n"
+        "    os.waitpid(helper, 0)\n"
+        "print(len(_helpers), high(3.0), lowered())\n"
+        "compile_beside([high], lambda: high(3.0))\n"
+        "print(len(_helpers))\n"
+    )
+    ran = run(tmp_path, code)
+    assert ran.stdout == "1 13.0 []\n1\n", ran.stderr
+
+
+def test_two_processes_compile_a_kernel_once(tmp_path):
+    both = [start(tmp_path, "print(high(3.0), lowered())\n") for _ in range(2)]
+    told = "".join(process.communicate()[0] for process in both)
+    assert told.count("13.0") == 2
+    assert told.count("native_lowering [high]") == 1
