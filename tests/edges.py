@@ -12,9 +12,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.geometry import polygon_edges, to_world
+from wheelchair_gym.geometry import Footprint, polygon_edges, to_world
 from wheelchair_gym.movers import Mover, door, together
 from wheelchair_gym.scenes.arena import arena
+from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
@@ -37,7 +38,7 @@ class Edges:
     narrowest: float
     widest: float
 
-    def sample(self, rng: np.random.Generator) -> Episode:
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw where the things stand, how wide they are, and which leaves swing when."""
         x, y = rng.uniform(0.5 * SIDE - 0.3, 0.5 * SIDE + 0.3, 2)
         start = np.array([x, y, rng.uniform(-math.pi, math.pi)])
