@@ -34,11 +34,8 @@ class ShieldSettings:
         low=0.0, high=2.0,
     )  # fmt: skip
     crawl: float = setting(
-        default=0.04,
-        unit="m/s",
-        source="inside the stop zone: below 0.05 is no collision; control errs by a fifth",
-        low=0.0,
-    )
+        default=0.05, unit="m/s", source="inside the stop zone: slower is no collision", low=0.0
+    )  # fmt: skip
     memory: float = setting(
         default=3.0, unit="s", source="for which free space and what may move are remembered",
         low=0.1, high=60.0,
