@@ -7,7 +7,7 @@ READY := $(VENV)/.installed
 CLEAN_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 # What builds the firmware and emulates its boards: Debian packages, for tests and the twin only.
-EMULATOR := gcc-avr avr-libc libsimavr-dev gcc libc6-dev make
+EMULATOR := gcc-avr avr-libc avrdude libsimavr-dev gcc libc6-dev make
 SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
 
 .PHONY: demo test test-all lint bench clean help emulator firmware
