@@ -97,7 +97,7 @@ def _senses(settings: Any) -> tuple[Any, Any]:
 def _wanted(settings: Any) -> dict[str, dict[str, float]]:
     from wheelchair_gym.hardware.parameters import wanted_parameters
 
-    return wanted_parameters(settings.chair, settings.sensors)
+    return wanted_parameters(settings.chair, settings.sensors, settings.hardware)
 
 
 def _chair(settings: Any) -> Any:

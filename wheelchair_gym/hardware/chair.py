@@ -275,7 +275,7 @@ class HardwareChair(Uncopied):
     @property
     def wanted(self) -> dict[str, dict[str, float]]:
         """What the boards must hold for this chair, by the name of the board."""
-        return wanted_parameters(self.chair, self.sensors)
+        return wanted_parameters(self.chair, self.sensors, self.settings)
 
     @property
     def _standing(self) -> bool:

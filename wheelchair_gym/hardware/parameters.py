@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 
+from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.sensing.settings import SensorSettings, UltrasonicSettings
 from wheelchair_gym.simulation.settings import ChairSettings
 
@@ -43,6 +44,7 @@ DRIVE = (
     "hold",
     "park",
     "slip",
+    "duty_limit",
 )
 RANGE = ("interval", "sound", "narrow_reach", "wide_reach", "narrow_blind", "wide_blind")
 
@@ -73,6 +75,10 @@ def range_parameters(rangers: UltrasonicSettings) -> dict[str, float]:
     return values
 
 
-def wanted_parameters(chair: ChairSettings, sensors: SensorSettings) -> dict[str, dict[str, float]]:
+def wanted_parameters(
+    chair: ChairSettings, sensors: SensorSettings, hardware: HardwareSettings
+) -> dict[str, dict[str, float]]:
     """What the boards must hold for a chair, by the name of the board."""
-    return {"drive": drive_parameters(chair), "range": range_parameters(sensors.ultrasonic)}
+    drive = drive_parameters(chair)
+    drive |= {name: getattr(hardware, name) for name in ("battery_full", "duty_limit")}
+    return {"drive": drive, "range": range_parameters(sensors.ultrasonic)}

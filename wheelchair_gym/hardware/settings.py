@@ -35,5 +35,13 @@ class HardwareSettings:
     rearm: float = setting(
         default=120.0, unit="s", source="that reset waits for a person to re-arm", low=0.0
     )
+    battery_full: float = setting(
+        default=60.0, unit="V", low=5.0, high=100.0,
+        source="battery at the drive board's full scale; measured with a multimeter, docs/build.md",
+    )  # fmt: skip
+    duty_limit: float = setting(
+        default=0.95, low=0.5, high=1.0,
+        source="2.5 us of 50 us recharge bootstrapped drivers; 1 for drivers with a charge pump",
+    )  # fmt: skip
     limits: HostLimits = HostLimits(drift=0.006)  # resonator of an Arduino Mega: 0.5 %
     joystick: JoystickSettings = JoystickSettings()

@@ -392,7 +392,7 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
             float speed = drive->v.speed + half * drive->w.speed, rate = v_rate + half * w_rate;
             float volts = control_wheel(&drive->wheels[i], &drive->p, k, speed, rate, battery,
                                         drive->held);
-            drive->duty[i] = fminf(1.0F, fmaxf(-1.0F, volts * per_battery));
+            drive->duty[i] = clamp(volts * per_battery, -drive->p.duty_limit, drive->p.duty_limit);
         } else if (!drive->parked) {
             if (drive->running) /* just cut: the brakes need their time */
                 excuse_wheel(&drive->wheels[i]);

@@ -75,13 +75,14 @@ static void drive_motor(uint8_t right, float duty)
     TCCR4A |= pin;
 }
 
-/* Emergency stop, strips and lever open a contact (a broken wire reads as pressed); the drivers
- * pull their fault outputs low. What is pressed counts at once, what is let go after a while. */
+/* Each input is pulled to ground while all is well: by the contacts of the emergency stop, the strips
+ * and the lever, by the drivers while they are ready. A broken wire reads as pressed or as a fault.
+ * What is pressed counts at once, what is let go after a while. */
 static uint8_t read_switches(void)
 {
     static uint8_t history[SWITCH_RUNS];
     static uint8_t next;
-    uint8_t now = PINC ^ (_BV(PC6) | _BV(PC7)), any = now;
+    uint8_t now = PINC, any = now;
     history[next] = now;
     next = (uint8_t)((next + 1) % SWITCH_RUNS);
     for (uint8_t i = 0; i < SWITCH_RUNS; i++)
@@ -119,7 +120,7 @@ static void begin(void)
     ICR4 = PWM_TOP;
     TCCR4A = _BV(WGM41); /* fast PWM up to ICR4 */
     TCCR4B = _BV(WGM43) | _BV(WGM42) | _BV(CS40);
-    ADMUX = _BV(REFS0);                              /* AVCC, channel 0 */
+    ADMUX = _BV(REFS1) | _BV(REFS0); /* internal 2.56 V: the supply sags; channel 0 */
     ADCSRA = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0) | _BV(ADSC);
     UCSR1A = _BV(U2X1);
     UCSR1C = _BV(UCSZ11) | _BV(UCSZ10);

@@ -223,7 +223,8 @@ enum { BOARDS(NUMBER) };
     P(load, 8.0F, 2.0F, 60.0F, "V")             /* beyond back-EMF, mean of 1 s: IMPLAUSIBLE */ \
     P(hold, 400.0F, 0.0F, 2000.0F, "V/m")       /* position hold at rest */            \
     P(park, 1.0F, 0.2F, 60.0F, "s")             /* at rest: drivers off, brakes on */  \
-    P(slip, 0.01F, 0.002F, 0.1F, "m")           /* of a closed brake; three times: BRAKE */
+    P(slip, 0.01F, 0.002F, 0.1F, "m")           /* of a closed brake; three times: BRAKE */ \
+    P(duty_limit, 0.95F, 0.5F, 1.0F, "1")       /* bootstrapped drivers cannot hold full duty */
 
 #define RANGE_PARAMETERS(P)                                                            \
     P(interval, 0.06F, 0.05F, 0.5F, "s")        /* between two firings */              \

@@ -194,6 +194,7 @@ int main(void)
 {
     ranging_begin(&ranging);
     DDRD = _BV(PD4) | _BV(PD5) | _BV(PD6) | _BV(PD7); /* triggers */
+    PORTB = 0x0F; /* pull-ups of the echo lines: one without a sensor reads as silent */
     PORTC = _BV(PC4) | _BV(PC5);                      /* weak pull-ups of the bus */
     TCCR1A = 0;
     TCCR1B = _BV(CS11) | _BV(CS10); /* prescaler 64: 4 us */

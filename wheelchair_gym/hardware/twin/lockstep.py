@@ -24,14 +24,12 @@ IBUS_BAUD = 115_200  # 1/s, of the joystick's receiver
 CYCLES = round(STEP * FREQUENCY)
 SOUND = 343.0  # m/s, at 20 C: as the range board's `sound`
 BATTERY_FULL = 60.0  # V at the ADC's full scale: as the drive board's `battery_full`
-ADC_FULL = 5.0  # V
+ADC_FULL = 2.56  # V: the internal reference
 STRIP_HELD = 100  # steps that a strip stays pressed after a hit
 
 # Data memory of the ATmega2560.
 _TCCR4A, _ICR4, _OCR4A, _OCR4B, _DDRL, _PORTL = 0xA0, 0xA6, 0xA8, 0xAA, 0x10A, 0x10B
 _COM4A1, _COM4B1, _ENABLE, _RELEASE = 0x80, 0x20, 0x04, 0x08
-# Bits of port C, in the order of Switch; the drivers' fault outputs are low when they speak.
-_ACTIVE_LOW = Switch.DRIVER_LEFT | Switch.DRIVER_RIGHT
 _BUS_SONAR = 0xE0  # address of the first
 
 _NONE = Switch(0)
@@ -194,7 +192,7 @@ class Twin:
             return
         self._shown = shown
         for bit in range(8):
-            self.drive.pin("C", bit, bool((shown ^ _ACTIVE_LOW) >> bit & 1))
+            self.drive.pin("C", bit, bool(shown >> bit & 1))
 
     def _ping(self, sonar: int, _cycle: int) -> int:
         which = sonar & 0x7F

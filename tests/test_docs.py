@@ -1,0 +1,26 @@
+"""What the documentation says of the code is what the code says."""
+
+import re
+
+import pytest
+
+from tests.conftest import ROOT
+from wheelchair_gym.hardware.messages import Fault
+from wheelchair_gym.stops import STOPS, as_table
+
+PAGES = sorted([*ROOT.glob("docs/*.md"), ROOT / "README.md", *ROOT.glob("*/**/README.md")])
+
+
+def test_the_table_of_messages_is_that_of_the_code():
+    assert as_table() in (ROOT / "docs" / "messages.md").read_text()
+
+
+def test_every_fault_of_the_drive_board_has_a_meaning_and_something_to_do():
+    assert {fault.name for fault in Fault} <= {stop.name for stop in STOPS}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_to_files(page):
+    for link in re.findall(r"\]\(([^)#]+)", page.read_text()):
+        if "://" not in link:
+            assert (page.parent / link).exists(), link
