@@ -37,6 +37,7 @@
 #define BOUNDS(name, initial, low, high, unit) {initial, low, high},
 static const bounds_t bounds[] PROGMEM = {DRIVE_PARAMETERS(BOUNDS)};
 #define COUNT ((uint8_t)(sizeof bounds / sizeof bounds[0]))
+_Static_assert(sizeof bounds / sizeof bounds[0] <= PARAMETERS_MAX, "the store is too small");
 
 void drive_begin(drive_t *drive)
 {

@@ -15,7 +15,8 @@ typedef struct PACKED {
     uint8_t count;
 } store_head_t;
 
-#define STORE_MAX (sizeof(store_head_t) + 32 * sizeof(float) + CRC_SIZE)
+#define PARAMETERS_MAX 48
+#define STORE_MAX (sizeof(store_head_t) + PARAMETERS_MAX * sizeof(float) + CRC_SIZE)
 #define STORE_SIZE(count) ((uint8_t)(sizeof(store_head_t) + (count) * sizeof(float) + CRC_SIZE))
 
 typedef struct {
