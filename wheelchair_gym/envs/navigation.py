@@ -26,7 +26,7 @@ from wheelchair_gym.simulation.chair import SimulatedChair
 from wheelchair_gym.task.course import Course
 from wheelchair_gym.task.judge import TERMS
 from wheelchair_gym.task.task import Observation, Task
-from wheelchair_gym.types import Chair, Episode, Reading, check_reading
+from wheelchair_gym.types import Chair, Episode, check_reading
 
 Array = NDArray[np.float64]
 
@@ -223,7 +223,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         key = episode_key(self._seed, self._count)
         if self.shield is not None:
             self.shield.reset()
-        reading = self._checked(self.chair.reset(self.episode, key))
+        reading = self.chair.reset(self.episode, key)
+        if not self._simulated:
+            check_reading(reading, self.settings.sensors.laser.beams)
         guarded = self.shield is not None and not goes_bare(
             np.uint64(key), self.settings.unshielded
         )
@@ -256,7 +258,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             asked, twist = twist, self.shield.filter(twist, self.task.reading)
             less = float(asked[0] - twist[0]), float(asked[1] - twist[1])
             stop = self.shield.decision.protective
-        reading = self._checked(self.chair.drive(twist, stop))
+        reading = self.chair.drive(twist, stop)
+        if not self._simulated:
+            check_reading(reading, self.settings.sensors.laser.beams)
         observation = self.task.assess(reading, chosen, less)
         verdict = self.task.verdict
         self._running = not (verdict.terminated or verdict.truncated)
@@ -264,12 +268,6 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if self.render_mode == "human":
             self.render()
         return observation, verdict.reward, verdict.terminated, verdict.truncated, info
-
-    def _checked(self, reading: Reading) -> Reading:
-        """What a chair that is given tells, if kernels can take it."""
-        if not self._simulated:
-            check_reading(reading, self.settings.sensors.laser.beams)
-        return reading
 
     def _info(self) -> dict[str, Any]:
         truth, reading, verdict = self.chair.truth, self.task.reading, self.task.verdict

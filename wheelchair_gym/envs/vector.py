@@ -232,7 +232,9 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             own = self._scratch[t], self._ranges[t]
             step_chairs(*self._shares[t], same_step, chosen, self._batch, results, finals, *own)
 
-        self._chairs.record()
+        self._chairs.left -= 1
+        if self._chairs.left < 0:
+            self._chairs.make_room()
         self._share(work)
         begun = self._batch.begun.copy()
         verdicts = results.verdicts

@@ -139,7 +139,10 @@ class SimulatedChair:
             raise ValueError(f"twist is ({v}, {w}); expected two finite numbers")
         if self._episode is None:
             raise ValueError("the chair was never reset, or it was closed")
-        self._chairs.record()
+        own = self._chairs
+        own.left -= 1
+        if own.left < 0:
+            own.make_room()
         ranges, sensed = self._blank_reading()
         advance_alone(self._alone, v, w, protective, ranges, sensed)
         return self._reading(ranges, sensed)

@@ -50,6 +50,7 @@ class Chairs:
         places: (n,) of WORLD.
         worlds: with the Space of each.
         episodes: that they drive in; None before the first.
+        left: drives for which every row has room; who drives them counts it down.
 
     Raises:
         InputError: the periods are not whole multiples of the physics step.
@@ -86,7 +87,7 @@ class Chairs:
             pointers.point("kept", row, i)
         for world in self.worlds:
             world.record_drives(_ROOM)
-        self._left = _ROOM  # control periods for which every row has room
+        self.left = _ROOM  # control periods for which every row has room
 
     def enter(self, i: int, episode: Episode) -> None:
         """Let row i's world be an episode's, to be begun in."""
@@ -103,16 +104,13 @@ class Chairs:
             self.pointers.point("movers", movers.rows, i)
             self.pointers.point("routes", movers.routes, i)
 
-    def record(self) -> None:
-        """Have room to record one more drive of every row."""
-        self._left -= 1
-        if self._left >= 0:
-            return
+    def make_room(self) -> None:
+        """Have room to record more drives of every row; call it before `left` falls below 0."""
         rooms = self.places["drives_room"]
         for i, world in enumerate(self.worlds):
             if rooms[i] - self.states["step"][i] <= _ROOM:
                 world.record_drives(2 * int(rooms[i]))
-        self._left = int((rooms - self.states["step"]).min()) - 1
+        self.left = int((rooms - self.states["step"]).min()) - 1
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the worlds: how they were begun in, and what was driven since."""
@@ -138,7 +136,7 @@ class Chairs:
         for i, (episode, drives) in enumerate(zip(self.episodes, driven, strict=True)):
             if episode is not None:
                 self._drive_again(i, episode, drives)
-        self._left = int((self.places["drives_room"] - self.states["step"]).min())
+        self.left = int((self.places["drives_room"] - self.states["step"]).min())
 
     def _drive_again(self, i: int, episode: Episode, drives: NDArray[np.float64]) -> None:
         self.enter(i, episode)
