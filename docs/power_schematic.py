@@ -100,9 +100,7 @@ def draw() -> None:
         drawing.add(elm.Resistor().up(2.4).label("100 Ω\n25 W", loc="bottom"))
         drawing.add(elm.Line().toy(BUS))
         # Behind the contactor.
-        drawing.add(
-            elm.Resistor().at((22.0, BUS)).down(4).label("bleed\n2.2 kΩ\n2 W", loc="top")
-        )
+        drawing.add(elm.Resistor().at((22.0, BUS)).down(4).label("bleed\n2.2 kΩ\n2 W", loc="top"))
         drawing.add(elm.Line().toy(0))
         _driver(drawing, 24.0, "left")
         _driver(drawing, 27.6, "right")

@@ -120,3 +120,19 @@ def test_two_processes_compile_a_kernel_once(tmp_path):
     told = "".join(process.communicate()[0] for process in both)
     assert told.count("13.0") == 2
     assert told.count("native_lowering [high]") == 1
+
+
+def test_a_process_that_hangs_with_a_lock_delays_the_others_only(tmp_path):
+    code = (
+        "import fcntl, wheelchair_gym.beside as beside\n"
+        "held, beside._PATIENCE = [], 0.7\n"
+        "for lock in (low, high):\n"
+        "    path = f'{lock._cache._cache_file._index_path}.lock'\n"
+        "    beside.Path(path).parent.mkdir(parents=True, exist_ok=True)\n"
+        "    held.append(open(path, 'ab'))\n"
+        "    fcntl.flock(held[-1], fcntl.LOCK_EX)\n"
+        "print(high(3.0))\n"
+    )
+    ran = run(tmp_path, code)
+    assert ran.stdout == "13.0\n", ran.stderr
+    assert "waiting for another process" in ran.stderr

@@ -14,9 +14,10 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from numba.core import event
 
@@ -27,24 +28,42 @@ try:
 except ImportError:  # no such locks on Windows: a kernel may be compiled twice there
     fcntl = None  # type: ignore[assignment]
 
+_PATIENCE = 120.0  # s that a kernel is waited for; the slowest compiles in some 15 s
+_PAUSE = 0.02  # s between two looks at a lock
 _helpers: set[int] = set()  # ids of this process's helpers
 _held: set[Path] = set()  # locks that this process holds
 
 
 @contextlib.contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Hold the lock of a file that is made where it is absent; wait while another holds it."""
+    """Hold the lock of a file that is made where it is absent; wait while another holds it.
+
+    It waits for a limited time: a process that hangs with the lock does not stop the others, which
+    then do the work themselves.
+    """
     if fcntl is None or path in _held:  # held: a kernel that calls itself with other types
         yield
         return
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("ab") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+        begun = time.monotonic()
+        while not _take(file) and time.monotonic() - begun < _PATIENCE:
+            progress.wait(time.monotonic() - begun)
+            time.sleep(_PAUSE)
         _held.add(path)
         try:
             yield
         finally:
             _held.remove(path)
+
+
+def _take(file: IO[bytes]) -> bool:
+    """Whether the lock of a file could be taken at once."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def compile_once(dispatcher: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -48,6 +49,7 @@ class CompileProgress(event.Listener):
         self._begun: list[float] = []  # s, of each compilation at work, the outermost first
         self._spent = 0.0  # s compiled before the outermost one at work
         self._due = _PATIENCE  # s of compiling until the next line of a log
+        self._told_at = -math.inf  # s: when a log last got a line about waiting
 
     def on_start(self, event: Any) -> None:
         """A kernel is about to be compiled, perhaps on behalf of another."""
@@ -77,6 +79,18 @@ class CompileProgress(event.Listener):
             if not self.quiet and sys.stderr.isatty():
                 sys.stderr.write("\r\033[K")
                 sys.stderr.flush()
+
+    def wait(self, waited: float) -> None:
+        """Another process compiles the kernel that is needed; waited: for so long already [s]."""
+        if self.quiet or waited < _PATIENCE:
+            return
+        line = f"compiling, once on this machine: {waited:.0f} s of waiting for another process"
+        if sys.stderr.isatty():
+            sys.stderr.write(f"\r\033[K{line}")
+            sys.stderr.flush()
+        elif time.monotonic() - self._told_at >= _LOG_PAUSE:
+            print(line, file=sys.stderr, flush=True)
+            self._told_at = time.monotonic()
 
     def _write(self, function: Callable[..., Any], spent: float) -> None:
         done = len(self._compiled)
