@@ -35,7 +35,7 @@ class ShieldSettings:
     )  # fmt: skip
     crawl: float = setting(
         default=0.05, unit="m/s", source="inside the stop zone: slower is no collision", low=0.0
-    )  # fmt: skip
+    )
     memory: float = setting(
         default=3.0, unit="s", source="for which free space and what may move are remembered",
         low=0.1, high=60.0,

@@ -27,6 +27,7 @@ _LONGEST = 100  # poses
 _FAST, _TURNS = 1.03, 1.15  # times what it is set to: so much faster a chair may move and turn
 _CRAWLING = 0.25  # of the margin
 _HASTE = 2.0  # times as fast as it may go where nobody has seen: too fast to brake in comfort
+_LEFT = 0.5  # of the slow zone
 _PIVOT = 0.05  # m/s ahead: slower is a pivot
 _BETWEEN = 0.02  # m: samples are farther from a point than the outline is by less
 _STOOD = 0.15  # s: a scan or two
@@ -147,13 +148,21 @@ def sweep(g: Any, s: Any, v: float, w: float) -> int:
 
 @borrowing_kernel
 def surprised(g: Any, s: Any) -> bool:
-    """Whether a stop in comfort, clear a moment ago, is so no longer, by more than noise."""
+    """Whether a stop in comfort, clear a moment ago, is so no longer, by more than noise.
+
+    The faster it is, the more of its slow zone has to be left; and inside the stop zone it is to be
+    slow.
+    """
     if s.set[0] == 0.0 and s.set[2] == 0.0:
         return False
     if s.n_moving > 0 and _sweep_moving(g, s, 0.0, 0.0) != NOTHING:
         return True
+    if s.n_close > 0:
+        lever = 0.5 * math.sqrt(max(g.outline[0], g.outline[1]) ** 2 + g.outline[2] ** 2)
+        if abs(s.set[0]) + lever * abs(s.set[2]) <= _HASTE * g.crawl:
+            return False
     least, unseen = _CRAWLING * g.margin, _HASTE * g.unseen
-    return bool(s.n_close == 0 and _sweep_still(g, s, 0.0, 0.0, least, 0.0, unseen) != NOTHING)
+    return bool(_sweep_still(g, s, 0.0, 0.0, least, _LEFT * g.headway, unseen) != NOTHING)
 
 
 @borrowing_kernel
