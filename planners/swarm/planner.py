@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from time import perf_counter
 from typing import Any, Final, Literal
 
@@ -185,14 +186,15 @@ class SwarmPlanner:
         first = Plan(Status.EXHAUSTED)
         if self.first not in (None, "line"):
             first = _planner(self.first).plan(problem, rng, _left(end))
-            if first.status != Status.SOLVED:
-                return first
-            path = first.path[:, :2]
-        first_s = perf_counter() - began
-        start = self.start(problem, path, rng)
         counters = {"nodes": first.counters.get("nodes", 0), "iterations": 0}
         if "iterations" in first.counters:
             counters["first_iterations"] = first.counters["iterations"]
+        if self.first not in (None, "line"):
+            if first.status != Status.SOLVED:
+                return replace(first, counters=dict(first.counters) | counters)
+            path = first.path[:, :2]
+        first_s = perf_counter() - began
+        start = self.start(problem, path, rng)
         if len(start.task.anchors) > 0:
             found = self.search(start, rng, _left(end))
             counters |= {"iterations": found.iterations, "found_iterations": found.found}

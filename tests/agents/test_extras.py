@@ -45,8 +45,9 @@ NEEDED = {
     "onnxruntime": ("onnxruntime", [["simulate", "--policy", "some.onnx"]]),
     "mealpy": ("mealpy", [lambda: Mealpy().search(None, None, 1, None)]),
 }  # fmt: skip
-# A log beside ours, and what benchmarks compare with: left out where they are not installed.
-LEFT_OUT = {"tensorboard", "ir-sim", "ompl", "pathplanning", "niapy"}
+# A drawing of the documentation, a log beside ours, and what benchmarks compare with: left out
+# where they are not installed.
+LEFT_OUT = {"schemdraw", "tensorboard", "ir-sim", "ompl", "pathplanning", "niapy"}
 
 
 def extras():

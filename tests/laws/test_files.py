@@ -39,6 +39,8 @@ OWN = {
     "envs.worlds._identity": "sources of the project",
     "hardware.twin.build._folder": "sources of the project",
     "envs.worlds._of_bank": "pickles of a folder that is this program's own, as __pycache__ is",
+    "beside.locked": "an empty file that is a lock",
+    "beside.compile_beside": "the null device",
     "hardware.ports.open_port": "a serial port",
     "hardware.ports.runs": "of the kernel",
     "hardware.twin.serve.pump": "the twin's own lines",

@@ -122,7 +122,8 @@ def test_a_deadline_is_no_error_and_its_iterations_replay(name):
     if plan.status == Status.SOLVED:
         assert_valid(plan, problem)
     if "iterations" in plan.counters:
-        again = limited_to(make_planner(name), plan.counters["iterations"])
+        made = plan.counters["iterations"], plan.counters.get("first_iterations")
+        again = limited_to(make_planner(name), *made)
         same = again.plan(problem, np.random.default_rng(2))
         assert same.status == plan.status
         np.testing.assert_array_equal(same.path, plan.path)

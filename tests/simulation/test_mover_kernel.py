@@ -29,6 +29,7 @@ from wheelchair_gym.simulation.offsets import BODY_DOUBLES
 from wheelchair_gym.simulation.world import FIXED, LEAF
 
 STEP_ONCE = motion.step_once.py_func
+MOVE_ON, BODY_VIEW = period.move_on, period.body_view
 
 
 def made_of(row, friction):
@@ -126,12 +127,19 @@ class BusyOracle(Oracle):
             patch.setattr(motion, "step_space", step_space)
             return STEP_ONCE(Record(self.lent._state), Record(self.lent._chair), k, 0, 0, 0)
 
+    def move_on(self, *records):
+        """The kernel itself, which is compiled for Python here with what it calls unpatched."""
+        with self.monkeypatch.context() as patch:
+            patch.setattr(period, "body_view", BODY_VIEW)
+            return MOVE_ON(*records)
+
     def drive(self, monkeypatch, v, w):
         """`period.drive` as plain Python, over the API."""
         self.monkeypatch = monkeypatch
         lent = self.lent
         with monkeypatch.context() as patch:
             patch.setattr(period, "body_view", lambda address: self.fields[0])
+            patch.setattr(period, "move_on", self.move_on)
             patch.setattr(period, "carry", self.carry)
             patch.setattr(period, "step_once", self.step)
             own = [a.view(np.recarray)[0] for a in (lent._state, lent._chair, lent._place)]
