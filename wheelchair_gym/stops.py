@@ -242,7 +242,8 @@ def _sentence(message: str) -> str:
 
 def as_table() -> str:
     """The table as Markdown."""
-    lines = ["| stops | told by | meaning | it | what to do |", "| --- | --- | --- | --- | --- |"]
+    head = "| stop | reported by | meaning | how it ends | what to do |"
+    lines = [head, "| --- | --- | --- | --- | --- |"]
     lines += [
         f"| {stop.name} | {stop.part} | {stop.meaning} | {stop.ends.value} | {stop.advice} |"
         for stop in STOPS[:-1]
