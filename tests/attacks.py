@@ -21,6 +21,7 @@ from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry import footprint_clearance
 from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import Limits, approach, arc_step
+from wheelchair_gym.safety.state import CELL, _samples
 from wheelchair_gym.sensing import SensorSettings
 from wheelchair_gym.sensing.noise import episode_key, uniform
 from wheelchair_gym.simulation.moving import moving_at
@@ -196,6 +197,31 @@ def aim(
         error -= 2.0 * math.pi * math.floor(error / (2.0 * math.pi) + 0.5)
         out[i, 0] = 1.0 if abs(error) < 1.0 else 0.0
         out[i, 1] = min(1.0, max(-1.0, 2.0 * error))
+
+
+def entering(shields: Any, twist: Array, outline: Array, memory: float) -> Array:
+    """How fast [m/s] (n,) the outlines go at most into cells that no shield has seen of late.
+
+    Args:
+        shields: (n,) of SHIELD.
+        twist: (n, 2) true.
+        outline: front, rear, half width [m].
+        memory: of the shields [s].
+    """
+    samples = _samples(*outline.tolist())
+    ax, ay, nx, ny = samples.T
+    v, w = twist[:, :1], twist[:, 1:]
+    vx, vy = v - w * ay, w * ax
+    out = vx * nx + vy * ny
+    back, aside = np.maximum(-vx[:, :2], 0.0), np.maximum(np.sign(ay[:2]) * vy[:, :2], 0.0)
+    out[:, :2] = np.where(v > 0.05, 0.0, np.hypot(back, aside))  # rear corners
+    x, y, yaw = shields["pose"].T[:, :, None]
+    c, s = np.cos(yaw), np.sin(yaw)
+    i = np.floor((x + c * ax - s * ay) / CELL).astype(int) - shields["corner"][:, :1]
+    j = np.floor((y + s * ax + c * ay) / CELL).astype(int) - shields["corner"][:, 1:]
+    seen = shields["seen"][np.arange(len(shields))[:, None], i, j]
+    unseen = seen < shields["stamp"][:, None] - memory
+    return np.array(np.where(unseen, out, 0.0).max(axis=1))
 
 
 def stopping_time(v: float, w: float, limits: Limits) -> float:

@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from tests.attacks import SCENES, SLOW, Attack
+from tests.attacks import (
+    BACKWARDS,
+    GREEDY,
+    PIVOT,
+    RANDOM,
+    SCENES,
+    SLOW,
+    SWITCHES,
+    Attack,
+    entering,
+)
+from wheelchair_gym.safety import ShieldSettings
 
 
 def attack(scene, rows, each, *, shield, faults=0.2, seed=0, bank=8, rate=10.0):
@@ -19,6 +31,37 @@ def test_with_the_shield_no_attack_does_harm(scene, rate):
     report, harmful = attack(scene, 48, 2, shield=True, rate=rate)
     assert harmful == []
     assert all(event.closing <= SLOW for event in report.events)
+
+
+@pytest.mark.parametrize(("seed", "each"), [(251, 3), (372, 4)])
+def test_what_nobody_could_see_is_met_slowly(seed, each):
+    """While the chair's turn lags behind and its speed still rises by its slope."""
+    report, _ = attack("floor_plan", 1, each, shield=True, seed=seed, bank=200, rate=20.0)
+    assert report.contacts > 0
+    assert all(event.closing < SLOW for event in report.events)
+
+
+@pytest.mark.parametrize("rate", [5.0, 10.0, 20.0])
+def test_nothing_of_the_outline_enters_unseen_cells_faster_than_it_may(rate, monkeypatch):
+    """Touching something or not: by the true twist, in every period."""
+    attacker = Attack("floor_plan", 64, True, 0.0, bank=64, rate=rate)
+    attacker._kinds = np.array([BACKWARDS, SWITCHES, GREEDY, PIVOT, RANDOM])
+    env, speeds = attacker.env, []
+    outline, step = env.settings.chair.footprint.array, env.step
+
+    def told(actions):
+        result = step(actions)
+        shields, free = env._batch.shields, ~result[-1]["contact"]
+        speed = entering(shields, result[-1]["twist"], outline, ShieldSettings().memory)
+        speeds.append(speed[free & ~shields["protective"]])
+        return result
+
+    monkeypatch.setattr(env, "step", told)
+    attacker.run(0, 2)
+    speeds = np.concatenate(speeds)
+    assert np.quantile(speeds[speeds > 0.02], 0.95) > 0.08  # they tried
+    assert (speeds > SLOW).sum() <= 1e-4 * len(speeds)
+    assert speeds.max() < 1.1 * SLOW
 
 
 def test_without_it_the_same_attacks_do():

@@ -49,6 +49,7 @@ def slow_for_unseen(g: Any, s: Any, motion: Array, twists: Array) -> None:
     """
     known = s.n_near, s.n_moving, s.n_close, s.gap
     a, b, c, d = s.set[0], s.set[1], s.set[2], s.set[3]
+    late_v, late_w = s.late[0], s.late[1]
     s.n_near, s.n_moving, s.n_close, s.gap = 0, 0, 0, FAR
     for k in range(twists.shape[0]):
         v, w = twists[k, 0], twists[k, 1]
@@ -56,9 +57,11 @@ def slow_for_unseen(g: Any, s: Any, motion: Array, twists: Array) -> None:
         for _ in range(_COARSE + 1):
             for i in range(4):
                 s.set[i] = motion[i]
+            s.late[0], s.late[1] = motion[0], motion[2]
             good = sweep(g, s, share * v, share * w) == NOTHING
             if good:  # and once the chair drives like that
                 s.set[0], s.set[1], s.set[2], s.set[3] = share * v, 0.0, share * w, 0.0
+                s.late[0], s.late[1] = share * v, share * w
                 good = sweep(g, s, share * v, share * w) == NOTHING
             if good:
                 low = share
@@ -70,6 +73,15 @@ def slow_for_unseen(g: Any, s: Any, motion: Array, twists: Array) -> None:
         twists[k, 0], twists[k, 1] = low * v, low * w
     s.n_near, s.n_moving, s.n_close, s.gap = known
     s.set[0], s.set[1], s.set[2], s.set[3] = a, b, c, d
+    s.late[0], s.late[1] = late_v, late_w
+
+
+@borrowing_kernel
+def lag(g: Any, s: Any, dt: float) -> None:
+    """What the wheels do follows what they are set to."""
+    share = dt / (g.reaction + dt)
+    s.late[0] += share * (s.set[0] - s.late[0])
+    s.late[1] += share * (s.set[2] - s.late[1])
 
 
 @borrowing_kernel
@@ -96,10 +108,12 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
     if s.protective:
         s.set[0], s.set[2] = brake(s.set[0], s.set[2], SOONER * limits[5] * g.period, g.track)
         s.set[1], s.set[3] = 0.0, 0.0
+        lag(g, s, g.period)
         return 0.0, 0.0, True
     n = max(1, round(g.period / _FINE))
     dt = g.period / n
     for _ in range(n):
         s.set[0], s.set[1] = approach(s.set[0], s.set[1], v, limits[3], limits[4], limits[7], dt)
         s.set[2], s.set[3] = approach(s.set[2], s.set[3], w, limits[6], limits[6], limits[8], dt)
+        lag(g, s, dt)
     return v, w, False

@@ -38,6 +38,7 @@ def forget(s: Any) -> None:
         s.told[k] = 0.0
     for k in range(4):
         s.set[k] = 0.0
+    s.late[0], s.late[1] = 0.0, 0.0
     for k in range(s.sonar_silent.shape[0]):
         s.sonar_silent[k], s.fired[k] = 0.0, -math.inf
         s.doubtful[k], s.n_arc[k] = math.nan, 0
@@ -136,6 +137,7 @@ def look(
     fresh = watch(g, s, pose, twist, laser, ultrasonic, age, bumped, halted, dt)
     if halted:
         s.set[0], s.set[1], s.set[2], s.set[3] = v, 0.0, w, 0.0
+        s.late[0], s.late[1] = v, w
     follow(s)
     if fresh:
         remember(g, s, laser, dt)

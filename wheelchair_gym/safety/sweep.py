@@ -46,17 +46,29 @@ def held(g: Any) -> int:
 
 
 @borrowing_kernel
-def going_out(g: Any, k: int, v: float, w: float) -> float:
-    """How fast [m/s] sample k of the outline goes outward at a twist (v, w).
+def going_out(g: Any, k: int, v: float, v1: float, w: float, w1: float) -> float:
+    """How fast [m/s] sample k of the outline goes outward at most, at a speed and a turn.
 
     That is along its side's normal; for a rear corner in a pivot, and in reverse, as fast as it
     moves. Ahead, it follows its own side.
+
+    Args:
+        g: record of GUARD.
+        k: number of the sample.
+        v: least speed [m/s],
+        v1: and greatest.
+        w: least turn [rad/s],
+        w1: and greatest.
     """
     ax, ay, nx, ny = g.samples[k, 0], g.samples[k, 1], g.samples[k, 2], g.samples[k, 3]
-    vx, vy = v - w * ay, w * ax
     if k < 2:  # the rear corners
-        return 0.0 if v > _PIVOT else math.sqrt(vx * vx + vy * vy)
-    return float(vx * nx + vy * ny)
+        if v > _PIVOT:
+            return 0.0
+        low, high = (w * ay, w1 * ay) if ay > 0.0 else (w1 * ay, w * ay)
+        vx, vy = max(high - v, v1 - low), max(-w, w1) * ax
+        return math.sqrt(vx * vx + vy * vy)
+    turning = ax * ny - ay * nx
+    return float((v1 if nx > 0.0 else v) * nx + (w1 if turning > 0.0 else w) * turning)
 
 
 @borrowing_kernel
@@ -83,7 +95,7 @@ def may_meet(
     walks = g.pace * t
     starts = min(walks, 0.5 * g.spurt * t * t)
     for k in range(SAMPLES):
-        if going_out(g, k, v, w) <= g.crawl:
+        if going_out(g, k, v, v, w, w) <= g.crawl:
             continue
         ax, ay = g.samples[k, 0], g.samples[k, 1]
         px, py = x + c * ax - s * ay, y + s * ax + c * ay
@@ -103,9 +115,16 @@ def may_meet(
 
 
 @borrowing_kernel
+def between(a: float, b: float, c: float, times: float) -> tuple[float, float]:
+    """The least and the greatest of three speeds, each so many times as far from zero."""
+    low, high = min(a, min(b, c)), max(a, max(b, c))
+    return low * (times if low < 0.0 else 1.0), high * (times if high > 0.0 else 1.0)
+
+
+@borrowing_kernel
 def enters_unseen(
-    g: Any, s: Any, x: float, y: float, c: float, sn: float, v: float, w: float, since: float,
-    most: float,
+    g: Any, s: Any, x: float, y: float, yaw: float, v: float, v1: float, w: float, w1: float,
+    since: float, most: float,
 ) -> bool:  # fmt: skip
     """Whether a point of the outline enters what nobody has seen, faster than it may.
 
@@ -114,17 +133,20 @@ def enters_unseen(
         s: record of SHIELD.
         x: where the chair will be (dead-reckoned) [m].
         y: see x.
-        c: cosine and sine of its yaw there.
-        sn: see c.
-        v: its speed there [m/s].
-        w: its turn [rad/s].
+        yaw: see x [rad].
+        v: its least speed there [m/s],
+        v1: and its greatest.
+        w: its least turn [rad/s],
+        w1: and its greatest.
         since: stamp since which it must have been seen [s].
         most: faster it may not [m/s].
     """
+    c, sn = math.cos(yaw), math.sin(yaw)
     for k in range(SAMPLES):
+        if going_out(g, k, v, v1, w, w1) <= most:
+            continue
         ax, ay = g.samples[k, 0], g.samples[k, 1]
-        px, py = x + c * ax - sn * ay, y + sn * ax + c * ay
-        if going_out(g, k, v, w) > most and not was_seen(s, px, py, since):
+        if not was_seen(s, x + c * ax - sn * ay, y + sn * ax + c * ay, since):
             return True
     return False
 
@@ -213,7 +235,9 @@ def _sweep_still(
     limits, outline, near = g.limits[:], g.outline[:], s.near[: s.n_near]
     sv, av, sw, aw = s.set[0], s.set[1], s.set[2], s.set[3]
     lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
-    px, py, c0, s0 = s.pose[0], s.pose[1], math.cos(s.pose[2]), math.sin(s.pose[2])
+    px, py, yaw0 = s.pose[0], s.pose[1], s.pose[2]
+    c0, s0 = math.cos(yaw0), math.sin(yaw0)
+    bx, by, byaw = px, py, yaw0  # where it is if the wheels do at once what they are set to
     # What the wheels do now they do a moment longer.
     x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * g.reaction, sw * g.reaction)
     t = g.reaction
@@ -222,6 +246,8 @@ def _sweep_still(
     least = _CRAWLING * g.margin if s.n_close > 0 else margin
     # Of the gap, from below: it is looked for anew only where it might matter.
     bound = s.gap - (abs(sv) + lever * abs(sw)) * t if s.n_close == 0 else 0.0
+    va, wa, lv, lw = av, aw, s.late[0], s.late[1]
+    rises, late = True, STEP / (g.reaction + STEP)
     for k in range(_LONGEST):
         if k == hold:
             v, w = 0.0, 0.0
@@ -247,12 +273,29 @@ def _sweep_still(
                 gap = signed_gap(c * ex + sn * ey, c * ey - sn * ex, outline)
                 if gap < s.close[i, 2] - _WORSE:
                     return OBSTACLE
-        if fastest > unseen:
-            c, sn = math.cos(s.pose[2] + yaw), math.sin(s.pose[2] + yaw)
-            wx, wy = px + c0 * x - s0 * y, py + s0 * x + c0 * y
-            fast, turns, since = _FAST * sv, _TURNS * sw, s.stamp + t - g.memory
-            if enters_unseen(g, s, wx, wy, c, sn, fast, turns, since, unseen):
+        # Steps are long: while a slope falls, speeds are short of the boards' by half a step of it.
+        if sv == v and av == 0.0:
+            va = 0.0
+        if sw == w and aw == 0.0:
+            wa = 0.0
+        rises = rises and (k < hold or speed > abs(v0) or turn > abs(w0))
+        ev, ew = sv + 0.5 * STEP * (va - av), sw + 0.5 * STEP * (wa - aw)
+        lv, lw = lv + late * (sv - lv), lw + late * (sw - lw)
+        vl, vh = between(sv, ev, lv, _FAST)
+        wl, wh = between(sw, ew, lw, _TURNS)
+        if max(-vl, vh) + lever * max(-wl, wh) > unseen:
+            since = s.stamp - g.memory
+            # Until it brakes it may be farther back than a reaction ahead of its set point.
+            if rises and enters_unseen(
+                g, s, bx, by, byaw, vl, vh, wl, wh, since + k * STEP, unseen
+            ):
                 return UNSEEN
+            wx, wy, wyaw = px + c0 * x - s0 * y, py + s0 * x + c0 * y, yaw0 + yaw
+            if enters_unseen(g, s, wx, wy, wyaw, vl, vh, wl, wh, since + t, unseen):
+                return UNSEEN
+        if rises:
+            way, turned = 0.5 * (v0 + sv) * STEP, 0.5 * (w0 + sw) * STEP
+            bx, by, byaw = odometric_step(bx, by, byaw, way, turned)
         if (
             k >= hold
             and carried(sv, av, limits[7]) < _REST
