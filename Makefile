@@ -5,6 +5,10 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.installed
 CLEAN_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
+# tests/conftest.py says which file goes first.
+TEST := $(CLEAN_ENV) $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+# The programs that tests start find the byte code of the modules that others have read.
+unexport PYTHONDONTWRITEBYTECODE
 
 # What builds the firmware and emulates its boards: Debian packages, for tests and the twin only.
 EMULATOR := gcc-avr avr-libc avrdude libsimavr-dev gcc libc6-dev make
@@ -31,10 +35,10 @@ demo: $(READY)
 	$(BIN)/wheelchair compare --suite demo
 
 test: $(READY)
-	$(CLEAN_ENV) $(BIN)/python -m pytest -n 2 --dist loadfile -m "not long"
+	$(TEST) -m "not long"
 
 test-all: $(READY)
-	$(CLEAN_ENV) $(BIN)/python -m pytest -n 2 --dist loadfile
+	$(TEST)
 
 lint: $(READY)
 	$(BIN)/ruff check .

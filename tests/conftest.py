@@ -1,4 +1,4 @@
-"""Fixtures for every test."""
+"""Fixtures for every test, and which files go first."""
 
 import os
 from pathlib import Path
@@ -6,6 +6,23 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+# Where nothing is compiled yet, a worker must not wait for what another compiles: one begins with
+# the environment's kernels, the other with tests of no kernels, and goes on to the planners'.
+# What takes long comes next, so that no worker has a long file to do when the other is ready.
+FIRST = (
+    "laws/test_copies",
+    "test_compiling", "agents/test_runs", "hardware/test_drive", "hardware/test_protocol",
+    "hardware/test_link", "hardware/test_joystick",
+    "planners/test_random_maps", "planners/test_planners", "planners/test_trees",
+    "planners/test_lattice", "agents/test_tuning",
+    "agents/test_cli", "hardware/test_ros", "view/test_record", "agents/test_learning",
+)  # fmt: skip
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Order the files of tests; each keeps its own order."""
+    places = {ROOT / "tests" / f"{name}.py": k for k, name in enumerate(FIRST)}
+    items.sort(key=lambda item: places.get(item.path, len(FIRST)))
 
 
 @pytest.fixture(scope="session")

@@ -42,7 +42,7 @@ def test_tools_work_over_devices(served, tmp_path, capsys):
     assert len(said.splitlines()) >= len(findings) > 15
     lines = [one for one in findings if one["what"] in ("line", "firmware", "parameters", "fan")]
     assert all(one["good"] for one in lines)
-    assert main(["hardware", "monitor", "--config", str(served.config), "--seconds", "2"]) == 0
+    assert main(["hardware", "monitor", "--config", str(served.config), "--seconds", "1"]) == 0
     assert "battery" in capsys.readouterr().out
 
 

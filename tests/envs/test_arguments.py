@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import time
 from pathlib import Path
 
 import gymnasium as gym
@@ -14,6 +15,7 @@ import wheelchair_gym
 from wheelchair_gym.config import InputError, dump, read_json
 from wheelchair_gym.envs import EnvSettings, NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.hardware.pace import WallClock
 from wheelchair_gym.scenes.map_file import MapFile, example_map
 
 ID = "wheelchair_gym/Navigation-v0"
@@ -95,7 +97,12 @@ def test_an_array_is_no_number(wrong):
         gym.make(ID, rate=wrong)
 
 
-def test_the_real_chair_is_made_with_the_shipped_settings_and_stands_where_it_is_not():
+def test_the_real_chair_is_made_with_the_shipped_settings_and_stands_where_it_is_not(monkeypatch):
+    late = [0.0]  # s: what is waited for passes at once
+    monkeypatch.setattr(WallClock, "now", lambda clock: time.monotonic() + late[0])
+    monkeypatch.setattr(
+        WallClock, "wait", lambda clock, until, gone=None: late.append(late.pop() + 0.1)
+    )
     shipped = read_json(ROOT / "configs" / "hardware.json")
     env = gym.make("wheelchair_gym/Hardware-v0").unwrapped
     try:

@@ -15,6 +15,8 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 import wheelchair_gym
+from tests.conftest import ROOT
+from tests.envs.digests import digests_of
 from tests.simulation.worlds import box
 from wheelchair_gym.config import dump
 from wheelchair_gym.envs import EnvSettings
@@ -43,44 +45,14 @@ def test_gymnasium_and_sb3_find_nothing_to_say(env_id):
         sb3_check_env(gym.make(env_id))
 
 
-def digest_of(env_id, seed, steps):
-    """A fingerprint of everything that a run returns."""
-    import hashlib
-
-    env = gym.make(env_id, pose_source="modelled", randomise=True)
-    h = hashlib.sha256()
-
-    def take(observation, info):
-        for value in observation.values():
-            h.update(value.tobytes())
-        for key in sorted(info):
-            h.update(repr(info[key]).encode())
-
-    take(*env.reset(seed=seed))
-    rng = np.random.default_rng(seed)
-    for _ in range(steps):
-        observation, reward, terminated, truncated, info = env.step(rng.uniform(-1, 1, 2))
-        h.update(repr((reward, terminated, truncated)).encode())
-        take(observation, info)
-        if terminated or truncated:
-            take(*env.reset())
-    return h.hexdigest()
-
-
-@pytest.mark.parametrize("env_id", IDS)
-def test_same_seed_same_run_bit_for_bit_in_a_second_process_too(env_id):
-    here = [digest_of(env_id, seed, 500) for seed in (0, 1, 2)]
-    again = [digest_of(env_id, seed, 500) for seed in (0, 1, 2)]
-    code = (
-        "from tests.envs.test_navigation import digest_of; "
-        f"print([digest_of({env_id!r}, seed, 500) for seed in (0, 1, 2)])"
-    )
-    there = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout
+def test_same_seed_same_run_bit_for_bit_in_a_second_process_too():
+    program = [sys.executable, "-m", "tests.envs.digests", *IDS]
+    with subprocess.Popen(program, cwd=ROOT, stdout=subprocess.PIPE, text=True) as other:
+        here, again = digests_of(IDS), digests_of(IDS)
+        there = other.communicate()[0]
     assert here == again
     assert repr(here) == there.strip()
-    assert len(set(here)) == 3
+    assert len({digest for digests in here for digest in digests}) == 6
 
 
 def test_an_unseeded_reset_continues_with_the_next_episode_of_the_same_seed():

@@ -154,7 +154,7 @@ def turns(door, corridor, grown):
     cell, across = 0.01, 0.5 * door
     x, y = np.meshgrid(np.arange(-1.3, 1.3, cell), np.arange(0.0, corridor + 1.4, cell))
     solid = (y > corridor) & (y < corridor + 0.1) & (np.abs(x) > across)
-    solid = np.pad(solid, 150, constant_values=False).astype(np.uint8)
+    solid = np.pad(solid, 150, constant_values=False).astype(np.float32)
     solid[:150] = 1  # the far wall
     free = []
     half = np.array([0.5 * (FOOTPRINT.front + FOOTPRINT.rear), FOOTPRINT.half_width]) + grown
@@ -163,8 +163,9 @@ def turns(door, corridor, grown):
     for yaw in np.radians(np.arange(0.0, 91.0, 1.5)):
         c, s = math.cos(yaw), math.sin(yaw)
         inside = (np.abs(c * u + s * v) <= half[0]) & (np.abs(c * v - s * u) <= half[1])
-        hit = cv2.dilate(solid, inside.astype(np.uint8))
-        free.append(hit[150:-150, 150:-150] == 0)
+        # Of as many cells, faster than cv2.dilate: by Fourier transforms.
+        hit = cv2.filter2D(solid, -1, inside.astype(np.float32), borderType=cv2.BORDER_CONSTANT)
+        free.append(hit[150:-150, 150:-150] < 0.5)
     free = np.array(free)
     found, _ = ndimage.label(free, ndimage.generate_binary_structure(3, 2))
     middle = x.shape[1] // 2

@@ -75,7 +75,10 @@ class Oracle:
             return motion.step_once.py_func(state, parameters, k, 0, 0, 0)
 
 
-@pytest.mark.parametrize("seed", range(6))
+LONG = (pytest.param(seed, marks=pytest.mark.long) for seed in range(3, 6))
+
+
+@pytest.mark.parametrize("seed", [*range(3), *LONG])
 def test_kernel_equals_the_plain_api_exactly(seed, monkeypatch):
     """Pose, twist and wheels, bit for bit, in a used and refurnished Space, mostly in contact."""
     chair = exact_chair()

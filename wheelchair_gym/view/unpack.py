@@ -103,7 +103,9 @@ def packed_array(
     content: Mapping[str, Any], name: str, kind: DTypeLike, size: int = -1
 ) -> NDArray[Any]:
     """The value of a key, an array (size,) as `view.record.packed` writes it; -1: of any size."""
-    values = np.frombuffer(base64.b64decode(value_of(content, name, str), validate=True), kind)
+    # Of bytes that may be written to: for read-only arrays, kernels would be compiled once more.
+    data = bytearray(base64.b64decode(value_of(content, name, str), validate=True))
+    values = np.frombuffer(data, kind)
     if size not in (-1, len(values)):
         raise ValueError(f"{name} has {len(values)} values; expected {size}")
     return values
