@@ -10,9 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from planners.exact import point_free
+from planners.trees.growth import grow
+from planners.trees.rrt import RrtStar
 from tests.conftest import ROOT
+from wheelchair_gym.progress import called_by, kernels_of
 
-# Three kernels, one calling the next.
+# Three kernels, one calling the next, and one that assigns to a slice.
 TOY = """
 from wheelchair_gym.kernel import kernel
 
@@ -27,13 +31,17 @@ def middle(x):
 @kernel
 def high(x):
     return middle(x) + low(x)
+
+@kernel
+def laid(rows, row):
+    rows[0, :2] = row
 """
 # What is told of are the project's own kernels: here these are.
 HEAD = """
 import numba.core.event as event
 import wheelchair_gym.progress as progress
 progress._OURS = ("toy",)
-from toy import high, low, middle
+from toy import high, laid, low, middle
 class Count(event.Listener):
     names = []
     def on_start(self, event):
@@ -78,6 +86,29 @@ def test_machine_code_is_made_for_what_python_calls_alone(tmp_path):
     assert ran.stdout == "13.0\n0 False\n0 False\n10.0 1\n", ran.stderr
 
 
+def test_a_slice_costs_no_text_and_a_wrong_shape_is_still_an_error(tmp_path):
+    ran = run(
+        tmp_path,
+        "import gc\n"
+        "import numpy as np\n"
+        "rows = np.zeros((3, 4))\n"
+        "laid(rows, np.array([1.0, 2.0]))\n"
+        "print(rows[0].tolist(), len(lowered()), gc.isenabled())\n"
+        "try:\n"
+        "    laid(rows, np.zeros(3))\n"
+        "except ValueError as error:\n"
+        "    print(error)\n",
+    )
+    said = "cannot assign slice of incompatible shape"
+    assert ran.stdout == f"[1.0, 2.0, 0.0, 0.0] 2 True\n{said}\n", ran.stdout + ran.stderr
+
+
+def test_the_largest_kernel_of_a_planner_is_found():
+    kernels = kernels_of(RrtStar.plan)
+    assert max(kernels, key=lambda kernel: len(called_by(kernel))) is grow
+    assert point_free in kernels
+
+
 def test_a_terminal_shows_a_count_from_the_first_kernel_on(tmp_path):
     ours, theirs = pty.openpty()
     ran = run(tmp_path, "high(3.0)\n", stderr=theirs)
@@ -86,7 +117,7 @@ def test_a_terminal_shows_a_count_from_the_first_kernel_on(tmp_path):
         shown = terminal.read1(10000).decode()
     assert ran.returncode == 0
     for k, name in enumerate(("high", "middle", "low"), start=1):
-        line = f"compiling {k} of about 3 kernels, once on this machine: toy.{name}"
+        line = f"compiling kernel {k}, once on this machine: toy.{name}"
         assert f"\r\033[K{line}" in shown
     assert shown.endswith("\r\033[K")
 
@@ -94,7 +125,7 @@ def test_a_terminal_shows_a_count_from_the_first_kernel_on(tmp_path):
 def test_a_log_gets_a_line_now_and_then(tmp_path):
     code = "progress.progress._due = 0.0\nhigh(3.0)\n"
     shown = run(tmp_path, code).stderr
-    assert shown == "compiling 1 of about 3 kernels, once on this machine; 0 s so far\n"
+    assert shown == "compiling kernel 1, once on this machine; 0 s so far\n"
     assert run(tmp_path, code).stderr == ""  # it was compiled before
 
 

@@ -21,6 +21,7 @@ from typing import IO, Any
 
 from numba.core import event
 
+from wheelchair_gym.compile_time import no_collection
 from wheelchair_gym.progress import progress
 
 try:
@@ -73,7 +74,7 @@ def compile_once(dispatcher: Any) -> None:
     lock = Path(f"{cache._cache_file._index_path}.lock")
 
     def compile_or_load(args: Any, return_type: Any) -> Any:
-        with locked(lock):
+        with locked(lock), no_collection():
             result = cache.load_overload(args, dispatcher.targetctx)
             if result is None:
                 result = compile_now(args, return_type)

@@ -19,9 +19,10 @@ import numba
 import numpy as np
 from numba import types
 
-from wheelchair_gym import linking, progress
+from wheelchair_gym import compile_time, linking, progress
 from wheelchair_gym.beside import compile_once
 
+compile_time.install()
 linking.install()
 progress.watch()
 

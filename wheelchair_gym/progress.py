@@ -6,6 +6,7 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from types import FunctionType
 from typing import Any
 
 from numba.core import event
@@ -30,22 +31,42 @@ def called_by(dispatcher: Any) -> dict[Callable[..., Any], Any]:
     return found
 
 
+def kernels_of(function: Callable[..., Any]) -> list[Any]:
+    """The kernels that a function of Python calls by name, itself or by other functions of ours."""
+    found: list[Any] = []
+    waiting: list[Any] = [function]
+    seen = {function}
+    while waiting:
+        caller = waiting.pop()
+        for name in caller.__code__.co_names:
+            value = caller.__globals__.get(name)
+            if hasattr(value, "source_digest") and _is_ours(value):
+                found.append(value)
+            elif isinstance(value, FunctionType) and value not in seen and _is_from_us(value):
+                seen.add(value)
+                waiting.append(value)
+    return found
+
+
 def _is_ours(dispatcher: Any) -> bool:
     function = getattr(dispatcher, "py_func", None)
-    return function is not None and function.__module__.partition(".")[0] in _OURS
+    return function is not None and _is_from_us(function)
+
+
+def _is_from_us(function: Any) -> bool:
+    return function.__module__.partition(".")[0] in _OURS
 
 
 class CompileProgress(event.Listener):
-    """Tells on standard error which kernel is compiled, and how many of how many.
+    """Tells on standard error which kernel is compiled, and how many were so far.
 
     On a terminal one line that changes; in a log one line after half a second of compiling, and
-    one every ten seconds. The number to come is that of the kernels which the one at work calls.
+    one every ten seconds. How many will be needed nobody knows before they are called.
     """
 
     def __init__(self) -> None:
         self.quiet = False  # a helper process says nothing
         self._compiled: set[Callable[..., Any]] = set()
-        self._expected = 0
         self._begun: list[float] = []  # s, of each compilation at work, the outermost first
         self._spent = 0.0  # s compiled before the outermost one at work
         self._due = _PATIENCE  # s of compiling until the next line of a log
@@ -57,14 +78,6 @@ class CompileProgress(event.Listener):
         if not _is_ours(dispatcher):
             return
         now = time.perf_counter()
-        if not self._begun:
-            missing = [
-                function
-                for function, kernel in called_by(dispatcher).items()
-                if function not in self._compiled
-                and not (getattr(kernel, "part", None) or kernel).overloads
-            ]
-            self._expected = len(self._compiled) + max(1, len(missing))
         self._begun.append(now)
         self._compiled.add(dispatcher.py_func)
         self._write(dispatcher.py_func, self._spent + now - self._begun[0])
@@ -93,10 +106,7 @@ class CompileProgress(event.Listener):
             self._told_at = time.monotonic()
 
     def _write(self, function: Callable[..., Any], spent: float) -> None:
-        done = len(self._compiled)
-        line = (
-            f"compiling {done} of about {max(done, self._expected)} kernels, once on this machine"
-        )
+        line = f"compiling kernel {len(self._compiled)}, once on this machine"
         if self.quiet:
             return
         if sys.stderr.isatty():

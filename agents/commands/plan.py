@@ -79,6 +79,7 @@ def run(given: argparse.Namespace) -> int:
     if given.problems is not None and (given.start or given.goal or given.picture):
         raise InputError("plan: --problems takes neither --start, --goal nor --picture")
     planner = make_planner(changed(spec(named) if isinstance(named, str) else named, given.changes))
+    _compile_beside(planner)
     if given.problems is not None:
         return _run_problems(given, planner)
     return _run_map(given, planner, _problem(given, thesis))
@@ -118,12 +119,33 @@ def _problem(given: argparse.Namespace, thesis: ThesisFile | None) -> Problem:
     return Problem(space, np.array(ends["start"]), np.array(ends["goal"]), clearance, name)
 
 
-def _warm(planner: Any) -> None:
-    """Compile, or load what is compiled, so that no time holds that."""
+def _small(clearance: float) -> Problem:
     from planners import Problem, Space
 
     space = Space.from_rectangles([(2.0, 1.5, 3.0, 2.5)], (0.0, 0.0, 5.0, 4.0))
-    _answer(planner, Problem(space, np.array([1.0, 2.0]), np.array([4.0, 2.0])), 0)
+    ends = np.array([1.0, 2.0]), np.array([4.0, 2.0])
+    return Problem(space, *ends, min(clearance, CLEARANCE))
+
+
+def _warm(planner: Any, clearance: float) -> None:
+    """Compile, or load what is compiled, so that no time holds that."""
+    _answer(planner, _small(clearance), 0)
+
+
+def _compile_beside(planner: Any) -> None:
+    """Let a helper compile the planner, from now on, while this process compiles what it needs."""
+    from wheelchair_gym.beside import compile_beside
+    from wheelchair_gym.progress import called_by, kernels_of
+
+    # The largest kernel stands for the planner: some others are compiled for some settings only.
+    kernels = sorted(kernels_of(type(planner).plan), key=lambda k: len(called_by(k)))
+    compile_beside(kernels[-1:], lambda: _warm(planner, 0.0))
+
+
+def _grow_obstacles(planner: Any, clearance: float) -> None:
+    """Compile what grows obstacles by a clearance: the helper does so last, if at all."""
+    if clearance > 0.0 and not hasattr(planner, "footprint"):
+        _small(clearance).free.mesh  # noqa: B018 - for the sake of its kernels
 
 
 def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, Any]]:
@@ -174,12 +196,10 @@ def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
     from wheelchair_gym.config import InputError
 
     clearance = problem.clearance
-    if given.picture and not isinstance(planner, Visibility):
-        from planners.graphs.cones import shortest
-        from wheelchair_gym.beside import compile_beside
-
-        compile_beside([shortest], lambda: _warm(Visibility()))
-    _warm(planner)
+    _grow_obstacles(planner, clearance)
+    if given.picture:
+        _warm(Visibility(), clearance)
+    _warm(planner, clearance)
     plan, answer = _answer(planner, problem, given.seed)
     if answer["status"] == INVALID:
         if given.json:
@@ -230,10 +250,12 @@ def _run_problems(given: argparse.Namespace, planner: Any) -> int:
     from planners.problems import read_problems
 
     problems = read_problems(given.problems)
-    _warm(planner)
+    clearance = given.clearance or 0.0
+    _grow_obstacles(planner, clearance)
+    _warm(planner, clearance)
     answers = []
     for problem, optimum in problems:
-        problem = dataclasses.replace(problem, clearance=given.clearance or 0.0)
+        problem = dataclasses.replace(problem, clearance=clearance)
         _, answer = _answer(planner, problem, given.seed)
         answers.append(answer | {"optimum": optimum})
     lines = []
