@@ -280,7 +280,7 @@ def strips(ride, _v, _angle, _mode):
             worst = max(worst, outward(pressed, motion.speed, motion.turn))
             fastest = max(fastest, abs(motion.speed))
     told = pilot.now.faults
-    return {"outward_m_s": (worst, 0.03), "fastest_m_s": (fastest, 0.13), "missed": (told != 0, 0)}
+    return {"outward_m_s": (worst, 0.02), "fastest_m_s": (fastest, 0.13), "missed": (told != 0, 0)}
 
 
 def store(ride, _v, _angle, _mode):

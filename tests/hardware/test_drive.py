@@ -387,6 +387,21 @@ def test_slopes_and_hard_stops_are_no_runaways(bench, pull, v):
     assert bench.odometry().faults == Fault.EMERGENCY_STOP
 
 
+@pytest.mark.parametrize("inner", [-0.05, 0.01, 0.02, 0.03, 0.05, 0.08])
+@pytest.mark.parametrize("downhill", [0.0, 1.57, 3.14, -1.57])
+def test_a_turn_on_a_slope_about_a_slow_wheel_is_no_fault(bench, inner, downhill):
+    """Its load changes all the way round: a slow wheel stands, or rolls back, for seconds."""
+    pull = 1.36 * 180.0 / 135.0  # of 180 kg on 8 degrees, in terms of the bench's 135 kg
+    bench.pull = pull * math.cos(downhill)
+    bench.start()
+    bench.target = (0.27 + inner, 1.0)
+    for _ in range(1600):
+        heading = (bench.ways[1] - bench.ways[0]) / 0.54
+        bench.pull = pull * math.cos(heading - downhill)
+        bench.run(STEP)
+    assert bench.odometry().faults == 0, Fault(bench.odometry().faults)
+
+
 @pytest.mark.parametrize("pull", [0.34, 1.36, -1.36])
 def test_at_zero_it_stays_where_it_is_and_then_the_brakes_close(bench, pull):
     bench.pull = pull
@@ -488,6 +503,22 @@ def test_a_hosts_rearm_does_not_hand_over_a_moving_chair(bench):
     assert max(bench.speeds) < 0.4
     bench.run(3.0)
     assert max(map(abs, bench.speeds)) < 0.01
+
+
+@pytest.mark.parametrize("strip", [Switch.LEFT, Switch.RIGHT, Switch.REAR])
+def test_a_strip_stops_the_chair_before_it_may_go_on(bench, strip):
+    """Also where its way is one that the strip allows: it may still be turning."""
+    bench.start(0.8, 0.4)
+    bench.switches, rest = strip, None
+    for k in range(120):
+        bench.run(STEP)
+        if max(map(abs, bench.speeds)) < 0.03:
+            rest = k * STEP
+            break
+    assert rest is not None, bench.speeds
+    assert rest < (0.8 + 0.4 * 0.27) / 1.5
+    bench.run(1.5)
+    assert sum(bench.speeds) / 2 == pytest.approx(0.1, abs=0.01)
 
 
 def outward(strips, v, w):

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.benchmarks import drive_faults
 from tests.hardware.bench import ibus
 from tests.hardware.conftest import build
 from tests.hardware.pilot import Pilot
@@ -330,6 +331,21 @@ def test_a_stuck_driver_is_cut_and_the_brakes_hold_it_on_8_degrees(pilot):
     assert pilot.now.faults & (Fault.RUNAWAY | Fault.OVER_SPEED)
     assert pilot.twin.braked
     assert pilot.until_rest(0.01) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("case", "number"),
+    [
+        ("no fault: slopes to 8 deg", 9),  # starts into a turn while its load is not yet borne
+        ("no fault: battery at 15 %", 18),  # a slow wheel rolls back while a turn ends
+        ("strips", 16),  # pressed while it turns fast
+    ],
+)
+def test_the_hardest_trials_of_the_benchmark_keep_their_bounds(case, number):
+    for target in ("libemulator.so", "drive.elf", "range.elf"):
+        build(target)
+    for figure, (worst, bound) in drive_faults.trial(case, number).items():
+        assert bound is None or worst <= bound, figure
 
 
 def test_motors_that_were_exchanged_stop_the_chair(pilot):

@@ -48,12 +48,14 @@ typedef struct {
     float share;   /* of the low-pass */
     float quantum; /* m/s of one count in a run */
     float count;   /* m */
+    float pivot;   /* weight of what a wheel misses about which the chair turns */
 } worked_t;
 
 worked_t work_out(const drive_values_t *p);
 
-/* Take the encoder's count: the speed since the last run. */
-void measure_wheel(wheel_t *wheel, worked_t k, int32_t counts);
+/* Take the encoder's count: the speed since the last run. `turn` [rad/s]: as fast as this the chair
+ * is to turn, either way. */
+void measure_wheel(wheel_t *wheel, worked_t k, int32_t counts, float turn);
 
 /* At the end of a span: the way [m] by which the wheel went beyond its aim in the last SPANS.
  * `fall` [m/s2]: as fast as this it must follow an aim that comes down. */

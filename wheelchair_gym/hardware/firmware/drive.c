@@ -21,7 +21,6 @@
 #define FOLLOW 1.5F          /* m/s2 by which a wheel follows a falling aim, at least */
 #define BRAKED 0.5F          /* m/s2 of the closed brakes alone, at least: 180 kg down 8 degrees */
 #define TAKE_OVER 150U       /* ms for the motors to take a chair from its brakes */
-#define PUSHED_BACK 3.0F     /* times `missing` that a wheel may be pushed back */
 #define HOLD_MOST 0.05F      /* m from where it came to rest: it is not held */
 #define SLIPS_MOST 3         /* of closed brakes: they do not hold */
 #define FORGET 60000U        /* ms after which an older slip is no sign any longer */
@@ -107,10 +106,11 @@ static uint8_t rearm(drive_t *drive, uint16_t seen, bool zero, uint32_t now)
 
 static void measure(drive_t *drive, worked_t k, const inputs_t *in)
 {
+    float turn = fabsf(drive->w.speed);
     for (uint8_t i = 0; i < 2; i++) {
         if (!drive->begun)
             drive->wheels[i].counts = drive->wheels[i].from = in->counts[i];
-        measure_wheel(&drive->wheels[i], k, in->counts[i]);
+        measure_wheel(&drive->wheels[i], k, in->counts[i], turn);
     }
     if (!drive->begun) {
         drive->battery = in->battery;
@@ -189,10 +189,8 @@ static void watch(drive_t *drive, worked_t k, const inputs_t *in)
         const wheel_t *wheel = &drive->wheels[i];
         if (fabsf(wheel->speed) > drive->p.over_speed)
             drive->faults |= OVER_SPEED;
-        /* Who pushes a chair against its way turns its wheels back, too; not far. */
-        bool back = wheel->speed * wheel->aim < -REST * fabsf(wheel->aim);
-        if (wheel->behind > (back ? PUSHED_BACK * missing : missing))
-            drive->faults |= back ? DIRECTION : STALL;
+        if (wheel->behind > missing)
+            drive->faults |= wheel->speed * wheel->aim < -REST * fabsf(wheel->aim) ? DIRECTION : STALL;
     }
     if (in->now - drive->look_at >= LOOK) {
         if ((uint8_t)(in->illegal - drive->illegal) > ILLEGAL_MOST)
@@ -250,6 +248,17 @@ static bool choose(drive_t *drive, uint32_t now, target_t *target)
     return fresh;
 }
 
+/* A strip that is pressed stops the chair, whatever its way: it may yet turn, or its wheels lag. */
+static void feel(drive_t *drive)
+{
+    uint8_t pressed = drive->inputs.switches & STRIPS;
+    if (pressed & (uint8_t)~drive->strips)
+        drive->touched = true;
+    if (drive_at_rest(drive))
+        drive->touched = false;
+    drive->strips = pressed;
+}
+
 /* Who drives from here on, or how the chair comes to rest. */
 static void decide(drive_t *drive, bool asked, uint32_t now)
 {
@@ -290,9 +299,9 @@ static void move_set_point(drive_t *drive, target_t target)
         drive->v = drive->w = (axis_t){0.0F, 0.0F};
         return;
     }
-    if (drive->mode == STOPPING || target.protective) {
+    if (drive->mode == STOPPING || drive->touched || target.protective) {
         /* Along the same curve, which was found clear: both fall together. */
-        float rate = drive->mode == STOPPING ? p->stop : p->protective;
+        float rate = target.protective && drive->mode != STOPPING ? p->protective : p->stop;
         float fastest = fmaxf(fabsf(drive->v.speed), fabsf(drive->w.speed) / per_track);
         float kept = fastest > rate * RUN ? 1.0F - rate * RUN / fastest : 0.0F;
         drive->v = (axis_t){kept * drive->v.speed, 0.0F};
@@ -374,11 +383,12 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
     measure(drive, k, inputs);
     watch(drive, k, inputs);
     bool asked = choose(drive, inputs->now, &target);
+    feel(drive);
     decide(drive, asked, inputs->now);
     move_set_point(drive, target);
     keep(drive, target, k, inputs->now);
     bool running = drive->mode != STOPPED && !drive->parked;
-    bool braking = drive->mode == STOPPING || target.protective;
+    bool braking = drive->mode == STOPPING || drive->touched || target.protective;
     drive->driving = running && !braking && !drive->held;
     float v_rate = drive->v.slope, w_rate = drive->w.slope;
     if (running && braking) { /* feeds its rate forward */

@@ -35,6 +35,8 @@ typedef struct {
     bool parked;      /* at rest for a while: drivers off, brakes on, as when stopped */
     bool learned;     /* parked, and what holds it on its slope is known */
     bool wants;       /* asked to move, and holds until its motors bear it */
+    uint8_t strips;   /* that were pressed in the last run */
+    bool touched;     /* one more since it was last at rest: it stops first */
     uint32_t open_at; /* ms, when the brakes were last closed */
     bool shut;        /* at rest behind closed brakes */
     uint8_t slips;    /* of closed brakes, since a person re-armed or for a minute */
