@@ -2,9 +2,10 @@
 
 Attackers of many kinds (`tests.attacks`) drive in every scene, at every rate, some with sensors
 that fail; two fifths of them drive at the ends of leaves, at slabs, posts and what stands behind a
-corner. Things too thin for any promise are attacked beside that, and counted apart. Each finished
-chunk is stored: the same command after Ctrl-C goes on with what is missing. A chunk is stored under
-what it depends on, this project's code among it.
+corner. Things too thin for any promise, and those as wide as is promised with a laser of 181 or 64
+beams, are attacked beside that, and counted apart. Each finished chunk is stored: the same command
+after Ctrl-C goes on with what is missing. A chunk is stored under what it depends on, this
+project's code among it.
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ import time
 from pathlib import Path
 
 from agents.evaluate import source_digest
+from agents.metrics import wilson
 from agents.provenance import commit, machine, write_json
-from tests.attacks import HARM, SCENES, SLOW, THIN, Attack, Event, Report, blank
+from tests.attacks import APART, HARM, SCENES, SLOW, Attack, Event, Report, blank
 
 ROWS, EACH = 256, 4  # attacks of a chunk: rows times so many
 RATES = "5,10,20,50"  # Hz
-WEIGHTS = {"edges": 10, "thin": 1}  # chunks of a scene for 3 of any other
+WEIGHTS = {"edges": 10} | dict.fromkeys(APART, 1)  # chunks of a scene for 3 of any other
 
 
 def main() -> int:
@@ -31,7 +33,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--attacks", type=int, default=102_400, metavar="N")
     parser.add_argument("--first-seed", type=int, default=0, metavar="S")
-    parser.add_argument("--scenes", default=",".join({**SCENES, **THIN}), metavar="A,B")
+    parser.add_argument("--scenes", default=",".join({**SCENES, **APART}), metavar="A,B")
     parser.add_argument("--rates", default=RATES, metavar="HZ,HZ", help="of control")
     parser.add_argument("--shield", choices=("on", "off"), default="on")
     parser.add_argument("--faults", type=float, default=0.2, metavar="SHARE")
@@ -44,13 +46,17 @@ def main() -> int:
     store = folder / f"attacks-{given.shield}.jsonl"
     stored = {}
     if store.exists():
-        for line in store.read_text().splitlines():
-            chunk = json.loads(line)
+        for line in filter(None, store.read_text().splitlines()):
+            try:
+                chunk = json.loads(line)
+            except ValueError:  # half a line, of a run that was killed: its chunk is run again
+                continue
             stored[chunk["key"]] = chunk["report"]
     weights = {scene: WEIGHTS.get(scene, 3) for scene in scenes}
-    share = sum(weight for scene, weight in weights.items() if scene not in THIN) or 1
+    share = sum(weight for scene, weight in weights.items() if scene not in APART) or 1
     unit = given.attacks / (ROWS * EACH * len(rates) * share)  # chunks of a weight of 1
-    whole, apart, begun = blank(), blank(), time.monotonic()
+    whole, begun = blank(), time.monotonic()
+    apart: dict[str, Report] = {}
     per_scene = {}
     digest = source_digest()
     for scene, weight in weights.items():
@@ -69,7 +75,7 @@ def main() -> int:
                     report = attack.run(seed, EACH)
                     stored[key] = dataclasses.asdict(report) | {"events": list(report.events)}
                     with store.open("a") as file:
-                        file.write(json.dumps({"key": key, "report": stored[key]}) + "\n")
+                        file.write("\n" + json.dumps({"key": key, "report": stored[key]}) + "\n")
                 told = stored[key]
                 own.add(Report(**(told | {"events": [Event(*event) for event in told["events"]]})))
                 bad = sum(event.seen for event in own.events)
@@ -79,8 +85,11 @@ def main() -> int:
                     f"{spent:.0f} s", file=sys.stderr, flush=True,
                 )  # fmt: skip
         per_scene[scene] = summary(own)
-        (apart if scene in THIN else whole).add(own)
-    result = summary(whole) | {"scenes": per_scene, "thin": summary(apart)}
+        if scene in APART:
+            apart[scene] = own
+        else:
+            whole.add(own)
+    result = summary(whole) | {"scenes": per_scene}
     result["provenance"] = {
         "commit": commit(), "machine": machine(), "first_seed": given.first_seed,
         "faults": given.faults, "shield": given.shield, "rates": rates,
@@ -93,11 +102,13 @@ def main() -> int:
         f"{result['unseen']} with what could not, at {result['unseen_fastest']:.3f} m/s at most; "
         f"seeds {given.first_seed} and on, sensors of {given.faults:g} of them fail"
     )
+    print(bounds(whole))
     for event in whole.events:
         if event.seen:
             print("  ", event)
-    if apart.attacks:
-        print(f"Things thinner than is promised, counted apart:\n{table(apart)}")
+    for scene, report in apart.items():
+        print(f"Counted apart, {scene}:\n{table(report)}")
+        print(bounds(report))
     return 0 if result["harmful"] == 0 and result["unseen_fastest"] <= SLOW else 1
 
 
@@ -113,6 +124,14 @@ def summary(report: Report) -> dict[str, object]:
         "reasons": report.reasons,
         "cells": report.cells,
     }
+
+
+def bounds(report: Report) -> str:
+    """What share of attacks may do harm, by those that did: 95 % bounds."""
+    harmful = len({(e.seed, e.episode, e.cell) for e in report.events if e.seen})
+    low, high = wilson(harmful, report.attacks)
+    three = f"; rule of three: below {3.0 / report.attacks:.2g}" if report.attacks and not harmful else ""
+    return f"harmful: {harmful} of {report.attacks}, Wilson's 95 %: {low:.2g} to {high:.2g}{three}"
 
 
 def table(report: Report) -> str:

@@ -41,6 +41,13 @@ def test_what_nobody_could_see_is_met_slowly(seed, each):
     assert all(event.closing < SLOW for event in report.events)
 
 
+def test_a_stop_in_comfort_that_leaves_too_little_becomes_a_protective_one():
+    """At 5 Hz, round a corner: without that it met the post behind it at 0.062 m/s."""
+    report, harmful = attack("edges", 1, 4, shield=True, seed=2122, bank=200, rate=5.0)
+    assert report.attacks == 4
+    assert harmful == []
+
+
 @pytest.mark.parametrize("rate", [5.0, 10.0, 20.0])
 def test_nothing_of_the_outline_enters_unseen_cells_faster_than_it_may(rate, monkeypatch):
     """Touching something or not: by the true twist, in every period."""
