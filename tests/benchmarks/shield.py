@@ -130,8 +130,10 @@ def bounds(report: Report) -> str:
     """What share of attacks may do harm, by those that did: 95 % bounds."""
     harmful = len({(e.seed, e.episode, e.cell) for e in report.events if e.seen})
     low, high = wilson(harmful, report.attacks)
-    three = f"; rule of three: below {3.0 / report.attacks:.2g}" if report.attacks and not harmful else ""
-    return f"harmful: {harmful} of {report.attacks}, Wilson's 95 %: {low:.2g} to {high:.2g}{three}"
+    told = f"harmful: {harmful} of {report.attacks}, Wilson's 95 %: {low:.2g} to {high:.2g}"
+    if report.attacks and not harmful:
+        told += f"; rule of three: below {3.0 / report.attacks:.2g}"
+    return told
 
 
 def table(report: Report) -> str:
