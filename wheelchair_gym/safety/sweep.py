@@ -115,9 +115,13 @@ def may_meet(
 
 
 @borrowing_kernel
-def between(a: float, b: float, c: float, times: float) -> tuple[float, float]:
-    """The least and the greatest of three speeds, each so many times as far from zero."""
-    low, high = min(a, min(b, c)), max(a, max(b, c))
+def between(speed: float, late: float, times: float) -> tuple[float, float]:
+    """The least and the greatest of a speed and of a late one, if that is farther from zero.
+
+    Each is so many times as far from zero. A speed that rises is no danger for being late.
+    """
+    late = late if abs(late) > abs(speed) else speed
+    low, high = min(speed, late), max(speed, late)
     return low * (times if low < 0.0 else 1.0), high * (times if high > 0.0 else 1.0)
 
 
@@ -246,7 +250,7 @@ def _sweep_still(
     least = _CRAWLING * g.margin if s.n_close > 0 else margin
     # Of the gap, from below: it is looked for anew only where it might matter.
     bound = s.gap - (abs(sv) + lever * abs(sw)) * t if s.n_close == 0 else 0.0
-    va, wa, lv, lw = av, aw, s.late[0], s.late[1]
+    lv, lw = s.late[0], s.late[1]
     rises, late = True, STEP / (g.reaction + STEP)
     for k in range(_LONGEST):
         if k == hold:
@@ -273,16 +277,10 @@ def _sweep_still(
                 gap = signed_gap(c * ex + sn * ey, c * ey - sn * ex, outline)
                 if gap < s.close[i, 2] - _WORSE:
                     return OBSTACLE
-        # Steps are long: while a slope falls, speeds are short of the boards' by half a step of it.
-        if sv == v and av == 0.0:
-            va = 0.0
-        if sw == w and aw == 0.0:
-            wa = 0.0
         rises = rises and (k < hold or speed > abs(v0) or turn > abs(w0))
-        ev, ew = sv + 0.5 * STEP * (va - av), sw + 0.5 * STEP * (wa - aw)
         lv, lw = lv + late * (sv - lv), lw + late * (sw - lw)
-        vl, vh = between(sv, ev, lv, _FAST)
-        wl, wh = between(sw, ew, lw, _TURNS)
+        vl, vh = between(sv, lv, _FAST)
+        wl, wh = between(sw, lw, _TURNS)
         if max(-vl, vh) + lever * max(-wl, wh) > unseen:
             since = s.stamp - g.memory
             # Until it brakes it may be farther back than a reaction ahead of its set point.
