@@ -402,6 +402,28 @@ def test_a_turn_on_a_slope_about_a_slow_wheel_is_no_fault(bench, inner, downhill
     assert bench.odometry().faults == 0, Fault(bench.odometry().faults)
 
 
+@pytest.mark.parametrize("edge", [0, 1])
+@pytest.mark.parametrize("turn", [0.0, 1.0])
+@pytest.mark.parametrize(("aim", "within", "rim"), [(0.05, 0.42, 0.25), (0.01, 2.05, 0.15)])
+def test_a_lost_encoder_of_a_slow_wheel_is_found_as_soon_where_the_chair_turns_about_it(
+    bench, aim, within, rim, turn, edge
+):
+    """A wheel that a slope holds back turns back or on; one of a lost encoder gives no counts.
+
+    Nor does a vibration about a single edge, of an encoder that lost one of its two channels.
+    """
+    bench.start(0.27 * turn + aim, turn)
+    bench.seen[0], start, steps = False, bench.ways[0], 0
+    while bench.enable and steps < 2000:
+        bench.run(STEP)
+        bench.counts[0] += edge * (1 if steps % 2 else -1)
+        steps += 1
+    assert bench.odometry().faults & Fault.STALL
+    assert steps * STEP <= within
+    assert bench.speeds[0] <= rim
+    assert bench.ways[0] - start < 0.16
+
+
 @pytest.mark.parametrize("pull", [0.34, 1.36, -1.36])
 def test_at_zero_it_stays_where_it_is_and_then_the_brakes_close(bench, pull):
     bench.pull = pull

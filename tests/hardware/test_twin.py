@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
@@ -346,6 +347,40 @@ def test_the_hardest_trials_of_the_benchmark_keep_their_bounds(case, number):
         build(target)
     for figure, (worst, bound) in drive_faults.trial(case, number).items():
         assert bound is None or worst <= bound, figure
+
+
+def test_the_benchmark_goes_on_with_the_trials_that_are_missing(tmp_path, monkeypatch, capsys):
+    build("drive.elf")
+    out, made = tmp_path / "faults.json", []
+
+    def trial(name, number):
+        if number == 1 and not made[1:]:
+            made.append(None)
+            raise KeyboardInterrupt
+        made.append((name, number))
+        return {"way_m": (0.5 * number, 1.0), "missed": (False, 0)}
+
+    def run(*words):
+        monkeypatch.setattr("sys.argv", ["drive_faults", *words, "--out", str(out)])
+        with pytest.raises(SystemExit) as ended:
+            drive_faults.main()
+        return ended.value.code
+
+    monkeypatch.setattr(drive_faults, "trial", trial)
+    with pytest.raises(KeyboardInterrupt):
+        run("3", "strips")
+    assert "trial 1 of 3: strips" in capsys.readouterr().err
+    assert run("3", "strips") == 0
+    assert made == [("strips", 0), None, ("strips", 1), ("strips", 2)]
+    assert "| strips | way_m | 1 | 1.0 |" in capsys.readouterr().out
+    assert run("4", "strips") == 1  # 1.5 m
+    assert made[4:] == [("strips", 3)]
+    assert json.loads(out.read_text())["cases"]["strips"]["way_m"]["worst"] == 1.5
+    assert run("1", "strip") == 2
+    assert "'strip' is no case" in capsys.readouterr().err
+    out.write_text("{}")
+    assert run("1", "strips") == 2
+    assert out.read_text() == "{}"
 
 
 def test_motors_that_were_exchanged_stop_the_chair(pilot):

@@ -11,6 +11,7 @@
  * wheel that runs on a circle of less than this. It then misses up to 26 mm in half a turn. */
 #define PIVOT 0.1F       /* m */
 #define PIVOT_WAY 0.03F  /* m that it may miss */
+#define MOVES 3          /* counts, net: an encoder that lost a channel gives one, to and fro */
 
 static float least(float a, float b) { return a < b ? a : b; }
 static float most(float a, float b) { return a > b ? a : b; }
@@ -58,13 +59,22 @@ void measure_wheel(wheel_t *wheel, worked_t k, int32_t counts, float turn)
     wheel->speed += k.share * (measured - wheel->speed);
     /* The way that is missing against half of the aim: grows when counts stay away. */
     float aim = fabsf(wheel->aim), progress = wheel->aim < 0.0F ? -measured : measured, share = 1.0F;
-    if (aim < SLOW && fabsf(wheel->speed) < SLOW) {
+    bool slow = aim < SLOW && fabsf(wheel->speed) < SLOW;
+    if (slow) {
         progress = most(0.0F, progress);
         share = aim < PIVOT * turn ? k.pivot : 1.0F;
     }
+    /* Such a wheel rolls back, or passes briefly through rest: without any move it misses less. */
+    int32_t moved = counts - wheel->mark;
+    if (!slow || moved >= MOVES || moved <= -MOVES) {
+        wheel->mark = counts;
+        wheel->silent = 0.0F;
+    } else {
+        wheel->silent += 0.5F * aim * RUN;
+    }
     wheel->behind = most(0.0F, wheel->behind + share * (0.5F * aim - progress) * RUN);
     if (wheel->aim == 0.0F)
-        wheel->behind = 0.0F;
+        wheel->behind = wheel->silent = 0.0F;
 }
 
 float way_beyond(wheel_t *wheel, worked_t k, float fall)
@@ -107,7 +117,7 @@ float control_wheel(wheel_t *wheel, const drive_values_t *p, worked_t k, float t
     float before = wheel->aim;
     wheel->aim += k.share * (target - wheel->aim);
     if (before * wheel->aim < 0.0F) /* it turns back: its way begins anew */
-        wheel->behind = 0.0F;
+        wheel->behind = wheel->silent = 0.0F;
     float error = wheel->aim - wheel->speed;
     float slope = (error - wheel->error) * (1.0F / RUN);
     wheel->error = error;
@@ -115,7 +125,7 @@ float control_wheel(wheel_t *wheel, const drive_values_t *p, worked_t k, float t
     if (held) {
         /* What held it on its slope goes on; a spring to where it stands takes what is missing. */
         volts -= p->hold * way_from_home(wheel, k);
-        wheel->behind = 0.0F;
+        wheel->behind = wheel->silent = 0.0F;
         if (fabsf(wheel->aim) < THERE)
             wheel->aim = 0.0F;
     } else if (fabsf(volts) < battery) {
@@ -140,7 +150,8 @@ void rest_wheel(wheel_t *wheel)
 
 void release_wheel(wheel_t *wheel)
 {
-    wheel->aim = wheel->sum = wheel->error = wheel->behind = wheel->load = 0.0F;
+    wheel->aim = wheel->sum = wheel->error = wheel->load = 0.0F;
+    wheel->behind = wheel->silent = 0.0F;
 }
 
 void leave_home(wheel_t *wheel, const drive_values_t *p, worked_t k)

@@ -31,6 +31,8 @@ typedef struct {
     float sum;      /* V, integral part */
     float error;    /* m/s, of the last run */
     float behind;   /* m that the wheel is behind half of its aim */
+    int32_t mark;   /* counts when it was last seen to move, while it is slow */
+    float silent;   /* m of half of its aim since then */
     int32_t home;   /* counts at which it came to rest */
     float load;     /* V that the motor gets beyond its back-EMF, low-passed */
     float volts;    /* that it gets */

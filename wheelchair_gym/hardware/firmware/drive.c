@@ -189,7 +189,7 @@ static void watch(drive_t *drive, worked_t k, const inputs_t *in)
         const wheel_t *wheel = &drive->wheels[i];
         if (fabsf(wheel->speed) > drive->p.over_speed)
             drive->faults |= OVER_SPEED;
-        if (wheel->behind > missing)
+        if (wheel->behind > missing || wheel->silent > missing)
             drive->faults |= wheel->speed * wheel->aim < -REST * fabsf(wheel->aim) ? DIRECTION : STALL;
     }
     if (in->now - drive->look_at >= LOOK) {
