@@ -85,11 +85,7 @@ SHIELD = np.dtype(
         ("pose", "f8", (3,)),  # m, m, rad: dead-reckoned since reset
         ("told", "f8", (5,)),  # pose and twist of the last reading, to the bit
         ("set", "f8", (4,)),  # speed, its slope, turn, its slope: what the chair is set to
-        (
-            "late",
-            "f8",
-            (2,),
-        ),  # speed and turn that it does at least, which follows a reaction later
+        ("late", "f8", (2,)),  # speed and turn that it was set to a reaction time ago
         # faults
         ("latched", "i8"),  # reason, 0: none
         ("rearmed", "b1"),  # a person asks to be let go on
