@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluate import drive_episode
-from agents.metrics import Record
-from agents.policy import Policy
+from agents.evaluation.evaluate import drive_episode
+from agents.evaluation.metrics import Record
+from agents.policies import Policy
 from agents.start_fit import StartCheck, start_fit
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import wrap
-from wheelchair_gym.mapping.chair import bare
-from wheelchair_gym.stops import Stops, advice_of, holds, of_shield
+from wheelchair_gym.localization.localized_chair import bare
+from wheelchair_gym.safety.stops import Stops, advice_of, holds, of_shield
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import wrap
-from wheelchair_gym.mapping.anywhere import climb
-from wheelchair_gym.mapping.field import Field, log_likelihood, surface_field
-from wheelchair_gym.mapping.localise import Localisation
-from wheelchair_gym.mapping.scan import Scan, read_scan
+from wheelchair_gym.localization.global_localization import climb
+from wheelchair_gym.localization.likelihood_field import Field, log_likelihood, surface_field
+from wheelchair_gym.localization.monte_carlo import Localisation
+from wheelchair_gym.localization.scan import Scan, read_scan
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
-from wheelchair_gym.sensing.settings import LaserSettings
+from wheelchair_gym.sensors.settings import LaserSettings
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ import numpy as np
 from wheelchair_gym.config import InputError
 
 if TYPE_CHECKING:
-    from wheelchair_gym.mapping.log import Log
-    from wheelchair_gym.mapping.slam import Slam
-    from wheelchair_gym.sensing.settings import LaserSettings
+    from wheelchair_gym.localization.logs import Log
+    from wheelchair_gym.localization.slam import Slam
+    from wheelchair_gym.sensors.settings import LaserSettings
 
 Each = Callable[[Any], None]  # called with the environment after reset and each step
 
@@ -57,7 +57,7 @@ class Watch:
         """
         if not self:
             return env, film
-        from wheelchair_gym.view.record import Recorded, Recording
+        from wheelchair_gym.recording.record import Recorded, Recording
 
         own = Recording(images=self.images, when_full=self.when_full)
         env = Recorded(env, self.record, self.live, own)
@@ -70,9 +70,9 @@ class Watch:
         """What is to be called after each scan of a log, and at the end (with anything)."""
         if not self:
             return lambda slam: None, lambda end: None
-        from wheelchair_gym.view import messages as m
-        from wheelchair_gym.view.outlet import NANO, Outlet
-        from wheelchair_gym.view.record import Recording
+        from wheelchair_gym.recording import messages as m
+        from wheelchair_gym.recording.record import Recording
+        from wheelchair_gym.recording.sink import NANO, Outlet
 
         out, own, reckoned = Outlet(self.record, self.live), Recording(), log.odometry
         if out.port is not None:

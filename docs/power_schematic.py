@@ -3,6 +3,8 @@
 Needs `pip install 'wheelchair_gym[docs]'` (schemdraw).
 """
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import schemdraw

@@ -9,25 +9,33 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from planners.geometric import Geometric
+from planners.collision.space import Space
 from planners.graphs.cell_decomposition import CellDecomposition
-from planners.graphs.disc_then_lattice import DiscThenLattice
+from planners.graphs.geometric import Geometric
 from planners.graphs.grid import AStar, Bfs, Dfs, Dijkstra, ThetaStar
-from planners.graphs.lattice import Lattice
-from planners.graphs.prm import Prm
+from planners.graphs.roadmap import Prm
 from planners.graphs.visibility import Visibility
 from planners.graphs.voronoi import Voronoi
+from planners.lattice.disc_then_lattice import DiscThenLattice
+from planners.lattice.lattice import Lattice
+from planners.problem import Plan, Planner, Problem, Status
 from planners.reactive.bug import Bug1, Bug2
 from planners.reactive.potential_field import PotentialField
-from planners.space import Space
 from planners.swarm.optimizers import OPTIMIZERS, make_optimizer
 from planners.swarm.planner import SwarmPlanner
 from planners.swarm.rrt_woa import RrtWoa
-from planners.trees.rrt import Rrt, RrtConnect, RrtStar
 from planners.trees.spline import SplineRrtStar
-from planners.trees.variants import InformedRrtStar, RrtStarFn, RrtStarLimited, RrtStarSmart
-from planners.trees.whales import RrtStarWoaGlobal, RrtStarWoaLocal
-from planners.types import Plan, Planner, Problem, Status
+from planners.trees.variants import (
+    InformedRrtStar,
+    Rrt,
+    RrtConnect,
+    RrtStar,
+    RrtStarFn,
+    RrtStarLimited,
+    RrtStarSmart,
+    RrtStarWoaGlobal,
+    RrtStarWoaLocal,
+)
 from wheelchair_gym.config import InputError, load
 
 __all__ = [

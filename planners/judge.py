@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from planners.types import Problem
+from planners.problem import Problem
 
 Array = NDArray[np.float64]
 

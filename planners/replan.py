@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.draws import stream
-from planners.exact import edge_free
-from planners.trees.replant import keep_path, keep_tree
-from planners.trees.search import Grove, answer, grow_until, new_grove, roomy
+from planners.collision.polygon_tests import edge_free
+from planners.problem import Plan, Problem, begin, trivial
+from planners.random_stream import stream
+from planners.trees.reuse_tree import keep_path, keep_tree
 from planners.trees.tree import NONE
+from planners.trees.tree_search import Grove, answer, grow_until, new_grove, roomy
 from planners.trees.variants import InformedRrtStar
-from planners.types import Plan, Problem, begin, trivial
 
 Array = NDArray[np.float64]
 

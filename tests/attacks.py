@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.edges import POSTS, SCREEN, SLABS, Edges
-from wheelchair_gym.address import table_at
+from wheelchair_gym.compiled.address import table_at
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry import footprint_clearance
-from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import Limits, approach, arc_step
+from wheelchair_gym.physics.actors.bodies import moving_at
+from wheelchair_gym.physics.state import FAULTS
+from wheelchair_gym.random import episode_key, uniform
 from wheelchair_gym.safety.state import CELL, _samples
-from wheelchair_gym.sensing import SensorSettings
-from wheelchair_gym.sensing.noise import episode_key, uniform
-from wheelchair_gym.simulation.moving import moving_at
-from wheelchair_gym.simulation.state import FAULTS
+from wheelchair_gym.sensors.settings import SensorSettings
 
 Array = NDArray[np.float64]
 

@@ -9,12 +9,11 @@ from agents.learning.settings import RECIPES
 from planners import PLANNERS
 from tests.conftest import ROOT
 from wheelchair_gym.envs import EnvSettings
-from wheelchair_gym.hardware.chairs import CHAIRS
+from wheelchair_gym.hardware.registry import CHAIRS
+from wheelchair_gym.physics.settings import ChairSettings, MotorSettings, PhysicsSettings
 from wheelchair_gym.safety import ShieldSettings
 from wheelchair_gym.scenes import SCENES
-from wheelchair_gym.sensing import SensorSettings
-from wheelchair_gym.simulation import ChairSettings
-from wheelchair_gym.simulation.settings import MotorSettings, PhysicsSettings
+from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.task import TaskSettings
 
 DEFAULTS: Final[dict[str, Any]] = {

@@ -1,5 +1,7 @@
 """Fixtures for every test, and which files go first."""
 
+from __future__ import annotations
+
 import os
 from pathlib import Path
 
@@ -11,11 +13,12 @@ ROOT = Path(__file__).resolve().parents[1]
 # What takes long comes next, so that no worker has a long file to do when the other is ready.
 FIRST = (
     "laws/test_copies",
-    "test_compiling", "agents/test_runs", "hardware/test_drive", "hardware/test_protocol",
-    "hardware/test_link", "hardware/test_joystick",
+    "test_compiling", "agents/evaluation/test_runs", "hardware/test_drive",
+    "hardware/test_protocol", "hardware/test_link", "hardware/test_joystick",
     "planners/test_random_maps", "planners/test_planners", "planners/test_trees",
-    "planners/test_lattice", "agents/test_tuning",
-    "agents/test_cli", "hardware/test_ros", "view/test_record", "agents/test_learning",
+    "planners/test_lattice", "agents/evaluation/test_tuning",
+    "agents/cli/test_cli", "hardware/test_ros", "recording/test_record",
+    "agents/learning/test_learning",
 )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import Footprint, polygon_edges, to_world
-from wheelchair_gym.movers import Mover, door, together
+from wheelchair_gym.physics.actors.records import Mover, door, together
 from wheelchair_gym.scenes.arena import arena
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.types import Episode

@@ -282,9 +282,9 @@ def _problems(folder: Path) -> Path:
 
 
 def _use_problems(path: Path) -> None:
-    from agents.bench.cases import stored_cases
+    from agents.benchmarks.cases import stored_cases
     from planners import make_planner
-    from planners.problems import read_problems
+    from planners.problem_files import read_problems
 
     for problem, _ in read_problems(path)[:2]:
         for planner in ({"name": "rrt_connect", "iterations": 200}, {"name": "visibility"}):
@@ -304,9 +304,9 @@ def _thesis(folder: Path) -> Path:
 
 
 def _use_thesis(path: Path) -> None:
-    from agents.commands.arguments import spec
+    from agents.cli.arguments import spec
     from planners import make_planner
-    from planners.thesis import read_thesis
+    from planners.thesis_settings import read_thesis
 
     make_planner(read_thesis(path).planner())
     made = spec(f"{path}:rrt_star")
@@ -326,7 +326,7 @@ def _env(folder: Path) -> Path:
 
 def _use_env(path: Path) -> None:
     """Settings, and the world that they name; stepping is for who chose the settings."""
-    from agents.evaluate import env_settings as checked
+    from agents.evaluation.evaluate import env_settings as checked
     from wheelchair_gym.envs.settings import env_settings
     from wheelchair_gym.scenes import make_scene
 
@@ -347,7 +347,7 @@ def _scenes(folder: Path) -> Path:
 
 
 def _use_scenes(path: Path) -> None:
-    from agents.commands.arguments import spec
+    from agents.cli.arguments import spec
     from wheelchair_gym.errors import InputError
     from wheelchair_gym.scenes import make_scene
 
@@ -368,7 +368,7 @@ def _planners(folder: Path) -> Path:
 
 
 def _use_planners(path: Path) -> None:
-    from agents.commands.arguments import spec
+    from agents.cli.arguments import spec
     from planners import PLANNERS, make_planner
     from wheelchair_gym.errors import InputError
 
@@ -399,7 +399,7 @@ def _use_training(path: Path) -> None:
 
 
 def _bench(folder: Path) -> Path:
-    from agents.bench.race import FORMAT
+    from agents.benchmarks.race import FORMAT
 
     path = folder / "bench.json"
     record = {"key": "abc", "planner": "rrt", "seed": 0, "curve": [[0.1, 3.0]]}
@@ -408,7 +408,7 @@ def _bench(folder: Path) -> Path:
 
 
 def _use_bench(path: Path) -> None:
-    from agents.bench.race import known_records
+    from agents.benchmarks.race import known_records
 
     known_records(path)
 
@@ -452,7 +452,7 @@ def _use_curve(path: Path) -> None:
 
 
 def _store(folder: Path) -> Path:
-    from agents.runs import stored_line
+    from agents.evaluation.runs import stored_line
 
     path = folder / "episodes.jsonl"
     records = [{"outcome": "success", "time": 3.5 + k, "names": ["a", None]} for k in range(6)]
@@ -466,7 +466,7 @@ def _work(job: int) -> dict[str, Any]:
 
 def _use_store(path: Path) -> None:
     """The resume never stops, and what is stored is what was computed or is computed again."""
-    from agents.runs import compute
+    from agents.evaluation.runs import compute
 
     jobs = {f"{k}": k for k in range(6)}
     with contextlib.redirect_stderr(io.StringIO()):
@@ -478,7 +478,7 @@ def _use_store(path: Path) -> None:
 
 
 def _log(folder: Path) -> Path:
-    from wheelchair_gym.mapping.log import LogFormat
+    from wheelchair_gym.localization.logs import LogFormat
 
     form = LogFormat()
     rng = np.random.default_rng(0)
@@ -493,9 +493,9 @@ def _log(folder: Path) -> Path:
 
 
 def _use_log(path: Path) -> None:
-    from agents.survey import by_odometry
-    from wheelchair_gym.mapping.log import LogFormat, read_log
-    from wheelchair_gym.mapping.slam import SlamSettings
+    from agents.evaluation.map_evaluation import by_odometry
+    from wheelchair_gym.localization.logs import LogFormat, read_log
+    from wheelchair_gym.localization.slam import SlamSettings
 
     form = LogFormat()
     by_odometry(read_log(path, form), form.laser, SlamSettings().mapping)
@@ -504,7 +504,7 @@ def _use_log(path: Path) -> None:
 def _recording(folder: Path) -> Path:
     import gymnasium as gym
 
-    from wheelchair_gym.view.record import Recorded
+    from wheelchair_gym.recording.record import Recorded
 
     config = {"sensors": {"laser": {"beams": 31}}, "task": {"beams": 16}, "shield": {}}
     scene = {"name": "empty", "size": [5.0, 4.0]}
@@ -543,7 +543,7 @@ def _mutated_recording(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _use_recording(path: Path) -> None:
-    from wheelchair_gym.view.replay import read_recording, recorded_log, replayed
+    from wheelchair_gym.recording.replay import read_recording, recorded_log, replayed
 
     for chapter in read_recording(path)[:2]:
         env = replayed(chapter)
@@ -559,7 +559,7 @@ def _use_recording(path: Path) -> None:
 
 def _weights(folder: Path) -> Path:
     from agents.learning.weights import save_weights
-    from tests.agents.tiny_runs import random_weights
+    from tests.agents.learning.tiny_runs import random_weights
 
     save_weights(folder / "mine.npz", random_weights(memory=4))
     return folder / "mine.npz"
@@ -607,7 +607,7 @@ def _mutated_weights(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _use_weights(path: Path) -> None:
-    from agents.policy import make_policy
+    from agents.policies import make_policy
 
     policy: Any = make_policy({"name": str(path)})
     policy.network.reset(1)
@@ -616,7 +616,7 @@ def _use_weights(path: Path) -> None:
 
 def _onnx(folder: Path) -> Path:
     from agents.learning.export import export_onnx
-    from tests.agents.tiny_runs import random_weights
+    from tests.agents.learning.tiny_runs import random_weights
 
     export_onnx(random_weights(memory=4), folder / "mine.onnx")
     return folder / "mine.onnx"

@@ -10,15 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from planners.exact import point_free
-from planners.trees.growth import grow
-from planners.trees.rrt import RrtStar
+from planners.collision.polygon_tests import point_free
+from planners.trees.tree_search import grow
+from planners.trees.variants import RrtStar
 from tests.conftest import ROOT
-from wheelchair_gym.progress import called_by, kernels_of
+from wheelchair_gym.compiled.progress import called_by, kernels_of
 
 # Three kernels, one calling the next, and one that assigns to a slice.
 TOY = """
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.compiled.kernel import kernel
 
 @kernel
 def low(x):
@@ -39,7 +39,7 @@ def laid(rows, row):
 # What is told of are the project's own kernels: here these are.
 HEAD = """
 import numba.core.event as event
-import wheelchair_gym.progress as progress
+import wheelchair_gym.compiled.progress as progress
 progress._OURS = ("toy",)
 from toy import high, laid, low, middle
 class Count(event.Listener):
@@ -132,7 +132,7 @@ def test_a_log_gets_a_line_now_and_then(tmp_path):
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="helpers are copies of a process")
 def test_a_helper_compiles_what_its_parent_then_loads(tmp_path):
     code = (
-        "from wheelchair_gym.beside import compile_beside, locked, _helpers\n"
+        "from wheelchair_gym.compiled.second_process import compile_beside, locked, _helpers\n"
         "import os\n"
         "os.sched_getaffinity = lambda pid: {0, 1}\n"
         "compile_beside([high], lambda: high(3.0))\n"
@@ -155,7 +155,7 @@ def test_two_processes_compile_a_kernel_once(tmp_path):
 
 def test_a_process_that_hangs_with_a_lock_delays_the_others_only(tmp_path):
     code = (
-        "import fcntl, wheelchair_gym.beside as beside\n"
+        "import fcntl, wheelchair_gym.compiled.second_process as beside\n"
         "held, beside._PATIENCE = [], 0.7\n"
         "for lock in (low, high):\n"
         "    path = f'{lock._cache._cache_file._index_path}.lock'\n"

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planners.trees.whales import RrtStarWoaGlobal
+from planners.trees.variants import RrtStarWoaGlobal
 from tests.configs import SINGLE
 from wheelchair_gym.config import InputError, dump, load, read
 from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.sensing import SensorSettings
-from wheelchair_gym.simulation import ChairSettings
+from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.sensors.settings import SensorSettings
 
 
 @pytest.mark.parametrize("name", SINGLE)

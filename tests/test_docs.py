@@ -1,12 +1,14 @@
 """What the documentation says of the code is what the code says."""
 
+from __future__ import annotations
+
 import re
 
 import pytest
 
 from tests.conftest import ROOT
-from wheelchair_gym.hardware.messages import Fault
-from wheelchair_gym.stops import STOPS, as_table
+from wheelchair_gym.hardware.boards.messages import Fault
+from wheelchair_gym.safety.stops import STOPS, as_table
 
 PAGES = sorted([*ROOT.glob("docs/*.md"), ROOT / "README.md", *ROOT.glob("*/**/README.md")])
 

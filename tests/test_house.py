@@ -27,16 +27,16 @@ ARROW = {
     "agents": {"wheelchair_gym", "planners"},
 }
 # What planners may know of the chair: words, settings, geometry and maps, and how to compile.
-FOR_PLANNERS = {"types", "geometry", "kinematics", "maps", "config", "kernel", "errors", "files"}
+FOR_PLANNERS = {"types", "geometry", "kinematics", "maps", "config", "compiled", "errors", "files"}
 # Third-party packages that live in one room each.
 ROOMS = {
-    "pymunk": ("wheelchair_gym/simulation/",),
-    "cv2": ("wheelchair_gym/maps/", "wheelchair_gym/view/"),
+    "pymunk": ("wheelchair_gym/physics/",),
+    "cv2": ("wheelchair_gym/maps/", "wheelchair_gym/rendering/"),
     "serial": ("wheelchair_gym/hardware/",),
     "evdev": ("wheelchair_gym/hardware/",),
     "websockets": ("wheelchair_gym/hardware/",),
-    "foxglove": ("wheelchair_gym/view/",),
-    "mcap": ("wheelchair_gym/view/",),
+    "foxglove": ("wheelchair_gym/recording/",),
+    "mcap": ("wheelchair_gym/recording/",),
     "torch": ("agents/",),
     "stable_baselines3": ("agents/",),
 }
@@ -98,7 +98,7 @@ def loaded(*argv):
             code = end.code
     assert code in (0, None), (argv, code)
     return {name for name in ("torch", "stable_baselines3", "sb3_contrib") if name in sys.modules}
-import planners, wheelchair_gym, wheelchair_gym.envs, wheelchair_gym.view
+import planners, wheelchair_gym, wheelchair_gym.envs, wheelchair_gym.rendering
 from agents.cli import COMMANDS
 for command in ((), *((part.__name__.rpartition(".")[2],) for part in COMMANDS)):
     assert not loaded(*command, "--help"), command
@@ -151,7 +151,7 @@ def test_nothing_speaks_of_where_it_was_made():
 def test_kernels_know_what_they_depend_on(tmp_path, monkeypatch):
     """An edit of a kernel, or of a constant it freezes, changes the stamp of those that call it."""
     monkeypatch.syspath_prepend(str(tmp_path))
-    head = "from wheelchair_gym.kernel import kernel\n"
+    head = "from wheelchair_gym.compiled.kernel import kernel\n"
     low = head + "SCALE = {}\n@kernel\ndef low(x):\n    return {}\n"
     high = head + "from {0} import low, SCALE\n@kernel\ndef high(x):\n    return low(x) * SCALE\n"
     digests = set()
@@ -167,7 +167,7 @@ def test_kernels_know_what_they_depend_on(tmp_path, monkeypatch):
 def test_what_was_compiled_for_a_class_that_is_gone_is_compiled_anew(tmp_path):
     text = (
         "from typing import NamedTuple\n"
-        "from wheelchair_gym.kernel import kernel\n"
+        "from wheelchair_gym.compiled.kernel import kernel\n"
         "class Old(NamedTuple):\n    x: float\n"
         "@kernel\ndef twice(own):\n    return 2.0 * own.x\n"
         "if __name__ != '__main__':\n    print(twice(Old(3.0)))\n"

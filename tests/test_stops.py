@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from wheelchair_gym.hardware.messages import Fault
+from wheelchair_gym.hardware.boards.messages import Fault
 from wheelchair_gym.safety.state import REASONS, UNSEEN
-from wheelchair_gym.stops import STOPS, Ends, Stops, advice_of, as_table, of_shield, stops_of
+from wheelchair_gym.safety.stops import STOPS, Ends, Stops, advice_of, as_table, of_shield, stops_of
 
 BOARD = "the drive board has stopped ({}); a person must re-arm it"
 

@@ -4,6 +4,8 @@ Importing registers `wheelchair_gym/Navigation-v0`, `wheelchair_gym/GuidedNaviga
 `wheelchair_gym/Hardware-v0`, which is the first over the real chair.
 """
 
+from __future__ import annotations
+
 import gymnasium as gym
 
 from wheelchair_gym.config import InputError

@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.kernel import kernel
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import as_array
+from wheelchair_gym.compiled.address import as_array
 from wheelchair_gym.config import FARTHEST, InputError
-from wheelchair_gym.movers import Movers, checked, no_movers
-from wheelchair_gym.sensing.settings import RANGERS
+from wheelchair_gym.physics.actors.records import Movers, checked, no_movers
+from wheelchair_gym.sensors.settings import RANGERS
 
 if TYPE_CHECKING:
     from wheelchair_gym.maps import OccupancyGrid

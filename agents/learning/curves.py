@@ -7,7 +7,7 @@ import io
 from pathlib import Path
 from typing import Any
 
-from agents.provenance import write_text
+from agents.evaluation.provenance import write_text
 from wheelchair_gym.errors import InputError
 from wheelchair_gym.files import read_text
 

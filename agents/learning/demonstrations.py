@@ -16,12 +16,12 @@ import numpy as np
 import torch
 from torch import nn
 
+from agents.evaluation.provenance import command_line, commit, machine, versions, write_json
 from agents.learning.features import Layout
 from agents.learning.networks import Features, body
 from agents.learning.settings import Imitation, environment
 from agents.learning.weights import FORMAT, Floats, Network, Weights, save_weights
-from agents.policy import make_policy
-from agents.provenance import command_line, commit, machine, versions, write_json
+from agents.policies import make_policy
 from wheelchair_gym.config import dump, load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.settings import StartSettings

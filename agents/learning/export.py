@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.evaluation.provenance import write_json
 from agents.learning.features import (
     GOAL_MOST,
     NEAR_GOAL,
@@ -18,12 +19,11 @@ from agents.learning.features import (
     Layout,
 )
 from agents.learning.weights import Weights, check_card
-from agents.provenance import write_json
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.errors import shown
 from wheelchair_gym.files import read_bytes, read_json, whole
-from wheelchair_gym.task.layout import PRIVATE
+from wheelchair_gym.task.observation_layout import PRIVATE
 
 Floats = NDArray[np.float32]
 NAMES = {"action": "last_action"}  # of inputs, where a key means something else as an output

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.task.layout import PRIVATE, places
+from wheelchair_gym.task.observation_layout import PRIVATE, places
 
 Floats = NDArray[np.float32]
 

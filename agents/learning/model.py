@@ -10,8 +10,8 @@ from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNo
 
 from agents.learning.features import Layout
 from agents.learning.networks import Features, algorithm_class, policy_of
+from agents.learning.sb3 import SB3VecEnv
 from agents.learning.settings import ON_POLICY, Training
-from agents.sb3 import SB3VecEnv
 
 
 def make_model(own: Training, seed: int, env: SB3VecEnv, layout: Layout) -> Any:

@@ -18,7 +18,7 @@ from agents.learning.features import Layout, features
 from agents.learning.weights import Floats, Network, Weights
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.envs import EnvSettings
-from wheelchair_gym.task.layout import PRIVATE
+from wheelchair_gym.task.observation_layout import PRIVATE
 
 
 class Features(BaseFeaturesExtractor):

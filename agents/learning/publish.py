@@ -9,12 +9,12 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from agents.evaluation.provenance import write_text
 from agents.learning.curves import read_curve
 from agents.learning.run import POLICY
 from agents.learning.weights import Weights, load_weights, save_weights
-from agents.provenance import write_text
 from wheelchair_gym.config import InputError, read_json
-from wheelchair_gym.task.layout import PRIVATE
+from wheelchair_gym.task.observation_layout import PRIVATE
 
 POINTS = 12  # of each curve in a card
 SHARES = ("success", "collision", "timeout")

@@ -17,6 +17,7 @@ from typing import Any
 import torch
 from stable_baselines3.common.utils import set_random_seed
 
+from agents.evaluation.provenance import command_line, commit, machine, versions, write_json
 from agents.learning.checkpoint import (
     load_checkpoint,
     save_checkpoint,
@@ -28,6 +29,7 @@ from agents.learning.curves import Board, Row, Tally, read_curve, write_curve
 from agents.learning.features import Layout
 from agents.learning.model import make_model
 from agents.learning.networks import Teacher, arrays_of, head_of, take_arrays
+from agents.learning.sb3 import SB3VecEnv
 from agents.learning.settings import ON_POLICY, Training, plain
 from agents.learning.trials import run_trials, trial_env
 from agents.learning.weights import (
@@ -38,11 +40,9 @@ from agents.learning.weights import (
     load_weights,
     save_weights,
 )
-from agents.provenance import command_line, commit, machine, versions, write_json
-from agents.sb3 import SB3VecEnv
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.envs import NavigationVectorEnv
-from wheelchair_gym.envs.worlds import Worlds
+from wheelchair_gym.envs.world_banks import Worlds
 
 SHOWN = ("frames", "success", "timeout", "within", "trial_success")  # of the curve, in a card
 POLICY, BEST = "policy.npz", "best.npz"

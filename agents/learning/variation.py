@@ -10,12 +10,12 @@ from typing import Any
 
 import matplotlib as mpl
 
-from agents.figures import COLOURS, DASHES, LOOK, MARKS, legend_above, new_axes
+from agents.evaluation.figures import COLOURS, DASHES, LOOK, MARKS, legend_above, new_axes
+from agents.evaluation.metrics import wilson
+from agents.evaluation.provenance import write_text
 from agents.learning.curves import read_curve
 from agents.learning.run import POLICY
 from agents.learning.weights import load_weights
-from agents.metrics import wilson
-from agents.provenance import write_text
 from wheelchair_gym.files import whole
 
 Curve = list[tuple[float, float]]  # frames and share of success

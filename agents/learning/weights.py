@@ -18,7 +18,7 @@ from agents.learning.features import Layout, features
 from wheelchair_gym.envs.guidance import is_built_in
 from wheelchair_gym.errors import InputError, shown
 from wheelchair_gym.files import LIMITS, parse_json, read_bytes, whole
-from wheelchair_gym.task.layout import KEYS
+from wheelchair_gym.task.observation_layout import KEYS
 
 Floats = NDArray[np.float32]
 FORMAT = 1

@@ -7,8 +7,8 @@ from typing import cast
 
 import numba
 
-from planners import exact
-from planners.exact import SpaceArrays
+from planners.collision import polygon_tests
+from planners.collision.polygon_tests import SpaceArrays
 
 EdgeTest = Callable[[float, float, float, float], bool]
 PointTest = Callable[[float, float], bool]
@@ -20,7 +20,7 @@ def tests_of(arrays: SpaceArrays) -> tuple[EdgeTest, PointTest]:
     To hand over a map's arrays takes nine microseconds a call, more than a test: it would slow
     others down for nothing. Compiling takes a second.
     """
-    edge, point = exact.edge_free, exact.point_free
+    edge, point = polygon_tests.edge_free, polygon_tests.point_free
 
     @numba.njit(error_model="numpy")
     def edge_free(ax: float, ay: float, bx: float, by: float) -> bool:

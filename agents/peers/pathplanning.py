@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from planners import Plan, Problem, Status
-from planners.exact import edge_free
+from planners.collision.polygon_tests import edge_free
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners import Plan, Problem, Status, make_planner
-from planners.exact import SpaceArrays, edge_free
+from planners.collision.polygon_tests import SpaceArrays, edge_free
+from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.kernel import kernel
 
 Array = NDArray[np.float64]
 

@@ -9,15 +9,210 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from planners.exact import SpaceArrays
-from planners.graphs.cells import cells_at, decompose, joined
+from planners.collision.orient2d import side
+from planners.collision.polygon_tests import SpaceArrays
 from planners.graphs.roadmap import shortest
-from planners.shortcut import shortcut
-from planners.types import Plan, Problem, Status, begin, trivial
+from planners.problem import Plan, Problem, Status, begin, trivial
+from planners.smoothing.shortcut import shortcut
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]
 Pairs = NDArray[np.int64]
+
+SLACK = 1e-9  # m: windows that rounding may have closed; what leads through is tested exactly
+
+
+@borrowing_kernel
+def _rightward(segments: Array, k: int) -> tuple[float, float, float, float]:
+    """A segment from its left end to its right end."""
+    ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+    return (ax, ay, bx, by) if ax < bx else (bx, by, ax, ay)
+
+
+@borrowing_kernel
+def _height(segments: Array, k: int, x: float) -> float:
+    """Where a segment passes a vertical line [m]; exact at its ends."""
+    ax, ay, bx, by = _rightward(segments, k)
+    if x <= ax:
+        return ay
+    return by if x >= bx else ay + (x - ax) / (bx - ax) * (by - ay)
+
+
+@borrowing_kernel
+def _above(segments: Array, k: int, other: int) -> bool:
+    """Whether a segment that begins on the sweep line lies above another that passes it."""
+    ax, ay, bx, by = _rightward(segments, k)
+    cx, cy, dx, dy = _rightward(segments, other)
+    at = side(cx, cy, dx, dy, ax, ay)
+    if at != 0.0:
+        return at > 0.0
+    return side(cx, cy, dx, dy, bx, by) > 0.0 if bx <= dx else side(ax, ay, bx, by, dx, dy) < 0.0
+
+
+@borrowing_kernel
+def _free_between(segments: Array, low: int, high: int) -> bool:
+    """Whether what lies between two segments, next to each other on the line, is free."""
+    return bool(segments[low, 0] > segments[low, 2] and segments[high, 0] < segments[high, 2])
+
+
+@kernel
+def _more(array: Array) -> Array:
+    """The same rows with room for as many again."""
+    wider = np.empty((2 * array.shape[0], array.shape[1]), array.dtype)
+    wider[: array.shape[0]] = array
+    return wider
+
+
+@kernel
+def decompose(
+    segments: Array, lines: Array, begin: Pairs, finish: Pairs
+) -> tuple[Pairs, Array, Pairs, Array]:
+    """Sweep a line from left to right.
+
+    Args:
+        segments: the boundary (n, 4) [m], what is solid on the left.
+        lines: x of all corners, ascending, once each [m].
+        begin: segments that are not vertical, by their left ends.
+        finish: the same, by their right ends.
+
+    Returns:
+        Floor and ceiling of each cell (c, 2), the lines (c, 2) [m] that bound it, the cells (w, 2)
+        on either side of each window, and its x, low and high (w, 3) [m].
+    """
+    n, many = segments.shape[0], begin.shape[0]
+    walls, spans = np.empty((n + 1, 2), dtype=np.int64), np.empty((n + 1, 2))
+    sides, windows = np.empty((2 * n + 1, 2), dtype=np.int64), np.empty((2 * n + 1, 3))
+    active = np.empty(many, dtype=np.int64)  # the segments that pass the line, upwards
+    cell_on = np.full(n, -1, dtype=np.int64)  # the open cell over each floor
+    kept = np.full(n, -1, dtype=np.int64)  # the last line at which a floor kept its cell
+    before, meeting = np.empty(many, dtype=np.int64), np.empty(2 * many, dtype=np.int64)
+    passing = opened_before = cells = found = next_begin = next_finish = 0
+    for event in range(lines.shape[0]):
+        x = lines[event]
+        if next_finish < many and _rightward(segments, finish[next_finish])[2] == x:
+            left = 0
+            for m in range(passing):
+                if _rightward(segments, active[m])[2] != x:
+                    active[left] = active[m]
+                    left += 1
+            passing = left
+            while next_finish < many and _rightward(segments, finish[next_finish])[2] == x:
+                next_finish += 1
+        while next_begin < many and _rightward(segments, begin[next_begin])[0] == x:
+            k = begin[next_begin]
+            next_begin += 1
+            low, high = 0, passing
+            while low < high:
+                middle = (low + high) // 2
+                if _above(segments, k, active[middle]):
+                    low = middle + 1
+                else:
+                    high = middle
+            for m in range(passing, low, -1):
+                active[m] = active[m - 1]
+            active[low] = k
+            passing += 1
+        # The cells that go on, those that end here and those that begin here, upwards.
+        opened = ending = 0
+        for m in range(passing - 1):
+            f, c = active[m], active[m + 1]
+            on = cell_on[f]
+            if on >= 0 and walls[on, 1] == c and _free_between(segments, f, c):
+                kept[f] = event
+        for m in range(opened_before):
+            f = before[m]
+            if kept[f] != event:
+                spans[cell_on[f], 1] = x
+                meeting[ending] = cell_on[f]
+                ending += 1
+                cell_on[f] = -1
+        count = ending
+        for m in range(passing - 1):
+            f, c = active[m], active[m + 1]
+            if _free_between(segments, f, c):
+                before[opened] = f
+                opened += 1
+                if kept[f] != event:
+                    if cells == walls.shape[0]:
+                        walls, spans = _more(walls), _more(spans)
+                    walls[cells, 0], walls[cells, 1] = f, c
+                    spans[cells, 0] = spans[cells, 1] = x
+                    cell_on[f] = meeting[count] = cells
+                    cells += 1
+                    count += 1
+        opened_before = opened
+        for p in range(count):
+            a = meeting[p]
+            a_low, a_high = _height(segments, walls[a, 0], x), _height(segments, walls[a, 1], x)
+            for q in range(p + 1, count):
+                b = meeting[q]
+                bottom = max(a_low, _height(segments, walls[b, 0], x))
+                top = min(a_high, _height(segments, walls[b, 1], x))
+                if bottom <= top + SLACK:
+                    if found == sides.shape[0]:
+                        sides, windows = _more(sides), _more(windows)
+                    sides[found, 0], sides[found, 1] = a, b
+                    windows[found, 0] = x
+                    windows[found, 1], windows[found, 2] = bottom, max(bottom, top)
+                    found += 1
+                elif q >= ending and bottom > a_high + SLACK:
+                    break  # what begins here lies higher and higher
+    return walls[:cells], spans[:cells], sides[:found], windows[:found]
+
+
+@kernel
+def cells_at(arrays: SpaceArrays, walls: Pairs, spans: Array, x: float, y: float) -> Pairs:
+    """The cells that hold a point [m]; several where they meet."""
+    held = np.empty(walls.shape[0], dtype=np.int64)
+    count = 0
+    for cell in range(walls.shape[0]):
+        if spans[cell, 0] <= x <= spans[cell, 1]:
+            ax, ay, bx, by = _rightward(arrays.segments, walls[cell, 0])
+            cx, cy, dx, dy = _rightward(arrays.segments, walls[cell, 1])
+            if side(ax, ay, bx, by, x, y) >= 0.0 and side(cx, cy, dx, dy, x, y) <= 0.0:
+                held[count] = cell
+                count += 1
+    return held[:count]
+
+
+@kernel
+def joined(sides: Pairs, cells: int, start_in: Pairs, goal_in: Pairs, per: int) -> Pairs:
+    """Pairs of nodes (k, 2) that lie in one cell: start, goal, then `per` nodes of each window."""
+    total = 2 + per * sides.shape[0]
+    first = np.zeros(cells + 1, dtype=np.int64)
+    for k in range(2):
+        for cell in start_in if k == 0 else goal_in:
+            first[cell + 1] += 1
+    for w in range(sides.shape[0]):
+        for k in range(2):
+            first[sides[w, k] + 1] += per
+    for cell in range(cells):
+        first[cell + 1] += first[cell]
+    members, fill = np.empty(first[cells], dtype=np.int64), first[:cells].copy()
+    for k in range(2):
+        for cell in start_in if k == 0 else goal_in:
+            members[fill[cell]] = k
+            fill[cell] += 1
+    for w in range(sides.shape[0]):
+        for k in range(2):
+            for m in range(per):
+                members[fill[sides[w, k]]] = 2 + per * w + m
+                fill[sides[w, k]] += 1
+    count = 0
+    for cell in range(cells):
+        size = first[cell + 1] - first[cell]
+        count += size * (size - 1) // 2
+    pairs = np.empty((count, 2), dtype=np.int64)
+    count = 0
+    for cell in range(cells):
+        for p in range(first[cell], first[cell + 1]):
+            for q in range(p + 1, first[cell + 1]):
+                if members[p] < total and members[p] != members[q]:
+                    pairs[count, 0], pairs[count, 1] = members[p], members[q]
+                    count += 1
+    return pairs[:count]
+
 
 WINDOW_NODES = 3  # middle, low and high end: paths bend at corners, which are ends of windows
 

@@ -9,29 +9,191 @@ from __future__ import annotations
 
 import math
 from time import perf_counter
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.exact import fill_buckets
-from planners.graphs.grid_search import (
-    DEPTH,
-    EDGES,
-    LENGTH,
-    MOST_PUSHES,
-    START_PUSHES,
-    Frontier,
-    Grid,
-    Order,
-    search_grid,
-)
-from planners.shortcut import shortcut
-from planners.space import SpaceArrays
-from planners.types import Plan, Problem, Status, begin, trivial
+from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free, fill_buckets
+from planners.graphs.heap import pop, push
+from planners.problem import Plan, Problem, Status, begin, trivial
+from planners.smoothing.shortcut import shortcut, way_cost
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]
+
+NEAR = 2  # grid steps within which the start and the goal are joined to the grid
+TIE = 1.0 + 1e-9  # on the way ahead: of paths that are equal but for rounding, the deepest first
+LENGTH, EDGES, DEPTH = 0, 1, 2  # what comes first: the shortest, the fewest edges, the latest met
+MOST_PUSHES = (
+    9  # by one node that is expanded: its neighbours and the goal; the start: START_PUSHES
+)
+START_PUSHES = (2 * NEAR + 2) ** 2 + 1
+
+
+class Grid(NamedTuple):
+    """Points at corner + (j, i) * step; node i * columns + j, then the start and the goal."""
+
+    walls_near: NDArray[np.int64]  # (rows * columns,): segments near the cell right of and above
+    left: float  # m
+    low: float  # m
+    step: float  # m
+    columns: int
+    ends: Array  # (2, 2) m: start, goal
+
+
+class Order(NamedTuple):
+    """Which node is expanded next, and what may be its parent."""
+
+    by: int  # LENGTH, EDGES or DEPTH
+    ahead: float  # how much the way left counts beside the way made: 1 is A*, 0 Dijkstra
+    diagonal: bool
+    any_angle: bool  # the parent of a node may lie anywhere (Nash, Koenig and Tovey 2010)
+    weight: float  # of `way_cost`
+    comfort: float  # m
+
+
+class Frontier(NamedTuple):
+    """A search under way; arrays only, so that it may stop and go on."""
+
+    cost: Array  # (n + 2,)
+    crowding: Array  # (n,) or (1,): how near walls are, 0 to 1; -1: not looked at yet
+    parent: NDArray[np.int64]  # (n + 2,)
+    done: NDArray[np.bool_]  # (n + 2,)
+    keys: Array  # the heap
+    items: NDArray[np.int64]
+    counts: NDArray[np.int64]  # (3,): items in the heap, nodes expanded, nodes met
+
+
+@borrowing_kernel
+def _way_left(dx: float, dy: float, order: Order) -> float:
+    """Length of the shortest way where nothing is solid: octile, Manhattan or straight."""
+    if order.any_angle:
+        return math.hypot(dx, dy)
+    dx, dy = abs(dx), abs(dy)
+    return max(dx, dy) + (math.sqrt(2.0) - 1.0 if order.diagonal else 1.0) * min(dx, dy)
+
+
+@borrowing_kernel
+def _place(grid: Grid, u: int) -> tuple[float, float]:
+    """Where a node is [m]."""
+    n = grid.walls_near.shape[0]
+    if u >= n:
+        return grid.ends[u - n, 0], grid.ends[u - n, 1]
+    return grid.left + (u % grid.columns) * grid.step, grid.low + (u // grid.columns) * grid.step
+
+
+@borrowing_kernel
+def _settle(arrays: SpaceArrays, grid: Grid, frontier: Frontier, u: int) -> None:
+    """Give a node whose parent does not see it the best parent among its neighbours."""
+    cost, parent, done = frontier.cost, frontier.parent, frontier.done
+    n = grid.walls_near.shape[0]
+    x, y = _place(grid, u)
+    px, py = _place(grid, parent[u])
+    if edge_free(arrays, px, py, x, y):
+        return
+    best, found = math.inf, -1
+    i, j = u // grid.columns, u % grid.columns
+    for k in range(10):
+        w = n  # the start, too, where it is as near as it looks
+        if k < 9:
+            vi, vj = i + k // 3 - 1, j + k % 3 - 1
+            if k == 4 or min(vi, vj) < 0 or vj >= grid.columns or vi >= n // grid.columns:
+                continue
+            w = vi * grid.columns + vj
+        wx, wy = _place(grid, w)
+        far = math.hypot(wx - x, wy - y)
+        near = k < 9 or far <= (NEAR + 2) * grid.step
+        if near and done[w] and cost[w] + far < best and edge_free(arrays, wx, wy, x, y):
+            best, found = float(cost[w]) + far, w
+    cost[u], parent[u] = best, found
+
+
+@borrowing_kernel
+def search_grid(
+    arrays: SpaceArrays, grid: Grid, order: Order, frontier: Frontier, budget: int
+) -> bool:
+    """Expand at most so many nodes; whether the goal is reached or nothing is left to expand."""
+    cost, crowding, parent, done, keys, items, counts = frontier
+    step, columns, n = grid.step, grid.columns, grid.walls_near.shape[0]
+    rows = n // columns
+    gx, gy = grid.ends[1, 0], grid.ends[1, 1]
+    for _ in range(budget):
+        if counts[0] == 0:
+            return True
+        u = pop(keys, items, counts[0])
+        counts[0] -= 1
+        if done[u]:
+            continue
+        if order.any_angle and u < n:
+            _settle(arrays, grid, frontier, u)
+        done[u] = True
+        if u == n + 1:
+            return True
+        counts[1] += 1
+        x, y = _place(grid, u)
+        i, j = int((y - grid.low) / step + 0.5), int((x - grid.left) / step + 0.5)
+        if u == n:
+            i, j = int((y - grid.low) / step), int((x - grid.left) / step)
+        origin = parent[u] if order.any_angle and u != n else u
+        ox, oy = _place(grid, origin)
+        reach = NEAR if u == n else 1
+        for di in range(-reach, reach + 1 + (u == n)):
+            for dj in range(-reach, reach + 1 + (u == n)):
+                vi, vj = i + di, j + dj
+                if u != n and (not order.diagonal and di != 0 and dj != 0):
+                    continue
+                if vi < 0 or vi >= rows or vj < 0 or vj >= columns:
+                    continue
+                v = vi * columns + vj
+                if done[v]:
+                    continue
+                vx, vy = _place(grid, v)
+                far = math.hypot(vx - ox, vy - oy)
+                if order.by == LENGTH and cost[origin] + far >= cost[v]:
+                    continue
+                if order.by == EDGES and cost[u] + 1.0 >= cost[v]:
+                    continue
+                if (
+                    u == n or grid.walls_near[min(i, vi) * columns + min(j, vj)] > 0
+                ) and not edge_free(arrays, x, y, vx, vy):
+                    continue
+                if order.weight > 0.0:
+                    if u == n:
+                        far = way_cost(arrays, x, y, vx, vy, order.weight, order.comfort)
+                    else:
+                        for w in (u, v):
+                            if crowding[w] < 0.0:
+                                wx, wy = _place(grid, w)
+                                near = 1.0 - clearance(arrays, wx, wy) / order.comfort
+                                crowding[w] = max(0.0, near)
+                        far *= 1.0 + 0.5 * order.weight * (crowding[u] + crowding[v])
+                counts[2] += 1
+                worth = cost[origin] + far
+                if order.by != LENGTH:
+                    worth = cost[u] + 1.0 if order.by == EDGES else -float(counts[2])
+                if worth < cost[v]:
+                    cost[v], parent[v] = worth, origin
+                    left = order.ahead * TIE * _way_left(gx - vx, gy - vy, order)
+                    push(keys, items, counts[0], worth + left, v)
+                    counts[0] += 1
+        if (abs(gx - x) <= NEAR * step and abs(gy - y) <= NEAR * step) or u == n:
+            seen = edge_free(arrays, x, y, gx, gy)
+            if origin != u and edge_free(arrays, ox, oy, gx, gy):
+                seen, u, x, y = True, origin, ox, oy
+            far = way_cost(arrays, x, y, gx, gy, order.weight, order.comfort)
+            if u != n and far > 0.0:  # counted as by the grid, or the estimate were no bound
+                far *= _way_left(gx - x, gy - y, order) / math.hypot(gx - x, gy - y)
+            worth = cost[u] + far
+            if order.by != LENGTH:
+                worth = cost[u] + 1.0 if order.by == EDGES else -math.inf
+            if seen and worth < cost[n + 1]:
+                cost[n + 1], parent[n + 1] = worth, u
+                push(keys, items, counts[0], worth, n + 1)
+                counts[0] += 1
+    return False
+
 
 MOST_NODES = 8_000_000  # of one grid: some 300 MB
 CHUNK = 20_000  # nodes expanded between two looks at the clock: some 5 ms

@@ -8,11 +8,333 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from planners.erosion import ARC, SHIFT
-from planners.graphs.cones import shortest
-from planners.types import Plan, Problem, Status, begin, trivial
+from planners.collision.boundary import NONE, Corners, side_of
+from planners.collision.inflation import ARC, SHIFT
+from planners.collision.triangulation import Mesh
+from planners.graphs.heap import pop, push
+from planners.problem import Plan, Problem, Status, begin, trivial
+from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
 from wheelchair_gym.config import settings
+
+Array = NDArray[np.float64]
+
+SLACK = 1e-12  # of an edge: how much more of it a cone is thought to see, for rounding
+
+
+@absorbed_kernel
+def beside(points: Array, root: int, bound: int, x: int) -> float:
+    """Side of a cone's bound on which a point lies: the line from the root through a point.
+
+    A bound below 0 goes on from point -1 - bound through the root.
+    """
+    if bound < 0:
+        return side_of(points, -1 - bound, root, x)
+    return side_of(points, root, bound, x)
+
+
+@absorbed_kernel
+def _cross(points: Array, root: int, bound: int, x: int) -> float:
+    """The same in plain double."""
+    ux, uy = points[root, 0], points[root, 1]
+    if bound < 0:
+        bx, by = ux - points[-1 - bound, 0], uy - points[-1 - bound, 1]
+    else:
+        bx, by = points[bound, 0] - ux, points[bound, 1] - uy
+    return float(bx * (points[x, 1] - uy) - by * (points[x, 0] - ux))
+
+
+@absorbed_kernel
+def way_through(points: Array, root: int, a: int, b: int, right: int, left: int) -> float:
+    """Shortest way [m] from a root to the goal through what a cone sees of an edge, at least.
+
+    Seen from the root, a is the edge's right end.
+    """
+    ux, uy, ax, ay = points[root, 0], points[root, 1], points[a, 0], points[a, 1]
+    ex, ey = points[b, 0] - ax, points[b, 1] - ay
+    gx, gy = points[-1, 0], points[-1, 1]
+    low, high = 0.0, 1.0
+    if right != a:
+        c, d = _cross(points, root, right, a), _cross(points, root, right, b)
+        if c < 0.0 and d > c:
+            low = min(max(-c / (d - c) - SLACK, 0.0), 1.0)
+    if left != b:
+        c, d = _cross(points, root, left, a), _cross(points, root, left, b)
+        if d > 0.0 and d > c:
+            high = min(max(-c / (d - c) + SLACK, 0.0), 1.0)
+    if high < low:
+        low, high = 0.0, 1.0
+    # A goal on the root's side of the edge is mirrored: beyond it, just as far from each point.
+    over_root, over_goal = ex * (uy - ay) - ey * (ux - ax), ex * (gy - ay) - ey * (gx - ax)
+    if over_root * over_goal > 0.0:
+        shift = 2.0 * over_goal / (ex * ex + ey * ey)
+        gx, gy, over_goal = gx + shift * ey, gy - shift * ex, -over_goal
+    gap = over_root - over_goal
+    t = 0.5 * (low + high)
+    if gap != 0.0:  # where the straight way meets the edge's line
+        px = ux + over_root / gap * (gx - ux) - ax
+        py = uy + over_root / gap * (gy - uy) - ay
+        t = (px * ex + py * ey) / (ex * ex + ey * ey)
+    if low <= t <= high:
+        return math.hypot(gx - ux, gy - uy)
+    t = low if t < low else high
+    x, y = ax + t * ex, ay + t * ey
+    return math.hypot(x - ux, y - uy) + math.hypot(gx - x, gy - y)
+
+
+@absorbed_kernel
+def passes(points: Array, u: int, v: int, before: int, after: int) -> bool:
+    """Whether the line through u and v leaves both sides of a corner at u or v on one side."""
+    p, d = side_of(points, u, v, before), side_of(points, u, v, after)
+    return not ((p < 0.0 and d > 0.0) or (p > 0.0 and d < 0.0))
+
+
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+class _Search(NamedTuple):
+    """What a search knows; corner n is the start and corner n + 1 the goal, points m and m + 1."""
+
+    points: Array  # (m + 2, 2) m
+    mesh: Mesh
+    corners: Corners
+    cost: Array  # (n + 2,) m: the shortest way found from the start
+    parent: Index  # (n + 2,) corner before it on that way, or NONE
+    there: Mask  # (t,) triangles that hold the goal
+
+
+class _Queue(NamedTuple):
+    """What waits: corners, as -1 - corner, and cones; first what promises the shortest way."""
+
+    keys: Array  # (room,) m
+    items: Index  # (room,)
+    cones: Index  # (more room, 4) root; 3 * triangle + side it enters by; right and left bound
+    used: Index  # (2,) how many wait, and how many cones there are
+
+
+@absorbed_kernel
+def _place(search: _Search, corner: int) -> int:
+    """The point at which a corner, the start or the goal lies."""
+    n = search.corners.place.shape[0]
+    if corner < n:
+        return int(search.corners.place[corner])
+    return int(search.points.shape[0] - 2 + corner - n)
+
+
+@absorbed_kernel
+def _offer(search: _Search, queue: _Queue, root: int, x: int) -> None:
+    """Offer a root as the corner before each corner at a point that it sees."""
+    points, corners, n = search.points, search.corners, search.corners.place.shape[0]
+    u, last = _place(search, root), points.shape[0] - 1
+    goal = x == last
+    far = math.hypot(points[x, 0] - points[u, 0], points[x, 1] - points[u, 1])
+    if far == 0.0 and not goal:
+        return
+    cost = search.cost[root] + far
+    ahead = math.hypot(points[last, 0] - points[x, 0], points[last, 1] - points[x, 1])
+    for k in range(0 if goal else corners.first[x], 1 if goal else corners.first[x + 1]):
+        v = n + 1 if goal else corners.members[k]
+        if cost >= search.cost[v]:
+            continue
+        if goal or passes(points, u, x, corners.before[v], corners.after[v]):
+            search.cost[v], search.parent[v] = cost, root
+            push(queue.keys, queue.items, queue.used[0], cost + ahead, -1 - v)
+            queue.used[0] += 1
+
+
+@absorbed_kernel
+def _send(
+    search: _Search, queue: _Queue, root: int, code: int, a: int, b: int, right: int, left: int
+) -> None:
+    """Let a cone wait that leaves a triangle by its side `code`, whose right end is a."""
+    enters = search.mesh.across[code // 3, code % 3]
+    if enters == NONE:
+        return
+    u, k = _place(search, root), queue.used[1]
+    cone = queue.cones[k]
+    cone[0], cone[1], cone[2], cone[3] = root, enters, right, left
+    key = search.cost[root] + way_through(search.points, u, a, b, right, left)
+    push(queue.keys, queue.items, queue.used[0], key, k)
+    queue.used[0] += 1
+    queue.used[1] += 1
+
+
+@absorbed_kernel
+def _follow(search: _Search, queue: _Queue, cone: Index) -> None:
+    """Let a cone through the triangle that it enters."""
+    points, mesh, goal = search.points, search.mesh, search.points.shape[0] - 1
+    root, right, left = cone[0], cone[2], cone[3]
+    u, t, i = _place(search, root), cone[1] // 3, cone[1] % 3
+    j, k = (i + 1) % 3, (i + 2) % 3
+    b, a, x = mesh.corners[t, i], mesh.corners[t, j], mesh.corners[t, k]
+    from_right, from_left = beside(points, u, right, x), beside(points, u, left, x)
+    if from_right >= 0.0 and from_left <= 0.0:
+        _offer(search, queue, root, x)
+    if (
+        search.there[t]
+        and beside(points, u, right, goal) >= 0.0
+        and beside(points, u, left, goal) <= 0.0
+    ):
+        _offer(search, queue, root, goal)
+    if from_right > 0.0:
+        _send(search, queue, root, 3 * t + j, a, x, right, x if from_left < 0.0 else left)
+    if from_left < 0.0:
+        _send(search, queue, root, 3 * t + k, x, b, x if from_right > 0.0 else right, left)
+
+
+@borrowing_kernel
+def _look_round(search: _Search, queue: _Queue, t: int) -> None:
+    """Let the start, in a triangle, look to all sides."""
+    points, n, m = search.points, search.corners.place.shape[0], search.points.shape[0] - 2
+    triangle = search.mesh.corners[t]
+    if search.there[t]:
+        _offer(search, queue, n, m + 1)
+    for i in range(3):
+        a, b = triangle[i], triangle[(i + 1) % 3]
+        _offer(search, queue, n, a)
+        if side_of(points, a, b, m) > 0.0:
+            _send(search, queue, n, 3 * t + i, a, b, a, b)
+
+
+@absorbed_kernel
+def _look_on(search: _Search, queue: _Queue, root: int, code: int) -> None:
+    """Let a corner, one of a triangle's, look past itself: the way bends round it and is taut.
+
+    What is solid lies to the left (hand: 1) or right of the way there. So from straight on it looks
+    to that hand, until the line of sight runs along the side of the solid that leads on.
+    """
+    points, corners, goal = search.points, search.corners, search.points.shape[0] - 1
+    u, came = corners.place[root], _place(search, search.parent[root])
+    before, last, hand = corners.before[root], corners.after[root], 1.0
+    if side_of(points, came, u, before) < 0.0 or side_of(points, came, u, last) < 0.0:
+        before, last, hand = last, before, -1.0
+    t, i = code // 3, code % 3
+    j = (i + 1) % 3
+    right, left = search.mesh.corners[t, j], search.mesh.corners[t, (i + 2) % 3]
+    for x in (right, left, goal):
+        if (x != goal or search.there[t]) and (
+            hand * side_of(points, came, u, x) >= 0.0 and passes(points, u, x, before, last)
+        ):
+            _offer(search, queue, root, x)
+    near, far = (right, left) if hand > 0.0 else (left, right)
+    if hand * side_of(points, came, u, far) <= 0.0:
+        return
+    first = near
+    if hand * side_of(points, came, u, near) < 0.0:
+        if hand * side_of(points, came, u, last) <= 0.0:
+            return
+        first = -1 - came
+    elif hand * side_of(points, u, last, near) >= 0.0:
+        return
+    end = last if hand * side_of(points, u, last, far) > 0.0 else far
+    if hand < 0.0:
+        first, end = end, first
+    _send(search, queue, root, 3 * t + j, right, left, first, end)
+
+
+@borrowing_kernel
+def _mark(mesh: Mesh, points: Array, p: int, held: Mask) -> None:
+    """Mark the triangles that hold a point; their rims belong to them."""
+    x, y, boxes = points[p, 0], points[p, 1], mesh.boxes
+    for t in range(held.shape[0]):
+        # Without `and`: a jump costs more than what it skips.
+        held[t] = (boxes[0, t] <= x) & (x <= boxes[1, t]) & (boxes[2, t] <= y) & (y <= boxes[3, t])
+    for t in range(held.shape[0]):
+        if held[t]:
+            a, b, c = mesh.corners[t, 0], mesh.corners[t, 1], mesh.corners[t, 2]
+            held[t] = (
+                side_of(points, a, b, p) >= 0.0
+                and side_of(points, b, c, p) >= 0.0
+                and side_of(points, c, a, p) >= 0.0
+            )
+
+
+@borrowing_kernel
+def _advance(search: _Search, queue: _Queue, known: Mask, spare: int, most: int) -> int:
+    """Follow what promises most, as long as there is spare room; how many corners were settled.
+
+    No more than `most` cones are made, or a few more.
+    """
+    n, settled = search.corners.place.shape[0], 0
+    first, around, used = search.mesh.first, search.mesh.around, queue.used
+    room = queue.keys.shape[0] - spare
+    most = min(most, room)
+    while 0 < used[0] <= room and used[1] <= most and not known[n + 1]:
+        item = pop(queue.keys, queue.items, used[0])
+        used[0] -= 1
+        root = -1 - item
+        if item >= 0:
+            _follow(search, queue, queue.cones[item])
+        elif not known[root]:
+            known[root] = True
+            settled += 1
+            if root < n:
+                u = search.corners.place[root]
+                for k in range(first[u], first[u + 1]):
+                    _look_on(search, queue, root, around[k])
+    return settled
+
+
+@kernel
+def shortest(
+    mesh: Mesh, corners: Corners, start: Array, goal: Array, most: int
+) -> tuple[Array, bool, int, int]:
+    """The shortest path from a start to a goal.
+
+    Args:
+        mesh: of what is free.
+        corners: of what is solid.
+        start: (2,) [m], free.
+        goal: (2,) [m], free.
+        most: cones, before it gives up.
+
+    Returns:
+        The path (k, 2) [m], empty if none was found; whether that is proven; corners settled and
+        cones made.
+    """
+    n, m, triangles = corners.place.shape[0], mesh.points.shape[0], mesh.corners.shape[0]
+    points = np.empty((m + 2, 2))
+    points[:m], points[m], points[m + 1] = mesh.points, start, goal
+    cost, parent = np.full(n + 2, math.inf), np.full(n + 2, NONE, np.int64)
+    known, there = np.zeros(n + 2, np.bool_), np.empty(triangles, np.bool_)
+    search = _Search(points, mesh, corners, cost, parent, there)
+    spare = n + 3 * triangles + 8  # one step adds no more
+    room = 2 * spare
+    queue = _Queue(
+        np.empty(room),
+        np.empty(room, np.int64),
+        np.empty((room, 4), np.int64),
+        np.zeros(2, np.int64),
+    )
+    _mark(mesh, points, m, there)
+    begin = np.flatnonzero(there)
+    _mark(mesh, points, m + 1, there)
+    cost[n], known[n] = 0.0, True
+    for t in begin:
+        _look_round(search, queue, int(t))
+    settled = 1
+    while True:
+        settled += _advance(search, queue, known, spare, most)
+        if queue.used[0] == 0 or known[n + 1] or queue.used[1] > most:
+            break
+        old, room = queue, 2 * room
+        queue = _Queue(
+            np.empty(room), np.empty(room, np.int64), np.empty((room, 4), np.int64), old.used
+        )
+        queue.keys[: len(old.keys)], queue.items[: len(old.keys)] = old.keys, old.items
+        queue.cones[: len(old.keys)] = old.cones
+    count, v = 0, n + 1
+    while known[n + 1] and v != NONE:
+        count, v = count + 1, parent[v]
+    path, v = np.empty((count, 2)), n + 1
+    for k in range(count - 1, -1, -1):
+        path[k] = points[_place(search, v)]
+        v = parent[v]
+    proven = known[n + 1] or queue.used[0] == 0
+    return path, proven, settled, queue.used[1]
+
 
 ALL = 2**62  # cones: more than there is room for
 FIRST, MORE = (

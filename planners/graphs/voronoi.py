@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.spatial import QhullError, cKDTree
 from scipy.spatial import Voronoi as Diagram
 
-from planners.exact import SpaceArrays
+from planners.collision.polygon_tests import SpaceArrays
 from planners.graphs.roadmap import shortest
-from planners.types import Plan, Problem, Status, begin, trivial
+from planners.problem import Plan, Problem, Status, begin, trivial
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.contour import (
+from planners.collision.boundary_walk import (
     Indices,
     blockers,
     crossing,
@@ -24,12 +24,12 @@ from planners.contour import (
     pairing,
     part_of,
 )
-from planners.exact import SpaceArrays, edge_free
-from planners.side import side
-from planners.types import Plan, Problem, Status, begin, trivial
+from planners.collision.orient2d import side
+from planners.collision.polygon_tests import SpaceArrays, edge_free
+from planners.problem import Plan, Problem, Status, begin, trivial
+from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import path_length
-from wheelchair_gym.kernel import kernel
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.exact import SpaceArrays, clearance, edge_free
-from planners.types import Plan, Problem, Status, begin, trivial
+from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free
+from planners.problem import Plan, Problem, Status, begin, trivial
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.kernel import borrowing_kernel
 
 Array = NDArray[np.float64]
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from planners.draws import Stream, uniform
+from planners.random_stream import Stream, uniform
 from planners.swarm.foragers import other, spun
 from planners.swarm.state import WORST, Swarm, spread
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 
 
 class Genes(NamedTuple):

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.draws import Stream, uniform
+from planners.random_stream import Stream, uniform
 from planners.swarm.state import WORST, Swarm, spread
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 
 Array = NDArray[np.float64]
 

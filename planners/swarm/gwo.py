@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from planners.draws import Stream, uniform
+from planners.random_stream import Stream, uniform
 from planners.swarm.state import Swarm
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 
 
 @borrowing_kernel

@@ -7,15 +7,15 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.draws import Stream, stream
+from planners.random_stream import Stream, stream
 from planners.swarm.evolution import Difference, Genes, breed, differ
 from planners.swarm.foragers import Bees, Fireflies, forage, glow
 from planners.swarm.gwo import hunt
 from planners.swarm.pso import Flight, fly, inertia_of
 from planners.swarm.state import FEWEST, Swarm, begin, keep_within, remember, rival
 from planners.swarm.woa import move as circle
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import InputError
-from wheelchair_gym.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from planners.solids import DISC_SIDES
-from planners.swarm import worth as terms
+from planners.collision.solids import DISC_SIDES
+from planners.swarm import path_cost as terms
 from planners.swarm.optimizers import named
-from planners.swarm.worth import Worth
+from planners.swarm.path_cost import Worth
 from wheelchair_gym.config import load, setting, settings
 
 _FAITHFUL = "exact tests; true: the source's own"

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.swarm.search import Search
-from planners.swarm.start import Start
-from planners.swarm.worth import Worth, new_room, value
+from planners.swarm.path_cost import Worth, new_room, value
+from planners.swarm.search import Search, Start
 from wheelchair_gym.config import InputError, setting, settings
 
 Array = NDArray[np.float64]

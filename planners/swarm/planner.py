@@ -11,19 +11,18 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.curves import POLYLINE, curve, curve_kind
-from planners.draws import stream
 from planners.graphs.grid import AStar
+from planners.problem import Plan, Planner, Problem, Status, begin, trivial
+from planners.random_stream import stream
+from planners.smoothing.curves import POLYLINE, curve, curve_kind
 from planners.swarm.objectives import OBJECTIVES, make_objective
 from planners.swarm.optimizers import OPTIMIZERS, make_optimizer, named
+from planners.swarm.path_cost import Task
 from planners.swarm.peers import Mealpy
-from planners.swarm.search import Search, run
-from planners.swarm.start import Start, along, blocked_legs, bowed, halved, in_discs
+from planners.swarm.search import Search, Start, along, blocked_legs, bowed, halved, in_discs, run
 from planners.swarm.state import FEWEST
 from planners.swarm.state import begin as begin_swarm
-from planners.swarm.worth import Task
-from planners.trees.rrt import Rrt, RrtConnect, RrtStar
-from planners.types import Plan, Planner, Problem, Status, begin, trivial
+from planners.trees.variants import Rrt, RrtConnect, RrtStar
 from wheelchair_gym.config import InputError, load, setting, settings
 
 Array = NDArray[np.float64]

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from planners.draws import Stream, uniform
+from planners.random_stream import Stream, uniform
 from planners.swarm.state import Swarm, spread
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 
 DAMPED, CHAOTIC, VARIABLE, ADAPTIVE = range(4)
 

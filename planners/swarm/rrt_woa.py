@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from planners.problem import Plan, Problem
 from planners.swarm.objectives import Smooth
 from planners.swarm.optimizers import WoaModified
 from planners.swarm.planner import SwarmPlanner
 from planners.swarm.state import FEWEST
-from planners.trees.rrt import Rrt
-from planners.types import Plan, Problem
+from planners.trees.variants import Rrt
 from wheelchair_gym.config import setting, settings
 
 _P1 = "P1: Saleh, Borhan and Rahiman 2024"

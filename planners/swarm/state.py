@@ -13,8 +13,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError
-from wheelchair_gym.kernel import borrowing_kernel
 
 Array = NDArray[np.float64]
 

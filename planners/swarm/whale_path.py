@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.curves import POLYLINE
-from planners.draws import Stream
-from planners.exact import SpaceArrays
+from planners.collision.polygon_tests import SpaceArrays
+from planners.random_stream import Stream
+from planners.smoothing.curves import POLYLINE
 from planners.swarm.moves import WHALES, Moves
 from planners.swarm.objectives import length_free
-from planners.swarm.search import run
-from planners.swarm.start import in_discs
+from planners.swarm.path_cost import Task
+from planners.swarm.search import in_discs, run
 from planners.swarm.state import begin
 from planners.swarm.woa import Whales
-from planners.swarm.worth import Task
 
 Array = NDArray[np.float64]
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.draws import Stream, in_disc, uniform
-from planners.exact import SpaceArrays, point_free
+from planners.collision.polygon_tests import SpaceArrays, point_free
+from planners.random_stream import Stream, in_disc, uniform
 from planners.trees.tree import NONE, Tree, chain
 from planners.trees.values import Growth, Room
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 
 Array = NDArray[np.float64]
 

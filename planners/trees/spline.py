@@ -9,11 +9,11 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.exact import SpaceArrays, way_free
+from planners.collision.polygon_tests import SpaceArrays, way_free
+from planners.problem import Plan, Problem, Status
 from planners.trees.variants import InformedRrtStar
-from planners.types import Plan, Problem, Status
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.kernel import borrowing_kernel, inlined
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.draws import Stream, in_disc
-from planners.exact import SpaceArrays, blocker, stops
+from planners.collision.polygon_tests import SpaceArrays, blocker, stops
+from planners.random_stream import Stream, in_disc
 from planners.swarm.woa import Whales, move
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.exact import SpaceArrays, way_free
+from planners.collision.polygon_tests import SpaceArrays, way_free
 from planners.trees.tree import NONE
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 
 Array = NDArray[np.float64]
 

@@ -1,16 +1,124 @@
-"""Variants of RRT* from the literature, as settings: informed, smart, fixed nodes, limited."""
+"""The thesis's two whale variants of RRT*, as settings: local steering and global shortening."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
+from time import perf_counter
 
 import numpy as np
 
-from planners.trees.rrt import LEAST_GAMMA, RrtStar
-from planners.trees.search import search
+from planners.problem import Plan, Problem, Status
+from planners.random_stream import stream
+from planners.swarm.whale_path import shorten
+from planners.swarm.woa import WhaleSettings
+from planners.trees.steering import Pull
+from planners.trees.tree_search import search
 from planners.trees.values import Growth
-from planners.types import Plan, Problem
 from wheelchair_gym.config import setting, settings
+
+_ROOM = "rooms and doors of buildings"
+# Karaman and Frazzoli 2011, d = 2: 2 sqrt((1 + 1/d) area / pi) is gamma's least value.
+LEAST_GAMMA = 2.0 * math.sqrt(1.5 / math.pi)
+
+
+@settings
+class Rrt:
+    """A rapidly exploring random tree (LaValle 1998); it ends with its first path."""
+
+    iterations: int = setting(default=20_000, source="doors of 1 m on maps of 50 m", low=1)
+    nodes: int = setting(default=20_000, source="as the iterations", low=2)
+    step: float = setting(default=2.0, unit="m", source=_ROOM, low=1e-3)
+    goal_bias: float = setting(default=0.05, source="LaValle and Kuffner 2001", low=0.0, high=1.0)
+    goal_reach: float = setting(default=2.0, unit="m", source="as the step", low=0.0)
+
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Answer a problem with the first path found."""
+        growth = Growth(self.step, self.goal_reach, self.nodes, goal_bias=self.goal_bias)
+        return search(problem, rng, deadline, growth, self.iterations)
+
+
+@settings
+class RrtConnect:
+    """Two trees that reach for each other (Kuffner and LaValle 2000): quick, not short.
+
+    A share of the samples falls near corners of what is solid (Amato et al. 1998), where doors are.
+    """
+
+    iterations: int = setting(default=100_000, source="mazes take some thousands", low=1)
+    nodes: int = setting(default=20_000, source="of each tree", low=2)
+    step: float = setting(default=4.0, unit="m", source=_ROOM, low=1e-3)
+    corner_share: float = setting(default=0.5, source="measured", low=0.0, high=1.0)
+    corner_radius: float = setting(
+        default=1.0, unit="m", source="about the width of doors", low=0.0
+    )
+
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Answer a problem with the first path found; the straight line is tried before all."""
+        growth = Growth(
+            self.step,
+            math.inf,
+            self.nodes,
+            both_ways=True,
+            corner_share=self.corner_share,
+            corner_radius=self.corner_radius,
+        )
+        return search(problem, rng, deadline, growth, self.iterations)
+
+
+@settings
+class RrtStar:
+    """RRT* (Karaman and Frazzoli 2011): the best parent is chosen, and neighbours are rewired.
+
+    Neighbours lie within `search_radius`, or, where that is null, within the radius
+    gamma sqrt(log n / n) that shrinks as the tree of n nodes fills the map; gamma is
+    `radius_factor` times the least value that makes the paths converge to the shortest.
+    """
+
+    iterations: int = setting(default=10_000, source="thesis, figure 3.1; about 20 ms", low=1)
+    nodes: int = setting(default=100_000, source="more than the iterations", low=2)
+    step: float = setting(default=4.0, unit="m", source=_ROOM, low=1e-3)
+    search_radius: float | None = setting(default=None, unit="m", low=1e-3)
+    radius_factor: float = setting(default=1.2, source="measured: see the benchmark", low=0.1)
+    goal_bias: float = setting(default=0.05, source="LaValle and Kuffner 2001", low=0.0, high=1.0)
+    goal_reach: float = setting(default=4.0, unit="m", source="as the step", low=0.0)
+    return_on_first_path: bool = setting(default=False, source="more samples, shorter paths")
+
+    @classmethod
+    def thesis(cls) -> RrtStar:
+        """The settings of the thesis's figure 3.1, which ends with the first path."""
+        return cls(
+            iterations=10_000,
+            step=1.0,
+            search_radius=1.5,
+            goal_reach=1.0,
+            return_on_first_path=True,
+        )
+
+    @property
+    def growth(self) -> Growth:
+        """The values of the loop."""
+        return Growth(
+            self.step,
+            self.goal_reach,
+            self.nodes,
+            goal_bias=self.goal_bias,
+            stop_at_first=self.return_on_first_path,
+            rewiring=True,
+            radius=self.search_radius or 0.0,
+            gamma=self.radius_factor * LEAST_GAMMA,
+        )
+
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Answer a problem with the best path of all samples, or with the first."""
+        return search(problem, rng, deadline, self.growth, self.iterations)
 
 
 @settings
@@ -133,3 +241,89 @@ class RrtStarLimited:
         """Answer a problem with the first path, or the best of all samples, as `tree` says."""
         growth = self.tree.growth._replace(in_strip=True, widening=self.widening)
         return search(problem, rng, deadline, growth, self.tree.iterations)
+
+
+_FIGURE = "thesis, figure 3.1"
+
+
+@settings
+class RrtStarWoaLocal:
+    """RRT* whose steering is a swarm of points (thesis, section 2.7 and algorithm 4).
+
+    Round each random sample whales look for the point to extend towards: near the sample and the
+    goal, seen from the node to extend, and, what counts less, with the goal in sight.
+    """
+
+    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True))
+    whales: WhaleSettings = setting(default=WhaleSettings())
+    width_bound: float = setting(default=2.5, unit="m", source=_FIGURE, low=0.0)
+    height_bound: float = setting(default=2.5, unit="m", source=_FIGURE, low=0.0)
+    sample_weight: float = setting(default=1.0, unit="1/m", source="as the goal's", low=0.0)
+    goal_weight: float = setting(default=1.0, unit="1/m", source="as the sample's", low=0.0)
+    near_hidden: float = setting(default=1000.0, source="above all lengths on a map", low=0.0)
+    goal_hidden: float = setting(default=10.0, source="below near_hidden", low=0.0)
+
+    @classmethod
+    def thesis(cls) -> RrtStarWoaLocal:
+        """The settings of the thesis's figure 3.1; the four weights are not given there."""
+        return cls(tree=RrtStar.thesis(), whales=WhaleSettings(a=4.0))
+
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Answer a problem with the first path, or the best of all samples, as `tree` says."""
+        pull = Pull(
+            width=self.width_bound,
+            height=self.height_bound,
+            to_sample=self.sample_weight,
+            to_goal=self.goal_weight,
+            hidden_near=self.near_hidden,
+            hidden_goal=self.goal_hidden,
+        )
+        growth = self.tree.growth._replace(whales=True)
+        swarm = self.whales.values
+        return search(problem, rng, deadline, growth, self.tree.iterations, swarm, pull)
+
+
+@settings
+class RrtStarWoaGlobal:
+    """RRT* whose path a swarm of paths then shortens (thesis, section 2.8 and algorithm 5)."""
+
+    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True))
+    whales: WhaleSettings = setting(default=WhaleSettings(population=30, iterations=100))
+    shortness_weight: float = setting(default=10.0, unit="1/m", source=_FIGURE, low=0.0)
+    collision_free_weight: float = setting(
+        default=1e4, source="above all lengths on a map, so that free paths lead", low=0.0
+    )
+    width_bound: float = setting(default=2.5, unit="m", source=_FIGURE, low=0.0)
+    height_bound: float = setting(default=2.5, unit="m", source=_FIGURE, low=0.0)
+
+    @classmethod
+    def thesis(cls) -> RrtStarWoaGlobal:
+        """The settings of the thesis's figure 3.1."""
+        return cls(tree=RrtStar.thesis(), whales=WhaleSettings(a=4.0), collision_free_weight=1.0)
+
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Answer a problem with a free path, never longer than the tree's own.
+
+        A deadline is the tree's; the swarm's run after it, of some ms, is one piece of work.
+        """
+        began = perf_counter()
+        plan = self.tree.plan(problem, rng, deadline)
+        if plan.status != Status.SOLVED:
+            return plan
+        tree_s = perf_counter() - began
+        path = shorten(
+            problem.free.arrays,
+            plan.path,
+            self.whales.values,
+            self.shortness_weight,
+            self.collision_free_weight,
+            self.width_bound,
+            self.height_bound,
+            stream(rng),
+        )
+        timings: Mapping[str, float] = {"tree_s": tree_s, "time_s": perf_counter() - began}
+        return replace(plan, path=path, timings=timings)

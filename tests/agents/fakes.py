@@ -1,5 +1,7 @@
 """A chair on paper: it drives exactly as its ramps say, and sees exactly."""
 
+from __future__ import annotations
+
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,8 +9,8 @@ import numpy as np
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kinematics import Limits, approach, arc_step
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
-from wheelchair_gym.sensing.settings import LaserSettings, SensorSettings
-from wheelchair_gym.simulation.settings import ChairSettings
+from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.types import Reading
 
 BEAMS = 181

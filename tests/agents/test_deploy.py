@@ -17,15 +17,15 @@ from mcap.reader import make_reader
 
 from agents.cli import main
 from agents.deploy import Capped, Deployment, deploy, hear_person, rearm
-from agents.policy import make_policy
+from agents.policies import make_policy
 from tests.conftest import ROOT
 from tests.hardware.hosted import Hosted
 from tests.hardware.realtime import EPISODE, X, Y, serving
 from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.hardware.chairs import placed
+from wheelchair_gym.hardware.boards.messages import Switch
 from wheelchair_gym.hardware.joystick import Joystick, JoystickSettings
-from wheelchair_gym.hardware.messages import Switch
+from wheelchair_gym.hardware.registry import placed
 from wheelchair_gym.hardware.twin.stick import Stick
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.maps import write_map
@@ -349,7 +349,7 @@ def test_the_command_is_ended_by_a_signal(monkeypatch, tmp_path, capfd):
     """SIGTERM stops the chair, and what happened is on record."""
     drive, record, file = Drive(), tmp_path / "run.mcap", tmp_path / "map.yaml"
     write_map(EPISODE.map, file)
-    monkeypatch.setattr("wheelchair_gym.hardware.chairs.make_chair", lambda *_: drive.env.chair)
+    monkeypatch.setattr("wheelchair_gym.hardware.registry.make_chair", lambda *_: drive.env.chair)
     motion = drive.hosted.twin
     words = words_for(ROOT / "configs" / "hardware.json", file, record)
     words += ["--pose", "odometry"]
@@ -370,7 +370,7 @@ def test_a_start_that_the_scan_does_not_fit_is_refused(turn, monkeypatch, tmp_pa
     """Here 1.5 m off, and turned; nothing is driven, and the line says where it may stand."""
     drive, file = Drive(), tmp_path / "map.yaml"
     write_map(EPISODE.map, file)
-    monkeypatch.setattr("wheelchair_gym.hardware.chairs.make_chair", lambda *_: drive.env.chair)
+    monkeypatch.setattr("wheelchair_gym.hardware.registry.make_chair", lambda *_: drive.env.chair)
     words = words_for(ROOT / "configs" / "hardware.json", file, tmp_path / "run.mcap")
     words += ["--pose", "odometry", "--start", f"{X - 0.9},{Y + 1.2},{turn}"]
     place = drive.hosted.twin.plant.pose

@@ -9,9 +9,9 @@ import pytest
 
 from agents.start_fit import start_fit
 from wheelchair_gym.maps import OCCUPIED
+from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.sensing import SensorSettings
-from wheelchair_gym.simulation import SimulatedChair
+from wheelchair_gym.sensors.settings import SensorSettings
 
 LASER = SensorSettings().laser
 SCENES = ("floor_plan", "clutter", "crowd", "doorway", "empty", "temporary")

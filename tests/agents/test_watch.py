@@ -6,7 +6,7 @@ import pytest
 from mcap.reader import make_reader
 
 from agents.cli import main
-from wheelchair_gym.view.replay import read_recording
+from wheelchair_gym.recording.replay import read_recording
 
 SHORT = [
     "--scenes",

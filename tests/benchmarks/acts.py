@@ -23,7 +23,7 @@ from agents.learning.weights import Network, Weights, find_weights, load_weights
 from wheelchair_gym.config import load
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.envs.settings import BankSettings
-from wheelchair_gym.task.layout import PRIVATE
+from wheelchair_gym.task.observation_layout import PRIVATE
 
 ROWS, STEPS, SEED = 100, 100, 11
 ACTS = 2000  # of each, timed one by one

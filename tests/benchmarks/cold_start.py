@@ -29,7 +29,7 @@ env = gym.make("wheelchair_gym/Navigation-v0", scene="floor_plan", pose_source="
 observation, _ = env.reset(seed=0)
 {}
 """
-_POLICY = """from agents.policy import make_policy
+_POLICY = """from agents.policies import make_policy
 policy = make_policy("lattice+window")
 policy.reset(env.unwrapped.task)
 env.step(policy.act(observation))"""

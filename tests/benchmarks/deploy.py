@@ -65,7 +65,7 @@ def twin(given, seed, folder):
 
 def stamps_of(file):
     """When each control step of a recording began [s since reset]."""
-    from wheelchair_gym.view.replay import read_recording
+    from wheelchair_gym.recording.replay import read_recording
 
     chapters = read_recording(file)
     return [moment.reading.stamp for moment in chapters[0].readings] if chapters else []
@@ -151,7 +151,7 @@ def simulated(given, seed):
 
     from agents.deploy import Deployment
     from agents.deploy import deploy as drive
-    from agents.policy import make_policy
+    from agents.policies import make_policy
     from tests.hardware.hosted import Hosted
 
     settings = env_settings(given.config, scene=given.scene)

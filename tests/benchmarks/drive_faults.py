@@ -21,12 +21,12 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.provenance import commit, machine, write_json
-from agents.runs import source_digest
+from agents.evaluation.provenance import commit, machine, write_json
+from agents.evaluation.runs import source_digest
 from tests.hardware.pilot import Pilot
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.files import read_json
-from wheelchair_gym.hardware.messages import (
+from wheelchair_gym.hardware.boards.messages import (
     Answer,
     CommandFlag,
     Fault,
@@ -40,8 +40,12 @@ from wheelchair_gym.hardware.twin.build import built
 from wheelchair_gym.hardware.twin.plant import Slope
 from wheelchair_gym.hardware.twin.stick import Stick
 from wheelchair_gym.kinematics import DriveGeometry
-from wheelchair_gym.simulation import ChairSettings
-from wheelchair_gym.simulation.settings import BatterySettings, BodySettings, MotorSettings
+from wheelchair_gym.physics.settings import (
+    BatterySettings,
+    BodySettings,
+    ChairSettings,
+    MotorSettings,
+)
 
 MASSES = (100.0, 180.0)  # kg: ISO 7176-11 dummies
 MARGIN = 0.25  # m/s: `runaway`
@@ -77,7 +81,7 @@ class Ride:
 
     def each(self, seconds: float):
         """Let time pass; yields after each millisecond the speeds of both rims [m/s]."""
-        from wheelchair_gym.hardware.messages import Command
+        from wheelchair_gym.hardware.boards.messages import Command
 
         for k in range(round(seconds * 1000)):
             if k % 20 == 0 and self.pilot.target is not None:

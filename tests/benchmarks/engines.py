@@ -18,13 +18,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from agents.compare import BEST
-from agents.engines import ENGINES
-from agents.evaluate import run_episode, warm
-from agents.runs import compute
-from agents.study.catalog import STUDIES
-from agents.study.conduct import jobs_of
-from agents.study.measures import measure
+from agents.evaluation.compare import BEST
+from agents.evaluation.engines import ENGINES
+from agents.evaluation.evaluate import run_episode, warm
+from agents.evaluation.runs import compute
+from agents.studies.catalog import STUDIES
+from agents.studies.conduct import jobs_of
+from agents.studies.measures import measure
 
 ROUNDS, EMPTY, SPINS = 3, 2000, 60_000_000
 ENV = {"pose_source": "modelled", "shield": {}}

@@ -15,8 +15,8 @@ import numpy as np
 
 from tests.hardware.bench import ibus
 from tests.hardware.pilot import Pilot
-from wheelchair_gym.hardware.messages import Odometry
-from wheelchair_gym.hardware.protocol import Receiver
+from wheelchair_gym.hardware.boards.messages import Odometry
+from wheelchair_gym.hardware.boards.protocol import Receiver
 from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
 from wheelchair_gym.hardware.twin.build import built
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD

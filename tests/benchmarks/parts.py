@@ -16,18 +16,17 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from wheelchair_gym.address import table_at
+from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.envs import NavigationVectorEnv
+from wheelchair_gym.physics.engine import step_space
+from wheelchair_gym.physics.step import drive, tell
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.sensing.laser import SCRATCH, LaserArrays, exact_scan, report
-from wheelchair_gym.sensing.odometry import reckon
-from wheelchair_gym.sensing.settings import LaserSettings, UltrasonicSettings
-from wheelchair_gym.sensing.ultrasonic import UltrasonicArrays, fire
-from wheelchair_gym.simulation.advance import tell
-from wheelchair_gym.simulation.engine import step_space
-from wheelchair_gym.simulation.period import drive
-from wheelchair_gym.task.assess import assess
-from wheelchair_gym.task.observe import pool
+from wheelchair_gym.sensors.laser import SCRATCH, LaserArrays, exact_scan, report
+from wheelchair_gym.sensors.odometry import reckon
+from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
+from wheelchair_gym.sensors.ultrasonic import UltrasonicArrays, fire
+from wheelchair_gym.task.assessment import assess
+from wheelchair_gym.task.observations import pool
 
 SCENE, PLANS, POSES, PERIODS, REPEATS = "floor_plan", 8, 25, 10, 40
 _compiled = njit(error_model="numpy", nogil=True)

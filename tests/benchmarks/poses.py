@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from agents.chart import chart
-from agents.compare import BEST
-from agents.evaluate import make_env
-from agents.policy import make_policy
+from agents.evaluation.compare import BEST
+from agents.evaluation.evaluate import make_env
+from agents.evaluation.map_building import chart
+from agents.policies import make_policy
 from wheelchair_gym.geometry import wrap_angle
-from wheelchair_gym.mapping.slam import SlamSettings
+from wheelchair_gym.localization.slam import SlamSettings
 
 
 def drive(source: str, seed: int, scene: Any, grid: Any = None) -> tuple[np.ndarray, bool]:

@@ -18,9 +18,9 @@ import sys
 import time
 from pathlib import Path
 
-from agents.evaluate import source_digest
-from agents.metrics import wilson
-from agents.provenance import commit, machine, write_json
+from agents.evaluation.evaluate import source_digest
+from agents.evaluation.metrics import wilson
+from agents.evaluation.provenance import commit, machine, write_json
 from tests.attacks import APART, HARM, SCENES, SLOW, Attack, Event, Report, blank
 
 ROWS, EACH = 256, 4  # attacks of a chunk: rows times so many

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.hardware.hosted import Hosted
-from tests.simulation.worlds import box
-from wheelchair_gym.hardware.messages import Switch
+from tests.physics.worlds import box
+from wheelchair_gym.hardware.boards.messages import Switch
 from wheelchair_gym.hardware.settings import HardwareSettings
-from wheelchair_gym.simulation import ChairSettings
-from wheelchair_gym.simulation.settings import BodySettings
+from wheelchair_gym.physics.settings import BodySettings, ChairSettings
 
 TOP = 0.8  # m/s
 MASSES = (100.0, 180.0)  # kg: ISO 7176-11 dummies

@@ -17,7 +17,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 import wheelchair_gym
 from tests.conftest import ROOT
 from tests.envs.digests import digests_of
-from tests.simulation.worlds import box
+from tests.physics.worlds import box
 from wheelchair_gym.config import dump
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.maps import OccupancyGrid

@@ -1,5 +1,7 @@
 """What an env shows: films of whole episodes, and a window that may be closed at any time."""
 
+from __future__ import annotations
+
 import gymnasium
 import numpy as np
 import pytest

@@ -8,7 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import wheelchair_gym
-from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv, worlds
+from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv, world_banks
 
 NEXT, SAME = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP
 QUICK = {"scene": {"name": "clutter"}, "beams": 64, "bank": {"size": 6, "turnover": 0.5}}
@@ -190,7 +190,7 @@ def test_a_bank_kept_in_a_folder_is_the_same_and_is_not_made_again(tmp_path, mon
     files = sorted(tmp_path.rglob("*.joblib"))
     assert len(files) >= 3
     made = []
-    monkeypatch.setattr(worlds.Worlds, "_make", lambda self, entropy: made.append(entropy))
+    monkeypatch.setattr(world_banks.Worlds, "_make", lambda self, entropy: made.append(entropy))
     assert np.array_equal(drive(**settings), fresh)
     assert made == []
     monkeypatch.undo()

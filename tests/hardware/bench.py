@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from tests.hardware.native import NativeDrive
-from wheelchair_gym.hardware.messages import Answer, Command, Mode, Rearm, Status
+from wheelchair_gym.hardware.boards.messages import Answer, Command, Mode, Rearm, Status
 from wheelchair_gym.hardware.twin.stick import Stick
 from wheelchair_gym.hardware.twin.stick import ibus as frame
-from wheelchair_gym.simulation import ChairSettings
+from wheelchair_gym.physics.settings import ChairSettings
 
 CHAIR = ChairSettings()
 FEED = CHAIR.motor.constant / CHAIR.drive.wheel_radius  # V s/m

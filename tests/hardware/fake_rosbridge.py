@@ -19,10 +19,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import serve
 
 from wheelchair_gym.geometry import correction
+from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.sensing import SensorSettings
-from wheelchair_gym.sensing.settings import LaserSettings
-from wheelchair_gym.simulation import SimulatedChair
+from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 
 CLOCK = 12_345.678  # s, ahead of ours
 SENSORS = SensorSettings(laser=LaserSettings(beams=181), pose_source="odometry")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes as c
 from pathlib import Path
 
-from wheelchair_gym.hardware.protocol import Receiver, encode
+from wheelchair_gym.hardware.boards.protocol import Receiver, encode
 
 
 class Native:

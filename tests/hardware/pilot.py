@@ -6,8 +6,8 @@ import hashlib
 
 import numpy as np
 
-from tests.simulation.worlds import box
-from wheelchair_gym.hardware.messages import (
+from tests.physics.worlds import box
+from wheelchair_gym.hardware.boards.messages import (
     Answer,
     Command,
     Identity,
@@ -17,11 +17,11 @@ from wheelchair_gym.hardware.messages import (
     Ranges,
     Rearm,
 )
-from wheelchair_gym.hardware.protocol import Receiver, encode
+from wheelchair_gym.hardware.boards.protocol import Receiver, encode
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
-from wheelchair_gym.sensing import SensorSettings
-from wheelchair_gym.simulation import ChairSettings
+from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.sensors.settings import SensorSettings
 
 PERIOD = 0.02  # s
 

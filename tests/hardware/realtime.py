@@ -18,7 +18,7 @@ from wheelchair_gym.hardware.twin.plant import Plant
 from wheelchair_gym.hardware.twin.serve import ServedTwin
 from wheelchair_gym.maps import write_map
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.sensing import SensorSettings
+from wheelchair_gym.sensors.settings import SensorSettings
 
 ROOM = make_scene("empty").sample(np.random.default_rng(0))
 X, Y = np.round(ROOM.walls.reshape(-1, 2).mean(axis=0), 1) - (1.0, 0.2)

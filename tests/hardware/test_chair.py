@@ -12,18 +12,17 @@ import pytest
 
 from tests.hardware.bench import ibus
 from tests.hardware.hosted import Hosted
-from tests.simulation.worlds import box
+from tests.physics.worlds import box
 from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.geometry import footprint_clearance
-from wheelchair_gym.hardware.chairs import make_chair
-from wheelchair_gym.hardware.messages import Fault, Mode, Odometry, Switch
-from wheelchair_gym.hardware.odometer import Odometer
+from wheelchair_gym.hardware.boards.dead_reckoning import Odometer
+from wheelchair_gym.hardware.boards.messages import Fault, Mode, Odometry, Switch
+from wheelchair_gym.hardware.registry import make_chair
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 from wheelchair_gym.kinematics import DriveGeometry
-from wheelchair_gym.sensing import SensorSettings
-from wheelchair_gym.sensing.settings import LaserSettings
-from wheelchair_gym.simulation import ChairSettings
+from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 

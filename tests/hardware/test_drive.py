@@ -12,7 +12,7 @@ import pytest
 from tests.hardware.bench import Bench, ibus
 from tests.hardware.conftest import build
 from tests.hardware.native import NativeDrive
-from wheelchair_gym.hardware.messages import (
+from wheelchair_gym.hardware.boards.messages import (
     Answer,
     Command,
     CommandFlag,
@@ -28,7 +28,7 @@ from wheelchair_gym.hardware.messages import (
     Switch,
     Unknown,
 )
-from wheelchair_gym.hardware.parameters import DRIVE
+from wheelchair_gym.hardware.boards.parameters import DRIVE
 from wheelchair_gym.kinematics import approach
 
 STEP = 0.005  # s

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.hardware.healing import RETRY
-from wheelchair_gym.hardware.hokuyo import ANSWER_WITHIN, Hokuyo, open_laser
-from wheelchair_gym.hardware.scip import (
+from wheelchair_gym.hardware.laser.hokuyo import ANSWER_WITHIN, Hokuyo, open_laser
+from wheelchair_gym.hardware.laser.scip import (
     STAMP_WRAP,
     Reply,
     ScipParser,
@@ -24,6 +23,7 @@ from wheelchair_gym.hardware.scip import (
     scan_of,
     specs_of,
 )
+from wheelchair_gym.hardware.reconnect import RETRY
 from wheelchair_gym.hardware.twin.scip_sensor import URG_04LX, UST_10LX, ScipSensor
 
 MODELS = {"ust": UST_10LX, "urg": URG_04LX}

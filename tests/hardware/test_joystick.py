@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from tests.hardware.hosted import Hosted
-from tests.simulation.worlds import box
+from tests.physics.worlds import box
 from wheelchair_gym.config import InputError
-from wheelchair_gym.hardware.healing import RETRY
 from wheelchair_gym.hardware.joystick import (
     EV_ABS,
     EV_KEY,
@@ -18,6 +17,7 @@ from wheelchair_gym.hardware.joystick import (
     Joystick,
     JoystickSettings,
 )
+from wheelchair_gym.hardware.reconnect import RETRY
 from wheelchair_gym.kinematics import Limits
 
 OWN = JoystickSettings(device="fake")

@@ -13,11 +13,10 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.hardware.conftest import build
-from tests.simulation.worlds import box
-from wheelchair_gym.hardware import ports, protocol
-from wheelchair_gym.hardware.healing import RETRY
-from wheelchair_gym.hardware.link import Link
-from wheelchair_gym.hardware.messages import (
+from tests.physics.worlds import box
+from wheelchair_gym.hardware.boards import ports, protocol
+from wheelchair_gym.hardware.boards.link import Link
+from wheelchair_gym.hardware.boards.messages import (
     Answer,
     Command,
     Identify,
@@ -26,12 +25,13 @@ from wheelchair_gym.hardware.messages import (
     Odometry,
     Rearm,
 )
-from wheelchair_gym.hardware.ports import explained
-from wheelchair_gym.hardware.protocol import Receiver, encode
+from wheelchair_gym.hardware.boards.ports import explained
+from wheelchair_gym.hardware.boards.protocol import Receiver, encode
+from wheelchair_gym.hardware.reconnect import RETRY
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
 from wheelchair_gym.hardware.twin.wire import WIRES, Harm, Wire
-from wheelchair_gym.sensing import SensorSettings
+from wheelchair_gym.sensors.settings import SensorSettings
 
 serial = pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
@@ -151,7 +151,7 @@ def terminal():
 
 HOLD = """
 import sys
-from wheelchair_gym.hardware.ports import open_port
+from wheelchair_gym.hardware.boards.ports import open_port
 held = open_port(sys.argv[1])
 print("holds", flush=True)
 sys.stdin.read()

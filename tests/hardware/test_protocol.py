@@ -14,9 +14,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tests.hardware.native import NativeReceiver
-from wheelchair_gym.hardware import messages, parameters, protocol
-from wheelchair_gym.hardware.messages import Command, Range, Ranges, Unknown
-from wheelchair_gym.hardware.protocol import (
+from wheelchair_gym.hardware.boards import messages, parameters, protocol
+from wheelchair_gym.hardware.boards.messages import Command, Range, Ranges, Unknown
+from wheelchair_gym.hardware.boards.protocol import (
     ENCODED_MAX,
     LAYOUTS,
     PAYLOAD_MAX,
@@ -28,8 +28,8 @@ from wheelchair_gym.hardware.protocol import (
     message_of,
     payload_of,
 )
-from wheelchair_gym.sensing.settings import UltrasonicSettings
-from wheelchair_gym.simulation import ChairSettings
+from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.sensors.settings import UltrasonicSettings
 
 CODES = {
     "uint8_t": "B",

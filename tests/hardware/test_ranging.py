@@ -7,9 +7,9 @@ import itertools
 
 import pytest
 
-from wheelchair_gym.hardware.messages import Ranges, RangeStatus
-from wheelchair_gym.hardware.protocol import Receiver
-from wheelchair_gym.sensing.settings import UltrasonicSettings
+from wheelchair_gym.hardware.boards.messages import Ranges, RangeStatus
+from wheelchair_gym.hardware.boards.protocol import Receiver
+from wheelchair_gym.sensors.settings import UltrasonicSettings
 
 SOUND = 343.0  # m/s
 NARROW, WIDE = range(4), range(4, 8)

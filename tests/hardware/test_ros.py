@@ -18,20 +18,20 @@ import numpy as np
 import pytest
 
 from agents.cli import main
-from agents.evaluate import drive_episode
-from agents.policy import make_policy
+from agents.evaluation.evaluate import drive_episode
+from agents.policies import make_policy
 from tests.conftest import ROOT
 from tests.hardware.fake_rosbridge import RANGERS, SENSORS, FakeRosbridge
 from wheelchair_gym import InputError
+from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.geometry import point_segment_distance, to_world
-from wheelchair_gym.hardware.arrivals import Arrivals
-from wheelchair_gym.hardware.chairs import chair_settings, make_chair
-from wheelchair_gym.hardware.ros_senses import Senses
-from wheelchair_gym.hardware.ros_settings import RosSettings
-from wheelchair_gym.hardware.rosbridge import Link, Rosbridge
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.hardware.clock_sync import Arrivals
+from wheelchair_gym.hardware.registry import chair_settings, make_chair
+from wheelchair_gym.hardware.ros.rosbridge import Link, Rosbridge
+from wheelchair_gym.hardware.ros.senses import Senses
+from wheelchair_gym.hardware.ros.settings import RosSettings
 from wheelchair_gym.maps import OCCUPIED, read_map
 
 CONFIG = {"sensors": {"laser": {"beams": 181}}, "task": {"beams": 181}}
@@ -514,7 +514,7 @@ SCRIPT = """
 import sys, numpy as np
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.hardware.chairs import make_chair
+from wheelchair_gym.hardware.registry import make_chair
 chair = make_chair({spec!r}, env_settings({config!r}))
 chair.reset(None, 0)
 while True:

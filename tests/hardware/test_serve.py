@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from tests.hardware.conftest import build
-from tests.simulation.worlds import box
-from wheelchair_gym.hardware.hokuyo import Hokuyo
-from wheelchair_gym.hardware.link import Link
-from wheelchair_gym.hardware.messages import Command, Mode, Odometry, Ranges, Rearm
+from tests.physics.worlds import box
+from wheelchair_gym.hardware.boards.link import Link
+from wheelchair_gym.hardware.boards.messages import Command, Mode, Odometry, Ranges, Rearm
+from wheelchair_gym.hardware.laser.hokuyo import Hokuyo
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
 from wheelchair_gym.hardware.twin.serve import ServedTwin
-from wheelchair_gym.sensing import SensorSettings
+from wheelchair_gym.sensors.settings import SensorSettings
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from tests.hardware.hosted import Hosted
-from tests.simulation.worlds import box
-from wheelchair_gym.hardware.calibrating import Square, calibrate, drive_square, reckon
-from wheelchair_gym.hardware.calibrating_distance import (
+from tests.physics.worlds import box
+from wheelchair_gym.hardware.boards.dead_reckoning import Odometer
+from wheelchair_gym.hardware.boards.messages import Switch
+from wheelchair_gym.hardware.tools.diagnostics import Checker
+from wheelchair_gym.hardware.tools.distance_calibration import (
     Run,
     calibrate_distance,
     drive_run,
@@ -19,14 +21,11 @@ from wheelchair_gym.hardware.calibrating_distance import (
     straight,
     wall_of,
 )
-from wheelchair_gym.hardware.checking import Checker
-from wheelchair_gym.hardware.live import live_rows
-from wheelchair_gym.hardware.messages import Switch
-from wheelchair_gym.hardware.odometer import Odometer
-from wheelchair_gym.hardware.setting_up import save_parameters, set_parameters
-from wheelchair_gym.hardware.tuning import step_response
-from wheelchair_gym.sensing import SensorSettings
-from wheelchair_gym.sensing.settings import LaserSettings, OdometrySettings
+from wheelchair_gym.hardware.tools.monitor import live_rows
+from wheelchair_gym.hardware.tools.provision import save_parameters, set_parameters
+from wheelchair_gym.hardware.tools.speed_tuning import step_response
+from wheelchair_gym.hardware.tools.wheel_calibration import Square, calibrate, drive_square, reckon
+from wheelchair_gym.sensors.settings import LaserSettings, OdometrySettings, SensorSettings
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 

@@ -12,10 +12,9 @@ from tests.benchmarks import drive_faults
 from tests.hardware.bench import ibus
 from tests.hardware.conftest import build
 from tests.hardware.pilot import Pilot
-from tests.simulation.worlds import box, exact_chair
+from tests.physics.worlds import box, exact_chair
 from wheelchair_gym.config import InputError
-from wheelchair_gym.hardware.hokuyo import Hokuyo
-from wheelchair_gym.hardware.messages import (
+from wheelchair_gym.hardware.boards.messages import (
     Answer,
     Fault,
     Get,
@@ -28,14 +27,15 @@ from wheelchair_gym.hardware.messages import (
     Status,
     Switch,
 )
-from wheelchair_gym.hardware.parameters import DRIVE
-from wheelchair_gym.hardware.protocol import BAUD
+from wheelchair_gym.hardware.boards.parameters import DRIVE
+from wheelchair_gym.hardware.boards.protocol import BAUD
+from wheelchair_gym.hardware.laser.hokuyo import Hokuyo
 from wheelchair_gym.hardware.twin.board import FREQUENCY
 from wheelchair_gym.hardware.twin.laser import model_of
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 from wheelchair_gym.hardware.twin.plant import Slope
-from wheelchair_gym.sensing.settings import LaserSettings
-from wheelchair_gym.simulation.settings import MotorSettings
+from wheelchair_gym.physics.settings import MotorSettings
+from wheelchair_gym.sensors.settings import LaserSettings
 
 WATCHDOG, BROWN_OUT, POWER = 0x08, 0x04, 0x01  # MCUSR
 COUNTS = 4346.0  # 1/m

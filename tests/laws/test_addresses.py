@@ -9,24 +9,24 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.copies import differences
-from wheelchair_gym.address import Pointers, as_array
+from wheelchair_gym.compiled.address import Pointers, as_array
 from wheelchair_gym.config import FARTHEST, InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.movers import MOVER, Movers, person, together
+from wheelchair_gym.physics.actors.records import MOVER, Movers, person, together
+from wheelchair_gym.physics.chair import SimulatedChair
+from wheelchair_gym.physics.engine import ENGINE
 from wheelchair_gym.safety.shield import Shield
-from wheelchair_gym.simulation import SimulatedChair
-from wheelchair_gym.simulation.engine import ENGINE
 from wheelchair_gym.types import Episode
 
 # Modules with records of addresses: their tables of what each address is of.
 TABLES = {
     "wheelchair_gym.safety.shield": ("ALONE",),
     "wheelchair_gym.safety.state": ("GUARD",),
-    "wheelchair_gym.simulation.chair": ("ALONE",),
-    "wheelchair_gym.simulation.chairs": ("WORLD",),
-    "wheelchair_gym.simulation.rig": ("RIG",),
-    "wheelchair_gym.task.course": ("COURSE",),
+    "wheelchair_gym.physics.chair": ("ALONE",),
+    "wheelchair_gym.physics.chairs": ("WORLD",),
+    "wheelchair_gym.physics.rig": ("RIG",),
+    "wheelchair_gym.task.prepared_episode": ("COURSE",),
     "wheelchair_gym.task.task": ("RULES", "ALONE"),
 }
 # Fields of eight unsigned bytes that are no addresses of arrays.
@@ -48,10 +48,10 @@ def test_addresses_are_taken_in_one_place():
     """An array's address is taken in `address`, and given to C in the emulator's binding."""
     for name, path in modules():
         text = path.read_text()
-        if name != "wheelchair_gym.address":
+        if name != "wheelchair_gym.compiled.address":
             assert "address_of(" not in text, name
             assert "__array_interface__" not in text, name
-        if name not in ("wheelchair_gym.address", "wheelchair_gym.hardware.twin.board"):
+        if name not in ("wheelchair_gym.compiled.address", "wheelchair_gym.hardware.twin.board"):
             assert "ctypes.data" not in text, name
 
 
@@ -59,7 +59,8 @@ def test_every_record_of_addresses_is_known():
     makers = {
         name
         for name, path in modules()
-        if re.search(r"\bPointers\(\s*\S", path.read_text()) and name != "wheelchair_gym.address"
+        if re.search(r"\bPointers\(\s*\S", path.read_text())
+        and name != "wheelchair_gym.compiled.address"
     }
     assert makers == set(TABLES)
 

@@ -12,20 +12,20 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents.followers import FOLLOWERS
+from agents.control import FOLLOWERS
+from agents.learning.sb3 import SB3VecEnv
 from agents.learning.weights import shipped
-from agents.policy import make_policy, policy_settings
-from agents.sb3 import SB3VecEnv
+from agents.policies import make_policy, policy_settings
 from planners import PLANNERS, Problem, Space, make_planner
 from tests.conftest import ROOT
 from tests.copies import COPIERS, by_pickle, differences, drive_copies
-from tests.simulation.worlds import cluttered
+from tests.physics.worlds import cluttered
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.hardware.chair import HardwareChair
-from wheelchair_gym.hardware.ros import RosChair
+from wheelchair_gym.hardware.ros.chair import RosChair
 from wheelchair_gym.hardware.twin.board import EmulatedBoard
+from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.scenes import SCENES, make_scene
-from wheelchair_gym.simulation import SimulatedChair
 from wheelchair_gym.types import Uncopied
 
 LASER = {"laser": {"beams": 64}}

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from agents.cli import main
+from agents.evaluation.runs import compute, read_store
 from agents.learning.weights import load_weights, save_weights
-from agents.runs import compute, read_store
-from tests.agents.tiny_runs import random_weights
+from tests.agents.learning.tiny_runs import random_weights
 from tests.conftest import ROOT
 from tests.fuzz import READERS, Watched, fuzz
 from wheelchair_gym.errors import InputError

@@ -19,11 +19,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents.policy import make_policy
+from agents.policies import make_policy
 from tests.conftest import ROOT
 from tests.hardware.hosted import Hosted
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.hardware.chairs import placed
+from wheelchair_gym.hardware.registry import placed
 from wheelchair_gym.kinematics import twist_of_wheels
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")

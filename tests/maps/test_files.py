@@ -1,5 +1,7 @@
 """map_server files, and polygons from pixels."""
 
+from __future__ import annotations
+
 import cv2
 import numpy as np
 import pytest

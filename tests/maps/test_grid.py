@@ -1,5 +1,7 @@
 """Cells, walls and distances of a grid."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

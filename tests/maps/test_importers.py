@@ -1,5 +1,7 @@
 """Maps of others: MovingAI's text maps and scenarios, HouseExpo's outlines; wrong ones are told."""
 
+from __future__ import annotations
+
 import json
 import re
 

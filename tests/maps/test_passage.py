@@ -1,5 +1,7 @@
 """How tight a place is: against gaps and corners whose limits are known exactly."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

@@ -13,8 +13,7 @@ from wheelchair_gym.envs.guidance import PoseGuidance
 from wheelchair_gym.geometry import Footprint, footprint_clearance, to_world, wrap_angle
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
-from wheelchair_gym.maps.pose_search import WaysSettings, pose_ways
-from wheelchair_gym.maps.pose_ways import FAR, TIME
+from wheelchair_gym.maps.cost_to_go import FAR, TIME, WaysSettings, pose_ways
 from wheelchair_gym.scenes import make_scene
 
 POSED = {

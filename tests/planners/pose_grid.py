@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from wheelchair_gym.kernel import kernel
+from wheelchair_gym.compiled.kernel import kernel
 
 STEP = 0.03  # m
 WIDEST = math.radians(4.0)  # between neighbouring headings

@@ -1,5 +1,7 @@
 """The same planner again, for as many iterations as a plan says that it made."""
 
+from __future__ import annotations
+
 from dataclasses import fields, replace
 
 

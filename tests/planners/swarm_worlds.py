@@ -1,10 +1,12 @@
 """Worlds that swarms are tested in: blocks, and the round obstacles of a paper."""
 
+from __future__ import annotations
+
 import numpy as np
 import shapely
 
 from planners import Problem, Space
-from wheelchair_gym.scenes.papers import CHAOTIC_PSO_DISCS
+from wheelchair_gym.scenes.published import CHAOTIC_PSO_DISCS
 
 BLOCKS = [(2.0, 3.0, 6.0, 5.0), (5.0, 6.0, 8.0, 7.5), (0.0, 7.0, 3.0, 8.0)]
 

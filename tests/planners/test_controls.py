@@ -1,11 +1,13 @@
 """Controls: what is rolled out is free by shapely, within the chair's limits, and arrives."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 import shapely
 
-from planners.controls import ControlGenerator, simplified
-from planners.rollout import STEP, rollout, time_to_cover
+from planners.controls.generator import ControlGenerator, simplified
+from planners.controls.rollout import STEP, rollout, time_to_cover
 from wheelchair_gym.geometry import Footprint, to_world
 from wheelchair_gym.kinematics import Limits
 

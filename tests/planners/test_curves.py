@@ -1,10 +1,12 @@
 """Curves through points, beside scipy's."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from planners.curves import CURVES, curve
+from planners.smoothing.curves import CURVES, curve
 from wheelchair_gym.config import InputError
 
 ORACLES = {

@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agents.bench.contenders import with_iterations
+from agents.benchmarks.entrants import with_iterations
 from planners import PLANNERS, make_planner
+from planners.problem import Status
 from planners.swarm.planner import FIRST, SwarmPlanner
-from planners.types import Status
 from tests.conftest import ROOT
 from tests.planners.swarm_worlds import among_blocks
 

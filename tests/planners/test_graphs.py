@@ -1,5 +1,7 @@
 """Laws of lattice search, of exact search and of shortcuts."""
 
+from __future__ import annotations
+
 import dataclasses
 import itertools
 import math
@@ -11,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners import Problem, Space, Status, make_planner
+from planners.collision.space import edge_free
 from planners.graphs.visibility import optima
 from planners.judge import faults
-from planners.shortcut import shortcut, way_cost
-from planners.space import edge_free
+from planners.smoothing.shortcut import shortcut, way_cost
 from tests.planners.test_planners import on
 from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid

@@ -1,5 +1,7 @@
 """Laws of the lattice of manoeuvres: exact outline, drivable moves, bounds, honest statuses."""
 
+from __future__ import annotations
+
 import math
 import time
 
@@ -10,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners import Problem, Space, Status, make_planner
-from planners.footprint import path_gap
+from planners.collision.footprint import path_gap
 from planners.judge import sweep_faults
 from tests.planners.footprints import read
 from wheelchair_gym.config import dump

@@ -1,5 +1,7 @@
 """Laws of the triangles that fill what is free, on degenerate maps as well."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 import shapely
@@ -7,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners import Space
-from planners.edges import NONE, boundary
-from planners.mesh import mesh
+from planners.collision.boundary import NONE, boundary
+from planners.collision.triangulation import mesh
 from tests.planners.test_space import BOUNDS, FINE, LATTICE, SQUARES, raster, solids
 
 

@@ -1,5 +1,7 @@
 """Laws of every planner, judged by geometry that is not theirs."""
 
+from __future__ import annotations
+
 import dataclasses
 
 import numpy as np
@@ -7,7 +9,7 @@ import pytest
 
 from planners import PLANNERS, Problem, Space, Status, make_planner
 from planners.judge import TOLERANCE, faults
-from planners.problems import read_problems
+from planners.problem_files import read_problems
 from wheelchair_gym.config import InputError
 
 # Planners that prove it where there is no path, and those that always find one on these maps.

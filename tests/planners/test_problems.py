@@ -1,9 +1,11 @@
+from __future__ import annotations
+
 import json
 
 import numpy as np
 import pytest
 
-from planners.problems import read_problems
+from planners.problem_files import read_problems
 from wheelchair_gym.config import InputError
 
 GOOD = {"name": "a", "size": 5.0, "rects": [[1, 1, 2, 2]], "start": [0.5, 0.5], "goal": [4, 4]}

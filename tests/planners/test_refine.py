@@ -1,15 +1,17 @@
 """Refinement: what comes out is a valid path, better by the refiner's own measure, or unchanged."""
 
+from __future__ import annotations
+
 import itertools
 
 import numpy as np
 import pytest
 
 from planners import Plan, Status, make_planner
-from planners.comfort import path_cost
 from planners.judge import faults
-from planners.problems import read_problems
-from planners.refine import REFINERS
+from planners.problem_files import read_problems
+from planners.smoothing.comfort import path_cost
+from planners.smoothing.refine import REFINERS
 from tests.planners.test_planners import on
 from wheelchair_gym.config import dump, load
 

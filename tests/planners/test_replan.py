@@ -1,12 +1,14 @@
 """Replanning: what still holds of an old plan is kept, and that pays."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 import shapely
 
 from planners import Plan, Problem, Space, Status, make_planner
 from planners.judge import faults
-from planners.problems import read_problems
+from planners.problem_files import read_problems
 from planners.replan import remainder, replan
 from planners.trees.variants import InformedRrtStar
 from wheelchair_gym.geometry import path_length

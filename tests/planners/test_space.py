@@ -1,5 +1,7 @@
 """The exact kernels against shapely, degenerate maps included."""
 
+from __future__ import annotations
+
 import itertools
 import math
 
@@ -9,8 +11,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners.erosion import eroded
-from planners.space import Space, clearance, edge_free, point_free
+from planners.collision.inflation import eroded
+from planners.collision.space import Space, clearance, edge_free, point_free
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 
 BOUNDS = (0.0, 0.0, 8.0, 8.0)
@@ -122,7 +124,7 @@ def test_what_kernels_cannot_fit_together_is_united(monkeypatch):
     squares, points = [(2, 2, 4, 4), (4, 4, 6, 6)], np.random.default_rng(0).uniform(0, 8, (200, 2))
     quick = Space.from_rectangles(squares, BOUNDS).inflated(0.5)
     crossed = np.array([(1, 1, 7, 7), (7, 7, 7, 1), (7, 1, 1, 7), (1, 7, 1, 1)], dtype=float)
-    monkeypatch.setattr("planners.space.eroded", lambda arrays, radius: crossed)
+    monkeypatch.setattr("planners.collision.space.eroded", lambda arrays, radius: crossed)
     united = Space.from_rectangles(squares, BOUNDS).inflated(0.5)
     assert quick.bounds == united.bounds
     assert shapely.area(quick.free) == pytest.approx(shapely.area(united.free), abs=0.01)

@@ -1,5 +1,7 @@
 """Laws of every optimiser, of what paths are worth, and of planners made of swarms."""
 
+from __future__ import annotations
+
 import itertools
 from dataclasses import replace
 
@@ -7,19 +9,18 @@ import numpy as np
 import pytest
 
 from planners import OPTIMIZERS, Problem, Space, Status, make_optimizer, make_planner
-from planners.curves import CURVES
-from planners.draws import stream
 from planners.judge import faults
+from planners.random_stream import stream
+from planners.smoothing.curves import CURVES
 from planners.swarm.gwo import hunt
 from planners.swarm.moves import told
 from planners.swarm.objectives import OBJECTIVES, make_objective
+from planners.swarm.path_cost import new_room, value
 from planners.swarm.planner import SwarmPlanner
 from planners.swarm.pso import inertia_of
 from planners.swarm.rrt_woa import RrtWoa
-from planners.swarm.search import run
-from planners.swarm.start import along
+from planners.swarm.search import along, run
 from planners.swarm.state import begin
-from planners.swarm.worth import new_room, value
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import path_length

@@ -1,11 +1,13 @@
 """The thesis's settings file makes the thesis's planners; whatever is wrong in it has its name."""
 
+from __future__ import annotations
+
 import re
 
 import pytest
 
 from planners import PLANNERS, make_planner
-from planners.thesis import KEYS, TAKES, is_thesis, read_thesis, without_trailing_commas
+from planners.thesis_settings import KEYS, TAKES, is_thesis, read_thesis, without_trailing_commas
 from wheelchair_gym.config import InputError
 
 FIGURE = """{

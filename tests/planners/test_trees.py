@@ -1,14 +1,16 @@
 """Trees: paths are free and end on the goal, RRT* converges, variants do what they are for."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 import shapely
 
 from planners import PLANNERS
+from planners.collision.space import Space
 from planners.judge import faults
-from planners.problems import read_problems
-from planners.space import Space
-from planners.trees.rrt import RrtStar
+from planners.problem import Problem, Status
+from planners.problem_files import read_problems
 from planners.trees.spline import SplineRrtStar
 from planners.trees.tree import (
     NONE,
@@ -20,9 +22,15 @@ from planners.trees.tree import (
     remove,
     within,
 )
-from planners.trees.variants import InformedRrtStar, RrtStarFn, RrtStarLimited, RrtStarSmart
-from planners.trees.whales import RrtStarWoaGlobal, RrtStarWoaLocal
-from planners.types import Problem, Status
+from planners.trees.variants import (
+    InformedRrtStar,
+    RrtStar,
+    RrtStarFn,
+    RrtStarLimited,
+    RrtStarSmart,
+    RrtStarWoaGlobal,
+    RrtStarWoaLocal,
+)
 from tests.planners.replay import limited_to
 from wheelchair_gym.config import InputError
 

@@ -1,9 +1,11 @@
 """Whales: their equations one by one, and minima of simple functions."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
-from planners.draws import stream, uniform
+from planners.random_stream import stream, uniform
 from planners.swarm.woa import move
 
 # Written for compiled integers, which wrap without a word.

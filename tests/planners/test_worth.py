@@ -1,15 +1,17 @@
 """What paths are worth: each objective beside its formula."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
 from planners.judge import faults
 from planners.swarm.objectives import make_objective
+from planners.swarm.path_cost import new_room, push_out, value
 from planners.swarm.planner import SwarmPlanner
-from planners.swarm.worth import new_room, push_out, value
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
 from wheelchair_gym.geometry import path_length
-from wheelchair_gym.scenes.papers import CHAOTIC_PSO_DISCS
+from wheelchair_gym.scenes.published import CHAOTIC_PSO_DISCS
 
 
 def terms(objective, position, problem, **settings):

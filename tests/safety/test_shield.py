@@ -8,18 +8,17 @@ import math
 import numpy as np
 import pytest
 
-from tests.simulation.worlds import box
+from tests.physics.worlds import box
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, to_frame
 from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.movers import NOBODY, door, person, together
+from wheelchair_gym.physics.actors.records import NOBODY, door, person, together
+from wheelchair_gym.physics.chair import SimulatedChair
+from wheelchair_gym.physics.settings import BodySettings, ChairSettings
 from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.safety.memory import last_rows
 from wheelchair_gym.safety.state import KEPT, REASONS
-from wheelchair_gym.sensing import SensorSettings
-from wheelchair_gym.sensing.settings import FaultSettings
-from wheelchair_gym.simulation import ChairSettings, SimulatedChair
-from wheelchair_gym.simulation.settings import BodySettings
+from wheelchair_gym.sensors.settings import FaultSettings, SensorSettings
 from wheelchair_gym.types import Reading
 
 AHEAD, BACK, LEFT = np.array([0.8, 0.0]), np.array([-0.3, 0.0]), np.array([0.0, 1.0])

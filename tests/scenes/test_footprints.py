@@ -1,15 +1,17 @@
 """Laws of every scene for chairs of every size."""
 
+from __future__ import annotations
+
 import pytest
 import shapely
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.settings import EnvSettings, env_settings
-from wheelchair_gym.envs.worlds import Worlds
+from wheelchair_gym.envs.world_banks import Worlds
 from wheelchair_gym.geometry import Footprint, to_world
+from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.scenes import SCENES
 from wheelchair_gym.scenes.raster import CELL
-from wheelchair_gym.simulation.settings import ChairSettings
 from wheelchair_gym.task.task import Task
 
 CHAIRS = {

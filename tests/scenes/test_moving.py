@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from agents.compare import CORRIDORS, DOORS, suite
+from agents.evaluation.compare import CORRIDORS, DOORS, suite
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import footprint_clearance, path_length, point_segment_distance
 from wheelchair_gym.maps import bottleneck, geodesic
-from wheelchair_gym.movers import (
+from wheelchair_gym.physics.actors.records import (
     DOOR,
     FURNITURE,
     NOBODY,

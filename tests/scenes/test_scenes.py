@@ -1,5 +1,7 @@
 """Laws of every scene, over the whole registry."""
 
+from __future__ import annotations
+
 import dataclasses
 import json
 import math
@@ -13,11 +15,10 @@ from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, geodesic, read_map
 from wheelchair_gym.scenes import SCENES, make_scene
 from wheelchair_gym.scenes.describe import measure
 from wheelchair_gym.scenes.example import draw
-from wheelchair_gym.scenes.labs import DESIGN_LAB_INFLATION
 from wheelchair_gym.scenes.map_file import example_map
-from wheelchair_gym.scenes.papers import GREY_WOLF_GOALS
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
-from wheelchair_gym.scenes.stream import below, stream, uniform
+from wheelchair_gym.scenes.published import DESIGN_LAB_INFLATION, GREY_WOLF_GOALS
+from wheelchair_gym.scenes.random_stream import below, stream, uniform
 
 RADIUS = passing_radius(FOOTPRINT)
 

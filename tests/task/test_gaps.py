@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.sensing.settings import LaserSettings
-from wheelchair_gym.task.gaps import BEYOND, GAP_REACH, NEAR, gaps, haste
+from wheelchair_gym.sensors.settings import LaserSettings
+from wheelchair_gym.task.side_clearance import BEYOND, GAP_REACH, NEAR, gaps, haste
 
 OUTLINE, LASER = Footprint(), LaserSettings(yaw=0.02)
 DIRECTIONS = LASER.directions

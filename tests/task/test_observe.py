@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from wheelchair_gym.task.observe import pool, see
+from wheelchair_gym.task.observations import pool, see
 
 
 @pytest.mark.parametrize(

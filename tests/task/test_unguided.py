@@ -7,8 +7,8 @@ import pytest
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
-from wheelchair_gym.task.gaps import fan, gaps
-from wheelchair_gym.task.layout import PRIVATE
+from wheelchair_gym.task.observation_layout import PRIVATE
+from wheelchair_gym.task.side_clearance import fan, gaps
 
 TASK = {"beams": 32, "gaps": True, "privileged": True}
 

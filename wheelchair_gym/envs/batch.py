@@ -7,16 +7,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel, kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.kinematics import asked_twist
+from wheelchair_gym.physics.step import advance, begin
+from wheelchair_gym.physics.world import take_ground
+from wheelchair_gym.random import SHIELDS, uniform
 from wheelchair_gym.safety.decide import decide
 from wheelchair_gym.safety.look import forget, look
 from wheelchair_gym.safety.state import NOTHING
-from wheelchair_gym.sensing.noise import SHIELDS, uniform
-from wheelchair_gym.simulation.advance import advance, begin
-from wheelchair_gym.simulation.world import take_ground
-from wheelchair_gym.task.assess import assess, start_task
-from wheelchair_gym.task.judge import reached
+from wheelchair_gym.task.assessment import assess, start_task
+from wheelchair_gym.task.rewards import reached
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

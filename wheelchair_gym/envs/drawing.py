@@ -12,8 +12,8 @@ from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Episode, Truth
 
 if TYPE_CHECKING:
-    from wheelchair_gym.view.picture import TopView
-    from wheelchair_gym.view.window import Window
+    from wheelchair_gym.rendering.picture import TopView
+    from wheelchair_gym.rendering.window import Window
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class Drawing:
     ) -> NDArray[np.uint8]:
         """An RGB picture of the size that is set, with points (n, 2) [m] of the guidance."""
         if self._view is None:
-            from wheelchair_gym.view.picture import TopView
+            from wheelchair_gym.rendering.picture import TopView
 
             s = self._settings
             self._view = TopView(
@@ -66,7 +66,7 @@ class Drawing:
     def show(self, picture: NDArray[np.uint8]) -> None:
         """Show a picture in a window."""
         if self._window is None:
-            from wheelchair_gym.view.window import Window
+            from wheelchair_gym.rendering.window import Window
 
             self._window = Window("wheelchair_gym", self._settings.rate)
         self._window.show(picture)

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, load, setting, settings
 from wheelchair_gym.maps import FREE, OccupancyGrid
-from wheelchair_gym.maps.pose_search import WaysSettings, pose_ways
-from wheelchair_gym.maps.pose_ways import PoseWays
+from wheelchair_gym.maps.cost_to_go import PoseWays, WaysSettings, pose_ways
 from wheelchair_gym.task.task import Guidance, Task
 
 Array = NDArray[np.float64]

@@ -16,15 +16,15 @@ from wheelchair_gym.envs.batch import goes_bare
 from wheelchair_gym.envs.drawing import Drawing
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings, make_finder
-from wheelchair_gym.envs.worlds import Worlds
+from wheelchair_gym.envs.world_banks import Worlds
 from wheelchair_gym.geometry import to_world
-from wheelchair_gym.mapping.chair import LocalisedChair, bare
+from wheelchair_gym.localization.localized_chair import LocalisedChair, bare
+from wheelchair_gym.physics.chair import SimulatedChair
+from wheelchair_gym.random import episode_key
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.shield import Shield
-from wheelchair_gym.sensing.noise import episode_key
-from wheelchair_gym.simulation.chair import SimulatedChair
-from wheelchair_gym.task.course import Course
-from wheelchair_gym.task.judge import TERMS
+from wheelchair_gym.task.prepared_episode import Course
+from wheelchair_gym.task.rewards import TERMS
 from wheelchair_gym.task.task import Observation, Task
 from wheelchair_gym.types import Chair, Episode, check_reading
 
@@ -161,7 +161,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 f"unshielded is {s.unshielded:g}; expected 0 for a chair that is given"
             )
         if isinstance(chair, str | Mapping):
-            from wheelchair_gym.hardware.chairs import make_chair
+            from wheelchair_gym.hardware.registry import make_chair
 
             if shield is False:
                 raise InputError("shield is False; expected one: a real chair has it always")

@@ -14,12 +14,12 @@ import numpy as np
 
 from wheelchair_gym.config import InputError, dump, load, read, setting, settings, suggest
 from wheelchair_gym.hardware.settings import HardwareSettings
-from wheelchair_gym.mapping.chair import Finder
-from wheelchair_gym.mapping.localise import Localisation, Localiser
-from wheelchair_gym.mapping.slam import Slam, SlamSettings
+from wheelchair_gym.localization.localized_chair import Finder
+from wheelchair_gym.localization.monte_carlo import Localisation, Localiser
+from wheelchair_gym.localization.slam import Slam, SlamSettings
+from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.safety.settings import ShieldSettings
-from wheelchair_gym.sensing.settings import SensorSettings
-from wheelchair_gym.simulation.settings import ChairSettings, PhysicsSettings
+from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.task.settings import TaskSettings
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import weakref
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -18,19 +20,52 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.batch import Batch, Results, begin_chairs, step_chairs
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings
-from wheelchair_gym.envs.spare import Spare
-from wheelchair_gym.envs.worlds import Worlds
+from wheelchair_gym.envs.world_banks import Worlds
+from wheelchair_gym.physics.chairs import Chairs
+from wheelchair_gym.physics.state import SENSED
+from wheelchair_gym.random import episode_key
 from wheelchair_gym.safety.state import GUARD, REASONS, SHIELD, Guard
-from wheelchair_gym.sensing.laser import SCRATCH
-from wheelchair_gym.sensing.noise import episode_key
-from wheelchair_gym.simulation.chairs import Chairs
-from wheelchair_gym.simulation.state import SENSED
-from wheelchair_gym.task.course import COURSE, Course
-from wheelchair_gym.task.judge import TERMS
+from wheelchair_gym.sensors.laser import SCRATCH
+from wheelchair_gym.task.prepared_episode import COURSE, Course
 from wheelchair_gym.task.records import PROGRESS, VERDICT
+from wheelchair_gym.task.rewards import TERMS
 from wheelchair_gym.task.task import Observation, Task
 
 Floats = NDArray[np.float32]
+
+
+class Spare:
+    """Arrays to write results to, none of which anyone still holds.
+
+    The memory of an array is used again once the array and all parts of it are gone, so that large
+    results need no fresh memory at each step and yet are never overwritten. A copy has memory of
+    its own.
+    """
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self._shape = shape
+        self._free: list[bytearray] = []
+        self._taken: dict[int, weakref.ref[Floats]] = {}
+
+    def take(self) -> Floats:
+        """An array that only the caller knows; what it holds is arbitrary."""
+        memory = self._free.pop() if self._free else bytearray(4 * math.prod(self._shape))
+        # Parts of an array refer to it, since its memory is no array: it goes when they have gone.
+        array: Floats = np.ndarray(self._shape, np.float32, memory)
+        free, taken = self._free, self._taken
+
+        def give_back(gone: weakref.ref[Floats]) -> None:
+            del taken[id(gone)]
+            free.append(memory)
+
+        held = weakref.ref(array, give_back)
+        taken[id(held)] = held
+        return array
+
+    def __reduce__(self) -> tuple[type[Spare], tuple[Any, ...]]:
+        return type(self), (self._shape,)
+
+
 Info = dict[str, Any]
 
 _REASONS = np.array(REASONS)

@@ -21,9 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.hardware.board_senses import BoardSenses
-from wheelchair_gym.hardware.known import Known
-from wheelchair_gym.hardware.messages import (
+from wheelchair_gym.hardware.best_estimate import Known
+from wheelchair_gym.hardware.boards.messages import (
     Command,
     CommandFlag,
     Fault,
@@ -32,13 +31,14 @@ from wheelchair_gym.hardware.messages import (
     Status,
     Switch,
 )
-from wheelchair_gym.hardware.pace import Clock, Pace, WallClock
-from wheelchair_gym.hardware.parameters import wanted_parameters
+from wheelchair_gym.hardware.boards.parameters import wanted_parameters
+from wheelchair_gym.hardware.boards.senses import BoardSenses
+from wheelchair_gym.hardware.pacing import Clock, Pace, WallClock
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.sensing.settings import SensorSettings
-from wheelchair_gym.simulation.settings import ChairSettings
-from wheelchair_gym.stops import BROUGHT_TO_REST, BY_HAND, DRY_RUN
+from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.safety.stops import BROUGHT_TO_REST, BY_HAND, DRY_RUN
+from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Truth, Uncopied
 
 Array = NDArray[np.float64]

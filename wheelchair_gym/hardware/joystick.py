@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.hardware.healing import Healing
+from wheelchair_gym.hardware.reconnect import Healing
 from wheelchair_gym.kinematics import Limits
 
 Array = NDArray[np.float64]

@@ -1,11 +1,13 @@
 """Maps: occupancy grids, their files, and exact geometry and shortest ways from them."""
 
+from __future__ import annotations
+
 from wheelchair_gym.maps.geodesic import Geodesic, geodesic, interpolate
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from wheelchair_gym.maps.ground import Ground, read_ground
-from wheelchair_gym.maps.house_expo import House, read_house
-from wheelchair_gym.maps.map_server import read_map, write_map
-from wheelchair_gym.maps.moving_ai import Task, read_octile, read_scenario
+from wheelchair_gym.maps.io.any_format import Ground, read_ground
+from wheelchair_gym.maps.io.house_expo import House, read_house
+from wheelchair_gym.maps.io.map_server import read_map, write_map
+from wheelchair_gym.maps.io.moving_ai import Task, read_octile, read_scenario
 from wheelchair_gym.maps.passage import bottleneck, outline_margin
 from wheelchair_gym.maps.polygons import Outline, binarise, polygons
 

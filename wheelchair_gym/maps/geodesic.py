@@ -4,18 +4,413 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.kernel import kernel
-from wheelchair_gym.maps.distance import carried_on
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel, whole
+from wheelchair_gym.maps.distance import carried_on, same
 from wheelchair_gym.maps.grid import OccupancyGrid
-from wheelchair_gym.maps.sight import Records, nearest_bend, no_bends, spread
+
+Index = NDArray[np.int32]
+Mask = NDArray[np.bool_]
+Records = NDArray[np.void]
+
+RUN = np.dtype([("first", np.int32), ("last", np.int32)])  # columns
+GATE = np.dtype(
+    [
+        ("row", np.int32),
+        ("col", np.int32),
+        ("east", np.int32),  # 1 or -1: the blocked corner lies in this column beside it ...
+        ("north", np.int32),  # ... and in this row
+        ("way", np.float32),  # the shortest so far
+        ("root", np.int32),  # the bend that lit it
+        ("place", np.int32),  # in the queue, 0 if it does not wait
+    ]
+)
+
+
+class Terrain(NamedTuple):
+    """Free cells row by row, as runs, and the gates among them."""
+
+    run: Index  # (rows + 1,): the first run of each row
+    runs: Records
+    gate: Index  # (rows + 1,): the first gate of each row
+    gates: Records
+
+
+@kernel
+def terrain_of(free: Mask) -> Terrain:
+    """The runs of a map's free cells, and its gates."""
+    rows, cols = free.shape
+    cells = free.view(np.int8)
+    run, gate = np.zeros(rows + 1, np.int32), np.zeros(rows + 1, np.int32)
+    alike = np.zeros(rows, np.bool_)  # rows like the one below
+    runs = np.empty(rows * ((cols + 1) // 2), RUN)  # as many as there might be: only a few are met
+    k = 0
+    for row in range(rows):
+        run[row] = k
+        alike[row] = row > 0 and same(cells[row], cells[row - 1])
+        if alike[row]:
+            for other in range(run[row - 1], run[row]):
+                runs[k].first, runs[k].last = runs[other].first, runs[other].last
+                k += 1
+            continue
+        col = 0
+        while col < cols:
+            while col < cols and not free[row, col]:
+                col += 1
+            if col < cols:
+                runs[k].first = col
+                while col < cols and free[row, col]:
+                    col += 1
+                runs[k].last = col - 1
+                k += 1
+    run[rows] = k
+    gates = np.empty(4 * k, GATE)
+    m = 0
+    for row in range(rows):
+        gate[row] = m
+        for side in (-1, 1):
+            beside = row + side
+            if beside < 0 or beside >= rows or alike[max(row, beside)]:
+                continue
+            for k in range(run[beside], run[beside + 1]):
+                for way in (-1, 1):
+                    col = runs[k].last if way > 0 else runs[k].first
+                    if 0 <= col + way < cols and free[row, col] and free[row, col + way]:
+                        gates[m].row, gates[m].col = row, col
+                        gates[m].east, gates[m].north = way, side
+                        gates[m].way, gates[m].place = np.inf, 0
+                        m += 1
+    gate[rows] = m
+    return Terrain(run, runs[: run[rows]], gate, gates[:m])
+
+
+@borrowing_kernel
+def enqueue(gates: Records, queue: Index, gate: int) -> None:
+    """Let a gate wait, or move it up as its way became shorter: a heap, queue[0] its length."""
+    way, k = gates[gate].way, gates[gate].place
+    if k == 0:
+        queue[0] += 1
+        k = queue[0]
+    while k > 1:
+        above = queue[k // 2]
+        if gates[above].way <= way:
+            break
+        queue[k] = above
+        gates[above].place = k
+        k //= 2
+    queue[k] = gate
+    gates[gate].place = k
+
+
+@borrowing_kernel
+def dequeue(gates: Records, queue: Index) -> int:
+    """The gate with the shortest way."""
+    top, count = queue[1], queue[0] - 1
+    gates[top].place = 0
+    queue[0] = count
+    if count > 0:
+        moved = queue[count + 1]
+        k = 1
+        while 2 * k <= count:
+            below, other = 2 * k, min(2 * k + 1, count)
+            if gates[queue[other]].way < gates[queue[below]].way:
+                below = other
+            if gates[queue[below]].way >= gates[moved].way:
+                break
+            queue[k] = queue[below]
+            gates[queue[k]].place = k
+            k = below
+        queue[k] = moved
+        gates[moved].place = k
+    return int(top)
+
+
+@borrowing_kernel
+def run_at(terrain: Terrain, row: int, col: int) -> int:
+    """The run that holds a free cell."""
+    k = terrain.run[row]
+    while terrain.runs[k].last < col:
+        k += 1
+    return int(k)
+
+
+Field = NDArray[np.float32]
+
+_HALF = 0.501  # of a cell and a touch: a line may graze corners
+_GAIN = 0.01  # cells; a gate waits again only for a way shorter by this
+_CUT = 0.1  # cells gained by bending behind a corner and not before it, or it is not worth it
+# A line passes corners half a cell nearer than gates stand, so right behind a gate others may do
+# better than the gate, and yet not farther on: light that comes late by no more than the slack goes
+# on, and all light does over its first rows. (20,000 mazes: one cell was left dark.)
+_SLACK = 0.8  # cells
+_NEAR = 6.0  # rows
+
+
+_BEND = np.dtype(
+    [
+        ("x", np.float32),
+        ("y", np.float32),
+        ("way", np.float32),  # from there to the goal
+        ("next", np.int32),  # the bend after it, -1 at the goal
+        ("turn", np.int32),  # 1 to the left, -1 to the right, 0 at the goal
+    ]
+)
+_WEDGE = np.dtype(  # light that has still to fall into a row
+    [
+        ("row", np.int32),
+        ("first", np.int32),  # columns of the run that it comes from
+        ("last", np.int32),
+        ("low", np.float64),  # slopes: columns per row
+        ("high", np.float64),
+    ],
+    align=True,
+)
+
+
+def no_bends() -> Records:
+    """Of a goal that cannot be reached."""
+    return np.empty(0, _BEND)
+
+
+class Beam(NamedTuple):
+    """What a bend sees on one side of its row, and how much of that is news."""
+
+    north: int  # 1 towards higher rows, -1 towards lower ones
+    low: float  # slopes between which it shines [columns per row]
+    high: float
+    shadow: int  # 1: news only east of an edge; -1: only west of it; 0: everywhere
+    edge: float  # where the edge crosses the bend's own row
+    drift: float  # its slope
+
+
+@borrowing_kernel
+def _light(
+    terrain: Terrain,
+    queue: Index,
+    bends: Records,
+    root: int,
+    length: Field,
+    row: int,
+    a: int,
+    b: int,
+) -> tuple[int, int]:
+    """Light the columns a to b of a row; the first and last where that is not too late."""
+    line = length[row]
+    x, way = bends[root].x, bends[root].way
+    rise = np.float32(row) - bends[root].y
+    square = rise * rise
+    while a <= b:
+        dx = np.float32(a) - x
+        if way + math.sqrt(square + dx * dx) < line[a] + np.float32(_SLACK):
+            break
+        a += 1
+    if a > b:
+        return a, b
+    while True:
+        dx = np.float32(b) - x
+        if way + math.sqrt(square + dx * dx) < line[b] + np.float32(_SLACK):
+            break
+        b -= 1
+    part, begin = line[a : b + 1], np.float32(a) - x
+    for k in range(len(part)):
+        dx = np.float32(np.int32(k)) + begin
+        here = way + math.sqrt(square + dx * dx)
+        part[k] = here if here < part[k] else part[k]
+    for k in range(terrain.gate[row], terrain.gate[row + 1]):
+        gate = terrain.gates[k]
+        if a <= gate.col <= b:
+            dx = np.float32(gate.col) - x
+            here = way + math.sqrt(square + dx * dx)
+            if here < line[gate.col] + np.float32(_GAIN) and here < gate.way - np.float32(_GAIN):
+                gate.way, gate.root = here, root
+                enqueue(terrain.gates, queue, k)
+    return a, b
+
+
+@borrowing_kernel
+def _shine(
+    terrain: Terrain,
+    queue: Index,
+    bends: Records,
+    root: int,
+    length: Field,
+    wedges: Records,
+    beam: Beam,
+) -> bool:
+    """Let a bend shine on one side of its row; whether that lit anything.
+
+    Within a row's strip of height 1 a line stays in its run if it enters and leaves within it.
+    """
+    x, y, north = float(bends[root].x), float(bends[root].y), beam.north
+    row = math.floor(y + 0.5)
+    run = terrain.runs[run_at(terrain, row, math.floor(x + 0.5))]
+    near = max(0.5 + north * (row - y), 1e-3)  # to the edge of its own row
+    wedges[0].row, wedges[0].first, wedges[0].last = row + north, run.first, run.last
+    wedges[0].low = max(beam.low, (run.first - _HALF - x) / near)
+    wedges[0].high = min(beam.high, (run.last + _HALF - x) / near)
+    count, lit = 1, False
+    while count > 0:
+        count -= 1
+        row, first, last = whole(wedges[count].row), wedges[count].first, wedges[count].last
+        low, high = wedges[count].low, wedges[count].high
+        if row < 0 or row >= length.shape[0]:
+            continue
+        middle = north * (row - y)
+        enter, leave = max(middle - 0.5, 1e-3), middle + 0.5
+        west, east, edge = x + low * enter, x + high * enter, beam.edge + beam.drift * middle
+        for k in range(terrain.run[row], terrain.run[row + 1]):
+            a, b = whole(terrain.runs[k].first), whole(terrain.runs[k].last)
+            if b + _HALF < west:
+                continue
+            if a - _HALF > east:
+                break
+            if a > last or b < first:  # they touch at a corner only
+                continue
+            left = max(low, (a - _HALF - x) / enter)
+            right = min(high, (b + _HALF - x) / enter)
+            begin = max(a, math.ceil(x + left * middle - 1e-6))
+            end = min(b, math.floor(x + right * middle + 1e-6))
+            if beam.shadow > 0:
+                begin = max(begin, math.floor(edge))
+            elif beam.shadow < 0:
+                end = min(end, math.ceil(edge))
+            if begin <= end:
+                one, other = _light(terrain, queue, bends, root, length, row, begin, end)
+                lit = lit or one <= other
+                if middle > _NEAR:
+                    if one > other:
+                        continue
+                    if one > begin:
+                        left = max(left, (one - 2 - x) / middle)
+                    if other < end:
+                        right = min(right, (other + 2 - x) / middle)
+            left = max(left, (a - _HALF - x) / leave)
+            right = min(right, (b + _HALF - x) / leave)
+            if left <= right:
+                wedges[count].row, wedges[count].first, wedges[count].last = row + north, a, b
+                wedges[count].low, wedges[count].high = left, right
+                count += 1
+    return lit
+
+
+@kernel
+def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tuple[Field, Records]:
+    """Lengths (rows, cols) [cells] of the shortest ways to the goal, and where they bend.
+
+    Args:
+        free: cells (rows, cols) that may be entered.
+        goal_x: the goal, in the free cell (row, col) or beside it.
+        goal_y: see goal_x.
+        row: the free cell by which the goal is entered.
+        col: see row.
+    """
+    length = np.full(free.shape, np.inf, np.float32)
+    terrain = terrain_of(free)
+    gates, runs = terrain.gates, terrain.runs
+    queue = np.zeros(len(gates) + 1, np.int32)
+    bends = np.empty(len(gates) + 1, _BEND)
+    # Each wedge that waits has its own run, or comes from a gap between two.
+    wedges = np.empty(len(runs) + 2, _WEDGE)
+    bends[0].x, bends[0].y, bends[0].way = goal_x, goal_y, 0.0
+    bends[0].next, bends[0].turn = -1, 0
+    if math.floor(goal_x + 0.5) != col or math.floor(goal_y + 0.5) != row:
+        bends[0].x, bends[0].y = col, row
+        bends[0].way = math.hypot(col - goal_x, row - goal_y)
+    k = run_at(terrain, row, col)
+    first, last = whole(runs[k].first), whole(runs[k].last)
+    count = whole(0)
+    _light(terrain, queue, bends, count, length, row, first, last)
+    for north in (-1, 1):
+        beam = Beam(north, -np.inf, np.inf, 0, 0.0, 0.0)
+        _shine(terrain, queue, bends, count, length, wedges, beam)
+    count += 1
+    while queue[0] > 0:
+        gate = gates[dequeue(gates, queue)]
+        row, col = whole(gate.row), whole(gate.col)
+        east, up = whole(gate.east), whole(gate.north)
+        # Up to the edge, the line from its own root by the corner, others have lit the terrain. A
+        # root that turned the other way lit nothing beyond the gate itself.
+        root = bends[gate.root]
+        x, y = float(root.x), float(root.y)
+        turn = 1 if (col - x) * up > (row - y) * east else -1
+        past = 0.0 if root.turn == -turn else 1.0
+        ex, ey = col + past * _HALF * east - x, row + past * 0.5 * up - y
+        if ex * up == ey * east:  # straight at the corner: nothing to turn round
+            continue
+        edge = col + past * (_HALF * east - 0.5 * up * ex / ey)
+        corner_slope, way = float(east), gate.way
+        # The way bends one cell on, behind the corner, if its root saw that cell better.
+        upright = turn != east * up
+        if (ey * up if upright else ex * east) > 0.0:
+            r, c = (row + up, col) if upright else (row, col + east)
+            seen = np.float32(root.way + math.hypot(c - x, r - y))
+            if seen < way + 1.0 - _CUT and abs(length[r, c] - seen) < _GAIN:
+                row, col, way = r, c, seen
+                if upright:
+                    edge += ex / abs(ey)
+                    corner_slope = east * np.inf
+        bends[count].x, bends[count].y, bends[count].way = col, row, way
+        bends[count].next, bends[count].turn = gate.root, turn
+        # It shines from along the edge round to the corner: perhaps over its row, on this side.
+        side = 1 if ex + east * abs(ey) > 0.0 else -1
+        lit = False
+        if ey * up < 0.0:
+            k = run_at(terrain, row, col)
+            begin, end = whole(runs[k].first), whole(runs[k].last)
+            if side > 0:
+                begin = max(begin, math.floor(edge))
+            else:
+                end = min(end, math.ceil(edge))
+            one, other = _light(terrain, queue, bends, count, length, row, begin, end)
+            lit = one <= other
+        for north in (-1, 1):
+            ahead, beside = ey * north > 0.0, up * north > 0
+            if not (ahead or beside):
+                continue
+            straight, corner, shadow = side * np.inf, side * np.inf, 0
+            if beside:
+                corner = corner_slope
+            if ahead:
+                straight = ex / abs(ey)
+                shadow = 1 if corner > straight else -1
+            low, high = min(straight, corner), max(straight, corner)
+            beam = Beam(north, low, high, shadow, edge, straight if ahead else 0.0)
+            if _shine(terrain, queue, bends, count, length, wedges, beam):
+                lit = True
+        if lit:
+            count += 1
+    return length, bends[:count].copy()
+
+
+@kernel
+def nearest_bend(free: Mask, bends: Records, x: float, y: float) -> int:
+    """The bend by which the way from a point is the shortest, of those that it sees; or -1."""
+    best, least = -1, math.inf
+    for k in range(len(bends)):
+        dx, dy = bends[k].x - x, bends[k].y - y
+        far = math.hypot(dx, dy)
+        if bends[k].way + far >= least:
+            continue
+        steps = int(5.0 * far) + 1
+        clear = True
+        for i in range(steps + 1):
+            px, py = x + dx * i / steps, y + dy * i / steps
+            clear = False  # corners may be grazed
+            for dr in (-0.05, 0.05):
+                for dc in (-0.05, 0.05):
+                    clear |= free[math.floor(py + dr + 0.5), math.floor(px + dc + 0.5)]
+            if not clear:
+                break
+        if clear:
+            best, least = k, bends[k].way + far
+    return best
+
 
 Array = NDArray[np.float64]
-Field = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 _MARGIN = 1.5  # cells beyond the radius in which a point still counts as beside reachable ground
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.safety.state import CELL, CELLS
-from wheelchair_gym.sensing.bearings import bearing
+from wheelchair_gym.sensors.echoes import bearing
 
 Floats = NDArray[np.float32]
 Numbers = NDArray[np.int32]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import SOONER, approach, brake
 from wheelchair_gym.safety.state import FAR, NOTHING, STANDS
 from wheelchair_gym.safety.sweep import surprised, sweep

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import wrap
-from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.safety.state import (
     BUMPED,
     ECHOES,

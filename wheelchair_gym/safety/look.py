@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.safety.cells import follow, look_round
 from wheelchair_gym.safety.clearance import signed_gap

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import floats_at
-from wheelchair_gym.kernel import borrowing_kernel, inlined
+from wheelchair_gym.compiled.address import floats_at
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.safety.cells import laser_frame, was_clear
 from wheelchair_gym.safety.state import FAR, FRESH, KEPT, LONE, MOVERS, STANDS
-from wheelchair_gym.sensing.bearings import bearing
-from wheelchair_gym.sensing.laser import middle
+from wheelchair_gym.sensors.echoes import bearing
+from wheelchair_gym.sensors.laser import middle
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

@@ -19,14 +19,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import Pointers, Target, rows_of
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.compiled.address import Pointers, Target, rows_of
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.decide import decide, slow_for_unseen
 from wheelchair_gym.safety.look import forget, look
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.state import GUARD, REASONS, SHIELD, Guard
-from wheelchair_gym.sensing.settings import RANGERS, SensorSettings
-from wheelchair_gym.simulation.settings import ChairSettings
+from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 from wheelchair_gym.types import Reading, check_reading
 
 Array = NDArray[np.float64]

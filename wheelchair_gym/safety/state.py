@@ -13,13 +13,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import Pointers, Target
+from wheelchair_gym.compiled.address import Pointers, Target
 from wheelchair_gym.config import InputError
+from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.settings import ShieldSettings
-from wheelchair_gym.sensing.laser import LaserArrays
-from wheelchair_gym.sensing.settings import RANGERS, SensorSettings
-from wheelchair_gym.simulation.settings import ChairSettings
-from wheelchair_gym.stops import SHIELD_FAULTS
+from wheelchair_gym.safety.stops import SHIELD_FAULTS
+from wheelchair_gym.sensors.laser import LaserArrays
+from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 
 Rows = NDArray[np.void]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import approach, brake, carried, odometric_step
 from wheelchair_gym.safety.cells import was_seen
 from wheelchair_gym.safety.clearance import kept_clear, points_gap, signed_gap

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import geodesic
-from wheelchair_gym.movers import together
+from wheelchair_gym.physics.actors.records import together
 from wheelchair_gym.scenes.arena import arena
 from wheelchair_gym.scenes.floor_plan import FloorPlan
 from wheelchair_gym.scenes.layout import Layout

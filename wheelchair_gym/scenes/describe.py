@@ -8,7 +8,7 @@ import numpy as np
 
 from wheelchair_gym.geometry import path_length
 from wheelchair_gym.maps import OCCUPIED, bottleneck, geodesic
-from wheelchair_gym.movers import KINDS, NOBODY, PEOPLE, PERSON
+from wheelchair_gym.physics.actors.records import KINDS, NOBODY, PEOPLE, PERSON
 from wheelchair_gym.scenes import Crowd, Doorway, FloorPlan, Scene, Temporary
 from wheelchair_gym.scenes.layout import Layout
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius

@@ -7,16 +7,16 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel, whole
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.kernel import borrowing_kernel, kernel, whole
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic, interpolate
-from wheelchair_gym.maps.edges import boundary
+from wheelchair_gym.maps.grid import boundary
 from wheelchair_gym.scenes.furniture import Furniture, furnish
 from wheelchair_gym.scenes.layout import Layout, Plan, lay_out
 from wheelchair_gym.scenes.poses import FOOTPRINT, draw_pose, passing_radius
+from wheelchair_gym.scenes.random_stream import Stream, below, stream, uniform
 from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, paint_rects
-from wheelchair_gym.scenes.stream import Stream, below, stream, uniform
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]

@@ -8,10 +8,10 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel, whole
+from wheelchair_gym.compiled.kernel import borrowing_kernel, whole
 from wheelchair_gym.scenes.layout import Plan, put
+from wheelchair_gym.scenes.random_stream import Stream, below, uniform
 from wheelchair_gym.scenes.raster import CELL, cells_of
-from wheelchair_gym.scenes.stream import Stream, below, uniform
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

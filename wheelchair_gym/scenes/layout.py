@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel, kernel, whole
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel, whole
+from wheelchair_gym.scenes.random_stream import Stream, below, uniform
 from wheelchair_gym.scenes.raster import CELL, Rect, cells_of, to_cells
-from wheelchair_gym.scenes.stream import Stream, below, uniform
 
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]

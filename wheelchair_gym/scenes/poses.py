@@ -8,12 +8,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, footprint_clearance
-from wheelchair_gym.kernel import borrowing_kernel
 from wheelchair_gym.maps import bottleneck
+from wheelchair_gym.scenes.random_stream import Stream, uniform
 from wheelchair_gym.scenes.raster import CELL
-from wheelchair_gym.scenes.stream import Stream, uniform
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.maps import FREE, OCCUPIED, Geodesic, OccupancyGrid, geodesic
-from wheelchair_gym.movers import (
+from wheelchair_gym.physics.actors.records import (
     EVERYBODY,
     NOBODY,
     PEOPLE,

@@ -1,6 +1,8 @@
 """The task: observe and judge, pure functions of readings; rewards are named terms."""
 
-from wheelchair_gym.task.judge import TERMS, Verdict
+from __future__ import annotations
+
+from wheelchair_gym.task.rewards import TERMS, Verdict
 from wheelchair_gym.task.settings import RewardWeights, TaskSettings
 from wheelchair_gym.task.task import Guidance, Observation, Task
 

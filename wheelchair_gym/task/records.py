@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from wheelchair_gym.task.judge import TERMS
+from wheelchair_gym.task.rewards import TERMS
 
 CRUMBS = 64  # of a trail that are kept
 

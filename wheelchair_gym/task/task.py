@@ -9,20 +9,20 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import Pointers, Target, as_array
+from wheelchair_gym.compiled.address import Pointers, Target, as_array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
-from wheelchair_gym.maps.pose_ways import PoseWays
+from wheelchair_gym.maps.cost_to_go import PoseWays
+from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.settings import ShieldSettings
-from wheelchair_gym.sensing.settings import SensorSettings
-from wheelchair_gym.simulation.settings import ChairSettings
-from wheelchair_gym.task.assess import assess_alone, start_task
-from wheelchair_gym.task.course import AIMS, COURSE, Course, way_from
-from wheelchair_gym.task.gaps import fan
-from wheelchair_gym.task.judge import TERMS, Verdict, reached
-from wheelchair_gym.task.layout import boxes, places
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.task.assessment import assess_alone, start_task
+from wheelchair_gym.task.observation_layout import boxes, places
+from wheelchair_gym.task.prepared_episode import AIMS, COURSE, Course, way_from
 from wheelchair_gym.task.records import ALONE, PROGRESS, RULES, VERDICT
+from wheelchair_gym.task.rewards import TERMS, Verdict, reached
 from wheelchair_gym.task.settings import TaskSettings
+from wheelchair_gym.task.side_clearance import fan
 from wheelchair_gym.types import Episode, Reading
 
 Array = NDArray[np.float64]

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.kernel import borrowing_kernel
-from wheelchair_gym.task.observe import tell_place
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.task.observations import tell_place
 from wheelchair_gym.task.records import CRUMBS
 
 Array = NDArray[np.float64]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from wheelchair_gym.hardware.messages import Switch
+from wheelchair_gym.hardware.boards.messages import Switch
 from wheelchair_gym.hardware.twin.lockstep import Faults
 from wheelchair_gym.hardware.twin.plant import Slope
 from wheelchair_gym.hardware.twin.serve import ServedTwin
 from wheelchair_gym.hardware.twin.stick import Stick
 from wheelchair_gym.hardware.twin.wire import Harm
-from wheelchair_gym.sensing.settings import RANGERS
+from wheelchair_gym.sensors.settings import RANGERS
 
 _SIDES = ("left", "right")
 _SWITCHES = {

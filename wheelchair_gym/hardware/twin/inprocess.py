@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wheelchair_gym.hardware.board_senses import BoardSenses
+from wheelchair_gym.hardware.boards.ports import Port
+from wheelchair_gym.hardware.boards.senses import BoardSenses
 from wheelchair_gym.hardware.chair import HardwareChair
-from wheelchair_gym.hardware.ports import Port
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import STEP

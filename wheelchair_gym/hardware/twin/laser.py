@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.hardware.scip import NO_ECHO_FROM
+from wheelchair_gym.hardware.laser.scip import NO_ECHO_FROM
 from wheelchair_gym.hardware.twin.scip_sensor import Model, ScipSensor
-from wheelchair_gym.sensing.settings import LaserSettings
+from wheelchair_gym.sensors.settings import LaserSettings
 
 TURN = 25  # ms: 40 Hz, as a UST-10LX
 _INVALID = 1  # mm: an error code

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from wheelchair_gym.hardware.messages import Switch
-from wheelchair_gym.hardware.parameters import drive_parameters, range_parameters
-from wheelchair_gym.hardware.protocol import BAUD
+from wheelchair_gym.hardware.boards.messages import Switch
+from wheelchair_gym.hardware.boards.parameters import drive_parameters, range_parameters
+from wheelchair_gym.hardware.boards.protocol import BAUD
 from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
 from wheelchair_gym.hardware.twin.laser import TURN, TwinLaser
 from wheelchair_gym.hardware.twin.plant import STEP, Motion, Plant, Slope

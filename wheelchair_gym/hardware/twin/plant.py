@@ -13,20 +13,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.address import field_at, rows_of, table_at
+from wheelchair_gym.compiled.address import field_at, rows_of, table_at
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.kernel import borrowing_kernel
-from wheelchair_gym.sensing import SensorSettings
-from wheelchair_gym.sensing.laser import SCRATCH, scan
-from wheelchair_gym.sensing.ultrasonic import fire
-from wheelchair_gym.simulation.chair import SimulatedChair
-from wheelchair_gym.simulation.engine import VX, VY, W, X, Y, body_view
-from wheelchair_gym.simulation.motion import Worked, step_once, work_out
-from wheelchair_gym.simulation.period import locate
-from wheelchair_gym.simulation.rig import RIG, laser_of, rangers_of
-from wheelchair_gym.simulation.settings import GRAVITY, ChairSettings, PhysicsSettings
-from wheelchair_gym.simulation.state import PARAMETER, STATE
-from wheelchair_gym.simulation.world import WORLD
+from wheelchair_gym.physics.chair import SimulatedChair
+from wheelchair_gym.physics.drive_train import Worked, step_once, work_out
+from wheelchair_gym.physics.engine import VX, VY, W, X, Y, body_view
+from wheelchair_gym.physics.rig import RIG, laser_of, rangers_of
+from wheelchair_gym.physics.settings import GRAVITY, ChairSettings, PhysicsSettings
+from wheelchair_gym.physics.state import PARAMETER, STATE
+from wheelchair_gym.physics.step import locate
+from wheelchair_gym.physics.world import WORLD
+from wheelchair_gym.sensors.laser import SCRATCH, scan
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sensors.ultrasonic import fire
 from wheelchair_gym.types import Episode
 
 STEP = 0.001  # s: of the physics and of the lock step

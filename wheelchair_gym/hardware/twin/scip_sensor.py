@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.hardware.scip import (
+from wheelchair_gym.hardware.laser.scip import (
     DATA_LINE,
     STAMP_WRAP,
     checksum,

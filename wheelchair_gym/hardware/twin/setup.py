@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import cache
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.hardware.messages import (
+from wheelchair_gym.hardware.boards.messages import (
     Answer,
     Identify,
     Identity,
@@ -16,8 +16,8 @@ from wheelchair_gym.hardware.messages import (
     Set,
     Status,
 )
-from wheelchair_gym.hardware.parameters import DRIVE, RANGE
-from wheelchair_gym.hardware.protocol import Receiver, encode
+from wheelchair_gym.hardware.boards.parameters import DRIVE, RANGE
+from wheelchair_gym.hardware.boards.protocol import Receiver, encode
 from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
 
 _BOOT = FREQUENCY // 10  # cycles

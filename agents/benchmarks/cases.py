@@ -1,0 +1,148 @@
+"""The problems of a planner benchmark: those of a file, or one of each scene."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from agents.evaluation.evaluate import Spec, label
+from planners import PLANNERS, Problem, Space, make_planner
+from planners.judge import Judge
+from planners.problem_files import read_problems
+from wheelchair_gym.config import InputError, read_json
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.scenes import SCENES, make_scene
+
+Array = NDArray[np.float64]
+
+MARGIN = 0.05  # m between the chair's side and obstacles, in problems made from scenes
+SEED = 0  # of the scene that a problem is made from
+OPTIMUM = "visibility"  # whose plan is the optimum where none is stored
+
+
+@dataclass(frozen=True)
+class Case:
+    """A problem, and what is known of it.
+
+    Attributes:
+        problem: what is asked.
+        optimum: length of the shortest path [m]; None: not known.
+        known_from: `file`, the planner that proved it, or `nobody`.
+        rectangles: what is solid as rectangles (n, 4) [m], where the map is made of them.
+    """
+
+    problem: Problem
+    optimum: float | None
+    known_from: str
+    rectangles: Array | None = None
+
+    @property
+    def name(self) -> str:
+        """The problem's name."""
+        return self.problem.name
+
+    @cached_property
+    def digest(self) -> str:
+        """What makes two problems the same."""
+        space, ends = self.problem.space, (self.problem.start, self.problem.goal)
+        parts = [shapely.to_wkb(space.solid), repr(space.bounds).encode()]
+        parts += [np.asarray(end, dtype=np.float64).tobytes() for end in ends]
+        parts.append(repr(self.problem.clearance).encode())
+        return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
+
+    @cached_property
+    def judge(self) -> Judge:
+        """Who says whether a path is valid."""
+        return Judge.of(self.problem)
+
+    def anew(self) -> Problem:
+        """The same problem on a map that no planner has seen, ready for exact tests."""
+        space = Space(self.problem.space.solid, self.problem.space.bounds)
+        problem = replace(self.problem, space=space)
+        _ = problem.free.arrays
+        return problem
+
+
+def _known(problem: Problem, optimum: float | None = None, rectangles: Array | None = None) -> Case:
+    _ = problem.free.arrays
+    if optimum is not None:
+        return Case(problem, optimum, "file", rectangles)
+    if OPTIMUM in PLANNERS:
+        plan = make_planner(OPTIMUM).plan(problem, np.random.default_rng(0))
+        if len(plan.path):
+            return Case(problem, plan.length, OPTIMUM, rectangles)
+    return Case(problem, None, "nobody", rectangles)
+
+
+def stored_cases(path: str | Path, only: Sequence[str] = ()) -> list[Case]:
+    """The problems of a file, all or those named.
+
+    Raises:
+        InputError: the file is wrong, or has no problem of a name.
+    """
+    problems, data = read_problems(path), read_json(path)
+    names = [problem.name for problem, _ in problems]
+    if len(set(names)) < len(names):
+        raise InputError(f"{path}: two problems share a name")
+    wanted = _wanted(names, only, str(path))
+    return [
+        _known(problem, optimum, np.asarray(item["rects"], dtype=np.float64).reshape(-1, 4))
+        for (problem, optimum), item in zip(problems, data, strict=True)
+        if problem.name in wanted
+    ]
+
+
+def scene_cases(only: Sequence[str] = ()) -> list[Case]:
+    """One problem of each scene that needs no file, for a disc as wide as the chair and a margin.
+
+    Raises:
+        InputError: a name is no scene's, or a scene needs a file.
+    """
+    wanted = _wanted(list(SCENES), only, "scenes")
+    cases = []
+    for name in wanted:
+        try:
+            cases.append(scene_case(name))
+        except InputError:
+            if only:
+                raise
+            continue  # a scene of recorded worlds, which are not part of the project
+    return cases
+
+
+def scene_case(scene: Spec, seed: int = SEED) -> Case:
+    """A problem of a scene, for a disc as wide as the chair and a margin.
+
+    Raises:
+        InputError: there is no such scene, or it needs a file.
+    """
+    episode = make_scene(scene).sample(np.random.default_rng(seed))
+    space = Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
+    clearance = Footprint().half_width + MARGIN
+    return _known(Problem(space, episode.start, episode.goal, clearance, label(scene)))
+
+
+def _wanted(names: Sequence[str], only: Sequence[str], where: str) -> list[str]:
+    for name in only:
+        if name not in names:
+            raise InputError(f"{where}: no problem {name!r}; there are {', '.join(names)}")
+    return [name for name in names if not only or name in only]
+
+
+def described(case: Case) -> dict[str, Any]:
+    """A case as results tell it."""
+    return {
+        "name": case.name,
+        "clearance_m": case.problem.clearance,
+        "optimum_m": case.optimum,
+        "optimum_from": case.known_from,
+        "digest": case.digest,
+    }

@@ -1,0 +1,156 @@
+"""The picture of a planner benchmark: success, and length, against time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from agents.benchmarks.race import FREE, Record
+from agents.benchmarks.summary import LATE, first_s, sound, titled
+from agents.evaluation.figures import COLOURS, DASHES, LOOK, MARKS
+from wheelchair_gym.config import InputError
+from wheelchair_gym.files import whole
+
+FLOOR = 1e-3  # % above the optimum: what is nearer is drawn here
+_PANEL = (4.6, 3.1)  # inches
+_LEGEND = 0.19  # inches a line
+_DPI = 130
+
+Row = Mapping[str, Any]
+
+
+def draw(
+    rows: Sequence[Row],
+    records: Sequence[Record],
+    optima: Mapping[str, float | None],
+    deadlines: Sequence[float],
+    path: str | Path,
+) -> None:
+    """Write a PNG with two panels a problem.
+
+    Args:
+        rows: the summary, whose contenders are drawn.
+        records: the runs.
+        optima: length [m] of each problem's shortest path, or None.
+        deadlines: seconds.
+        path: of the PNG.
+
+    Raises:
+        InputError: the file is not a PNG, or cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".png":
+        raise InputError(f"{path}: a plot is a .png")
+    names = list(dict.fromkeys(row["planner"] for row in rows))
+    looks: dict[str, dict[str, Any]] = {
+        name: {
+            "color": COLOURS[i % len(COLOURS)],
+            "linestyle": DASHES[(i // len(COLOURS)) % len(DASHES)],
+            "marker": MARKS[(i + i // len(COLOURS)) % len(MARKS)],
+        }
+        for i, name in enumerate(names)
+    }
+    problems = [name for name in optima if any(row["problem"] == name for row in rows)]
+    width, height = 2 * _PANEL[0] + 3.4, max(_PANEL[1] * len(problems), _LEGEND * len(names) + 0.5)
+    with mpl.rc_context(LOOK):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        grid = figure.subplots(len(problems), 2, squeeze=False)
+        for (left, right), problem in zip(grid, problems, strict=True):
+            of = [record for record in records if record["problem"] == problem]
+            here = [row for row in rows if row["problem"] == problem]
+            for row in here:
+                own = [record for record in of if record["planner"] == row["planner"]]
+                _success(left, own, looks[row["planner"]])
+                _lengths(right, own, optima[problem], deadlines, looks[row["planner"]])
+            _dress(left, right, problem, here)
+        whole_run = {row["planner"]: titled(dict(row)) for row in reversed(rows)}
+        lines = [
+            mpl.lines.Line2D([], [], **looks[name], markersize=4, label=_short(whole_run[name]))
+            for name in names
+        ]
+        figure.legend(handles=lines, loc="outside right upper", fontsize=7.5)
+        with whole(path) as part:
+            figure.savefig(part, dpi=_DPI)
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 58 else name[:57] + "..."
+
+
+def _success(axes: Axes, records: Sequence[Record], look: Mapping[str, Any]) -> None:
+    """Share of runs that had a valid first path by a time."""
+    free = [record for record in records if record["budget"] == FREE]
+    times = np.sort([1e3 * first_s(record) for record in free if sound(record)])
+    if not len(times):
+        return
+    share = 100.0 * np.arange(1, len(times) + 1) / len(free)
+    axes.step(
+        np.append(times[0], times), np.append(0.0, share), where="post", linewidth=1.3,
+        color=look["color"], linestyle=look["linestyle"],
+    )  # fmt: skip
+    axes.plot(times[-1], share[-1], marker=look["marker"], color=look["color"], markersize=4)
+
+
+def _lengths(
+    axes: Axes,
+    records: Sequence[Record],
+    optimum: float | None,
+    deadlines: Sequence[float],
+    look: Mapping[str, Any],
+) -> None:
+    """Median length above the optimum, at deadlines, or when a planner without them ended."""
+    if not optimum:
+        return
+    points = []
+    for deadline in deadlines:
+        done = [
+            record
+            for record in records
+            if record["budget"] == deadline
+            and sound(record)
+            and record["wall_s"] <= LATE * deadline
+        ]
+        points.append((deadline, [record["length_m"] for record in done]))
+    if not any(record["budget"] in deadlines for record in records):
+        done = [record for record in records if record["budget"] == FREE and sound(record)]
+        if done:
+            middle = float(np.median([record["wall_s"] for record in done]))
+            points = [(middle, [record["length_m"] for record in done])]
+    points = [(when, lengths) for when, lengths in points if lengths]
+    if not points:
+        return
+    over = [100.0 * (np.percentile(lengths, [25, 50, 75]) / optimum - 1.0) for _, lengths in points]
+    low, middle_, high = np.maximum(np.array(over), FLOOR).T
+    axes.errorbar(
+        [1e3 * when for when, _ in points], middle_, yerr=[middle_ - low, high - middle_],
+        linewidth=1.3, markersize=4, elinewidth=0.7, capsize=2, **look,
+    )  # fmt: skip
+
+
+def _dress(left: Axes, right: Axes, problem: str, rows: Sequence[Row]) -> None:
+    runs = max((row["runs"] for row in rows), default=0)
+    left.set_title(f"{problem}: valid first path ({runs} runs)", fontsize=9, loc="left")
+    left.set_xscale("log")
+    left.set_ylim(-2, 103)
+    left.set_xlabel("time [ms]")
+    left.set_ylabel("runs [%]")
+    right.set_title(f"{problem}: median, quartiles", fontsize=9, loc="left")
+    right.set_xscale("log")
+    right.set_yscale("log")
+    right.set_xlabel("time [ms]")
+    right.set_ylabel("longer than the optimum [%]")
+    if right.has_data():
+        right.axhline(FLOOR, color="#c9ced3", linewidth=0.8)
+        right.text(
+            0.99, FLOOR * 1.15, f"at most {FLOOR:g} %", fontsize=7, ha="right",
+            transform=right.get_yaxis_transform(),
+        )  # fmt: skip
+        right.set_ylim(bottom=0.6 * FLOOR)
+    for axis in (left.xaxis, right.xaxis, right.yaxis):
+        axis.set_major_formatter(lambda value, _: f"{value:g}")

@@ -1,0 +1,223 @@
+"""How fast environments step on this machine, beside a peer in the same run."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from agents.evaluation.provenance import commit, machine, versions
+from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
+from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.envs.world_banks import Worlds
+
+ENV = "wheelchair_gym/Navigation-v0"
+EPISODE = 300  # steps at most
+BANK = {"size": 2048, "turnover": 0.1}
+
+Row = dict[str, Any]
+
+
+def bench_settings(beams: int, bank: int) -> EnvSettings:
+    """Floor plans, 10 Hz, ten physics steps, noise on, a laser of so many beams."""
+    return env_settings(
+        {
+            "scene": "floor_plan",
+            "bank": {**BANK, "size": bank},
+            "sensors": {"laser": {"beams": beams}, "pose_source": "modelled"},
+            "task": {"beams": beams, "time_base": EPISODE / 10, "time_factor": 0.0},
+        }
+    )
+
+
+def fill(worlds: Worlds, size: int) -> tuple[float, float]:
+    """Make every world of a fresh bank; milliseconds and bytes of each."""
+    before, begun = resident(), time.perf_counter()
+    known = len(worlds)
+    seed = 0
+    while len(worlds) < size:
+        worlds.course(seed, 0)
+        seed += 1
+    made = max(1, len(worlds) - known)
+    spent = time.perf_counter() - begun
+    return 1e3 * spent / made, (resident() - before) / made
+
+
+def resident() -> int:
+    """Bytes of this process that lie in memory; 0 where the system does not tell."""
+    statm = Path("/proc/self/statm")
+    if not statm.exists():
+        return 0
+    return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def rate(step: Callable[[int], int], seconds: float) -> float:
+    """Steps per second, the median of three spells that together last so long.
+
+    Args:
+        step: takes a step's number, gives how many steps it made.
+        seconds: to measure for.
+    """
+    rates, k = [], 0
+    for _ in range(3):
+        done, begun = 0, time.perf_counter()
+        while time.perf_counter() - begun < seconds / 3:
+            for _ in range(8):
+                done += step(k)
+                k += 1
+        rates.append(done / (time.perf_counter() - begun))
+    return statistics.median(rates)
+
+
+def one_env(settings: EnvSettings, worlds: Worlds, seconds: float) -> float:
+    """Steps per second of one Gymnasium environment, resets included."""
+    env = gym.make(ENV, config=settings, disable_env_checker=True)
+    own: Any = env.unwrapped
+    own.worlds = worlds
+    actions = np.random.default_rng(0).uniform(-1, 1, (1024, 2)).astype(np.float32)
+    env.reset(seed=0)
+
+    def step(k: int) -> int:
+        _, _, terminated, truncated, _ = env.step(actions[k % 1024])
+        if terminated or truncated:
+            env.reset()
+        return 1
+
+    for k in range(EPISODE):
+        step(k)
+    found = rate(step, seconds)
+    env.close()
+    return found
+
+
+def many_envs(
+    settings: EnvSettings, worlds: Worlds, n: int, threads: int, seconds: float
+) -> tuple[float, NavigationVectorEnv]:
+    """Steps per second of a batch, resets included, and the batch."""
+    env = NavigationVectorEnv(n, settings, num_threads=threads)
+    env.worlds = worlds
+    rng = np.random.default_rng(0)
+    actions = [rng.uniform(-1, 1, (n, 2)).astype(np.float32) for _ in range(32)]
+    env.reset(seed=0)
+
+    def step(k: int) -> int:
+        env.step(actions[k % 32])
+        return n
+
+    for k in range(8):
+        step(k)
+    return rate(step, seconds), env
+
+
+def start_up() -> tuple[float, float]:
+    """Seconds of `gymnasium.make` and `reset` in a fresh process: first ever, and after that."""
+    code = (
+        "import time; t = time.perf_counter(); import gymnasium, wheelchair_gym; "
+        f"gymnasium.make({ENV!r}).reset(seed=0); print(time.perf_counter() - t)"
+    )
+    with tempfile.TemporaryDirectory() as cache:
+        environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
+        first, second = (
+            float(
+                subprocess.run(
+                    [sys.executable, "-c", code],
+                    env=environment,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL,
+                    text=True,
+                    check=True,
+                ).stdout.split()[-1]
+            )
+            for _ in range(2)
+        )
+    return first, second
+
+
+def measure(
+    beams: Sequence[int],
+    envs: Sequence[int],
+    threads: Sequence[int],
+    *,
+    bank: int,
+    seconds: float,
+    peer: bool,
+    start: bool,
+) -> Iterator[Row]:
+    """Rows of figures, each as soon as it is known.
+
+    Args:
+        beams: of the laser.
+        envs: sizes of batches.
+        threads: that a batch uses.
+        bank: worlds that episodes draw from.
+        seconds: of each measurement.
+        peer: measure IR-SIM beside it, if it is installed.
+        start: measure how long it takes to start.
+    """
+    if start:
+        first, second = start_up()
+        yield {"what": "first start, with compilation", "value": first, "unit": "s"}
+        yield {"what": "start in a second process", "value": second, "unit": "s"}
+    worlds: Worlds = gym.make(ENV, config=bench_settings(beams[0], bank)).unwrapped.worlds  # type: ignore[attr-defined]
+    worlds.course(0, 0)
+    made_ms, world_bytes = fill(worlds, bank)
+    yield {"what": "a world of the bank, made", "value": made_ms, "unit": "ms"}
+    yield {"what": "a world of the bank, kept", "value": world_bytes / 1024, "unit": "kB"}
+    for count in beams:
+        settings = bench_settings(count, bank)
+        theirs = None
+        if peer:
+            from agents.peers.irsim import irsim_rate
+
+            theirs = irsim_rate(settings, worlds.course(0, 0).episode, seconds)
+            yield {"what": "IR-SIM", "beams": count, "envs": 1, "threads": 1, "rate": theirs}
+        found = one_env(settings, worlds, seconds)
+        yield _row("one env", count, 1, 1, found, theirs)
+        for n in envs:
+            for used in threads:
+                if used > n:
+                    continue
+                before = resident()
+                found, env = many_envs(settings, worlds, n, used, seconds)
+                yield _row("batch", count, n, used, found, theirs)
+                if n == max(envs) and used == min(threads):
+                    # Later batches live in what the first ones gave back: only they tell.
+                    yield from _batch_facts(env, n, before, count == beams[0])
+                env.close()
+
+
+def _row(what: str, beams: int, n: int, threads: int, found: float, theirs: float | None) -> Row:
+    ratio = {} if theirs is None else {"ratio": found / theirs}
+    return {"what": what, "beams": beams, "envs": n, "threads": threads, "rate": found, **ratio}
+
+
+def _batch_facts(env: NavigationVectorEnv, n: int, before: int, first: bool) -> Iterator[Row]:
+    if first:
+        value = (resident() - before) / n / 1024
+        yield {"what": "memory of an env", "value": value, "unit": "kB"}
+    env.reset(seed=0)
+    begun = time.perf_counter()
+    for seed in range(3):
+        env.reset(seed=seed)
+    spent = (time.perf_counter() - begun) / 3
+    yield {"what": "resets with known worlds", "value": n / spent, "unit": "1/s"}
+
+
+def provenance(**settings: Any) -> Row:
+    """What a result depends on."""
+    load = os.getloadavg()[0]
+    return {
+        "settings": settings,
+        "commit": commit(),
+        "machine": machine() | {"load": load},
+        "versions": versions(),
+    }

@@ -1,0 +1,78 @@
+"""What one iteration of a swarm costs: ours beside those of other packages, one objective."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Sequence
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+from agents.benchmarks.cases import Case
+from agents.peers import PEERS
+from agents.peers.swarms import FIRST, WEIGHTS, Cost, Mealpy, Niapy, scattered, with_way_points
+from planners import make_planner
+from planners.random_stream import stream
+from planners.swarm.whale_path import shorten
+from planners.swarm.woa import WhaleSettings
+
+POPULATION, WAY_POINTS = 10, 20
+ITERATIONS, REPEATS = 100, 5
+
+Row = dict[str, Any]
+
+
+def _microseconds(run: Callable[[int], object]) -> float:
+    """Computing time of one iteration: what a run takes more than one of a single iteration."""
+    run(2)
+    times = []
+    for _ in range(REPEATS):
+        spent = []
+        for count in (1, ITERATIONS + 1):
+            begun = process_time()
+            run(count)
+            spent.append(process_time() - begun)
+        times.append(1e6 * (spent[1] - spent[0]) / ITERATIONS)
+    return statistics.median(times)
+
+
+def iteration_rows(cases: Sequence[Case], peers: Sequence[str]) -> list[Row]:
+    """Microseconds of an iteration of ours and of each peer's, on the first case that bends.
+
+    Population 10, 20 way points, cost: weighed length and blocked edges (thesis, section 2.8),
+    the median of five. Ours leaves out tests of edges that can no longer matter; the others call
+    the same compiled cost for each particle.
+    """
+    for case in cases:
+        problem = case.problem
+        first = make_planner(FIRST).plan(problem, np.random.default_rng(0))
+        if len(first.path) > 2:
+            break
+    else:
+        return []
+    path = with_way_points(first.path, WAY_POINTS)
+    arrays = problem.free.arrays
+    start = scattered(path, POPULATION, np.random.default_rng(0))
+
+    def ours(count: int) -> object:
+        return shorten(
+            arrays,
+            path,
+            WhaleSettings(population=POPULATION, iterations=count).values,
+            WEIGHTS.shortness_weight,
+            WEIGHTS.collision_free_weight,
+            WEIGHTS.width_bound,
+            WEIGHTS.height_bound,
+            stream(np.random.default_rng(0)),
+        )
+
+    def of(swarm: Mealpy | Niapy) -> Callable[[int], object]:
+        return lambda count: swarm.search(Cost(problem, path), start, count, 0)
+
+    runs: dict[str, Callable[[int], object]] = {"whales (ours)": ours}
+    for name in peers:
+        if isinstance(PEERS[name].settings, Mealpy | Niapy):
+            runs[name] = of(PEERS[name].settings)
+    facts = {"problem": case.name, "population": POPULATION, "way_points": len(path) - 2}
+    return [{"swarm": name, "us": _microseconds(run), **facts} for name, run in runs.items()]

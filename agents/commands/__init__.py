@@ -1,1 +1,0 @@
-"""Subcommands of `wheelchair`: each module adds its parser and runs."""

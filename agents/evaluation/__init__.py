@@ -1,0 +1,1 @@
+"""Evaluation: episodes, comparisons, reports, maps and the search for settings."""

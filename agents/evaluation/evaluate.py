@@ -1,0 +1,271 @@
+"""Episodes by seed, in parallel and resumable: what is stored once is never computed twice."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from functools import partial
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+from agents.evaluation.metrics import Record, Trace, measure
+from agents.evaluation.runs import check, compute, run_key, source_digest
+from agents.policies import make_policy, spec_of
+from agents.policies.learned import weights_digest
+from agents.watch import Watch
+from wheelchair_gym.config import InputError, load, read_json
+from wheelchair_gym.maps import bottleneck, outline_margin
+from wheelchair_gym.types import Episode
+
+ENV = "wheelchair_gym/Navigation-v0"
+STORE = "episodes.jsonl"
+TIGHT = 0.10  # m beside the chair: with less, turns are looked at, too, which takes a second or two
+NOBODY = Watch()
+Spec = Any  # a name, a mapping with a name, settings; of scenes, the Path of a map file, too
+
+
+def label(spec: Spec) -> str:
+    """How records call a policy or a scene: its `label`, else its name or its class."""
+    if isinstance(spec, str):
+        return spec
+    if not isinstance(spec, Mapping):
+        return type(spec).__name__
+    return str(spec.get("label", spec.get("name", spec)))
+
+
+def plain(spec: Spec) -> Spec:
+    """What makes a policy or a scene: without what is only said of it here."""
+    if not isinstance(spec, Mapping):
+        return spec
+    return {key: value for key, value in spec.items() if key not in ("label", "env")}
+
+
+def distinct(specs: Sequence[Spec], what: str) -> tuple[Spec, ...]:
+    """Policies or scenes as they are compared, each once.
+
+    Raises:
+        InputError: different ones have one label: records could not tell them apart.
+    """
+    found: dict[str, Spec] = {}
+    for given in specs:
+        if what == "policies":
+            spec = spec_of(given)
+        elif isinstance(given, PathLike):
+            spec = {"name": "map_file", "path": fspath(given), "label": Path(given).stem}
+        else:
+            spec = given
+        name = label(spec)
+        if found.setdefault(name, spec) != spec:
+            raise InputError(f"{name!r}: several {what} have this name; give each a label")
+    return tuple(found.values())
+
+
+def scene_env(scene: Spec, env: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings of the environment, with the scene's own `env` in place of any of them."""
+    return {**env, **(scene.get("env", {}) if isinstance(scene, Mapping) else {})}
+
+
+def episode_key(policy: Spec, scene: Spec, seed: int, env: Mapping[str, Any]) -> str:
+    """What makes two episodes the same: code, settings, policy, scene and seed."""
+    own, learned = scene_env(scene, env), weights_digest(plain(policy))
+    parts = [plain(policy), plain(scene), seed, own]
+    if not isinstance(policy, str | Mapping):  # somebody's own: its code is not among ours
+        kind = type(policy)
+        parts += [kind.__qualname__, source_digest(inspect.getfile(kind))]
+    return run_key(source_digest(), *parts, *([] if learned is None else [learned]))
+
+
+def env_settings(**values: Any) -> dict[str, Any]:
+    """Keyword settings of the environment, a config file read in; what is None is left out.
+
+    Raises:
+        InputError: the config file cannot be read, or a setting in it is wrong.
+    """
+    path = values.get("config")
+    if isinstance(path, str | Path):
+        from wheelchair_gym.envs import EnvSettings
+
+        values["config"] = read_json(path)
+        load(EnvSettings, values["config"], Path(path).name)  # errors name the file
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def make_env(scene: Spec, env: Mapping[str, Any], render_mode: str | None = "rgb_array") -> Any:
+    """A fresh environment of one scene."""
+    import gymnasium
+
+    import wheelchair_gym  # registers the ids
+
+    assert wheelchair_gym.__name__ in sys.modules
+    own = scene_env(scene, env)
+    return gymnasium.make(ENV, scene=plain(scene), render_mode=render_mode, **own)
+
+
+def drive_episode(
+    env: Any, policy: Any, seed: int, frames: Any = None, episode: Episode | None = None
+) -> Record:
+    """Drive one episode to its end.
+
+    Args:
+        env: an environment.
+        policy: a policy.
+        seed: of the episode.
+        frames: called with the environment after reset and each step, to film it; where it returns
+            true, the episode ends there.
+        episode: to be driven, in place of the scene's.
+
+    Returns:
+        Its figures, see `agents.evaluation.metrics.measure`.
+    """
+    observation, info = env.reset(seed=seed, options=episode and {"episode": episode})
+    task = env.unwrapped.task
+    world = env.unwrapped.episode
+    narrowest = bottleneck(world.map, world.start[:2], world.goal[:2])
+    margin = narrowest - task.footprint.half_width
+    if margin < TIGHT:
+        ends = world.start, world.goal, task.footprint
+        margin = min(margin, outline_margin(world.walls, world.discs, *ends))
+    trace = Trace(task.period, margin, task.limits.forward, world.reference)
+    trace.add(info)
+    begun = time.perf_counter()
+    policy.reset(task)
+    trace.plan_s = time.perf_counter() - begun
+    ended = truncated = False
+    while not (ended or truncated):
+        if frames is not None and frames(env):
+            return measure(trace, info, truncated)
+        begun = time.perf_counter()
+        action = policy.act(observation)
+        trace.acts_s.append(time.perf_counter() - begun)
+        observation, _, ended, truncated, info = env.step(action)
+        trace.add(info)
+    if frames is not None:
+        frames(env)
+    trace.replans = max(0, getattr(policy, "plans", 0) - 1)
+    return measure(trace, info, truncated)
+
+
+def warm(policy: Spec, scene: Spec, env: Mapping[str, Any]) -> None:
+    """Compile (or load from the cache) all that an episode needs, outside its timings."""
+    world = make_env(scene, env)
+    observation, _ = world.reset(seed=0)
+    driver = make_policy(plain(policy))
+    driver.reset(world.unwrapped.task)
+    for _ in range(3):
+        observation, _, ended, truncated, _ = world.step(driver.act(observation))
+        if ended or truncated:
+            break
+    world.close()
+
+
+_warmed: set[str] = set()
+
+
+def _kind(policy: Spec, scene: Spec) -> str:
+    """Jobs of one kind need the same kernels."""
+    return f"{label(policy)} {scene_env(scene, {})}"
+
+
+def run_episode(
+    policy: Spec,
+    scene: Spec,
+    seed: int,
+    env: Mapping[str, Any],
+    folder: str | None,
+    watch: Watch = NOBODY,
+) -> Record:
+    """One episode in this process; a failed one leaves a picture in the folder."""
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
+    if _kind(policy, scene) not in _warmed:
+        warm(policy, scene, env)
+        _warmed.add(_kind(policy, scene))
+    world, each = watch.of_episode(label(policy), label(scene), seed).on(make_env(scene, env))
+    try:
+        record = drive_episode(world, make_policy(plain(policy)), seed, each)
+        picture = None
+        if folder is not None and not record["success"]:
+            picture = f"pictures/{label(policy)}-{label(scene)}-{seed}.png".replace(" ", "_")
+            from wheelchair_gym.rendering.video import write_png
+
+            write_png(Path(folder) / picture, world.render())
+    finally:
+        world.close()
+    record |= {"policy": label(policy), "scene": label(scene), "seed": seed, "picture": picture}
+    return record
+
+
+def evaluate(
+    policies: Sequence[Spec],
+    scenes: Sequence[Spec],
+    seeds: Sequence[int],
+    *,
+    env: Mapping[str, Any] | None = None,
+    folder: str | Path,
+    jobs: int = 1,
+    engine: str = "loky",
+    progress: bool = True,
+    watch: Watch = NOBODY,
+) -> list[Record]:
+    """Records of every policy on every scene and seed, in that order.
+
+    Args:
+        policies: specs for `make_policy`; a `label` in a mapping names it in the records, and
+            somebody's own settings are a dataclass.
+        scenes: specs for `make_scene`, likewise; settings of the environment in an `env`.
+        seeds: of the episodes.
+        env: further settings of the environment (pose_source, beams, rate, config).
+        folder: where the store and the pictures of failed episodes go.
+        jobs: worker processes; 1 stays in this one.
+        engine: what runs them, one of `agents.evaluation.engines.ENGINES`.
+        progress: show a bar on stderr.
+        watch: who looks on; an episode without a recording in that folder is driven again, and
+            live viewers see one episode only.
+
+    Raises:
+        InputError: a spec or the folder is wrong.
+        StoppedError: Ctrl-C; the same call computes only what is missing.
+        ConnectionError: workers were lost over and over.
+    """
+    from wheelchair_gym.scenes import make_scene
+
+    env, folder = env_settings(**(env or {})), Path(folder)
+    policies, scenes = distinct(policies, "policies"), distinct(scenes, "scenes")
+    for policy in policies:
+        make_policy(plain(policy))
+    for scene in scenes:
+        make_scene(plain(scene))
+    check(jobs, engine)
+    wanted = {
+        episode_key(policy, scene, seed, env): (policy, scene, seed)
+        for policy in policies
+        for scene in scenes
+        for seed in seeds
+    }
+    if watch.live is not None and len(wanted) != 1:
+        raise InputError(f"viewers look on at one episode; there are {len(wanted)}")
+
+    def unseen(job: tuple[Spec, Spec, int]) -> bool:
+        own = watch.of_episode(label(job[0]), label(job[1]), job[2])
+        return own.live is not None or not (own.record is None or Path(own.record).exists())
+
+    def before(missing: Sequence[tuple[Spec, Spec, int]]) -> None:
+        if jobs > 1 and len(missing) > 1:  # workers then find every kernel in the cache
+            for policy, scene in {_kind(p, s): (p, s) for p, s, _ in missing}.values():
+                warm(policy, scene, env)
+
+    records = compute(
+        wanted, partial(_driven, env=env, folder=str(folder), watch=watch), folder / STORE,
+        workers=jobs, engine=engine, unit="episode", progress=progress, again=unseen,
+        before=before,
+    )  # fmt: skip
+    return list(records.values())
+
+
+def _driven(
+    job: tuple[Spec, Spec, int], env: Mapping[str, Any], folder: str, watch: Watch
+) -> Record:
+    return run_episode(*job, env, folder, watch)

@@ -1,0 +1,208 @@
+"""Figures of an evaluation, as SVG: the same records give the same bytes."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from agents.evaluation.tables import known
+from wheelchair_gym.rendering import palette
+from wheelchair_gym.scenes.doorway import Doorway
+
+Record = Mapping[str, Any]
+
+COLOURS = tuple(palette.css(colour) for colour in palette.SERIES)
+MARKS = "osD^vPX*"  # shape tells policies apart where colour cannot
+DASHES = ("-", "--", "-.", ":")
+WIDTH = 4.4  # inches: on a phone, letters then keep the size of the text around them
+LOOK: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": palette.css(palette.INK),
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e3e6e9",
+    "grid.linewidth": 0.7,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "svg.hashsalt": "wheelchair_gym",
+}
+
+
+def figures(evaluation: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
+    """Every figure: name -> what it shows, in words, and its SVG."""
+    policies, records = evaluation["policies"], evaluation["records"]
+    drawn: dict[str, tuple[str, Callable[[], Figure]]] = {
+        "success": (
+            "Success by scene and policy, with 95 % Wilson intervals.",
+            lambda: _success(policies, evaluation["scenes"], evaluation["summary"]),
+        ),
+        "time": (
+            "Time of each successful episode against its geodesic length; a crossed mark is an "
+            "episode that failed, at the time it ended.",
+            lambda: _time(policies, records),
+        ),
+        "clearance": (
+            "Share of episodes whose least clearance was below a value; further right is safer.",
+            lambda: _clearance(policies, records),
+        ),
+    }
+    if ladder := _doorways(evaluation):
+        drawn["doors"] = (
+            "Success [%] by the widths of door and corridor. Below the solid line no manoeuvre "
+            "gets the chair round the corner; below the dashed one, none with 5 cm to spare.",
+            lambda: _ladder(policies, ladder, evaluation["summary"]),
+        )
+    with mpl.rc_context(LOOK):
+        return {name: (words, as_svg(make())) for name, (words, make) in drawn.items()}
+
+
+def as_svg(figure: Figure) -> bytes:
+    """A figure as SVG."""
+    out = io.BytesIO()
+    figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
+    return out.getvalue()
+
+
+def new_axes(height: float) -> tuple[Figure, Axes]:
+    """An empty figure of so many inches."""
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    return figure, figure.add_subplot()
+
+
+def legend_above(figure: Figure, axes: Axes) -> None:
+    """One legend above the axes: nothing is hidden by it."""
+    handles, labels = axes.get_legend_handles_labels()
+    longest = max(map(len, labels), default=1)
+    columns = max(1, min(len(labels), 56 // (longest + 6)))
+    figure.legend(handles, labels, loc="outside upper left", ncols=columns)
+
+
+def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[Record]) -> Figure:
+    places = ["all", *scenes] if len(scenes) > 1 else list(scenes)
+    found = {(row["policy"], row["scene"]): row for row in summary}
+    step = 0.72 / len(policies)
+    figure, axes = new_axes(1.0 + 0.2 * len(places) * max(2, len(policies)))
+    for i, policy in enumerate(policies):
+        rows = [
+            (k, found[policy, place]) for k, place in enumerate(places) if (policy, place) in found
+        ]
+        rows = [(k, row) for k, row in rows if known(row["success"])]
+        y = [k + (i - 0.5 * (len(policies) - 1)) * step for k, _ in rows]
+        share = 100.0 * np.array([row["success"] for _, row in rows], dtype=float)
+        low, high = (
+            100.0 * np.array([row[f"success_{end}"] for _, row in rows], dtype=float)
+            for end in ("low", "high")
+        )
+        # Rounding may put a bound a hair inside the share.
+        error = np.maximum([share - low, high - share], 0.0)
+        axes.errorbar(
+            share, y, xerr=error, fmt=MARKS[i % 8], color=COLOURS[i % 8], label=policy,
+            markersize=5, capsize=2.5, linewidth=1.3,
+        )  # fmt: skip
+    axes.set_yticks(range(len(places)), ["all scenes" if p == "all" else p for p in places])
+    axes.set_ylim(len(places) - 0.5, -0.5)
+    for edge in range(1, len(places)):
+        axes.axhline(edge - 0.5, color="#c9ced3", linewidth=0.6)
+    axes.grid(axis="y", visible=False)
+    axes.set_xlim(-2, 102)
+    axes.set_xlabel("success [% of episodes]")
+    legend_above(figure, axes)
+    return figure
+
+
+def _time(policies: Sequence[str], records: Sequence[Record]) -> Figure:
+    figure, axes = new_axes(3.3)
+    for i, policy in enumerate(policies):
+        of = [r for r in records if r["policy"] == policy and known(r["geodesic"])]
+        of = [r for r in of if known(r["time"])]
+        for good in (True, False):
+            some = [r for r in of if bool(r["success"]) == good]
+            axes.scatter(
+                [r["geodesic"] for r in some], [r["time"] for r in some], s=20 if good else 26,
+                marker=MARKS[i % 8] if good else "x", color=COLOURS[i % 8], alpha=0.75,
+                linewidths=0.0 if good else 1.2, label=policy if good else None,
+            )  # fmt: skip
+    # From zero, with room for whole marks at the far ends.
+    for limit, key in ((axes.set_xlim, "geodesic"), (axes.set_ylim, "time")):
+        limit(0.0, 1.05 * max((r[key] for r in records if known(r[key])), default=1.0))
+    axes.set_xlabel("geodesic from start to goal [m]")
+    axes.set_ylabel("time [s]")
+    legend_above(figure, axes)
+    return figure
+
+
+def _clearance(policies: Sequence[str], records: Sequence[Record]) -> Figure:
+    figure, axes = new_axes(3.3)
+    every = [r["clearance_min"] for r in records if known(r["clearance_min"])]
+    end = 1.03 * max(every, default=0.0) or 1.0
+    for i, policy in enumerate(policies):
+        of = [r["clearance_min"] for r in records if r["policy"] == policy]
+        values = np.sort(np.array([v for v in of if known(v)], dtype=float))
+        if len(values):  # each curve runs on to the right end: one of nothing but contacts shows
+            share = 100.0 * np.arange(1, len(values) + 1) / len(values)
+            axes.step(
+                np.concatenate([[0.0], values, [end]]), np.concatenate([[0.0], share, [100.0]]),
+                where="post",
+                color=COLOURS[i % 8], linestyle=DASHES[i % 4], linewidth=1.6, label=policy,
+            )  # fmt: skip
+    axes.set_xlim(-0.02 * end, end)
+    axes.set_ylim(0, 102)
+    axes.set_xlabel("least clearance of the episode [m]")
+    axes.set_ylabel("episodes at or below [%]")
+    legend_above(figure, axes)
+    return figure
+
+
+def _doorways(evaluation: Mapping[str, Any]) -> dict[str, Doorway]:
+    """The rungs of a ladder of doors by label; none where a scene is another, or there twice."""
+    config = evaluation["provenance"].get("config", {})
+    rungs = {}
+    for label, spec in zip(evaluation["scenes"], config.get("scenes", ()), strict=False):
+        if not isinstance(spec, Mapping) or spec.get("name") != "doorway":
+            return {}
+        widths = {key: spec[key] for key in ("door", "corridor") if key in spec}
+        rungs[label] = Doorway(**widths)
+    return rungs if len(set(rungs.values())) == len(rungs) else {}
+
+
+def _ladder(
+    policies: Sequence[str], rungs: Mapping[str, Doorway], summary: Sequence[Record]
+) -> Figure:
+    found: dict[tuple[str, str], float] = {
+        (row["policy"], row["scene"]): row["success"] for row in summary if known(row["success"])
+    }
+    corridors, doors = ([getattr(r, key) for r in rungs.values()] for key in ("corridor", "door"))
+    widths = np.linspace(min(corridors) - 0.08, max(corridors) + 0.08, 30)
+    figure = Figure(figsize=(WIDTH, 0.8 + 2.6 * len(policies)), layout="constrained")
+    for axes, policy in zip(
+        figure.subplots(len(policies), 1, squeeze=False)[:, 0], policies, strict=True
+    ):
+        for margin, dash in ((0.0, "-"), (0.05, "--")):
+            least = [Doorway.least(margin, width) for width in widths]
+            axes.plot(
+                widths, least, dash, color=COLOURS[1], label=f"{100 * margin:.0f} cm to spare"
+            )
+        for label, rung in rungs.items():
+            if (share := found.get((policy, label))) is None:
+                continue
+            colour = mpl.colormaps["RdYlGn"](share, 0.6)
+            axes.text(
+                rung.corridor, rung.door, f"{100 * share:.0f}", ha="center", va="center",
+                bbox={"boxstyle": "circle", "fc": colour, "ec": "none"},
+            )  # fmt: skip
+        axes.set_xlim(widths[0], widths[-1])
+        axes.set_ylim(min(0.60, min(doors) - 0.05), max(doors) + 0.05)
+        axes.set_title(policy, loc="left", fontsize=9.0)
+        axes.set_xlabel("corridor [m]")
+        axes.set_ylabel("door [m]")
+    legend_above(figure, figure.axes[0])
+    return figure

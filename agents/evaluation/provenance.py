@@ -1,0 +1,89 @@
+"""Where a result comes from: command, code, machine and versions; and files written whole."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from wheelchair_gym.files import whole
+
+PACKAGES = (
+    "wheelchair_gym", "numpy", "numba", "gymnasium", "pymunk", "scipy", "shapely",
+    "stable-baselines3", "torch",
+)  # fmt: skip
+
+
+def commit() -> str | None:
+    """The code's git commit, with `+` if files differ from it; None outside a repository."""
+    root = Path(__file__).resolve().parents[2]
+
+    def git(*arguments: str) -> str:
+        done = subprocess.run(
+            ["git", *arguments], cwd=root, capture_output=True, text=True, timeout=10, check=True
+        )
+        return done.stdout.strip()
+
+    try:
+        return git("rev-parse", "--short=12", "HEAD") + ("+" if git("status", "-s", "-uno") else "")
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def machine() -> dict[str, Any]:
+    """Processor, cores that may be used, and operating system."""
+    cpu = platform.processor() or platform.machine()
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                cpu = line.partition(":")[2].strip()
+                break
+    except OSError:
+        pass  # not Linux
+    return {"cpu": cpu, "cores": cores(), "system": f"{platform.system()} {platform.release()}"}
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that results depend on."""
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def command_line() -> str:
+    """The command that a person typed, as a shell takes it."""
+    name = Path(sys.argv[0]).name
+    # python -m agents.cli is the same program
+    return shlex.join(["wheelchair" if name == "cli.py" else name, *sys.argv[1:]])
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a file whole or not at all.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    with whole(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def write_json(path: str | Path, value: Any) -> None:
+    """Write JSON whole or not at all; infinities and NaN are a mistake of the caller."""
+    write_text(path, json.dumps(value, indent=1, allow_nan=False) + "\n")

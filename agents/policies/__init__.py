@@ -1,0 +1,154 @@
+"""Policies: what every one answers, and how one is made from a name or from settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import is_dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError, dump, load
+
+Array = NDArray[np.float64]
+
+
+# What planners are told for driving: who seeks the shortest path, to keep away from walls; who
+# turns in place and backs, how slowly that goes where nobody looks.
+DRIVING: dict[str, dict[str, Any]] = {
+    "a_star": {"weight": 4.0, "comfort": 0.7},
+    "lattice": {"spin": 0.25, "back": 4.0, "limits": {"backward": 0.1}},
+}
+
+
+class Policy(Protocol):
+    """Something that drives: it knows its task and its observations, never the truth."""
+
+    def reset(self, task: Any) -> None:
+        """Begin an episode; the task (map, start, goal, limits, latest reading) stays alive."""
+        ...
+
+    def act(self, observation: Mapping[str, NDArray[np.float32]]) -> Array:
+        """The next action (2,) in [-1, 1]^2."""
+        ...
+
+
+def policy_settings() -> dict[str, type]:
+    """Settings class of every family of policies by name; each has `make() -> Policy`."""
+    from agents.policies.explore import Explore
+    from agents.policies.learned import Learned
+    from agents.policies.manual import Manual
+    from agents.policies.planned import Planned
+    from agents.policies.scripted import RandomPolicy, StraightPolicy
+
+    return {
+        "explore": Explore,
+        "learned": Learned,
+        "manual": Manual,
+        "planned": Planned,
+        "random": RandomPolicy,
+        "straight": StraightPolicy,
+    }
+
+
+def policy_names() -> str:
+    """The names that `make_policy` takes, as one line for a person."""
+    from agents.control import FOLLOWERS
+    from agents.learning.weights import shipped
+    from planners import PLANNERS
+
+    simple = [name for name in policy_settings() if name not in ("learned", "planned")]
+    return (
+        f"{', '.join(sorted([*simple, *shipped()]))}, a file of weights (.npz, .onnx), PLANNER or "
+        f"PLANNER+FOLLOWER with PLANNER one of {', '.join(sorted(PLANNERS))} and FOLLOWER one of "
+        f"{', '.join(sorted(FOLLOWERS))}"
+    )
+
+
+def make_policy(spec: str | Mapping[str, Any] | Any) -> Policy:
+    """A fresh policy.
+
+    Args:
+        spec: a name (`straight`, `a_star`, `a_star+window`), a mapping `{"name": name, **settings}`
+            or a settings object that has `make()`.
+
+    Raises:
+        InputError: the name is unknown (the message lists those known) or a setting is wrong.
+    """
+    policy: Policy = settings_of(spec).make()
+    return policy
+
+
+def settings_of(spec: str | Mapping[str, Any] | Any) -> Any:
+    """The settings object that a spec of `make_policy` stands for.
+
+    Raises:
+        InputError: see `make_policy`.
+    """
+    if isinstance(spec, str):
+        spec = {"name": spec}
+    if isinstance(spec, Mapping):
+        values = dict(spec)
+        name = values.pop("name", None)
+        if not isinstance(name, str):
+            raise InputError("policy: expected a name, or an object with the key 'name'")
+        spec = _named(name, values)
+    if not hasattr(spec, "make"):
+        raise InputError(f"policy is {spec!r}; expected a name, an object or policy settings")
+    return spec
+
+
+def spec_of(policy: str | Mapping[str, Any] | Any) -> str | Mapping[str, Any] | Any:
+    """What a policy is compared as: names and mappings as they are, settings of ours as a mapping.
+
+    Settings of somebody's own stay as they are; their class and their values tell them apart.
+
+    Raises:
+        InputError: `make_policy` does not take it, or its values cannot be told.
+    """
+    if isinstance(policy, str | Mapping):
+        return policy
+    settings_of(policy)
+    for name, family in policy_settings().items():
+        if type(policy) is family:
+            plain, own = dump(family()), dump(policy)
+            changed = {key: value for key, value in own.items() if value != plain[key]}
+            if name == "planned":
+                named = (own[part].get("name", "") for part in ("planner", "follower"))
+                changed["label"] = "+".join(named)
+            return {"name": name, **changed} if changed else name
+    if not is_dataclass(policy):
+        raise InputError(
+            f"policy is {policy!r}; expected a dataclass: episodes are stored by its values"
+        )
+    return policy
+
+
+def kind_of(policy: str | Mapping[str, Any] | Any) -> str:
+    """What family of ours a policy is of: learned, planned, ...; empty: somebody's own."""
+    own = settings_of(policy)
+    return next((name for name, kind in policy_settings().items() if type(own) is kind), "")
+
+
+def _named(name: str, values: dict[str, Any]) -> Any:
+    from agents.control import FOLLOWERS
+    from agents.learning.weights import shipped
+    from planners import PLANNERS
+
+    families = policy_settings()
+    if name in shipped() or name.endswith((".npz", ".onnx")):
+        return load(families["learned"], {"weights": name, **values}, f"policy {name}")
+    if name in families:
+        return load(families[name], values, f"policy {name}")
+    planner, plus, follower = name.partition("+")
+    if planner not in PLANNERS or (plus and follower not in FOLLOWERS):
+        raise InputError(f"policy {name!r} is unknown; known: {policy_names()}")
+    for key, own in (("planner", planner), ("follower", follower)):
+        part = values.get(key, {})
+        if not isinstance(part, Mapping):
+            raise InputError(f"policy {name}.{key} is {part!r}; expected an object of settings")
+        if own or part:
+            part = {**DRIVING.get(own, {}), **part}
+            values[key] = {**part, "name": own or part.get("name", "window")}
+    return load(families["planned"], values, f"policy {name}")

@@ -1,0 +1,133 @@
+"""Exploring an unknown world: to one frontier after another, and to the goal when it is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.control.unknown_space import standing
+from agents.policies.planned import Planned
+from wheelchair_gym.config import setting, settings
+from wheelchair_gym.localization.frontiers import Frontier, frontiers
+from wheelchair_gym.maps import UNKNOWN, geodesic
+
+Array = NDArray[np.float64]
+SAME = 1.0  # m: a frontier that recedes is the same one so far away
+MORE = 1.02  # times as many cells known: worth another try
+Observation = Mapping[str, NDArray[np.float32]]
+
+
+@settings
+class Explore:
+    """Explore by frontiers (Yamauchi 1997); T1's way through a house that nobody has mapped yet.
+
+    The chair draws its map and finds itself on it (pose source `slam`), drives to the frontier that
+    is nearest, counting the rest of the way to the goal, and plans to the goal once a way over
+    known ground leads there. Without a goal to seek it stops when no frontier is left.
+    """
+
+    planner: Mapping[str, Any] = field(default_factory=lambda: {"name": "lattice"})
+    follower: Mapping[str, Any] = field(default_factory=lambda: {"name": "window"})
+    seek: bool = setting(default=True, source="drive to the goal; false: map all there is")
+    towards: float = setting(
+        default=1.0, source="m of way that a metre from a frontier on to the goal counts", low=0.0
+    )
+    gain: float = setting(default=0.5, source="m of way that a metre of frontier is worth", low=0.0)
+    clearance: float = setting(
+        default=0.36, unit="m", source="half width and a cell: of ways to frontiers", low=0.0
+    )
+    least: float = setting(
+        default=0.4, unit="m", source="shorter frontiers are gaps between beams", low=0.0
+    )
+    look: float = setting(default=1.0, unit="s", source="between two looks for frontiers", low=0.1)
+    patience: float = setting(
+        default=25.0, unit="s", source="for one frontier; then it is given up", low=1.0
+    )
+    seed: int = setting(default=0, source="of the planner's draws", low=0)
+
+    def __post_init__(self) -> None:
+        self.planned()
+
+    def planned(self) -> Planned:
+        """What drives to each place."""
+        return Planned(planner=self.planner, follower=self.follower, seed=self.seed)
+
+    def make(self) -> Explorer:
+        """A fresh policy."""
+        return Explorer(self)
+
+
+class Explorer:
+    """Drives to frontiers, then to the goal.
+
+    Attributes:
+        state: `explore`, `drive` (the goal is known) or `done` (nothing is left to see).
+    """
+
+    def __init__(self, own: Explore) -> None:
+        self.own = own
+
+    def reset(self, task: Any) -> None:
+        """See `Policy.reset`."""
+        self._task = task
+        self._given_up: list[Array] = []  # places (2,) that could not be reached, or told nothing
+        self._spent = self._since = 0.0  # s on this frontier, and since the last look
+        self._seen = 0  # cells known when frontiers were given up for good
+        self.state = "explore"
+        self._driver = self.own.planned().make()
+        self._driver.reset(task)
+        self._choose()
+
+    def act(self, observation: Observation) -> Array:
+        """See `Policy.act`."""
+        period = self._task.period
+        self._since += period
+        self._spent += period
+        if self.state == "explore" and (self._since >= self.own.look or self._driver.ended):
+            self._choose()
+        if self.state == "done":
+            return np.zeros(2)
+        return self._driver.act(observation)
+
+    def _choose(self) -> None:
+        """Aim at the goal if its way is known, or else at the frontier that is worth most."""
+        own, task = self.own, self._task
+        pose, goal = task.reading.pose, task.goal[:2]
+        known = standing(task.map, pose, task.footprint)
+        self._since = 0.0
+        if own.seek and np.isfinite(geodesic(known, goal, own.clearance).at(pose[:2])):
+            self.state = "drive"
+            self._driver.aim(task.goal)
+            return
+        aim = self._driver.goal[:2]
+        over = self._driver.ended or not self._driver.solved or self._spent > own.patience
+        if over:
+            self._given_up.append(aim)
+        found = frontiers(known, pose, own.clearance, own.least)
+        for one in sorted(found, key=self._cost):
+            away = [np.hypot(*(one.place - place)) for place in self._given_up]
+            if min(away, default=np.inf) < own.clearance:
+                continue
+            if np.hypot(*(one.place - aim)) < SAME and not over:
+                return  # on the way there
+            self._driver.aim(one.place)
+            self._spent = 0.0
+            if self._driver.solved:
+                return
+            self._given_up.append(one.place)
+        seen = int((known.cells != UNKNOWN).sum())
+        if found and seen > MORE * self._seen:  # much was seen since: what was given up may open
+            self._seen = seen
+            self._given_up.clear()
+            return
+        self.state = "drive" if own.seek else "done"
+        self._driver.aim(task.goal if own.seek else pose)
+
+    def _cost(self, one: Frontier) -> float:
+        """What a frontier costs [m]: the way there and on to the goal, less what it may show."""
+        rest = self.own.towards * float(np.hypot(*(one.place - self._task.goal[:2])))
+        return one.way + (rest if self.own.seek else 0.0) - self.own.gain * one.length

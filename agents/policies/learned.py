@@ -1,0 +1,173 @@
+"""Learned policies: what was trained drives wherever a chair has readings, a map and a goal."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.control.unknown_space import BEYOND
+from agents.learning.features import Layout
+from agents.learning.weights import Network, find_weights, load_weights
+from wheelchair_gym.config import InputError, load, setting, settings
+from wheelchair_gym.envs.guidance import make_guidance
+from wheelchair_gym.envs.settings import EnvSettings
+from wheelchair_gym.files import modified, read_bytes
+from wheelchair_gym.task.prepared_episode import Course
+from wheelchair_gym.task.task import Task
+from wheelchair_gym.types import Episode
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+RELOOK = 1.0  # s between two looks at a map that grows
+SLACK = 4.0  # s: till then a chair may have strayed so far from the way
+
+
+@settings
+class Learned:
+    """A learned policy, by the name or the file of its weights (.npz, or .onnx as exported)."""
+
+    weights: str = setting(default="", source="a name that comes with the package, or a file")
+    digest: str | None = setting(default=None, source="SHA-256 of the file, where it must be that")
+
+    def __post_init__(self) -> None:
+        if self.weights:
+            self._file()
+
+    def _file(self) -> Path:
+        path = find_weights(self.weights)
+        if self.digest is not None and file_digest(path) != self.digest:
+            raise InputError(f"{path}: its SHA-256 differs from the digest that was asked for")
+        return path
+
+    def make(self) -> LearnedDriver:
+        """A fresh policy.
+
+        Raises:
+            InputError: there are no such weights, or they are not whole.
+        """
+        path = self._file()
+        if path.suffix == ".onnx":
+            from agents.learning.export import OnnxNetwork
+
+            onnx = OnnxNetwork(path)
+            return LearnedDriver(onnx, onnx.card, "h" in onnx.card["inputs"])
+        weights = load_weights(path)
+        return LearnedDriver(Network(weights), weights.card, weights.memory > 0)
+
+
+@cache
+def _digest(path: Path, stamp: int) -> str:
+    return hashlib.sha256(read_bytes(path, "weights")).hexdigest()
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    return _digest(path, modified(path))
+
+
+def weights_digest(spec: Any) -> str | None:
+    """Digest of the weights that a policy's name or mapping stands for; None of other policies."""
+    if isinstance(spec, Mapping):
+        spec = spec.get("weights", spec.get("name"))
+    if not isinstance(spec, str):
+        return None
+    try:
+        path = find_weights(spec)
+    except InputError:
+        return None
+    return file_digest(path)
+
+
+class LearnedDriver:
+    """Sees as in training, by the same task and guidance, and acts as often.
+
+    `told` is the flat observation (room,) that its last action is for.
+    """
+
+    def __init__(
+        self, network: Callable[[Floats], Floats], card: Mapping[str, Any], remembers: bool
+    ) -> None:
+        self.network: Any = network
+        self.remembers = remembers
+        self._env = load(EnvSettings, card["env"], "weights: env")
+        self.layout = Layout.of(card["layout"]["sizes"], card["layout"]["posed"])
+        self.card = card
+
+    def reset(self, task: Any) -> None:
+        """See `Policy.reset`."""
+        env = self._env
+        period = 1.0 / env.rate
+        self._hold = max(1, round(period / task.period))
+        if not math.isclose(self._hold * task.period, period, rel_tol=1e-6):
+            raise InputError(
+                f"the policy acts at {env.rate:g} Hz; a control period of {task.period:g} s is no "
+                "whole part of that"
+            )
+        if len(task.sensors.ultrasonic.mounted) != dict(self.layout.sizes)["ultrasonic"]:
+            raise InputError("the policy was trained with other ultrasonics than this chair has")
+        shown = "path" in dict(self.layout.sizes)
+        own = dataclasses.replace(env.task, privileged=False, aim="goal")
+        self._task = task
+        # The chair that drives is this one; what is seen of it is as in training.
+        spec = env.guidance
+        if self.layout.posed:
+            slack = None if task.chart is None else SLACK
+            spec = {"call": "poses", "ways": _ways(env), "slack": slack}
+        guidance = make_guidance(spec) if shown else None
+        self._eye = Task(own, task.chair, task.sensors, self._hold * task.period, guidance)
+        self.network.reset(1)
+        self._action, self._withheld = np.zeros(2), np.zeros(2)
+        self._steps, self._looked = 0, 0.0
+        self._grows = task.chart is not None and guidance is not None
+        self._eye.begin(self._look(), task.reading, task.key, task.guarded)
+
+    def _look(self) -> Course:
+        """The course from where the chair is, on the map as it is now."""
+        task = self._task
+        pose = task.reading.pose
+        goal = np.zeros(3)
+        goal[: len(task.goal)] = task.goal
+        known = task.map
+        if task.chart is not None:  # the way may lead beyond what is drawn
+            known = known.holding(np.stack([pose[:2], goal[:2]]), BEYOND)
+        episode = Episode(known, pose, goal, tolerance=task.tolerance)
+        course = self._eye.prepare(episode)
+        task.path = course.path
+        return course
+
+    def act(self, observation: Mapping[str, Floats]) -> Array:
+        """See `Policy.act`."""
+        self._withheld += np.divide(self._task.withheld, self._hold)
+        if self._steps % self._hold == 0:
+            reading = self._task.reading
+            if self._grows and reading.stamp - self._looked >= RELOOK:
+                self._looked = reading.stamp
+                self._eye.redirect(self._look())
+            # What was driven may be less than what was asked for: `deploy` begins slowly.
+            driven, less = self._task.action, (float(self._withheld[0]), float(self._withheld[1]))
+            self._withheld[:] = 0.0
+            seen = self._eye.assess(reading, driven, less)
+            self.told = np.concatenate([seen[key] for key, _ in self.layout.sizes if key in seen])
+            self._action = self.network(self.told[None])[0].astype(np.float64)
+        self._steps += 1
+        return self._action.copy()
+
+
+def _ways(env: EnvSettings) -> dict[str, Any]:
+    spec = env.guidance
+    ways = dict(spec.get("ways", {})) if isinstance(spec, Mapping) else {}
+    return json.loads(json.dumps(ways))  # type: ignore[no-any-return]

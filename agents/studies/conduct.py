@@ -1,0 +1,231 @@
+"""Studies from runs to results: what is computed, summarised, judged and written."""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+
+from agents.evaluation.figures import LOOK, as_svg
+from agents.evaluation.metrics import wilson
+from agents.evaluation.provenance import (
+    command_line,
+    commit,
+    machine,
+    versions,
+    write_json,
+    write_text,
+)
+from agents.evaluation.runs import compute, run_key, source_digest
+from agents.studies.catalog import CLAIMS
+from agents.studies.evidence import LEVEL, estimate, nothing
+from agents.studies.measures import measure, sort_of
+from agents.studies.model import Metric, Results, Row, Study
+from wheelchair_gym.config import InputError
+from wheelchair_gym.files import whole
+
+STORE = "runs.jsonl"
+FORMAT = 1
+
+
+def planned(studies: Sequence[Study], runs: int | None, quick: bool) -> dict[str, int]:
+    """Runs of each row and stratum, by study."""
+    return {s.name: runs or (s.quick if quick else s.runs) for s in studies}
+
+
+def jobs_of(study: Study, runs: int) -> dict[str, tuple[tuple[str, str, int], dict[str, Any]]]:
+    """Key -> (row, stratum, seed) and the job, in the order of the rows."""
+    # What a record says depends on these alone, not on how it is judged or drawn.
+    own = (f"agents/studies/{name}.py" for name in ("measures", "worlds"))
+    source = source_digest("wheelchair_gym", "planners", *own)
+    found = {}
+    for row in study.rows:
+        for stratum, job in row.jobs.items():
+            cell = run_key(source, job)
+            for seed in study.seeds(row, runs):
+                found[f"{cell}-{seed}"] = ((row.label, stratum, seed), {**job, "seed": seed})
+    return found
+
+
+def conduct(
+    studies: Sequence[Study],
+    folder: str | Path,
+    *,
+    runs: int | None = None,
+    quick: bool = False,
+    jobs: int = 1,
+    engine: str = "loky",
+    progress: bool = True,
+    title: str | None = None,
+) -> dict[str, Any]:
+    """Make the runs that are missing, judge, and write everything to a folder.
+
+    Args:
+        studies: what to measure.
+        folder: for the store of runs, NAME.csv and NAME.json of each study, its figures, and one
+            page, `report.html`.
+        runs: of each row and stratum; None: the study's own number.
+        quick: that for a first look.
+        jobs: worker processes.
+        engine: what runs them.
+        progress: show a bar on standard error.
+        title: of the page.
+
+    Returns:
+        What the files say, by study.
+
+    Raises:
+        InputError: the folder cannot be written, or there is no such engine.
+        StoppedError: Ctrl-C; the same call computes only what is missing.
+    """
+    begun, folder = time.perf_counter(), Path(folder)
+    if runs is not None and runs < 2:
+        raise InputError(f"runs is {runs}; an interval takes at least 2")
+    counts = planned(studies, runs, quick)
+    wanted = {study.name: jobs_of(study, counts[study.name]) for study in studies}
+    records = compute(
+        {key: job for of in wanted.values() for key, (_, job) in of.items()}, measure,
+        folder / STORE, workers=jobs, engine=engine, progress=progress,
+        before=_compile_all,
+    )  # fmt: skip
+    provenance: dict[str, Any] = {
+        "commit": commit(),
+        "machine": machine() | {"jobs": jobs, "engine": engine},
+        "versions": versions(),
+        "judged together": f"{CLAIMS} claims, level {LEVEL} for all, Bonferroni",
+        "seeds": "as the CSV says: each row its own, paired rows the same",
+        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+    chapters: dict[str, Any] = {}
+    page = []
+    for study in studies:
+        runs_of = [(*where, records[key]) for key, (where, _) in wanted[study.name].items()]
+        results = Results(study, runs_of)
+        figures = _drawn(study, results, folder)
+        chapter = {
+            **summary(study, results, counts[study.name]),
+            "figures": {name: words for name, (words, _) in figures.items()},
+        }
+        write_text(folder / f"{study.name}.csv", tidy(study, runs_of))
+        write_json(folder / f"{study.name}.json", {
+            "format": FORMAT, "command": command_line(), "provenance": provenance, **chapter,
+        })  # fmt: skip
+        chapters[study.name] = chapter
+        page.append((chapter, figures))
+    provenance["wall_time_s"] = round(time.perf_counter() - begun, 1)
+    from agents.studies.chapter import write_page
+
+    write_page(
+        folder / "report.html", title or "The sources' experiments, measured again", page,
+        {"command": command_line(), "provenance": provenance},
+    )  # fmt: skip
+    return chapters
+
+
+def _compile_all(jobs: Sequence[Mapping[str, Any]]) -> None:
+    """Compile here what workers then load."""
+    for job in {sort_of(job): job for job in jobs}.values():
+        measure(job)
+
+
+def _drawn(study: Study, results: Results, folder: Path) -> dict[str, tuple[str, bytes]]:
+    """Each figure: what it shows, and its SVG; also written as SVG and PNG."""
+    found = {}
+    with mpl.rc_context(LOOK):
+        for name, (words, figure) in study.figures(results).items():
+            svg = as_svg(figure)
+            with whole(folder / "figures" / f"{study.name}-{name}.svg") as part:
+                part.write_bytes(svg)
+            with whole(folder / "figures" / f"{study.name}-{name}.png") as part:
+                figure.savefig(part, format="png", dpi=150)
+            found[name] = (words, svg)
+    return found
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def figures_of(results: Results, row: Row, metric: Metric) -> dict[str, Any]:
+    """One cell: mean with its 95 % interval, runs, the published value and the ratio to it."""
+    sample = results.sample(row.label, metric)
+    values = np.concatenate([*sample.values(), np.empty(0)])
+    if metric.unit == "share":
+        hits = int(values.sum())
+        mean = hits / len(values) if len(values) else np.nan
+        low, high = wilson(hits, len(values))
+    else:
+        enough = {stratum: of for stratum, of in sample.items() if len(of) > 1}
+        if enough:
+            found = estimate([enough], [1.0])
+            mean, (low, high) = found.value, found.interval
+        else:
+            mean = low = high = float(values.mean()) if len(values) else np.nan
+    given = row.published.get(metric.key)
+    return {
+        "mean": _plain(mean),
+        "low": _plain(low),
+        "high": _plain(high),
+        "runs": len(values),
+        "published": given,
+        "ratio": _plain(mean / given) if given else None,
+    }
+
+
+def summary(study: Study, results: Results, runs: int) -> dict[str, Any]:
+    """Every row and every claim, as JSON has them."""
+    rows = []
+    for row in study.rows:
+        solved, made = results.solved(row.label)
+        cells = {metric.key: figures_of(results, row, metric) for metric in study.metrics}
+        rows.append({"row": row.label, "solved": solved, "runs": made, "figures": cells})
+    claims = []
+    for claim in study.claims:
+        try:
+            evidence = claim.judge(results)
+        except (ValueError, ZeroDivisionError) as error:  # too little to test
+            evidence = nothing(f"not testable: {error}")
+        claims.append({
+            "claim": claim.text,
+            "source": claim.source,
+            "verdict": str(evidence.verdict(CLAIMS)),
+            "effect": _plain(evidence.effect),
+            "low": _plain(evidence.low),
+            "high": _plain(evidence.high),
+            "unit": evidence.unit,
+            "said": evidence.said,
+            "test": evidence.test,
+            "p_for": evidence.p_for,
+            "p_against": evidence.p_against,
+        })  # fmt: skip
+    return {
+        "name": study.name,
+        "title": study.title,
+        "source": study.source,
+        "settings": study.settings,
+        "notes": list(study.notes),
+        "runs": runs,
+        "metrics": [metric._asdict() for metric in study.metrics],
+        "rows": rows,
+        "claims": claims,
+    }
+
+
+def tidy(study: Study, runs: Sequence[tuple[str, str, int, Mapping[str, Any]]]) -> str:
+    """One line a run, as CSV; what is no single value is left to the store."""
+    keys: dict[str, None] = {}
+    for *_, record in runs:
+        keys |= {k: None for k, v in record.items() if not isinstance(v, list | dict)}
+    out = io.StringIO()
+    table = csv.writer(out, lineterminator="\n")
+    table.writerow(["study", "row", "stratum", "seed", *keys])
+    for row, stratum, seed, record in runs:
+        table.writerow([study.name, row, stratum, seed, *(record.get(key) for key in keys)])
+    return out.getvalue()

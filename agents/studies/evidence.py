@@ -1,0 +1,314 @@
+"""What runs say about a claim: effects with intervals, and p-values for it and against it.
+
+Samples come by stratum (a map, a goal): {stratum: values (n,)}. Strata are the places that there
+are and not a draw of them, so means are over strata of equal weight, and only runs are random.
+A claim is judged by two tests, one that could confirm it and one that could refute it; where
+neither does, it cannot be told. A claim of 'no effect' is confirmed by equivalence: the effect
+lies within a stated margin (two one-sided tests, Schuirmann 1987).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from agents.evaluation.metrics import wilson
+
+Array = NDArray[np.float64]
+Sample = Mapping[str, Array]  # by stratum, such as a map: values (n,)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A sum of means with its standard error and degrees of freedom (Welch and Satterthwaite)."""
+
+    value: float
+    error: float
+    freedom: float
+
+    def p_above(self, least: float = 0.0) -> float:
+        """One-sided p-value of 'the true value is above'."""
+        gap = self.value - least
+        if not math.isfinite(gap):
+            return 1.0
+        if self.error == 0.0:  # a method without chance
+            return 0.0 if gap > 0.0 else 1.0
+        return float(stats.t.sf(gap / self.error, self.freedom))
+
+    def p_below(self, most: float = 0.0) -> float:
+        """One-sided p-value of 'the true value is below'."""
+        return Estimate(-self.value, self.error, self.freedom).p_above(-most)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 %, two-sided."""
+        if self.error == 0.0 or not math.isfinite(self.error):
+            half = 0.0 if self.error == 0.0 else math.inf
+        else:
+            half = float(stats.t.ppf(0.975, self.freedom)) * self.error
+        return self.value - half, self.value + half
+
+
+def estimate(samples: Sequence[Sample], weights: Sequence[float]) -> Estimate:
+    """The weighted sum of samples' means; NaN where a stratum has fewer than two values."""
+    value, parts = 0.0, []
+    for sample, weight in zip(samples, weights, strict=True):
+        for values in sample.values():
+            n = len(values)
+            if n < 2:
+                return Estimate(math.nan, math.nan, math.nan)
+            share = weight / len(sample)
+            value += share * float(np.mean(values))
+            parts.append((share**2 * float(np.var(values, ddof=1)) / n, n - 1))
+    square = sum(part for part, _ in parts)
+    below = sum(part**2 / n for part, n in parts)
+    freedom = square**2 / below if below > 0.0 else math.inf
+    return Estimate(value, math.sqrt(square), freedom)
+
+
+LEVEL = 0.05  # of all claims together
+
+
+class Verdict(StrEnum):
+    """What may be said of a claim."""
+
+    HOLDS = "holds"
+    FAILS = "does not hold"
+    OPEN = "cannot be told"
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """An effect with its 95 % interval, and how the data speak for a claim and against it."""
+
+    p_for: float
+    p_against: float
+    effect: float
+    low: float
+    high: float
+    unit: str
+    test: str
+    said: str = ""  # what the effect is
+
+    def verdict(self, claims: int) -> Verdict:
+        """The verdict where so many claims are judged together (Bonferroni)."""
+        if claims * self.p_for < LEVEL:
+            return Verdict.HOLDS
+        if claims * self.p_against < LEVEL:
+            return Verdict.FAILS
+        return Verdict.OPEN
+
+
+def nothing(why: str) -> Evidence:
+    """No evidence either way."""
+    return Evidence(1.0, 1.0, math.nan, math.nan, math.nan, "", why)
+
+
+def shared(samples: Sequence[Sample]) -> list[Sample]:
+    """The samples in those strata in which all have at least two values."""
+    common = [s for s in samples[0] if all(s in other and len(other[s]) > 1 for other in samples)]
+    return [{s: sample[s] for s in common} for sample in samples]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A difference of means as a part of another mean."""
+
+    samples: Sequence[Sample]
+    change: Sequence[float]  # weights of the difference
+    level: Sequence[float]  # weights of what it is a part of
+
+    def beyond(self, part: float) -> Estimate:
+        """The difference, less a part of the level: exact tests of ratios."""
+        return estimate(
+            self.samples, [c - part * m for c, m in zip(self.change, self.level, strict=True)]
+        )
+
+    @property
+    def relative(self) -> tuple[float, float, float]:
+        """The effect as a part of the level, and its interval."""
+        difference, level = self.beyond(0.0), estimate(self.samples, self.level).value
+        low, high = difference.interval
+        return difference.value / level, low / level, high / level
+
+    def p_within(self, low: float, high: float) -> float:
+        """P-value of 'the effect lies between', two one-sided tests."""
+        return max(self.beyond(low).p_above(), self.beyond(high).p_below())
+
+    def p_outside(self, low: float, high: float) -> float:
+        """P-value of 'it does not'."""
+        return min(1.0, 2.0 * min(self.beyond(low).p_below(), self.beyond(high).p_above()))
+
+    def evidence(self, p_for: float, p_against: float, test: str, said: str) -> Evidence:
+        """The effect in per cent, with p-values for a claim and against it."""
+        effect, low, high = (100.0 * v for v in self.relative)
+        return Evidence(p_for, p_against, effect, low, high, "%", test, said)
+
+
+def difference(a: Sample, b: Sample) -> Effect | None:
+    """How a differs from b, as a part of b; None where no stratum has both."""
+    samples = shared([a, b])
+    return Effect(samples, (1.0, -1.0), (0.0, 1.0)) if samples[0] else None
+
+
+def below(a: Sample, b: Sample, negligible: float, said: str) -> Evidence:
+    """Evidence for 'the mean of a is below that of b': Welch's t, strata of equal weight.
+
+    Args:
+        a: samples.
+        b: samples.
+        negligible: a difference within this part of b counts as none.
+        said: what is compared.
+    """
+    return _ordered(a, b, negligible, said, -1.0)
+
+
+def above(a: Sample, b: Sample, negligible: float, said: str) -> Evidence:
+    """Evidence for 'the mean of a is above that of b', as `below`."""
+    return _ordered(a, b, negligible, said, 1.0)
+
+
+def _ordered(a: Sample, b: Sample, negligible: float, said: str, sign: float) -> Evidence:
+    effect = difference(a, b)
+    if effect is None:
+        return nothing("no runs to compare")
+    gap = effect.beyond(0.0)
+    p = min(1.0, 2.0 * min(gap.p_below(), gap.p_above()))
+    none = effect.p_within(-negligible, negligible)
+    return effect.evidence(*_two_ways(sign * gap.value > 0.0, p, none), "Welch t", said)
+
+
+def _two_ways(right: bool, p: float, none: float) -> tuple[float, float]:
+    """For and against a direction: p of a difference, on its right side or not, and of none."""
+    return (p, none) if right else (1.0, min(p, none))
+
+
+def alike(a: Sample, b: Sample, margin: float, said: str) -> Evidence:
+    """Evidence for 'the means of a and b differ by less than a margin'."""
+    return between(a, b, -margin, margin, said)
+
+
+def between(a: Sample, b: Sample, low: float, high: float, said: str) -> Evidence:
+    """Evidence for 'a differs from b by a part of b from low to high'."""
+    effect = difference(a, b)
+    if effect is None:
+        return nothing("no runs to compare")
+    test = f"two one-sided Welch t, {100 * low:+g} to {100 * high:+g} %"
+    return effect.evidence(effect.p_within(low, high), effect.p_outside(low, high), test, said)
+
+
+def _slope(samples: Sequence[Sample], x: Sequence[float]) -> Effect | None:
+    """The straight line's change from the first x to the last, as a part of the mean."""
+    ours = shared(samples)
+    if not ours[0]:
+        return None
+    at = np.asarray(x, dtype=float) - np.mean(x)
+    change = at / (at**2).sum() * (x[-1] - x[0])
+    return Effect(ours, change.tolist(), [1.0 / len(x)] * len(x))
+
+
+def spearman(samples: Sequence[Sample], x: Sequence[float]) -> tuple[float, float]:
+    """Spearman's rank correlation of values with x, ranked within each stratum; its p-value."""
+    places, ranks = [], []
+    for stratum in samples[0]:
+        values = [sample[stratum] for sample in samples]
+        rank = stats.rankdata(np.concatenate(values))
+        ranks.append(rank / (len(rank) + 1.0))
+        places.append(np.repeat(np.asarray(x, dtype=float), [len(v) for v in values]))
+    if not ranks or np.ptp(np.concatenate(ranks)) == 0.0:
+        return 0.0, 1.0
+    found = stats.spearmanr(np.concatenate(places), np.concatenate(ranks))
+    return float(found.statistic), float(found.pvalue)
+
+
+def falls(samples: Sequence[Sample], x: Sequence[float], negligible: float, said: str) -> Evidence:
+    """Evidence for 'the values fall as x grows'; the effect is the line's over the range of x."""
+    return _trend(samples, x, negligible, said, -1.0)
+
+
+def rises(samples: Sequence[Sample], x: Sequence[float], negligible: float, said: str) -> Evidence:
+    """Evidence for 'the values rise as x grows'."""
+    return _trend(samples, x, negligible, said, 1.0)
+
+
+def _trend(
+    samples: Sequence[Sample], x: Sequence[float], negligible: float, said: str, sign: float
+) -> Evidence:
+    effect = _slope(samples, x)
+    if effect is None:
+        return nothing("no runs to compare")
+    rho, p = spearman(effect.samples, x)
+    ways = _two_ways(sign * rho > 0.0, p, effect.p_within(-negligible, negligible))
+    return effect.evidence(*ways, f"Spearman, rho {rho:+.2f}", said)
+
+
+def level(samples: Sequence[Sample], x: Sequence[float], margin: float, said: str) -> Evidence:
+    """Evidence for 'the values do not depend on x': the line's change lies within a margin."""
+    effect = _slope(samples, x)
+    if effect is None:
+        return nothing("no runs to compare")
+    test = f"two one-sided t of the line, within {100 * margin:g} %"
+    p_for, p_against = effect.p_within(-margin, margin), effect.p_outside(-margin, margin)
+    return effect.evidence(p_for, p_against, test, said)
+
+
+def paired_below(a: Array, b: Array, negligible: float, said: str) -> Evidence:
+    """Evidence for 'a is below b' of runs that began alike: Wilcoxon's signed ranks.
+
+    The effect is the median of the differences, as a part of the median of b.
+    """
+    if len(a) < 2:
+        return nothing("no runs to compare")
+    p_low, p_high = _signed(a - b, "less"), _signed(a - b, "greater")
+    p = min(1.0, 2.0 * min(p_low, p_high))
+    scale = abs(float(np.median(b))) or 1.0
+    none = max(_signed(a - b + negligible * scale, "greater"),
+               _signed(a - b - negligible * scale, "less"))  # fmt: skip
+    effect, low, high = (100.0 * v / scale for v in _median(a - b))
+    ways = _two_ways(p_low < p_high, p, none)
+    return Evidence(*ways, effect, low, high, "%", "Wilcoxon, paired", said)
+
+
+def _signed(values: Array, alternative: str) -> float:
+    if not np.any(values):
+        return 1.0
+    return float(stats.wilcoxon(values, alternative=alternative).pvalue)
+
+
+def _median(values: Array) -> tuple[float, float, float]:
+    """A median and its 95 % bootstrap interval (percentiles of 2000 draws, one seed)."""
+    rng = np.random.default_rng(0)
+    drawn = np.median(rng.choice(values, (2000, len(values))), axis=1)
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return float(np.median(values)), float(low), float(high)
+
+
+def share_above(successes: int, trials: int, least: float, said: str) -> Evidence:
+    """Evidence for 'the share of successes is above': the exact binomial test."""
+    if trials == 0:
+        return nothing("no runs")
+    p_for, p_against = (
+        float(stats.binomtest(successes, trials, least, alternative=side).pvalue)
+        for side in ("greater", "less")
+    )
+    low, high = (100.0 * v for v in wilson(successes, trials))
+    effect = 100.0 * successes / trials
+    return Evidence(p_for, p_against, effect, low, high, "%", f"binomial, {100 * least:g} %", said)
+
+
+def all_of(parts: Sequence[Evidence], said: str) -> Evidence:
+    """Evidence for 'all of these hold'; the effect shown is the least certain one's."""
+    worst: Any = max(parts, key=lambda part: (part.p_for, -part.p_against))
+    return Evidence(
+        max(part.p_for for part in parts),
+        min(1.0, len(parts) * min(part.p_against for part in parts)),
+        worst.effect, worst.low, worst.high, worst.unit,
+        f"{worst.test}; all of {len(parts)}", f"{said}; least certain: {worst.said}",
+    )  # fmt: skip

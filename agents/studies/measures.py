@@ -1,0 +1,264 @@
+"""One run of each kind of experiment: a job in, a record out; `KINDS` names them.
+
+Times are CPU seconds of the process, measured after everything was compiled: other work on the
+machine does not count. Keys that end in `_s` are times, the only ones in which equal runs differ.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from time import process_time
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.evaluation.path_metrics import printed_turning, turning
+from agents.evaluation.runs import Record
+from agents.studies.model import APART
+from agents.studies.worlds import drawn_problem, episode_of, ground, lab_problem, problem_of
+from planners import Problem, make_planner
+from planners.problem import Plan, Status
+from wheelchair_gym.geometry import path_length
+
+Array = NDArray[np.float64]
+Job = Mapping[str, Any]
+
+SETTLED = 1.001  # a swarm has settled once its cost is within this factor of its last
+
+
+def measure(job: Job) -> Record:
+    """Run a job: its `kind` names how, its `seed` draws the numbers."""
+    run = KINDS[str(job["kind"])]
+    needed = sort_of(job)
+    if needed not in _warmed:  # compiled or loaded, and what runs share is made, before any clock
+        run(job, 0)
+        _warmed.add(needed)
+    record = run(job, int(job["seed"]))
+    return {key: _plain(value) for key, value in record.items()}
+
+
+_warmed: set[str] = set()
+
+
+def sort_of(job: Job) -> str:
+    """Jobs of one sort need the same kernels, and the same map."""
+    planner = job.get("planner", {})
+    optimizer = job.get("optimizer") or planner.get("optimizer", "")
+    name = optimizer if isinstance(optimizer, str) else optimizer.get("name")
+    return json.dumps(
+        [job["kind"], planner.get("name"), name, job.get("scene"), job.get("lab"), job.get("goal")]
+    )
+
+
+def _plain(value: Any) -> Any:
+    """JSON knows no infinity."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _record(plan: Plan, seconds: float) -> Record:
+    solved = plan.status is Status.SOLVED
+    return {
+        "solved": solved,
+        "status": str(plan.status),
+        "length_m": plan.length if solved else None,
+        "nodes": plan.counters.get("nodes"),
+        "time_s": seconds,
+    }
+
+
+def plan(job: Job, seed: int) -> Record:
+    """A planner on the one world of a scene, or on a lab."""
+    lab = job.get("lab")
+    problem = problem_of(job["scene"]) if lab is None else lab_problem(lab)
+    planner = make_planner(job["planner"])
+    rng = np.random.default_rng(seed)
+    begun = process_time()
+    found = planner.plan(problem, rng)
+    record = _record(found, process_time() - begun)
+    record["walls_cut"] = found.counters.get("walls_cut")
+    return record
+
+
+def plan_drawn(job: Job, seed: int) -> Record:
+    """A planner in a room that the seed draws."""
+    problem, shortest = drawn_problem(job["boxes"], seed)
+    planner = make_planner(job["planner"])
+    problem.free.arrays  # noqa: B018  what is kept with the map is ready before the clock starts
+    rng = np.random.default_rng(seed)
+    begun = process_time()
+    found = planner.plan(problem, rng)
+    record = _record(found, process_time() - begun)
+    return {**record, "ratio": found.length / shortest}
+
+
+def smoothing(job: Job, seed: int) -> Record:
+    """P1: one optimiser from the start population that all rivals share."""
+    from dataclasses import replace
+
+    from planners.swarm.rrt_woa import RrtWoa
+
+    problem = problem_of(job["scene"], clearance=job["clearance"])
+    swarm = replace(RrtWoa().swarm, optimizer=job["optimizer"])
+    rng = np.random.default_rng([seed, 0])
+    first = RrtWoa().tree.plan(problem, rng)
+    if first.status is not Status.SOLVED or len(first.path) < 3:
+        return {"solved": False, "status": str(first.status), "time_s": 0.0}
+    start = swarm.start(problem, first.path[:, :2], rng)
+    begun = process_time()
+    found = swarm.search(start, np.random.default_rng([seed, 1]))
+    seconds = process_time() - begun
+    whole = np.vstack([start.task.start, start.task.anchors + start.population[0].reshape(-1, 2),
+                       start.task.goal])  # fmt: skip
+    before, after = turning(whole), turning(found.way_points)
+    valid = len(found.line) > 0
+    return {
+        "solved": valid,
+        "status": "solved" if valid else "exhausted",
+        "time_s": seconds,
+        "cost": found.least,
+        "smoothness": after,
+        "smoothness_before": before,
+        "improvement": 100.0 * (before - after) / before if before > 0.0 else 0.0,
+        "printed_turning": printed_turning(found.way_points),
+        "length_m": path_length(found.line) if valid else None,
+        "least_is_valid": valid and found.cost <= found.least + 1e-9,
+    }
+
+
+def nearest(line: Array, discs: Any) -> float:
+    """How near a line's pieces (n, 2) come to centres of discs, as a part of the radius."""
+    a, b = line[:-1, None], line[1:, None]  # (n, 1, 2)
+    centres, radii = np.array(discs)[:, :2], np.array(discs)[:, 2]
+    along, square = b - a, np.maximum(((b - a) ** 2).sum(axis=2), 1e-300)
+    part = np.clip(((centres - a) * along).sum(axis=2) / square, 0.0, 1.0)
+    return float(
+        (np.hypot(*np.moveaxis(centres - a - part[..., None] * along, 2, 0)) / radii).min()
+    )
+
+
+def among_discs(job: Job, seed: int) -> Record:
+    """A swarm on a square with discs; valid if its line stays `reach` radii from their centres."""
+    discs = tuple(map(tuple, job["discs"]))
+    problem = ground(job["size"], discs, tuple(job["start"]), tuple(job["goal"]))
+    planner = make_planner(job["planner"])
+    rng = np.random.default_rng(seed)
+    begun = process_time()
+    found, costs = _search(planner, problem, rng)
+    seconds = process_time() - begun
+    # As published the answer is what costs least; ours is the best valid path of all tried.
+    line = found.best if job["faithful"] else found.line
+    points = found.way_points if job["by_legs"] else line
+    free = len(line) > 0
+    if free and discs:
+        sampled = np.repeat(line, 2, axis=0) if job["sampled"] else line
+        free = nearest(sampled, discs) >= job["reach"] - 1e-9
+    length = path_length(points) if len(points) else None
+    final = costs[-1]
+    record: Record = {
+        "solved": len(points) > 0,
+        "status": "valid" if free else "not valid",
+        "valid": bool(free),
+        "length_m": length,
+        "near": bool(free) and length is not None and length <= job["near"],
+        "loss": float(found.least),
+        "found": 1 + int(np.argmin(costs)),
+        "settled": 1 + int(np.argmax(costs <= SETTLED * final)),
+        "time_s": seconds,
+    }
+    if seed % APART < job.get("kept", 0):
+        record["costs"] = [round(float(c), 6) for c in costs]
+        record["line"] = np.round(line, 6).tolist()
+    return record
+
+
+def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[Any, Array]:
+    """A swarm's search, and the least cost after each move (n,)."""
+    from planners.random_stream import stream
+    from planners.swarm.objectives import make_objective
+    from planners.swarm.optimizers import make_optimizer
+    from planners.swarm.path_cost import new_room
+    from planners.swarm.search import Search, Valid, search
+    from planners.swarm.state import begin
+
+    start = planner.start(problem, None, rng)
+    task, swarm = start.task, begin(start.population, start.lower, start.upper)
+    room = new_room(len(task.anchors), task.pieces)
+    valid = Valid(np.empty_like(room.line), np.full(1, np.inf), np.zeros(1, np.int64))
+    worth, moves = make_objective(planner.objective).worth, make_optimizer(planner.optimizer).moves
+    state, costs = stream(rng), np.empty(planner.iterations)
+    for t in range(planner.iterations):  # one move a call: the same as all in one
+        search(task, worth, moves, swarm, valid, t, t + 1, planner.cycle, room, state)
+        costs[t] = swarm.now["least"][0]
+    line = valid.line if valid.cost[0] < np.inf else np.empty((0, 2))
+    found = Search(
+        line, float(valid.cost[0]), int(valid.found[0]), room.line, float(costs[-1]), room.points,
+        planner.iterations,
+    )  # fmt: skip
+    return found, costs
+
+
+def controls(job: Job, seed: int) -> Record:
+    """T1 figure 2.27: a path of the global variant, its controls, and their roll-out."""
+    import shapely
+
+    from planners.controls.generator import ControlGenerator
+    from wheelchair_gym.geometry import Footprint
+    from wheelchair_gym.kinematics import Limits
+
+    footprint, limits = Footprint(), Limits()
+    problem = problem_of(job["scene"], clearance=job["clearance"])
+    episode = episode_of(json.dumps(job["scene"]), 0)
+    rng = np.random.default_rng(seed)
+    begun = process_time()
+    found = make_planner(job["planner"]).plan(problem, rng)
+    planned = process_time() - begun
+    if found.status is not Status.SOLVED:
+        return {"solved": False, "status": str(found.status), "time_s": planned}
+    begun = process_time()
+    made = ControlGenerator().generate(
+        found.path, episode.start, episode.walls, episode.discs, footprint, limits, rng
+    )
+    seconds = process_time() - begun
+    poses = made.rollout
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    turn = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)  # (n, 2, 2)
+    outline = np.einsum("nij,kj->nki", turn, footprint.corners) + poses[:, None, :2]
+    solid = shapely.union_all(
+        [*shapely.linestrings(episode.walls.reshape(-1, 2, 2)),
+         *shapely.buffer(shapely.points(episode.discs[:, :2]), episode.discs[:, 2])]
+    )  # fmt: skip
+    shapely.prepare(solid)
+    # An independent look at every pose of the roll-out; the generator's own tests are swept.
+    touched = bool(shapely.intersects(solid, shapely.polygons(outline)).any())
+    off = shapely.distance(shapely.linestrings(found.path[:, :2]), shapely.points(poses[:, :2]))
+    gap = float(np.hypot(*(poses[-1, :2] - episode.goal[:2])))
+    record: Record = {
+        "solved": True,
+        "status": "solved",
+        "free": bool(made.collision_free) and not touched,
+        "arrived": bool(made.arrived),
+        "feasible": bool(made.collision_free) and not touched and bool(made.arrived),
+        "end_error_m": gap,
+        "cross_track_m": float(off.max()),
+        "path_m": found.length,
+        "length_m": path_length(poses[:, :2]),
+        "drive_time": float(made.times[-1]),
+        "commands": len(made.commands),
+        "time_s": seconds,
+    }
+    if seed % APART < job.get("kept", 0):
+        record["path"] = np.round(found.path[:, :2], 3).tolist()
+        record["driven"] = np.round(poses[::5, :2], 3).tolist()
+    return record
+
+
+KINDS: Final[dict[str, Callable[[Job, int], Record]]] = {
+    "plan": plan,
+    "plan_drawn": plan_drawn,
+    "smoothing": smoothing,
+    "among_discs": among_discs,
+    "controls": controls,
+}

@@ -1,0 +1,130 @@
+"""What a study is: rows of runs, the figures that were published for them, and claims."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, NamedTuple
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.evaluation.runs import Record
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from agents.studies.evidence import Evidence
+
+APART = 1_000_000  # seeds from one row's first to another's
+
+Array = NDArray[np.float64]
+Job = Mapping[str, Any]
+
+
+class Metric(NamedTuple):
+    """One figure of a run: its key in the records, its name and unit, and how it is written."""
+
+    key: str
+    name: str
+    unit: str = ""
+    digits: int = 3
+    solved: bool = True  # only of runs that found a path
+
+
+LENGTH = Metric("length_m", "length", "m")
+TIME = Metric("time_s", "CPU time", "s", 4, solved=False)
+NODES = Metric("nodes", "nodes", "", 1)
+
+
+@dataclass(frozen=True)
+class Row:
+    """Runs that differ by their seed and stratum only: one line of a table."""
+
+    label: str
+    jobs: Mapping[str, Job]  # by stratum, such as a map: what its runs do
+    x: float = float("nan")  # what is varied
+    series: str = ""  # the line of the figure that it belongs to
+    published: Mapping[str, float] = field(default_factory=dict)
+
+
+class Results:
+    """The runs of a study, by row and stratum."""
+
+    def __init__(self, study: Study, records: Iterable[tuple[str, str, int, Record]]) -> None:
+        self.study = study
+        self.runs: dict[tuple[str, str], list[Record]] = {
+            (row.label, stratum): [] for row in study.rows for stratum in row.jobs
+        }
+        for row, stratum, _, record in records:
+            self.runs[row, stratum].append(record)
+
+    def sample(self, row: str, metric: Metric | str) -> dict[str, Array]:
+        """Values by stratum; of a metric, only those of runs that count."""
+        key, solved = (metric, False) if isinstance(metric, str) else (metric.key, metric.solved)
+        found = {}
+        for (label, stratum), records in self.runs.items():
+            if label == row:
+                of = [r.get(key) for r in records if r["solved"] or not solved]
+                found[stratum] = np.array([v for v in of if v is not None], dtype=float)
+        return found
+
+    def pooled(self, row: str, metric: Metric | str) -> Array:
+        """The same values of all strata together."""
+        return np.concatenate([*self.sample(row, metric).values(), np.empty(0)])
+
+    def samples(self, rows: Sequence[Row], metric: Metric | str) -> list[dict[str, Array]]:
+        """Values of several rows."""
+        return [self.sample(row.label, metric) for row in rows]
+
+    def solved(self, row: str) -> tuple[int, int]:
+        """Runs that found a path, and all runs."""
+        of = [r for (label, _), records in self.runs.items() if label == row for r in records]
+        return sum(bool(r["solved"]) for r in of), len(of)
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A sentence of a source, in our words, and how runs judge it."""
+
+    text: str
+    source: str
+    judge: Callable[[Results], Evidence]
+
+
+@dataclass(frozen=True)
+class Study:
+    """One table or section of a source, to be measured again."""
+
+    name: str
+    title: str
+    source: str
+    settings: str  # what ours ran with, and why
+    metrics: tuple[Metric, ...]
+    rows: tuple[Row, ...]
+    claims: tuple[Claim, ...]
+    figures: Callable[[Results], Mapping[str, tuple[str, Figure]]]
+    paired: bool = False  # all rows with the same seeds; else each with its own
+    runs: int = 400  # the thesis's 100 leave most trends open
+    quick: int = 10
+    notes: tuple[str, ...] = ()
+
+    def seeds(self, row: Row, runs: int) -> range:
+        """Seeds of a row's runs: rows are independent draws unless they are paired."""
+        place = 0 if self.paired else crc32(f"{self.name} {row.label}".encode())
+        return range(place * APART, place * APART + runs)
+
+
+@cache
+def published(study: str) -> dict[str, dict[str, float]]:
+    """The figures of a source's table, as printed: row -> key of the metric -> value."""
+    text = (files("agents") / "data" / "published.csv").read_text(encoding="utf-8")
+    found: dict[str, dict[str, float]] = {}
+    for line in csv.DictReader(text.splitlines()):
+        if line["study"] == study:
+            found.setdefault(line["row"], {})[line["metric"]] = float(line["value"])
+    return found

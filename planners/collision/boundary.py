@@ -1,0 +1,188 @@
+"""The boundary of what is free: segments, their common points, and which follows which."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planners.collision.orient2d import side
+from planners.collision.polygon_tests import SpaceArrays, fill_buckets, mark_corners
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+NONE = -1
+MOST_BUCKETS = 200_000
+
+
+class Boundary(NamedTuple):
+    """Closed loops of segments, what is solid on their left, that touch in points at most."""
+
+    points: Array  # (m, 2) m, by y, then x
+    begins: Index  # (n,) point at which each segment begins
+    ends: Index  # (n,)
+    before: Index  # (n,) point before its begin, along what is solid
+
+    @property
+    def segments(self) -> Array:
+        """From where to where (n, 4) [m]."""
+        return np.hstack([self.points[self.begins], self.points[self.ends]])
+
+
+class Corners(NamedTuple):
+    """The convex corners of what is solid; several may lie at one point."""
+
+    place: Index  # (n,) points
+    before: Index  # (n,) points: the corner before
+    after: Index  # (n,) points
+    first: Index  # (m + 1,) where each point's corners begin
+    members: Index  # (n,) corners, point by point
+
+
+@borrowing_kernel
+def side_of(points: Array, a: int, b: int, c: int) -> float:
+    """`side` of three of the points: positive if c lies left of the line from a to b."""
+    return side(points[a, 0], points[a, 1], points[b, 0], points[b, 1], points[c, 0], points[c, 1])
+
+
+@borrowing_kernel
+def by_point(which: Index, first: Index, members: Index) -> None:
+    """Sort indices by the point that each has."""
+    first[:] = 0
+    for k in range(which.shape[0]):
+        first[which[k] + 1] += 1
+    for p in range(first.shape[0] - 1):
+        first[p + 1] += first[p]
+    for k in range(which.shape[0] - 1, -1, -1):
+        first[which[k] + 1] -= 1
+        members[first[which[k] + 1]] = k
+    for p in range(first.shape[0] - 1):
+        first[p] = first[p + 1]
+    first[-1] = which.shape[0]
+
+
+@kernel
+def _before(points: Array, begins: Index, ends: Index) -> Index:
+    """The point before each segment's begin; NONE where nothing arrives.
+
+    Where loops meet in a point, what is solid between two sides may belong to two loops: each side
+    that leaves takes the next one that arrives, counter-clockwise, as the one before.
+    """
+    first, arriving = np.empty(len(points) + 1, np.int64), np.empty(len(begins), np.int64)
+    by_point(ends, first, arriving)
+    before = np.full(len(begins), NONE, np.int64)
+    for k in range(len(begins)):
+        p, least = begins[k], math.inf
+        for i in range(first[p], first[p + 1]):
+            q = begins[arriving[i]]
+            if first[p + 1] - first[p] > 1:
+                ahead, behind = points[ends[k]] - points[p], points[q] - points[p]
+                turn = math.atan2(
+                    ahead[0] * behind[1] - ahead[1] * behind[0],
+                    ahead[0] * behind[0] + ahead[1] * behind[1],
+                )
+                turn = turn if turn > 0.0 else turn + 2 * math.pi
+                if turn >= least:
+                    continue
+                least = turn
+            before[k] = q
+    return before
+
+
+def boundary(segments: ArrayLike) -> Boundary:
+    """The boundary made of segments (n, 4) [m]: closed loops, what is solid on their left."""
+    lines = np.asarray(segments, dtype=np.float64).reshape(-1, 4)
+    ends = np.concatenate([lines[:, :2], lines[:, 2:]])
+    order = np.lexsort((ends[:, 0], ends[:, 1]))
+    ordered = ends[order]
+    fresh = np.ones(len(ends), dtype=np.bool_)
+    fresh[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
+    place = np.empty(len(ends), dtype=np.int64)
+    place[order] = np.cumsum(fresh) - 1
+    points, n = ordered[fresh], len(lines)
+    return Boundary(points, place[:n], place[n:], _before(points, place[:n], place[n:]))
+
+
+def framed(walls: ArrayLike, bounds: tuple[float, float, float, float]) -> Array | None:
+    """Segments (n, 4) [m] round what is free inside an upright frame, from the walls round solids.
+
+    None where walls are not upright too, or leave the frame.
+    """
+    lines = np.asarray(walls, dtype=np.float64).reshape(-1, 4)
+    xmin, ymin, xmax, ymax = bounds
+    level = lines[:, 1] == lines[:, 3]
+    inside = (lines >= (xmin, ymin, xmin, ymin)) & (lines <= (xmax, ymax, xmax, ymax))
+    if not ((level ^ (lines[:, 0] == lines[:, 2])).all() and inside.all()):
+        return None
+    pieces, keep = [], np.ones(len(lines), dtype=np.bool_)
+    # Each side of the frame: where it lies, and its ends, so that the outside is on its left.
+    for axis, at, begin, end in (
+        (1, ymin, xmax, xmin),
+        (0, xmax, ymax, ymin),
+        (1, ymax, xmin, xmax),
+        (0, xmin, ymin, ymax),
+    ):
+        on = (lines[:, axis] == at) & (lines[:, axis + 2] == at)
+        keep &= ~on
+        spans = np.sort(lines[on][:, [1 - axis, 3 - axis]], axis=1)
+        spans = spans[np.argsort(spans[:, 0])]
+        low, high = min(begin, end), max(begin, end)
+        gaps = np.stack([np.append(low, spans[:, 1]), np.append(spans[:, 0], high)], axis=1)
+        gaps = gaps[gaps[:, 0] < gaps[:, 1]]
+        if begin > end:
+            gaps = gaps[:, ::-1]
+        piece = np.full((len(gaps), 4), at)
+        piece[:, [1 - axis, 3 - axis]] = gaps
+        pieces.append(piece)
+    return np.concatenate([lines[keep], *pieces])
+
+
+@kernel
+def _convex(
+    points: Array, begins: Index, ends: Index, before: Index
+) -> tuple[Index, Index, Index, Index, Index]:
+    kept, count = np.empty(len(begins), np.int64), 0
+    for k in range(len(begins)):
+        if before[k] != NONE and side_of(points, before[k], begins[k], ends[k]) > 0.0:
+            kept[count] = k
+            count += 1
+    kept = kept[:count]
+    first, members = np.empty(len(points) + 1, np.int64), np.empty(count, np.int64)
+    place = begins[kept]
+    by_point(place, first, members)
+    return place, before[kept], ends[kept], first, members
+
+
+def convex_corners(around: Boundary) -> Corners:
+    """The convex corners of a boundary: a shortest path bends at them only, and only round them."""
+    return Corners(*_convex(*around))
+
+
+def buckets(segments: Array, before: Array, bounds: Array) -> SpaceArrays:
+    """A boundary as the exact kernels take it.
+
+    Args:
+        segments: (n, 4) [m], what is solid on their left.
+        before: (n, 2) [m] the corner before each.
+        bounds: (4,) [m] of the map.
+    """
+    xmin, ymin, xmax, ymax = bounds
+    width, height = max(xmax - xmin, 0.0), max(ymax - ymin, 0.0)
+    # About two buckets a segment: long edges pass few, short ones meet few segments.
+    size = math.sqrt((width * height or 1.0) / min(2 * len(segments) + 16, MOST_BUCKETS))
+    size = max(size, width / 2000, height / 2000)
+    grid = np.array([xmin - 0.5 * size, ymin - 0.5 * size, size])
+    columns, rows = int(width / size) + 2, int(height / size) + 2
+    counts = np.zeros(rows * columns, dtype=np.int64)
+    fill_buckets(segments, grid, rows, columns, counts, np.empty(0, dtype=np.int32))
+    first = np.concatenate([[0], np.cumsum(counts)])
+    members = np.empty(first[-1], dtype=np.int32)
+    fill_buckets(segments, grid, rows, columns, first[:-1].copy(), members)
+    free = np.zeros((rows, columns), dtype=np.bool_)
+    arrays = SpaceArrays(bounds, segments, before, grid, first, members, free)
+    mark_corners(arrays)
+    return arrays

@@ -1,0 +1,257 @@
+"""What a footprint sweeps, exactly: the least gap between a moving rectangle and a map's boundary.
+
+A stretch is a way driven while turning at a constant rate: straight, an arc, or a pivot. In the
+chair's frame at its beginning the rectangle turns about one point (or moves along x). Then the gap
+to a segment is least where a corner's arc comes nearest to it, or where one of its ends comes
+nearest to the rectangle; either happens at an end of the stretch or in one of a few directions.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planners.collision.space import Space
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.geometry import (
+    Footprint,
+    point_segment_distance,
+    rectangle_point_gap,
+    rectangle_segment_gap,
+    wrap,
+)
+
+Array = NDArray[np.float64]
+
+STRAIGHT = 1e-6  # rad: a stretch that turns less counts as straight, and is within 1e-6 of it
+
+
+class Sweeps(NamedTuple):
+    """Stretches (m of them) in the chair's frame at their beginning, and what they sweep."""
+
+    way: Array  # (m,) m, backwards below 0
+    turn: Array  # (m,) rad, to the left above 0
+    box: Array  # (m, 4) m: xmin, ymin, xmax, ymax round all that is swept
+    long: Array  # (m, 3) m: front, rear, half width of the rectangle swept by a straight one
+    centre: Array  # (m,) m: y of the point turned about; its x is 0
+    rotation: Array  # (m, 2) cosine and sine of the turn
+    first: Array  # (m, 4, 2) m: corners as seen from the centre, where their arc begins...
+    last: Array  # (m, 4, 2) ... and ends, counter-clockwise
+    radius: Array  # (m, 4) m
+    around: Array  # (m, 4, 4) m: boxes round the corners' arcs, in the chair's frame
+
+
+def sweeps(count: int) -> Sweeps:
+    """Room for so many stretches; `sweep` writes them."""
+    shapes = ((), (), (4,), (3,), (), (2,), (4, 2), (4, 2), (4,), (4, 4))
+    return Sweeps(*(np.zeros((count, *shape)) for shape in shapes))
+
+
+@borrowing_kernel
+def _between(ax: float, ay: float, bx: float, by: float, wide: bool, dx: float, dy: float) -> bool:
+    """Whether a direction d lies on the turn from a to b, counter-clockwise; wide: beyond pi."""
+    if wide:
+        return bx * dy - by * dx <= 0.0 or dx * ay - dy * ax <= 0.0
+    return ax * dy - ay * dx >= 0.0 and dx * by - dy * bx >= 0.0
+
+
+@borrowing_kernel
+def sweep(sweeps: Sweeps, m: int, way: float, turn: float, outline: Array) -> None:
+    """Write stretch m; it turns by less than a full turn."""
+    front, rear, half = outline[0], outline[1], outline[2]
+    straight = abs(turn) < STRAIGHT
+    sweeps.way[m], sweeps.turn[m] = way, 0.0 if straight else turn
+    low_x, low_y, high_x, high_y = -rear, -half, front, half
+    if straight:
+        low_x, high_x = low_x + min(way, 0.0), high_x + max(way, 0.0)
+    else:
+        cy = way / turn
+        c, s = math.cos(turn), math.sin(turn)
+        sweeps.centre[m], sweeps.rotation[m, 0], sweeps.rotation[m, 1] = cy, c, s
+        for k in range(4):
+            x, y = (front if k < 2 else -rear), (half if k % 2 == 0 else -half) - cy
+            ax, ay, bx, by = x, y, c * x - s * y, s * x + c * y
+            if turn < 0.0:
+                ax, ay, bx, by = bx, by, ax, ay
+            sweeps.first[m, k, 0], sweeps.first[m, k, 1] = ax, ay
+            sweeps.last[m, k, 0], sweeps.last[m, k, 1] = bx, by
+            radius = math.hypot(x, y)
+            sweeps.radius[m, k] = radius
+            wide = abs(turn) > math.pi
+            left = -radius if _between(ax, ay, bx, by, wide, -1.0, 0.0) else min(ax, bx)
+            right = radius if _between(ax, ay, bx, by, wide, 1.0, 0.0) else max(ax, bx)
+            low = -radius if _between(ax, ay, bx, by, wide, 0.0, -1.0) else min(ay, by)
+            high = radius if _between(ax, ay, bx, by, wide, 0.0, 1.0) else max(ay, by)
+            around = sweeps.around[m, k]
+            around[0], around[1], around[2], around[3] = left, low + cy, right, high + cy
+            low_x, low_y = min(low_x, around[0]), min(low_y, around[1])
+            high_x, high_y = max(high_x, around[2]), max(high_y, around[3])
+    box, long = sweeps.box[m], sweeps.long[m]
+    box[0], box[1], box[2], box[3] = low_x, low_y, high_x, high_y
+    long[0], long[1], long[2] = high_x, -low_x, half
+
+
+@borrowing_kernel
+def _apart(box: Array, px: float, py: float, qx: float, qy: float, gap: float) -> bool:
+    """Whether a segment's own box is at least a gap away from a box, along x or y."""
+    return bool(
+        min(px, qx) - box[2] >= gap
+        or box[0] - max(px, qx) >= gap
+        or min(py, qy) - box[3] >= gap
+        or box[1] - max(py, qy) >= gap
+    )
+
+
+@borrowing_kernel
+def _end_gap(sweeps: Sweeps, m: int, px: float, py: float, outline: Array, enough: float) -> float:
+    """Least gap between a rectangle that turns about a centre and a point, if below `enough`.
+
+    Seen from the chair the point turns back. It comes nearest at the ends of its arc, in line with
+    a corner, or where it faces the side that faces the centre; or it crosses a side.
+    """
+    front, rear, half = outline[0], outline[1], outline[2]
+    cy, c, s = sweeps.centre[m], sweeps.rotation[m, 0], sweeps.rotation[m, 1]
+    gap = min(enough, rectangle_point_gap(px, py, outline))
+    bx, by = px, py - cy
+    ax, ay = c * bx + s * by, c * by - s * bx
+    gap = min(gap, rectangle_point_gap(ax, ay + cy, outline))
+    if sweeps.turn[m] < 0.0:
+        ax, ay, bx, by = bx, by, ax, ay
+    wide = abs(sweeps.turn[m]) > math.pi
+    square = px * px + (py - cy) * (py - cy)
+    radius = math.sqrt(square)
+    for k in range(4):
+        x, y = (front if k < 2 else -rear), (half if k % 2 == 0 else -half) - cy
+        far = sweeps.radius[m, k]
+        if radius - far < gap and _between(ax, ay, bx, by, wide, x, y):
+            part = radius / far
+            gap = min(gap, rectangle_point_gap(part * x, cy + part * y, outline))
+    if abs(cy) > half and _between(ax, ay, bx, by, wide, 0.0, -cy):
+        gap = min(gap, rectangle_point_gap(0.0, cy - math.copysign(radius, cy), outline))
+    if gap <= 0.0:
+        return 0.0
+    for k in range(4):  # where its circle crosses the lines along the sides
+        level = (front, -rear, half - cy, -half - cy)[k]
+        if level * level >= square:
+            continue
+        aside = math.sqrt(square - level * level)
+        for sign in (-1.0, 1.0):
+            x, y = (level, sign * aside) if k < 2 else (sign * aside, level)
+            inside = abs(y + cy) <= half if k < 2 else -rear <= x <= front
+            if inside and _between(ax, ay, bx, by, wide, x, y):
+                return 0.0
+    return gap
+
+
+@borrowing_kernel
+def _corner_gap(
+    sweeps: Sweeps, m: int, k: int, px: float, py: float, qx: float, qy: float, enough: float
+) -> float:
+    """Least gap between the arc of a corner k and a segment, if below `enough`."""
+    cy, radius = sweeps.centre[m], sweeps.radius[m, k]
+    ux, uy, vx, vy = px, py - cy, qx, qy - cy
+    ex, ey = vx - ux, vy - uy
+    length = math.hypot(ex, ey)
+    if length == 0.0:
+        return enough
+    nx, ny = -ey / length, ex / length
+    off = nx * ux + ny * uy
+    if off < 0.0:
+        nx, ny, off = -nx, -ny, -off
+    if off - radius >= enough:
+        return enough
+    ax, ay = sweeps.first[m, k, 0], sweeps.first[m, k, 1]
+    bx, by = sweeps.last[m, k, 0], sweeps.last[m, k, 1]
+    wide = abs(sweeps.turn[m]) > math.pi
+    gap = min(enough, point_segment_distance(ax, ay, ux, uy, vx, vy))
+    gap = min(gap, point_segment_distance(bx, by, ux, uy, vx, vy))
+    if radius <= off:
+        along = (radius * nx - ux) * ex + (radius * ny - uy) * ey
+        if 0.0 <= along <= length * length and _between(ax, ay, bx, by, wide, nx, ny):
+            gap = min(gap, off - radius)
+        return gap
+    aside = math.sqrt(radius * radius - off * off)
+    for sign in (-1.0, 1.0):  # where the circle crosses the segment's line
+        hx, hy = off * nx - sign * aside * ny, off * ny + sign * aside * nx
+        along = (hx - ux) * ex + (hy - uy) * ey
+        if 0.0 <= along <= length * length and _between(ax, ay, bx, by, wide, hx, hy):
+            return 0.0
+    return gap
+
+
+@borrowing_kernel
+def stretch_gap(
+    sweeps: Sweeps, m: int, outline: Array, segments: Array, count: int, enough: float, least: float
+) -> float:
+    """Least gap [m] while stretch m is driven, at most `enough`; 0 where something is touched.
+
+    Args:
+        sweeps: the stretches.
+        m: which.
+        outline: (3,) m: front, rear, half width.
+        segments: (n, 4) m: the boundary in the chair's frame at the beginning; each end of a
+            segment that matters is the first end of one of them, or of one farther than `enough`.
+        count: how many of the segments count.
+        enough: gaps beyond this are not looked for [m].
+        least: a gap below this ends the search [m]; then any below it is returned.
+    """
+    gap = enough
+    straight = sweeps.turn[m] == 0.0
+    box, long = sweeps.box[m], sweeps.long[m]
+    for k in range(count):
+        px, py, qx, qy = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+        if _apart(box, px, py, qx, qy, gap):
+            continue
+        if straight:  # what is swept is a longer rectangle
+            gap = min(gap, rectangle_segment_gap(0.0, 0.0, 0.0, long, px, py, qx, qy))
+        else:
+            if not _apart(box, px, py, px, py, gap):
+                gap = _end_gap(sweeps, m, px, py, outline, gap)
+            for corner in range(4):
+                if not _apart(sweeps.around[m, corner], px, py, qx, qy, gap):
+                    gap = _corner_gap(sweeps, m, corner, px, py, qx, qy, gap)
+        if gap < least or gap <= 0.0:
+            return gap
+    return gap
+
+
+@borrowing_kernel
+def stretch_between(
+    x: float, y: float, yaw: float, ax: float, ay: float, ayaw: float
+) -> tuple[float, float]:
+    """Way [m] and turn [rad] of the stretch from a pose to another that it leads to."""
+    turn = wrap(ayaw - yaw)
+    half = 0.5 * turn
+    chord = math.cos(yaw + half) * (ax - x) + math.sin(yaw + half) * (ay - y)
+    return (chord * half / math.sin(half) if abs(half) > STRAIGHT else chord), turn
+
+
+@kernel
+def _path_gap(segments: Array, path: Array, outline: Array, room: Sweeps, enough: float) -> float:
+    seen = np.empty_like(segments)
+    gap = enough
+    for m in range(max(1, path.shape[0] - 1)):
+        x, y, yaw = path[m, 0], path[m, 1], path[m, 2]
+        after = min(m + 1, path.shape[0] - 1)
+        way, turn = stretch_between(x, y, yaw, path[after, 0], path[after, 1], path[after, 2])
+        c, s = math.cos(yaw), math.sin(yaw)
+        for k in range(segments.shape[0]):
+            for e in range(2):
+                ax, ay = segments[k, 2 * e] - x, segments[k, 2 * e + 1] - y
+                seen[k, 2 * e], seen[k, 2 * e + 1] = c * ax + s * ay, c * ay - s * ax
+        sweep(room, 0, way, turn, outline)
+        gap = stretch_gap(room, 0, outline, seen, segments.shape[0], gap, 0.0)
+    return gap
+
+
+def path_gap(path: ArrayLike, space: Space, footprint: Footprint, enough: float = 1.0) -> float:
+    """Least gap [m] between a footprint and what is not free, all along a path of poses (n, 3).
+
+    Between two poses the chair turns and drives at constant rates. It must stand in what is free
+    at the first pose; 0 where it touches anything later.
+    """
+    poses = np.ascontiguousarray(path, dtype=np.float64)
+    return float(_path_gap(space.arrays.segments, poses, footprint.array, sweeps(1), enough))

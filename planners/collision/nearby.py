@@ -1,0 +1,151 @@
+"""What of a map's boundary lies near a place, and how it looks from a pose there."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.space import Space
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.geometry import point_segment_distance
+
+Array = NDArray[np.float64]
+
+CELL = 0.25  # m: squares of position that share one list of what is near
+RUN = 0.2  # m: a run of segments is at most this wide and high
+
+
+class Nearby(NamedTuple):
+    """Which parts of a map's boundary lie near each cell of a coarse grid.
+
+    Runs of short segments that follow each other go together: discs have many.
+    """
+
+    segments: Array  # (n, 4) m
+    runs: NDArray[np.int32]  # (k + 1,): the segment with which each run begins
+    spines: Array  # (k, 5) m: a run lies within a distance of a line: its ends, the distance
+    box: Array  # (4,) m: xmin, ymin, xmax, ymax of the map
+    origin: Array  # (2,) m: lower left corner of the cells
+    columns: int
+    first: NDArray[np.int64]  # (cells + 1,): where each cell's members begin
+    members: NDArray[np.int32]  # indices of runs, cell by cell
+
+
+@borrowing_kernel
+def _gather(segments: Array, runs: NDArray[np.int32], spines: Array) -> int:
+    """Write runs, and what each lies within; how many there are."""
+    count = 0
+    low_x, low_y, high_x, high_y = 0.0, 0.0, 0.0, 0.0
+    for k in range(segments.shape[0]):
+        ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+        left, low = min(min(ax, bx), low_x), min(min(ay, by), low_y)
+        right, high = max(max(ax, bx), high_x), max(max(ay, by), high_y)
+        if k > runs[max(0, count - 1)] and count > 0 and max(right - left, high - low) <= RUN:
+            low_x, low_y, high_x, high_y = left, low, right, high
+            spine = spines[count - 1]
+            spine[0] = spine[2] = 0.5 * (left + right)
+            spine[1] = spine[3] = 0.5 * (low + high)
+            spine[4] = 0.5 * math.hypot(right - left, high - low)
+            continue
+        low_x, low_y, high_x, high_y = min(ax, bx), min(ay, by), max(ax, bx), max(ay, by)
+        runs[count] = k
+        for axis in range(4):
+            spines[count, axis] = segments[k, axis]
+        spines[count, 4] = 0.0
+        count += 1
+    runs[count] = segments.shape[0]
+    return count
+
+
+@borrowing_kernel
+def _list_near(
+    spines: Array,
+    origin: Array,
+    rows: int,
+    columns: int,
+    reach: float,
+    first: NDArray[np.int64],
+    members: NDArray[np.int32],
+) -> None:
+    """Count each cell's runs in `first`, or, if `members` has room, put them there."""
+    for k in range(spines.shape[0]):
+        ax, ay, bx, by = spines[k, 0], spines[k, 1], spines[k, 2], spines[k, 3]
+        far = reach + spines[k, 4] + CELL / math.sqrt(2.0)  # from the cell's centre
+        low_i = max(0, int((min(ay, by) - far - origin[1]) / CELL))
+        high_i = min(rows - 1, int((max(ay, by) + far - origin[1]) / CELL))
+        low_j = max(0, int((min(ax, bx) - far - origin[0]) / CELL))
+        high_j = min(columns - 1, int((max(ax, bx) + far - origin[0]) / CELL))
+        for i in range(low_i, high_i + 1):
+            for j in range(low_j, high_j + 1):
+                x, y = origin[0] + (j + 0.5) * CELL, origin[1] + (i + 0.5) * CELL
+                if point_segment_distance(x, y, ax, ay, bx, by) <= far:
+                    if members.shape[0]:
+                        members[first[i * columns + j]] = k
+                    first[i * columns + j] += 1
+
+
+def nearby(space: Space, reach: float) -> Nearby:
+    """What of a space's boundary lies within a reach [m] of each place on its map."""
+    arrays = space.arrays
+    low, high = arrays.bounds[:2].copy(), arrays.bounds[2:]
+    runs, spines = np.empty(len(arrays.segments) + 1, np.int32), np.empty((len(arrays.segments), 5))
+    count = _gather(arrays.segments, runs, spines)
+    runs, spines = runs[: count + 1].copy(), spines[:count].copy()
+    columns, rows = (int(n) for n in np.maximum((high - low) / CELL, 0.0).astype(np.int64) + 1)
+    counts = np.zeros(rows * columns, dtype=np.int64)
+    _list_near(spines, low, rows, columns, reach, counts, np.empty(0, dtype=np.int32))
+    first = np.concatenate([[0], np.cumsum(counts)])
+    members = np.empty(first[-1], dtype=np.int32)
+    _list_near(spines, low, rows, columns, reach, first[:-1].copy(), members)
+    return Nearby(arrays.segments, runs, spines, arrays.bounds, low, columns, first, members)
+
+
+@borrowing_kernel
+def seen_from(
+    near: Nearby, x: float, y: float, yaw: float, box: Array, enough: float, seen: Array
+) -> int:
+    """Write the segments within `enough` of a box (in the chair's frame) at a pose.
+
+    Args:
+        near: what lies where.
+        x: the pose [m], on the map; then y [m] and yaw [rad].
+        y: see x.
+        yaw: see x.
+        box: xmin, ymin, xmax, ymax [m] in the chair's frame.
+        enough: how far beyond the box [m].
+        seen: (k, 4) m, where they are written, in the chair's frame.
+
+    Returns:
+        How many there are.
+    """
+    cell = int((y - near.origin[1]) / CELL) * near.columns + int((x - near.origin[0]) / CELL)
+    c, s = math.cos(yaw), math.sin(yaw)
+    count = 0
+    low_x, low_y, high_x, high_y = (
+        box[0] - enough, box[1] - enough, box[2] + enough, box[3] + enough,
+    )  # fmt: skip
+    for m in range(near.first[cell], near.first[cell + 1]):
+        run = near.members[m]
+        ax, ay = near.spines[run, 0] - x, near.spines[run, 1] - y
+        bx, by, wide = near.spines[run, 2] - x, near.spines[run, 3] - y, near.spines[run, 4]
+        px, qx = c * ax + s * ay, c * bx + s * by
+        if max(px, qx) + wide < low_x or min(px, qx) - wide > high_x:
+            continue
+        py, qy = c * ay - s * ax, c * by - s * bx
+        if max(py, qy) + wide < low_y or min(py, qy) - wide > high_y:
+            continue
+        for k in range(near.runs[run], near.runs[run + 1]):
+            ax, ay = near.segments[k, 0] - x, near.segments[k, 1] - y
+            bx, by = near.segments[k, 2] - x, near.segments[k, 3] - y
+            px, qx = c * ax + s * ay, c * bx + s * by
+            if max(px, qx) < low_x or min(px, qx) > high_x:
+                continue
+            py, qy = c * ay - s * ax, c * by - s * bx
+            if max(py, qy) < low_y or min(py, qy) > high_y:
+                continue
+            seen[count, 0], seen[count, 1], seen[count, 2], seen[count, 3] = px, py, qx, qy
+            count += 1
+    return count

@@ -1,0 +1,259 @@
+"""Exact tests of points and edges against polygons, and the distance to them, as kernels.
+
+Exact for the numbers given, since `side` is. A uniform grid of buckets holds the segments near each
+cell, and whether the cell's lower left corner is free, so a test looks at a few segments.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.orient2d import side
+from wheelchair_gym.compiled.kernel import borrowing_kernel, whole
+from wheelchair_gym.geometry import point_segment_distance
+
+Array = NDArray[np.float64]
+
+
+class SpaceArrays(NamedTuple):
+    """A space as kernels take it."""
+
+    bounds: Array  # (4,) xmin, ymin, xmax, ymax [m] of what is free
+    segments: Array  # (n, 4) x0, y0, x1, y1 [m]: the boundary, what is solid on its left
+    before: Array  # (n, 2) m: the corner before (x0, y0)
+    grid: Array  # (3,) m: lower left corner of the buckets, their side
+    first: NDArray[np.int64]  # (rows * columns + 1,): where each bucket's members begin
+    members: NDArray[np.int32]  # indices of segments, bucket by bucket
+    corner_free: NDArray[np.bool_]  # (rows, columns): is each bucket's lower left corner free
+
+
+@borrowing_kernel
+def into_solid(
+    px: float, py: float, cx: float, cy: float, dx: float, dy: float, tx: float, ty: float
+) -> bool:
+    """Whether the way from a corner c (after p, before d) towards t enters what is solid."""
+    left = side(cx, cy, dx, dy, tx, ty)
+    if left > 0.0 and side(cx, cy, px, py, tx, ty) < 0.0:
+        return True
+    turn = side(px, py, cx, cy, dx, dy)
+    if turn == 0.0:
+        return left > 0.0
+    return turn < 0.0 and (left > 0.0 or side(cx, cy, px, py, tx, ty) < 0.0)
+
+
+@borrowing_kernel
+def _left_of(segments: Array, k: int, x: float, y: float) -> bool:
+    """Whether (x, y) lies left of a segment, moved right and, by far less, up: never on it."""
+    ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+    area = side(ax, ay, bx, by, x, y)
+    return area > 0.0 or (area == 0.0 and (by < ay or (by == ay and bx > ax)))
+
+
+@borrowing_kernel
+def _free_inside(
+    segments: Array, near: NDArray[np.int32], x0: float, y0: float, x: float, y: float, free: bool
+) -> bool:
+    """Whether (x, y) of a bucket is free, from its lower left corner: up first, then right.
+
+    All points are moved right and, by far less, up, so that none lies on a boundary or in line
+    with a corner; then the answer changes exactly where a leg crosses a segment.
+    """
+    for k in near:
+        if (segments[k, 0] <= x0) != (segments[k, 2] <= x0):
+            free ^= _left_of(segments, k, x0, y0) != _left_of(segments, k, x0, y)
+        if (segments[k, 1] <= y) != (segments[k, 3] <= y):
+            free ^= _left_of(segments, k, x0, y) != _left_of(segments, k, x, y)
+    return free
+
+
+@borrowing_kernel
+def _on_boundary(segments: Array, near: NDArray[np.int32], x: float, y: float) -> bool:
+    for k in near:
+        ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+        if (
+            min(ax, bx) <= x <= max(ax, bx)
+            and min(ay, by) <= y <= max(ay, by)
+            and side(ax, ay, bx, by, x, y) == 0.0
+        ):
+            return True
+    return False
+
+
+@borrowing_kernel
+def point_free(arrays: SpaceArrays, x: float, y: float) -> bool:
+    """Whether a point [m] is free; on a boundary it is. NaN is not."""
+    bounds, grid = arrays.bounds, arrays.grid
+    if not (bounds[0] <= x <= bounds[2] and bounds[1] <= y <= bounds[3]):
+        return False
+    left, low, size = grid[0], grid[1], grid[2]
+    rows, columns = arrays.corner_free.shape
+    i, j = min(rows - 1, int((y - low) / size)), min(columns - 1, int((x - left) / size))
+    bucket = i * columns + j
+    near = arrays.members[arrays.first[bucket] : arrays.first[bucket + 1]]
+    x0, y0 = left + j * size, low + i * size
+    if _free_inside(arrays.segments, near, x0, y0, x, y, arrays.corner_free[i, j]):
+        return True
+    return _on_boundary(arrays.segments, near, x, y)
+
+
+@borrowing_kernel
+def stops(
+    segments: Array, before: Array, k: int, ax: float, ay: float, bx: float, by: float
+) -> bool:
+    """Whether segment k stops the edge from a to b."""
+    low_x, high_x, low_y, high_y = min(ax, bx), max(ax, bx), min(ay, by), max(ay, by)
+    cx, cy, dx, dy = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+    if max(cx, dx) < low_x or min(cx, dx) > high_x:
+        return False
+    if max(cy, dy) < low_y or min(cy, dy) > high_y:
+        return False
+    c, d = side(ax, ay, bx, by, cx, cy), side(ax, ay, bx, by, dx, dy)
+    if (c > 0.0 and d > 0.0) or (c < 0.0 and d < 0.0):
+        return False
+    if c != 0.0 and d != 0.0:  # a and b on one side, or do they meet, from or to the solid?
+        a, b = side(cx, cy, dx, dy, ax, ay), side(cx, cy, dx, dy, bx, by)
+        return (a > 0.0 and b <= 0.0) or (b > 0.0 and a <= 0.0)
+    if c == 0.0 and low_x <= cx <= high_x and low_y <= cy <= high_y:
+        px, py = before[k, 0], before[k, 1]
+        if (cx != ax or cy != ay) and into_solid(px, py, cx, cy, dx, dy, ax, ay):
+            return True
+        return (cx != bx or cy != by) and into_solid(px, py, cx, cy, dx, dy, bx, by)
+    return False
+
+
+@borrowing_kernel
+def blocker(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> int:
+    """The segment that stops the straight way from a point a known to be free to b [m].
+
+    -1 if the way stays in what is free, -2 if b lies outside the map.
+    """
+    bounds, grid = arrays.bounds, arrays.grid
+    if not (bounds[0] <= bx <= bounds[2] and bounds[1] <= by <= bounds[3]):
+        return -2
+    segments, before, first, members = arrays.segments, arrays.before, arrays.first, arrays.members
+    rows, columns = arrays.corner_free.shape
+    left, low, size = grid[0], grid[1], grid[2]
+    i, j = min(rows - 1, int((ay - low) / size)), min(columns - 1, int((ax - left) / size))
+    last_i, last_j = (
+        min(rows - 1, int((by - low) / size)),
+        min(columns - 1, int((bx - left) / size)),
+    )
+    # From bucket to bucket (Amanatides and Woo 1987). Buckets hold what comes near them, so that
+    # rounding may choose either way round a corner.
+    step_i, step_j = (1 if last_i > i else -1), (1 if last_j > j else -1)
+    per_x = size / abs(bx - ax) if j != last_j else math.inf
+    per_y = size / abs(by - ay) if i != last_i else math.inf
+    next_x = (left + (j + (step_j > 0)) * size - ax) / (bx - ax) if j != last_j else math.inf
+    next_y = (low + (i + (step_i > 0)) * size - ay) / (by - ay) if i != last_i else math.inf
+    while True:
+        for place in range(first[i * columns + j], first[i * columns + j + 1]):
+            k: int = whole(members[place])
+            if stops(segments, before, k, ax, ay, bx, by):
+                return k
+        if i == last_i and j == last_j:
+            return -1
+        if i == last_i or (j != last_j and next_x < next_y):
+            j += step_j
+            next_x += per_x
+        else:
+            i += step_i
+            next_y += per_y
+
+
+@borrowing_kernel
+def way_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> bool:
+    """Whether the straight way from a point a known to be free to b [m] stays in what is free."""
+    return blocker(arrays, ax, ay, bx, by) == -1
+
+
+@borrowing_kernel
+def edge_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> bool:
+    """Whether the straight way from a to b [m] stays in what is free; touching is allowed."""
+    return point_free(arrays, ax, ay) and way_free(arrays, ax, ay, bx, by)
+
+
+@borrowing_kernel
+def clearance(arrays: SpaceArrays, x: float, y: float) -> float:
+    """Distance [m] from a point to the nearest boundary, the map's border too; 0 if not free."""
+    if not point_free(arrays, x, y):
+        return 0.0
+    segments, grid = arrays.segments, arrays.grid
+    rows, columns = arrays.corner_free.shape
+    size = grid[2]
+    i = min(rows - 1, int((y - grid[1]) / size))
+    j = min(columns - 1, int((x - grid[0]) / size))
+    dx, dy = x - grid[0] - j * size, y - grid[1] - i * size
+    margin = min(min(dx, size - dx), min(dy, size - dy))
+    best = math.inf
+    ring = 0
+    while ring <= max(rows, columns) and best > margin + (ring - 1) * size:
+        for r in range(max(0, i - ring), min(rows, i + ring + 1)):
+            step = 1 if abs(r - i) == ring else max(1, 2 * ring)
+            for c in range(j - ring, j + ring + 1, step):
+                if c < 0 or c >= columns:
+                    continue
+                bucket = r * columns + c
+                for m in range(arrays.first[bucket], arrays.first[bucket + 1]):
+                    k = arrays.members[m]
+                    ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+                    best = min(best, point_segment_distance(x, y, ax, ay, bx, by))
+        ring += 1
+    return best
+
+
+@borrowing_kernel
+def fill_buckets(
+    segments: Array,
+    grid: Array,
+    rows: int,
+    columns: int,
+    first: NDArray[np.int64],
+    members: NDArray[np.int32],
+) -> None:
+    """Count each bucket's segments in `first`, or, if `members` has room, put them there."""
+    size, slack = grid[2], 1e-6 * grid[2]
+    for k in range(segments.shape[0]):
+        ax, ay = segments[k, 0] - grid[0], segments[k, 1] - grid[1]
+        bx, by = segments[k, 2] - grid[0], segments[k, 3] - grid[1]
+        length = math.hypot(bx - ax, by - ay)
+        nx, ny = (ay - by) / length, (bx - ax) / length
+        reach = 0.5 * size * (abs(nx) + abs(ny)) + slack
+        for i in range(
+            max(0, int((min(ay, by) - slack) / size)),
+            min(rows - 1, int((max(ay, by) + slack) / size)) + 1,
+        ):
+            for j in range(
+                max(0, int((min(ax, bx) - slack) / size)),
+                min(columns - 1, int((max(ax, bx) + slack) / size)) + 1,
+            ):
+                gap = nx * ((j + 0.5) * size - ax) + ny * ((i + 0.5) * size - ay)
+                if abs(gap) <= reach:
+                    bucket = i * columns + j
+                    if members.shape[0]:
+                        members[first[bucket]] = k
+                    first[bucket] += 1
+
+
+@borrowing_kernel
+def mark_corners(arrays: SpaceArrays) -> None:
+    """Set `corner_free`: the first corner lies outside the map, each other follows from one."""
+    free, grid, segments = arrays.corner_free, arrays.grid, arrays.segments
+    rows, columns = free.shape
+    for i in range(rows):
+        y = grid[1] + i * grid[2]
+        for j in range(columns):
+            x = grid[0] + j * grid[2]
+            if j > 0:  # from the left
+                bucket, known = i * columns + j - 1, free[i, j - 1]
+                x0, y0 = grid[0] + (j - 1) * grid[2], y
+            elif i > 0:  # from below
+                bucket, known = (i - 1) * columns, free[i - 1, 0]
+                x0, y0 = x, grid[1] + (i - 1) * grid[2]
+            else:
+                continue
+            near = arrays.members[arrays.first[bucket] : arrays.first[bucket + 1]]
+            free[i, j] = _free_inside(segments, near, x0, y0, x, y, known)

@@ -1,0 +1,184 @@
+"""What is free: a map without what is solid, as polygons, and as arrays for exact kernels.
+
+The boundary belongs to what is free: a path may touch an obstacle, run along its side, pass through
+its corner, or between two obstacles that meet in one point. It may not enter an obstacle, nor leave
+the map; where an obstacle touches the map's border, nothing passes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+
+from planners.collision import solids
+from planners.collision.boundary import Boundary, Corners, boundary, buckets, convex_corners, framed
+from planners.collision.inflation import eroded
+from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free, point_free
+from planners.collision.triangulation import Mesh, mesh
+
+__all__ = ["Space", "SpaceArrays", "clearance", "edge_free", "point_free"]
+
+Array = NDArray[np.float64]
+Bounds = tuple[float, float, float, float]
+
+
+class Grid(Protocol):
+    """What a space needs of an occupancy grid."""
+
+    @property
+    def bounds(self) -> Bounds:
+        """(xmin, ymin, xmax, ymax) [m]."""
+        ...
+
+    def walls(self, unknown_is_solid: bool = False) -> Array:
+        """Loops (n, 4) [m] round what is solid, which lies on their left."""
+        ...
+
+
+class Space:
+    """What is free on a map, exactly.
+
+    Attributes:
+        bounds: (xmin, ymin, xmax, ymax) [m] of the map; an empty map has its maxima below.
+        discs: (m, 3) x, y, radius [m]: what of the solid is known to be round, for costs that
+            measure from centres; the solid holds polygons round them.
+    """
+
+    def __init__(
+        self,
+        solid: Any,
+        bounds: ArrayLike,
+        discs: ArrayLike = (),
+        edges: Array | None = None,
+    ) -> None:
+        """Take what is solid, or the edges (n, 4) of what is free, and the map's bounds [m].
+
+        Args:
+            solid: a shapely geometry, or None where edges are given.
+            bounds: (xmin, ymin, xmax, ymax) [m].
+            discs: (m, 3) [m] that what is solid holds.
+            edges: (n, 4) [m] of what is free.
+        """
+        xmin, ymin, xmax, ymax = map(float, np.asarray(bounds, dtype=np.float64))
+        if not all(map(math.isfinite, (xmin, ymin, xmax, ymax))):
+            raise ValueError(f"bounds are {bounds!r}; expected four finite numbers")
+        self._solid, self._edges = solid, edges
+        self.bounds: Bounds = (xmin, ymin, xmax, ymax)
+        self.discs: Array = np.array(discs, dtype=np.float64).reshape(-1, 3)
+        self._inflated: dict[float, Space] = {}
+
+    @classmethod
+    def from_polygons(cls, polygons: Iterable[ArrayLike], bounds: ArrayLike) -> Space:
+        """A map with solid polygons (k, 2) [m], which may overlap."""
+        return cls(solids.union(polygons), bounds)
+
+    @classmethod
+    def from_rectangles(cls, rectangles: ArrayLike, bounds: ArrayLike) -> Space:
+        """A map with solid rectangles (n, 4) [m]: xmin, ymin, xmax, ymax; they may overlap."""
+        corners = np.asarray(rectangles, dtype=np.float64).reshape(-1, 4)
+        return cls(solids.union(corners[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 4, 2)), bounds)
+
+    @classmethod
+    def from_walls(cls, walls: ArrayLike, discs: ArrayLike, bounds: ArrayLike) -> Space:
+        """A map with walls (n, 4) [m], closed loops, and discs (m, 3) [m]: x, y, radius.
+
+        What lies inside an odd number of loops is solid; a disc becomes a polygon round it.
+        """
+        round_ones = np.asarray(discs, dtype=np.float64).reshape(-1, 3)
+        solid = solids.union(solids.disc(x, y, radius) for x, y, radius in round_ones)
+        return cls(shapely.union(solids.even_odd(walls), solid), bounds, round_ones)
+
+    @classmethod
+    def from_grid(cls, grid: Grid, unknown_is_solid: bool = False) -> Space:
+        """The map of an occupancy grid; its walls say what is solid."""
+        walls = grid.walls(unknown_is_solid)
+        edges = framed(walls, grid.bounds)
+        if edges is not None:
+            return cls(None, grid.bounds, edges=edges)
+        return cls(solids.even_odd(walls), grid.bounds)
+
+    def inflated(self, radius: float) -> Space:
+        """Where a disc of a radius [m] may have its centre: never nearer to anything than that.
+
+        Too far from it by a millionth of the radius, and at convex corners by at most 2 %, where
+        polygons stand for arcs. So a gap exactly as wide as the disc is shut.
+
+        Raises:
+            ValueError: the radius is negative or not finite.
+        """
+        if not 0.0 <= radius < math.inf:
+            raise ValueError(f"radius is {radius}; expected a finite number of at least 0")
+        if radius == 0.0:
+            return self
+        if radius not in self._inflated:
+            xmin, ymin, xmax, ymax = self.bounds
+            bounds = (xmin + radius, ymin + radius, xmax - radius, ymax - radius)
+            discs = self.discs + np.array([0.0, 0.0, radius])
+            try:
+                grown = Space(None, bounds, discs, eroded(self.arrays, radius))
+                grown.mesh  # noqa: B018 - which proves that the edges form loops that never cross
+            except ValueError:
+                grown = Space(solids.grown(self.solid, radius), bounds, discs)
+            self._inflated[radius] = grown
+        return self._inflated[radius]
+
+    @cached_property
+    def solid(self) -> Any:
+        """What is solid, as a shapely geometry; it may reach beyond the bounds."""
+        if self._edges is None:
+            return self._solid
+        return shapely.difference(shapely.box(*self.bounds), self.free)
+
+    @cached_property
+    def free(self) -> Any:
+        """What is free, as a shapely geometry of polygons."""
+        if self._edges is not None:
+            lines = shapely.linestrings(self._edges.reshape(-1, 2, 2))
+            faces = np.asarray(shapely.get_parts(shapely.polygonize(lines)))
+            inside = shapely.get_coordinates(shapely.point_on_surface(faces))
+            return shapely.MultiPolygon(
+                [
+                    face
+                    for face, at in zip(faces, inside, strict=True)
+                    if point_free(self.arrays, *at)
+                ]
+            )
+        xmin, ymin, xmax, ymax = self.bounds
+        if xmin >= xmax or ymin >= ymax:
+            return shapely.MultiPolygon()
+        return solids.polygonal(shapely.difference(shapely.box(*self.bounds), self.solid))
+
+    @cached_property
+    def boundary(self) -> Boundary:
+        """The boundary of what is free; what is solid lies on the left of its segments."""
+        if self._edges is not None:
+            return boundary(self._edges)
+        loops = solids.rings(self.free, solid_inside=False)
+        return boundary(
+            np.concatenate(
+                [np.hstack([loop, np.roll(loop, -1, axis=0)]) for loop in loops]
+                or [np.empty((0, 4))]
+            )
+        )
+
+    @cached_property
+    def arrays(self) -> SpaceArrays:
+        """The boundary of what is free, as kernels take it."""
+        edge = self.boundary
+        return buckets(edge.segments, edge.points[edge.before], np.array(self.bounds))
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """What is free as triangles."""
+        return mesh(self.boundary)
+
+    @cached_property
+    def corners(self) -> Corners:
+        """The convex corners of what is solid."""
+        return convex_corners(self.boundary)

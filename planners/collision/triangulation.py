@@ -1,0 +1,266 @@
+"""What is free as triangles between the corners of what is solid, each knowing its neighbours.
+
+One sweep over the corners from low to high (Hertel and Mehlhorn 1983). Between two sides that bound
+a free stretch of the sweep line hangs a chain of corners, below which all is triangles already; a
+new corner is joined to all of the chain that it sees. Corners at one height come from left to
+right, as if the map were sheared by next to nothing; every choice is an exact sign.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.boundary import NONE, Boundary, by_point, side_of
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class Mesh(NamedTuple):
+    """Triangles that fill what is free; where two free parts meet in a point, they share it."""
+
+    points: Array  # (m, 2) m: corners of what is solid, by y, then x
+    corners: Index  # (t, 3) points, counter-clockwise
+    across: Index  # (t, 3) 3 * triangle + side beyond the side from each corner on; NONE: solid
+    boxes: Array  # (4, t) m: least and greatest x, least and greatest y of each triangle
+    first: Index  # (m + 1,) where each point's triangles begin in `around`
+    around: Index  # (3 t,) 3 * triangle + corner, point by point
+
+
+class _Sweep(NamedTuple):
+    """All that grows while the line moves up."""
+
+    points: Array  # (m, 2)
+    corners: Index  # (2 n, 3)
+    across: Index  # (2 n, 3)
+    place: Index  # (nodes,) point of each link of a chain
+    left: Index  # (nodes,) the link before it, or NONE
+    right: Index  # (nodes,)
+    edge: Index  # (nodes,) the edge to the link on its right
+    waiting: Index  # (edges,) the first triangle beside an edge, 3 * triangle + side, or NONE
+    used: Index  # (3,) triangles, links and edges so far
+
+
+@borrowing_kernel
+def _link(sweep: _Sweep, point: int) -> int:
+    """A new link of a chain, not yet tied to any."""
+    k = sweep.used[1]
+    sweep.used[1] += 1
+    sweep.place[k], sweep.left[k], sweep.right[k] = point, NONE, NONE
+    return int(k)
+
+
+@borrowing_kernel
+def _edge(sweep: _Sweep) -> int:
+    k = sweep.used[2]
+    sweep.used[2] += 1
+    sweep.waiting[k] = NONE
+    return int(k)
+
+
+@borrowing_kernel
+def _beside(sweep: _Sweep, edge: int, code: int) -> None:
+    """Tell an edge of a triangle's side along it: the second one becomes the first's neighbour."""
+    other = sweep.waiting[edge]
+    if other == NONE:
+        sweep.waiting[edge] = code
+    else:
+        sweep.across[code // 3, code % 3] = other
+        sweep.across[other // 3, other % 3] = code
+
+
+@borrowing_kernel
+def _seen(sweep: _Sweep, a: int, b: int, p: int) -> bool:
+    """Whether a point sees the edge from link a to link b from above."""
+    return side_of(sweep.points, sweep.place[a], sweep.place[b], p) > 0.0
+
+
+@borrowing_kernel
+def _fill(sweep: _Sweep, a: int, b: int, p: int, from_left: int, from_right: int) -> None:
+    """A triangle of links a, b and a point; its edges to a and to b are given."""
+    t = sweep.used[0]
+    sweep.used[0] += 1
+    sweep.corners[t, 0], sweep.corners[t, 1] = sweep.place[a], sweep.place[b]
+    sweep.corners[t, 2] = p
+    sweep.across[t, 0] = sweep.across[t, 1] = sweep.across[t, 2] = NONE
+    _beside(sweep, sweep.edge[a], 3 * t)
+    _beside(sweep, from_right, 3 * t + 1)
+    _beside(sweep, from_left, 3 * t + 2)
+
+
+@borrowing_kernel
+def _join_rightward(sweep: _Sweep, link: int, p: int, edge: int) -> int:
+    """Triangles from a point to a chain, from a link to the right; the point's link before it."""
+    b = sweep.right[link]
+    while b != NONE and _seen(sweep, link, b, p):
+        beyond = _edge(sweep)
+        _fill(sweep, link, b, p, edge, beyond)
+        link, edge = b, beyond
+        b = sweep.right[link]
+    own = _link(sweep, p)
+    sweep.right[own], sweep.edge[own], sweep.left[link] = link, edge, own
+    return own
+
+
+@borrowing_kernel
+def _join_leftward(sweep: _Sweep, link: int, p: int, edge: int) -> int:
+    """The same from a link to the left; the point's link comes behind it."""
+    a = sweep.left[link]
+    while a != NONE and _seen(sweep, a, link, p):
+        beyond = _edge(sweep)
+        _fill(sweep, a, link, p, beyond, edge)
+        link, edge = a, beyond
+        a = sweep.left[link]
+    own = _link(sweep, p)
+    sweep.left[own], sweep.right[link], sweep.edge[link] = link, own, edge
+    return own
+
+
+@borrowing_kernel
+def _where(points: Array, low: Index, high: Index, status: Index, count: int, p: int) -> int:
+    """How many of the sides on the sweep line lie left of a point."""
+    first, last = 0, count
+    while first < last:
+        middle = (first + last) // 2
+        if side_of(points, low[status[middle]], high[status[middle]], p) < 0.0:
+            first = middle + 1
+        else:
+            last = middle
+    return first
+
+
+@kernel
+def triangulate(
+    points: Array, begins: Index, ends: Index
+) -> tuple[Index, Index, Index, Index, bool]:
+    """Triangles between closed loops of segments with what is solid on their left.
+
+    Args:
+        points: (m, 2), sorted by y, then x.
+        begins: (n,) the point at which each segment begins.
+        ends: (n,) see begins.
+
+    Returns:
+        Corners and neighbours (t, 3), the triangles round each point (see `Mesh`), and whether
+        the loops were such: closed, and crossing nowhere.
+    """
+    n, m = begins.shape[0], points.shape[0]
+    whole = _Sweep(
+        points,
+        np.empty((2 * n + 8, 3), np.int64),
+        np.empty((2 * n + 8, 3), np.int64),
+        np.empty(6 * n + 8, np.int64),
+        np.empty(6 * n + 8, np.int64),
+        np.empty(6 * n + 8, np.int64),
+        np.empty(6 * n + 8, np.int64),
+        np.empty(8 * n + 8, np.int64),
+        np.zeros(3, np.int64),
+    )
+    low, high = np.minimum(begins, ends), np.maximum(begins, ends)
+    up = begins < ends  # what is free lies on its right
+    arrive_first, arrive = np.empty(m + 1, np.int64), np.empty(n, np.int64)
+    leave_first, leave = np.empty(m + 1, np.int64), np.empty(n, np.int64)
+    by_point(high, arrive_first, arrive)
+    by_point(low, leave_first, leave)
+    # Of a free stretch, by the side on its left: the ends of its chain, and its latest link.
+    head, tail, last = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    status, count, good = np.empty(n, np.int64), 0, True
+    for p in range(m):
+        below = arrive_first[p + 1] - arrive_first[p]
+        new = leave[leave_first[p] : leave_first[p + 1]]
+        above = new.shape[0]
+        at = _where(points, low, high, status, count, p)
+        if at + below > count or count - below + above > n:
+            good = False
+            break
+        for k in range(at, at + below):
+            good &= high[status[k]] == p
+        for i in range(1, above):  # from left to right
+            for j in range(i, 0, -1):
+                a, b = high[new[j - 1]], high[new[j]]
+                if side_of(points, p, a, b) <= 0.0:
+                    break
+                new[j - 1], new[j] = new[j], new[j - 1]
+        free_left = at > 0 and up[status[at - 1]]
+        free_right = at + below < count and not up[status[at + below]]
+        begin = 1 if free_left else 0
+        for k in range(below):  # free and solid take turns
+            good &= up[status[at + k]] == (k % 2 == begin)
+        for k in range(above):
+            good &= up[new[k]] == (k % 2 == begin)
+        good &= (below + above) % 2 == 0 and free_right == (free_left ^ (below % 2 == 1))
+        if not good:
+            break
+        for k in range(at + begin, at + below - 1, 2):  # free stretches that end here
+            _join_rightward(whole, head[status[k]], p, _edge(whole))
+        mine = NONE
+        if below == 0 and free_left:  # something solid begins within a free stretch
+            stretch = status[at - 1]
+            q, edge = last[stretch], _edge(whole)
+            rest = whole.right[q]
+            twin = _link(whole, whole.place[q])  # the latest link belongs to both chains
+            whole.right[twin], whole.edge[twin] = rest, whole.edge[q]
+            if rest != NONE:
+                whole.left[rest] = twin
+            end = tail[stretch] if tail[stretch] != q else twin
+            mine = _join_leftward(whole, q, p, edge)
+            other = _join_rightward(whole, twin, p, edge)
+            tail[stretch] = last[stretch] = mine
+            right = new[above - 1]
+            head[right] = last[right] = other
+            tail[right] = end
+        elif below > 0:
+            if free_left:
+                stretch = status[at - 1]
+                mine = _join_leftward(whole, tail[stretch], p, _edge(whole))
+                tail[stretch] = last[stretch] = mine
+            if free_right:
+                stretch = status[at + below - 1]
+                other = _join_rightward(whole, head[stretch], p, _edge(whole))
+                end = tail[stretch]
+                if above > 0:
+                    right = new[above - 1]
+                    head[right] = last[right] = other
+                    tail[right] = end
+                else:  # two free stretches become one
+                    stretch = status[at - 1]
+                    rest = whole.right[other]
+                    whole.right[mine], whole.edge[mine] = rest, whole.edge[other]
+                    whole.left[rest] = mine
+                    tail[stretch] = end
+        for k in range(begin, above - 1, 2):  # free stretches that begin here
+            own = _link(whole, p)
+            head[new[k]] = tail[new[k]] = last[new[k]] = own
+        if above > below:
+            for k in range(count - 1, at + below - 1, -1):
+                status[k + above - below] = status[k]
+        elif above < below:
+            for k in range(at + below, count):
+                status[k + above - below] = status[k]
+        count += above - below
+        for k in range(above):
+            status[at + k] = new[k]
+    total = whole.used[0]
+    corners = whole.corners[:total].copy()
+    first, around = np.empty(m + 1, np.int64), np.empty(3 * total, np.int64)
+    by_point(corners.ravel(), first, around)
+    return corners, whole.across[:total].copy(), first, around, good and count == 0
+
+
+def mesh(boundary: Boundary) -> Mesh:
+    """The triangles of what is free.
+
+    Raises:
+        ValueError: the segments do not form loops, or they cross.
+    """
+    points = boundary.points
+    corners, across, first, around, good = triangulate(points, boundary.begins, boundary.ends)
+    if not good:
+        raise ValueError("the boundary of what is free is not made of loops that never cross")
+    x, y = points[corners].transpose(2, 1, 0)  # (3, t) each
+    boxes = np.array([x.min(axis=0), x.max(axis=0), y.min(axis=0), y.max(axis=0)])
+    return Mesh(points, corners, across, boxes, first, around)

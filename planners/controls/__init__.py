@@ -1,0 +1,1 @@
+"""The control generator: from a path to commands (v, w, t)."""

@@ -1,0 +1,206 @@
+"""Roll-out: where commands (v, w, t) take the chair, within its limits, and what it comes near.
+
+A command is a twist to be asked for during t seconds. The chair approaches it as its limits of
+acceleration and jerk allow, so what is rolled out is what a chair that keeps these limits drives.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.geometry import footprint_clearance
+from wheelchair_gym.kinematics import approach, odometric_step
+
+Array = NDArray[np.float64]
+
+# Clearances beyond this are all alike [m]; it bounds how far the chair moves between two looks.
+INTEREST = 0.5
+# Near obstacles no point of the outline moves farther than this between two looks [m].
+FINEST = 0.02
+# Slower than this is at rest [m/s, rad/s]: the last of a jerk-limited approach is rounding.
+_REST = 1e-5
+# Step of a roll-out [s]: as a control loop of 20 Hz.
+STEP = 0.05
+
+MOTION = np.dtype(
+    [
+        ("x", np.float64),  # m
+        ("y", np.float64),
+        ("yaw", np.float64),  # rad
+        ("v", np.float64),  # m/s
+        ("w", np.float64),  # rad/s
+        ("v_slope", np.float64),  # m/s2
+        ("w_slope", np.float64),  # rad/s2
+        ("time", np.float64),  # s since the roll-out began
+        ("moved", np.float64),  # m: bound of what the outline moved since the last look
+        ("gap", np.float64),  # m: clearance at the last look
+        ("least", np.float64),  # m: least clearance so far
+        ("free", np.bool_),  # false once the clearance fell below the margin
+    ]
+)
+Motion = NDArray[Any]  # (1,) MOTION
+
+
+class World(NamedTuple):
+    """What a roll-out needs to know of the chair and its surroundings."""
+
+    walls: Array  # (n, 4) m
+    discs: Array  # (m, 3) m: x, y, radius
+    box: Array  # (4,) m: xmin, ymin, xmax, ymax of where the axle may be; walls are known there
+    footprint: Array  # (3,) m: front, rear, half width
+    limits: Array  # (9,) as `Limits.array`
+    margin: float  # m: a clearance below this is a collision
+
+
+def motion_at(pose: Array, twist: Array) -> Motion:
+    """A motion that begins at a pose (3,) with a twist (2,), not looked at yet."""
+    motion = np.zeros(1, MOTION)
+    motion["x"], motion["y"], motion["yaw"] = pose
+    motion["v"], motion["w"] = twist
+    motion["gap"], motion["least"], motion["free"] = 0.0, INTEREST, True
+    return motion
+
+
+@borrowing_kernel
+def advance(motion: Any, v: float, w: float, dt: float, limits: Array) -> tuple[float, float]:
+    """Move on for one step [s] towards a twist; returns the way [m] and the turn [rad] made."""
+    v0, w0 = motion.v, motion.w
+    v1, v_slope = approach(v0, motion.v_slope, v, limits[3], limits[4], limits[7], dt)
+    w1, w_slope = approach(w0, motion.w_slope, w, limits[6], limits[6], limits[8], dt)
+    way, turn = 0.5 * (v0 + v1) * dt, 0.5 * (w0 + w1) * dt
+    x, y, yaw = odometric_step(motion.x, motion.y, motion.yaw, way, turn)
+    motion.x, motion.y, motion.yaw = x, y, yaw
+    motion.v, motion.v_slope = v1, v_slope
+    motion.w, motion.w_slope = w1, w_slope
+    motion.time += dt
+    return way, turn
+
+
+@borrowing_kernel
+def look(motion: Any, x: float, y: float, yaw: float, world: World) -> None:
+    """Measure the clearance at a pose of the motion, and judge it."""
+    box = world.box
+    gap = footprint_clearance(x, y, yaw, world.footprint, world.walls, world.discs, INTEREST)
+    inside = box[0] <= x <= box[2] and box[1] <= y <= box[3]
+    motion.gap = gap
+    motion.moved = 0.0
+    motion.least = min(motion.least, gap)
+    motion.free = inside and gap > 0.0 and gap >= world.margin
+
+
+@borrowing_kernel
+def drive(motion: Any, v: float, w: float, t: float, world: World) -> None:
+    """Ask for a twist during t seconds; stops where it is no longer free.
+
+    The clearance is measured again before the outline can have moved that far, and at least every
+    `FINEST` metres where it is less.
+    """
+    footprint = world.footprint
+    reach = math.hypot(max(footprint[0], footprint[1]), footprint[2])
+    while t > 1e-9 and motion.free:
+        step = min(STEP, t)
+        t -= step
+        x, y, yaw = motion.x, motion.y, motion.yaw
+        way, turn = advance(motion, v, w, step, world.limits)
+        moved = abs(way) + abs(turn) * reach
+        if motion.moved + moved <= motion.gap:
+            motion.moved += moved
+            continue
+        parts = math.ceil(moved / FINEST)
+        for k in range(1, parts + 1):
+            motion.moved += moved / parts
+            if motion.free and motion.moved + moved / parts > motion.gap:
+                part = k / parts
+                px, py, pyaw = odometric_step(x, y, yaw, part * way, part * turn)
+                look(motion, px, py, pyaw, world)
+
+
+@borrowing_kernel
+def brake(motion: Any, world: World) -> float:
+    """Ask for rest until the chair rests, or is no longer free; returns the time that took [s]."""
+    steps = 0
+    while motion.free and max(abs(motion.v), abs(motion.w)) > _REST:
+        drive(motion, 0.0, 0.0, STEP, world)
+        steps += 1
+    motion.v, motion.w, motion.v_slope, motion.w_slope = 0.0, 0.0, 0.0, 0.0
+    return steps * STEP
+
+
+@borrowing_kernel
+def time_to_cover(
+    amount: float, speed: float, up: float, down: float, jerk: float, rest: bool
+) -> float:
+    """How long to ask for a speed, from rest, to cover an amount [m or rad, s].
+
+    Args:
+        amount: what to cover, positive.
+        speed: the speed asked for, positive.
+        up: limit of acceleration, then of deceleration and of jerk.
+        down: see up.
+        jerk: see up.
+        rest: whether the amount includes what is covered while coming to rest afterwards.
+    """
+    t, low, high = amount / speed, 0.0, np.inf
+    for _ in range(16):  # Newton's rule, kept within what is known to be too short and too long
+        covered, now, slope, left = 0.0, 0.0, 0.0, t
+        while left > 1e-9 or (rest and now > _REST):
+            step = min(STEP, left) if left > 1e-9 else STEP
+            before = now
+            now, slope = approach(now, slope, speed if left > 1e-9 else 0.0, up, down, jerk, step)
+            covered += 0.5 * (before + now) * step
+            left -= step
+        error = amount - covered
+        if abs(error) < 1e-3:
+            break
+        if error > 0.0:
+            low = t
+        else:
+            high = t
+        t += error / speed
+        if t <= low or t >= high:
+            t = 0.5 * (low + high) if high < np.inf else 2.0 * low
+    return t
+
+
+@kernel
+def rollout(
+    commands: Array, pose: Array, twist: Array, limits: Array
+) -> tuple[Array, Array, Array]:
+    """Where commands take the chair (thesis, (2.15)-(2.17), under limits).
+
+    Args:
+        commands: (k, 3) m/s, rad/s, s.
+        pose: where it begins (3,) m, m, rad.
+        twist: its twist there (2,) m/s, rad/s.
+        limits: the chair's limits (9,), `Limits.array`.
+
+    Returns:
+        Poses (n, 3), twists (n, 2) and times (n,) [s], the first ones those of the beginning.
+    """
+    n = 1
+    for k in range(commands.shape[0]):
+        n += math.ceil(max(0.0, commands[k, 2] - 1e-9) / STEP) + 1
+    poses, twists, times = np.empty((n, 3)), np.empty((n, 2)), np.empty(n)
+    motions = np.zeros(1, MOTION)
+    motion = motions[0]
+    motion.x, motion.y, motion.yaw = pose[0], pose[1], pose[2]
+    motion.v, motion.w = twist[0], twist[1]
+    k, n, left = -1, 0, 0.0
+    while True:
+        poses[n] = motion.x, motion.y, motion.yaw
+        twists[n] = motion.v, motion.w
+        times[n] = motion.time
+        n += 1
+        while left <= 1e-9 and k + 1 < commands.shape[0]:
+            k += 1
+            left = commands[k, 2]
+        if left <= 1e-9:
+            return poses[:n], twists[:n], times[:n]
+        step = min(STEP, left)
+        advance(motion, commands[k, 0], commands[k, 1], step, limits)
+        left -= step

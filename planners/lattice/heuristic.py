@@ -1,0 +1,208 @@
+"""How long it is to the goal for the axle alone: what guides a search over poses.
+
+The disc about the axle that fits into the outline must pass wherever the outline passes. Over a
+grid of its places, Dijkstra's algorithm from the goal counts the seconds, dearer near walls, no
+farther than it is asked to.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.space import Space
+from planners.graphs.heap import pop, push
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.geometry import point_segment_distance, wrap
+
+Array = NDArray[np.float64]
+Field = NDArray[np.float32]
+
+SPACING = 0.05  # m: of the grid of places
+ROUNDING = SPACING / math.sqrt(2.0)  # m: a place is at most this far from its grid point
+AHEAD = 12  # grid points: the way is aimed at so far ahead
+NO_AIM = 0.2  # m: what is nearer gives no direction
+SEED = 0.15  # m: grid points this near to where ways end are free, whatever stands there
+
+
+class Guide(NamedTuple):
+    """Seconds to the goal for the axle, as far as they are known."""
+
+    gaps: Field  # (rows, columns) m: distance to what is solid, at most what matters
+    origin: Array  # (2,) m
+    left: Field  # (rows, columns) s; inf where not known, or no way
+    settled: NDArray[np.bool_]  # (rows, columns)
+    onward: NDArray[np.int32]  # (rows, columns): the next grid point on the way, itself at the goal
+    keys: Array
+    items: NDArray[np.int64]
+    size: NDArray[np.int64]  # (1,): of the heap
+    radius: float  # m: of the disc about the axle
+    wish: float  # m: gap beyond which more is worth nothing
+    dear: float  # how many times dearer a metre is at no gap
+    speed: float  # m/s
+
+
+@borrowing_kernel
+def _paint(segments: Array, origin: Array, gaps: Field, nearest: NDArray[np.int32]) -> None:
+    """Write the nearest segment, and its distance, where it passes within two grid points."""
+    rows, columns = gaps.shape
+    most = 2.0 * SPACING
+    for k in range(segments.shape[0]):
+        ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+        low_i = max(0, math.ceil((min(ay, by) - most - origin[1]) / SPACING))
+        high_i = min(rows - 1, int((max(ay, by) + most - origin[1]) / SPACING))
+        low_j = max(0, math.ceil((min(ax, bx) - most - origin[0]) / SPACING))
+        high_j = min(columns - 1, int((max(ax, bx) + most - origin[0]) / SPACING))
+        for i in range(low_i, high_i + 1):
+            for j in range(low_j, high_j + 1):
+                x, y = origin[0] + j * SPACING, origin[1] + i * SPACING
+                gap = np.float32(point_segment_distance(x, y, ax, ay, bx, by))
+                if gap < gaps[i, j]:
+                    gaps[i, j], nearest[i, j] = gap, k
+
+
+@borrowing_kernel
+def _spread(segments: Array, origin: Array, gaps: Field, nearest: NDArray[np.int32]) -> None:
+    """Hand the nearest segments on from point to point, there and back (Danielsson 1980)."""
+    rows, columns = gaps.shape
+    for turn in range(2):
+        sign = 1 - 2 * turn
+        for m in range(rows):
+            i = m if turn == 0 else rows - 1 - m
+            for again in range(2):
+                for n in range(columns):
+                    j = n if again == 0 else columns - 1 - n
+                    x, y = origin[0] + j * SPACING, origin[1] + i * SPACING
+                    last = -1
+                    for part in range(4):  # beside it, and the three of the row before
+                        r = i if part == 0 else i - sign
+                        c = (j - 1 if again == 0 else j + 1) if part == 0 else j + part - 2
+                        if r < 0 or r >= rows or c < 0 or c >= columns or (again and part > 0):
+                            continue
+                        k = nearest[r, c]
+                        if k < 0 or k == last or k == nearest[i, j]:
+                            continue
+                        last = k
+                        ax, ay, bx, by = (
+                            segments[k, 0],
+                            segments[k, 1],
+                            segments[k, 2],
+                            segments[k, 3],
+                        )
+                        gap = np.float32(point_segment_distance(x, y, ax, ay, bx, by))
+                        if gap < gaps[i, j]:
+                            gaps[i, j], nearest[i, j] = gap, k
+
+
+def gaps_of(space: Space, most: float) -> Field:
+    """Distance (rows, columns) [m] from grid points to what is not free, at most `most`.
+
+    Where three segments are about as near the one found may not be the nearest, by little.
+    """
+    arrays = space.arrays
+    low, high = arrays.bounds[:2].copy(), arrays.bounds[2:]
+    columns, rows = (int(n) for n in np.ceil(np.maximum(high - low, 0.0) / SPACING) + 1)
+    gaps = np.full((rows, columns), most, dtype=np.float32)
+    nearest = np.full((rows, columns), -1, dtype=np.int32)
+    _paint(arrays.segments, low, gaps, nearest)
+    _spread(arrays.segments, low, gaps, nearest)
+    return gaps
+
+
+def guide_to(
+    seeds: Array, gaps: Field, origin: Array, radius: float, wish: float, dear: float, speed: float
+) -> Guide:
+    """A guide to where seeds (k, 3) are: x, y [m], and the seconds left from there."""
+    n, room = gaps.size, len(seeds) * (2 * int(SEED / SPACING) + 3) ** 2
+    guide = Guide(
+        gaps, origin, np.full(gaps.shape, np.inf, np.float32), np.zeros(gaps.shape, np.bool_),
+        np.empty(gaps.shape, np.int32), np.empty(8 * n + room), np.empty(8 * n + room, np.int64),
+        np.zeros(1, np.int64), radius, wish, dear, speed,
+    )  # fmt: skip
+    _sow(guide, seeds)
+    return guide
+
+
+@borrowing_kernel
+def _sow(guide: Guide, seeds: Array) -> None:
+    rows, columns = guide.gaps.shape
+    reach = int(SEED / SPACING) + 1
+    for k in range(seeds.shape[0]):
+        row = int((seeds[k, 1] - guide.origin[1]) / SPACING + 0.5)
+        column = int((seeds[k, 0] - guide.origin[0]) / SPACING + 0.5)
+        for i in range(max(0, row - reach), min(rows, row + reach + 1)):
+            for j in range(max(0, column - reach), min(columns, column + reach + 1)):
+                dx = guide.origin[0] + j * SPACING - seeds[k, 0]
+                dy = guide.origin[1] + i * SPACING - seeds[k, 1]
+                far = math.hypot(dx, dy)
+                key = np.float32(seeds[k, 2] + far / guide.speed)
+                if far <= SEED and key < guide.left[i, j]:
+                    guide.left[i, j] = key
+                    guide.onward[i, j] = i * columns + j
+                    push(guide.keys, guide.items, guide.size[0], float(key), i * columns + j)
+                    guide.size[0] += 1
+
+
+@borrowing_kernel
+def seconds_left(guide: Guide, x: float, y: float) -> float:
+    """Seconds [s] from a place to the goal, infinite where the disc does not pass."""
+    rows, columns = guide.gaps.shape
+    row = int((y - guide.origin[1]) / SPACING + 0.5)
+    column = int((x - guide.origin[0]) / SPACING + 0.5)
+    if row < 0 or column < 0 or row >= rows or column >= columns:
+        return math.inf
+    if guide.settled[row, column]:
+        return float(guide.left[row, column])
+    least = guide.radius - ROUNDING
+    if guide.gaps[row, column] < least and guide.left[row, column] == math.inf:
+        return math.inf
+    keys, items, left, settled = guide.keys, guide.items, guide.left, guide.settled
+    size = guide.size[0]
+    while size > 0 and not settled[row, column]:
+        item = pop(keys, items, size)
+        size -= 1
+        i, j = item // columns, item % columns
+        if settled[i, j]:
+            continue
+        settled[i, j] = True
+        here = float(left[i, j])
+        for di in range(-1, 2):
+            for dj in range(-1, 2):
+                r, c = i + di, j + dj
+                if r < 0 or c < 0 or r >= rows or c >= columns or settled[r, c]:
+                    continue
+                gap = float(guide.gaps[r, c])
+                if gap < least:
+                    continue
+                short = min(1.0, max(0.0, 1.0 - (gap - guide.radius) / guide.wish))
+                way = SPACING * (math.sqrt(2.0) if di != 0 and dj != 0 else 1.0)
+                key = np.float32(here + way / guide.speed * (1.0 + guide.dear * short * short))
+                if key < left[r, c]:
+                    left[r, c] = key
+                    guide.onward[r, c] = item
+                    push(keys, items, size, float(key), r * columns + c)
+                    size += 1
+    guide.size[0] = size
+    return float(left[row, column]) if settled[row, column] else math.inf
+
+
+@borrowing_kernel
+def turn_left(guide: Guide, x: float, y: float, yaw: float) -> float:
+    """By how much [rad] a heading differs from the way to the goal, a little ahead of a place.
+
+    The seconds left from there must be known. Near the goal 0.
+    """
+    columns = guide.gaps.shape[1]
+    row = int((y - guide.origin[1]) / SPACING + 0.5)
+    column = int((x - guide.origin[0]) / SPACING + 0.5)
+    for _ in range(AHEAD):
+        item = guide.onward[row, column]
+        row, column = item // columns, item % columns
+    dx = guide.origin[0] + column * SPACING - x
+    dy = guide.origin[1] + row * SPACING - y
+    if dx * dx + dy * dy < NO_AIM * NO_AIM:
+        return 0.0
+    return abs(wrap(math.atan2(dy, dx) - yaw))

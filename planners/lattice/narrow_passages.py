@@ -1,0 +1,227 @@
+"""Lines of poses that a search reaches exactly: through narrow places, and to the goal."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.footprint import Sweeps, sweeps
+from planners.collision.nearby import CELL, Nearby
+from planners.lattice.heuristic import SPACING, Field
+from planners.lattice.pose_search import Lines, Manner, free_gap, seconds
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.geometry import point_segment_distance
+
+Array = NDArray[np.float64]
+
+OPPOSITE = -0.5  # cosine: the other side lies at least 120 deg from the nearest point
+STEPS = 6  # from a grid point to the saddle at most
+SETTLED = 1e-4  # m
+APART = 0.15  # m: narrow places in line that are nearer to each other are one
+ALIGNED = math.radians(3.0)  # of places that are in line
+
+
+@borrowing_kernel
+def _nearest_side(
+    near: Nearby, x: float, y: float, ux: float, uy: float, most: float
+) -> tuple[float, float, float]:
+    """The nearest boundary point (x, y) whose direction has a cosine to u below `OPPOSITE`.
+
+    With u = 0 any will do. Third its distance, `most` where there is none nearer.
+    """
+    cell = int((y - near.origin[1]) / CELL) * near.columns + int((x - near.origin[0]) / CELL)
+    best, bx, by = most, x, y
+    for m in range(near.first[cell], near.first[cell + 1]):
+        run = near.members[m]
+        spine = near.spines[run]
+        far = point_segment_distance(x, y, spine[0], spine[1], spine[2], spine[3])
+        if far - spine[4] >= best:
+            continue
+        for k in range(near.runs[run], near.runs[run + 1]):
+            px, py = near.segments[k, 0] - x, near.segments[k, 1] - y
+            ex, ey = near.segments[k, 2] - x - px, near.segments[k, 3] - y - py
+            square = ex * ex + ey * ey
+            t = min(1.0, max(0.0, -(px * ex + py * ey) / square)) if square > 0.0 else 0.0
+            dx, dy = px + t * ex, py + t * ey
+            far = math.hypot(dx, dy)
+            if far < best and dx * ux + dy * uy <= OPPOSITE * far * math.hypot(ux, uy):
+                best, bx, by = far, x + dx, y + dy
+    return bx, by, best
+
+
+@borrowing_kernel
+def _known(places: Array, count: int, x: float, y: float, yaw: float) -> bool:
+    """Whether a place is in line with one of the first places, and near to it."""
+    for k in range(count):
+        dx, dy = places[k, 0] - x, places[k, 1] - y
+        aside = abs(math.cos(yaw) * dy - math.sin(yaw) * dx)
+        askew = abs(math.sin(places[k, 2] - yaw))
+        if aside < 0.2 * SPACING and askew < ALIGNED and math.hypot(dx, dy) < APART:
+            return True
+    return False
+
+
+@kernel
+def narrow_places(near: Nearby, gaps: Field, least: float, most: float) -> Array:
+    """Middles and directions through them (n, 3) [m, m, rad] of narrow places.
+
+    Args:
+        near: what lies where, up to twice `most`.
+        gaps: distances at the points of a grid.
+        least: half widths [m] of a gap, from...
+        most: ... to.
+    """
+    rows, columns = gaps.shape
+    found = np.empty((gaps.size, 3))
+    n = 0
+    for i in range(1, rows - 1):
+        for j in range(1, columns - 1):
+            here = gaps[i, j]
+            if not least - SPACING <= here <= most:
+                continue
+            saddle = False
+            for di, dj in ((0, 1), (1, 0), (1, 1), (1, -1)):
+                across = max(gaps[i + di, j + dj], gaps[i - di, j - dj]) <= here
+                along = min(gaps[i + dj, j - di], gaps[i - dj, j + di]) >= here - 0.2 * SPACING
+                saddle |= across and along
+            if not saddle:
+                continue
+            x, y = near.box[0] + j * SPACING, near.box[1] + i * SPACING
+            for _ in range(STEPS):
+                ax, ay, first = _nearest_side(near, x, y, 0.0, 0.0, 2.0 * most)
+                bx, by, second = _nearest_side(near, x, y, ax - x, ay - y, 2.0 * most)
+                if second >= 2.0 * most:
+                    break
+                mx, my = 0.5 * (ax + bx), 0.5 * (ay + by)
+                moved = math.hypot(mx - x, my - y)
+                x, y = mx, my
+                half = 0.5 * math.hypot(bx - ax, by - ay)
+                if moved < SETTLED or first <= 0.0:
+                    yaw = math.atan2(bx - ax, ay - by) % math.pi
+                    if least <= half <= most and not _known(found, n, x, y, yaw):
+                        found[n, 0], found[n, 1], found[n, 2] = x, y, yaw
+                        n += 1
+                    break
+    return found[:n].copy()
+
+
+REACH = 0.8  # m: from how far a line is joined: about a chair's length
+LONGEST = 3.0  # m: of a straight last stretch
+BESIDE = 0.5  # m: from so far beside its beginning it is tried
+TURNS = 0.5 * math.pi  # rad: a chair that can turn so far to both hands can come from anywhere
+YAWS = 24  # headings tried at a goal that has none
+ASKEW = 0.8  # rad: by how much the heading may differ there
+
+
+@kernel
+def gaps_at(near: Nearby, manner: Manner, poses: Array, room: Sweeps) -> Array:
+    """Gaps (n,) [m] of the outline at poses (n, 3), at most the wish; below the margin any."""
+    seen, gaps = np.empty_like(near.segments), np.empty(poses.shape[0])
+    for k in range(poses.shape[0]):
+        x, y, yaw = poses[k]
+        gaps[k] = free_gap(near, manner, x, y, yaw, 0.0, 0.0, room, seen)
+    return gaps
+
+
+@kernel
+def entries(
+    near: Nearby, manner: Manner, goals: Array, step: float, room: Sweeps
+) -> tuple[Array, Array]:
+    """Where the straight last stretch to each of some goal poses (n, 3) begins.
+
+    That is the nearest place from which it is free, ahead or back, and where the chair can turn;
+    if there is none, the farthest from which it is free.
+
+    Returns:
+        Places (k, 3): x, y and the seconds left; and how far [m] the farther is from each goal.
+    """
+    n = goals.shape[0]
+    seen = np.empty_like(near.segments)
+    places, far = np.empty((2 * n, 3)), np.zeros(n)
+    roomy = np.zeros(2 * n, np.bool_)
+    for k in range(2 * n):
+        x, y, yaw = goals[k // 2]
+        sign = 1.0 if k % 2 == 0 else -1.0
+        d = 0.0
+        while d < LONGEST:
+            px, py = x - sign * d * math.cos(yaw), y - sign * d * math.sin(yaw)
+            turns = True
+            for turn in (TURNS, -TURNS):
+                if turns:
+                    gap = free_gap(near, manner, px, py, yaw, 0.0, turn, room, seen)
+                    turns = gap >= manner.margin
+            if turns:
+                roomy[k] = True
+                break
+            qx, qy = px - sign * step * math.cos(yaw), py - sign * step * math.sin(yaw)
+            if free_gap(near, manner, qx, qy, yaw, sign * step, 0.0, room, seen) < manner.margin:
+                break
+            d += step
+        places[k, 0], places[k, 1] = x - sign * d * math.cos(yaw), y - sign * d * math.sin(yaw)
+        places[k, 2] = seconds(manner, sign * d, 0.0)
+        far[k // 2] = max(far[k // 2], d)
+    return (places[roomy] if roomy.any() else places), far
+
+
+def lines_of(
+    near: Nearby, manner: Manner, narrows: Array, goal: Array, stride: float, join: float
+) -> tuple[Lines, Array]:
+    """The lines through narrow places, both ways; and where the goal is reached.
+
+    A goal with a heading, (3,), has a line of its own. One without, where only some headings are
+    free, is tried at each of these.
+
+    Args:
+        near: what lies where.
+        manner: the chair.
+        narrows: middles and directions (n, 3) of narrow places.
+        goal: (2,) or (3,).
+        stride: way [m] from pose to pose.
+        join: from how far [m] the goal is tried.
+
+    Returns:
+        The lines; and places (k, 3) where ways to the goal end, with the seconds left from there.
+    """
+    headed = len(goal) == 3
+    at_goal = goal[None]
+    if not headed:
+        yaws = np.arange(YAWS) * (2.0 * math.pi / YAWS)
+        at_goal = np.column_stack([np.tile(goal, (YAWS, 1)), yaws])
+        free = gaps_at(near, manner, at_goal, sweeps(1)) >= manner.margin
+        at_goal = at_goal[free & (not free.all())]
+    seeds, reach = np.array([[goal[0], goal[1], 0.0]]), np.zeros(0)
+    if len(at_goal):
+        seeds, reach = entries(near, manner, at_goal, stride, sweeps(1))
+    count = math.ceil(float(manner.outline[0]) / stride) + 1
+    middles = np.vstack([narrows, narrows + np.array([0.0, 0.0, math.pi])])
+    if headed:
+        middles = np.vstack([goal, middles])
+    along = stride * np.arange(-count, count + 1)
+    poses = np.repeat(middles[:, None], len(along), axis=1)  # (lines, along, 3)
+    poses[..., 0] += along * np.cos(middles[:, 2:])
+    poses[..., 1] += along * np.sin(middles[:, 2:])
+    standing = gaps_at(near, manner, poses.reshape(-1, 3), sweeps(1)) >= manner.margin
+    free = standing.reshape(poses.shape[:2])
+    # Anchors: where the goal is reached, then the rest; the goal's own place in its line is first.
+    index = np.full((len(middles), len(along) + 2), -1)
+    if headed:
+        free[0, count] = False
+    index[:, 1:-1][free] = len(at_goal) + np.arange(np.count_nonzero(free))
+    none = np.full(len(at_goal), -1)
+    ahead, behind = none, none.copy()
+    if headed:
+        ahead, behind = index[0, [count + 2]], index[0, [count]]
+        index[0, count + 1] = 0
+    many = np.count_nonzero(free)
+    lines = Lines(
+        np.vstack([at_goal, poses[free]]),
+        np.concatenate([ahead, index[:, 2:][free]]),
+        np.concatenate([behind, index[:, :-2][free]]),
+        np.concatenate([np.maximum(join, reach + BESIDE), np.full(many, REACH)]),
+        np.concatenate([np.full(len(at_goal), math.pi), np.full(many, ASKEW)]),
+        len(at_goal),
+        headed,
+    )
+    return lines, seeds

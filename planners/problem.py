@@ -1,0 +1,146 @@
+"""What is asked and what is answered: problems, plans and their statuses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from time import perf_counter
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.polygon_tests import point_free
+from wheelchair_gym.config import InputError
+from wheelchair_gym.geometry import path_length
+
+if TYPE_CHECKING:
+    from planners.collision.space import Space
+
+Array = NDArray[np.float64]
+
+
+class Status(StrEnum):
+    """How planning ended: failure in the world is data with a name."""
+
+    SOLVED = "solved"
+    START_OUTSIDE = "start_outside"  # of the map
+    START_OCCUPIED = "start_occupied"  # or nearer to an obstacle than the clearance asked for
+    GOAL_OUTSIDE = "goal_outside"
+    GOAL_OCCUPIED = "goal_occupied"
+    NO_PATH = "no_path"  # proven: start and goal are not connected
+    EXHAUSTED = "exhausted"  # iterations, nodes or time ran out first
+    STUCK = "stuck"  # nothing near leads on, as in a local minimum
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A free space, a start and a goal, and how far from obstacles the path must stay.
+
+    A path may touch what is occupied at exactly the clearance; it may not leave the space's bounds.
+    """
+
+    space: Space
+    start: Array  # (2,) or (3,) m, m, rad
+    goal: Array  # (2,) or (3,)
+    clearance: float = 0.0  # m: the radius of the disc that moves along the path
+    name: str = ""
+
+    @property
+    def free(self) -> Space:
+        """The space in which a point may move: obstacles grown by the clearance."""
+        return self.space.inflated(self.clearance)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """An answer: a status and, if solved, a path from the start to the goal itself.
+
+    Field and key names that end in `_s` are seconds, and exempt from 'same rng, same plan'.
+    """
+
+    status: Status
+    path: Array = field(default_factory=lambda: np.empty((0, 2)))  # (n, 2) or (n, 3)
+    tree: Array = field(default_factory=lambda: np.empty((0, 4)))  # (k, 4) edges, to look at
+    counters: Mapping[str, int] = field(default_factory=dict)  # nodes, iterations, ...
+    timings: Mapping[str, float] = field(default_factory=dict)  # time_s, first_path_s, ...
+    note: str = ""  # for a person: why there is no path, or why a refinement changed nothing
+
+    @property
+    def length(self) -> float:
+        """Euclidean length of the path [m]; infinite where there is none."""
+        return path_length(self.path) if len(self.path) else float("inf")
+
+
+class Planner(Protocol):
+    """A frozen settings object that plans: same problem, same rng state, same plan."""
+
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Answer a problem; what the world makes impossible is a status, not an exception.
+
+        Args:
+            problem: what is asked.
+            rng: draws the numbers, if any.
+            deadline: seconds of wall time from the call after which the planner answers with its
+                best path so far, or, where it has none, with `Status.EXHAUSTED`; None: its own
+                limits alone count. It looks at the clock between chunks of work, which change
+                nothing else: `counters["iterations"]`, given as the planner's iterations (its
+                tree's, where it has none), makes the very same plan without a clock.
+
+        Raises:
+            InputError: the deadline is negative or NaN, or the problem is not made of numbers.
+        """
+        ...
+
+
+def begin(deadline: float | None) -> tuple[float, float]:
+    """The clock now, and when a deadline [s] from now ends (infinite for None): `perf_counter`.
+
+    Raises:
+        InputError: the deadline is negative or NaN.
+    """
+    now = perf_counter()
+    if deadline is None:
+        return now, math.inf
+    if not deadline >= 0.0:
+        raise InputError(f"deadline is {deadline}; expected seconds, at least 0, or None")
+    return now, now + deadline
+
+
+def check(problem: Problem) -> Status | None:
+    """Why no path can start or end where the problem says; None if nothing is wrong.
+
+    Raises:
+        InputError: the start, the goal or the clearance is not made of finite numbers.
+    """
+    where = f"problem {problem.name}".rstrip()
+    points = {}
+    for name, end in (("start", problem.start), ("goal", problem.goal)):
+        point = points[name] = np.asarray(end).tolist()
+        if np.shape(end) not in ((2,), (3,)) or not all(map(math.isfinite, point)):
+            raise InputError(f"{where}: {name} is {point}; expected finite x, y (and yaw)")
+    if not 0.0 <= problem.clearance < np.inf:
+        raise InputError(f"{where}: clearance is {problem.clearance}; expected metres, at least 0")
+    xmin, ymin, xmax, ymax = problem.space.bounds
+    arrays = problem.free.arrays
+    for name, (x, y, *_) in points.items():
+        if not (xmin <= x <= xmax and ymin <= y <= ymax):
+            return Status(f"{name}_outside")
+        if not point_free(arrays, float(x), float(y)):
+            return Status(f"{name}_occupied")
+    return None
+
+
+def trivial(problem: Problem) -> Plan | None:
+    """The plan where there is nothing to search: a bad end, or a goal that is the start."""
+    status = check(problem)
+    if status is not None:
+        return Plan(status)
+    start, goal = problem.start, problem.goal
+    if start[0] == goal[0] and start[1] == goal[1]:
+        return Plan(Status.SOLVED, np.array([start[:2], goal[:2]], dtype=np.float64))
+    return None

@@ -1,0 +1,1 @@
+"""Curves, shortcuts and refinement of paths that were found."""

@@ -1,0 +1,216 @@
+"""Curves through points: polyline, PCHIP, cubic splines; cut into pieces for exact edge tests.
+
+Every curve is a cubic Hermite interpolant of x and of y over knots; only its slopes differ.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.config import InputError
+
+Array = NDArray[np.float64]
+
+POLYLINE, PCHIP, SPLINE, NATURAL = range(4)
+# `spline` is not-a-knot, as MATLAB's spline and scipy's CubicSpline are; `natural` does not bend at
+# its ends.
+CURVES: Final = {"polyline": POLYLINE, "pchip": PCHIP, "spline": SPLINE, "natural": NATURAL}
+# Knots nearer than this are drawn apart: points may coincide [m, or knots].
+_APART = 1e-9
+
+
+class CurveRoom(NamedTuple):
+    """Room to draw a curve through at most n points."""
+
+    knots: Array  # (n,)
+    slopes: Array  # (n, 2) of x and y over the knots
+    band: Array  # (n,) of the elimination
+
+
+def new_curve_room(n: int) -> CurveRoom:
+    """Room for curves through n points."""
+    return CurveRoom(np.empty(n), np.empty((n, 2)), np.empty(n))
+
+
+@inlined
+def _end_slope(h: float, g: float, near: float, far: float) -> float:
+    """PCHIP's slope at an end: three points, held to the data's shape (Moler 2004, section 3.6)."""
+    slope = ((2.0 * h + g) * near - h * far) / (h + g)
+    if slope * near <= 0.0:
+        slope = 0.0
+    elif near * far <= 0.0 and abs(slope) > 3.0 * abs(near):
+        slope = 3.0 * near
+    return slope
+
+
+@borrowing_kernel
+def pchip_slopes(knots: Array, points: Array, n: int, slopes: Array) -> None:
+    """Slopes that keep the data's shape: weighted harmonic means (Fritsch and Butland 1984)."""
+    for c in range(2):
+        if n == 2:
+            slopes[0, c] = (points[1, c] - points[0, c]) / (knots[1] - knots[0])
+            slopes[1, c] = slopes[0, c]
+            continue
+        h = knots[1] - knots[0]
+        before = (points[1, c] - points[0, c]) / h
+        for k in range(1, n - 1):
+            g = knots[k + 1] - knots[k]
+            after = (points[k + 1, c] - points[k, c]) / g
+            if k == 1:
+                slopes[0, c] = _end_slope(h, g, before, after)
+            if before * after <= 0.0:
+                slopes[k, c] = 0.0
+            else:
+                u, v = 2.0 * g + h, g + 2.0 * h
+                slopes[k, c] = (u + v) / (u / before + v / after)
+            if k == n - 2:
+                slopes[n - 1, c] = _end_slope(g, h, after, before)
+            h, before = g, after
+
+
+@borrowing_kernel
+def spline_slopes(
+    knots: Array, points: Array, n: int, natural: bool, band: Array, slopes: Array
+) -> None:
+    """Slopes that make the second derivative continuous (de Boor 1978, chapter IV).
+
+    Args:
+        knots: (n,), rising.
+        points: (n, 2).
+        n: how many count, at least 2.
+        natural: no bend at the ends; otherwise the first two pieces are one cubic, as the last.
+        band: (n,) room.
+        slopes: (n, 2), written.
+    """
+    for c in range(2):
+        first = (points[1, c] - points[0, c]) / (knots[1] - knots[0])
+        if n == 2:
+            slopes[0, c] = slopes[1, c] = first
+            continue
+        h, g = knots[1] - knots[0], knots[2] - knots[1]
+        second = (points[2, c] - points[1, c]) / g
+        if n == 3 and not natural:  # one parabola
+            bend = (second - first) / (h + g)
+            slopes[0, c] = first - bend * h
+            slopes[1, c] = first + bend * h
+            slopes[2, c] = second + bend * g
+            continue
+        # Tridiagonal: band[k] is the upper diagonal after elimination, slopes the right side.
+        if natural:
+            band[0], slopes[0, c] = 0.5, 1.5 * first
+        else:
+            d = h + g
+            band[0] = d / g
+            slopes[0, c] = ((h + 2.0 * d) * g * first + h * h * second) / (d * g)
+        for k in range(1, n - 1):
+            h, g = knots[k] - knots[k - 1], knots[k + 1] - knots[k]
+            first = (points[k, c] - points[k - 1, c]) / h
+            second = (points[k + 1, c] - points[k, c]) / g
+            pivot = 2.0 * (h + g) - g * band[k - 1]
+            band[k] = h / pivot
+            right = 3.0 * (g * first + h * second)
+            slopes[k, c] = (right - g * slopes[k - 1, c]) / pivot
+        if natural:
+            lower, diagonal, right = 1.0, 2.0, 3.0 * second
+        else:
+            d = h + g
+            lower, diagonal = d, h
+            right = (g * g * first + (2.0 * d + g) * h * second) / d
+        pivot = diagonal - lower * band[n - 2]
+        slopes[n - 1, c] = (right - lower * slopes[n - 2, c]) / pivot
+        for k in range(n - 2, -1, -1):
+            slopes[k, c] -= band[k] * slopes[k + 1, c]
+
+
+@borrowing_kernel
+def trace(
+    kind: int, chordal: bool, points: Array, n: int, pieces: int, room: CurveRoom, line: Array
+) -> int:
+    """Cut a curve through points into straight pieces; returns how many points were written.
+
+    Args:
+        kind: POLYLINE, PCHIP, SPLINE or NATURAL.
+        chordal: knots as far apart as the points are; otherwise 0, 1, 2 ...
+        points: (n, 2) m.
+        n: how many count, at least 2.
+        pieces: of each leg between two points, at least 1.
+        room: for n points.
+        line: ((n - 1) * pieces + 1, 2) m, written; it holds the points themselves.
+    """
+    knots, slopes = room.knots, room.slopes
+    if kind != POLYLINE and pieces > 1:
+        knots[0] = 0.0
+        for k in range(1, n):
+            gap = 1.0
+            if chordal:
+                dx, dy = points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]
+                gap = max(_APART, math.hypot(dx, dy))
+            knots[k] = knots[k - 1] + gap
+        if kind == PCHIP:
+            pchip_slopes(knots, points, n, slopes)
+        else:
+            spline_slopes(knots, points, n, kind == NATURAL, room.band, slopes)
+    count = 0
+    for k in range(n - 1):
+        if pieces == 1:
+            line[k, 0], line[k, 1] = points[k, 0], points[k, 1]
+            count += 1
+            continue
+        for m in range(pieces):
+            s = m / pieces
+            for c in range(2):
+                y, z = points[k, c], points[k + 1, c]
+                if kind == POLYLINE:
+                    line[count, c] = y + s * (z - y)
+                elif m == 0:
+                    line[count, c] = y
+                else:
+                    h = knots[k + 1] - knots[k]
+                    rise = z - y
+                    p, q = slopes[k, c] * h - rise, slopes[k + 1, c] * h - rise
+                    line[count, c] = y + s * (rise + (1.0 - s) * (p * (1.0 - s) - q * s))
+            count += 1
+    line[count, 0], line[count, 1] = points[n - 1, 0], points[n - 1, 1]
+    return count + 1
+
+
+def curve_kind(name: str) -> int:
+    """The number of a curve's name.
+
+    Raises:
+        InputError: there is no such curve.
+    """
+    if name not in CURVES:
+        raise InputError(f"curve {name!r} is unknown; there are {', '.join(CURVES)}")
+    return CURVES[name]
+
+
+def curve(points: ArrayLike, name: str = "pchip", pieces: int = 20, chordal: bool = True) -> Array:
+    """A curve through points, as a polyline that holds the points.
+
+    Args:
+        points: (n, 2) m, n at least 2.
+        name: one of `CURVES`.
+        pieces: straight pieces between two points, at least 1.
+        chordal: knots as far apart as the points are; otherwise 0, 1, 2 ...
+
+    Returns:
+        ((n - 1) * pieces + 1, 2) m. Nothing is said about obstacles: test its edges.
+
+    Raises:
+        InputError: the name is unknown, or there are too few points or pieces.
+    """
+    through = np.ascontiguousarray(points, dtype=np.float64)
+    if through.ndim != 2 or through.shape[1] != 2 or len(through) < 2:
+        raise InputError(f"points have shape {through.shape}; expected (2 or more, 2)")
+    if pieces < 1:
+        raise InputError(f"pieces is {pieces}; expected at least 1")
+    n = len(through)
+    line = np.empty(((n - 1) * pieces + 1, 2))
+    trace(curve_kind(name), chordal, through, n, pieces, new_curve_room(n), line)
+    return line

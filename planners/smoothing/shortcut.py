@@ -1,0 +1,111 @@
+"""Shortcuts: the cheapest way over the points of a path, and what a way costs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free
+from planners.collision.space import Space
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+
+Array = NDArray[np.float64]
+
+WINDOW = 250  # corners that one shortcut may skip at most: bounds the work on very long paths
+
+
+@borrowing_kernel
+def way_cost(
+    arrays: SpaceArrays,
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+    weight: float,
+    comfort: float,
+) -> float:
+    """Length [m] of the way from a to b times 1 + weight (1 - clearance/comfort), where positive.
+
+    The factor is averaged over points at most a quarter of the comfort apart.
+    """
+    length = math.hypot(bx - ax, by - ay)
+    if weight == 0.0:
+        return length
+    parts = max(1, math.ceil(4.0 * length / comfort))
+    crowding = 0.0
+    for k in range(parts + 1):
+        t = k / parts
+        near = 1.0 - clearance(arrays, ax + t * (bx - ax), ay + t * (by - ay)) / comfort
+        crowding += max(0.0, near) * (0.5 if k in (0, parts) else 1.0)
+    return length * (1.0 + weight * crowding / parts)
+
+
+@kernel
+def _straightened(arrays: SpaceArrays, path: Array) -> Array:
+    """The path (n, 2) without points between two that lie on one line with them."""
+    kept = np.empty_like(path)
+    kept[0] = path[0]
+    count = 1
+    for k in range(1, path.shape[0] - 1):
+        ax, ay = kept[count - 1, 0], kept[count - 1, 1]
+        ux, uy = path[k, 0] - ax, path[k, 1] - ay
+        vx, vy = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1]
+        bend = abs(ux * vy - uy * vx) > 1e-9 * math.hypot(ux, uy) * math.hypot(vx, vy)
+        if (
+            bend
+            or ux * vx + uy * vy < 0.0
+            or not edge_free(arrays, ax, ay, path[k + 1, 0], path[k + 1, 1])
+        ):
+            kept[count] = path[k]
+            count += 1
+    kept[count] = path[path.shape[0] - 1]
+    return kept[: count + 1]
+
+
+@kernel
+def _cheapest(arrays: SpaceArrays, path: Array, weight: float, comfort: float) -> Array:
+    """The cheapest way from the path's first point to its last over some of its points."""
+    n = path.shape[0]
+    cost = np.full(n, math.inf)
+    parent = np.zeros(n, dtype=np.int64)
+    cost[0] = 0.0
+    for k in range(1, n):
+        for m in range(k - 1, max(-1, k - 1 - WINDOW), -1):
+            ax, ay, bx, by = path[m, 0], path[m, 1], path[k, 0], path[k, 1]
+            if cost[m] + math.hypot(bx - ax, by - ay) >= cost[k]:
+                continue
+            if m < k - 1 and not edge_free(arrays, ax, ay, bx, by):
+                continue
+            through = cost[m] + way_cost(arrays, ax, ay, bx, by, weight, comfort)
+            if through < cost[k]:
+                cost[k], parent[k] = through, m
+    chosen = np.empty_like(path)
+    count, k = 0, n - 1
+    while True:
+        chosen[count] = path[k]
+        count += 1
+        if k == 0:
+            break
+        k = parent[k]
+    return chosen[:count][::-1].copy()
+
+
+def shortcut(path: ArrayLike, space: Space, weight: float = 0.0, comfort: float = 1.0) -> Array:
+    """The cheapest way over some of a path's points, edges tested exactly.
+
+    Args:
+        path: points (n, 2 or 3) of a path that is free; a heading (third column) is dropped.
+        space: what is free for a point.
+        weight: how much more a metre costs at an obstacle than in the open; 0: length alone.
+        comfort: from this clearance [m] on a metre costs no more.
+
+    Returns:
+        (k, 2), k <= n, from the same start to the same goal; never dearer than the path.
+    """
+    points = np.ascontiguousarray(np.asarray(path, dtype=np.float64)[:, :2])
+    if len(points) < 3:
+        return points
+    arrays = space.arrays
+    return _cheapest(arrays, _straightened(arrays, points), weight, comfort)

@@ -1,0 +1,139 @@
+"""Smooth curves through the points of a path, bent until they are free.
+
+A curve passes through knots on the path. Where it is not free, there will be more knots, so that
+it comes nearer to the path, which is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+
+from planners.collision.polygon_tests import SpaceArrays, edge_free
+from planners.smoothing.curves import pchip_slopes, spline_slopes
+from wheelchair_gym.compiled.kernel import kernel
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Where a knot is put between two, as a part of the way: on a slanted wall, digits may forbid some.
+PARTS = (0.5, 0.45, 0.55, 0.4, 0.6, 0.35, 0.65, 0.3, 0.7)
+_TURN = math.sqrt(0.5) * np.array([(1.0, -1.0), (1.0, 1.0)])
+
+
+@kernel
+def blocked_edges(arrays: SpaceArrays, path: Array) -> Flags:
+    """Which edges (n - 1,) of a path (n, 2) [m] are not free."""
+    blocked = np.empty(path.shape[0] - 1, dtype=np.bool_)
+    for k in range(path.shape[0] - 1):
+        free = edge_free(arrays, path[k, 0], path[k, 1], path[k + 1, 0], path[k + 1, 1])
+        blocked[k] = not free
+    return blocked
+
+
+def pchip(way: Array, knots: Array) -> Any:
+    """PCHIP, a piecewise cubic without overshoot, in a frame turned by 45 deg.
+
+    Where a coordinate stops rising its slope is zero: in a frame along the walls, a right angle
+    would stay as sharp as it is.
+    """
+    slopes = np.empty_like(knots)
+    pchip_slopes(way, knots @ _TURN, len(knots), slopes)
+    return CubicHermiteSpline(way, knots, slopes @ _TURN.T)
+
+
+def spline(way: Array, knots: Array) -> Any:
+    """A natural cubic spline: its second derivative is continuous."""
+    slopes = np.empty_like(knots)
+    spline_slopes(way, knots, len(knots), True, np.empty(len(knots)), slopes)
+    return CubicHermiteSpline(way, knots, slopes)
+
+
+class Sampled(NamedTuple):
+    """A curve as a polyline."""
+
+    points: Array  # (n, 2) m
+    interval: NDArray[np.int64]  # (n - 1,) between which knots each edge lies
+
+
+def sampled(curve: Any, knots: Array, tolerance: float) -> Sampled:
+    """A polyline that no point of a cubic curve lies farther from than the tolerance [m].
+
+    It passes through the knots (n, 2) themselves, to the last digit.
+    """
+    way, (cubic, square) = curve.x, curve.c[:2]
+    h = np.diff(way)
+    bend = np.maximum(  # the second derivative is linear in between: its greatest is at an end
+        np.hypot(*(2.0 * square).T), np.hypot(*(6.0 * cubic * h[:, None] + 2.0 * square).T)
+    )
+    parts = np.maximum(1, np.ceil(h * np.sqrt(bend / (8.0 * tolerance)))).astype(np.int64)
+    interval = np.repeat(np.arange(len(h)), parts)
+    step = np.arange(len(interval)) - np.repeat(np.cumsum(parts) - parts, parts)
+    at = way[interval] + h[interval] * step / parts[interval]
+    points = np.vstack([np.where((step == 0)[:, None], knots[interval], curve(at)), knots[-1:]])
+    return Sampled(points, interval)
+
+
+def _more_knots(arrays: SpaceArrays, knots: Array, where: Flags) -> Array:
+    """Knots (n, 2) with one more in each marked interval (n - 1,), on the way itself."""
+    found = [knots[0]]
+    for k, wanted in enumerate(where):
+        a, b = knots[k], knots[k + 1]
+        for part in PARTS if wanted else ():
+            knot = a + part * (b - a)
+            apart = (knot != a).any() and (knot != b).any()
+            if apart and edge_free(arrays, *a, *knot) and edge_free(arrays, *knot, *b):
+                found.append(knot)
+                break
+        found.append(b)
+    return np.array(found)
+
+
+def smoothed(
+    arrays: SpaceArrays,
+    path: Array,
+    through: Callable[[Array, Array], Any],
+    tolerance: float,
+    spacing: float,
+    rounds: int,
+) -> Array | str:
+    """A free polyline (k, 2) [m] along a smooth curve through a free path, or why there is none.
+
+    Args:
+        arrays: what is free.
+        path: (n, 2) m, each edge free.
+        through: makes the curve of the way [m] made at each knot, and the knots.
+        tolerance: how far the curve may lie from its polyline [m].
+        spacing: knots are at most this far apart [m] at first.
+        rounds: how often knots are put in.
+    """
+    moved = np.ones(len(path), dtype=np.bool_)
+    moved[1:] = (np.diff(path, axis=0) != 0.0).any(axis=1)
+    knots = path[moved]
+    if len(knots) < 3:
+        return "a straight way is as smooth as can be"
+    for _ in range(64):  # halving any way that doubles hold
+        long = np.hypot(*np.diff(knots, axis=0).T) > spacing
+        count = len(knots)
+        knots = _more_knots(arrays, knots, long) if long.any() else knots
+        if len(knots) == count:
+            break
+    trial, blocked = Sampled(knots, np.arange(len(knots) - 1)), np.zeros(0, dtype=np.bool_)
+    for _ in range(rounds + 1):
+        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(knots, axis=0).T))])
+        if not (np.diff(way) > 0.0).all():
+            break
+        trial = sampled(through(way, knots), knots, tolerance)
+        blocked = blocked_edges(arrays, trial.points)
+        if not blocked.any():
+            return trial.points
+        where = np.zeros(len(knots) - 1, dtype=np.bool_)
+        where[trial.interval[blocked]] = True
+        knots = _more_knots(arrays, knots, where)
+    x, y = trial.points[int(np.flatnonzero(blocked)[0])] if blocked.any() else (math.nan, math.nan)
+    return f"no smooth curve is free: {int(blocked.sum())} edges are not, near ({x:.2f}, {y:.2f})"

@@ -1,0 +1,240 @@
+"""What a path is worth: one compiled cost with the terms of all objectives, exactly tested."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.polygon_tests import SpaceArrays, edge_free, point_free
+from planners.smoothing.curves import CurveRoom, new_curve_room, trace
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.geometry import point_segment_distance
+
+Array = NDArray[np.float64]
+
+LENGTH, ENERGY, PRINTED_ENERGY = range(3)  # how a path's size is taken
+NO_TURNING, MEAN_TURNING, PRINTED_TURNING = range(3)  # and its turning
+EDGES, WAY_POINTS, NOTHING = range(3)  # what is tested against what is solid
+NO_PUSH, TO_RIM, DOUBLED = range(3)  # how way points leave discs
+
+_TINY = 1e-12  # m: keeps a leg without length from dividing by zero
+
+
+class Task(NamedTuple):
+    """A problem as a swarm of paths sees it."""
+
+    space: SpaceArrays  # what is free for a point
+    discs: Array  # (m, 3) x, y, radius [m]: what of the solid is round, exactly
+    start: Array  # (2,) m
+    goal: Array  # (2,) m
+    anchors: Array  # (n, 2) m: way points are these plus a position's coordinates
+    curve: int  # through the way points: see `planners.smoothing.curves`
+    chordal: bool  # its knots as far apart as the way points are
+    pieces: int  # straight pieces of each leg
+
+
+class Worth(NamedTuple):
+    """The terms of a cost.
+
+    cost = turning + weight x size x (1 + violation x mean intrusion + blocked x [any edge blocked])
+    + each_blocked x blocked edges
+    """
+
+    size: int  # LENGTH [m] of the curve; of the way points: ENERGY sqrt(legs x sum of squares) [m],
+    # which is the length where all legs are as long; PRINTED_ENERGY sqrt(sum of squares)
+    weight: float  # cost per metre of size
+    turning: (
+        int  # NO_TURNING; MEAN_TURNING: mean absolute angle [rad] between legs; PRINTED: P1 (5)
+    )
+    reach: float  # discs' radii count times this in intrusions; 0: none are looked for
+    sampled: bool  # intrusions at the curve's points alone, not along its pieces
+    violation: float  # factor of the mean intrusion, as a part of the radius
+    tested: int  # EDGES, WAY_POINTS or NOTHING
+    blocked: float  # part of the size that being blocked costs
+    each_blocked: float  # cost of each blocked edge
+    push: int  # NO_PUSH, TO_RIM, DOUBLED: way points are pushed out of discs before they are valued
+    slack: float  # m^2 that are added to a disc's radius squared there
+
+
+class Room(NamedTuple):
+    """Room to value a path."""
+
+    points: Array  # (n + 2, 2) way points and both ends
+    curve: CurveRoom
+    line: Array  # pieces of the curve
+
+
+def new_room(way_points: int, pieces: int) -> Room:
+    """Room for paths of so many way points."""
+    n = way_points + 2
+    return Room(np.empty((n, 2)), new_curve_room(n), np.empty(((n - 1) * pieces + 1, 2)))
+
+
+@borrowing_kernel
+def place(task: Task, position: Array, points: Array) -> int:
+    """Write start, way points and goal (n + 2, 2) of a position (2 n,); returns how many."""
+    n = task.anchors.shape[0]
+    points[0, 0], points[0, 1] = task.start[0], task.start[1]
+    for i in range(n):
+        points[i + 1, 0] = task.anchors[i, 0] + position[2 * i]
+        points[i + 1, 1] = task.anchors[i, 1] + position[2 * i + 1]
+    points[n + 1, 0], points[n + 1, 1] = task.goal[0], task.goal[1]
+    return int(n) + 2
+
+
+@borrowing_kernel
+def length_of(points: Array, n: int) -> float:
+    """Length [m] of a polyline of n points."""
+    length = 0.0
+    for i in range(n - 1):
+        length += math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
+    return length
+
+
+@borrowing_kernel
+def energy_of(points: Array, n: int) -> float:
+    """Root of the sum of squared legs [m]: R1's loss."""
+    total = 0.0
+    for i in range(n - 1):
+        dx, dy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
+        total += dx * dx + dy * dy
+    return math.sqrt(total)
+
+
+@borrowing_kernel
+def mean_turning(points: Array, n: int) -> float:
+    """Mean absolute angle [rad] between successive legs; 0 for a single leg."""
+    total = 0.0
+    for i in range(n - 2):
+        ux, uy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
+        vx, vy = points[i + 2, 0] - points[i + 1, 0], points[i + 2, 1] - points[i + 1, 1]
+        total += abs(math.atan2(ux * vy - uy * vx, ux * vx + uy * vy))
+    return total / max(1, n - 2)
+
+
+@borrowing_kernel
+def printed_turning(points: Array, n: int) -> float:
+    """Smoothness as P1 (1)-(5) print it: A the next leg, B the way to the point after it.
+
+    (A^2 + B^2) / (2 A B) lacks the third side of the law of cosines: it is no cosine of an angle.
+    """
+    total = 0.0
+    for i in range(n - 2):
+        A = math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
+        B = math.hypot(points[i + 2, 0] - points[i, 0], points[i + 2, 1] - points[i, 1])
+        total += (A * A + B * B) / (2.0 * max(A * B, _TINY))
+    return total / (n - 1)
+
+
+@borrowing_kernel
+def intrusion(discs: Array, line: Array, n: int, reach: float, sampled: bool) -> float:
+    """Sum over discs of the mean of max(reach - D / R, 0): P2 (19)-(21).
+
+    D is the distance [m] of a disc's centre from a point of the line, or from a piece of it.
+    """
+    total, count = 0.0, n if sampled else n - 1
+    for k in range(discs.shape[0]):
+        x, y, radius = discs[k, 0], discs[k, 1], discs[k, 2]
+        near = reach * radius
+        for i in range(count):
+            ax, ay = line[i, 0], line[i, 1]
+            j = i if sampled else i + 1
+            bx, by = line[j, 0], line[j, 1]
+            if min(ax, bx) >= x + near or max(ax, bx) <= x - near:
+                continue
+            if min(ay, by) >= y + near or max(ay, by) <= y - near:
+                continue
+            gap = point_segment_distance(x, y, ax, ay, bx, by)
+            if gap < near:
+                total += reach - gap / radius
+    return total / count
+
+
+@borrowing_kernel
+def value(
+    task: Task, worth: Worth, position: Array, limit: float, valid_limit: float, room: Room
+) -> tuple[float, float]:
+    """What a position costs, and what it costs if its path is exactly valid (infinity if not).
+
+    Tests end as soon as the cost reaches `limit` and the path is of no use as the best valid one:
+    then the costs returned are bounds that are not below the limits.
+
+    Args:
+        task: the problem.
+        worth: the terms of the cost.
+        position: way points (2 n,).
+        limit: costs above this need not be exact.
+        valid_limit: the least cost of a valid path so far.
+        room: for the path; its line is the position's afterwards.
+    """
+    points, line = room.points, room.line
+    n = place(task, position, points)
+    m = trace(task.curve, task.chordal, points, n, task.pieces, room.curve, line)
+    if worth.size == LENGTH:
+        size = length_of(line, m)
+    else:
+        size = energy_of(points, n)
+        if worth.size == ENERGY:
+            size *= math.sqrt(n - 1.0)
+    size *= worth.weight
+    cost = size
+    if worth.turning == MEAN_TURNING:
+        cost += mean_turning(points, n)
+    elif worth.turning == PRINTED_TURNING:
+        cost += printed_turning(points, n)
+    plain = cost
+    if cost >= limit and plain >= valid_limit:
+        return cost, math.inf
+    valid = True
+    if worth.reach > 0.0:
+        deep = intrusion(task.discs, line, m, worth.reach, worth.sampled)
+        cost += size * worth.violation * deep
+        valid = deep == 0.0
+    if worth.tested == WAY_POINTS:
+        for i in range(1, n - 1):
+            if not point_free(task.space, points[i, 0], points[i, 1]):
+                cost += worth.each_blocked + size * worth.blocked
+                valid = False
+                break
+    blocked = 0
+    counted = worth.tested == EDGES
+    for j in range(m - 1):
+        if (cost >= limit or not counted) and (plain >= valid_limit or blocked > 0 or not valid):
+            return cost, math.inf
+        if not edge_free(task.space, line[j, 0], line[j, 1], line[j + 1, 0], line[j + 1, 1]):
+            if counted:
+                cost += worth.each_blocked
+                if blocked == 0:
+                    cost += size * worth.blocked
+            blocked += 1
+    return cost, plain if valid and blocked == 0 else math.inf
+
+
+@borrowing_kernel
+def push_out(task: Task, worth: Worth, position: Array, held: NDArray[np.bool_]) -> int:
+    """Push way points out of discs, and hold (2 n,) the others; returns how many were inside.
+
+    As printed in R1, the vector from a centre is added, which doubles it; ours ends on the rim.
+    """
+    inside = 0
+    for i in range(task.anchors.shape[0]):
+        x, y = task.anchors[i, 0] + position[2 * i], task.anchors[i, 1] + position[2 * i + 1]
+        dx, dy = 0.0, 0.0
+        for k in range(task.discs.shape[0]):
+            ux, uy = x - task.discs[k, 0], y - task.discs[k, 1]
+            square = task.discs[k, 2] ** 2 + worth.slack
+            if ux * ux + uy * uy <= square:
+                share = 1.0
+                if worth.push == TO_RIM:
+                    share = math.sqrt(square) / max(_TINY, math.hypot(ux, uy)) - 1.0
+                dx += share * ux
+                dy += share * uy
+        position[2 * i] += dx
+        position[2 * i + 1] += dy
+        pushed = dx != 0.0 or dy != 0.0
+        held[2 * i], held[2 * i + 1] = not pushed, not pushed
+        inside += pushed
+    return inside

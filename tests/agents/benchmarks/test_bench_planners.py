@@ -1,0 +1,297 @@
+"""Laws of the planner benchmark: one judge, nothing computed twice, nothing lost."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from agents import cli
+from agents.benchmarks import entrants, planner_benchmark, race
+from agents.benchmarks.cases import MARGIN, Case, scene_cases, stored_cases
+from agents.benchmarks.entrants import UNLIMITED, Contender, called_planners, with_iterations
+from agents.benchmarks.race import COLD, FREE
+from agents.benchmarks.summary import ranking, summarise
+from agents.evaluation.path_metrics import path_figures, printed_turning, turning
+from agents.peers import PEERS, Peer, installed
+from planners import PLANNERS, Plan, Problem, Space, Status, make_planner
+from wheelchair_gym.config import dump
+
+HALL = {"name": "hall", "size": 5, "rects": [[2, 1.5, 3, 2.5]], "start": [1, 2], "goal": [4, 2]}
+OPEN = {"name": "open", "size": 5, "rects": [], "start": [1, 2], "goal": [4, 2]}
+KEYS = {
+    "format", "command", "provenance", "problems", "rows", "anytime", "iterations", "records",
+    "others",
+}  # fmt: skip
+ROW = {
+    "planner", "problem", "runs", "paths", "invalid", "crashed", "success", "success_low",
+    "success_high", "cold_s", "first_path_s", "time_s", "ratio", "nodes", "turning_rad",
+    "printed_turning", "clearance_min_m", "clearance_mean_m", "success_0.05s", "ratio_0.05s",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Ghost:
+    """A peer that walks through walls, and counts how often it is asked."""
+
+    asked: ClassVar[list] = []  # a setting would make it another peer each time
+
+    def at(self, case):
+        return self
+
+    def plan(self, problem, rng, deadline=None):
+        self.asked.append(deadline)
+        path = np.array([problem.start[:2], problem.goal[:2]])
+        return Plan(Status.SOLVED, path, timings={"first_path_s": 1e-9})
+
+
+@dataclass(frozen=True)
+class Clumsy:
+    """A peer that fails where there is anything solid."""
+
+    def at(self, case):
+        return self
+
+    def plan(self, problem, rng, deadline=None):
+        if problem.name == "small" or problem.space.solid.is_empty:
+            return Plan(Status.EXHAUSTED)
+        raise ZeroDivisionError("no room")
+
+
+@pytest.fixture
+def problems(tmp_path):
+    file = tmp_path / "problems.json"
+    file.write_text(json.dumps([HALL | {"optimum": 3.23606797}, OPEN]))
+    return file
+
+
+@pytest.fixture
+def ghost(monkeypatch):
+    found = Ghost()
+    monkeypatch.setitem(PEERS, "ghost", Peer("numpy", found))
+    return found
+
+
+def bench(*arguments, out, code=0, peers="ghost"):
+    wanted = f"rrt_connect,visibility,{peers}".rstrip(",")
+    given = ["bench", "planners", "--quiet", "--seeds", "1", "--deadlines", "0.05", "--out", out]
+    assert cli.main([str(a) for a in [*given, "--planners", wanted, *arguments]]) == code
+
+
+def test_results_say_all_and_resume_computes_nothing_twice(problems, ghost, tmp_path, capsys):
+    out, table, plot = tmp_path / "out", tmp_path / "t.csv", tmp_path / "p.png"
+    bench("--problems", problems, "--csv", table, "--plot", plot, out=out)
+    said = capsys.readouterr().out
+    assert "ghost (INVALID: 3 of 6 paths)" in said
+    assert plot.read_bytes()[:4] == b"\x89PNG"
+    result = json.loads((out / "planners.json").read_text())
+    assert set(result) == KEYS
+    assert {"settings", "commit", "machine", "versions"} <= set(result["provenance"])
+    assert result["provenance"]["settings"]["seeds"] == [0]
+    optima = {problem["name"]: problem["optimum_m"] for problem in result["problems"]}
+    assert optima == {"hall": 3.23606797, "open": pytest.approx(3.0)}
+    rows = {(row["planner"], row["problem"]): row for row in result["rows"]}
+    assert set(rows) == {
+        (planner, problem)
+        for planner in ("rrt_connect", "visibility", "ghost")
+        for problem in ("all", "hall", "open")
+    }
+    assert all(set(row) >= ROW for row in rows.values())
+    with table.open() as lines:
+        assert [row["planner"] for row in csv.DictReader(lines)] == [
+            row["planner"] for row in result["rows"]
+        ]
+    # Who goes through the wall has no path there, and no place among the others.
+    assert rows["ghost", "hall"]["success"] == 0.0
+    assert rows["ghost", "hall"]["invalid"] == 3
+    assert rows["ghost", "hall"]["ratio"] is None
+    assert rows["ghost", "open"]["success"] == 1.0
+    assert rows["ghost", "open"]["first_path_s"] == 1e-9
+    assert rows["visibility", "all"]["ratio"] == pytest.approx(1.0, abs=1e-6)
+    assert result["anytime"] == {"0.05s": ["visibility", "rrt_connect"]}
+
+    before = len(ghost.asked)
+    bench("--problems", problems, "--resume", out / "planners.json", out=tmp_path / "no")
+    assert json.loads((out / "planners.json").read_text())["records"] == result["records"]
+    assert ghost.asked[before:] == [None]  # it is only asked what it calls
+    assert not (tmp_path / "no").exists()
+
+    # What is not asked for this time is kept for the next.
+    bench("--problems", problems, "--resume", out / "planners.json", out=tmp_path / "no", peers="")
+    less = json.loads((out / "planners.json").read_text())
+    assert {record["planner"] for record in less["others"]} == {"ghost"}
+    assert {row["planner"] for row in less["rows"]} == {"rrt_connect", "visibility"}
+    bench("--problems", problems, "--resume", out / "planners.json", out=tmp_path / "no")
+    assert json.loads((out / "planners.json").read_text())["records"] == result["records"]
+
+
+def test_ctrl_c_keeps_what_is_done(problems, ghost, tmp_path, capsys, monkeypatch):
+    made = []
+
+    def stopping(*arguments):
+        if len(made) == 3:
+            raise KeyboardInterrupt
+        made.append(original(*arguments))
+        return made[-1]
+
+    original = race.run
+    monkeypatch.setattr(race, "run", stopping)
+    bench("--problems", problems, out=tmp_path, code=130)
+    assert "stopped; 3 of " in capsys.readouterr().err
+    assert len(json.loads((tmp_path / "planners.json").read_text())["records"]) == 3
+
+
+def test_the_time_of_a_first_path_is_that_of_a_run_that_ends_with_it(problems):
+    (case,) = stored_cases(problems, ["hall"])
+    planner = make_planner({"name": "rrt_star", "iterations": 3_000})
+    record = race.run(planner, case, 0, FREE)
+    assert 0.0 < record["first_path_s"] < 0.5 * record["wall_s"]
+    cut = make_planner({"name": "rrt_star", "return_on_first_path": True})
+    plan = cut.plan(case.problem, np.random.default_rng(0))
+    assert record["first_path_length_m"] == plan.length
+
+
+def test_a_crash_of_one_planner_ends_nothing(problems, tmp_path, monkeypatch):
+    monkeypatch.setitem(PEERS, "clumsy", Peer("numpy", Clumsy()))
+    bench("--problems", problems, out=tmp_path, peers="clumsy")
+    result = json.loads((tmp_path / "planners.json").read_text())
+    (row,) = (r for r in result["rows"] if (r["planner"], r["problem"]) == ("clumsy", "hall"))
+    assert row["crashed"] == 3
+    assert row["why"] == "ZeroDivisionError: no room"
+
+
+def wrong(tmp_path):
+    problem = tmp_path / "problems.json"
+    other = tmp_path / "other.json"
+    other.write_text("{}")
+    yield ["--problems", tmp_path / "nothing.json"]
+    yield ["--problems", problem, "--only", "cellar"]
+    yield ["--only", "cellar"]
+    yield ["--planners", "magic"]
+    yield ["--planners", f"{other}:rrt"]
+    yield ["--seeds", "0"]
+    yield ["--deadlines", "0"]
+    yield ["--deadlines", "soon"]
+    yield ["--problems", problem, "--resume", other]
+    yield ["--problems", problem, "--resume", tmp_path / "nothing.json"]
+    yield ["--problems", problem, "--plot", tmp_path / "plot.svg"]
+    yield ["--problems", problem, "--planners", "rrt", "--json", other / "x.json"]
+
+
+def test_wrong_input_is_one_line_and_code_2(problems, tmp_path, capsys):
+    for arguments in wrong(tmp_path):
+        try:
+            code = cli.main(["bench", "planners", "--no-peers", *map(str, arguments)])
+        except SystemExit as left:
+            code = left.code
+        said = capsys.readouterr()
+        lines = [line for line in said.err.splitlines() if not line.startswith("compiling")]
+        assert (code, said.out, len(lines)) == (2, "", 1), arguments
+        assert lines[0].startswith("wheelchair: ")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", PEERS)
+def test_a_peer_that_is_installed_solves_and_keeps_to_a_deadline(name, problems):
+    if not installed(PEERS[name].package):
+        pytest.skip(f"{PEERS[name].package} is not installed")
+    (case,) = stored_cases(problems, ["hall"])
+    ready = PEERS[name].settings.at(case)
+    for deadline in (None, 0.05):
+        plan = ready.plan(case.problem, np.random.default_rng(0), deadline)
+        assert plan.status == Status.SOLVED
+        faults = case.judge.faults(plan.path, case.problem.start, case.problem.goal)
+        assert not faults or name.endswith("_sampled")
+    walls = Case(replace(case.problem, clearance=0.2), None, "nobody")  # no map of rectangles
+    assert (PEERS[name].settings.at(walls) is None) == name.startswith("pathplanning_rrt")
+
+
+def test_a_missing_package_is_one_line_that_names_the_extra(monkeypatch):
+    monkeypatch.setattr(entrants, "installed", lambda package: package == "niapy")
+    here, lines = entrants.chosen_peers(None)
+    assert here == ["niapy_pso"]
+    assert len(lines) == len({peer.package for peer in PEERS.values()}) - 1
+    assert all("pip install 'wheelchair_gym[peers]'" in line for line in lines)
+    with pytest.raises(entrants.InputError, match="ompl is not installed: pip install"):
+        entrants.chosen_peers(["ompl_bit_star"])
+
+
+def differences(before, after, key=""):
+    """Paths of keys at which two nested values differ, and what stands there after."""
+    if isinstance(before, dict) and isinstance(after, dict) and set(before) == set(after):
+        for part in before:
+            yield from differences(before[part], after[part], f"{key}.{part}")
+    elif before != after:
+        yield key, after
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_a_deadline_lifts_limits_of_iterations_and_nothing_else(name):
+    planner = make_planner(name)
+    changes = dict(differences(dump(planner), dump(with_iterations(planner, UNLIMITED))))
+    assert all(key.endswith(".iterations") and "whales" not in key for key in changes)
+    assert set(changes.values()) <= {UNLIMITED}
+    assert ".iterations" in changes or not hasattr(planner, "iterations")
+
+
+def test_hybrids_are_those_that_call_another_planner():
+    assert called_planners(make_planner("rrt_star_woa_global")) == ("rrt_star",)
+    assert called_planners(make_planner("rrt_star")) == ()
+    # It lends the tree's settings and calls nobody.
+    assert called_planners(make_planner("rrt_star_woa_local")) == ()
+
+
+def test_hybrids_and_late_answers_do_not_rank(problems):
+    cases = stored_cases(problems, ["hall"])
+    record = {
+        "problem": "hall", "seed": 0, "status": "solved", "length_m": 3.3, "faults": 0,
+        "nodes": 1, "turning_rad": 0.1, "printed_turning": 1.0, "clearance_min_m": 0.0,
+        "clearance_mean_m": 0.1, "first_path_s": None,
+        "cpu_s": 0.1,
+    }  # fmt: skip
+    runners = [
+        Contender("ours", None, None),
+        Contender("hybrid", None, None, calls=("ours",)),
+        Contender("late", None, None),
+        Contender("slow", None, None, timed=False),
+    ]
+    walls = {"ours": 0.1, "hybrid": 0.1, "late": 0.2, "slow": 0.11}
+    records = [
+        record | {"planner": name, "budget": budget, "wall_s": wall}
+        for name, wall in walls.items()
+        for budget in (COLD, FREE, 0.1)
+    ]
+    rows = summarise(runners, cases, records, [0.1])
+    assert [row["planner"] for row in ranking(rows, 0.1)] == ["ours"]
+    assert [row["late_0.1s"] for row in rows] == [0, 0, 1, 1]
+    assert [row["success"] for row in rows] == [1.0] * 4
+
+
+def test_problems_of_scenes_are_for_a_disc_as_wide_as_the_chair():
+    (case,) = scene_cases(["clutter"])
+    assert case.problem.clearance == pytest.approx(0.31 + MARGIN)
+    assert case.known_from == "visibility"
+    assert not case.judge.faults([case.problem.start, case.problem.start])
+
+
+def test_figures_of_a_path_are_those_of_the_drawing_board():
+    space = Space.from_rectangles([(4, 4, 6, 6)], (0, 0, 10, 10))
+    problem = Problem(space, np.array([1.0, 3.0]), np.array([7.0, 6.0]))
+    path = [(1, 3), (1, 3), (7, 3), (7, 6)]
+    figures = path_figures(path, problem)
+    assert figures["length_m"] == pytest.approx(9.0)
+    assert figures["clearance_min_m"] == pytest.approx(1.0)
+    assert figures["turning_rad"] == turning(path) == pytest.approx(np.pi / 2)
+    A, B = 6.0, np.hypot(6.0, 3.0)
+    assert figures["printed_turning"] == pytest.approx((A * A + B * B) / (2 * A * B) / 2)
+    assert printed_turning(path[:2]) == turning(path[1:3]) == 0.0
+    # Along y = 3 from x = 1 to 7 the border and then the block are nearest; then the block's side.
+    assert 1.0 < figures["clearance_mean_m"] < 2.0
+
+
+def test_the_terms_stand_in_the_results():
+    assert any("favourable" in term for term in planner_benchmark.TERMS)

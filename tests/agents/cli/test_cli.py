@@ -1,0 +1,417 @@
+"""The command: wrong input is one line and code 2; JSON on stdout stands alone."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from agents.cli import COMMANDS, main, parser
+from agents.cli.arguments import changed, spec
+from agents.control import FOLLOWERS
+from agents.evaluation.compare import SUITES
+from agents.evaluation.provenance import command_line
+from planners import PLANNERS, Plan, Status, make_planner
+from tests.conftest import ROOT
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, write_map
+from wheelchair_gym.scenes import SCENES, make_scene
+
+YARD = "type octile\nheight 3\nwidth 5\nmap\n.....\n..T..\n.....\n"
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory):
+    """A map of a hall of 5 m x 4 m with a block in the middle, and files that are broken."""
+    folder = tmp_path_factory.mktemp("maps")
+    cells = np.full((40, 50), FREE, np.int8)
+    cells[15:25, 20:30] = OCCUPIED
+    write_map(OccupancyGrid(cells, 0.1), folder / "hall.yaml")
+    (folder / "broken.yaml").write_text("image: [")
+    (folder / "keyless.yaml").write_text("image: hall.pgm\n")
+    (folder / "noimage.yaml").write_text((folder / "hall.yaml").read_text())
+    text = (folder / "hall.yaml").read_text()
+    image = next(line.split()[1] for line in text.splitlines() if line.startswith("image"))
+    (folder / "noimage.yaml").write_text(text.replace(image, "nothing.pgm"))
+    (folder / "corrupt.pgm").write_bytes(b"P5\n50 40")
+    (folder / "corrupt.yaml").write_text(text.replace(image, "corrupt.pgm"))
+    rects = [[2.0, 1.5, 3.0, 2.5]]
+    problem = {"name": "hall", "size": 5, "rects": rects, "start": [1, 2], "goal": [4, 2]}
+    (folder / "problems.json").write_text(json.dumps([problem | {"optimum": 3.2361}]))
+    (folder / "keyless.json").write_text('[{"size": 5}]')
+    (folder / "nan.json").write_text(json.dumps([problem | {"start": [float("nan"), 2]}]))
+    (folder / "broken.json").write_text("[{")
+    (folder / "object.json").write_text("{}")
+    (folder / "typed.json").write_text(json.dumps([problem | {"size": "big"}]))
+    (folder / "unknown.json").write_text('{"task": {"beamz": 3}}')
+    (folder / "scenes.json").write_text('{"clutter": {"walls": 3}}')
+    (folder / "list.json").write_text("[]")
+    (folder / "broken.map").write_text("type octile\nheight 3\n")
+    (folder / "yard.map").write_text(YARD)
+    (folder / "house.json").write_text('{"verts": [[0, 0], [5, 0], [5, 4], [0, 4]]}')
+    (folder / "mapless.json").write_text('{"MapProcessor_Map_Name": "9"}')
+    figure = '{"MapProcessor_Map_Name": "5", "MapProcessor_Obstacles_Dilation": 4,}'
+    (folder / "figure.json").write_text(figure)
+    return folder
+
+
+def run(*arguments):
+    """The exit code, whether the parser or the command gave it."""
+    try:
+        return main([str(a) for a in arguments])
+    except SystemExit as left:
+        return left.code
+
+
+def plan(hall, name, start="1,2", goal="4,2", planner="rrt_connect"):
+    return ["plan", "--map", hall / name, "--planner", planner, "--start", start, "--goal", goal]
+
+
+WRONG = {
+    "no command": lambda hall: [],
+    "end of a list": lambda hall: ["compare", "--policies", ","],
+    "unknown command": lambda hall: ["fly"],
+    "unknown option": lambda hall: ["scenes", "--fast"],
+    "unknown planner": lambda hall: plan(hall, "hall.yaml", planner="magic"),
+    "missing map": lambda hall: plan(hall, "nothing.yaml"),
+    "broken yaml": lambda hall: plan(hall, "broken.yaml"),
+    "yaml without keys": lambda hall: plan(hall, "keyless.yaml"),
+    "missing image": lambda hall: plan(hall, "noimage.yaml"),
+    "corrupt image": lambda hall: plan(hall, "corrupt.yaml"),
+    "start is not a number": lambda hall: plan(hall, "hall.yaml", start="nan,2"),
+    "start is no pose": lambda hall: plan(hall, "hall.yaml", start="1;2"),
+    "start in a wall": lambda hall: plan(hall, "hall.yaml", start="2.5,2"),
+    "goal in a wall": lambda hall: plan(hall, "hall.yaml", goal="2.5,2"),
+    "start outside": lambda hall: plan(hall, "hall.yaml", start="-1,2"),
+    "goal outside": lambda hall: plan(hall, "hall.yaml", goal="9,2"),
+    "negative clearance": lambda hall: [*plan(hall, "hall.yaml"), "--clearance", "-1"],
+    "neither map nor problems": lambda hall: ["plan", "--planner", "rrt"],
+    "map without start": lambda hall: ["plan", "--planner", "rrt", "--map", hall / "hall.yaml"],
+    "unwritable json": lambda hall: [
+        *plan(hall, "hall.yaml"), "--json", hall / "hall.yaml" / "x",
+    ],
+    "unwritable picture": lambda hall: [
+        *plan(hall, "hall.yaml"), "--picture", hall / "hall.yaml" / "x.png",
+    ],
+    "missing problems": lambda hall: ["plan", "--planner", "rrt", "--problems", hall / "no.json"],
+    "broken problems": lambda hall: [
+        "plan", "--planner", "rrt", "--problems", hall / "broken.json",
+    ],
+    "problems lack keys": lambda hall: [
+        "plan", "--planner", "rrt", "--problems", hall / "keyless.json",
+    ],
+    "problems with NaN": lambda hall: ["plan", "--planner", "rrt", "--problems", hall / "nan.json"],
+    "problems are no list": lambda hall: [
+        "plan", "--planner", "rrt", "--problems", hall / "object.json",
+    ],
+    "problems of wrong types": lambda hall: [
+        "plan", "--planner", "rrt", "--problems", hall / "typed.json",
+    ],
+    "problems with a start": lambda hall: [
+        "plan", "--planner", "rrt", "--problems", hall / "problems.json", "--start", "1,2",
+    ],
+    "unknown setting": lambda hall: [*plan(hall, "hall.yaml"), "--set", "wings=2"],
+    "setting of a wrong type": lambda hall: [*plan(hall, "hall.yaml"), "--set", "iterations=few"],
+    "setting without value": lambda hall: [*plan(hall, "hall.yaml"), "--set", "iterations"],
+    "setting inside a number": lambda hall: [
+        *plan(hall, "hall.yaml"), "--set", "step=1", "--set", "step.x=1",
+    ],
+    "settings file lacks the name": lambda hall: plan(
+        hall, "hall.yaml", planner=f"{hall / 'object.json'}:rrt"
+    ),
+    "neither planner nor config": lambda hall: [
+        "plan", "--map", hall / "hall.yaml", "--start", "1,2", "--goal", "4,2",
+    ],
+    "config of another kind": lambda hall: ["plan", "--config", hall / "scenes.json"],
+    "config without a map": lambda hall: ["plan", "--config", hall / "mapless.json"],
+    "map of no known kind": lambda hall: plan(hall, "corrupt.pgm"),
+    "broken octile map": lambda hall: plan(hall, "broken.map"),
+    "house without verts": lambda hall: plan(hall, "object.json"),
+    "picture of another kind": lambda hall: [*plan(hall, "hall.yaml"), "--picture", hall / "x.svg"],
+    "json is a folder": lambda hall: [*plan(hall, "hall.yaml"), "--json", hall],
+    "unknown policy": lambda hall: ["simulate", "--policy", "nobody"],
+    "unknown follower": lambda hall: ["simulate", "--policy", "rrt+nobody"],
+    "unknown scene": lambda hall: ["simulate", "--policy", "random", "--scene", "moon"],
+    "negative seed": lambda hall: ["simulate", "--seed", "-1"],
+    "missing config": lambda hall: ["simulate", "--policy", "random", "--config", hall / "no.json"],
+    "broken config": lambda hall: ["simulate", "--config", hall / "broken.json"],
+    "unknown key in a config": lambda hall: ["simulate", "--config", hall / "unknown.json"],
+    "config is a list": lambda hall: ["simulate", "--config", hall / "list.json"],
+    "unknown key of a scene": lambda hall: [
+        "simulate", "--policy", "random", "--scene", f"{hall / 'scenes.json'}:clutter",
+    ],
+    "zero jobs": lambda hall: ["compare", "--jobs", "0"],
+    "unknown suite": lambda hall: ["compare", "--suite", "everything"],
+    "negative episodes": lambda hall: ["compare", "--episodes", "-3"],
+    "no episodes": lambda hall: ["compare", "--episodes", "0"],
+    "unknown policy in a suite": lambda hall: [
+        "compare", "--policies", "nobody", "--out", hall / "r",
+    ],
+    "unknown scene in a suite": lambda hall: ["compare", "--scenes", "moon", "--out", hall / "r"],
+    "folder is a file": lambda hall: ["compare", "--out", hall / "hall.yaml"],
+    "unwritable folder": lambda hall: ["compare", "--out", hall / "hall.yaml" / "x"],
+    "unknown pose": lambda hall: ["compare", "--pose", "mcl,gps"],
+    "worlds of no file": lambda hall: ["compare", "--scenes", hall / "none.json"],
+    "worlds that are none": lambda hall: ["compare", "--scenes", hall / "object.json"],
+    "two first seeds": lambda hall: ["compare", "--train", "--first-seed", "3"],
+    "unknown settings": lambda hall: ["settings", "wings"],
+    "unknown scene to describe": lambda hall: ["scenes", "moon"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", sorted(WRONG))
+def test_wrong_input_is_one_line_and_code_2(hall, capfd, case):
+    """Also of what compiled code says: the file descriptors are read."""
+    assert run(*WRONG[case](hall)) == 2
+    said = capfd.readouterr()
+    assert said.out == ""
+    lines = [line for line in said.err.splitlines() if not line.startswith("compiling")]
+    assert len(lines) == 1
+    assert lines[0].startswith("wheelchair: ")
+
+
+@pytest.mark.parametrize(
+    ("change", "status"),
+    [({"start": "2.5,2"}, "start_occupied"), ({"goal": "9,9"}, "goal_outside")],
+)
+def test_a_failure_of_the_world_has_its_name(hall, capsys, change, status):
+    assert run(*plan(hall, "hall.yaml", **change)) == 2
+    assert status in capsys.readouterr().err
+
+
+def test_a_planner_that_finds_nothing_says_why(hall, capsys):
+    assert run(*plan(hall, "hall.yaml", planner="potential_field")) == 1
+    said = capsys.readouterr().err
+    assert "stuck: no path was found with 0.36 m clearance: a local minimum at [" in said
+
+
+def test_a_plan_is_json_and_a_picture(hall, capsys, tmp_path):
+    picture = tmp_path / "plan.png"
+    assert run(*plan(hall, "hall.yaml"), "--json", "-", "--picture", picture) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["status"] == "solved"
+    assert answer["path"][0] == [1, 2]
+    assert answer["path"][-1] == [4, 2]
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize("name", ["hall.yaml", "yard.map", "house.json"])
+def test_maps_of_every_kind_are_planned_in(hall, capsys, name):
+    assert run(*plan(hall, name, "1,1", "4,1", "visibility"), "--json", "-") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert 3.0 - 1e-9 <= answer["touching"] <= answer["at_least"] <= answer["length"] < 4.0
+
+
+def test_the_thesis_settings_are_a_planner_and_a_map(hall, capsys):
+    assert run("plan", "--config", hall / "figure.json", "--json", "-") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["name"] == "thesis_5"
+    assert (answer["path"][0], answer["path"][-1]) == ([1.5, 1.5], [28.5, 18.5])
+    assert run(*plan(hall, "hall.yaml", planner=f"{hall / 'figure.json'}:rrt_star")) == 0
+    arguments = ["plan", "--config", hall / "figure.json", "--planner", "visibility"]
+    assert run(*arguments, "--json", "-") == 0
+    wide = json.loads(capsys.readouterr().out.split("\n", 1)[1])
+    assert wide["touching"] < wide["length"]  # four pixels of 5 cm are kept
+
+
+@pytest.mark.parametrize("poses", [False, True])
+def test_a_path_through_a_wall_is_not_called_solved(hall, capsys, monkeypatch, poses):
+    """Whoever planned it: an independent judge has looked at it before the word is said."""
+
+    class Straight:
+        def plan(self, problem, rng, deadline=None):
+            path = np.array([problem.start[:2], problem.goal[:2]])
+            return Plan(Status.SOLVED, np.hstack([path, np.zeros((2, 1))]) if poses else path)
+
+    planner = Straight()
+    if poses:
+        planner.footprint = Footprint()
+    monkeypatch.setattr("planners.make_planner", lambda spec: planner)
+    assert run(*plan(hall, "hall.yaml")) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("wheelchair: plan: invalid: Straight says solved, but")
+    assert "inside an obstacle" in said.err
+    arguments = ["plan", "--problems", hall / "problems.json", "--planner", "rrt", "--json", "-"]
+    assert run(*arguments) == 0
+    (answer,) = json.loads(capsys.readouterr().out)
+    assert answer["status"] == "invalid"
+    assert "inside an obstacle" in answer["note"]
+
+
+def test_problems_are_answered_one_by_one(hall, capsys):
+    arguments = ["plan", "--problems", hall / "problems.json", "--planner", "rrt_star"]
+    assert run(*arguments, "--json", "-") == 0
+    (answer,) = json.loads(capsys.readouterr().out)
+    assert set(answer) == {"name", "status", "length", "optimum", "time_s", "nodes", "note", "path"}
+    assert answer["length"] >= answer["optimum"] - 1e-3
+
+
+@pytest.mark.parametrize(
+    "arguments", [["scenes"], ["scenes", "clutter", "--samples", "2"], ["settings", "limits"]]
+)
+def test_json_stands_alone_on_stdout(capsys, arguments):
+    assert run(*arguments, "--json", "-") == 0
+    json.loads(capsys.readouterr().out)
+    assert run(*arguments) == 0
+    assert capsys.readouterr().out.strip()
+
+
+@pytest.mark.parametrize(
+    "command", ["", "plan", "simulate", "compare", "map", "scenes", "settings"]
+)
+def test_help_has_an_example(capsys, command):
+    assert run(*command.split(), "--help") == 0
+    assert "example: wheelchair" in capsys.readouterr().out
+
+
+def test_an_episode_is_driven_and_drawn(capsys, tmp_path):
+    config = tmp_path / "short.json"
+    config.write_text('{"task": {"time_base": 1.0, "time_factor": 0.0}}')
+    picture = tmp_path / "end.png"
+    arguments = ["simulate", "--policy", "straight", "--config", config, "--picture", picture]
+    assert run(*arguments, "--json", "-") == 0
+    assert json.loads(capsys.readouterr().out)["outcome"] == "timeout"
+    assert picture.exists()
+
+
+def test_a_comparison_leaves_everything_in_its_folder(capsys, tmp_path):
+    config = tmp_path / "short.json"
+    config.write_text('{"task": {"time_base": 1.0, "time_factor": 0.0}}')
+    out = tmp_path / "out"
+    arguments = [
+        "compare", "--policies", "random,straight", "--scenes", "floor_plan", "--episodes", "1",
+        "--jobs", "1", "--out", out, "--config", config, "--quiet", "--no-video",
+    ]  # fmt: skip
+    assert run(*arguments) == 0
+    assert "straight" in capsys.readouterr().out
+    results = json.loads((out / "results.json").read_text())
+    assert set(results) == {
+        "title", "command", "provenance", "policies", "scenes", "records", "summary", "video",
+        "kinds",
+    }  # fmt: skip
+    assert (out / "table.md").exists()
+    assert (out / "report.html").exists()
+    first = (out / "episodes.jsonl").read_bytes()
+    assert run(*arguments, "--json", "-") == 0
+    assert json.loads(capsys.readouterr().out)["records"] == results["records"]
+    assert (out / "episodes.jsonl").read_bytes() == first
+
+
+def test_a_reader_that_leaves_is_no_error():
+    pipe = f"{sys.executable} -m agents.cli settings sensors chair lattice --json - | head -1"
+    done = subprocess.run(["bash", "-c", pipe], capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout.count("\n") == 1
+
+
+def readme():
+    return (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_readmes_python_runs(capsys):
+    drive, train = re.findall(r"```python\n(.*?)```", readme(), re.DOTALL)
+    exec(compile(drive, "README.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("arrived")
+    run = {}
+    exec(compile(train, "README.md", "exec"), run)
+    assert run["model"].num_timesteps == 512
+
+
+def test_the_readme_names_every_command_scene_planner_and_follower():
+    named = set(re.findall(r"`(\w+)`", readme()))
+    commands = {command.__name__.rpartition(".")[2] for command in COMMANDS}
+    scenes = {name for name in SCENES if not name.startswith("thesis")}
+    assert named >= commands | scenes | set(PLANNERS) | set(FOLLOWERS)
+
+
+def test_the_help_names_every_suite(capsys):
+    with pytest.raises(SystemExit):
+        main(["compare", "--help"])
+    assert set(re.findall(r"\w+", capsys.readouterr().out)) >= set(SUITES)
+
+
+@pytest.mark.parametrize("line", re.findall(r"^`?(wheelchair [^`\n]*)", readme(), re.MULTILINE))
+def test_the_readmes_commands_are_understood(line, tmp_path, monkeypatch):
+    given = parser().parse_args(shlex.split(line)[1:])
+    if given.command == "plan" and given.map:
+        monkeypatch.chdir(ROOT)
+        given.picture = tmp_path / "plan.png"
+        assert given.run(given) == 0
+
+
+def test_results_name_the_command_as_a_person_types_it(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["somewhere/agents/cli.py", "plan", "--map", "my hall.yaml"])
+    assert command_line() == "wheelchair plan --map 'my hall.yaml'"
+
+
+def test_settings_come_from_a_file_and_from_changes(tmp_path):
+    file = tmp_path / "mine.json"
+    file.write_text('{"rrt_star_woa_local": {"tree": {"step": 2.0}}}')
+    given = spec(f"{file}:rrt_star_woa_local")
+    planner = make_planner(changed(given, ["tree.iterations=30000", "whales.population=7"]))
+    assert (planner.tree.step, planner.tree.iterations) == (2.0, 30000)
+    assert planner.whales.population == 7
+    assert planner.tree.return_on_first_path
+    for name in SCENES:
+        make_scene(spec(f"{ROOT / 'configs' / 'scenes.json'}:{name}"))
+    for name in PLANNERS:
+        assert make_planner(spec(f"{ROOT / 'configs' / 'planners.json'}:{name}")) == make_planner(
+            name
+        )
+
+
+def test_a_file_names_its_settings_as_it_likes(tmp_path):
+    file = tmp_path / "mine.json"
+    file.write_text('{"quick": {"name": "rrt_star", "step": 2.0}, "rrt": {"step": 1.0}}')
+    assert make_planner(spec(f"{file}:quick")) == make_planner({"name": "rrt_star", "step": 2.0})
+    assert make_planner(spec(f"{file}:rrt")) == make_planner({"name": "rrt", "step": 1.0})
+
+
+def test_every_world_of_a_file_with_every_pose_source(tmp_path, monkeypatch):
+    worlds = [
+        {"world": k, "start": [0, 0, 0], "goal": [3, 0], "circles": [[1.5, y, 0.1]],
+         "reference_path_length": 4.0}
+        for k, y in ((3, 0.0), (8, 2.0))
+    ]  # fmt: skip
+    (tmp_path / "two.json").write_text(json.dumps(worlds))
+    code = run(
+        "compare", "--scenes", tmp_path / "two.json", "--policies", "straight", "--train",
+        "--pose", "truth,odometry", "--episodes", "1", "--out", tmp_path / "out", "--jobs", "1",
+        "--quiet", "--no-video", "--shield", "off",
+    )  # fmt: skip
+    found = json.loads((tmp_path / "out" / "results.json").read_text())
+    names = [f"two {world}, {pose}" for pose in ("truth", "odometry") for world in (3, 8)]
+    assert code == 0
+    assert found["scenes"] == names
+    assert [record["outcome"] for record in found["records"]] == ["collision", "success"] * 2
+    good = found["records"][1]
+    assert good["barn"] == pytest.approx(2.0 / max(good["time"], 4.0))
+    assert good["barn_own"] == pytest.approx(5.0 / max(good["time"], 10.0))
+    assert good["seed"] == 1_000_000
+
+
+def test_training_starts_anew_in_its_environment_once(monkeypatch, capsys):
+    """Libraries read it when they are loaded; what a person has set stays."""
+    started = []
+    monkeypatch.setattr(os, "execve", lambda *told: started.append(told))
+    monkeypatch.setattr(sys, "argv", ["wheelchair", "train", "ppo", "--config", "none.json"])
+    monkeypatch.setattr(sys, "orig_argv", ["python", "wheelchair", "train", "ppo"])
+    monkeypatch.setenv("GOMP_SPINCOUNT", "7")
+    monkeypatch.delenv("GLIBC_TUNABLES", raising=False)
+    assert main() == 2
+    ((program, arguments, environ),) = started
+    assert (program, arguments) == (sys.executable, [sys.executable, "wheelchair", "train", "ppo"])
+    assert environ["GOMP_SPINCOUNT"] == "7"
+    assert environ["GLIBC_TUNABLES"] == "glibc.malloc.hugetlb=1"
+    for name, value in environ.items():
+        monkeypatch.setenv(name, value)
+    assert main() == 2
+    assert len(started) == 1
+    assert capsys.readouterr().err.count("none.json") == 2

@@ -1,0 +1,108 @@
+"""What an extra is for says in one line which one it is, where it is not installed."""
+
+from __future__ import annotations
+
+import importlib.machinery
+import re
+import sys
+import tomllib
+
+import numpy as np
+import pytest
+
+from agents.cli import main
+from planners.swarm.peers import Mealpy
+from tests.conftest import ROOT
+from wheelchair_gym import InputError
+from wheelchair_gym.recording.sink import Outlet
+from wheelchair_gym.rendering.video import write_video
+from wheelchair_gym.rendering.window import Window
+
+CONFIG = ["--config", str(ROOT / "configs" / "hardware.json")]
+REAL = ["simulate", "--pose", "odometry", "--goal", "1,1"]
+PICTURE = np.zeros((8, 8, 3), np.uint8)
+DEPLOY = ["deploy", "--map", "some.yaml", "--start", "1,2,0", "--goal", "3,2"]
+# Package: the module that is imported, and what needs it: words of a command, or a call.
+NEEDED = {
+    "pyserial": ("serial", [
+        *(["hardware", what, *CONFIG] for what in ("check", "setup", "tune", "calibrate")),
+        ["hardware", "monitor", "--yes", *CONFIG], [*REAL, "--chair", "hardware", *CONFIG],
+        [*DEPLOY, "--chair", "hardware", *CONFIG],
+    ]),
+    "evdev": ("evdev", [["hardware", "drive", *CONFIG]]),
+    "websockets": ("websockets", [
+        [*REAL, "--chair", "ros://127.0.0.1:1"],
+        [*DEPLOY, "--chair", "ros://127.0.0.1:1", *CONFIG],
+    ]),
+    "mcap": ("mcap", [["replay", "there.mcap"]]),
+    "foxglove-sdk": ("foxglove", [lambda: Outlet("some.mcap")]),
+    "pygame-ce": ("pygame", [Window]),
+    "moviepy": ("imageio_ffmpeg", [lambda: write_video("some.mp4", [PICTURE], 10.0)]),
+    "ray": ("ray", [["compare", "--suite", "demo", "--engine", "ray", "--no-video"]]),
+    "optuna": ("optuna", [["tune", "window", "--vary", "horizon=1:3"]]),
+    "sb3-contrib": ("sb3_contrib", [["train", "recurrent_ppo"], ["train", "tqc"]]),
+    "onnx": ("onnx", [["export", "ppo_goal", "--onnx", "some.onnx"]]),
+    "onnxruntime": ("onnxruntime", [["simulate", "--policy", "some.onnx"]]),
+    "mealpy": ("mealpy", [lambda: Mealpy().search(None, None, 1, None)]),
+}  # fmt: skip
+# A drawing of the documentation, a log beside ours, and what benchmarks compare with: left out
+# where they are not installed.
+LEFT_OUT = {"schemdraw", "tensorboard", "ir-sim", "ompl", "pathplanning", "niapy"}
+
+
+def extras():
+    """Package -> extra, of all but those of developers."""
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        table = tomllib.load(file)["project"]["optional-dependencies"]
+    return {
+        re.match(r"[\w-]+", one)[0]: name
+        for name, ones in table.items() if name != "dev" for one in ones
+    }  # fmt: skip
+
+
+def test_every_package_of_an_extra_is_known_here():
+    assert set(extras()) == set(NEEDED) | LEFT_OUT
+
+
+@pytest.fixture
+def without(monkeypatch):
+    """Takes a module away, as if it had never been installed."""
+    find = importlib.machinery.PathFinder.find_spec
+
+    def take(name):
+        for one in [m for m in sys.modules if m.partition(".")[0] == name]:
+            monkeypatch.delitem(sys.modules, one)
+        monkeypatch.setattr(
+            importlib.machinery.PathFinder,
+            "find_spec",
+            lambda full, *rest: None if full.partition(".")[0] == name else find(full, *rest),
+        )
+
+    return take
+
+
+@pytest.mark.parametrize("package", NEEDED)
+def test_what_needs_it_names_the_extra_in_one_line(package, without, tmp_path, monkeypatch, capsys):
+    module, uses = NEEDED[package]
+    without(module)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there.mcap").touch()
+    for use in uses:
+        if isinstance(use, list):
+            assert main(use) == 2
+            said = capsys.readouterr().err.strip().splitlines()
+        else:
+            with pytest.raises(InputError) as error:
+                use()
+            said = str(error.value).splitlines()
+        assert len(said) == 1
+        assert re.search(rf"pip install ['\"]wheelchair_gym\[{extras()[package]}\]", said[0]), said
+        assert [file.name for file in tmp_path.iterdir()] == ["there.mcap"]  # nothing was begun
+
+
+@pytest.mark.parametrize("readme", ["README.md", "wheelchair_gym/hardware/README.md"])
+def test_the_pages_name_the_extras_of_a_real_chair(readme):
+    said = (ROOT / readme).read_text()
+    assert "hardware" in said
+    assert re.search(r"extra `?.*`hardware`|wheelchair_gym\[hardware\]", said)
+    assert re.search(r"`ros`|wheelchair_gym\[ros\]", said)

@@ -1,0 +1,200 @@
+"""The technician's tools from the command line, over devices in real time."""
+
+from __future__ import annotations
+
+import io
+import json
+import threading
+import time
+
+import pytest
+
+from agents.cli import hardware, main
+from tests.conftest import ROOT
+from tests.hardware.realtime import serving
+from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.hardware import joystick
+from wheelchair_gym.hardware.boards.feed import watch
+from wheelchair_gym.hardware.boards.senses import BoardSenses
+from wheelchair_gym.hardware.chair import HardwareChair
+
+pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
+
+CONFIG = str(ROOT / "configs" / "hardware.json")
+
+
+@pytest.fixture
+def served(tmp_path):
+    with serving(tmp_path) as twin:
+        yield twin
+
+
+def test_tools_work_over_devices(served, tmp_path, capsys):
+    """What they find is tested in simulated time: a busy machine is late here."""
+    file = tmp_path / "check.json"
+    assert main(["hardware", "setup", "--config", str(served.config)]) == 0
+    assert capsys.readouterr().out.count("saved") == 2
+    words = ["hardware", "check", "--config", str(served.config), "--no-person"]
+    assert main([*words, "--json", str(file)]) in (0, 1)
+    said = capsys.readouterr().out
+    findings = json.loads(file.read_text())["findings"]
+    assert len(said.splitlines()) >= len(findings) > 15
+    lines = [one for one in findings if one["what"] in ("line", "firmware", "parameters", "fan")]
+    assert all(one["good"] for one in lines)
+    assert main(["hardware", "monitor", "--config", str(served.config), "--seconds", "1"]) == 0
+    assert "battery" in capsys.readouterr().out
+
+
+def test_monitor_listens_to_the_program_that_drives(served, capsys):
+    """It opens no port of its own: the owner's line stays open, and nothing is reset."""
+    settings = env_settings(str(served.config))
+    own = settings.hardware
+    senses = BoardSenses(own, settings.sensors, settings.chair.drive, time.monotonic)
+    ended = threading.Event()
+
+    def drive():
+        while not ended.wait(0.005):
+            senses.poll()
+
+    owner = threading.Thread(target=drive)
+    owner.start()
+    try:
+        end = time.monotonic() + 30.0
+        while senses._feed is None and time.monotonic() < end:
+            time.sleep(0.01)
+        words = ["hardware", "monitor", "--config", str(served.config), "--seconds", "1"]
+        assert main(words) == 0
+        said = capsys.readouterr()
+        assert "another program" in said.err
+        assert "battery" in said.out
+        assert senses.drive.statistics.opened == 1
+        # Any other tool is told who has the port, and blames no cable.
+        assert main(["hardware", "check", "--config", str(served.config), "--no-person"]) == 1
+        said = capsys.readouterr().out
+        assert f"{own.drive} is in use by this very program" in said
+        assert "cable" not in said.split("range board")[0]
+    finally:
+        ended.set()
+        owner.join()
+        senses.close()
+    assert watch(own.drive) is None
+
+
+def test_monitor_asks_before_it_resets_a_board(tmp_path, monkeypatch, capsys):
+    config = tmp_path / "config.json"
+    config.write_text(json.dumps({"hardware": {"drive": "/dev/null", "range": "/dev/null"}}))
+    words = ["hardware", "monitor", "--config", str(config), "--seconds", "0.1"]
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    assert main(words) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1
+    assert "/dev/null" in said[0]
+    assert "--yes" in said[0]
+    assert main([*words, "--yes"]) == 0
+
+
+@pytest.mark.long
+def test_counts_of_a_metre_are_measured_and_written(served, monkeypatch, capsys):
+    """Set up with twice as many, it finds the true ones by the wall ahead, in real time."""
+    monkeypatch.setattr(HardwareChair, "reset", armed(HardwareChair.reset))
+    content = json.loads(served.config.read_text())
+    content["chair"]["drive"]["counts_per_metre"] = 2.0 * 4346.0
+    served.config.write_text(json.dumps(content))
+    with_config = ["--config", str(served.config)]
+    assert main(["hardware", "setup", *with_config]) == 0
+    words = ["hardware", "calibrate", *with_config, "--runs", "1", "--way", "0.6"]
+    assert main(words) == 0
+    assert "not written" in capsys.readouterr().out
+    assert json.loads(served.config.read_text()) == content
+    assert main([*words, "--write"]) == 0
+    assert "written to" in capsys.readouterr().out
+    counts = json.loads(served.config.read_text())["chair"]["drive"]["counts_per_metre"]
+    assert counts == pytest.approx(4346.0, rel=0.01)
+    monkeypatch.setattr("sys.stdin", io.StringIO("\nmuch\n1e-3\n"))
+    assert main(["hardware", "calibrate", *with_config, "--runs", "1", "--push", "--tape"]) == 1
+    assert "nothing was written" in capsys.readouterr().err  # nobody pushed it
+
+
+class NoStick:
+    """A device that is not there, or is taken away after so many looks."""
+
+    def __init__(self, looks=0):
+        self.looks, self.axes = looks, {0: (-1, 1), 1: (-1, 1)}
+
+    def read(self):
+        self.looks -= 1
+        if self.looks < 0:
+            raise OSError("no joystick: plug it in")
+        return ()
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize("looks", [0, 5])
+def test_drive_without_a_joystick_says_what_it_waits_for_and_ends(
+    served, monkeypatch, capsys, looks
+):
+    """At the start, and where it is taken away under way."""
+    devices = [NoStick(looks)]
+
+    def opener(_own):
+        if not devices or not looks:
+            raise OSError("no joystick: plug it in")
+        return devices.pop()
+
+    monkeypatch.setattr(joystick, "load_evdev", lambda: None)
+    monkeypatch.setattr(joystick.Joystick.__init__, "__defaults__", (lambda: None, opener))
+    monkeypatch.setattr(HardwareChair, "reset", armed(HardwareChair.reset))
+    words = ["hardware", "drive", "--config", str(served.config), "--wait", "0.5"]
+    assert main(words) == (1 if looks else 2)
+    said = capsys.readouterr().err
+    assert "no joystick: plug it in" in said.strip().splitlines()[-1]
+    assert "0.5 s" in said.strip().splitlines()[-1]
+    assert ("waits 0.5 s for a joystick" in said) == (not looks)
+
+
+def armed(reset):
+    """A person re-arms a chair that waits for it."""
+
+    def both(chair, *words):
+        ended = threading.Event()
+
+        def person():
+            while not ended.wait(0.05):
+                if chair.waiting:
+                    chair.rearm()
+
+        thread = threading.Thread(target=person)
+        thread.start()
+        try:
+            return reset(chair, *words)
+        finally:
+            ended.set()
+            thread.join()
+
+    return both
+
+
+def test_a_person_says_where_it_stands(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", iter(["what?\n", "\n", "0.03,-0.12\n"]))
+    assert hardware._measured("done").tolist() == [0.03, -0.12]
+    assert "expected two numbers" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["check", "--config", "nothing.json"], "nothing.json"),
+        (["tune", "--config", CONFIG, "--set", "kq=1"], "expected one of kp"),
+        (["tune", "--config", CONFIG, "--set", "kp"], "expected KEY=VALUE"),
+        (["tune", "--config", CONFIG, "--set", "kp=-1"], "kp"),
+        (["setup", "--config", CONFIG], "drive"),
+    ],
+)
+def test_wrong_words_are_one_line(monkeypatch, capsys, words, why):
+    monkeypatch.setattr("wheelchair_gym.hardware.tools.provision.PATIENCE", 0.05)
+    assert main(["hardware", *words]) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1
+    assert why in said[0]

@@ -1,0 +1,129 @@
+"""The twin from the command line: says where it is, does what is typed, and ends cleanly."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from agents.cli import main
+from tests.conftest import ROOT
+from tests.hardware.conftest import build
+from wheelchair_gym.hardware.boards.messages import Switch
+from wheelchair_gym.hardware.twin.faults import WORDS, break_it
+from wheelchair_gym.hardware.twin.lockstep import Faults, Twin
+from wheelchair_gym.hardware.twin.plant import Slope
+from wheelchair_gym.hardware.twin.serve import ServedTwin
+from wheelchair_gym.hardware.twin.stick import Stick
+from wheelchair_gym.maps import read_map
+
+TARGETS = ("libemulator.so", "drive.elf", "range.elf")
+
+SAID = {
+    "press stop": lambda served: served.twin.faults.switches == Switch.STOP_PRESSED,
+    "encoder left lost": lambda served: served.twin.faults.blind == [True, False],
+    "encoder right swapped": lambda served: served.twin.faults.swapped == [False, True],
+    "block right": lambda served: served.twin.faults.held == (False, True),
+    "driver right -0.6": lambda served: served.twin.faults.stuck_drivers == [None, -0.6],
+    "motor left inverted": lambda served: served.twin.faults.inverted == [True, False],
+    "motor both swapped": lambda served: served.twin.faults.swapped_motors,
+    "brakes 0.2": lambda served: served.twin.faults.brakes == 0.2,
+    "slope 8": lambda served: served.twin.faults.slope == Slope(math.radians(8.0)),
+    "slope 8 90": lambda served: served.twin.faults.slope == Slope(math.radians(8.0), math.pi / 2),
+    "push -250": lambda served: served.twin.faults.push == -250.0,
+    "reset-on-open drive": lambda served: served.drive.wire.resets,
+    "battery 28": lambda served: served.twin.faults.battery == 28.0,
+    "sonar 3 silent": lambda served: served.twin.faults.silent == {3},
+    "sonar 4 0.5": lambda served: served.twin.faults.stuck == {4: 0.5},
+    "stick 0.5 -0.2": lambda served: served.twin.faults.stick == Stick(0.5, -0.2, True, True),
+    "stick free": lambda served: served.twin.faults.stick == Stick(manual=True),
+    "unplug laser": lambda served: not served.twin.laser.plugged,
+    "unplug drive": lambda served: not served.drive.wire.plugged,
+    "silence laser": lambda served: served.twin.laser.silent,
+    "noise 0.1": lambda served: served.range.wire.harm.corrupt == 0.1,
+}
+
+
+def test_words_break_it_and_mend_it():
+    for target in TARGETS:
+        build(target)
+    twin = Twin()
+    served = ServedTwin(twin)
+    for line, broken in SAID.items():
+        assert break_it(served, line).endswith("done")
+        assert broken(served), line
+        assert break_it(served, "heal").endswith("done")
+        assert not broken(served), line
+    assert twin.faults == Faults()
+    for line in ("hang drive", "power range"):
+        assert break_it(served, line).endswith("done")
+    wrong = (
+        "press",
+        "press x",
+        "driver left 2",
+        "motor left swapped",
+        "brakes 2",
+        "slope 90",
+        "battery x",
+        "battery 99",
+        "sonar 8 silent",
+        "noise -1",
+        "unplug x",
+        "stick 2 0",
+        "stick x",
+    )
+    for line in wrong:
+        assert f"expected {line.split()[0]}" in break_it(served, line)
+    assert set(break_it(served, "help").split()) >= set(WORDS)
+    assert break_it(served, "") == ""
+    served.close()
+    twin.close()
+
+
+def test_it_serves_until_it_is_told_to_end(tmp_path, request):
+    for target in TARGETS:
+        build(target)
+    picture = tmp_path / "end.png"
+    command = [sys.executable, "-m", "agents.cli", "twin", "--scene", "clutter"]
+    command += ["--config", str(ROOT / "configs/hardware.json"), "--picture", str(picture)]
+    told = tmp_path / "told.yaml"
+    command += ["--write-map", str(told)]
+    program = subprocess.Popen(
+        command, cwd=ROOT, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    request.addfinalizer(program.kill)
+    lines = [program.stdout.readline() for _ in range(5)]
+    places = dict(line.rsplit(maxsplit=1) for line in lines)
+    assert list(places) == ["drive board", "range board", "laser", "start", "goal"]
+    assert min(read_map(told).shape) > 50
+    assert os.path.exists(places["drive board"])
+    program.stdin.write("press stop\n")
+    program.stdin.flush()
+    assert program.stdout.readline() == "press stop: done\n"
+    time.sleep(0.1)
+    program.send_signal(signal.SIGINT)
+    _, said = program.communicate(timeout=240)
+    assert program.returncode == 130
+    assert said.strip().splitlines()[-1] == "wheelchair: stopped"
+    assert picture.stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["--port", "99999"], "expected at most 65535"),
+        (["--scene", "nowhere"], "nowhere"),
+        (["--config", "nothing.json"], "nothing.json"),
+    ],
+)
+def test_wrong_words_are_one_line(capsys, arguments, why):
+    assert main(["twin", *arguments]) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1
+    assert why in said[0]

@@ -1,0 +1,213 @@
+"""Laws of the scripted policies, with a chair on paper."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from agents.control import FOLLOWERS
+from agents.control.local_map import Surroundings, sampled_walls, voxel_means
+from agents.control.reference import Reference, poses_of
+from agents.control.rollout import Body, Near, mover_gap, stops_clear
+from agents.policies import make_policy
+from tests.agents.fakes import PaperWorld, corridor
+from wheelchair_gym.config import InputError
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.geometry import Footprint, footprint_clearance
+from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.safety import Shield
+from wheelchair_gym.safety.clearance import points_gap
+
+PLANNER = "a_star"
+NOBODY = np.empty((0, 5))
+
+
+def body(v):
+    """A chair that drives straight on at a speed."""
+    state = np.array([v, 0.0, 0.0, 0.0])
+    return Body(state, state[[0, 2]], Limits().array, Footprint().array)
+
+
+@pytest.mark.parametrize("follower", sorted(FOLLOWERS))
+def test_followers_keep_to_the_middle_of_a_corridor(follower):
+    grid = corridor()
+    world = PaperWorld(grid, (1.0, 0.0, 0.2), (6.5, 0.0, 0.0))
+    poses, actions = world.run(make_policy(f"{PLANNER}+{follower}"), 40.0)
+    assert np.hypot(*(poses[-1] - world.task.goal)[:2]) <= 0.2
+    assert np.abs(poses[:, 1]).max() < 0.15
+    assert np.abs(actions).max() <= 1.0
+    gaps = [
+        footprint_clearance(*pose, Footprint().array, world.walls, np.empty((0, 3)), 1.0)
+        for pose in poses
+    ]
+    assert min(gaps) > 0.05
+
+
+@pytest.mark.parametrize("follower", sorted(FOLLOWERS))
+def test_followers_turn_round_where_there_is_room(follower):
+    world = PaperWorld(corridor(width=3.0), (4.0, 0.0, 3.0), (6.8, 0.0, 0.0))
+    poses, _ = world.run(make_policy(f"{PLANNER}+{follower}"), 50.0)
+    assert np.hypot(*(poses[-1] - world.task.goal)[:2]) <= 0.2
+
+
+@pytest.mark.parametrize(
+    "name", ["random", "straight", *(f"{PLANNER}+{name}" for name in sorted(FOLLOWERS))]
+)
+def test_actions_are_bounded_and_repeat(name):
+    runs = []
+    for _ in range(2):
+        world = PaperWorld(corridor(), (1.0, 0.0, -2.5), (6.5, 0.0, 0.0))
+        runs.append(world.run(make_policy(name), 3.0)[1])
+    assert np.abs(runs[0]).max() <= 1.0
+    np.testing.assert_array_equal(*runs)
+
+
+def test_random_policies_of_other_seeds_differ():
+    actions = [
+        PaperWorld(corridor(), (1.0, 0.0, 0.0), (6.5, 0.0, 0.0)).run(
+            make_policy({"name": "random", "seed": seed}), 2.0
+        )[1]
+        for seed in (0, 1)
+    ]
+    assert np.abs(actions[0] - actions[1]).max() > 0.1
+
+
+@pytest.mark.parametrize("follower", sorted(FOLLOWERS))
+def test_a_wall_across_the_path_is_not_touched(follower):
+    grid = corridor()
+    world = PaperWorld(grid, (1.0, 0.0, 0.0), (7.0, 0.0, 0.0))
+    blocked = np.array([[4.0, -0.8, 4.0, 0.8], [4.0, 0.8, 4.1, 0.8]])
+    world.walls = np.concatenate([world.walls, blocked])  # the map does not know it
+    poses, _ = world.run(make_policy(f"{PLANNER}+{follower}"), 15.0)
+    fronts = poses[:, 0] + 0.7 * np.cos(poses[:, 2])
+    assert 3.4 < fronts.max() < 4.0
+
+
+def test_the_gap_of_points_is_the_exact_clearance():
+    rng = np.random.default_rng(3)
+    footprint = Footprint().array
+    for _ in range(50):
+        points = rng.uniform(-2.5, 2.5, (40, 2))
+        far = np.hypot(*points.T)
+        order = np.argsort(far)
+        pose = rng.uniform((-1, -1, -3), (1, 1, 3))
+        gap = points_gap(*pose, footprint, np.column_stack([points, far])[order], 0.5)
+        discs = np.column_stack([points, np.zeros(40)])
+        exact = footprint_clearance(*pose, footprint, np.empty((0, 4)), discs, 0.5)
+        assert gap == pytest.approx(exact, abs=1e-12)
+
+
+def test_a_twist_that_could_not_stop_is_refused():
+    fast = body(0.8)
+    for distance, clear in ((0.5, False), (3.0, True)):
+        x = 0.70 + distance
+        near = Near(np.array([[x, 0.0, x]]), NOBODY, np.zeros((2, 4)))
+        assert stops_clear(0.8, 0.0, fast, near, 0.4, 0.05) is clear
+
+
+def test_room_beside_a_wall_is_slow_room():
+    x = np.arange(-1.0, 3.0, 0.04)
+    y = np.full(x.size, Footprint().array[2] + 0.05 + 0.02)  # 2 cm more than the margin
+    wall = np.column_stack([x, y, np.hypot(x, y)])
+    near = Near(wall[np.argsort(wall[:, 2])], NOBODY, np.zeros((2, 4)))
+    for v, clear in ((0.2, True), (0.8, False)):
+        assert stops_clear(v, 0.0, body(v), near, 0.4, 0.05) is clear
+
+
+@pytest.mark.parametrize(
+    ("mover", "v", "clear"),
+    [
+        ((6.0, 0.0, -1.3, 0.0, 0.25), 0.8, True),  # far off as yet
+        ((2.5, 0.0, -1.3, 0.0, 0.25), 0.8, False),  # it comes: no speed is kept up
+        ((2.5, 0.0, -1.3, 0.0, 0.25), 0.0, True),  # at rest before it is there
+        ((1.6, -1.5, 0.0, 1.3, 0.25), 0.8, False),  # it crosses
+        ((1.6, 3.0, 0.0, 1.3, 0.25), 0.8, True),  # it goes away
+        ((0.2, 0.80, 0.0, -0.5, 0.25), 0.8, True),  # drawing away is allowed however near it is
+    ],
+)
+def test_movers_are_not_met_in_motion(mover, v, clear):
+    speed = 0.8 if mover[0] > 1.0 and v > 0.0 else 0.3 * (v == 0.0)
+    near = Near(np.empty((0, 3)), np.array([mover]), np.zeros((2, 4)))
+    assert stops_clear(v, 0.0, body(speed), near, 0.4, 0.05) is clear
+    exact = footprint_clearance(
+        0.0, 0.0, 0.0, Footprint().array, np.empty((0, 4)), np.array([[*mover[:2], mover[4]]]), 9.0
+    )
+    assert mover_gap(0, 0, 0, Footprint().array, near.movers, 0.0, 9.0) == pytest.approx(exact)
+
+
+def test_a_reference_begins_where_the_chair_looks_and_ends_at_the_goal():
+    path = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0)])
+    poses = poses_of(path, 1.5)
+    assert poses[0] == pytest.approx((0.0, 0.0, 1.5), abs=1e-9)
+    assert poses[-1] == pytest.approx((2.0, 2.0, np.pi / 2), abs=1e-6)
+    assert np.hypot(*np.diff(poses[:, :2], axis=0).T).max() < 0.06
+    reference = Reference(path, np.array([0.0, 0.0, 1.5]))
+    assert (np.diff(reference.rows[:, 3]) >= 0).all()
+    ways = [reference.advance(pose) and reference.way for pose in poses]
+    assert (np.diff(ways) >= -1e-9).all()
+    assert reference.ended
+
+
+def test_voxels_hold_means_and_walls_hold_their_ends():
+    points = np.array([(0.01, 0.01), (0.03, 0.01), (1.0, 1.0)])
+    means = voxel_means(points, 0.04)
+    assert sorted(map(tuple, np.round(means, 6))) == [(0.02, 0.01), (1.0, 1.0)]
+    assert sampled_walls(np.empty((0, 4))).shape == (0, 2)
+    walls = sampled_walls(np.array([[0.0, 0.0, 0.12, 0.0]]))
+    assert walls[0] == pytest.approx((0, 0))
+    assert walls[-1] == pytest.approx((0.12, 0))
+    assert np.diff(walls[:, 0]).max() <= 0.05
+
+
+def test_what_slips_out_of_sight_is_remembered():
+    world = PaperWorld(corridor(width=2.0), (1.0, 0.0, 0.0), (7.0, 0.0, 0.0))
+    post = np.array([[2.6, 0.5, 2.7, 0.5], [2.7, 0.5, 2.7, 0.6]])
+    world.walls = np.concatenate([world.walls, post])
+    around = Surroundings(world.task)
+    while world.pose[0] < 2.9:
+        world.drive(np.array([0.8, 0.0]))
+        around.update(world.task.reading)
+    behind = around.points[:, :2] + world.pose[:2]
+    assert np.hypot(*(behind - (2.65, 0.5)).T).min() < 0.06
+
+
+@pytest.mark.parametrize("shield", [None, {"unseen": 0.3, "margin": 0.1}])
+@pytest.mark.parametrize(
+    "chair",
+    [
+        {},
+        {"footprint": {"rear": 0.5, "half_width": 0.4}},
+        {"limits": {"deceleration": 0.4, "protective": 1.0}},
+        {"drive": {"track": 0.4}},
+    ],
+)
+def test_a_policy_is_slowed_as_the_shield_of_its_own_chair_would(chair, shield):
+    """Where nobody has looked: backwards, and turning, at the start."""
+    env = NavigationEnv("empty", {"chair": chair}, shield=shield)
+    env.reset(seed=0)
+    own, around = env.settings, Surroundings(env.task)
+    same = Shield(own.shield, own.chair, own.sensors, 1.0 / own.rate)
+    same.look(env.task.reading)
+    twists = np.array([(v, w) for v in (-0.3, -0.1, 0.0, 0.6) for w in (-0.9, 0.0, 0.4)])
+    for v in (0.0, -0.2):
+        motion = np.array([v, 0.0, 0.0, 0.0])
+        slowed = around.unhurried(twists, motion)
+        np.testing.assert_array_equal(slowed, same.unhurried(twists, motion))
+        assert (slowed != twists).any()
+
+
+@pytest.mark.parametrize(
+    ("spec", "said"),
+    [
+        ("nowhere", "known: explore, manual, ppo_goal, ppo_guided, random, straight, td3_guided"),
+        (f"{PLANNER}+nobody", "known"),
+        ({"name": "straight", "gian": 1.0}, "gian"),
+        ({"name": f"{PLANNER}+window", "follower": {"objective": {"wish": -1}}}, "wish"),
+        ({"seed": 1}, "name"),
+        (7, "policy"),
+    ],
+)
+def test_wrong_policies_are_named(spec, said):
+    with pytest.raises(InputError, match=said) as caught:
+        make_policy(spec)
+    assert "\n" not in str(caught.value)

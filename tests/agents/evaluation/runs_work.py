@@ -1,0 +1,61 @@
+"""What workers run in the tests of runs: importable there."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+
+
+def draw(job):
+    """Numbers that depend on the job alone."""
+    seed, _ = job
+    rng = np.random.default_rng(seed)
+    return {"seed": seed, "sum": float(rng.normal(size=100).sum()), "tail": float(rng.random())}
+
+
+def slow(job):
+    """The same, after longer than a batch shall take."""
+    time.sleep(0.3)
+    return draw(job)
+
+
+def dying(job):
+    """The same, but the first process that is given a marked job is killed."""
+    seed, mark = job
+    if mark is not None and not Path(mark).exists():
+        Path(mark).write_text(str(os.getpid()))
+        os.kill(os.getpid(), signal.SIGKILL)
+    return draw((seed, None))
+
+
+def deadly(job):
+    """Kills whatever process runs it."""
+    if job[0] == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return draw(job)
+
+
+def wrong(job):
+    """Fails as a programme does."""
+    raise ZeroDivisionError(f"seed {job[0]}")
+
+
+def counted(job):
+    """Leaves a trace of each call, and stops by hand at a job that is marked 'stop'."""
+    seed, folder = job
+    if (Path(folder) / f"stop {seed}").exists():
+        raise KeyboardInterrupt
+    with (Path(folder) / "calls").open("a") as calls:
+        calls.write(f"{seed}\n")
+    return draw((seed, None))
+
+
+def lasting(job):
+    """Tells who runs it, and goes on for long."""
+    (Path(job[1]) / str(os.getpid())).touch()
+    time.sleep(60.0)
+    return draw(job)

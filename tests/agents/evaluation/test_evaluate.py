@@ -1,0 +1,167 @@
+"""Evaluation: what is stored is not computed again, and nothing depends on the workers."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from agents.evaluation import evaluate as module
+from agents.evaluation.compare import Suite, compare
+from agents.evaluation.evaluate import STORE, evaluate
+from agents.evaluation.metrics import TIMING
+from agents.evaluation.runs import StoppedError, read_store
+from agents.policies.planned import Planned
+from agents.policies.scripted import StraightPolicy
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.scenes.map_file import example_map
+
+SHORT = {"config": {"task": {"time_base": 2.0, "time_factor": 0.0}}, "beams": 45}
+WHAT = (["random", "straight"], ["floor_plan"], [0, 1])
+
+
+def timeless(records):
+    return [{k: v for k, v in record.items() if k not in TIMING} for record in records]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Records made in one go, in one process."""
+    folder = tmp_path_factory.mktemp("whole")
+    return folder, evaluate(*WHAT, env=SHORT, folder=folder, progress=False)
+
+
+def test_records_come_in_order_with_pictures_of_failures(whole):
+    folder, records = whole
+    order = [(r["policy"], r["scene"], r["seed"]) for r in records]
+    assert order == [(p, "floor_plan", s) for p in WHAT[0] for s in WHAT[2]]
+    for record in records:
+        assert record["outcome"] in ("timeout", "collision")
+        assert (folder / record["picture"]).read_bytes()[:4] == b"\x89PNG"
+
+
+def ctrl_c():
+    raise KeyboardInterrupt
+
+
+def ctrl_c_in_compiled_code():
+    raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+
+@pytest.mark.parametrize("stop", [ctrl_c, ctrl_c_in_compiled_code])
+@pytest.mark.parametrize("finished", [0, 3])
+def test_only_what_is_missing_is_computed(whole, tmp_path, monkeypatch, finished, stop):
+    calls = []
+    real = module.run_episode
+
+    def counted(*arguments):
+        if len(calls) == finished:
+            stop()
+        calls.append(arguments)
+        return real(*arguments)
+
+    monkeypatch.setattr(module, "run_episode", counted)
+    with pytest.raises(StoppedError, match=f"{finished} of 4"):
+        evaluate(*WHAT, env=SHORT, folder=tmp_path, progress=False)
+    with (tmp_path / STORE).open("a") as store:
+        store.write('{"key": "cut sho')
+    monkeypatch.setattr(module, "run_episode", lambda *a: calls.append(a) or real(*a))
+    records = evaluate(*WHAT, env=SHORT, folder=tmp_path, progress=False)
+    assert len(calls) == 4
+    assert timeless(records) == timeless(whole[1])
+    assert len(read_store(tmp_path / STORE)) == 4
+
+
+def test_other_settings_are_other_episodes(whole, monkeypatch):
+    folder, _ = whole
+    calls = []
+    monkeypatch.setattr(
+        module, "run_episode", lambda *a: calls.append(a) or {"policy": "x", "picture": None}
+    )
+    evaluate(*WHAT, env=SHORT, folder=folder, progress=False)
+    assert not calls
+    evaluate(*WHAT, env=SHORT | {"pose_source": "odometry"}, folder=folder, progress=False)
+    assert len(calls) == 4
+
+
+def test_two_workers_find_the_same(whole, tmp_path):
+    records = evaluate(*WHAT, env=SHORT, folder=tmp_path, jobs=2, progress=False)
+    assert timeless(records) == timeless(whole[1])
+    json.dumps(records, allow_nan=False)
+
+
+def test_wrong_input_is_told_before_anything_runs(tmp_path):
+    for policies, scenes, said in (
+        (["nobody"], ["floor_plan"], "nobody"),
+        (["random"], ["nowhere"], "nowhere"),
+    ):
+        with pytest.raises(InputError, match=said):
+            evaluate(policies, scenes, [0], folder=tmp_path, progress=False)
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        evaluate(["random"], ["floor_plan"], [0], folder=blocked / "x", progress=False)
+
+
+@settings
+class Turning:
+    """Somebody's own policy: settings that make it."""
+
+    turn: float = setting(default=0.5)
+
+    def make(self):
+        return self
+
+    def reset(self, task):
+        pass
+
+    def act(self, observation):
+        return np.array([0.0, self.turn])
+
+
+class Bare:
+    """A policy without settings that make it."""
+
+    def reset(self, task):
+        pass
+
+    def act(self, observation):
+        return np.zeros(2)
+
+
+def test_policies_may_be_objects(tmp_path):
+    """Settings of ours or of anybody, beside names; a store knows each again by its values."""
+    own = Planned(planner={"name": "a_star"}, follower={"name": "pure_pursuit"})
+    policies = ("straight", StraightPolicy(), own, Turning(), Turning(turn=-0.5))
+    suite = Suite("Objects", policies[:-1], ("empty",), 1, env=SHORT)
+    made = compare(suite, tmp_path, progress=False)
+    assert made["policies"] == ["straight", "a_star+pure_pursuit", "Turning"]
+    assert [record["policy"] for record in made["records"]] == made["policies"]
+    assert (tmp_path / "report.html").stat().st_size > 10_000
+    keys = set(read_store(tmp_path / STORE))
+    assert len(keys) == 3  # a name and its settings are one policy
+    evaluate(policies[-1:], ["empty"], [0], env=SHORT, folder=tmp_path, progress=False)
+    assert len(set(read_store(tmp_path / STORE))) == 4
+
+
+@pytest.mark.parametrize(
+    ("policies", "message"),
+    [
+        ([Bare()], "expected a name, an object or policy settings"),
+        ([Turning(), Turning(turn=-0.5)], "'Turning': several policies have this name; give each"),
+        ([{"name": "a_star"}, {"name": "a_star", "seed": 1}], "'a_star': several policies have"),
+    ],
+)
+def test_policies_that_records_could_not_tell_apart_are_refused(tmp_path, policies, message):
+    with pytest.raises(InputError, match=message):
+        evaluate(policies, ["empty"], [0], env=SHORT, folder=tmp_path, progress=False)
+    assert not (tmp_path / STORE).exists()
+
+
+def test_a_label_names_a_policy_in_its_film_too(tmp_path):
+    policy = {"name": "straight", "label": "ahead"}
+    suite = Suite("One", (policy,), (example_map(),), 1, env=SHORT)
+    made = compare(suite, tmp_path, progress=False)
+    assert made["video"]["policy"] == "ahead"
+    assert made["scenes"] == ["clinic"]

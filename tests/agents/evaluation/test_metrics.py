@@ -1,0 +1,135 @@
+"""Figures of an episode, against values worked out by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from agents.evaluation.metrics import (
+    Trace,
+    accel_rms,
+    barn_score,
+    halts,
+    jerk_rms,
+    measure,
+    rough_share,
+    summarise,
+    wilson,
+)
+
+
+@pytest.mark.parametrize(
+    ("hits", "trials", "low", "high"),
+    [
+        (0, 10, 0.0, 0.27753),  # Wilson 1927, and Agresti and Coull 1998
+        (10, 10, 0.72247, 1.0),
+        (5, 10, 0.23659, 0.76341),
+        (81, 263, 0.25527, 0.36621),  # Newcombe 1998, method 3
+        (15, 148, 0.06243, 0.16054),
+        (0, 0, 0.0, 1.0),
+    ],
+)
+def test_wilson_intervals_are_the_published_ones(hits, trials, low, high):
+    assert wilson(hits, trials) == pytest.approx((low, high), abs=6e-5)
+
+
+@pytest.mark.parametrize(("hits", "trials"), [(-1, 3), (4, 3)])
+def test_impossible_counts_are_refused(hits, trials):
+    with pytest.raises(ValueError, match="trials"):
+        wilson(hits, trials)
+
+
+def test_jerk_of_a_cubic_is_its_third_derivative():
+    t = np.arange(0.0, 3.0, 0.1)
+    assert jerk_rms(0.5 * 0.6 * t**2, 0.1) == pytest.approx(0.6)  # v = j t^2 / 2
+    assert jerk_rms(0.3 + 0.2 * t, 0.1) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_rough_share_counts_sideways_and_ahead():
+    steady = np.column_stack([np.full(11, 0.8), np.full(11, 1.0)])  # 0.8 m/s2 sideways
+    assert rough_share(steady, 0.1) == 0.0
+    assert rough_share(steady * (1.2, 1.0), 0.1) == 1.0
+    v = np.concatenate([np.zeros(5), np.arange(6) * 0.1])  # 1 m/s2 in half of the time
+    assert rough_share(np.column_stack([v, np.zeros(11)]), 0.1) == pytest.approx(0.5)
+
+
+def test_acceleration_of_a_ramp_is_its_slope():
+    assert accel_rms(0.4 * np.arange(0.0, 3.0, 0.1), 0.1) == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize(
+    ("success", "seconds", "score"),
+    [(True, 5.0, 0.5), (True, 20.0, 0.25), (True, 90.0, 0.125), (False, 20.0, 0.0)],
+)
+def test_scores_are_those_of_barn(success, seconds, score):
+    assert barn_score(success, seconds, 10.0, 2.0) == pytest.approx(score)
+
+
+def test_halts_are_rests_on_the_way():
+    go, rest, turn = (0.5, 0.0), (0.0, 0.0), (0.0, 0.3)
+    way = [rest] * 9 + [go] * 3 + [rest] * 5 + [turn] * 2 + [rest] * 4 + [go] + [rest] * 9
+    assert halts(np.array(way), 0.1) == 1  # not before it set out, not the short one, not the end
+    assert halts(np.zeros((20, 2)), 0.1) == 0
+
+
+def info(x, **other):
+    base = {
+        "pose": np.array([x, 0.0, 0.0]), "twist": np.array([0.5, 0.0]), "clearance": 0.3,
+        "contact": False, "bumped": False, "is_success": False, "arrived": False,
+        "geodesic": 1.0, "time": x / 0.5, "energy": 0.02 * x,
+    }  # fmt: skip
+    return base | other
+
+
+def episode(last, truncated=False, **middle):
+    trace = Trace(0.5)
+    steps = [info(0.0), info(0.25, **middle), info(0.5), info(1.25, **last)]
+    for step in steps:
+        trace.add(step)
+    trace.acts_s = [0.001, 0.003]
+    return measure(trace, steps[-1], truncated)
+
+
+def test_a_success_is_measured():
+    record = episode({"is_success": True, "arrived": True})
+    assert record["outcome"] == "success"
+    assert record["length"] == pytest.approx(1.25)
+    assert record["spl"] == pytest.approx(1.0 / 1.25)
+    assert record["energy_per_m"] == pytest.approx(0.02)
+    assert record["time"] == pytest.approx(2.5)
+    assert record["act_ms_p50"] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("last", "middle", "truncated", "outcome"),
+    [
+        ({"is_success": True, "arrived": True}, {"contact": True}, False, "collision"),
+        ({"bumped": True}, {}, False, "collision"),
+        ({}, {}, True, "timeout"),
+        ({"arrived": True}, {}, False, "missed"),
+    ],
+)
+def test_what_is_no_success_has_a_name(last, middle, truncated, outcome):
+    record = episode(last, truncated, **middle)
+    assert (record["outcome"], record["success"], record["spl"]) == (outcome, False, 0.0)
+
+
+def test_a_summary_adds_up():
+    good, bad = episode({"is_success": True, "arrived": True}), episode({}, truncated=True)
+    records = [
+        {"policy": "p", "scene": scene, "seed": k, **record, "margin": margin}
+        for scene in ("a", "b")
+        for k, (record, margin) in enumerate([(good, 0.2), (good, 0.04), (bad, 0.05)])
+    ]
+    rows = {row["scene"]: row for row in summarise(records)}
+    assert list(rows) == ["a", "b", "all"]
+    assert rows["all"]["episodes"] == 6
+    for row in rows.values():
+        assert row["success"] + row["collision"] + row["timeout"] + row["missed"] == 1.0
+        assert row["success"] == pytest.approx(2 / 3)
+        assert (row["wide"], row["margin"]) == (0.5, 0.04)
+        assert row["success_low"] < row["success"] < row["success_high"]
+        assert row["time"] == good["time"]  # of successes only
+        assert all(math.isfinite(value) for value in row.values() if isinstance(value, float))

@@ -1,0 +1,132 @@
+"""Runs: the same whoever makes them, whatever is lost or stopped on the way, and never twice."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from agents.evaluation.engines import ENGINES, Loky
+from agents.evaluation.runs import StoppedError, compute, read_store
+from tests.agents.evaluation import runs_work as work
+from tests.conftest import ROOT
+from wheelchair_gym.config import InputError
+
+JOBS = {f"k{seed}": (seed, None) for seed in range(12)}
+WHOLE = {key: work.draw(job) for key, job in JOBS.items()}
+NO_RAY = pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="needs ray")
+MARKS = {"ray": [NO_RAY, pytest.mark.long]}  # it takes its time to start
+INSTALLED = [pytest.param(name, marks=MARKS.get(name, [])) for name in ENGINES]
+
+
+@pytest.mark.parametrize("engine", INSTALLED)
+@pytest.mark.parametrize("workers", [1, 2])
+def test_equal_to_the_last_digit_whoever_makes_them(tmp_path, engine, workers):
+    store = tmp_path / "runs.jsonl"
+    got = compute(JOBS, work.draw, store, workers=workers, engine=engine, progress=False)
+    assert got == WHOLE
+    assert list(got) == list(JOBS)
+    assert read_store(store) == WHOLE
+
+
+def test_short_jobs_are_handed_out_together_and_long_ones_each(tmp_path, monkeypatch):
+    """Many short jobs before the one that kills its worker: they are few batches."""
+    handed = []
+    submit = Loky.submit
+    monkeypatch.setattr(
+        Loky, "submit", lambda self, f, *a: handed.append(len(a[1])) or submit(self, f, *a)
+    )
+    jobs = {f"k{seed}": (seed, None) for seed in range(2000)}
+    got = compute(jobs, work.draw, tmp_path / "s.jsonl", workers=2, progress=False)
+    assert got == {key: work.draw(job) for key, job in jobs.items()}
+    assert sum(handed) == 2000
+    assert max(handed) > 50
+    assert handed[0] == handed[-1] == 1
+    handed.clear()
+    compute(JOBS, work.slow, tmp_path / "slow.jsonl", workers=2, progress=False)
+    assert set(handed) == {1}
+
+
+@pytest.mark.parametrize("engine", INSTALLED)
+def test_a_killed_worker_loses_nothing(tmp_path, engine):
+    mark = tmp_path / "mark"
+    jobs = {key: (seed, str(mark) if seed == 6 else None) for key, (seed, _) in JOBS.items()}
+    store = tmp_path / "runs.jsonl"
+    got = compute(jobs, work.dying, store, workers=2, engine=engine, progress=False)
+    assert mark.exists()
+    assert got == WHOLE
+    assert len(store.read_text().splitlines()) == len(JOBS)  # each line once
+
+
+@pytest.mark.parametrize("engine", INSTALLED)
+def test_what_fails_in_a_worker_is_raised_here(tmp_path, engine):
+    with pytest.raises(ZeroDivisionError, match="seed"):
+        compute(JOBS, work.wrong, tmp_path / "s.jsonl", workers=2, engine=engine, progress=False)
+
+
+def test_a_run_that_kills_every_worker_ends_in_one_line_with_the_rest_kept(tmp_path):
+    store = tmp_path / "runs.jsonl"
+    with pytest.raises(ConnectionError, match="workers were lost"):
+        compute(JOBS, work.deadly, store, workers=2, progress=False)
+    kept = read_store(store)
+    assert kept == {key: WHOLE[key] for key in kept}
+    assert "k3" not in kept
+
+
+@pytest.mark.parametrize("stop", [0, 5, 11])
+def test_what_was_stopped_goes_on_where_it_was(tmp_path, stop):
+    jobs = {key: (seed, str(tmp_path)) for key, (seed, _) in JOBS.items()}
+    store = tmp_path / "runs.jsonl"
+    (tmp_path / f"stop {stop}").touch()
+    with pytest.raises(StoppedError, match=f"{stop} of 12 runs"):
+        compute(jobs, work.counted, store, progress=False)
+    (tmp_path / f"stop {stop}").unlink()
+    with store.open("a") as file:
+        file.write('{"key": "k11", "rec')  # cut short by a crash
+    assert compute(jobs, work.counted, store, progress=False) == WHOLE
+    calls = (tmp_path / "calls").read_text().split()
+    assert sorted(map(int, calls)) == list(range(12))  # none twice
+
+
+def test_workers_do_not_outlive_who_is_killed(tmp_path):
+    code = (
+        "import sys; from tests.agents.evaluation import runs_work as work;"
+        "from agents.evaluation.runs import compute;"
+        "compute({str(k): (k, sys.argv[1]) for k in range(4)}, work.lasting,"
+        "__import__('pathlib').Path(sys.argv[1], 'store'), workers=2, progress=False)"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], cwd=ROOT)
+    end = time.monotonic() + 60.0
+    while len(found := [p.name for p in tmp_path.iterdir() if p.name.isdigit()]) < 2:
+        assert parent.poll() is None
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    parent.kill()
+    parent.wait()
+    end = time.monotonic() + 10.0
+    while any(_lives(int(worker)) for worker in found):
+        assert time.monotonic() < end, "workers live on"
+        time.sleep(0.1)
+
+
+def _lives(process):
+    try:
+        os.kill(process, 0)
+        # Whom nobody has buried yet, in a container without an init, does not live.
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_bad_workers_engines_and_stores_are_refused(tmp_path):
+    for wrong, said in (({"workers": 0}, "at least 1"), ({"engine": "slurm"}, "loky, ray")):
+        with pytest.raises(InputError, match=said):
+            compute(JOBS, work.draw, tmp_path / "s", progress=False, **wrong)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        compute(JOBS, work.draw, tmp_path / "file" / "s", progress=False)

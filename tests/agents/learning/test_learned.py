@@ -1,0 +1,405 @@
+"""Laws of learned policies: they drive as they were trained, and are whole or refused."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from agents.cli import main
+from agents.evaluation.compare import SUITES
+from agents.evaluation.evaluate import drive_episode, episode_key, evaluate
+from agents.learning.checkpoint import NAME, load_checkpoint
+from agents.learning.occlusion import hidden_beams, hidden_parts
+from agents.learning.publish import markdown
+from agents.learning.run import BEST, POLICY, Run, train
+from agents.learning.weights import Network, load_weights, save_weights, shipped
+from agents.policies import make_policy
+from agents.policies.learned import file_digest
+from tests.agents.learning.tiny_runs import ENV, random_weights, tiny, trained_run
+from tests.conftest import ROOT
+from wheelchair_gym.config import InputError
+from wheelchair_gym.envs import NavigationEnv
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    return trained_run(tmp_path_factory.mktemp("trained"))
+
+
+def test_evaluation_lacks_what_only_the_critic_may_see(trained):
+    """A trained policy drives an env of its defaults, whose observations have no such key."""
+    _, folder = trained
+    env = NavigationEnv("clutter", pose_source="modelled")
+    assert "privileged" not in env.observation_space.spaces
+    policy = make_policy(str(folder / POLICY))
+    record = drive_episode(env, policy, 0)
+    assert record["outcome"] in ("success", "collision", "timeout", "missed")
+    assert "privileged" not in policy._eye.observation
+
+
+def test_a_driver_sees_and_acts_as_in_training(trained):
+    """In the env that it was trained in, a driver does what the network does on the env's own."""
+    run, folder = trained
+    settings = {**ENV, "sensors": {**ENV["sensors"], "pose_source": "truth"}}
+    env = NavigationEnv(config=settings)
+    observation, _ = env.reset(seed=4)
+    policy, network = make_policy(str(folder / POLICY)), Network(load_weights(folder / POLICY))
+    policy.reset(env.task)
+    for _ in range(6):
+        flat = np.concatenate([observation[key] for key in env.task.boxes])
+        action = policy.act(observation)
+        assert action == pytest.approx(network(flat[None])[0], abs=1e-6)
+        observation, *_ = env.step(action)
+    assert run.layout.room == len(flat) + 3
+
+
+def test_a_driver_sees_what_was_driven_and_what_a_shield_withheld(trained):
+    """Whoever else has a say: it is told of the action that was driven, shielded or not."""
+    _, folder = trained
+    settings = {**ENV, "sensors": {**ENV["sensors"], "pose_source": "truth"}, "shield": {},
+                "unshielded": 0.5, "task": {**ENV["task"], "time_base": 20.0}}  # fmt: skip
+    env, policy = NavigationEnv(config=settings), make_policy(str(folder / POLICY))
+    most = {True: 0.0, False: 0.0}
+    for seed in range(8):
+        observation, _ = env.reset(seed=seed)
+        policy.reset(env.task)
+        for _ in range(40):
+            policy.act(observation)
+            flat = np.concatenate([observation[key] for key in env.task.boxes])
+            assert policy.told == pytest.approx(flat, abs=1e-6)
+            most[env.task.guarded] = max(most[env.task.guarded], abs(observation["shield"][1]))
+            observation, _, terminated, truncated, _ = env.step(np.array([1.0, 0.1]))
+            if terminated or truncated:
+                break
+    assert most[True] > 0.1
+    assert most[False] == 0.0
+
+
+def test_a_driver_is_told_what_was_withheld_in_all_the_time_since_it_acted(trained):
+    _, folder = trained
+    env, policy = NavigationEnv("clutter", shield=True), make_policy(str(folder / POLICY))
+    most = 0.0
+    for seed in range(4):
+        observation, _ = env.reset(seed=seed)
+        policy.reset(env.task)
+        withheld = [np.zeros(2), np.zeros(2)]
+        for k in range(60):
+            policy.act(observation)
+            if k and k % 2 == 0:
+                seen = policy.told[policy.layout.place("shield")]
+                mean = np.mean(withheld[-2:], axis=0) / (0.8, 1.0)
+                assert seen == pytest.approx([1.0, *mean], abs=1e-6)
+                most = max(most, abs(withheld[-1][0] - withheld[-2][0]))
+            observation, _, terminated, truncated, _ = env.step(np.array([1.0, 0.0]))
+            withheld.append(np.array(env.task.withheld))
+            if terminated or truncated:
+                break
+    assert most > 0.0
+
+
+def test_a_driver_holds_its_action_where_control_is_faster(trained):
+    _, folder = trained
+    env = NavigationEnv("clutter", rate=10.0)
+    observation, _ = env.reset(seed=0)
+    policy = make_policy({"name": str(folder / POLICY)})
+    policy.reset(env.task)
+    actions = []
+    for _ in range(8):
+        actions.append(policy.act(observation))
+        observation, *_ = env.step(actions[-1])
+    actions = np.array(actions)
+    assert np.array_equal(actions[::2], actions[1::2])
+    assert len(np.unique(actions, axis=0)) == 4
+    env = NavigationEnv("clutter", rate=4.0)
+    env.reset(seed=0)
+    with pytest.raises(InputError, match=r"the policy acts at 5 Hz; a control period of 0.25 s"):
+        policy.reset(env.task)
+
+
+def test_on_a_map_that_grows_the_way_leads_beyond_what_is_drawn():
+    env = NavigationEnv({"name": "floor_plan", "kind": "home"}, pose_source="slam")
+    env.reset(seed=5)
+    x0, y0, x1, y1 = env.task.map.bounds
+    gx, gy = env.task.goal[:2]
+    assert not (x0 < gx < x1 and y0 < gy < y1)
+    make_policy("ppo_guided").reset(env.task)
+    assert len(env.task.path) > 2  # where no way is known, it is one straight line
+    assert np.hypot(*(env.task.path[-1] - (gx, gy))) < env.task.tolerance
+
+
+def test_on_a_map_that_grows_a_policy_remembers_where_it_has_been():
+    env = NavigationEnv({"name": "floor_plan", "kind": "home"}, pose_source="slam")
+    observation, _ = env.reset(seed=1)
+    policy = make_policy("ppo_goal")
+    policy.reset(env.task)
+    been = []
+    for _ in range(50):
+        observation, *_ = env.step(policy.act(observation))
+        been.append(np.hypot(*policy._eye.observation["trail"][-2:]))
+    assert been[-1] > 0.1  # of 15 s ago: the start, from soon after it on
+    assert (np.diff(been) > -0.15).all()  # never forgotten
+
+
+def test_files_that_are_not_whole_are_refused_in_one_line(trained, tmp_path, capsys):
+    _, folder = trained
+    content = (folder / POLICY).read_bytes()
+    damaged = bytearray(content)
+    damaged[content.index(load_weights(folder / POLICY).arrays["dense0.w"].tobytes()) + 7] ^= 1
+    for k, broken in enumerate((content[:-100], b"", bytes(damaged), b"no weights")):
+        file = tmp_path / f"broken{k}.npz"
+        file.write_bytes(broken)
+        assert main(["simulate", "--scene", "clutter", "--policy", str(file)]) == 2
+        told = capsys.readouterr().err
+        assert told.count("\n") == 1
+        assert file.name in told
+    assert main(["simulate", "--policy", str(tmp_path / "none.npz")]) == 2
+    assert "cannot be read" in capsys.readouterr().err
+    run_of = tmp_path / "run"
+    run_of.mkdir()
+    data = bytearray((folder / NAME).read_bytes())
+    data[len(data) // 2] ^= 1
+    (run_of / NAME).write_bytes(bytes(data))
+    with pytest.raises(InputError, match="expected a whole checkpoint"):
+        load_checkpoint(run_of)
+    with pytest.raises(InputError, match="holds a run of other settings or another seed"):
+        Run(tiny("ppo"), 1, folder)
+
+
+def test_a_damaged_byte_of_weights_is_noticed_or_changes_nothing(trained, tmp_path):
+    """An archive's own bytes, the time that it was written, say, are no part of what it holds."""
+    _, folder = trained
+    content, whole = (folder / POLICY).read_bytes(), load_weights(folder / POLICY)
+    file, noticed = tmp_path / "damaged.npz", 0
+    places = range(0, len(content), max(1, len(content) // 400))
+    for place in (*range(200), *places):
+        damaged = bytearray(content)
+        damaged[place] ^= 1 << place % 8
+        file.write_bytes(damaged)
+        try:
+            weights = load_weights(file)
+        except InputError:
+            noticed += 1
+            continue
+        assert weights.card == whole.card
+        assert weights.digest == whole.digest
+    assert noticed > len(places) // 2
+
+
+def test_weights_that_hold_code_are_refused(tmp_path):
+    class Code:
+        def __reduce__(self):
+            return (open, (str(tmp_path / "executed"), "w"))
+
+    file = tmp_path / "evil.npz"
+    np.savez(file, card=np.array([Code()], dtype=object))
+    with pytest.raises(InputError, match="expected whole weights of a policy"):
+        load_weights(file)
+    assert not (tmp_path / "executed").exists()
+
+
+def test_a_record_depends_on_the_weights_and_a_digest_may_be_asked_for(trained, tmp_path):
+    _, folder = trained
+    file = tmp_path / "mine.npz"
+    file.write_bytes((folder / POLICY).read_bytes())
+    spec = {"name": str(file), "digest": file_digest(file)}
+    make_policy(spec)
+    before = episode_key(str(file), "clutter", 0, {})
+    weights = load_weights(file)
+    weights.arrays["dense0.b"] = weights.arrays["dense0.b"] + np.float32(1.0)
+    save_weights(file, weights)
+    assert episode_key(str(file), "clutter", 0, {}) != before
+    with pytest.raises(InputError, match="SHA-256 differs"):
+        make_policy(spec)
+
+
+def test_the_card_tells_where_weights_come_from(trained):
+    run, folder = trained
+    card = load_weights(folder / BEST).card
+    assert card["trials"].keys() >= {"success", "collision", "timeout", "episodes", "seed"}
+    assert card["training"] == json.loads((folder / "settings.json").read_text())
+    for key in ("command", "seed", "frames", "versions", "limits", "env", "commit"):
+        assert key in card
+    assert (folder / POLICY).stat().st_size < 3_000_000
+    assert run.rows[-1]["trial_success"] == card["trials"]["success"]
+
+
+@pytest.mark.parametrize(("memory", "head"), [(0, "clip"), (0, "tanh"), (16, "clip")])
+def test_onnx_acts_as_numpy_from_raw_readings(memory, head, tmp_path):
+    """10,000 scans as a laser gives them, with missing and invalid echoes among them."""
+    pytest.importorskip("onnx", reason="pip install 'wheelchair_gym[learn]'")
+    pytest.importorskip("onnxruntime", reason="pip install 'wheelchair_gym[learn]'")
+    from agents.learning.export import OnnxNetwork, export_onnx
+    from wheelchair_gym.task.observations import pool, see
+
+    weights = random_weights(memory, head=head)
+    file = tmp_path / "policy.onnx"
+    sidecar = export_onnx(weights, file)
+    n, rng = 2500, np.random.default_rng(0)
+    exact, plain = OnnxNetwork(file), Network(weights)
+    exact.reset(n)
+    plain.reset(n)
+    for _ in range(4):
+        raw = {
+            key: rng.uniform(-1.0, 1.0, (n, width)).astype(np.float32)
+            for key, width in sidecar["inputs"].items()
+            if key not in ("h", "c")
+        }
+        raw["goal"][:, 0] = rng.uniform(0.0, 30.0, n)
+        for key in ("laser", "ultrasonic"):
+            scan = rng.uniform(0.02, 14.0, raw[key].shape)
+            for value in (np.inf, -np.inf, np.nan):
+                scan[rng.random(scan.shape) < 0.02] = value
+            raw[key] = scan.astype(np.float32)
+        pooled = np.empty((n, 64), np.float32)
+        for row, scan in zip(pooled, raw["laser"], strict=True):
+            pool(scan, 10.0, row)
+        reaches = [4.0] * 4 + [6.0] * 4
+        heard = [[see(r, most) for r, most in zip(row, reaches, strict=True)]
+                 for row in raw["ultrasonic"]]  # fmt: skip
+        rest = ("twist", "goal", "last_action", "shield", "path")
+        parts = [pooled, heard, *(raw[key] for key in rest)]
+        actions = plain(np.concatenate(parts, axis=1).astype(np.float32))
+        found = exact.run(raw)
+        assert np.abs(found["action"] - actions).max() < 1e-5
+        scale = np.where(found["action"] > 0.0, [0.8, 1.0], [0.3, 1.0])
+        assert found["twist_asked"] == pytest.approx(found["action"] * scale, abs=1e-6)
+
+
+def test_an_exported_policy_drives_as_its_weights_do(trained, tmp_path, capsys):
+    pytest.importorskip("onnx", reason="pip install 'wheelchair_gym[learn]'")
+    pytest.importorskip("onnxruntime", reason="pip install 'wheelchair_gym[learn]'")
+    _, folder = trained
+    file = tmp_path / "policy.onnx"
+    assert main(["export", str(folder / POLICY), "--onnx", str(file)]) == 0
+    actions = {}
+    for name in (str(folder / POLICY), str(file)):
+        env = NavigationEnv(config={**ENV, "sensors": {"laser": {"beams": 48}}})
+        observation, _ = env.reset(seed=0)
+        policy = make_policy(name)
+        policy.reset(env.task)
+        actions[name] = []
+        for _ in range(5):
+            actions[name].append(policy.act(observation))
+            observation, *_ = env.step(actions[name][-1])
+    first, second = actions.values()
+    assert np.array(first) == pytest.approx(np.array(second), abs=1e-4)
+    file.write_bytes(file.read_bytes()[:-1])
+    capsys.readouterr()
+    assert main(["simulate", "--policy", str(file)]) == 2
+    assert "differs from what policy.onnx.json says" in capsys.readouterr().err
+
+
+def test_learned_policies_drive_without_torch(trained):
+    _, folder = trained
+    code = (
+        "import sys; from agents.evaluation.evaluate import make_env; "
+        "from agents.policies import make_policy; "
+        f"env = make_env('clutter', {{}}); seen, _ = env.reset(seed=0); "
+        f"policy = make_policy({str(folder / POLICY)!r}); policy.reset(env.unwrapped.task); "
+        "policy.act(seen); print([m for m in ('torch', 'stable_baselines3') if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
+
+
+def test_weights_are_published_with_a_card_of_all_seeds_and_results(tmp_path, capsys, monkeypatch):
+    for seed in (0, 1):
+        train(tiny("ppo"), seed, tmp_path / f"seed_{seed}")
+    files = [str(tmp_path / f"seed_{seed}" / POLICY) for seed in (0, 1)]
+    compared = [
+        "compare",
+        "--suite",
+        "demo",
+        "--scenes",
+        "clutter",
+        "--episodes",
+        "1",
+        "--no-video",
+    ]
+    compared += ["--policies", ",".join(files), "--jobs", "1", "--quiet"]
+    compared += ["--out", str(tmp_path / "results")]
+    monkeypatch.setattr(sys, "argv", ["wheelchair", *compared])
+    assert main(compared) == 0
+    out = tmp_path / "mine.npz"
+    told = ["--results", str(tmp_path / "results" / "results.json")]
+    assert main(["export", str(tmp_path), "--npz", str(out), *told]) == 0
+    weights = load_weights(out)
+    assert out.stat().st_size < 3_000_000
+    best = max((0, 1), key=lambda seed: float(weights.card["curves"][str(seed)][-1][1]))
+    ours = load_weights(files[best])
+    assert weights.card["seed"] == best
+    for name, array in ours.arrays.items():
+        assert np.array_equal(array, weights.arrays[name])
+    rows = weights.card["results"]
+    assert [row["seed"] for row in rows] == ["0", "1"]
+    assert all(row["episodes"] == 1 and "--policies mine" in row["command"] for row in rows)
+    card = out.with_suffix(".md").read_text()
+    for part in (
+        "# mine",
+        "wheelchair",
+        "seed 0 | seed 1",
+        '"envs": 4',
+        "drive it behind a shield",
+    ):
+        assert part in card
+    capsys.readouterr()
+    assert main(["export", str(tmp_path), "--npz", str(out), "--results", str(out)]) == 2
+    assert main(["export", str(tmp_path / "none"), "--npz", str(out)]) == 2
+    assert main(["export", files[0], "--npz", str(out)]) == 2
+    assert capsys.readouterr().err.count("\n") == 3
+    half = Run(tiny("ppo"), 0, tmp_path / "half")
+    half.learn()
+    half.close()
+    assert main(["export", str(tmp_path / "half"), "--npz", str(out)]) == 2
+    assert "the run has not ended" in capsys.readouterr().err
+
+
+def test_what_a_policy_looks_at_is_what_its_action_hangs_on(tmp_path, capsys):
+    """A network of one beam and one number of the path looks at nothing else."""
+    weights = random_weights()
+    layout, arrays = weights.layout, weights.arrays
+    for k in range(3):
+        arrays[f"dense{k}.w"][:], arrays[f"dense{k}.b"][:] = 0.0, 0.0
+        arrays[f"dense{k}.w"][0, 0] = arrays[f"dense{k}.w"][1, 1] = 0.2
+    arrays["dense0.w"][:2] = 0.0
+    arrays["dense0.w"][0, 40] = 1.0
+    arrays["dense0.w"][1, layout.told - 3] = 1.0  # the path stands last but for the goal's distance
+    rng = np.random.default_rng(0)
+    told = rng.uniform(0.5, 3.0, (20, layout.room)).astype(np.float32)
+    network = Network(weights)
+    beams = hidden_beams(network, told, layout, 10.0)
+    assert beams.shape == (20, 64)
+    assert (beams[:, 39:42] > 0.0).all()
+    assert not beams[:, [*range(39), *range(42, 64)]].any()
+    parts = hidden_parts(network, told, layout)
+    assert {name for name, change in parts.items() if change > 0.0} == {"laser", "path ahead"}
+    file = tmp_path / "policy.npz"
+    weights.card.update(env={**ENV, "sensors": {}, "task": {**ENV["task"], "beams": 64}})
+    save_weights(file, weights)
+    picture = tmp_path / "looks.png"
+    drawn = ["inspect", str(file), "--scene", "clutter", "--out", str(picture), "--at", "0.3"]
+    assert main(drawn) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(SystemExit, match="2"):
+        main([*drawn, "--at", "1.5"])
+    assert main(["inspect", "straight"]) == 2
+    assert main(["inspect", str(file), "--out", "looks.xyz"]) == 2
+
+
+@pytest.mark.parametrize("name", sorted(shipped()))
+def test_weights_that_come_with_the_package_are_small_told_of_and_drive(name, tmp_path):
+    path = shipped()[name]
+    assert path.stat().st_size < 3_000_000
+    card = load_weights(path).card
+    assert markdown(name, card) == path.with_suffix(".md").read_text()
+    assert {row["seed"] for row in card["results"]} == set(card["curves"])
+    assert f"`{name}`" in (ROOT / "README.md").read_text()
+    records = evaluate(
+        [name], SUITES["homes"].scenes, range(3), env={"pose_source": "modelled"},
+        folder=tmp_path, progress=False,
+    )  # fmt: skip
+    assert sum(record["success"] for record in records) >= 2

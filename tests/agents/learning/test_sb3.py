@@ -1,0 +1,72 @@
+"""Laws of the way to stable-baselines3: what it learns from is what the chairs did."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from stable_baselines3 import PPO
+
+from agents.learning.sb3 import SB3VecEnv
+from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
+
+SETTINGS = {
+    "scene": "clutter",
+    "beams": 16,
+    "bank": 4,
+    "config": {"task": {"time_base": 2.0, "time_factor": 0.0}},
+}
+
+
+def chairs(n):
+    mode = AutoresetMode.SAME_STEP
+    return SB3VecEnv(NavigationVectorEnv(n, autoreset_mode=mode, **SETTINGS))
+
+
+def test_ends_of_episodes_are_told_as_single_envs_tell_them():
+    n, seed = 3, 5
+    many, singles = chairs(n), [NavigationEnv(**SETTINGS) for _ in range(n)]
+    many.seed(seed)
+    first = many.reset()
+    for i, env in enumerate(singles):
+        assert np.array_equal(env.reset(seed=seed + i)[0]["laser"], first["laser"][i])
+    rng = np.random.default_rng(0)
+    returns, lengths, ends, timeouts = np.zeros(n), np.zeros(n, int), 0, 0
+    for _ in range(60):
+        actions = rng.uniform(-1, 1, (n, 2)).astype(np.float32)
+        observations, rewards, dones, infos = many.step(actions)
+        for i, env in enumerate(singles):
+            observation, reward, terminated, truncated, info = env.step(actions[i])
+            returns[i] += reward
+            lengths[i] += 1
+            assert rewards[i] == np.float32(reward)
+            assert dones[i] == (terminated or truncated)
+            if not dones[i]:
+                assert infos[i] == {}
+                continue
+            ends += 1
+            timeouts += truncated
+            for key, value in observation.items():
+                assert np.array_equal(infos[i]["terminal_observation"][key], value)
+            assert infos[i]["TimeLimit.truncated"] == truncated
+            assert infos[i]["is_success"] == info["is_success"]
+            assert infos[i]["episode"]["r"] == pytest.approx(returns[i])
+            assert infos[i]["episode"]["l"] == lengths[i]
+            returns[i], lengths[i] = 0.0, 0
+            observation, _ = env.reset()
+            assert np.array_equal(observations["laser"][i], observation["laser"])
+    assert ends >= 6
+    assert timeouts >= 1
+
+
+def test_ppo_learns_from_them():
+    model = PPO("MultiInputPolicy", chairs(4), n_steps=32, batch_size=64, n_epochs=1, seed=0)
+    model.learn(256)
+    assert model.num_timesteps == 256
+    assert len(model.ep_info_buffer) >= 4
+    assert all(np.isfinite(p.detach().numpy()).all() for p in model.policy.parameters())
+
+
+def test_chairs_that_begin_in_the_step_after_are_refused():
+    with pytest.raises(ValueError, match="autoreset_mode is NextStep; expected SameStep"):
+        SB3VecEnv(NavigationVectorEnv(2, **SETTINGS))

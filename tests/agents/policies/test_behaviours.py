@@ -1,0 +1,240 @@
+"""Laws of what stands and what moves: told apart from scans alone, and behaved to accordingly."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from agents.control.backup import Retreats
+from agents.control.local_map import Surroundings
+from agents.evaluation.evaluate import env_settings, make_env
+from agents.evaluation.path_metrics import backing
+from agents.policies import make_policy
+from agents.policies.detours import AGAIN
+from planners.problem import Plan, Status
+from tests.agents.fakes import PaperWorld, corridor
+from wheelchair_gym.config import InputError
+
+ROUND = np.linspace(0.0, 2.0 * np.pi, 17)
+
+
+def post(x, y, radius=0.25):
+    """Walls (16, 4) round a disc."""
+    rim = np.stack([x + radius * np.cos(ROUND), y + radius * np.sin(ROUND)], axis=-1)
+    return np.hstack([rim[:-1], rim[1:]])
+
+
+class Peopled(PaperWorld):
+    """A chair on paper, and one thing round that the map does not show: where it is at a time."""
+
+    def __init__(self, place, *args, **more):
+        self.place, self.mapped = place, None
+        super().__init__(*args, **more)
+
+    def reading(self):
+        if self.mapped is None:
+            self.mapped = self.walls
+        there = self.place(self.time)
+        self.walls = self.mapped if there is None else np.vstack([self.mapped, post(*there)])
+        return super().reading()
+
+
+def watched(place, seconds, v=0.0):
+    """The surroundings of a chair that watches something for a while."""
+    world = Peopled(place, corridor(12.0, 4.0), (1.0, 0.0, 0.0), (11.0, 0.0, 0.0))
+    around = Surroundings(world.task)
+    for _ in range(round(seconds / world.task.period)):
+        world.drive(np.array([v, 0.0]))
+        around.update(world.task.reading)
+    return world, around
+
+
+@pytest.mark.parametrize("v", [0.0, 0.6])
+@pytest.mark.parametrize("velocity", [(-0.8, 0.0), (0.0, 0.9), (0.4, -0.3)])
+def test_what_moves_is_tracked_whether_the_chair_stands_or_drives(velocity, v):
+    def place(t):
+        return 4.5 + velocity[0] * t, -1.0 * math.copysign(velocity[1] != 0, velocity[1]) + (
+            velocity[1] * t
+        )
+
+    world, around = watched(place, 1.8, v)
+    assert len(around.movers) == 1
+    x, y, vx, vy, radius = around.movers[0]
+    there = place(world.time)
+    assert np.hypot(world.pose[0] + x - there[0], world.pose[1] + y - there[1]) < 0.12
+    assert np.hypot(vx - velocity[0], vy - velocity[1]) < 0.3
+    assert 0.15 < radius < 0.35
+    assert not len(around.standing.stood)
+    hits = around.points[:, :2] + world.pose[:2]
+    assert np.hypot(*(hits - there).T).min() > 0.3  # it is no obstacle that stands
+
+
+@pytest.mark.parametrize("v", [0.0, 0.5])
+def test_what_stands_is_temporary_and_the_map_static(v):
+    world, around = watched(lambda t: (4.5, 0.3), 3.0, v)
+    assert len(around.movers) == 0
+    stood = around.standing.stood
+    assert len(stood)
+    assert np.hypot(*(stood - (4.5, 0.3)).T).max() < 0.45
+    changed = around.standing.painted().cells != world.task.map.cells
+    assert 0 < changed.sum() < 60
+
+
+def test_what_is_gone_is_forgotten_once_it_is_seen_to_be():
+    _, around = watched(lambda t: (3.5, 0.0) if t < 2.5 else None, 2.3)
+    assert len(around.standing.stood)
+    _, around = watched(lambda t: (3.5, 0.0) if t < 2.5 else None, 3.0)
+    assert not len(around.standing.stood)
+
+
+def states(place, goal=(9.0, 0.0, 0.0), seconds=30.0, width=3.2):
+    """States shown on a drive down a corridor, its poses, and the world."""
+    world = Peopled(place, corridor(10.0, width), (1.0, 0.0, 0.0), goal)
+    policy, said = make_policy("a_star+window"), []
+    policy.reset(world.task)
+    poses = []
+    while world.time < seconds and np.hypot(*(world.pose - world.task.goal)[:2]) > 0.3:
+        world.drive(policy.act({}))
+        poses.append(world.pose)
+        said.append(world.task.note.partition(":")[0])
+    return said, np.array(poses), world
+
+
+def test_a_temporary_obstacle_is_planned_round():
+    said, poses, world = states(lambda t: (5.0, 0.0))
+    assert "goes round" in said
+    assert np.hypot(*(poses[-1] - world.task.goal)[:2]) <= 0.3
+    assert np.hypot(*(poses[:, :2] - (5.0, 0.0)).T).min() > 0.5
+
+
+def test_a_chair_halts_for_who_comes_and_goes_on():
+    """Somebody walks up the middle of a corridor too narrow for two, and back again."""
+
+    def place(t):
+        return (8.0 - 0.8 * t, 0.0) if t < 4.0 else (4.8 + 0.8 * (t - 4.0), 0.0)
+
+    said, poses, world = states(lambda t: place(t) if t < 9.0 else None, width=1.5)
+    assert {"halts", "gives way"} & set(said)
+    assert said[-1] == "follows"
+    assert np.hypot(*(poses[-1] - world.task.goal)[:2]) <= 0.3
+    gaps = [
+        place(0.1 * (k + 1))[0] - 0.25 - (pose[0] + 0.70) for k, pose in enumerate(poses) if k < 89
+    ]
+    assert min(gaps) > 0.0
+
+
+def test_a_blocked_goal_is_waited_for_and_told():
+    said, poses, _ = states(lambda t: (9.0, 0.0), seconds=25.0)
+    assert "waits" in said
+    assert (np.hypot(*(poses[:, :2] - (9.0, 0.0)).T) > 0.5).all()
+
+
+def test_where_backing_out_did_not_help_it_is_done_for_longer():
+    retreats, here = Retreats(), np.array([1.0, 0.0])
+    assert [retreats.begin(here) for _ in range(5)] == [1, 2, 3, 4, 4]
+    assert retreats.begin(here + 1.5) == 1
+
+
+@pytest.mark.parametrize(("peopled", "most"), [(True, 0.042), (False, 0.1)])
+def test_no_part_backs_so_fast_among_people_that_it_harms_whom_it_hits(peopled, most, monkeypatch):
+    monkeypatch.setattr("agents.policies.planned.back_out", lambda *_: np.array([-0.15, 0.3]))
+    policy = make_policy("a_star+window")
+    world = Peopled(lambda t: None, corridor(10.0, 3.2), (5.0, 0.0, 0.0), (9.0, 0.0, 0.0))
+    policy.reset(world.task)
+    policy._peopled, policy._backing, corner = peopled, 2.5, policy._task.footprint.corners
+    fastest = []
+    for _ in range(12):
+        world.drive(policy.act({}))
+        v, w = world.task.reading.twist
+        fastest.append(np.hypot(v - w * corner[:, 1], w * corner[:, 0])[corner[:, 0] < 0].max())
+    assert 0.5 * most < max(fastest) <= most
+
+
+@pytest.mark.parametrize(("longer", "backs"), [(0.5, False), (5.0, True)])
+def test_no_long_way_round_is_taken_for_want_of_progress_before_it_has_backed_out(longer, backs):
+    policy, start = make_policy("a_star+window"), np.array([1.0, 0.0, 0.0])
+    world = Peopled(lambda t: None, corridor(10.0, 3.2), tuple(start), (9.0, 0.0, 0.0))
+    policy.reset(world.task)
+    way = np.array([(1.0, 0.0), (1.0 + policy._reference.left + longer, 0.0)])
+    policy._replan = lambda: policy._take(way, start)  # what a new plan comes to
+    policy._stalled()
+    assert (policy._backing > 0.0) == backs
+
+
+def test_where_nothing_is_left_to_go_round_the_straight_way_is_planned_again():
+    policy = make_policy("a_star+window")
+    world = Peopled(
+        lambda t: (5.0, 0.3) if t < 5.0 else None, corridor(10.0, 3.2),
+        (1.0, 0.0, 0.0), (9.0, 0.0, 0.0),
+    )  # fmt: skip
+    policy.reset(world.task)
+    longer = []  # than straight on
+    for _ in range(80):
+        world.drive(policy.act({}))
+        x, y = policy._reference.rows[:, 0], policy._reference.rows[:, 1]
+        straight = math.hypot(x[-1] - x[0], y[-1] - y[0])
+        longer.append(np.hypot(np.diff(x), np.diff(y)).sum() / straight - 1.0)
+    assert max(longer) > 0.02  # planned round it
+    assert longer[-1] < 0.2 * max(longer)
+
+
+def test_a_plan_that_led_nowhere_is_tried_again_now_and_then(monkeypatch):
+    policy = make_policy("a_star+window")
+    world = Peopled(lambda t: None, corridor(10.0, 4.0), (1.0, -1.2, 0.0), (9.0, -1.2, 0.0))
+    policy.reset(world.task)
+    before, planned = policy._reference, []
+
+    def nowhere(*_):
+        planned.append(world.time)
+        return Plan(Status.EXHAUSTED), 0.28
+
+    monkeypatch.setattr("agents.policies.planned.widest_plan", nowhere)
+    world.pose[1] = 1.2  # beside its path, farther than it may stray
+    for _ in range(60):
+        policy.act({})
+        world.time += world.task.period  # and there it stays
+        world.task.reading = world.reading()
+    assert 2 <= len(planned) <= 3
+    assert min(np.diff(planned)) > 0.9 * AGAIN
+    assert policy._reference is before
+
+
+def test_for_a_metre_after_no_progress_room_costs_nothing():
+    policy = make_policy("lattice+window")
+    world = Peopled(lambda t: None, corridor(10.0, 3.2), (1.0, 0.0, 0.0), (9.0, 0.0, 0.0))
+    policy.reset(world.task)
+    places, costs = [], []
+    for k in range(70):
+        if k == 15:
+            policy._stalled()
+        world.drive(policy.act({}))
+        places.append(world.pose[0])
+        costs.append(policy._follower.own.objective.clearance)
+    bold = np.flatnonzero(np.array(costs) == 0.0)
+    assert bold[0] == 15
+    assert np.all(np.diff(bold) == 1)
+    assert 0.75 < places[bold[-1]] - places[bold[0]] < 1.3
+    assert costs[-1] == costs[0] > 0.0
+
+
+def test_a_way_in_reverse_is_planned_once_more_with_less_clearance():
+    env = make_env("barn", env_settings(pose_source="truth"))
+    env.reset(seed=1_000_002)
+    policy = make_policy("lattice+window")
+    policy.reset(env.unwrapped.task)
+    assert policy.solved
+    assert backing(policy.plan.path) < 0.3
+    env.close()
+
+
+def test_backing_is_the_way_against_the_heading():
+    path = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.0, 1.0), (0.4, 0.0, 0.0)]
+    assert backing(path) == pytest.approx(0.6 * math.cos(1.0))
+    assert backing([(0.0, 0.0), (1.0, 0.0)]) == 0.0
+
+
+def test_a_follower_without_sense_is_refused():
+    with pytest.raises(InputError, match="whales"):
+        make_policy({"name": "a_star+woa", "follower": {"whales": {"population": 0}}})

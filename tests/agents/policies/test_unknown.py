@@ -1,0 +1,183 @@
+"""Worlds that the chair does not know: it draws them, finds its goal, and sees no truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from agents.cli import main
+from agents.control.unknown_space import assumed, standing, walled
+from agents.evaluation.evaluate import ENV, make_env
+from agents.evaluation.map_building import chart, fidelity
+from agents.policies import make_policy
+from agents.policies.manual import Manual
+from wheelchair_gym.config import InputError
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+
+ONE = {"slam": {"particles": 1}}
+
+
+def unknown(scene="floor_plan", config=ONE):
+    return make_env(scene, {"pose_source": "slam", "config": config})
+
+
+def drive(env, policy, seed, episode=None, steps=10_000):
+    """Poses (n, 3) that the chair believes, and the last info."""
+    options = {} if episode is None else {"episode": episode}
+    observation, info = env.reset(seed=seed, options=options)
+    driver, poses, over = make_policy(policy), [], False
+    driver.reset(env.unwrapped.task)
+    while not over and len(poses) < steps:
+        poses.append(info["pose_estimate"])
+        observation, _, ended, late, info = env.step(driver.act(observation))
+        over = ended or late
+    return np.array(poses), info
+
+
+@pytest.mark.parametrize("policy", ["lattice+window", "explore"])
+def test_a_goal_in_an_unknown_home_is_found(policy):
+    env = unknown()
+    _, info = drive(env, policy, 5)
+    assert info["is_success"]
+    off = np.subtract(info["pose_estimate"], info["pose"])
+    assert np.hypot(*off[:2]) < 0.10
+    assert (env.unwrapped.task.map.cells == OCCUPIED).sum() > 500
+
+
+def test_no_map_is_looked_at_where_the_world_is_unknown():
+    """The same world with a map that lies is driven in the same way, to the bit."""
+    env = unknown()
+    true, _ = drive(env, "lattice+window", 6, steps=60)
+    episode = env.unwrapped.episode
+    lie = OccupancyGrid(
+        np.zeros_like(episode.map.cells), episode.map.resolution, episode.map.origin
+    )
+    told, _ = drive(env, "lattice+window", 6, replace(episode, map=lie, time_limit=60.0), steps=60)
+    np.testing.assert_array_equal(told, true)
+
+
+def test_exploring_draws_a_true_map_and_comes_to_an_end():
+    env = unknown({"name": "floor_plan", "kind": "home", "size": (9.0, 9.0)})
+    made = chart(env, make_policy({"name": "explore", "seek": False}), 6, 600.0)
+    assert made.ended == "done"
+    of = made.figures
+    assert of["right"] > 0.98
+    assert of["wall_p95"] < 0.10
+    assert of["floor_seen"] > 0.85
+    assert of["pose_rms_m"] < 0.05
+    assert of["heading_rms_deg"] < 1.5
+
+
+def test_a_false_map_is_called_false():
+    """What is measured can fail: the outlines of the truth, turned by 3 degrees or moved."""
+    env = unknown()
+    env.reset(seed=5)
+    episode, told = env.unwrapped.episode, env.unwrapped.episode.map
+    cells = np.where(told.solid(), UNKNOWN, FREE).astype(np.int8)
+    cells[told.solid() & ndimage.binary_dilation(~told.solid())] = OCCUPIED
+    x, y, _ = told.origin
+    found = [
+        fidelity(OccupancyGrid(cells, told.resolution, origin), episode, 0.31)
+        for origin in (told.origin, (x, y, np.radians(3.0)), (x + 0.2, y, 0.0))
+    ]
+    assert found[0].wall_p95 < 0.06
+    assert found[0].right > 0.99
+    assert all(wrong.wall_p95 > 0.10 for wrong in found[1:])
+    assert all(wrong.right < 0.98 for wrong in found[1:])
+
+
+def test_what_is_assumed_of_the_unseen():
+    cells = np.full((100, 100), UNKNOWN, np.int8)
+    cells[:, 50:] = FREE
+    known, pose = OccupancyGrid(cells, 0.1), np.array([5.0, 5.0, 0.0])
+    stands, turns, anywhere = assumed(known, pose, Footprint())
+    assert anywhere is known
+    for careful, least in ((stands, 0.30), (turns, 0.43)):
+        row = careful.cells[50]
+        assert (row[:30] == UNKNOWN).all()
+        assert (row[37:44] == OCCUPIED).all()
+        assert (row[46:] == FREE).all()
+        solid = careful.to_world(np.argwhere(careful.cells == OCCUPIED))
+        assert least < np.hypot(*(solid - pose[:2]).T).min() < least + 0.25
+    assert (standing(known, pose, Footprint()).cells[50, 43:] == FREE).all()
+    assert (known.cells[50, :50] == UNKNOWN).all()
+    way = [(6.0, 5.0), (6.0, 9.0)]
+    assert not walled(known, way, 0.4)
+    cells[70, 60] = OCCUPIED
+    assert walled(OccupancyGrid(cells, 0.1), [(6.0, y) for y in np.arange(5.0, 9.0, 0.05)], 0.4)
+
+
+def test_what_cannot_be_done_in_an_unknown_world_is_refused():
+    with pytest.raises(InputError, match="slam"):
+        gym.make(ENV, guidance="geodesic", pose_source="slam")
+    with pytest.raises(InputError, match="expected truth"):
+        gym.make_vec(ENV, num_envs=2, pose_source="slam")
+    with pytest.raises(InputError, match="window"):
+        Manual().make().reset(None)
+
+
+class Keys(set):
+    """What pygame tells of a keyboard."""
+
+    def __getitem__(self, key):
+        return key in self
+
+
+def test_a_person_drives_with_keys(monkeypatch):
+    import pygame
+
+    held = set()
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    pygame.display.init()
+    try:
+        monkeypatch.setattr(pygame.key, "get_pressed", lambda: Keys(held))
+        driver = Manual().make()
+        driver.reset(None)
+        assert not driver.act({}).any()
+        held |= {pygame.K_UP, pygame.K_LEFT}
+        fast = driver.act({})
+        assert (fast > 0.0).all()
+        held |= {pygame.K_LSHIFT}
+        assert (np.abs(driver.act({})) < fast).all()
+        held -= {pygame.K_UP, pygame.K_LEFT}
+        held |= {pygame.K_s, pygame.K_d}
+        assert (driver.act({}) < 0.0).all()
+    finally:
+        pygame.display.quit()
+    assert driver.state == "done"
+    held.add(pygame.K_UP)
+    assert not driver.act({}).any()
+
+
+def test_maps_from_a_drive_and_from_its_recording(tmp_path, capsys):
+    film = tmp_path / "drive.mcap"
+    main(["simulate", "--scene", "floor_plan", "--seed", "6", "--record", str(film)])
+    out, picture = tmp_path / "map", tmp_path / "map.png"
+    code = main(
+        ["map", "--recording", str(film), "--particles", "1", "--out", str(out),
+         "--picture", str(picture)]
+    )  # fmt: skip
+    assert code == 0
+    assert "0 lines skipped" in capsys.readouterr().out
+    assert (out / "odometry.yaml").exists()
+    assert picture.exists()
+    code = main(
+        ["map", "--scene", "floor_plan", "--seed", "6", "--time", "3", "--particles", "1",
+         "--out", str(out)]
+    )  # fmt: skip
+    assert code == 0
+    assert "time after 3.0 s" in capsys.readouterr().out
+    for wrong in (
+        ["map", "--scene", "floor_plan", "--time", "0"],
+        ["map", "--scene", "floor_plan", "--odometry-only"],
+        ["map", "--scene", "nowhere"],
+        ["map", "--recording", str(tmp_path / "none.mcap")],
+        ["map", "--scene", "floor_plan", "--policy", "manual"],
+    ):
+        assert main([*wrong, "--out", str(out)]) == 2
+        assert capsys.readouterr().err.count("\n") == 1

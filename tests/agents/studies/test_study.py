@@ -1,0 +1,184 @@
+"""Studies: every published figure has its row, runs are the same whoever makes them, or resumed."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from agents.cli import main
+from agents.evaluation import path_metrics
+from agents.evaluation.runs import StoppedError
+from agents.studies import conduct as module
+from agents.studies import measures
+from agents.studies.catalog import CLAIMS, STUDIES
+from agents.studies.conduct import STORE, conduct
+from agents.studies.model import published
+
+TABLES = [f"t1-3.{k}" for k in range(1, 14)]
+
+
+def small(name, rows=2, strata=2):
+    """The first rows of a study, in the first places."""
+    whole = STUDIES[name]
+    few = tuple(
+        replace(row, jobs=dict(list(row.jobs.items())[:strata])) for row in whole.rows[:rows]
+    )
+    return replace(whole, rows=few, claims=(), figures=lambda r: {})
+
+
+def timeless(path):
+    rows = list(csv.DictReader(path.read_text().splitlines()))
+    return [{k: v for k, v in row.items() if not k.endswith("_s")} for row in rows]
+
+
+@pytest.fixture(scope="module")
+def once(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("once")
+    conduct([small("t1-3.5")], folder, runs=3, progress=False)
+    return folder
+
+
+def test_every_published_figure_stands_in_a_row():
+    assert set(TABLES) | {"p2", "r1", "t2"} <= set(STUDIES)
+    for name, study in STUDIES.items():
+        given = {row.label: dict(row.published) for row in study.rows if row.published}
+        assert given == published(name), name
+        labels = [row.label for row in study.rows]
+        assert len(set(labels)) == len(labels)
+        shown = {metric.key for metric in study.metrics}
+        assert all(set(of) <= shown for of in given.values()), name
+        assert study.claims, name
+
+
+def test_published_figures_are_those_of_the_sources(shared):
+    """Each number of the reading's tables, and each line of the thesis's own tables."""
+    page = (shared / "SEEDS.md").read_text()
+    tables = {
+        "t1-3.1": page[page.index("| T1 table 3.1") : page.index("Trends its tables")],
+        "r1": page[page.index("| goal | PSO fixed") : page.index("| (10, 2.5)")],
+        "t2": page[page.index("| lab 1 |") : page.index("Claims to check")],
+    }
+    for name, text in tables.items():
+        ours = {value for of in published(name).values() for value in of.values()}
+        lines = [
+            line for line in text.splitlines() if re.match(r"\| (RRT|local|global|lab|\()", line)
+        ]
+        for line in lines:
+            cells = re.sub(r"\(\d.*?\)", "", line.split("|", 2)[2]).split("|")[:4]
+            found = {float(v) for cell in cells for v in re.findall(r"\d+\.\d+", cell)}
+            assert found, line
+            assert found <= ours, line
+    thesis = next((shared / "seeds").glob("000_*.txt")).read_text()
+    for name in TABLES:
+        for row, of in published(name).items():
+            line = "\t".join(rf"{of[key]!r}0*" for key in ("time_s", "length_m", "nodes"))
+            assert re.search(line.replace(".", r"\."), thesis), (name, row)
+
+
+def test_rows_are_independent_draws_unless_they_are_paired():
+    for study in STUDIES.values():
+        seeds = [study.seeds(row, 100) for row in study.rows]
+        if study.paired:
+            assert len(set(seeds)) == 1
+        else:
+            assert len({s for of in seeds for s in of}) == 100 * len(study.rows)
+
+
+def test_two_workers_find_the_same(once, tmp_path):
+    conduct([small("t1-3.5")], tmp_path, runs=3, jobs=2, progress=False)
+    assert timeless(tmp_path / "t1-3.5.csv") == timeless(once / "t1-3.5.csv")
+
+
+def test_what_was_stopped_goes_on_and_more_runs_add_to_it(once, tmp_path, monkeypatch):
+    real, made = module.measure, []
+
+    def stopping(job):
+        if len(made) == 5:
+            raise KeyboardInterrupt
+        made.append(job)
+        return real(job)
+
+    monkeypatch.setattr(module, "_compile_all", lambda jobs: None)
+    monkeypatch.setattr(module, "measure", stopping)
+    with pytest.raises(StoppedError, match="5 of 12"):
+        conduct([small("t1-3.5")], tmp_path, runs=3, progress=False)
+    monkeypatch.setattr(module, "measure", lambda job: made.append(job) or real(job))
+    conduct([small("t1-3.5")], tmp_path, runs=3, progress=False)
+    assert len(made) == 12
+    assert timeless(tmp_path / "t1-3.5.csv") == timeless(once / "t1-3.5.csv")
+    conduct([small("t1-3.5")], tmp_path, runs=4, progress=False)
+    assert len(made) == 16
+    assert len((tmp_path / STORE).read_text().splitlines()) == 16
+
+
+@pytest.mark.parametrize("name", ["t1-3.1", "p1", "p2", "r1", "t2", "t1-1.1", "control"])
+def test_each_kind_of_run_repeats_itself(name):
+    study = STUDIES[name]
+    row = study.rows[0]
+    job = {**next(iter(row.jobs.values())), "seed": 3}
+    a, b = (module.measure(job) for _ in range(2))
+    assert {k: v for k, v in a.items() if not k.endswith("_s")} == {
+        k: v for k, v in b.items() if not k.endswith("_s")
+    }
+    assert {"solved", "status", "time_s"} <= set(a)
+    json.dumps(a, allow_nan=False)
+
+
+def test_a_page_says_its_verdicts_first_and_needs_no_other_file(tmp_path, capsys):
+    code = main(["study", "t2", "--runs", "2", "--jobs", "1", "--quiet", "--out", str(tmp_path)])
+    assert code == 0
+    said = capsys.readouterr().out
+    page = (tmp_path / "report.html").read_text()
+    assert "claims" in said
+    assert page.index("claims") < page.index("<table")
+    assert not re.search(r"(src|href)='(?!data:|#)", page)
+    result = json.loads((tmp_path / "t2.json").read_text())
+    assert len(result["rows"]) == len(STUDIES["t2"].rows)
+    assert result["provenance"]["versions"]["python"]
+    for row in result["rows"][:9]:
+        assert row["figures"]["length_m"]["published"] > 0
+    assert f"{CLAIMS} claims" in result["provenance"]["judged together"]
+    assert len(list((tmp_path / "figures").glob("t2-*.png"))) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["t1-9.9"], "t1-3.1, "),
+        (["t2", "--engine", "slurm"], "loky, ray"),
+        (["t2", "--runs", "1"], "at least 2"),
+        (["t2", "--out", "{file}/x"], "cannot be written"),
+        (["t2", "--runs", "many"], "whole number"),
+        (["t2", "--runs", "5", "--quick"], "not allowed"),
+    ],
+)
+def test_wrong_input_is_one_line(arguments, said, tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    given = [word.replace("{file}", str(tmp_path / "file")) for word in arguments]
+    if "--out" not in given:
+        given += ["--out", str(tmp_path)]
+    try:
+        code = main(["study", *given])
+    except SystemExit as error:
+        code = error.code
+    assert code == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert said in lines[0]
+
+
+def test_studies_and_benchmarks_measure_smoothness_by_one_definition():
+    """f1 of one path is one number, also where a swarm lets way points coincide."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        path = np.cumsum(rng.normal(size=(7, 2)), axis=0)
+        doubled = path[np.sort(np.append(np.arange(7), rng.integers(0, 7, 3)))]
+        for way in (path, doubled):
+            assert measures.turning(way) == path_metrics.turning(way) == path_metrics.turning(path)
+            printed = path_metrics.printed_turning(path)
+            assert measures.printed_turning(way) == path_metrics.printed_turning(way) == printed

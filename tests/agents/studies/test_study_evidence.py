@@ -1,0 +1,122 @@
+"""Verdicts: right on data whose truth is known, both ways, and open where there is too little."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from agents.studies import evidence
+from agents.studies.evidence import Verdict, estimate
+
+CLAIMS = 100
+
+
+def sample(mean, sd=1.0, n=200, seed=0, strata=3):
+    """Three maps of different lengths, the same effect."""
+    rng = np.random.default_rng(seed)
+    return {f"map {k}": 10.0 * k + mean + sd * rng.normal(size=n) for k in range(strata)}
+
+
+def steps(slope, sd=1.0, n=100, count=6):
+    return [sample(100.0 + slope * k, sd, n, seed=k) for k in range(count)], list(range(count))
+
+
+def of(found):
+    return found.verdict(CLAIMS)
+
+
+LESS, MORE, SAME = sample(95.0, seed=1), sample(105.0, seed=2), sample(100.02, seed=3)
+BASE = sample(100.0, seed=4)
+PAIRS = np.random.default_rng(0).normal(100.0, 5.0, 300)
+NOISE = np.random.default_rng(1).normal(0.0, 1.0, 300)
+
+
+@pytest.mark.parametrize(
+    ("found", "verdict"),
+    [
+        (evidence.below(LESS, BASE, 0.01, ""), Verdict.HOLDS),
+        (evidence.below(MORE, BASE, 0.01, ""), Verdict.FAILS),
+        (evidence.below(SAME, BASE, 0.01, ""), Verdict.FAILS),  # surely no difference worth it
+        (evidence.above(MORE, BASE, 0.01, ""), Verdict.HOLDS),
+        (evidence.above(LESS, BASE, 0.01, ""), Verdict.FAILS),
+        (evidence.alike(SAME, BASE, 0.01, ""), Verdict.HOLDS),
+        (evidence.alike(LESS, BASE, 0.01, ""), Verdict.FAILS),
+        (evidence.between(LESS, BASE, -0.08, -0.02, ""), Verdict.HOLDS),
+        (evidence.between(LESS, BASE, -0.20, -0.10, ""), Verdict.FAILS),
+        (evidence.falls(*steps(-1.0), 0.01, ""), Verdict.HOLDS),
+        (evidence.falls(*steps(1.0), 0.01, ""), Verdict.FAILS),
+        (evidence.falls(*steps(0.0), 0.02, ""), Verdict.FAILS),
+        (evidence.rises(*steps(1.0), 0.01, ""), Verdict.HOLDS),
+        (evidence.rises(*steps(-1.0), 0.01, ""), Verdict.FAILS),
+        (evidence.level(*steps(0.0), 0.02, ""), Verdict.HOLDS),
+        (evidence.level(*steps(2.0), 0.02, ""), Verdict.FAILS),
+        (evidence.paired_below(PAIRS - 2.0 + NOISE, PAIRS, 0.005, ""), Verdict.HOLDS),
+        (evidence.paired_below(PAIRS + 2.0 + NOISE, PAIRS, 0.005, ""), Verdict.FAILS),
+        (evidence.paired_below(PAIRS + NOISE, PAIRS, 0.01, ""), Verdict.FAILS),
+        (evidence.share_above(495, 500, 0.95, ""), Verdict.HOLDS),
+        (evidence.share_above(400, 500, 0.95, ""), Verdict.FAILS),
+        # without chance
+        (evidence.below({"a": np.full(3, 1.0)}, {"a": np.full(3, 2.0)}, 0.01, ""), Verdict.HOLDS),
+        (evidence.below({"a": np.full(3, 2.0)}, {"a": np.full(3, 2.0)}, 0.01, ""), Verdict.FAILS),
+    ],
+)
+def test_what_is_plain_is_told(found, verdict):
+    assert of(found) == verdict
+    assert found.low <= found.effect <= found.high
+
+
+@pytest.mark.parametrize(
+    "judge", [evidence.below, evidence.above, lambda a, b, m, s: evidence.alike(a, b, m, s)]
+)
+def test_what_is_not_plain_cannot_be_told(judge):
+    few, other = sample(99.0, 20.0, 5, 7), sample(100.0, 20.0, 5, 8)
+    assert of(judge(few, other, 0.01, "")) == Verdict.OPEN
+    lonely = {"map 0": np.array([1.0])}
+    assert of(judge(lonely, lonely, 0.01, "")) == Verdict.OPEN
+    assert of(judge({}, {}, 0.01, "")) == Verdict.OPEN
+
+
+def test_trends_of_noise_cannot_be_told():
+    for judge in (evidence.falls, evidence.rises, evidence.level):
+        assert of(judge(*steps(0.2, 40.0, 6), 0.01, "")) == Verdict.OPEN
+
+
+def test_one_stratum_is_welch_as_scipy_has_it():
+    a, b = sample(3.0, 2.0, 17, 1, strata=1), sample(3.5, 1.0, 40, 2, strata=1)
+    theirs = stats.ttest_ind(a["map 0"], b["map 0"], equal_var=False)
+    found = estimate([a, b], [1.0, -1.0])
+    assert found.freedom == pytest.approx(theirs.df)
+    assert 2 * min(found.p_above(), found.p_below()) == pytest.approx(theirs.pvalue)
+    assert found.interval == pytest.approx(theirs.confidence_interval(0.95))
+
+
+def test_intervals_cover_the_truth_as_often_as_they_say():
+    hits = 0
+    for seed in range(400):
+        found = estimate([sample(5.0, 2.0, 8, seed)], [1.0])
+        low, high = found.interval
+        hits += low <= 15.0 <= high  # mean of 5, 15 and 25
+    assert 0.92 <= hits / 400 <= 0.98
+
+
+def test_true_nothing_is_seldom_called_something():
+    wrong = 0
+    for seed in range(300):
+        a, b = sample(100.0, 5.0, 30, 2 * seed), sample(100.0, 5.0, 30, 2 * seed + 1)
+        wrong += evidence.below(a, b, 0.0, "").verdict(1) == Verdict.HOLDS
+    assert wrong / 300 < 0.06  # 2.5 % expected
+
+
+def test_all_must_hold_and_one_failure_is_enough():
+    good, bad = evidence.below(LESS, BASE, 0.01, ""), evidence.below(MORE, BASE, 0.01, "")
+    open_ = evidence.nothing("too few")
+    assert of(evidence.all_of([good, good], "")) == Verdict.HOLDS
+    assert of(evidence.all_of([good, bad], "")) == Verdict.FAILS
+    assert of(evidence.all_of([good, open_], "")) == Verdict.OPEN
+
+
+def test_more_claims_ask_for_more():
+    found = evidence.below(sample(99.3, 3.0, 40, 5), sample(100.0, 3.0, 40, 6), 0.001, "")
+    assert found.verdict(1) == Verdict.HOLDS
+    assert found.verdict(10_000) == Verdict.OPEN

@@ -1,0 +1,54 @@
+"""A known room, and what a laser sees in it, by an oracle of numpy alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wheelchair_gym.localization.scan import bearings
+from wheelchair_gym.sensors.settings import LaserSettings
+
+LASER = LaserSettings(x=0.2, beams=361, reach=8.0, nearest=0.05)
+# A room with a spur of wall and a pillar: nothing looks the same from elsewhere.
+CORNERS = [(-2.0, -1.5), (5.0, -1.5), (5.0, 2.5), (1.7, 2.5), (1.7, 1.2), (1.5, 1.2), (1.5, 2.5),
+           (-2.0, 2.5)]  # fmt: skip
+PILLAR = [(3.0, 0.7), (3.3, 0.7), (3.3, 1.0), (3.0, 1.0)]
+
+
+def walls():
+    """Segments (n, 4) [m]."""
+    loops = [np.hstack([p, np.roll(p, -1, axis=0)]) for p in map(np.array, (CORNERS, PILLAR))]
+    return np.concatenate(loops)
+
+
+def ranges(pose, rng=None, sigma=0.015):
+    """What the laser reads (beams,) [m] at a pose."""
+    x, y, yaw = pose
+    ox, oy = x + LASER.x * np.cos(yaw), y + LASER.x * np.sin(yaw)
+    angle = yaw + bearings(LASER)[:, None]
+    dx, dy = np.cos(angle), np.sin(angle)
+    ax, ay, bx, by = walls().T
+    ex, ey = bx - ax, by - ay
+    with np.errstate(divide="ignore", invalid="ignore"):
+        across = dx * ey - dy * ex
+        far = ((ax - ox) * ey - (ay - oy) * ex) / across
+        along = ((ax - ox) * dy - (ay - oy) * dx) / across
+    far = np.where((far > 0) & (along >= 0) & (along <= 1), far, np.inf).min(axis=1)
+    if rng is not None:
+        far = far + sigma * rng.standard_normal(len(far))
+    return np.where(far > LASER.reach, np.inf, far)
+
+
+def away(points):
+    """Distance (n,) [m] from points (n, 2) to the nearest wall."""
+    p = np.asarray(points)[:, None]
+    a, b = walls()[:, :2], walls()[:, 2:]
+    t = ((p - a) * (b - a)).sum(-1) / ((b - a) ** 2).sum(-1)
+    nearest = a + np.clip(t, 0, 1)[..., None] * (b - a)
+    return np.hypot(*np.moveaxis(p - nearest, -1, 0)).min(axis=1)
+
+
+def tour(steps=60):
+    """Poses (steps, 3) past the spur and the pillar."""
+    x = np.linspace(-1.0, 4.2, steps)
+    y = 0.8 * np.sin(1.1 * x)
+    return np.stack([x, y, np.arctan2(np.gradient(y), np.gradient(x))], axis=-1)

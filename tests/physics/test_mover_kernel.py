@@ -1,0 +1,173 @@
+"""Movers by address and by plain pymunk agree exactly: bodies, entries, forces, contacts."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pymunk
+import pytest
+
+from tests.physics.test_kernel import Oracle, Record
+from tests.physics.worlds import busy, exact_chair
+from wheelchair_gym.compiled.address import address_of
+from wheelchair_gym.physics import drive_train
+from wheelchair_gym.physics import step as period
+from wheelchair_gym.physics.actors.bodies import FAR
+from wheelchair_gym.physics.actors.records import DOOR, FURNITURE, NOBODY, OBSTACLE, PERSON
+from wheelchair_gym.physics.engine import ANGLE, BODY_DOUBLES, FX, FY, TORQUE, VX, VY, W, X, Y
+from wheelchair_gym.physics.world import FIXED, LEAF
+
+STEP_ONCE = drive_train.step_once.py_func
+MOVE_ON, BODY_VIEW = period.move_on, period.body_view
+
+
+def made_of(row, friction):
+    """A mover's body and shape, made by the API."""
+    length, width = row["size"].tolist()
+    mass = float(row["mass"])
+    box = [(-length / 2, -width / 2), (length / 2, -width / 2)]
+    box += [(length / 2, width / 2), (-length / 2, width / 2)]
+    if row["kind"] in (DOOR, OBSTACLE):
+        body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+    elif row["kind"] == PERSON:
+        body = pymunk.Body(mass, math.inf)
+    elif width:
+        body = pymunk.Body(mass, mass * (length**2 + width**2) / 12)
+    else:
+        body = pymunk.Body(mass, 0.5 * mass * length**2)
+    if row["kind"] == DOOR:
+        shape = pymunk.Poly(body, [(x + length / 2, y) for x, y in box])
+        shape.filter = LEAF  # no contact with what is FIXED: neither would move
+    else:
+        shape = pymunk.Poly(body, box) if width else pymunk.Circle(body, length)
+    shape.friction = 0.0 if row["kind"] == PERSON else friction
+    if row["kind"] == PERSON and row["heeds"] == NOBODY:
+        shape.filter = pymunk.ShapeFilter(group=1)
+    return body, shape
+
+
+class BusyOracle(Oracle):
+    """The same with movers: what they want is the kernels' own; all of Munk2D goes by the API.
+
+    A second chair lends its records; its bodies are arrays beside those of the API.
+    """
+
+    def __init__(self, lent, episode, key):
+        lent.reset(episode, key)
+        self.lent, self.rows = lent, episode.movers.rows
+        self.friction = lent.settings.body.wall_friction
+        self.movers = []
+        super().__init__(lent, episode, FIXED)
+        self.fields = np.zeros((1 + len(self.movers), BODY_DOUBLES))
+        lent._place["body"] = address_of(self.fields[0])
+        moving = lent._chairs.pointers.array("moving")
+        for k, fields in enumerate(self.fields[1:]):
+            moving["body"][k] = address_of(fields)
+        self.read()
+
+    def place(self, x, y, angle):
+        """Movers are far away while the chair is, and come when it does."""
+        super().place(x, y, angle)
+        if not self.movers:
+            for k, row in enumerate(self.rows):
+                body, shape = made_of(row, self.friction)
+                body.position = (-FAR, FAR + 20.0 * k)
+                self.movers.append(body)
+                self.space.add(body, shape)
+        else:
+            for body, row in zip(self.movers, self.rows, strict=True):
+                if row["kind"] != OBSTACLE:
+                    self.put(body, *row["pose"].tolist())
+
+    def put(self, body, x, y, angle):
+        body.position, body.angle = (x, y), angle
+        body.velocity, body.angular_velocity = (0.0, 0.0), 0.0
+        self.space.reindex_shapes_for_body(body)
+
+    def read(self):
+        for body, fields in zip([self.body, *self.movers], self.fields, strict=True):
+            fields[[X, Y]], fields[[VX, VY]] = body.position, body.velocity
+            fields[ANGLE], fields[W] = body.angle, body.angular_velocity
+            fields[[FX, FY, TORQUE]] = 0.0
+
+    def carry(self, engine, world):
+        moving = self.lent._chairs.pointers.array("moving")
+        for k, (body, row) in enumerate(zip(self.movers, self.rows, strict=True)):
+            if moving["carry"][k] == 1:
+                self.put(body, *row["pose"].tolist())
+            elif moving["carry"][k] == 2:
+                self.put(body, -FAR, FAR + 20.0 * k, 0.0)
+            moving["carry"][k] = 0
+            fields = self.fields[1 + k]
+            if row["kind"] != OBSTACLE:
+                body.velocity, body.angular_velocity = fields[[VX, VY]].tolist(), fields[W]
+            if row["kind"] in (PERSON, FURNITURE):
+                body.force, body.torque = fields[[FX, FY]].tolist(), fields[TORQUE]
+
+    def step(self, state, p, k, space, body, engine):
+        def step_space(engine, space, dt):
+            own = self.fields[0]
+            self.body.force, self.body.torque = own[[FX, FY]].tolist(), own[TORQUE]
+            self.space.step(dt)
+            self.read()
+
+        with self.monkeypatch.context() as patch:
+            patch.setattr(drive_train, "body_view", lambda address: self.fields[0])
+            patch.setattr(drive_train, "step_space", step_space)
+            return STEP_ONCE(Record(self.lent._state), Record(self.lent._chair), k, 0, 0, 0)
+
+    def move_on(self, *records):
+        """The kernel itself, which is compiled for Python here with what it calls unpatched."""
+        with self.monkeypatch.context() as patch:
+            patch.setattr(period, "body_view", BODY_VIEW)
+            return MOVE_ON(*records)
+
+    def drive(self, monkeypatch, v, w):
+        """`period.drive` as plain Python, over the API."""
+        self.monkeypatch = monkeypatch
+        lent = self.lent
+        with monkeypatch.context() as patch:
+            patch.setattr(period, "body_view", lambda address: self.fields[0])
+            patch.setattr(period, "move_on", self.move_on)
+            patch.setattr(period, "carry", self.carry)
+            patch.setattr(period, "step_once", self.step)
+            own = [a.view(np.recarray)[0] for a in (lent._state, lent._chair, lent._place)]
+            engine = lent._rig.record.view(np.recarray)[0]
+            period.drive.py_func(*own, engine, v, w, False, lent._rig.rangers.order)
+
+
+LONG = (pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))
+
+
+@pytest.mark.parametrize("seed", [0, *LONG, 3])
+def test_movers_equal_the_plain_api_exactly(seed, monkeypatch):
+    """Chair and movers, bit for bit, in a used and refurnished Space, with all kinds of contact."""
+    rng = np.random.default_rng(seed)
+    chair = exact_chair()
+    for used in range(2):
+        chair.reset(busy(100 + used), used)
+        for _ in range(40):
+            chair.drive(np.array([0.8, 0.2]))
+    episode = busy(seed, (0.0, 0.0, rng.uniform(-math.pi, math.pi)))
+    chair.reset(episode, seed)
+    oracle = BusyOracle(exact_chair(), episode, seed)
+    met = set()
+    for k in range(150):
+        if k % 30 == 0:
+            twist = rng.uniform((0.2, -0.8), (0.8, 0.8))
+        chair.drive(twist)
+        oracle.drive(monkeypatch, *twist.tolist())
+        assert chair.state["pose"].tolist() == oracle.lent._state["pose"].tolist(), k
+        moving = chair._chairs.pointers.array("moving")
+        others = oracle.lent._chairs.pointers.array("moving")
+        for i, body in enumerate(oracle.movers):
+            assert moving["pose"][i].tolist() == [*body.position, body.angle], (k, i)
+            for name in moving.dtype.names:
+                if name not in ("body", "shape"):
+                    assert moving[name][i].tolist() == others[name][i].tolist(), name
+        for name in ("tick", "spin", "contact", "caused", "met", "closing", "bumped"):
+            assert chair.state[name].tolist() == oracle.lent._state[name].tolist(), name
+        if chair.truth.contact:
+            met.add(chair.truth.met)
+    assert len(met) >= 1 + (seed < 3)

@@ -1,0 +1,136 @@
+"""A viewer joins over a real WebSocket, late, and is told all it needs to draw, at rate."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+import threading
+import time
+from functools import partial
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from mcap.records import Schema
+from mcap_protobuf.decoder import DecoderFactory
+from websockets.sync.client import connect
+
+from agents.cli import main
+from tests.recording.test_record import OLD
+from wheelchair_gym.localization.monte_carlo import Localisation
+from wheelchair_gym.recording.record import Recorded, Recording
+
+STEPS = 40
+
+
+RATE = 10.0  # Hz, of control
+AGAIN = Recording().again  # s, between two messages of what seldom changes
+
+
+def tree(content):
+    """Child -> parent of a message of transforms."""
+    return {t.child_frame_id: t.parent_frame_id for t in content.transforms}
+
+
+def test_a_viewer_that_comes_late_sees_map_scan_and_transforms():
+    """With nothing but what the server says of its topics: by their own schemas, at rate."""
+    env = Recorded(gym.make("wheelchair_gym/Navigation-v0", pose_source="mcl"), port=0)
+    env.reset(seed=0)
+    env.step(np.zeros(2, np.float32))
+    joined, heard = threading.Event(), threading.Event()
+    told: dict[str, list[tuple[int, Any]]] = {}
+
+    def watch():
+        with connect(f"ws://127.0.0.1:{env.port}", subprotocols=["foxglove.sdk.v1"]) as viewer:
+            channels: dict[int, Any] = {}
+            while len(told.get("/verdict", ())) < STEPS:
+                message = viewer.recv(timeout=20)
+                if isinstance(message, bytes):
+                    operation, number, stamp = struct.unpack_from("<BIQ", message)
+                    assert operation == 1
+                    channel = channels[number]
+                    later = partial(decoded, channel, message[13:])
+                    told.setdefault(channel["topic"], []).append((stamp, later))
+                    if channel["topic"] == "/verdict":
+                        heard.set()
+                elif (content := json.loads(message))["op"] == "advertise":
+                    channels |= {c["id"]: c for c in content["channels"]}
+                    wanted = [{"id": c, "channelId": c} for c in channels]
+                    viewer.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+                    joined.set()
+
+    viewer = threading.Thread(target=watch)
+    viewer.start()
+    assert joined.wait(20)
+    while viewer.is_alive():  # what was sent before the subscription was there is lost
+        heard.clear()
+        env.step(np.zeros(2, np.float32))
+        heard.wait(0.2)  # else a busy machine has a viewer for whom the server drops messages
+    env.close()
+    each = ("/scan", "/tf", "/pose", "/ultrasonic", "/odometry", "/particles", "/battery")
+    for topic in each:
+        stamps = np.array([stamp for stamp, _ in told[topic]])
+        assert len(stamps) >= STEPS - 1
+        np.testing.assert_array_equal(np.diff(stamps), 1e9 / RATE)  # ns: none is missing
+    for topic in ("/map", "/tf_static", "/footprint", "/trail", "/goal"):
+        stamps = np.array([stamp for stamp, _ in told[topic]])
+        assert len(stamps) >= STEPS / RATE / AGAIN - 1
+        np.testing.assert_array_equal(np.diff(stamps), 1e9 * AGAIN)
+
+    def last(topic):
+        return told[topic][-1][1]()
+
+    known = tree(last("/tf")) | tree(last("/tf_static"))
+    rangers = [f"ultrasonic_{k}" for k in range(8)]
+    assert known == {"odom": "map", "base_link": "odom"} | dict.fromkeys(
+        ("laser", *rangers), "base_link"
+    )
+    shown = [entity.frame_id for entity in last("/ultrasonic").entities]
+    assert shown == rangers
+    cloud = last("/particles")
+    assert len(cloud.data) // cloud.point_stride >= Localisation().least
+    assert {field.name for field in cloud.fields} == {"x", "y", "yaw"}
+
+
+def decoded(channel, data):
+    """A message of an advertised channel, read by the channel's own schema."""
+    kind, text = channel["schemaEncoding"], base64.b64decode(channel["schema"])
+    schema = Schema(id=1, data=text, encoding=kind, name=channel["schemaName"])
+    return DecoderFactory().decoder_for(channel["encoding"], schema)(data)
+
+
+def test_a_port_that_is_taken_or_none_is_one_line(capsys):
+    env = Recorded(gym.make("wheelchair_gym/Navigation-v0"), port=0)
+    for port in (env.port, 70_000):
+        assert main(["simulate", "--scene", "empty", "--live", str(port)]) == 2
+        said = capsys.readouterr().err.strip().splitlines()
+        assert f"port {port}" in said[-1]
+        assert len(said) == 1
+    env.close()
+
+
+def test_it_is_driven_in_real_time(capsys):
+    begun = time.perf_counter()
+    assert main(["simulate", "--scene", "empty", "--policy", "straight", "--live", "0"]) == 0
+    spent = time.perf_counter() - begun
+    assert "ws://127.0.0.1:" in capsys.readouterr().err
+    assert spent > 3.0  # the drive takes 3.9 s
+
+
+@pytest.mark.parametrize("arguments", [["--live", "-1"], ["--live", "x"]])
+def test_what_is_no_port_is_one_line(arguments, capsys):
+    with pytest.raises(SystemExit) as left:
+        main(["simulate", *arguments])
+    assert left.value.code == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_a_replay_is_shown_in_real_time(capsys):
+    begun = time.perf_counter()
+    assert main(["replay", str(OLD), "--live", "0"]) == 0
+    assert time.perf_counter() - begun > 8 / RATE  # eight steps
+    said = capsys.readouterr()
+    assert "ws://127.0.0.1:" in said.err
+    assert said.out.count("the same rewards") == 2

@@ -1,0 +1,122 @@
+"""Files are whole, hold the pictures given, and windows close for good."""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from wheelchair_gym.config import InputError
+from wheelchair_gym.rendering import Window, contact_sheet, webp, write_png, write_video
+
+
+def frames(count=12, shape=(64, 96)):
+    for k in range(count):
+        image = np.full((*shape, 3), 30, dtype=np.uint8)
+        image[:, : 8 * k] = (200, 90, 20)
+        yield image
+
+
+def test_png_returns_the_same_pixels(tmp_path):
+    image = np.random.default_rng(0).integers(0, 256, (20, 30, 3)).astype(np.uint8)
+    write_png(tmp_path / "deep" / "a.png", image)
+    assert (cv2.imread(str(tmp_path / "deep" / "a.png"))[..., ::-1] == image).all()
+
+
+@pytest.mark.parametrize("shape", [(64, 96), (65, 97)])
+def test_mp4_is_h264_with_every_frame(tmp_path, shape):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    path = tmp_path / "a.mp4"
+    write_video(path, frames(12, shape), 10)
+    data = path.read_bytes()
+    assert data.index(b"moov") < data.index(b"mdat")  # plays before it is loaded
+    reader = ffmpeg.read_frames(str(path))
+    about = next(reader)
+    assert about["codec"] == "h264"
+    assert about["pix_fmt"].startswith("yuv420p")
+    assert about["fps"] == 10
+    assert about["size"] == (96, 64)
+    shown = [np.frombuffer(f, np.uint8).reshape(64, 96, 3) for f in reader]
+    assert len(shown) == 12
+    for image, given in zip(shown, frames(), strict=True):
+        assert np.abs(image[32].astype(int) - given[32]).mean() < 12
+
+
+def test_gif_keeps_frames_and_pace(tmp_path):
+    write_video(tmp_path / "a.gif", frames(), 10)
+    with Image.open(tmp_path / "a.gif") as gif:
+        assert gif.n_frames == 12
+        assert gif.info["duration"] == 100
+
+
+def test_contact_sheet_shows_first_and_last():
+    sheet = contact_sheet(list(frames()), columns=3, most=6)
+    assert sheet.shape == (2 * 32 + 4, 3 * 48 + 8, 3)
+    assert (sheet[0, :48] == 30).all()
+    assert (sheet[-1, -8:-4] == (200, 90, 20)).all()
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".gif", ".png"])
+def test_a_broken_run_leaves_nothing_behind(tmp_path, suffix):
+    def broken():
+        yield from frames(3)
+        raise RuntimeError("no more")
+
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(b"old")
+    with pytest.raises(RuntimeError, match="no more"):
+        write_video(path, broken(), 10)
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(("name", "count"), [("a.avi", 3), ("a.mp4", 0)])
+def test_what_cannot_be_written_is_said(tmp_path, name, count):
+    with pytest.raises(InputError, match=name):
+        write_video(tmp_path / name, frames(count), 10)
+
+
+def test_window_shows_and_closes_for_good(monkeypatch):
+    pygame = pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    image = next(frames())
+    for key in (pygame.K_q, pygame.K_ESCAPE):
+        window = Window()
+        assert window.show(image)
+        shown = pygame.surfarray.array3d(pygame.display.get_surface())
+        assert (shown.transpose(1, 0, 2) == image).all()
+        pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=key))
+        assert not window.show(image)
+        assert not window.is_open
+        assert not window.show(image)
+        window.close()
+        window.close()
+
+
+def test_missing_pygame_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    with pytest.raises(InputError) as caught:
+        Window()
+    assert str(caught.value) == (
+        'render_mode "human" needs pygame-ce: pip install "wheelchair_gym[view]"'
+    )
+
+
+def test_pygame_is_imported_by_an_open_window_only():
+    code = "import sys, wheelchair_gym.rendering; sys.exit('pygame' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_webp_is_small_and_looks_the_same(tmp_path):
+    noisy = np.kron(np.arange(48).reshape(6, 8, 1) * 5, np.ones((40, 40, 3))).astype(np.uint8)
+    write_png(tmp_path / "a.png", noisy)
+    data = webp(tmp_path / "a.png")
+    assert data[:4] == b"RIFF"
+    assert data[8:12] == b"WEBP"
+    with Image.open(io.BytesIO(data)) as picture:
+        assert np.abs(np.asarray(picture).astype(int) - noisy).mean() < 3

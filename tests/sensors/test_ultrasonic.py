@@ -1,0 +1,157 @@
+"""Laws of the ultrasonics: first echo in the cone, its losses, its age."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.physics.worlds import box, exact_chair
+from tests.sensors.test_laser import brute_force, random_world
+from wheelchair_gym.physics.chair import SimulatedChair
+from wheelchair_gym.sensors.laser import SCRATCH
+from wheelchair_gym.sensors.settings import SensorSettings, UltrasonicSettings
+from wheelchair_gym.sensors.ultrasonic import UltrasonicArrays, fire, first_echo
+
+ROOM = np.empty((SCRATCH, 64), np.float32)
+NO_WALLS, NO_DISCS = np.empty((0, 4)), np.empty((0, 3))
+NEVER = (100.0, 200.0, 0.0)  # incidences from which echoes are lost, and a draw
+
+
+def wall(distance, slant=0.0, half=20.0):
+    """A long wall at a distance, slanted against the sensor's axis."""
+    c, s = math.cos(slant), math.sin(slant)
+    return np.array([(distance - half * s, -half * c, distance + half * s, half * c)])
+
+
+@pytest.mark.parametrize("worlds", [150, pytest.param(500, marks=pytest.mark.long)])
+@pytest.mark.parametrize("half", [math.radians(7.5), math.radians(27.5)])
+def test_cone_equals_brute_force_on_random_worlds(half, worlds):
+    """Without losses, the first echo is the nearest of densely cast rays in the cone."""
+    rng = np.random.default_rng(3)
+    rays = np.linspace(-half, half, 10001)
+    hits = 0
+    for _ in range(worlds):
+        walls, discs = random_world(rng)
+        yaw = rng.uniform(-10, 10)
+        echo = first_echo(0.0, 0.0, yaw, math.tan(half), 6.0, *NEVER, walls, discs, ROOM)
+        ends = np.arctan2(walls[:, 1::2], walls[:, ::2]).ravel() - yaw
+        ends = (ends + math.pi) % (2 * math.pi) - math.pi
+        ends = np.concatenate([ends - 1e-9, ends + 1e-9])
+        cast = np.concatenate([rays, ends[np.abs(ends) <= half]])
+        nearest = brute_force(0.0, 0.0, yaw, cast, walls, discs, 6.0)[0].min()
+        if nearest >= 6.0:
+            assert math.isinf(echo)
+            continue
+        hits += 1
+        # Rays stand up to 5e-5 rad apart, so they may only miss by a little what is nearest.
+        assert nearest - 1e-4 <= echo <= nearest + 1e-9
+    assert hits > 0.3 * worlds
+
+
+def test_slanted_wall_answers_from_the_cone_edge_or_not_at_all():
+    half = math.radians(7.5)
+    losses = math.radians(15), math.radians(25)
+    # A wall slanted by 20 degrees: its nearest point in the cone lies at the cone's edge, where
+    # the sound arrives at 12.5 degrees, so it is heard; at 40 degrees it is not.
+    slant = math.radians(20)
+    edge = 2.0 * math.cos(slant) / math.cos(slant - half)
+    heard = first_echo(
+        0.0, 0.0, 0.0, math.tan(half), 4.0, *losses, 0.0, wall(2.0, slant), NO_DISCS, ROOM
+    )
+    assert heard == pytest.approx(edge, rel=1e-9)
+    lost = first_echo(
+        0.0,
+        0.0,
+        0.0,
+        math.tan(half),
+        4.0,
+        *losses,
+        0.999,
+        wall(2.0, math.radians(40)),
+        NO_DISCS,
+        ROOM,
+    )
+    assert math.isinf(lost)
+
+
+@pytest.mark.parametrize(("incidence", "share"), [(10, 0.0), (17.5, 0.25), (20, 0.5), (26, 1.0)])
+def test_losses_rise_linearly_with_incidence(incidence, share):
+    half = math.radians(7.5)
+    slanted = wall(2.0, math.radians(incidence) + half)
+    losses = math.radians(15), math.radians(25)
+    draws = (np.arange(1000) + 0.5) / 1000
+    lost = [
+        math.isinf(
+            first_echo(0.0, 0.0, 0.0, math.tan(half), 4.0, *losses, d, slanted, NO_DISCS, ROOM)
+        )
+        for d in draws
+    ]
+    assert np.mean(lost) == pytest.approx(share, abs=0.002)
+
+
+def test_a_lost_echo_does_not_let_the_sound_through_the_wall():
+    """Behind a slanted, silent wall stands another that would answer; it stays hidden."""
+    half = math.radians(7.5)
+    walls = np.vstack([wall(1.0, math.radians(50)), wall(3.0)])
+    echo = first_echo(
+        0.0,
+        0.0,
+        0.0,
+        math.tan(half),
+        4.0,
+        math.radians(15),
+        math.radians(25),
+        0.0,
+        walls,
+        NO_DISCS,
+        ROOM,
+    )
+    assert math.isinf(echo)
+
+
+def test_noise_ghosts_blind_zone_and_reach():
+    rangers = UltrasonicArrays.of(UltrasonicSettings(), True)
+    pose = np.zeros(3)
+    ahead = wall(0.70 + 2.0)
+    readings = np.array(
+        [fire(rangers, 0, pose, ahead, NO_DISCS, np.uint64(5), k, ROOM) for k in range(20000)]
+    )
+    expected = 2.0  # the cone of +-7.5 degrees about 5 degrees holds the perpendicular
+    near = np.abs(readings - expected) < 0.05
+    assert np.std(readings[near]) == pytest.approx(0.010, rel=0.05)
+    ghosts = (~near).mean()
+    assert ghosts == pytest.approx(0.01 * expected / 4.0, abs=0.0025)
+    quiet = np.array(
+        [fire(rangers, 0, pose, NO_WALLS, NO_DISCS, np.uint64(6), k, ROOM) for k in range(20000)]
+    )
+    assert np.isfinite(quiet).mean() == pytest.approx(0.01, abs=0.003)
+    touching = fire(rangers, 0, pose, wall(0.705), NO_DISCS, np.uint64(5), 3, ROOM)
+    assert touching == pytest.approx(0.02, abs=0.03)
+    assert touching >= 0.02
+
+
+def test_ages_run_through_one_cycle_and_never_beyond():
+    """Eight rangers, one every 60 ms: each reading is 0 to 0.48 s old, each in its turn."""
+    chair = SimulatedChair(sensors=SensorSettings(noise=False))
+    reading = chair.reset(box(), 0)
+    seen = []
+    for _ in range(40):
+        assert np.all((reading.age >= 0) & (reading.age < 0.48))
+        assert len(set(reading.age.round(4).tolist())) == 8
+        seen.append(reading.age)
+        reading = chair.drive(np.zeros(2))
+    assert np.max(seen) == pytest.approx(0.47, abs=0.02)
+
+
+def test_a_reading_is_taken_where_the_ranger_was_when_it_fired():
+    """Driving at a wall, old readings are longer than fresh ones by the way since they fired."""
+    chair = exact_chair()
+    reading = chair.reset(box(8, (1.0, 0.0, 0.0)), 0)
+    for _ in range(60):
+        reading = chair.drive(np.array([0.8, 0.0]))
+    truth = 8.0 - chair.truth.pose[0] - 0.70
+    for k in (0, 1):
+        heard = float(reading.ultrasonic[k])
+        assert heard == pytest.approx(truth + 0.8 * reading.age[k], abs=0.01)

@@ -1,0 +1,1 @@
+"""Compiled functions: the decorator, arrays by address, and when machine code is made."""

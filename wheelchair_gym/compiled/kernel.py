@@ -1,0 +1,131 @@
+"""Compiled functions: one decorator, so that options and cache live in one place.
+
+numba's own cache looks at the file of a function only: a kernel in one file keeps running an old
+copy of a kernel that it calls in another. Here the stamp covers every kernel called, and every
+constant frozen in, so an edit anywhere recompiles what depends on it and nothing else.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar, cast
+
+import numba
+import numpy as np
+from numba import types
+
+from wheelchair_gym.compiled import compile_time, linking, progress
+from wheelchair_gym.compiled.second_process import compile_once
+
+compile_time.install()
+linking.install()
+progress.watch()
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+whole: Any = np.int64  # of a count or a field: numba compiles a kernel anew for each width
+
+# No fast-math anywhere: results may not depend on how a loop was vectorised or inlined, since one
+# chair and a batch of chairs must agree bit for bit. The numpy error model drops the check for
+# division by zero, which is what stops vectorisation. Nothing calls kernels from C.
+_OPTIONS: dict[str, Any] = {
+    "error_model": "numpy",
+    "nogil": True,
+    "cache": True,
+    "no_cfunc_wrapper": True,
+}
+
+
+@cache
+def _file_digest(path: str) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def _digest(function: Callable[..., Any]) -> str:
+    """Digest of the function's file, of the kernels it calls and of the constants it freezes."""
+    code = function.__code__
+    parts = [_file_digest(code.co_filename)]
+    for name in code.co_names:
+        value = function.__globals__.get(name)
+        if hasattr(value, "source_digest"):
+            parts.append(str(vars(value)["source_digest"]))
+        elif value is not None and not callable(value) and not isinstance(value, ModuleType):
+            parts.append(f"{name}={value!r}")
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def _dispatcher(
+    function: Callable[..., Any], digest: str, part: bool = False, **options: Any
+) -> Any:
+    """A numba dispatcher whose cache is stamped with a digest; part: for other kernels to call."""
+    options |= _OPTIONS | {"no_cpython_wrapper": part}
+    dispatcher: Any = numba.njit(**options)(function)
+    index = dispatcher._cache._cache_file
+    index._source_stamp, load = digest, index._load_index
+
+    def load_index() -> Any:
+        # It names the classes of arguments before its stamp is looked at: they may be gone since.
+        try:
+            return load()
+        except (AttributeError, ImportError, EOFError, pickle.UnpicklingError):
+            return {}
+
+    index._load_index = load_index
+    if part:
+        index._index_name = f"part-{index._index_name}"
+        index._index_path = str(Path(index._cache_path) / index._index_name)
+        index._data_name_pattern = f"part-{index._data_name_pattern}"
+    compile_once(dispatcher)
+    return dispatcher
+
+
+def _compiled(function: F, **options: Any) -> F:
+    digest = _digest(function)
+    dispatcher = _dispatcher(function, digest, **options)
+    dispatcher.source_digest = digest
+    dispatcher.part = None
+    resolve, absorbed = dispatcher.get_call_template, options.get("inline") == "always"
+
+    def part() -> Any:
+        # What other kernels call is a second dispatcher, which makes no machine code.
+        if dispatcher.part is None:
+            dispatcher.part = _dispatcher(function, digest, part=True, **options)
+        return dispatcher.part
+
+    def resolve_plain(args: Any, kws: Any) -> Any:
+        # A constant argument would be compiled for its value: a dozen copies of one small kernel.
+        plain = tuple(map(types.unliteral, args))
+        return resolve(plain, kws) if absorbed else part().get_call_template(plain, kws)
+
+    dispatcher.get_call_template = resolve_plain
+    if not absorbed:
+        dispatcher.get_overload = lambda signature: part().get_overload(signature)
+    return cast(F, dispatcher)
+
+
+def kernel(function: F) -> F:
+    """Compile a pure function of numbers and arrays; import the kernels it calls by name."""
+    return _compiled(function)
+
+
+def borrowing_kernel(function: F) -> F:
+    """Compile a function that makes no arrays: it borrows its own without counting references.
+
+    Counting costs some 200 ns a call for a tuple of arrays, forty times a small test's own work.
+    """
+    return _compiled(function, _nrt=False)
+
+
+def absorbed_kernel(function: F) -> F:
+    """Compile a borrowing function that its callers absorb: passing many arrays costs time."""
+    return _compiled(function, _nrt=False, forceinline=True)
+
+
+def inlined(function: F) -> F:
+    """Compile a small function that its callers absorb; for arithmetic inside the hottest loops."""
+    return _compiled(function, inline="always")

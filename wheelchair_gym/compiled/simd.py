@@ -1,0 +1,75 @@
+"""Many beams at once against one line, as vectors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from wheelchair_gym.compiled.kernel import inlined
+
+Floats = NDArray[np.float32]
+
+LANES = 32  # beams that are compared at once
+
+
+@intrinsic
+def _raise_block(
+    typingctx: Any, out: Any, cosine: Any, sine: Any, a: Any, b: Any, start: Any, i0: Any, i1: Any
+) -> Any:
+    """out[i] = max(out[i], a cos[i] + b sin[i]) for LANES beams from start on, if i0 <= i < i1.
+
+    Written as vectors, since intervals are short: a loop would spend its time in its remainder.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        number = ir.IntType(32)
+        floats, numbers = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(number, LANES)
+
+        def place(k: int) -> Any:
+            array = context.make_array(signature.args[k])(context, builder, args[k])
+            return builder.bitcast(builder.gep(array.data, [args[5]]), floats.as_pointer())
+
+        def spread(value: Any, kind: Any) -> Any:
+            blank = ir.Constant(kind, ir.Undefined)
+            one = builder.insert_element(blank, value, ir.Constant(number, 0))
+            return builder.shuffle_vector(one, blank, ir.Constant(numbers, [0] * LANES))
+
+        def count(k: int) -> Any:
+            return spread(builder.trunc(builder.sub(args[k], args[6]), number), numbers)
+
+        old, cos, sin = (builder.load(place(k), align=4) for k in (0, 1, 2))
+        new = builder.fadd(
+            builder.fmul(spread(args[3], floats), cos), builder.fmul(spread(args[4], floats), sin)
+        )
+        lane = builder.add(count(5), ir.Constant(numbers, list(range(LANES))))
+        inside = builder.icmp_unsigned("<", lane, count(7))  # a negative lane is a huge one
+        better = builder.and_(inside, builder.fcmp_ordered(">", new, old))
+        builder.store(builder.select(better, new, old), place(0), align=4)
+        return context.get_dummy_value()
+
+    index = types.int64
+    return types.void(out, cosine, sine, types.float32, types.float32, index, index, index), codegen
+
+
+_raise_lanes = cast("Callable[..., None]", _raise_block)
+
+
+@inlined
+def span(
+    out: Floats, cosine: Floats, sine: Floats, a: np.float32, b: np.float32, i0: int, i1: int
+) -> None:
+    """Nearest of what beams i0..i1 saw and the line whose inverse range is a cos + b sin."""
+    last = out.shape[0] - LANES
+    if last < 0:
+        for i in range(i0, i1):
+            inverse = a * cosine[i] + b * sine[i]
+            out[i] = inverse if inverse > out[i] else out[i]
+    else:
+        for i in range(i0, i1, LANES):
+            _raise_lanes(out, cosine, sine, a, b, min(i, last), i0, i1)

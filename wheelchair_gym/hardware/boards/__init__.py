@@ -1,0 +1,1 @@
+"""The two boards: ports, link, protocol, messages and what they say of the chair."""

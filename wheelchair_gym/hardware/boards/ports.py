@@ -1,0 +1,215 @@
+"""Serial ports: opened for one program alone, and why one cannot be opened, with what to do."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import Any, Protocol
+
+from wheelchair_gym.config import InputError
+from wheelchair_gym.hardware.boards.protocol import BAUD
+
+TWIN = "wheelchair_gym.hardware.twin"  # knows URLs twin://NAME
+_BY_ID = "/dev/serial/by-id"  # names that stay when boards are plugged in in another order
+_TERMINALS = range(136, 144)  # major numbers of Linux's pseudo-terminals
+_BUSY = (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK)
+_REFUSED = (errno.EACCES, errno.EPERM)
+_GONE = (errno.ENOENT, errno.ENODEV, errno.ENXIO)
+_LONGEST = 80  # characters of a program's command line
+_MODEM_MANAGER = (
+    "ModemManager runs, which tries each new serial port for half a minute: wait, or "
+    "`sudo systemctl disable --now ModemManager`"
+)
+
+
+class Port(Protocol):
+    """What a link needs of a serial port; pyserial's are such."""
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that can be read at once."""
+        ...
+
+    def read(self, size: int) -> bytes:
+        """At most so many bytes, at once."""
+        ...
+
+    def write(self, data: bytes) -> int | None:
+        """Send bytes."""
+        ...
+
+    def close(self) -> None:
+        """Let the port go."""
+        ...
+
+
+def load_serial() -> Any:
+    """The package pyserial.
+
+    Raises:
+        InputError: the extra 'hardware' is not installed.
+    """
+    try:
+        import serial
+    except ImportError:
+        raise InputError(
+            "boards at serial ports need: pip install 'wheelchair_gym[hardware]'"
+        ) from None
+    return serial
+
+
+def open_port(url: str) -> Port:
+    """Open a device, or any URL that pyserial knows, without waiting for anything later.
+
+    A device is locked against other programs. The first opening after it was plugged in resets an
+    Arduino; DTR then stays as it is, so that later ones do not.
+
+    Raises:
+        OSError: it cannot be opened; the text says why, and what to do.
+        InputError: pyserial is not installed.
+    """
+    serial = load_serial()
+    if TWIN not in serial.protocol_handler_packages:
+        serial.protocol_handler_packages.append(TWIN)
+    port: Any = serial.serial_for_url(
+        url, baudrate=BAUD, timeout=0, write_timeout=0, exclusive=True, do_not_open=True
+    )
+    try:
+        port.open()
+    except OSError as error:
+        raise explained(url, error) from None
+    number: int | None = getattr(port, "fd", None)
+    if number is not None and is_device(url):
+        _claim(number, url)
+    opened: Port = port
+    return opened
+
+
+def is_device(url: str) -> bool:
+    """Whether it names a device of this computer."""
+    return "://" not in url
+
+
+def resets(url: str) -> bool:
+    """Whether opening it may reset a board: a serial device, but no pseudo-terminal."""
+    try:
+        found = os.stat(url)
+    except (OSError, ValueError):
+        return False
+    return stat.S_ISCHR(found.st_mode) and os.major(found.st_rdev) not in _TERMINALS
+
+
+def explained(url: str, error: OSError) -> OSError:
+    """The error of a port, in a line that names it and says what to do."""
+    if not is_device(url):
+        return error
+    number = error.errno
+    if number in _BUSY:
+        who = holders(url)
+        said = f"{url} is in use by {who or 'another program'}; end it first"
+        if not who or "ModemManager" in who:
+            said += f" ({_MODEM_MANAGER})" if runs("ModemManager") else ""
+    elif number in _REFUSED:
+        said = (
+            f"{url}: you have no right to open it: sudo usermod -aG {_group(url)} $USER, then log "
+            "out and in again"
+        )
+    elif number in _GONE:
+        said = f"{url}: there is no such device: plug the board in, or name its port; {_ports()}"
+    elif "returned no data" in str(error):
+        said = f"{url}: it was unplugged, or has no power"
+    else:
+        said = f"{error}" if url in str(error) else f"{url}: {error}"
+    return OSError(" ".join(said.split()))
+
+
+def silent_advice() -> str:
+    """What to look at where a port is open and its board says nothing."""
+    said = "its firmware (make firmware), its power; another board's port"
+    return f"{said}; {_MODEM_MANAGER}" if runs("ModemManager") else said
+
+
+def holders(device: str) -> str:
+    """The programs that hold a device, as far as /proc tells; empty: nobody knows."""
+    real = os.path.realpath(device)
+    numbers = _lockers(real) or _openers(real)
+    if numbers == [os.getpid()]:
+        return "this very program (does another line of the config name the same device?)"
+    return " or ".join(_program(k) for k in numbers if k != os.getpid())
+
+
+def runs(program: str) -> bool:
+    """Whether a program of that name runs, as far as /proc tells."""
+    for file in Path("/proc").glob("[0-9]*/comm"):
+        with contextlib.suppress(OSError):
+            if file.read_text(errors="replace").strip() == program:
+                return True
+    return False
+
+
+def _claim(number: int, url: str) -> None:
+    """Nobody else opens it, and closing it does not reset the board at the next opening."""
+    with contextlib.suppress(ImportError, OSError):  # what a system lacks is done without
+        import fcntl
+        import termios
+
+        settings = termios.tcgetattr(number)
+        settings[2] &= ~termios.HUPCL
+        termios.tcsetattr(number, termios.TCSANOW, settings)
+        if resets(url):  # a pseudo-terminal would keep it after we are killed
+            fcntl.ioctl(number, termios.TIOCEXCL)
+
+
+def _lockers(real: str) -> list[int]:
+    """Processes that have a lock on a file."""
+    try:
+        found, lines = os.stat(real), Path("/proc/locks").read_text().splitlines()
+    except OSError:
+        return []
+    key = f"{os.major(found.st_dev):02x}:{os.minor(found.st_dev):02x}:{found.st_ino}"
+    rows = [line.split() for line in lines]
+    return [int(row[4]) for row in rows if len(row) > 5 and row[5] == key and int(row[4]) > 0]
+
+
+def _openers(real: str) -> list[int]:
+    """Processes that have a file open, of those that we may look at."""
+    found = set()
+    for link in Path("/proc").glob("[0-9]*/fd/*"):
+        with contextlib.suppress(OSError):
+            if os.readlink(link) == real:
+                found.add(int(link.parts[2]))
+    return sorted(found)
+
+
+def _program(number: int) -> str:
+    try:
+        words = Path(f"/proc/{number}/cmdline").read_bytes().decode(errors="replace")
+    except OSError:
+        words = ""
+    name = " ".join(words.replace("\0", " ").split())[:_LONGEST]
+    return f"{name} (process {number})" if name else f"process {number}"
+
+
+def _group(device: str) -> str:
+    """The group whose members may open a device."""
+    try:
+        import grp
+
+        name = grp.getgrgid(os.stat(device).st_gid).gr_name
+    except (ImportError, KeyError, OSError):
+        name = "root"
+    return "dialout" if name == "root" else name  # Debian's; a device of root's alone is no port
+
+
+def _ports() -> str:
+    """The serial ports that there are, by names that stay."""
+    try:
+        names = sorted(os.listdir(_BY_ID))
+    except OSError:
+        names = []
+    if not names:
+        return "no USB serial port is there"
+    return f"there are, under {_BY_ID}: " + ", ".join(names)

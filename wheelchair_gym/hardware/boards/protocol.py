@@ -1,0 +1,218 @@
+"""What host and boards say to each other, as pure bytes; the tables are those of protocol.h.
+
+A frame is COBS(version, kind, sequence, payload, CRC-32), ended by a zero byte. Messages are in SI
+units on this side; a number's step on the wire stands in its layout.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from typing import Any, NamedTuple
+
+from wheelchair_gym.hardware.boards.messages import (
+    Answer,
+    Command,
+    Get,
+    Identify,
+    Identity,
+    Message,
+    Odometry,
+    Parameter,
+    Range,
+    Ranges,
+    Rearm,
+    Save,
+    Set,
+    Unknown,
+)
+
+VERSION = 2
+BAUD = 500_000  # 1/s: exact on a 16 MHz AVR
+RANGERS = 8
+PAYLOAD_MAX = 48
+_HEAD, _CRC = 3, 4
+BODY_MAX = _HEAD + PAYLOAD_MAX + _CRC
+ENCODED_MAX = BODY_MAX + 1
+
+
+class Layout(NamedTuple):
+    """How a message lies on the wire: a code of `struct` and the step of one, per field."""
+
+    kind: int
+    message: type[Any]
+    codes: str
+    steps: tuple[float, ...]
+
+
+def _layout(kind: int, message: type[Any], codes: str, **steps: float) -> Layout:
+    return Layout(kind, message, "<" + codes, tuple(steps.get(f, 1.0) for f in message._fields))
+
+
+_RANGE = "HHB"
+LAYOUTS = (
+    _layout(0x01, Command, "hhB", v=1e-4, w=1e-4),
+    _layout(0x02, Rearm, "H"),
+    _layout(0x03, Get, "B"),
+    _layout(0x04, Set, "Bf"),
+    _layout(0x05, Save, ""),
+    _layout(0x06, Identify, ""),
+    _layout(
+        0x81,
+        Odometry,
+        "IiihhhhhhHBHBBBHB",
+        stamp=1e-3,
+        speed_left=1e-4,
+        speed_right=1e-4,
+        v=1e-4,
+        w=1e-4,
+        duty_left=1e-4,
+        duty_right=1e-4,
+        battery=1e-3,
+        age=1e-3,
+    ),
+    _layout(0x82, Ranges, "IH" + RANGERS * _RANGE, stamp=1e-3),
+    _layout(0x83, Parameter, "BBfff"),
+    _layout(0x84, Answer, "BBB"),
+    _layout(0x85, Identity, "BBBB"),
+)
+_BY_KIND = {layout.kind: layout for layout in LAYOUTS}
+_BY_TYPE = {layout.message: layout for layout in LAYOUTS}
+_RANGE_STEPS = (1e-3, 1e-3, 1.0)
+
+
+def _to_wire(value: float, step: float, code: str, where: str) -> float:
+    if code == "f":
+        return float(value)
+    if not math.isfinite(value):
+        raise ValueError(f"{where} is {value}; expected a finite number")
+    number = round(value / step)
+    bits = 8 * struct.calcsize("<" + code)
+    low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if code.islower() else (0, (1 << bits) - 1)
+    if not low <= number <= high:
+        raise ValueError(f"{where} is {value}; it must be {low * step:g} to {high * step:g}")
+    return number
+
+
+def _of_wire(number: float, step: float) -> float:
+    return number if step == 1.0 else number * step
+
+
+def payload_of(message: Message) -> tuple[int, bytes]:
+    """Kind and payload of a message.
+
+    Raises:
+        ValueError: a value is not finite or does not fit its field.
+    """
+    if isinstance(message, Unknown):
+        return message.kind, message.payload
+    layout = _BY_TYPE[type(message)]
+    values: list[Any] = list(message)
+    steps, names = list(layout.steps), list(layout.message._fields)
+    if isinstance(message, Ranges):
+        values[2:] = [value for one in message.ranges for value in one]
+        steps[2:], names[2:] = list(_RANGE_STEPS) * RANGERS, list(Range._fields) * RANGERS
+    name = layout.message.__name__
+    zipped = zip(values, steps, layout.codes[1:], names, strict=True)
+    wire = [_to_wire(value, step, code, f"{name}.{field}") for value, step, code, field in zipped]
+    return layout.kind, struct.pack(layout.codes, *wire)
+
+
+def message_of(kind: int, payload: bytes) -> Message:
+    """The message of a payload; `Unknown` where kind or size are not known."""
+    layout = _BY_KIND.get(kind)
+    if layout is None or struct.calcsize(layout.codes) != len(payload):
+        return Unknown(kind, payload)
+    wire = struct.unpack(layout.codes, payload)
+    if layout.message is Ranges:
+        rows = [wire[k : k + 3] for k in range(2, len(wire), 3)]
+        ranges = tuple(Range._make(map(_of_wire, row, _RANGE_STEPS)) for row in rows)
+        return Ranges(_of_wire(wire[0], layout.steps[0]), wire[1], ranges)
+    message: Message = layout.message._make(map(_of_wire, wire, layout.steps))
+    return message
+
+
+def cobs_encode(body: bytes) -> bytes:
+    """Consistent Overhead Byte Stuffing (Cheshire and Baker, 1999) of less than 254 bytes.
+
+    The closing zero byte is included.
+    """
+    return b"".join(bytes((len(part) + 1,)) + part for part in body.split(b"\0")) + b"\0"
+
+
+def cobs_decode(encoded: bytes) -> bytes | None:
+    """The bytes that were encoded, without the closing zero byte; None if it is not COBS."""
+    parts, at, end = [], 0, len(encoded)
+    while at < end:
+        block = encoded[at]
+        if block == 0 or at + block > end:
+            return None
+        parts.append(encoded[at + 1 : at + block])
+        at += block
+    return b"\0".join(parts)
+
+
+def encode(message: Message, sequence: int) -> bytes:
+    """A whole frame of a message.
+
+    Raises:
+        ValueError: a value is not finite or does not fit its field.
+    """
+    kind, payload = payload_of(message)
+    body = bytes((VERSION, kind, sequence & 0xFF)) + payload
+    return cobs_encode(body + zlib.crc32(body).to_bytes(_CRC, "little"))
+
+
+class Frame(NamedTuple):
+    """A good frame."""
+
+    sequence: int
+    message: Message
+
+
+class Receiver:
+    """Takes bytes as they come, cut anywhere; gives good frames and counts the others.
+
+    Attributes:
+        bad: frames refused, for want of form, checksum or version.
+        other: version of the last frame that was whole and of another one; None: there was none.
+    """
+
+    def __init__(self) -> None:
+        self.bad = 0
+        self.other: int | None = None
+        self._bytes = bytearray()
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """The frames that these bytes complete."""
+        *ends, rest = data.split(b"\0")
+        frames = []
+        for end in ends:
+            self._take(end)
+            if self._bytes:
+                frame = self._check(bytes(self._bytes))
+                self._bytes.clear()
+                if frame is None:
+                    self.bad += 1
+                else:
+                    frames.append(frame)
+        self._take(rest)
+        return frames
+
+    def _take(self, data: bytes) -> None:
+        # One byte more than a frame can have is enough to know that it is none.
+        self._bytes += data[: ENCODED_MAX + 1 - len(self._bytes)]
+
+    def _check(self, encoded: bytes) -> Frame | None:
+        if len(encoded) > ENCODED_MAX:
+            return None
+        body = cobs_decode(encoded)
+        if body is None or len(body) < _HEAD + _CRC:
+            return None
+        if zlib.crc32(body[:-_CRC]) != int.from_bytes(body[-_CRC:], "little"):
+            return None
+        self.other = None if body[0] == VERSION else body[0]
+        if self.other is not None:
+            return None
+        return Frame(body[2], message_of(body[1], body[_HEAD:-_CRC]))

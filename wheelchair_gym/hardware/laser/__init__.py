@@ -1,0 +1,1 @@
+"""The laser scanner and the protocol that it speaks."""

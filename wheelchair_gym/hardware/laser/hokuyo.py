@@ -1,0 +1,241 @@
+"""A Hokuyo laser at a TCP port or a serial line: opened, switched on, read; anew when silent."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from wheelchair_gym.config import InputError
+from wheelchair_gym.hardware.boards.ports import Port, load_serial, open_port
+from wheelchair_gym.hardware.laser.scip import (
+    DONE_ALREADY,
+    LASER_OFF,
+    OK,
+    STAMP_WRAP,
+    STREAMING,
+    Reply,
+    Scan,
+    ScipParser,
+    Specs,
+    scan_of,
+    specs_of,
+)
+from wheelchair_gym.hardware.reconnect import Healing
+
+PORT = 10940  # of TCP
+ANSWER_WITHIN = 1.0  # s: a request without answer, or a stream without scan: begin anew
+_CHUNK = 65536
+_TCP = "tcp://"
+
+
+class TcpPort:
+    """A TCP connection as a port: connects while others go on, and never waits.
+
+    Give the host as an address: a name is looked up, which may take its time.
+
+    Raises:
+        OSError: the address cannot be resolved, or the connection fails at once.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        family, kind, protocol, _, address = socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM
+        )[0]
+        self._socket = socket.socket(family, kind, protocol)
+        self._socket.setblocking(False)
+        self._unsent, self._bytes = b"", b""
+        with contextlib.suppress(BlockingIOError):
+            self._socket.connect(address)
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that can be read at once."""
+        readable, writable, _ = select.select([self._socket], [self._socket], [], 0)
+        if writable:
+            if error := self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
+                raise OSError(error, f"connection failed, {os.strerror(error)}")
+            self._flush()
+        if readable:
+            data = self._socket.recv(_CHUNK)
+            if not data:
+                raise OSError("the connection was closed")
+            self._bytes += data
+        return len(self._bytes)
+
+    def read(self, size: int) -> bytes:
+        """At most so many bytes, at once."""
+        data, self._bytes = self._bytes[:size], self._bytes[size:]
+        return data
+
+    def write(self, data: bytes) -> int:
+        """Send bytes, as soon as there is room."""
+        self._unsent += data
+        _, writable, _ = select.select([], [self._socket], [], 0)
+        if writable:
+            self._flush()
+        return len(data)
+
+    def close(self) -> None:
+        """Let the connection go."""
+        self._socket.close()
+
+    def _flush(self) -> None:
+        if self._unsent:
+            with contextlib.suppress(BlockingIOError):
+                self._unsent = self._unsent[self._socket.send(self._unsent) :]
+
+
+def open_laser(url: str) -> Port:
+    """Open tcp://HOST[:PORT], or anything that `open_port` opens.
+
+    Raises:
+        OSError: it cannot be opened.
+        InputError: the URL is malformed.
+    """
+    if not url.startswith(_TCP):
+        return open_port(url)
+    host, _, port = url.removeprefix(_TCP).rstrip("/").partition(":")
+    if not host or not (port or "0").isdecimal():
+        raise InputError(f"{url!r} is no laser; expected tcp://HOST:PORT or a serial device")
+    return TcpPort(host, int(port or PORT))
+
+
+class TimedScan(NamedTuple):
+    """A scan, and when it was heard."""
+
+    scan: Scan
+    stamp: float  # s of the sensor's clock, which does not wrap here
+    heard: float  # s of the host's clock
+
+
+@dataclass
+class LaserStatistics:
+    """What came of a laser since it was made."""
+
+    scans: int = 0
+    bad: int = 0  # replies refused
+    refused: int = 0  # requests that it did not take
+    opened: int = 0
+
+
+class Hokuyo:
+    """A laser that streams scans; what fails is data, never an exception.
+
+    Args:
+        url: tcp://HOST:PORT or a serial device.
+        reach: ranges beyond it count as no echo [m].
+        clock: seconds that only grow.
+        opener: makes the port.
+
+    Attributes:
+        specs: what the sensor says of itself, None until it has.
+        statistics: what came of it.
+
+    Raises:
+        InputError: pyserial is needed, and not installed.
+    """
+
+    def __init__(
+        self,
+        url: str = f"tcp://192.168.0.10:{PORT}",
+        reach: float = 10.0,
+        clock: Callable[[], float] = time.monotonic,
+        opener: Callable[[str], Port] = open_laser,
+    ) -> None:
+        if opener is open_laser and not url.startswith(_TCP):
+            load_serial()
+        self.url, self.reach = url, reach
+        self.specs: Specs | None = None
+        self.statistics = LaserStatistics()
+        self._clock = clock
+        self._line = Healing(lambda: opener(url), self._begin)
+        self._parser = ScipParser()
+        self._bad_before = 0
+        self._asked = ""  # the request whose reply is awaited
+        self._since = 0.0  # s, of the last request or scan
+        self._turns, self._last = 0, 0  # wraps of the sensor's clock, and its last time stamp
+
+    @property
+    def why(self) -> str:
+        """Why it does not stream, as a line of text; empty while it does."""
+        return self._line.why
+
+    def poll(self) -> list[TimedScan]:
+        """The scans that have come; never waits."""
+        scans: list[TimedScan] = []
+        port = self._line.ready(self._clock())
+        try:
+            while port is not None and (waiting := port.in_waiting):
+                for reply in self._parser.feed(port.read(waiting)):
+                    self._heed(port, reply, scans)
+            if port is not None and self._clock() - self._since > ANSWER_WITHIN:
+                self._lose(f"no answer to {self._asked} for {ANSWER_WITHIN:g} s")
+        except (OSError, InputError) as error:
+            self._lose(str(error))
+        self.statistics.bad = self._bad_before + self._parser.bad
+        return scans
+
+    def close(self) -> None:
+        """Switch the laser off and let it go for good."""
+        if self._line.thing is not None:
+            with contextlib.suppress(OSError):
+                self._line.thing.write(b"QT\n")
+        self._line.close()
+
+    def _lose(self, why: str) -> None:
+        """It is lost; what is said of it names it."""
+        self._line.drop(why if self.url in why else f"{self.url}: {why}")
+
+    def _begin(self, port: Port) -> None:
+        self._bad_before, self._parser = self.statistics.bad, ScipParser()
+        self.statistics.opened += 1
+        self._line.why = "does not stream yet"
+        port.write(b"\n")  # ends whatever was half said
+        self._ask(port, "SCIP2.0")  # what speaks it already says so, in its way
+
+    def _ask(self, port: Port, request: str) -> None:
+        self._asked, self._since = request, self._clock()
+        port.write(request.encode("ascii") + b"\n")
+
+    def _heed(self, port: Port, reply: Reply, scans: list[TimedScan]) -> None:
+        if reply.echo != self._asked:
+            return  # of an earlier request, or a stream that was not stopped yet
+        if reply.status == STREAMING:
+            self._take(reply, scans)
+            return
+        command = self._asked[:2]
+        if command in ("SC", "QT"):  # old sensors refuse one of them; either may be
+            self._ask(port, "QT" if command == "SC" else "PP")
+        elif command == "PP" and reply.status == OK:
+            self.specs = specs_of(reply)
+            self._ask(port, "BM")
+        elif command == "BM" and reply.status in (OK, DONE_ALREADY):
+            assert self.specs is not None
+            self._ask(port, f"MD{self.specs.first:04d}{self.specs.last:04d}01000")
+        elif command == "MD" and reply.status == OK:
+            self._since = self._clock()
+        elif command == "MD" and reply.status == LASER_OFF:
+            self.statistics.refused += 1
+            self._ask(port, "BM")
+        else:
+            self.statistics.refused += 1
+            self._lose(f"{self._asked} was refused with status {reply.status}")
+
+    def _take(self, reply: Reply, scans: list[TimedScan]) -> None:
+        assert self.specs is not None
+        scan = scan_of(reply, min(self.reach, self.specs.farthest))
+        if scan is None:
+            self._parser.bad += 1
+            return
+        if scan.stamp < self._last - STAMP_WRAP // 2:
+            self._turns += 1
+        self._last, self._since, self._line.why = scan.stamp, self._clock(), ""
+        self.statistics.scans += 1
+        stamp = (self._turns * STAMP_WRAP + scan.stamp) * 1e-3
+        scans.append(TimedScan(scan, stamp, self._since))

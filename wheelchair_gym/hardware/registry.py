@@ -1,0 +1,105 @@
+"""Real chairs by name: what stands behind `Chair` in place of the simulated one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlsplit
+
+from wheelchair_gym.config import InputError, load
+from wheelchair_gym.hardware.ros.settings import RosSettings
+from wheelchair_gym.hardware.settings import HardwareSettings
+
+if TYPE_CHECKING:
+    from wheelchair_gym.envs.settings import EnvSettings
+    from wheelchair_gym.types import Chair
+
+CHAIRS: Final[dict[str, type]] = {"hardware": HardwareSettings, "ros": RosSettings}
+
+
+def chair_settings(spec: str | Mapping[str, Any], base: HardwareSettings | None = None) -> Any:
+    """Settings of a chair from NAME, NAME://HOST:PORT or a mapping {"name": NAME, settings}.
+
+    Args:
+        spec: that.
+        base: what a chair of these settings keeps where the spec says nothing.
+
+    Raises:
+        InputError: the name is unknown, or a setting is wrong.
+    """
+    values = {"name": spec} if isinstance(spec, str) else dict(spec)
+    name, place = str(values.pop("name", "")), {}
+    if "://" in name:
+        try:
+            url = urlsplit(name)
+            host, port = url.hostname, url.port
+        except ValueError:
+            host, port = None, None
+        if not host or url.path not in ("", "/"):
+            raise InputError(f"chair {name!r}: expected {name.partition(':')[0]}://HOST:PORT")
+        name, place = url.scheme, {"host": host} | ({} if port is None else {"port": port})
+    if not isinstance(name, str) or name not in CHAIRS:
+        raise InputError(f"chair {name!r} is unknown; known: {', '.join(sorted(CHAIRS))}")
+    kept = base if isinstance(base, CHAIRS[name]) else None
+    return load(CHAIRS[name], values | place, f"chair {name}", kept)
+
+
+def make_chair(spec: str | Mapping[str, Any], settings: EnvSettings) -> Chair:
+    """A chair, once it answers.
+
+    Args:
+        spec: see `chair_settings`.
+        settings: of the environment that drives it: its sensors, its outline, the rate, and whether
+            the pose is what the chair tells of itself on the map, or is worked out here.
+
+    Raises:
+        InputError: the spec is wrong, or nothing answers there.
+    """
+    own = chair_settings(spec, settings.hardware)
+    sensors, period = settings.sensors, 1.0 / settings.rate
+    if isinstance(own, HardwareSettings):
+        from wheelchair_gym.hardware.chair import HardwareChair
+        from wheelchair_gym.hardware.joystick import Joystick, load_evdev
+
+        source = sensors.pose_source
+        if source in ("truth", "modelled"):
+            raise InputError(
+                f"chair hardware: nobody tells it the pose source {source!r}; expected mcl, slam "
+                "or odometry"
+            )
+        if own.joystick.device:
+            load_evdev()
+        real = HardwareChair(own, sensors, settings.chair, period)
+        if own.joystick.device:
+            real.hand = Joystick(own.joystick, real.rearm)
+        return placed(real, settings)
+    from wheelchair_gym.hardware.ros.chair import RosChair
+
+    worked_out = sensors.pose_source not in ("truth", "modelled")
+    return RosChair(own, sensors, settings.chair, period, not worked_out)
+
+
+def check_extras(spec: str | Mapping[str, Any]) -> None:
+    """Refuse a chair at once whose packages are missing, before anything else is prepared.
+
+    Raises:
+        InputError: the spec is wrong, or an extra is not installed.
+    """
+    if isinstance(chair_settings(spec), HardwareSettings):
+        from wheelchair_gym.hardware.boards.ports import load_serial
+
+        load_serial()
+        return
+    from wheelchair_gym.hardware.ros.rosbridge import load_websockets
+
+    load_websockets()
+
+
+def placed(chair: Chair, settings: EnvSettings) -> Chair:
+    """A chair that knows its odometry alone, with poses on the map where no finder gives them."""
+    if settings.sensors.finds_itself:
+        return chair
+    from wheelchair_gym.hardware.boards.dead_reckoning import Reckoned
+    from wheelchair_gym.localization.localized_chair import LocalisedChair
+
+    return LocalisedChair(chair, Reckoned())

@@ -1,0 +1,1 @@
+"""A chair that runs under ROS, driven over rosbridge."""

@@ -1,0 +1,229 @@
+"""What a chair under ROS says of itself: the newest of each topic, and what is missing."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.geometry import between, compose
+from wheelchair_gym.hardware.clock_sync import NEVER, Arrivals, Heard
+from wheelchair_gym.hardware.ros import messages as ros
+from wheelchair_gym.hardware.ros.clock import SimulatedClock
+from wheelchair_gym.hardware.ros.settings import RosSettings
+from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
+
+Array = NDArray[np.float64]
+
+_LOG = logging.getLogger(__name__)
+_LONGEST = 200  # characters of what is said of a bad message
+_BROADCASTERS = 100  # messages that wait: each node tells its own transforms, at once at the start
+
+
+class Topic(NamedTuple):
+    """A topic: its type, how it is read, how old the newest may be [s], how many may wait."""
+
+    kind: str
+    read: Callable[[Any], Any]
+    oldest: float = math.inf
+    queue: int = 1
+
+
+class Senses:
+    """The newest of each topic, and whether it may be driven by.
+
+    Messages come in one thread and are looked at in others: what is handed over is never changed.
+
+    Args:
+        settings: topics, frames, limits.
+        sensors: what a scan must look like.
+        on_map: a pose on the map, by tf, is one of the things that the chair is driven by.
+        clock: simulated time, by which all is measured; None: it is real.
+    """
+
+    def __init__(
+        self,
+        settings: RosSettings,
+        sensors: SensorSettings,
+        on_map: bool,
+        clock: SimulatedClock | None = None,
+    ) -> None:
+        self.settings, self.sensors, self.on_map, s = settings, sensors, on_map, settings
+        self.clock, self._simulated = clock, False
+        self._laser = ""  # its frame
+        null = math.nan if s.null == "invalid" else math.inf
+        self.topics = {
+            s.scan: Topic(
+                "sensor_msgs/LaserScan",
+                lambda message: ros.scan(message, sensors.laser, null),
+                s.limits.scan,
+            ),
+            s.odometry: Topic("nav_msgs/Odometry", ros.odometry, s.limits.odometry),
+            s.tf: Topic("tf2_msgs/TFMessage", ros.transforms, queue=_BROADCASTERS),
+            s.tf_static: Topic("tf2_msgs/TFMessage", ros.transforms, queue=_BROADCASTERS),
+            s.clock: Topic("rosgraph_msgs/Clock", lambda message: ros.seconds(message["clock"])),
+            s.map: Topic(
+                "nav_msgs/OccupancyGrid", lambda message: ros.grid(message, s.free, s.occupied)
+            ),
+            **{
+                topic: Topic("sensor_msgs/Range", lambda message: ros.distance(message, null))
+                for topic in s.ultrasonic
+            },
+        }
+        if s.battery:
+            self.topics[s.battery] = Topic("sensor_msgs/BatteryState", ros.voltage)
+        self._rigid: dict[str, tuple[str, Array, float]] = {}
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing was heard; mounts, which are told once, stay known."""
+        self._heard: dict[str, Heard] = {}
+        self._moved: dict[str, tuple[str, Array, float]] = {}  # child: parent, pose, when
+        self._arrivals: dict[str, Arrivals] = {}
+        self._wrong: dict[str, str] = {}  # topic: what was wrong with its last message
+        self._warned: set[str] = set()
+
+    def take(self, topic: str, message: Any, came: float) -> None:
+        """Take in a message, or note what is wrong with it; runs in the link's thread."""
+        if topic not in self.topics:
+            return
+        s = self.settings
+        try:
+            value = self.topics[topic].read(message)
+            if self.clock is not None:
+                came = self.clock.now()
+            if topic == s.clock:
+                self._simulated = True
+                if self.clock is not None:
+                    self.clock.tell(value)
+            elif topic == s.tf:
+                edges = {child: (parent, pose, came) for parent, child, pose in value}
+                self._moved = {**self._moved, **edges}
+            elif topic == s.tf_static:
+                edges = {child: (parent, pose, math.inf) for parent, child, pose in value}
+                self._rigid = {**self._rigid, **edges}
+            else:
+                if topic == s.scan:
+                    self._laser = str(message["header"]["frame_id"]).lstrip("/")
+                stamp = ros.stamp(message["header"])
+                self._heard[topic] = Heard(value, self._taken(topic, stamp, came))
+            self._wrong.pop(topic, None)
+        except KeyError as error:
+            self._refuse(topic, f"lacks {error}")
+        except ValueError as error:
+            self._refuse(topic, str(error))
+        except (AttributeError, IndexError, OverflowError, TypeError):
+            self._refuse(topic, "is not made as its type says")
+
+    def _taken(self, topic: str, stamp: float, came: float) -> float:
+        """When a message was made that came then, by the clock that all is measured by."""
+        if self.clock is not None:
+            return self.clock.of_stamp(stamp)
+        clock = self._arrivals.setdefault(topic, Arrivals(self.settings.limits.drift))
+        return clock.taken(stamp, came)
+
+    def _refuse(self, topic: str, why: str) -> None:
+        self._wrong[topic] = why = " ".join(why.split())[:_LONGEST]
+        if topic not in self._warned:
+            self._warned.add(topic)
+            _LOG.warning("a message of %s %s; it is not used", topic, why)
+
+    def silent(self, now: float) -> str:
+        """Which of what the chair is driven by is too old or missing; empty: nothing."""
+        if self.clock is not None and (why := self.clock.stopped):
+            return why
+        for topic, one in self.topics.items():
+            if now - self._heard.get(topic, NEVER).taken > one.oldest:
+                return self.quiet(topic)
+        if self.on_map:
+            place = self.place()
+            if place is None or now - place.taken > self.settings.limits.pose:
+                return self.nowhere()
+        return ""
+
+    @property
+    def odometry(self) -> tuple[Array, Array]:
+        """Pose (3,) and twist (2,)."""
+        told: tuple[Array, Array] = self._heard[self.settings.odometry].value
+        return told
+
+    @property
+    def map(self) -> Any:
+        """The map, or None."""
+        return self._heard.get(self.settings.map, Heard(None, 0.0)).value
+
+    @property
+    def battery(self) -> float:
+        """[V], or NaN."""
+        return float(self._heard.get(self.settings.battery, NEVER).value)
+
+    def quiet(self, topic: str) -> str:
+        """That a topic is silent, and what was wrong with what it said last."""
+        wrong = self._wrong.get(topic)
+        said = f"{topic} is silent" + (f" (its last message {wrong})" if wrong else "")
+        if not wrong and topic not in self._heard:
+            said += ": does its node run, is this its name?"
+        if self._simulated and self.clock is None:
+            said += (
+                f"; {self.settings.clock} tells simulated time: for a simulation set use_sim_time"
+            )
+        return said
+
+    def nowhere(self) -> str:
+        """That tf does not lead from the map to the chair."""
+        s = self.settings
+        return f"{s.tf} does not tell where {s.base_frame} is on {s.map_frame}"
+
+    def unrest(self) -> str:
+        """That the chair moves; empty: it stands."""
+        v, w = self.odometry[1]
+        moves = max(abs(v), abs(w)) > self.settings.limits.still
+        return f"it does not come to rest ({v:.2f} m/s, {w:.2f} rad/s)" if moves else ""
+
+    def place(self) -> Heard | None:
+        """The pose (3,) on the map that tf tells, as old as the oldest transform on the way."""
+        return self._chain(self.settings.base_frame, self.settings.map_frame)
+
+    def misplaced(self) -> str:
+        """That tf has the laser elsewhere than the settings; empty: it has not, or is silent."""
+        told = self._chain(self._laser, self.settings.base_frame)
+        laser = self.sensors.laser
+        if told is None:
+            return ""
+        apart = between((laser.x, laser.y, laser.yaw), told.value)
+        if np.hypot(*apart[:2]) <= self.settings.mount and abs(apart[2]) <= self.settings.mount:
+            return ""
+        x, y, yaw = told.value
+        return (
+            f"{self.settings.tf} has the laser at ({x:.2f}, {y:.2f}) m, {math.degrees(yaw):.0f} "
+            f"deg; sensors.laser says ({laser.x:.2f}, {laser.y:.2f}) m, "
+            f"{math.degrees(laser.yaw):.0f} deg"
+        )
+
+    def _chain(self, frame: str, root: str) -> Heard | None:
+        """The pose (3,) of a frame in one above it."""
+        edges = {**self._rigid, **self._moved}
+        pose, taken = np.zeros(3), math.inf
+        for _ in range(len(edges) + 1):
+            if frame == root:
+                return Heard(pose, taken)
+            if frame not in edges:
+                return None
+            frame, edge, when = edges[frame]
+            pose, taken = compose(edge, pose), min(taken, when)
+        return None  # round in a circle
+
+    def ranges(self, now: float) -> tuple[NDArray[np.float32], ...]:
+        """Laser, ultrasonics and their ages; what is too old is invalid."""
+        s = self.settings
+        scan = self._heard[s.scan]
+        fresh = now - scan.taken <= s.limits.scan
+        laser = scan.value if fresh else np.full_like(scan.value, np.nan)
+        heard = [self._heard.get(topic, NEVER) for topic in s.ultrasonic] or [NEVER] * RANGERS
+        ages = np.array([now - one.taken for one in heard], np.float32)
+        values = np.array([one.value for one in heard], np.float32)
+        return laser, np.where(ages <= s.limits.ultrasonic, values, np.float32(np.nan)), ages

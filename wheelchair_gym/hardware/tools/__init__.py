@@ -1,0 +1,1 @@
+"""A technician's tools: diagnostics, calibration, speed tuning, provisioning and monitoring."""

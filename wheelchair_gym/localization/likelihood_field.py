@@ -1,0 +1,143 @@
+"""The likelihood field: how well the ends of beams lie on the surfaces of a map, as kernels.
+
+The gap to the nearest surface is positive outside of what is solid and negative inside, so that
+between the centres of cells it falls to 0 on the surface itself, not half a cell before it
+(Thrun, Burgard and Fox 2005, section 6.4, on a signed distance).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.maps.distance import distance_to_squares
+
+Array = NDArray[np.float64]
+
+
+class Field(NamedTuple):
+    """Gaps to the surfaces of a map, and where its cells lie."""
+
+    gap: NDArray[np.float32]  # (rows, cols) m from each cell's centre, negative where solid
+    origin: Array  # (3,) m, m, rad: lower left corner of cell (0, 0)
+    resolution: float  # m
+
+
+def surface_field(grid: OccupancyGrid, most: float) -> Field:
+    """The field of a map; gaps beyond `most` [m] are given as that."""
+    solid, cells = grid.solid(), most / grid.resolution + 1.0
+    outside, inside = distance_to_squares(solid, cells), distance_to_squares(~solid, cells)
+    gap = np.clip((outside - inside) * np.float32(grid.resolution), -most, most)
+    return Field(gap.astype(np.float32), np.array(grid.origin), grid.resolution)
+
+
+@inlined
+def _gap(field: Field, u: float, v: float) -> float:
+    """Gap at a place [cells from the centre of cell (0, 0)], between those of four cells."""
+    j, i = int(u), int(v)
+    p, q = u - j, v - i
+    low = field.gap[i, j] * (1.0 - p) + field.gap[i, j + 1] * p
+    high = field.gap[i + 1, j] * (1.0 - p) + field.gap[i + 1, j + 1] * p
+    gap: float = low * (1.0 - q) + high * q
+    return gap
+
+
+@inlined
+def _in_cells(field: Field, x: float, y: float, yaw: float) -> tuple[float, float, float, float]:
+    """Where a pose lies (u, v) [cells], cosine and sine of its heading times cells per metre."""
+    origin, scale = field.origin, 1.0 / field.resolution
+    c, s = math.cos(origin[2]), math.sin(origin[2])
+    u = (c * (x - origin[0]) + s * (y - origin[1])) * scale - 0.5
+    v = (c * (y - origin[1]) - s * (x - origin[0])) * scale - 0.5
+    return u, v, math.cos(yaw - origin[2]) * scale, math.sin(yaw - origin[2]) * scale
+
+
+@borrowing_kernel
+def log_likelihood(
+    field: Field,
+    x: float,
+    y: float,
+    yaw: float,
+    ends: Array,
+    sigma: float,
+    astray: float,
+) -> float:
+    """Mean logarithm of the likelihood of beams whose ends (n, 2) [m] are seen from a pose.
+
+    Of a gap g it is 1 / (1 + g^2 / 4 sigma^2)^2: a bell as exp(-g^2 / 2 sigma^2) is, with longer
+    tails, which lead from farther away, and sooner computed.
+
+    Args:
+        field: of the map.
+        x: pose of the chair [m], then y [m] and yaw [rad].
+        y: see x.
+        yaw: see x.
+        ends: in the chair's frame.
+        sigma: of the gap between a beam's end and the surface that it met [m].
+        astray: share of beams that end anywhere: people, what moved, what errs.
+    """
+    rows, cols = field.gap.shape
+    u0, v0, c, s = _in_cells(field, x, y, yaw)
+    sharp, share, total = 0.25 / (sigma * sigma), 1.0 - astray, 0.0
+    most_u, most_v = cols - 1.0, rows - 1.0
+    product = 1.0  # of sixteen is well within a double, and a logarithm is slow
+    for k in range(ends.shape[0]):
+        u, v = u0 + c * ends[k, 0] - s * ends[k, 1], v0 + s * ends[k, 0] + c * ends[k, 1]
+        value = astray
+        if 0.0 <= u < most_u and 0.0 <= v < most_v:
+            gap = _gap(field, u, v)
+            near = 1.0 / (1.0 + sharp * gap * gap)
+            value += share * near * near
+        product *= value
+        if k % 16 == 15:
+            total, product = total + math.log(product), 1.0
+    mean: float = (total + math.log(product)) / max(1, ends.shape[0])
+    return mean
+
+
+@borrowing_kernel
+def tell(
+    field: Field,
+    x: float,
+    y: float,
+    yaw: float,
+    mount: Array,
+    ends: Array,
+    near: float,
+    told: NDArray[np.bool_],
+) -> None:
+    """Which beams tell whether a pose is right: those that end at a surface, or behind one.
+
+    A beam that ends in the open may have met a person (Fox, Burgard and Thrun 1999, section 4:
+    filters for what a map does not show).
+
+    Args:
+        field: of the map.
+        x: pose of the chair [m], then y [m] and yaw [rad].
+        y: see x.
+        yaw: see x.
+        mount: (2,) where the beams begin [m], in the chair's frame.
+        ends: (n, 2) where they end [m], in the chair's frame.
+        near: to a surface [m].
+        told: (n,) written.
+    """
+    rows, cols = field.gap.shape
+    u0, v0, c, s = _in_cells(field, x, y, yaw)
+    most_u, most_v = cols - 1.0, rows - 1.0
+    u1, v1 = u0 + c * mount[0] - s * mount[1], v0 + s * mount[0] + c * mount[1]
+    for k in range(ends.shape[0]):
+        u, v = u0 + c * ends[k, 0] - s * ends[k, 1], v0 + s * ends[k, 0] + c * ends[k, 1]
+        told[k] = 0.0 <= u < most_u and 0.0 <= v < most_v and _gap(field, u, v) < near
+        length, way = math.hypot(u - u1, v - v1), 0.0  # cells
+        while way < length and not told[k]:
+            a, b = u1 + (u - u1) * way / length, v1 + (v - v1) * way / length
+            gap = field.resolution
+            if 0.0 <= a < most_u and 0.0 <= b < most_v:
+                gap = _gap(field, a, b)
+            told[k] = gap < 0.0
+            way += max(0.5, gap / field.resolution)

@@ -1,0 +1,132 @@
+"""Logs in BreezySLAM's format: encoders and scans of a real robot, one line a scan.
+
+A line holds the time [us], the ticks of the left and right wheel in columns 2 and 3 (counted from
+0), and from column 24 on the ranges [mm] from right to left. The robot of its examples (Mines
+ParisTech) carries a URG-04LX.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.files import read_text
+from wheelchair_gym.kinematics import odometric_step, twist_of_wheels
+from wheelchair_gym.sensors.settings import LaserSettings
+
+Array = NDArray[np.float64]
+
+
+@settings
+class LogFormat:
+    """Where a line holds what, and the robot that wrote it."""
+
+    wheel_radius: float = setting(
+        default=0.077, unit="m", source="BreezySLAM: MinesRover", low=1e-3
+    )
+    track: float = setting(
+        default=0.330, unit="m", source="BreezySLAM: twice 165 mm of half axle", low=1e-2
+    )
+    ticks: int = setting(default=2000, source="a wheel's turn; BreezySLAM: MinesRover", low=1)
+    left: int = setting(default=2, source="column, from 0", low=1)
+    right: int = setting(default=3, source="column, from 0", low=1)
+    first: int = setting(default=24, source="column of the first range, from 0", low=1)
+    fastest: float = setting(
+        default=5.0, unit="m/s", source="of a rim; ticks that say more are wrong", low=0.1
+    )
+    laser: LaserSettings = setting(
+        default=LaserSettings(
+            x=0.145, beams=682, fov=math.radians(681 * 360.0 / 1024.0), reach=5.6, nearest=0.02,
+            sigma=0.03, no_echo=0.0, bias=0.0,
+        ),
+        source="URG-04LX: 240 deg, below 20 mm stand error codes; mounted as in BreezySLAM",
+    )  # fmt: skip
+
+
+class Log(NamedTuple):
+    """What a robot recorded, and what of it could not be used."""
+
+    stamps: Array  # (n,) s since the first line
+    increments: Array  # (n, 3) m, m, rad: driven since the line before, in the frame there
+    ranges: NDArray[np.float32]  # (n, beams) m; NaN where invalid
+    skipped: Mapping[str, int]  # reason -> lines
+
+    @property
+    def odometry(self) -> Array:
+        """Dead-reckoned poses (n, 3) [m, m, rad], from the origin."""
+        x, y, yaw = 0.0, 0.0, 0.0
+        poses = np.empty((len(self.stamps), 3))
+        for k, (dx, dy, turn) in enumerate(self.increments):
+            c, s = math.cos(yaw), math.sin(yaw)
+            x, y, yaw = x + c * dx - s * dy, y + s * dx + c * dy, yaw + turn
+            poses[k] = x, y, yaw
+        return poses
+
+
+def _numbers(line: str, columns: int) -> Array | str:
+    """The values of a line, or what is wrong with it."""
+    words = line.split()
+    if len(words) < columns:
+        return "truncated"
+    try:
+        values = np.array(words, dtype=np.float64)
+    except ValueError:
+        return "not a number"
+    values = values[:columns]
+    return values if np.isfinite(values).all() else "not finite"
+
+
+def read_log(path: str | Path, form: LogFormat | None = None) -> Log:
+    """Read a log; a bad line is skipped, counted and given a reason.
+
+    Raises:
+        InputError: the file cannot be read, or holds no good line.
+    """
+    own = form or LogFormat()
+    laser = own.laser
+    columns = own.first + laser.beams
+    per_tick = 2.0 * math.pi * own.wheel_radius / own.ticks
+    skipped: Counter[str] = Counter()
+    stamps, ways, scans = [], [], []
+    last: tuple[float, float, float] | None = None
+    for line in read_text(path, "log").splitlines():
+        if not line.strip():
+            continue
+        values = _numbers(line, columns)
+        if isinstance(values, str):
+            skipped[values] += 1
+            continue
+        time = float(values[0]) * 1e-6
+        left, right = float(values[own.left]) * per_tick, float(values[own.right]) * per_tick
+        if last is not None:
+            period = time - last[0]
+            if period <= 0.0:
+                skipped["time goes back"] += 1
+                continue
+            if max(abs(left - last[1]), abs(right - last[2])) > own.fastest * period:
+                skipped["ticks leap"] += 1
+                continue
+            way, turn = twist_of_wheels(left - last[1], right - last[2], own.track)
+            ways.append(odometric_step(0.0, 0.0, 0.0, way, turn))
+        else:
+            ways.append((0.0, 0.0, 0.0))
+        ranges = values[own.first : columns] * 1e-3
+        scans.append(np.where(ranges < laser.nearest, np.nan, ranges).astype(np.float32))
+        last = (time, left, right)
+        stamps.append(time)
+    if not stamps:
+        why = ", ".join(f"{count} {reason}" for reason, count in skipped.items()) or "it is empty"
+        raise InputError(
+            f"{path}: no line is a scan ({why}); expected {columns} numbers a line: time [us], "
+            f"ticks in columns {own.left} and {own.right}, {laser.beams} ranges [mm] "
+            f"from column {own.first}"
+        )
+    seconds = np.array(stamps) - stamps[0]
+    return Log(seconds, np.array(ways), np.stack(scans), dict(skipped))

@@ -1,0 +1,429 @@
+"""Monte Carlo localisation: where a chair is on a known map, from its odometry and its laser.
+
+Thrun, Burgard and Fox (2005), chapter 8: a likelihood field; the number of particles by the bins
+that they fill (Fox 2001); new particles anywhere while scans fit worse than they used to, so that
+a chair that was carried away is found again (augmented MCL).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.compiled.kernel import borrowing_kernel, whole
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import wrap
+from wheelchair_gym.kinematics import odometric_step
+from wheelchair_gym.localization.global_localization import look_anywhere
+from wheelchair_gym.localization.likelihood_field import Field, log_likelihood, surface_field, tell
+from wheelchair_gym.maps import FREE, OccupancyGrid
+from wheelchair_gym.random import LOCALISE, bits, normal, uniform
+from wheelchair_gym.sensors.settings import LaserSettings
+from wheelchair_gym.types import Episode
+
+Array = NDArray[np.float64]
+
+MOVES, DRAWS, PLACES = range(3)  # channels of a localiser's own key
+
+
+class Particles(NamedTuple):
+    """Room for as many particles as there may be, and for counting them."""
+
+    poses: Array  # (most, 3) m, m, rad
+    logs: Array  # (most,) logarithm of each one's weight
+    weights: Array  # (most,) their sum is 1
+    spare: Array  # (most, 3) where the next ones are drawn to
+    names: NDArray[np.int64]  # (2 ** k,) bins by hash, with 0 for none
+    loads: Array  # (2 ** k,) weight in each
+
+
+class Drift(NamedTuple):
+    """How odometry errs: standard deviations over a step."""
+
+    way_by_way: float  # m/m
+    way_by_turn: float  # m/rad
+    turn_by_way: float  # rad/m
+    turn_by_turn: float  # rad/rad
+    aside: float  # m/m, of a slide sideways
+
+
+def new_particles(most: int) -> Particles:
+    """Room for so many."""
+    bins = 2 ** math.ceil(math.log2(4 * most))
+    return Particles(
+        np.zeros((most, 3)),
+        np.zeros(most),
+        np.zeros(most),
+        np.zeros((most, 3)),
+        np.zeros(bins, np.int64),
+        np.zeros(bins),
+    )
+
+
+@borrowing_kernel
+def advance(
+    poses: Array, n: int, way: float, turn: float, drift: Drift, key: np.uint64, step: int
+) -> None:
+    """Move n particles by what the odometry says, each with errors of its own."""
+    way_sigma = math.hypot(drift.way_by_way * way, drift.way_by_turn * turn)
+    turn_sigma = math.hypot(drift.turn_by_way * way, drift.turn_by_turn * turn)
+    for i in range(n):
+        there = way + way_sigma * normal(key, step, MOVES, 3 * i)
+        round_ = turn + turn_sigma * normal(key, step, MOVES, 3 * i + 1)
+        aside = drift.aside * abs(way) * normal(key, step, MOVES, 3 * i + 2)
+        x, y, yaw = odometric_step(poses[i, 0], poses[i, 1], poses[i, 2], there, round_)
+        poses[i, 0] = x - aside * math.sin(yaw)
+        poses[i, 1] = y + aside * math.cos(yaw)
+        poses[i, 2] = wrap(yaw)
+
+
+@borrowing_kernel
+def weigh(
+    own: Particles, n: int, field: Field, ends: Array, sigma: float, astray: float, trust: float
+) -> float:
+    """Multiply weights by the scan's likelihood; the effective number of particles, 1 / sum w^2.
+
+    Args:
+        own: particles; weights change.
+        n: how many.
+        field: of the map.
+        ends: of beams (k, 2) [m] in the chair's frame.
+        sigma: see `log_likelihood`.
+        astray: see `log_likelihood`.
+        trust: for how many beams that err independently the scan counts.
+    """
+    most = -np.inf
+    for i in range(n):
+        pose = own.poses[i]
+        value = log_likelihood(field, pose[0], pose[1], pose[2], ends, sigma, astray)
+        own.logs[i] += trust * value
+        most = max(most, own.logs[i])
+    total, squares = 0.0, 0.0
+    for i in range(n):
+        own.logs[i] -= most
+        own.weights[i] = math.exp(own.logs[i])
+        total += own.weights[i]
+    for i in range(n):
+        own.weights[i] /= total
+        squares += own.weights[i] ** 2
+    return 1.0 / squares
+
+
+@borrowing_kernel
+def count_bins(own: Particles, n: int, side: float, sector: float) -> tuple[int, int]:
+    """How many bins of place and heading hold particles, and a particle of the heaviest bin.
+
+    Args:
+        own: particles.
+        n: how many.
+        side: of a bin [m].
+        sector: of headings [rad].
+    """
+    names, loads = own.names, own.loads
+    for place in range(names.shape[0]):
+        names[place], loads[place] = 0, 0.0
+    mask, bins, best, heaviest = names.shape[0] - 1, 0, 0, -1.0
+    for i in range(n):
+        row, col = math.floor(own.poses[i, 0] / side), math.floor(own.poses[i, 1] / side)
+        turn = math.floor(own.poses[i, 2] / sector)
+        name = whole(((row * 65536 + col) * 512 + turn) * 2 + 1)  # odd: never 0
+        place = whole((name * 0x9E3779B97F4A7C1 >> 20) & mask)
+        while names[place] != 0 and names[place] != name:
+            place = (place + 1) & mask
+        if names[place] == 0:
+            names[place] = name
+            bins += 1
+        loads[place] += own.weights[i]
+        if loads[place] > heaviest:
+            heaviest, best = loads[place], i
+    return bins, best
+
+
+@borrowing_kernel
+def redraw(own: Particles, n: int, count: int, key: np.uint64, step: int) -> None:
+    """Draw so many anew in proportion to their weights, with one random number (systematic)."""
+    offset, total, i = uniform(key, step, DRAWS, 0), own.weights[0], 0
+    for k in range(count):
+        while total < (k + offset) / count and i < n - 1:
+            i += 1
+            total += own.weights[i]
+        for j in range(3):
+            own.spare[k, j] = own.poses[i, j]
+    for k in range(count):
+        for j in range(3):
+            own.poses[k, j] = own.spare[k, j]
+
+
+@borrowing_kernel
+def scatter(
+    poses: Array,
+    begin: int,
+    end: int,
+    pose: Array,
+    position: float,
+    heading: float,
+    key: np.uint64,
+    step: int,
+) -> None:
+    """Place particles begin to end - 1 about a pose (3,), with standard deviations [m, rad]."""
+    for i in range(begin, end):
+        for k in range(3):
+            spread = heading if k == 2 else position
+            poses[i, k] = pose[k] + spread * normal(key, step, PLACES, 3 * i + k)
+
+
+@borrowing_kernel
+def level(own: Particles, n: int) -> None:
+    """Give n particles the same weight."""
+    for i in range(n):
+        own.logs[i], own.weights[i] = 0.0, 1.0 / n
+
+
+@borrowing_kernel
+def centre(own: Particles, n: int, about: int, reach: float, sector: float, out: Array) -> None:
+    """The mean pose (3,) of the particles within a reach [m] and sector [rad] of one of them."""
+    x, y, yaw = own.poses[about, 0], own.poses[about, 1], own.poses[about, 2]
+    for _ in range(2):
+        total, dx, dy, turn = 0.0, 0.0, 0.0, 0.0
+        for i in range(n):
+            off_x, off_y, off = (
+                own.poses[i, 0] - x,
+                own.poses[i, 1] - y,
+                wrap(own.poses[i, 2] - yaw),
+            )
+            if off_x * off_x + off_y * off_y <= reach * reach and abs(off) <= sector:
+                w = own.weights[i]
+                total, dx, dy, turn = total + w, dx + w * off_x, dy + w * off_y, turn + w * off
+        if total > 0.0:
+            x, y, yaw = x + dx / total, y + dy / total, yaw + turn / total
+    out[0], out[1], out[2] = x, y, wrap(yaw)
+
+
+_QUANTILE = 2.326  # of the normal distribution: the number of particles suffices in 99 of 100
+
+
+@settings
+class Localisation:
+    """Settings of Monte Carlo localisation."""
+
+    beams: int = setting(default=60, source="of a scan, evenly; neighbours tell the same", low=4)
+    sigma: float = setting(
+        default=0.06, unit="m", source="laser's noise and a map of 5 cm cells", low=0.001
+    )
+    astray: float = setting(
+        default=0.1, source="share of beams that meet what no map shows", low=1e-6, high=0.9
+    )
+    trust: float = setting(
+        default=12.0, source="beams that err independently, of those looked at", low=0.1
+    )
+    least: int = setting(default=300, source="particles", low=10, high=16_000)
+    most: int = setting(default=5000, source="particles", low=10, high=16_000)
+    error: float = setting(
+        default=0.05, source="Fox 2001: of the distribution, with probability 0.99", low=1e-3
+    )
+    bin_side: float = setting(default=0.25, unit="m", source="bins that are counted", low=0.01)
+    bin_sector: float = setting(default=math.radians(10.0), unit="rad", source="same", low=0.01)
+    way_by_way: float = setting(default=0.03, unit="m/m", source="deviation of odometry", low=0.0)
+    way_by_turn: float = setting(default=0.01, unit="m/rad", source="same", low=0.0)
+    turn_by_way: float = setting(default=0.04, unit="rad/m", source="same", low=0.0)
+    turn_by_turn: float = setting(default=0.05, unit="rad/rad", source="same", low=0.0)
+    aside: float = setting(default=0.03, unit="m/m", source="slide sideways", low=0.0)
+    start_position: float = setting(
+        default=0.05, unit="m", source="deviation of where an episode starts", low=0.0
+    )
+    start_heading: float = setting(default=math.radians(2.0), unit="rad", source="same", low=0.0)
+    update_way: float = setting(
+        default=0.01, unit="m", source="no scan is weighed before: standing tells nothing", low=0.0
+    )
+    update_turn: float = setting(default=0.01, unit="rad", source="same", low=0.0)
+    forget_fast: float = setting(
+        default=0.2, source="per scan: how well scans fit now", low=0.0, high=1.0
+    )
+    forget_slow: float = setting(
+        default=0.005, source="per scan: how well they used to fit", low=0.0, high=1.0
+    )
+    alarm: float = setting(
+        default=0.7, source="of the usual fit: below, particles are placed anywhere", low=0.0
+    )
+    calm: float = setting(
+        default=0.9, source="of the usual fit: a lost chair looks on until it is reached", low=0.0
+    )
+    usual: float = setting(
+        default=0.9, source="how well scans fit at first, as far as is known", low=0.0, high=1.0
+    )
+    told: int = setting(
+        default=8, source="beams at a surface or behind one; fewer tell nothing of the fit", low=1
+    )
+    tries: int = setting(
+        default=2000, source="places that a lost chair looks at, per scan", low=1, high=16_000
+    )
+    candidates: int = setting(default=10, source="of these, which are looked into", low=1)
+    reach: float = setting(
+        default=1.0, unit="m", source="particles whose mean is the answer lie within", low=0.01
+    )
+
+    def __post_init__(self) -> None:
+        if self.most < self.least:
+            raise InputError(f"Localisation.most is {self.most}; expected {self.least} or more")
+        if self.tries < self.candidates:
+            raise InputError(
+                f"Localisation.tries is {self.tries}; expected {self.candidates} or more"
+            )
+        if self.calm < self.alarm:
+            raise InputError(f"Localisation.calm is {self.calm}; expected {self.alarm} or more")
+
+
+class Localiser:
+    """Where a chair is on a map.
+
+    Attributes:
+        pose: the best guess (3,) [m, m, rad].
+        count: particles at present.
+        fit: likelihood of a beam there that met what the map shows, or went through it, 0 to 1.
+        lost: scans fit worse than they used to, and not well again since; particles are placed
+            anywhere.
+        map: the one it looks at.
+    """
+
+    chart = None  # it draws none
+
+    def __init__(self, settings: Localisation, laser: LaserSettings) -> None:
+        self.settings, s = settings, settings
+        self.pose = np.zeros(3)
+        self.count, self.fit, self.lost = 0, 0.0, False
+        self._particles = new_particles(s.most)
+        self._drift = Drift(s.way_by_way, s.way_by_turn, s.turn_by_way, s.turn_by_turn, s.aside)
+        self._mount = np.array([laser.x, laser.y])
+        self._rays = laser.directions  # (beams, 2)
+        self._reach = laser.reach
+        self.map: OccupancyGrid | None = None
+
+    @property
+    def poses(self) -> Array:
+        """The particles' poses (count, 3) [m, m, rad]."""
+        return np.array(self._particles.poses[: self.count])
+
+    def begin(self, episode: Episode, key: int) -> None:
+        """Start on an episode's map, near where it says that the chair stands."""
+        self.start(episode.map, episode.start, key)
+
+    def start(self, map_: OccupancyGrid, pose: Array | None, key: int) -> Array:
+        """Start on a map near a pose (3,), or anywhere for None; returns the pose.
+
+        Raises:
+            ValueError: nothing on the map is free.
+        """
+        if map_ is not self.map:
+            self._field = surface_field(map_, 10.0 * self.settings.sigma)
+            self._free = np.flatnonzero(map_.cells.ravel() == FREE)
+            self.map = map_
+        if len(self._free) == 0:
+            raise ValueError("the map has no free cell")
+        s, own = self.settings, self._particles
+        self._key = np.uint64(bits(np.uint64(key % 2**64), 0, LOCALISE, 0))
+        self._step = 0
+        self._slow, self.fit = s.usual, 0.0
+        self.lost = pose is None
+        self._fast = 0.0 if self.lost else s.usual
+        self._moved = np.array([np.inf, np.inf])  # so that the first scan counts
+        if pose is None:  # some place: the first scan tells that it is wrong
+            cell = self._free[len(self._free) // 2]
+            pose = np.array([*map_.to_world(divmod(int(cell), map_.shape[1])), 0.0])
+        self.count, self.pose = s.least, np.array(pose, dtype=np.float64)
+        position, heading = s.start_position, s.start_heading
+        scatter(own.poses, 0, self.count, self.pose, position, heading, self._key, 0)
+        level(own, self.count)
+        return self.pose
+
+    def update(self, increment: Array, ranges: NDArray[np.float32]) -> Array:
+        """Move on and look.
+
+        Args:
+            increment: (3,) [m, m, rad] what the odometry says was driven since the last update, in
+                the chair's frame then.
+            ranges: (beams,) [m] as in `Reading.laser`.
+
+        Returns:
+            The pose (3,) [m, m, rad].
+        """
+        s, own = self.settings, self._particles
+        x, y, turn = increment.tolist()
+        way = x * math.cos(0.5 * turn) + y * math.sin(0.5 * turn)
+        self._step += 1
+        advance(own.poses, self.count, way, turn, self._drift, self._key, self._step)
+        self._moved += abs(way), abs(turn)
+        moved = (self._moved >= (s.update_way, s.update_turn)).any()
+        ends = self._ends(ranges)
+        if len(ends) and (moved or self.lost):
+            self._moved[:] = 0.0
+            self._weigh(ends)
+        _, about = count_bins(own, self.count, s.bin_side, s.bin_sector)
+        self.pose = np.empty(3)
+        centre(own, self.count, about, s.reach, 3.0 * s.bin_sector, self.pose)
+        if len(ends):
+            self._judge(ends)
+        return self.pose
+
+    def _weigh(self, ends: Array) -> None:
+        """Weigh particles by a scan; draw them anew when few of them count, or none is right."""
+        s, own = self.settings, self._particles
+        effective = weigh(own, self.count, self._field, ends, s.sigma, s.astray, s.trust)
+        if effective >= 0.5 * self.count and not self.lost:
+            return
+        bins, _ = count_bins(own, self.count, s.bin_side, s.bin_sector)
+        count = min(s.most, max(s.least, _enough(bins, s.error)))
+        redraw(own, self.count, count, self._key, self._step)
+        self.count = min(s.most, count + s.least) if self.lost else count
+        if self.lost:
+            self._look_anywhere(ends, count)
+        level(own, self.count)
+
+    def _look_anywhere(self, ends: Array, kept: int) -> None:
+        """Give the particles after the first ones to places anywhere that the scan fits."""
+        s, own = self.settings, self._particles
+        few = np.ascontiguousarray(ends[:: max(1, len(ends) // 20)])
+        found, worth = np.empty((s.candidates + 1, 3)), np.empty(s.candidates + 1)
+        look_anywhere(
+            self._field, self._free, ends, few, s.tries, s.sigma, s.astray, 2.0 * s.sigma,
+            s.bin_sector / 2.0, self._key, self._step, found, worth,
+        )  # fmt: skip
+        shares = np.linspace(kept, self.count, s.candidates + 1).astype(int)
+        position, heading = s.start_position, s.start_heading
+        for begin, end, pose in zip(shares[:-1], shares[1:], found[1:], strict=True):
+            scatter(own.poses, begin, end, pose, position, heading, self._key, self._step)
+
+    def _judge(self, ends: Array) -> None:
+        """How well a scan fits where the chair is said to be, and whether that is too bad.
+
+        Beams that people may have stopped tell nothing: a crowd is no sign of being lost.
+        """
+        s, (x, y, yaw) = self.settings, self.pose
+        telling = np.empty(len(ends), dtype=np.bool_)
+        tell(self._field, x, y, yaw, self._mount, ends, 3.0 * s.sigma, telling)
+        told = ends[telling]
+        if len(told) < s.told:
+            return
+        self.fit = math.exp(log_likelihood(self._field, x, y, yaw, told, s.sigma, s.astray))
+        self._slow += s.forget_slow * (self.fit - self._slow)
+        self._fast += s.forget_fast * (self.fit - self._fast)
+        self.lost = self._fast < (s.calm if self.lost else s.alarm) * self._slow
+
+    def _ends(self, ranges: NDArray[np.float32]) -> Array:
+        """Ends (k, 2) [m] in the chair's frame of beams that met something, evenly chosen."""
+        known = np.flatnonzero((ranges > 0.0) & (ranges < self._reach))  # neither NaN nor infinite
+        evenly = np.linspace(0, len(known) - 1, min(len(known), self.settings.beams))
+        chosen = known[evenly.astype(int)]
+        ends: Array = self._mount + ranges[chosen, None] * self._rays[chosen]
+        return ends
+
+
+def _enough(bins: int, error: float) -> int:
+    """Particles for bins to be filled as they should be, within an error (Fox 2001, eq. 7)."""
+    if bins < 2:
+        return 0
+    k = bins - 1
+    part = 2.0 / (9.0 * k)
+    return math.ceil(k / (2.0 * error) * (1.0 - part + math.sqrt(part) * _QUANTILE) ** 3)

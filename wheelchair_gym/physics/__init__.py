@@ -1,0 +1,1 @@
+"""The simulated chair: pymunk lives here and nowhere else."""

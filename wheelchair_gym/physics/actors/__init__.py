@@ -1,0 +1,1 @@
+"""What moves in a world besides the chair: people, doors, temporary obstacles and furniture."""

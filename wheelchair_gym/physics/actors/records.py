@@ -1,0 +1,329 @@
+"""What moves in a world besides the chair, as arrays: people, doors, obstacles, furniture.
+
+A mover is a record of MOVER; ways that people walk stand in one table beside it. The simulation
+moves them, the sensors see their discs and segments, and this page says which those are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wheelchair_gym.compiled.address import as_array
+from wheelchair_gym.config import FARTHEST, InputError
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.void]
+
+PERSON, DOOR, OBSTACLE, FURNITURE = range(4)
+KINDS: Final = ("person", "door", "obstacle", "furniture")
+
+# What a person keeps clear of, beside walls and things.
+NOBODY, PEOPLE, EVERYBODY = range(3)
+
+RADIUS: Final = 0.25  # m, of a person: shoulders 0.5 m wide (Fruin 1971: body ellipse 0.6 x 0.45)
+MASS: Final = 75.0  # kg, of a person: ISO 7176-11's middle dummy
+SPEED: Final = 1.34  # m/s that people prefer (Weidmann 1993; standard deviation 0.26 m/s)
+FLOOR: Final = 0.4  # friction of furniture on the floor: felt or rubber feet on vinyl
+LEAF_TURN: Final = 1.0  # rad/s of a swing door: 90 degrees in under 2 s
+LEAF_SPEED: Final = 0.5  # m/s of a sliding door
+LEAF_WIDTH: Final = 0.04  # m, thickness of a leaf: DIN 68706-1, 39 to 42 mm
+
+MOVER = np.dtype(
+    [
+        ("kind", "i8"),
+        ("pose", "f8", (3,)),  # m, m, rad at the beginning: the centre; of a door: its hinge, shut
+        ("size", "f8", (2,)),  # m: radius and 0; length and width of a box or of a leaf
+        ("mass", "f8"),  # kg; inf: nothing moves it but itself
+        ("friction", "f8"),  # on the floor
+        ("speed", "f8"),  # m/s, or rad/s of a leaf that swings
+        ("heeds", "i8"),  # NOBODY, PEOPLE, EVERYBODY
+        ("first", "i8"),  # of its way points, in the table of routes
+        ("points", "i8"),  # that its route has
+        ("patience", "f8"),  # s without getting on, after which a person turns back
+        ("travel", "f8"),  # of a leaf: rad that it swings, or m that it slides, signed
+        ("swings", "b1"),
+        ("near", "f8"),  # m: a door opens, an obstacle appears, for whoever is as near as this
+        ("least", "f8"),  # m: nearer to the chair's outline no obstacle appears, no leaf moves
+        ("since", "f8"),  # s: from when on
+        ("stay", "f8"),  # s: how long a door is open, or an obstacle there
+        ("every", "f8"),  # s: period of a door's timetable; inf: once
+    ],
+    align=True,
+)
+
+
+class Movers(NamedTuple):
+    """All movers of an episode."""
+
+    rows: Rows  # (k,) of MOVER
+    routes: Array  # (r, 2) m: way points of all people, one after another
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def discs(self) -> int:
+        """How many are round."""
+        return int((self.rows["size"][:, 1] == 0.0).sum())
+
+    @property
+    def leaves(self) -> int:
+        """How many are doors."""
+        return int((self.rows["kind"] == DOOR).sum())
+
+    @property
+    def boxes(self) -> int:
+        """How many are boxes."""
+        return int((self.rows["size"][:, 1] > 0.0).sum()) - self.leaves
+
+    @property
+    def segments(self) -> int:
+        """How many segments they show to the sensors."""
+        if not len(self.rows):
+            return 0
+        return 4 * (self.leaves + self.boxes)
+
+    def route(self, number: int) -> Array:
+        """The way points (n, 2) [m] of one person."""
+        row: Any = self.rows[number]
+        return self.routes[row["first"] : row["first"] + row["points"]]
+
+
+class Mover(NamedTuple):
+    """One mover before it is put with others."""
+
+    row: Rows  # (1,) of MOVER
+    route: Array  # (n, 2) m
+
+
+def no_movers() -> Movers:
+    """Those of a world where nothing else moves."""
+    return Movers(np.zeros(0, MOVER), np.empty((0, 2)))
+
+
+def checked(movers: Movers) -> Movers:
+    """The movers, once every number is one that kernels can take.
+
+    Raises:
+        InputError: an array has a wrong shape or type, or a value is out of bounds.
+    """
+    rows = as_array(movers.rows, MOVER, (None,), "Movers.rows")
+    routes = as_array(movers.routes, np.float64, (None, 2), "Movers.routes", FARTHEST)
+    for name in ("pose", "size", "friction", "speed", "travel", "least"):
+        as_array(
+            rows[name], np.float64, (None, *MOVER[name].shape), f"Movers.rows.{name}", FARTHEST
+        )
+    walks = rows["kind"] == PERSON
+    first, points = rows["first"], rows["points"]
+    right = {
+        "kind": (rows["kind"] >= 0) & (rows["kind"] < len(KINDS)),
+        "size": (rows["size"][:, 0] > 0.0) & (rows["size"][:, 1] >= 0.0),
+        "mass": rows["mass"] > 0.0,
+        "friction": rows["friction"] >= 0.0,
+        "speed": rows["speed"] >= 0.0,
+        "heeds": (rows["heeds"] >= NOBODY) & (rows["heeds"] <= EVERYBODY),
+        "first": (first >= 0) & (first <= len(routes)),
+        "points": (points >= walks) & (points <= len(routes) - first),
+    } | {name: rows[name] >= 0.0 for name in ("patience", "near", "since", "stay", "every")}
+    for name, fits in right.items():
+        if not fits.all():
+            k = int(np.flatnonzero(~fits)[0])
+            raise InputError(f"mover {k}: {name} is {rows[name][k]}, which is out of bounds")
+    return Movers(rows, routes)
+
+
+def together(movers: Iterable[Mover]) -> Movers:
+    """Movers as the arrays of one episode."""
+    rows, routes, begin = [], [np.empty((0, 2))], 0
+    for row, route in movers:
+        kept = row.copy()
+        kept["first"], kept["points"] = begin, len(route)
+        begin += len(route)
+        rows.append(kept)
+        routes.append(route)
+    if not rows:
+        return no_movers()
+    return Movers(np.concatenate(rows), np.ascontiguousarray(np.concatenate(routes)))
+
+
+def _mover(kind: int, route: ArrayLike = (), **fields: Any) -> Mover:
+    row = np.zeros(1, MOVER)
+    row["kind"], row["mass"] = kind, math.inf
+    for name in ("near", "stay", "every"):
+        row[name] = math.inf
+    for name, value in fields.items():
+        row[name] = value
+        if not (np.asarray(value, np.float64) == np.asarray(value, np.float64)).all():
+            raise InputError(f"{KINDS[kind]}: {name} is NaN; expected a number")
+    size = row["size"][0]
+    if not (size[0] > 0.0 and size[1] >= 0.0 and row["mass"][0] > 0.0 and row["speed"][0] >= 0.0):
+        raise InputError(
+            f"{KINDS[kind]}: size {size.tolist()}, mass {row['mass'][0]:g}, "
+            f"speed {row['speed'][0]:g}; expected positive numbers"
+        )
+    return Mover(row, np.asarray(route, np.float64).reshape(-1, 2))
+
+
+def person(
+    route: ArrayLike,
+    speed: float = SPEED,
+    *,
+    heeds: int = EVERYBODY,
+    radius: float = RADIUS,
+    mass: float = MASS,
+    patience: float = 4.0,
+    at: ArrayLike | None = None,
+) -> Mover:
+    """Someone who walks a route there and back, again and again.
+
+    Args:
+        route: way points (n, 2) [m], one at least.
+        speed: preferred [m/s].
+        heeds: EVERYBODY, PEOPLE (pays no attention: notices the chair when it is a step away) or
+            NOBODY (a crossing cylinder, as in DynaBARN).
+        radius: [m].
+        mass: [kg].
+        patience: without getting on, after which they turn back [s].
+        at: where they stand first (2,) [m]; the first way point if left out.
+
+    Raises:
+        InputError: a value is out of bounds.
+    """
+    points = np.asarray(route, np.float64).reshape(-1, 2)
+    if not len(points):
+        raise InputError("person: the route has no way points; expected one at least")
+    x, y = points[0] if at is None else np.asarray(at, np.float64)
+    return _mover(
+        PERSON, points, pose=(x, y, 0.0), size=(radius, 0.0), mass=mass, speed=speed, heeds=heeds,
+        patience=patience,
+    )  # fmt: skip
+
+
+def door(
+    hinge: tuple[float, float],
+    heading: float,
+    length: float,
+    travel: float,
+    *,
+    swings: bool = True,
+    speed: float | None = None,
+    near: float = 0.0,
+    since: float = 0.0,
+    stay: float = 0.0,
+    every: float = math.inf,
+    least: float = 0.10,
+    width: float = LEAF_WIDTH,
+) -> Mover:
+    """A leaf that opens on a timetable, or for whoever is near its doorway's middle.
+
+    It never moves towards anything nearer than `least`: what it meets holds it, as EN 16005 asks of
+    powered doors.
+
+    Args:
+        hinge: one end of the leaf when shut (2,) [m].
+        heading: from there to the other end [rad].
+        length: of the leaf [m].
+        travel: to stand open: turned by this [rad], or moved along itself by this [m]; signed.
+        swings: about the hinge; else it slides.
+        speed: [rad/s] or [m/s].
+        near: opens when the chair or a person is so near [m]; 0: for nobody.
+        since: first opens by itself [s].
+        stay: how long it then stays open [s]; 0: it has no timetable.
+        every: after which it does so again [s].
+        least: kept from everything while it moves [m].
+        width: thickness of the leaf, half of it on either side of the line from the hinge [m].
+
+    Raises:
+        InputError: a value is out of bounds.
+    """
+    if not width > 0.0:
+        raise InputError(f"door: width {width:g} m; expected a positive number")
+    if speed is None:
+        speed = LEAF_TURN if swings else LEAF_SPEED
+    return _mover(
+        DOOR, pose=(*hinge, heading), size=(length, width), speed=speed, travel=travel,
+        swings=swings, near=near, since=since, stay=stay, every=every, least=least,
+    )  # fmt: skip
+
+
+def obstacle(
+    place: tuple[float, float],
+    radius: float = 0.25,
+    *,
+    since: float = 0.0,
+    stay: float = 10.0,
+    near: float = math.inf,
+    least: float = 1.2,
+) -> Mover:
+    """Something round that appears once, stays for a while and is gone again.
+
+    Args:
+        place: its centre (2,) [m].
+        radius: [m].
+        since: not before [s].
+        stay: [s].
+        near: appears once the chair's outline is so near [m].
+        least: never nearer to the chair's outline than this [m]; more than its stopping distance.
+    """
+    return _mover(
+        OBSTACLE, pose=(*place, 0.0), size=(radius, 0.0), since=since, stay=stay, near=near,
+        least=least,
+    )  # fmt: skip
+
+
+def furniture(
+    pose: tuple[float, float, float],
+    size: tuple[float, float],
+    mass: float,
+    friction: float = FLOOR,
+) -> Mover:
+    """Something light that can be pushed: a box, or a disc where the width is 0.
+
+    Args:
+        pose: of its centre (3,) [m, m, rad].
+        size: length and width, or radius and 0 [m].
+        mass: [kg].
+        friction: on the floor.
+    """
+    return _mover(FURNITURE, pose=pose, size=size, mass=mass, friction=friction)
+
+
+def shapes(movers: Movers, poses: Array) -> tuple[Array, Array]:
+    """Discs (m, 3) and segments (s, 4) [m] that movers show at poses (k, 3) [m, m, rad].
+
+    What is not there (its pose is NaN) shows nothing.
+    """
+    discs, segments = [np.empty((0, 3))], [np.empty((0, 4))]
+    for row, (x, y, yaw) in zip(movers.rows, poses, strict=True):
+        if not math.isfinite(x):
+            continue
+        outline = outline_of(row, x, y, yaw)
+        if len(outline) == 1:
+            discs.append(np.array([(x, y, row["size"][0])]))
+        else:
+            segments.append(np.hstack([outline, np.roll(outline, -1, axis=0)]))
+    return np.concatenate(discs), np.concatenate(segments)
+
+
+def outline_of(row: Any, x: float, y: float, yaw: float) -> Array:
+    """Points of a mover at a pose: its centre (1, 2) if round, else its corners (4, 2) [m]."""
+    length, width = row["size"]
+    c, s = math.cos(yaw), math.sin(yaw)
+    if width == 0.0:
+        return np.array([(x, y)])
+    front, b = length if row["kind"] == DOOR else 0.5 * length, 0.5 * width
+    rear = front - length
+    corners = np.array([(rear, -b), (front, -b), (front, b), (rear, b)])
+    turned: Array = corners @ np.array([(c, s), (-s, c)]) + (x, y)
+    return turned
+
+
+def leaf_line(row: Any, x: float, y: float, yaw: float) -> Array:
+    """The middle line (2, 2) [m] of a leaf at a pose, from its hinge to its other end."""
+    length = row["size"][0]
+    return np.array([(x, y), (x + math.cos(yaw) * length, y + math.sin(yaw) * length)])

@@ -1,0 +1,167 @@
+"""Simulated chairs, a row each: their state, and the worlds that they stand in.
+
+A copy is exact: it drives on as the original does, to the bit. What cannot be copied is the memory
+of the physics engine (contact caches, order of the broad phase), so a copy enters the episode anew
+and drives again what was driven since the reset, without sensing: the same inputs to the same
+functions. That costs a few microseconds for each control period of the episode.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.compiled.address import Pointers
+from wheelchair_gym.physics.rig import Rig
+from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings
+from wheelchair_gym.physics.state import STATE, parameters
+from wheelchair_gym.physics.step import drive_again
+from wheelchair_gym.physics.world import TARGETS, WORLD, World
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.types import Episode
+
+_ROOM = 128  # drives recorded before more room is made
+
+# What sensing alone writes into a state: a copy takes it as it was.
+_SENSED = (
+    "touched", "seen_counts", "seen_twist", "odometry", "pose_error", "seen_pose", "ranges",
+    "kept_twist", "kept_pose", "kept_ranges", "kept_age",
+)  # fmt: skip
+
+
+class Chairs:
+    """State of simulated chairs and their worlds.
+
+    Args:
+        chair: body, motors, limits.
+        sensors: what they sense and how they err.
+        physics: the physics step.
+        period: control period [s].
+        n: how many.
+
+    Attributes:
+        rig: sensors and engine.
+        base: (1,) of PARAMETER, before what is random is drawn.
+        blank: (1,) of STATE, zero.
+        parameters: (n,) of PARAMETER, of the present episodes.
+        states: (n,) of STATE.
+        places: (n,) of WORLD.
+        worlds: with the Space of each.
+        episodes: that they drive in; None before the first.
+        left: drives for which every row has room; who drives them counts it down.
+
+    Raises:
+        InputError: the periods are not whole multiples of the physics step.
+    """
+
+    def __init__(
+        self,
+        chair: ChairSettings,
+        sensors: SensorSettings,
+        physics: PhysicsSettings,
+        period: float,
+        n: int = 1,
+    ) -> None:
+        self._chair = chair
+        self.rig = Rig(sensors)
+        self.base = parameters(chair, sensors, physics, period)
+        self.blank = np.zeros(1, STATE)
+        self.parameters = np.zeros(n, self.base.dtype)
+        self.states = np.zeros(n, STATE)
+        self.places = np.zeros(n, WORLD)
+        self.episodes: list[Episode | None] = [None] * n
+        freezes = n if sensors.faults.share > 0.0 else 1
+        self._frozen = np.zeros((freezes, sensors.laser.beams), np.float32)
+        self._make_worlds()
+
+    def _make_worlds(self) -> None:
+        body, self.places[:] = self._chair.body, np.zeros((), WORLD)
+        pointers = self.pointers = Pointers(self.places, TARGETS)
+        self.worlds = [
+            World(self._chair.footprint, body.centre, body.wall_friction, pointers, i)
+            for i in range(len(self.places))
+        ]
+        for i, row in enumerate(self._frozen):
+            pointers.point("kept", row, i)
+        for world in self.worlds:
+            world.record_drives(_ROOM)
+        self.left = _ROOM  # control periods for which every row has room
+
+    def enter(self, i: int, episode: Episode) -> None:
+        """Let row i's world be an episode's, to be begun in."""
+        self.worlds[i].make_room(episode)
+        self.episodes[i] = episode
+        place: Any = self.places[i]
+        walls, discs, movers = episode.walls, episode.discs, episode.movers
+        self.pointers.point("walls", walls, i)
+        self.pointers.point("discs", discs, i)
+        place["n_walls"] = place["n_fixed_walls"] = len(walls)
+        place["n_discs"] = place["n_fixed_discs"] = len(discs)
+        place["n_movers"], place["n_routes"] = len(movers), len(movers.routes)
+        if len(movers):
+            self.pointers.point("movers", movers.rows, i)
+            self.pointers.point("routes", movers.routes, i)
+
+    def make_room(self) -> None:
+        """Have room to record more drives of every row; call it before `left` falls below 0."""
+        rooms = self.places["drives_room"]
+        for i, world in enumerate(self.worlds):
+            if rooms[i] - self.states["step"][i] <= _ROOM:
+                world.record_drives(2 * int(rooms[i]))
+        self.left = int((rooms - self.states["step"]).min()) - 1
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the worlds: how they were begun in, and what was driven since."""
+        state = self.__dict__.copy()
+        del state["worlds"], state["pointers"]
+        arrays = (self.pointers.array("drives", i) for i in range(len(self.places)))
+        steps = self.states["step"].tolist()
+        state["drives"] = [
+            np.zeros((0, 3)) if array is None else array[:step].copy()
+            for array, step in zip(arrays, steps, strict=True)
+        ]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make the worlds anew, and drive again what was driven in them.
+
+        Raises:
+            TypeError: that leads elsewhere.
+        """
+        driven: list[NDArray[np.float64]] = state.pop("drives")
+        self.__dict__.update(state)
+        self._make_worlds()
+        for i, (episode, drives) in enumerate(zip(self.episodes, driven, strict=True)):
+            if episode is not None:
+                self._drive_again(i, episode, drives)
+        self.left = int((self.places["drives_room"] - self.states["step"]).min())
+
+    def _drive_again(self, i: int, episode: Episode, drives: NDArray[np.float64]) -> None:
+        self.enter(i, episode)
+        self.worlds[i].record_drives(max(_ROOM, 2 * len(drives)))
+        held = self.pointers.array("drives", i)
+        if held is not None:
+            held[: len(drives)] = drives
+        was = self.states[i : i + 1].copy()
+        drive_again(
+            i,
+            self.rig.record,
+            self.base,
+            self.blank,
+            self.parameters,
+            self.states,
+            self.places,
+            episode.start,
+            was["key"][0],
+            len(drives),
+        )
+        now = self.states[i : i + 1]
+        for name in _SENSED:
+            now[name] = was[name]
+        if any(now[name].tobytes() != was[name].tobytes() for name in STATE.names or ()):
+            raise TypeError(
+                f"chair {i} is not where its drives lead: it was moved by other means than `drive`,"
+                " or by another release; it cannot be copied"
+            )

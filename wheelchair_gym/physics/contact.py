@@ -1,0 +1,261 @@
+"""Who touched whom, and who closed on whom.
+
+*Caused by the chair* is a contact at which some point of the chair's outline closes on the other
+thing at more than 0.05 m/s, and faster than the other thing closes on it. Speeds are those before
+the physics step that found the contact, along the normal of the surfaces that meet. Of its own
+speed counts what its own driving explains: a chair that was shoved into something did not cause
+that contact. Driving explains the set point, and from a higher one as much as tyres and motors have
+not yet been able to brake; a quarter more than that is an error of control, and the chair's own.
+
+A contact with a mover is judged when it begins, and again after each second that it lasts: by then
+a chair that was bumped into has long been able to stop, and whoever pushes on does so by choice.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.compiled.address import table_at
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.geometry import (
+    point_segment_distance,
+    rectangle_point_gap,
+    rectangle_segment_gap,
+)
+from wheelchair_gym.physics.actors.bodies import NEVER, is_box, moving_at, rows_at
+from wheelchair_gym.physics.actors.records import PERSON
+from wheelchair_gym.physics.engine import FX, FY, VX, VY, body_view
+
+Array = NDArray[np.float64]
+Motion = tuple[float, float, float, float, float]  # x, y [m], vx, vy [m/s], w [rad/s]
+
+CLOSING: Final = 0.05  # m/s: slower is no collision of the chair's making
+_TOUCHING = 1e-6  # m: Munk2D finds contacts where shapes overlap; beyond rounding
+_CONTROL, _CONTROL_LEAST = 1.25, 0.005  # times, m/s: an error of control is no more than that
+_SAME = 1.0  # s for which a contact, once judged, stays what it was: a stop takes 0.73 s
+_APART = 0.02  # m beyond which a contact is over
+_NEAR = 0.10  # m: farther people do not come in one physics step
+_STAND_OFF = 1e-4  # m that people leave who stop at the chair, so that they press on nothing
+_DEEP = 0.03  # m: deeper than any contact comes in one physics step
+
+
+@borrowing_kernel
+def caused_by_chair(chair: float, other: float) -> bool:
+    """Whether a contact is of the chair's making, by the speeds [m/s] at which each closes."""
+    return chair > CLOSING and chair > other
+
+
+@borrowing_kernel
+def _speed(motion: Motion, px: float, py: float, nx: float, ny: float) -> float:
+    """Speed [m/s] along (nx, ny) of the point (px, py) of something in motion."""
+    vx = motion[2] - motion[4] * (py - motion[1])
+    vy = motion[3] + motion[4] * (px - motion[0])
+    return vx * nx + vy * ny
+
+
+@borrowing_kernel
+def _own_doing(state: Any, own: float, px: float, py: float, nx: float, ny: float) -> float:
+    """How much [m/s] of the closing speed of a point of the outline its own driving explains."""
+    ahead = math.cos(state.pose[2]) * nx + math.sin(state.pose[2]) * ny
+    around = (px - state.pose[0]) * ny - (py - state.pose[1]) * nx
+    v = state.driven[1] if ahead > 0.0 else state.driven[0]
+    w = state.driven[3] if around > 0.0 else state.driven[2]
+    driven = max(0.0, ahead * v + around * w)
+    return own if own <= _CONTROL * driven + _CONTROL_LEAST else driven
+
+
+@borrowing_kernel
+def _note(
+    world: Any, state: Any, p: Any, number: int, chair: Motion, other: Motion, px: float,
+    py: float, nx: float, ny: float,
+) -> None:  # fmt: skip
+    """Take in one touching point, whose normal (nx, ny) looks away from the chair."""
+    own, theirs = _speed(chair, px, py, nx, ny), -_speed(other, px, py, nx, ny)
+    caused = caused_by_chair(_own_doing(state, own, px, py, nx, ny), theirs)
+    if number >= 0:
+        mover = moving_at(world.moving, world.n_movers)[number]
+        if mover.judged < state.tick < mover.judged + _SAME / p.dt:
+            if not state.noted:
+                state.met = number
+            return
+        mover.judged = state.tick
+    if not state.noted or (caused and not state.caused):
+        better = True
+    else:
+        faster = own + theirs > state.closing[0] + state.closing[1]
+        better = faster and caused == state.caused
+    if better:
+        state.noted, state.met = True, number
+        state.closing[0], state.closing[1] = own, theirs
+    state.caused |= caused
+
+
+@borrowing_kernel
+def nearest_point(
+    state: Any, p: Any, x: float, y: float
+) -> tuple[float, float, float, float, float]:
+    """The outline's point nearest to (x, y): where, its normal that way, and how far off [m]."""
+    c, s = math.cos(state.pose[2]), math.sin(state.pose[2])
+    dx, dy = x - state.pose[0], y - state.pose[1]
+    px, py = c * dx + s * dy, c * dy - s * dx
+    qx = min(p.outline[0], max(-p.outline[1], px))
+    qy = min(p.outline[2], max(-p.outline[2], py))
+    ex, ey = px - qx, py - qy
+    far = d = math.sqrt(ex * ex + ey * ey)
+    if d == 0.0:  # it lies inside: away from the middle of the outline
+        ex, ey = px - 0.5 * (p.outline[0] - p.outline[1]), py
+        d = max(math.sqrt(ex * ex + ey * ey), _TOUCHING)
+    ex, ey = ex / d, ey / d
+    at_x, at_y = state.pose[0] + c * qx - s * qy, state.pose[1] + s * qx + c * qy
+    return at_x, at_y, c * ex - s * ey, s * ex + c * ey, far
+
+
+@borrowing_kernel
+def stop_people(world: Any, state: Any, p: Any, chair: Motion) -> float:
+    """Whoever would walk into the chair in the coming step stops at it, and presses on nothing.
+
+    Returns:
+        The impulse [N s] that the hardest of them loses, which the strips feel.
+    """
+    rows, moving = rows_at(world.movers, world.n_movers), moving_at(world.moving, world.n_movers)
+    hardest = 0.0
+    for k in range(world.n_movers):
+        row, own = rows[k], moving[k]
+        if row.kind != PERSON:
+            continue
+        px, py, nx, ny, far = nearest_point(state, p, own.pose[0], own.pose[1])
+        gap = far - row.size[0]
+        if gap > _NEAR:
+            continue
+        fields = body_view(own.body)
+        toward = -(fields[VX] * nx + fields[VY] * ny)
+        most = max(0.0, gap - _STAND_OFF) / p.dt
+        if toward > most:
+            other = (own.pose[0], own.pose[1], fields[VX], fields[VY], 0.0)
+            _note(world, state, p, k, chair, other, px, py, nx, ny)
+            hardest = max(hardest, row.mass * (toward - most))
+            fields[VX] += (toward - most) * nx
+            fields[VY] += (toward - most) * ny
+            own.twist[0], own.twist[1] = fields[VX], fields[VY]
+        force = -(fields[FX] * nx + fields[FY] * ny)
+        if force > 0.0 and gap < _APART:
+            fields[FX] += force * nx
+            fields[FY] += force * ny
+    return hardest
+
+
+@borrowing_kernel
+def _touch_disc(
+    world: Any, state: Any, p: Any, number: int, chair: Motion, other: Motion, x: float, y: float,
+    radius: float,
+) -> None:  # fmt: skip
+    """Note a disc if it touches the outline."""
+    px, py, nx, ny, far = nearest_point(state, p, x, y)
+    if far <= radius + _TOUCHING:
+        _note(world, state, p, number, chair, other, px, py, nx, ny)
+
+
+@borrowing_kernel
+def _touch_segment(
+    world: Any,
+    state: Any,
+    p: Any,
+    number: int,
+    chair: Motion,
+    other: Motion,
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+) -> None:
+    """Note a segment if it touches the outline: its ends on the sides, and corners on it."""
+    x, y, yaw = state.pose[0], state.pose[1], state.pose[2]
+    front, rear, half = p.outline[0], p.outline[1], p.outline[2]
+    reach = math.sqrt(max(front, rear) ** 2 + half * half) + _TOUCHING
+    if point_segment_distance(x, y, ax, ay, bx, by) > reach:
+        return
+    if rectangle_segment_gap(x, y, yaw, p.outline[:], ax, ay, bx, by) > _TOUCHING:
+        return
+    c, s = math.cos(yaw), math.sin(yaw)
+    for end in range(2):
+        wx, wy = (ax, ay) if end == 0 else (bx, by)
+        px, py = c * (wx - x) + s * (wy - y), c * (wy - y) - s * (wx - x)
+        if rectangle_point_gap(px, py, p.outline[:]) > _TOUCHING:
+            continue
+        depth, nx, ny = front - px, 1.0, 0.0
+        if px + rear < depth:
+            depth, nx, ny = px + rear, -1.0, 0.0
+        if half - abs(py) < depth:
+            nx, ny = 0.0, math.copysign(1.0, py)
+        _note(world, state, p, number, chair, other, wx, wy, c * nx - s * ny, s * nx + c * ny)
+    ex, ey = bx - ax, by - ay
+    length = math.sqrt(ex * ex + ey * ey)
+    if length == 0.0:
+        return
+    nx, ny = ey / length, -ex / length
+    middle = 0.5 * (front - rear)
+    if (ax - x - c * middle) * nx + (ay - y - s * middle) * ny < 0.0:
+        nx, ny = -nx, -ny
+    for k in range(4):
+        px, py = front if k < 2 else -rear, half if k % 2 == 0 else -half
+        wx, wy = x + c * px - s * py, y + s * px + c * py
+        beyond = (wx - ax) * nx + (wy - ay) * ny
+        along = (wx - ax) * ex + (wy - ay) * ey
+        if -_TOUCHING <= beyond <= _DEEP and 0.0 <= along <= length * length:
+            _note(world, state, p, number, chair, other, wx, wy, nx, ny)
+
+
+@borrowing_kernel
+def note_contacts(world: Any, state: Any, p: Any, chair: Motion) -> None:
+    """Note everything that the chair touches.
+
+    Args:
+        world: record of WORLD.
+        state: of the chair, whose pose is that of contact; `caused`, `met`, `closing` are written.
+        p: its parameters.
+        chair: its motion before the contact, about its centre of mass.
+    """
+    walls = table_at(world.walls, world.n_walls, 4)
+    discs = table_at(world.discs, world.n_discs, 3)
+    rest = (0.0, 0.0, 0.0, 0.0, 0.0)
+    for k in range(world.n_fixed_walls):
+        w = walls[k]
+        _touch_segment(world, state, p, -1, chair, rest, w[0], w[1], w[2], w[3])
+    for k in range(world.n_fixed_discs):
+        _touch_disc(world, state, p, -1, chair, rest, discs[k, 0], discs[k, 1], discs[k, 2])
+    rows, moving = rows_at(world.movers, world.n_movers), moving_at(world.moving, world.n_movers)
+    for k in range(world.n_movers):
+        row, own, at = rows[k], moving[k], moving[k].slot
+        other = (own.pose[0], own.pose[1], own.twist[0], own.twist[1], own.twist[2])
+        if is_box(row):
+            for i in range(4):
+                w = walls[at + i]
+                _touch_segment(world, state, p, k, chair, other, w[0], w[1], w[2], w[3])
+        else:
+            _touch_disc(world, state, p, k, chair, other, discs[at, 0], discs[at, 1], discs[at, 2])
+
+
+@borrowing_kernel
+def forget_contacts(world: Any, state: Any, p: Any) -> None:
+    """Movers that are clear of the chair may begin a new contact."""
+    walls = table_at(world.walls, world.n_walls, 4)
+    rows, moving = rows_at(world.movers, world.n_movers), moving_at(world.moving, world.n_movers)
+    x, y, yaw = state.pose[0], state.pose[1], state.pose[2]
+    for k in range(world.n_movers):
+        row, own = rows[k], moving[k]
+        if own.judged == NEVER:
+            continue
+        gap = math.inf
+        if is_box(row):
+            for i in range(own.slot, own.slot + 4):
+                w = walls[i]
+                near = rectangle_segment_gap(x, y, yaw, p.outline[:], w[0], w[1], w[2], w[3])
+                gap = min(gap, near)
+        else:
+            gap = nearest_point(state, p, own.pose[0], own.pose[1])[4] - row.size[0]
+        if gap > _APART:
+            own.judged = NEVER

@@ -1,0 +1,257 @@
+"""How a chair moves: set point, speed control, motors, tyres, battery, and Munk2D's step.
+
+Tyres hold by friction: the forces are those that let both wheels roll and the axle not slide, found
+exactly for the coming step, as long as each wheel stays inside its friction circle; beyond it, the
+wheels slip and the forces come from projected Gauss-Seidel sweeps. Velocities are staggered by half
+a step (leapfrog): the velocity after a step points along the heading in the middle of the next one,
+so an arc is driven to second order.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.kinematics import SOONER, approach, brake, wheels_of_twist
+from wheelchair_gym.physics.engine import ANGLE, FX, FY, TORQUE, VX, VY, W, body_view, step_space
+from wheelchair_gym.physics.settings import GRAVITY
+
+_SWEEPS = 20  # of Gauss-Seidel, when a wheel slips
+_LATER = 0.8  # of what it can brake: wheels follow their set point late
+_CREEP = 0.05  # m/s: drag rises linearly below this speed, so that it never reverses a motion
+
+
+class Worked(NamedTuple):
+    """What physics steps need of the parameters, worked out once a period: divisions are slow."""
+
+    run: float  # s, between two runs of the speed control
+    share: float  # of the low-pass
+    counts_per_rad: float
+    metres_per_run: float  # m/s of one count in a run
+    feed: float  # V s/m of feed-forward
+    on_casters: float  # N
+    drag: float  # N s, of one caster in a physics step
+    rolling: float  # N m per m of radius
+    bound: float  # N s, that a tyre holds in a physics step
+    radii: tuple[float, float]  # m
+    per_radius: tuple[float, float]  # 1/m
+    inertia: tuple[float, float]  # kg, of each wheel at its rim
+    matrix: tuple[float, float, float]  # a11, a12, a22 of both wheels rolling
+    per_det: float
+
+
+@borrowing_kernel
+def work_out(p: Any) -> Worked:
+    """The constants of one control period of a chair with parameters p."""
+    run = p.dt * p.speed_every
+    load = p.mass * GRAVITY
+    on_casters = load * p.centre / p.casters
+    grip = 0.5 * (load - on_casters)
+    half = 0.5 * p.track
+    gl = p.wheel_inertia / (p.radius_left * p.radius_left)
+    gr = p.wheel_inertia / (p.radius_right * p.radius_right)
+    a11, a12 = p.mass + gl + gr, half * (gr - gl)
+    a22 = p.moment + p.mass * p.centre * p.centre + half * half * (gl + gr)
+    return Worked(
+        run,
+        run / (p.smoothing + run),
+        p.nominal_radius * p.counts_per_metre,
+        1.0 / (p.counts_per_metre * run),
+        p.constant / p.nominal_radius,
+        on_casters,
+        0.5 * p.caster_drag * on_casters * p.dt,
+        p.rolling * grip,
+        p.friction * grip * p.dt,
+        (p.radius_left, p.radius_right),
+        (1.0 / p.radius_left, 1.0 / p.radius_right),
+        (gl, gr),
+        (a11, a12, a22),
+        1.0 / (a11 * a22 - a12 * a12),
+    )
+
+
+@borrowing_kernel
+def track_set_point(state: Any, p: Any, v: float, w: float, protective: bool, dt: float) -> None:
+    """Move the set point towards the target twist within the limits of comfort.
+
+    In a protective stop it falls at once, exempt from jerk; as on the boards faster than the chair
+    is to slow down, so that the chair does.
+    """
+    limits = p.limits
+    if protective:
+        v, w = state.v, state.w
+        state.v, state.w = brake(v, w, SOONER * limits[5] * dt, p.nominal_track)
+        state.v_rate, state.w_rate = (state.v - v) / dt, (state.w - w) / dt
+        return
+    v = min(limits[0], max(-limits[1], v))
+    w = min(limits[2], max(-limits[2], w))
+    state.v, state.v_rate = approach(state.v, state.v_rate, v, limits[3], limits[4], limits[7], dt)
+    state.w, state.w_rate = approach(state.w, state.w_rate, w, limits[6], limits[6], limits[8], dt)
+
+
+@borrowing_kernel
+def explain(state: Any, p: Any, k: Worked) -> None:
+    """Which speeds and turns the set point explains: itself, and what it was, braked since then.
+
+    It brakes no faster than comfort, tyres and motors let it, and a little slower.
+    """
+    motors = 2.0 * p.gain * p.constant * p.current / p.nominal_radius
+    force = min(motors, 2.0 * k.bound / p.dt)
+    slower = _LATER * k.run * min(p.limits[4], force / p.mass)
+    a22 = k.matrix[2]
+    turn_slower = _LATER * k.run * min(p.limits[6], 0.5 * p.track * force / a22)
+    own = state.driven
+    own[0], own[1] = min(state.v, own[0] + slower), max(state.v, own[1] - slower)
+    own[2], own[3] = min(state.w, own[2] + turn_slower), max(state.w, own[3] - turn_slower)
+
+
+@borrowing_kernel
+def control_speed(state: Any, p: Any, k: Worked) -> None:
+    """One run of the two wheels' PID with feed-forward, on quantised encoder counts."""
+    left, right = wheels_of_twist(state.v, state.w, p.nominal_track)
+    for i in range(2):
+        target = left if i == 0 else right
+        counts = math.floor(state.turned[i] * k.counts_per_rad)
+        measured = (counts - state.counts[i]) * k.metres_per_run
+        state.counts[i] = counts
+        state.speed[i] += k.share * (measured - state.speed[i])
+        # The target passes the same low-pass, so that its delay does not wind up the integral.
+        state.aim[i] += k.share * (target - state.aim[i])
+        error = state.aim[i] - state.speed[i]
+        slope = (error - state.error[i]) / k.run
+        state.error[i] = error
+        rate = state.v_rate + (i - 0.5) * p.nominal_track * state.w_rate
+        forward = k.feed * target + p.ka * rate
+        volts = forward + p.kp * error + state.sum[i] + p.kd * slope
+        if target == 0.0 and abs(state.speed[i]) < 0.5 * k.metres_per_run:
+            # At rest both ends of the motor are joined: it holds without drawing current.
+            state.sum[i], volts = 0.0, 0.0
+        elif abs(volts) < state.voltage:
+            state.sum[i] += p.ki * error * k.run
+        state.duty[i] = min(1.0, max(-1.0, volts / state.voltage))
+
+
+@borrowing_kernel
+def _resist(speed: float) -> float:
+    """Sign of a speed, smooth about rest."""
+    return speed / math.sqrt(speed * speed + _CREEP * _CREEP)
+
+
+@borrowing_kernel
+def step_once(
+    state: Any, p: Any, k: Worked, space: np.uint64, body: np.uint64, engine: np.uint64
+) -> float:
+    """One physics step: motors push, tyres hold, Munk2D moves.
+
+    Args:
+        state: of the chair.
+        p: its parameters.
+        k: what was worked out of them.
+        space: address of the cpSpace.
+        body: address of the chair's cpBody.
+        engine: address of cpSpaceStep.
+
+    Returns:
+        The impulse of contact [N s]; 0 but for rounding where nothing is touched.
+    """
+    fields = body_view(body)
+    dt, mass, moment, arm = p.dt, p.mass, p.moment, p.centre
+    turning = fields[W]
+    middle = fields[ANGLE] + 1.5 * turning * dt  # heading half-way through the next step
+    c, s = math.cos(middle), math.sin(middle)
+    ahead = c * fields[VX] + s * fields[VY]
+    aside = c * fields[VY] - s * fields[VX]
+
+    # Drag of two casters, at their places.
+    push, shove, twist = 0.0, 0.0, 0.0
+    lever = p.casters - arm
+    for side in range(2):
+        across = (0.5 - side) * p.caster_track
+        vx, vy = ahead - turning * across, aside + turning * lever
+        drag = -k.drag / math.sqrt(vx * vx + vy * vy + _CREEP * _CREEP)
+        push += drag * vx
+        shove += drag * vy
+        twist += lever * drag * vy - across * drag * vx
+
+    # Motors: what each wheel brings along, and what its driver draws.
+    drawn = 0.0
+    radii, per_radius = k.radii, k.per_radius
+    bring = (0.0, 0.0)
+    for i in range(2):
+        spin = state.spin[i]
+        state.turned[i] += spin * dt  # as the body moves in this step: by its velocity before
+        amperes = (state.duty[i] * state.voltage - p.constant * spin) / p.resistance
+        amperes = min(p.current, max(-p.current, amperes))
+        drawn += state.duty[i] * amperes
+        rolling = k.rolling * radii[i] * _resist(spin * radii[i])
+        torque = p.gain * p.constant * amperes - rolling
+        impulse = (torque * dt + p.wheel_inertia * spin) * per_radius[i]
+        bring = (impulse, bring[1]) if i == 0 else (bring[0], impulse)
+
+    # Both wheels roll, the axle does not slide: two equations for speed and turn.
+    half, bound = 0.5 * p.track, k.bound
+    gl, gr = k.inertia
+    a11, a12, a22 = k.matrix
+    b1 = mass * ahead + bring[0] + bring[1] + push
+    b2 = moment * turning + mass * arm * aside + half * (bring[1] - bring[0]) + arm * shove + twist
+    u, w = (b1 * a22 - a12 * b2) * k.per_det, (a11 * b2 - a12 * b1) * k.per_det
+    jl = bring[0] - gl * (u - half * w)
+    jr = bring[1] - gr * (u + half * w)
+    jy = mass * (arm * w - aside) - shove
+    if max(jl * jl, jr * jr) + 0.25 * jy * jy > bound * bound:
+        u, w, side_speed = ahead + push / mass, turning + twist / moment, aside + shove / mass
+        sl = (bring[0] * radii[0]) / p.wheel_inertia
+        sr = (bring[1] * radii[1]) / p.wheel_inertia
+        jl, jr, jy = 0.0, 0.0, 0.0
+        ease_l = 1.0 / (1.0 / mass + half * half / moment + 1.0 / gl)
+        ease_r = 1.0 / (1.0 / mass + half * half / moment + 1.0 / gr)
+        ease_y = 1.0 / (1.0 / mass + arm * arm / moment)
+        for _ in range(_SWEEPS):
+            change = -(u - half * w - radii[0] * sl) * ease_l
+            change = min(bound, max(-bound, jl + change)) - jl
+            jl += change
+            u, w = u + change / mass, w - half * change / moment
+            sl -= radii[0] * change / p.wheel_inertia
+            change = -(u + half * w - radii[1] * sr) * ease_r
+            change = min(bound, max(-bound, jr + change)) - jr
+            jr += change
+            u, w = u + change / mass, w + half * change / moment
+            sr -= radii[1] * change / p.wheel_inertia
+            left = max(0.0, bound * bound - jl * jl)
+            right = max(0.0, bound * bound - jr * jr)
+            most = math.sqrt(left) + math.sqrt(right)
+            change = -(side_speed - arm * w) * ease_y
+            change = min(most, max(-most, jy + change)) - jy
+            jy += change
+            side_speed, w = side_speed + change / mass, w - arm * change / moment
+
+    px, py = jl + jr + push, jy + shove
+    fx, fy = (c * px - s * py) / dt, (s * px + c * py) / dt
+    torque = (half * (jr - jl) - arm * jy + twist) / dt
+    vx, vy = fields[VX], fields[VY]
+    fields[FX], fields[FY], fields[TORQUE] = fx, fy, torque
+    step_space(engine, space, dt)
+    hit_x = mass * (fields[VX] - vx) - fx * dt
+    hit_y = mass * (fields[VY] - vy) - fy * dt
+    hit_w = moment * (fields[W] - turning) - torque * dt
+
+    # Each wheel rolls at the ground speed that came out, as far as its tyre can hold it there.
+    ahead = c * fields[VX] + s * fields[VY]
+    state.way += abs(ahead) * dt
+    for i in range(2):
+        ground = ahead + (2 * i - 1) * half * fields[W]
+        hold = bring[i] - k.inertia[i] * ground
+        hold = min(bound, max(-bound, hold))
+        state.spin[i] = (bring[i] - hold) * radii[i] / p.wheel_inertia
+
+    # Battery: the drivers are ideal choppers; braking gives a share back.
+    power = drawn * state.voltage
+    power = (power if power > 0.0 else power * p.regeneration) + p.idle
+    state.energy += power * dt
+    state.charge = min(p.capacity, max(0.0, state.charge - power * dt))
+    rest = p.empty + (p.full - p.empty) * state.charge / p.capacity
+    state.voltage = rest - p.battery_resistance * power / rest
+    return float(math.sqrt(hit_x * hit_x + hit_y * hit_y) + abs(hit_w) / p.casters)

@@ -1,0 +1,402 @@
+"""Munk2D by address: its functions called from compiled code, its structs written in place.
+
+Nothing of this reaches into what pymunk computes: it is the same library, the same structs and the
+same functions, without the way through Python. A self-test at import compares the two ways, and a
+failure refuses to import.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+import pymunk
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+from pymunk._chipmunk_cffi import ffi, lib
+
+from wheelchair_gym.compiled.address import doubles_at, integers_at
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+
+PIN = ">=7.3,<7.4"
+BODY_DOUBLES = 40  # of cpBody, which hold everything looked for
+SEGMENT_DOUBLES = 40  # of cpSegmentShape
+CIRCLE_DOUBLES = 29  # of cpCircleShape
+SPACE_WORDS = 40  # of cpSpace, that hold its counter
+POLY_DOUBLES = 61  # of cpPolyShape with up to six corners
+
+_MARKS = {
+    "mass": 7.5,
+    "mass_inverse": 1.0 / 7.5,
+    "moment": 11.25,
+    "moment_inverse": 1.0 / 11.25,
+    "x": 1234.5,
+    "y": -777.25,
+    "vx": 3.125,
+    "vy": -9.5,
+    "fx": 55.5,
+    "fy": -66.25,
+    "angle": 0.71875,
+    "w": -2.625,
+    "torque": 8.8125,
+}
+
+
+class Offsets(NamedTuple):
+    """Where the fields of cpBody stand, counted in doubles."""
+
+    mass: int
+    mass_inverse: int
+    moment: int
+    moment_inverse: int
+    x: int
+    y: int
+    vx: int
+    vy: int
+    fx: int
+    fy: int
+    angle: int
+    w: int
+    torque: int
+
+
+class ShapeOffsets(NamedTuple):
+    """Where the fields of cpSegmentShape (ends, normal) and cpCircleShape stand, in doubles.
+
+    Then where a quadrangle's corners and normals begin (x, y, nx, ny of each) in a cpPolyShape, and
+    what all shapes have: friction, and the group whose members never touch each other.
+    """
+
+    ax: int
+    ay: int
+    bx: int
+    by: int
+    nx: int
+    ny: int
+    cx: int
+    cy: int
+    radius: int
+    corners: int
+    friction: int
+    group: int
+
+
+def pointer(thing: Any) -> np.uint64:
+    """The address of a cffi pointer."""
+    return np.uint64(int(ffi.cast("uintptr_t", thing)))
+
+
+def _places(thing: Any, doubles: int, marks: dict[str, float], begin: int = 0) -> dict[str, int]:
+    """Where the marks stand in a struct, counted in doubles: the first place of each.
+
+    Copies that Munk2D keeps of a value stand behind it, but for what it begins with.
+    """
+    raw = np.frombuffer(ctypes.string_at(int(pointer(thing)), 8 * doubles))
+    found = {name: begin + np.flatnonzero(raw[begin:] == value) for name, value in marks.items()}
+    missing = [name for name, places in found.items() if not len(places)]
+    if missing:
+        raise ImportError(
+            f"pymunk {pymunk.version}: Munk2D has no {', '.join(missing)} where expected; "
+            f"this release reads pymunk {PIN}"
+        )
+    return {name: int(places[0]) for name, places in found.items()}
+
+
+def _find_offsets() -> Offsets:
+    m = _MARKS
+    body = pymunk.Body(m["mass"], m["moment"])
+    body.position, body.velocity, body.force = (
+        (m["x"], m["y"]),
+        (m["vx"], m["vy"]),
+        (m["fx"], m["fy"]),
+    )
+    body.angle, body.angular_velocity, body.torque = m["angle"], m["w"], m["torque"]
+    return Offsets(**_places(body._body, BODY_DOUBLES, m))
+
+
+def _find_shape_offsets() -> ShapeOffsets:
+    static = pymunk.Body(body_type=pymunk.Body.STATIC)
+    ends = {"ax": 1234.5, "ay": -777.25, "bx": 1237.5, "by": -773.25}  # 3, 4, 5: an exact normal
+    segment = pymunk.Segment(static, (ends["ax"], ends["ay"]), (ends["bx"], ends["by"]), 0.0)
+    normal = segment.normal
+    disc = {"cx": 55.5, "cy": -66.25, "radius": 8.8125}
+    circle = pymunk.Circle(static, disc["radius"], (disc["cx"], disc["cy"]))
+    own = _places(segment._shape, SEGMENT_DOUBLES, {**ends, "nx": normal.x, "ny": normal.y})
+    # What all shapes have comes first, a copy of the disc's place among it.
+    own |= _places(circle._shape, CIRCLE_DOUBLES, disc, own["ax"])
+    box = pymunk.Poly(static, [(-61.5, -43.25), (61.5, -43.25), (61.5, 43.25), (-61.5, 43.25)])
+    corner = _places(box._shape, POLY_DOUBLES, {"x": -61.5, "y": -43.25, "ny": -1.0})
+    box.friction = 0.34375
+    mark = np.frombuffer(np.int64(0x2B67_0001_7A3C_9D15).tobytes())[0]  # no number but this one
+    box.filter = pymunk.ShapeFilter(group=0x2B67_0001_7A3C_9D15)
+    common = _places(box._shape, POLY_DOUBLES, {"friction": box.friction, "group": float(mark)})
+    return ShapeOffsets(**own, corners=corner["x"], **common)
+
+
+def _find_counter() -> int:
+    """Where a cpSpace counts the shapes that it was ever given, in words."""
+    space, body = pymunk.Space(), pymunk.Body(1.0, 1.0)
+    space.add(body)
+    told = []
+    for _ in range(4):
+        raw = ctypes.string_at(int(pointer(space._space)), 8 * SPACE_WORDS)
+        told.append(np.frombuffer(raw, np.int64))
+        space.add(pymunk.Circle(body, 1.0))
+    rises = np.flatnonzero((np.diff(told, axis=0) == 1).all(axis=0))
+    if len(rises) != 1:
+        raise ImportError(
+            f"pymunk {pymunk.version}: Munk2D's space has no counter of shapes where expected; "
+            f"this release reads pymunk {PIN}"
+        )
+    return int(rises[0])
+
+
+OFFSETS = _find_offsets()
+SHAPE = _find_shape_offsets()
+COUNTER = _find_counter()
+
+
+UNIT_BOX = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))  # m, as `set_box` orders corners
+TINY = 2.2250738585072014e-308  # what Munk2D adds to a length before it divides by it
+
+
+@intrinsic
+def _call(typingctx: Any, function: Any, space: Any, dt: Any) -> Any:
+    """Call void f(void*, double) at an address: an argument, not a global, so that numba caches."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t, ir.DoubleType()])
+        target = builder.inttoptr(args[0], kind.as_pointer())
+        builder.call(target, [builder.inttoptr(args[1], cgutils.voidptr_t), args[2]])
+        return context.get_dummy_value()
+
+    return types.void(types.uint64, types.uint64, types.float64), codegen
+
+
+@intrinsic
+def _call_with(typingctx: Any, function: Any, one: Any, other: Any) -> Any:
+    """Call f(void*, void*) at an address; what it returns is dropped."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t, cgutils.voidptr_t])
+        target = builder.inttoptr(args[0], kind.as_pointer())
+        things = [builder.inttoptr(arg, cgutils.voidptr_t) for arg in args[1:]]
+        builder.call(target, things)
+        return context.get_dummy_value()
+
+    return types.void(types.uint64, types.uint64, types.uint64), codegen
+
+
+# numba gives these the arguments that their callers see; mypy knows only how they are declared.
+_call_step = cast("Callable[..., None]", _call)
+_call_pair = cast("Callable[..., None]", _call_with)
+
+_FUNCTIONS = {
+    "step": "cpSpaceStep",
+    "add": "cpSpaceAddShape",
+    "remove": "cpSpaceRemoveShape",
+    "add_body": "cpSpaceAddBody",
+    "remove_body": "cpSpaceRemoveBody",
+    "reindex": "cpSpaceReindexShapesForBody",
+    "turn": "cpBodySetAngle",
+}
+_ADDRESSES = tuple(pointer(ffi.addressof(lib, name)) for name in _FUNCTIONS.values())
+STEP = _ADDRESSES[0]
+ENGINE = np.dtype([(name, "u8") for name in _FUNCTIONS])
+X, Y, VX, VY, FX, FY = (
+    OFFSETS.x,
+    OFFSETS.y,
+    OFFSETS.vx,
+    OFFSETS.vy,
+    OFFSETS.fx,
+    OFFSETS.fy,
+)
+ANGLE, W, TORQUE = OFFSETS.angle, OFFSETS.w, OFFSETS.torque
+
+
+@inlined
+def body_view(address: np.uint64) -> NDArray[np.float64]:
+    """The fields of a cpBody at an address, to read and write in place."""
+    return doubles_at(address, BODY_DOUBLES)
+
+
+@borrowing_kernel
+def step_space(step: np.uint64, space: np.uint64, dt: float) -> None:
+    """Advance a cpSpace by dt seconds: pymunk's own `Space.step`."""
+    _call_step(step, space, dt)
+
+
+@borrowing_kernel
+def add_shape(add: np.uint64, space: np.uint64, shape: np.uint64) -> None:
+    """Add a shape or a body: what `Space.add` of pymunk does, whose function it takes."""
+    _call_pair(add, space, shape)
+
+
+@borrowing_kernel
+def remove_shape(remove: np.uint64, space: np.uint64, shape: np.uint64) -> None:
+    """Remove a shape or a body: what `Space.remove` of pymunk does, whose function it takes."""
+    _call_pair(remove, space, shape)
+
+
+@borrowing_kernel
+def number_from(space: np.uint64, first: int) -> None:
+    """Let a cpSpace number the next shapes from a first one on.
+
+    Where three things touch, the order in which Munk2D solves goes by these numbers: a Space that
+    is used again has to give those that a new one would.
+    """
+    integers_at(space, SPACE_WORDS)[COUNTER] = first
+
+
+@borrowing_kernel
+def set_segment(shape: np.uint64, x0: float, y0: float, x1: float, y1: float) -> None:
+    """Give a cpSegmentShape other ends [m], as if it had been made with them.
+
+    Munk2D's own cpSegmentShapeSetEndpoints turns the normal round, which its contacts then miss.
+    """
+    fields = doubles_at(shape, SEGMENT_DOUBLES)
+    fields[SHAPE.ax], fields[SHAPE.ay] = x0, y0
+    fields[SHAPE.bx], fields[SHAPE.by] = x1, y1
+    ex, ey = x1 - x0, y1 - y0
+    scale = 1.0 / (math.sqrt(ex * ex + ey * ey) + TINY)
+    fields[SHAPE.nx], fields[SHAPE.ny] = ey * scale, -ex * scale
+
+
+@borrowing_kernel
+def set_circle(shape: np.uint64, x: float, y: float, radius: float) -> None:
+    """Give a cpCircleShape another place on its body and another radius [m]."""
+    fields = doubles_at(shape, CIRCLE_DOUBLES)
+    fields[SHAPE.cx], fields[SHAPE.cy], fields[SHAPE.radius] = x, y, radius
+
+
+@borrowing_kernel
+def set_box(shape: np.uint64, rear: float, front: float, half: float) -> None:
+    """Give a cpPolyShape of four corners, from rear right, other ends and half a width [m]."""
+    fields = doubles_at(shape, POLY_DOUBLES)
+    x0, y0 = rear, half
+    for k in range(4):
+        x, y = front if k == 1 or k == 2 else rear, half if k > 1 else -half
+        ex, ey = x - x0, y - y0
+        scale = 1.0 / (math.sqrt(ex * ex + ey * ey) + TINY)
+        place = SHAPE.corners + 4 * k
+        fields[place], fields[place + 1] = x, y
+        fields[place + 2], fields[place + 3] = ey * scale, -ex * scale
+        x0, y0 = x, y
+
+
+@borrowing_kernel
+def set_touch(shape: np.uint64, friction: float, group: int) -> None:
+    """Give a shape its friction, and the group within which nothing touches; 0: none."""
+    doubles_at(shape, CIRCLE_DOUBLES)[SHAPE.friction] = friction
+    integers_at(shape, CIRCLE_DOUBLES)[SHAPE.group] = group
+
+
+@borrowing_kernel
+def place(engine: Any, space: np.uint64, body: np.uint64, x: float, y: float, angle: float) -> None:
+    """Put a body at rest at (x, y) [m] and an angle [rad], with no force on it."""
+    fields = body_view(body)
+    fields[X], fields[Y] = x, y
+    fields[VX], fields[VY], fields[W] = 0.0, 0.0, 0.0
+    fields[FX], fields[FY], fields[TORQUE] = 0.0, 0.0, 0.0
+    _call_step(engine.turn, body, angle)
+    _call_pair(engine.reindex, space, body)
+
+
+@borrowing_kernel
+def weigh(body: np.uint64, mass: float, moment: float) -> None:
+    """Give a body its mass [kg] and its moment of inertia [kg m2]; infinite ones: kinematic."""
+    fields = body_view(body)
+    fields[OFFSETS.mass], fields[OFFSETS.mass_inverse] = mass, 1.0 / mass
+    fields[OFFSETS.moment], fields[OFFSETS.moment_inverse] = moment, 1.0 / moment
+
+
+@borrowing_kernel
+def _push(
+    engine: Any,
+    space: np.uint64,
+    body: np.uint64,
+    wall: np.uint64,
+    disc: np.uint64,
+    other: np.uint64,
+    box: np.uint64,
+    n: int,
+) -> float:
+    fields, pushed = body_view(body), body_view(other)
+    weigh(body, 10.0, 2.0)
+    weigh(other, 3.0, 0.5)
+    set_box(box, -0.1, 0.1, 0.15)
+    set_touch(box, 0.25, 0)
+    add_shape(engine.add_body, space, other)
+    add_shape(engine.add, space, box)
+    place(engine, space, other, 0.72, -0.1, 0.1)
+    set_segment(wall, 1.0, -5.0, 1.0, 5.0)
+    set_circle(disc, 0.8, 0.45, 0.2)
+    for shape in (wall, disc):
+        add_shape(engine.add, space, shape)
+        remove_shape(engine.remove, space, shape)
+        add_shape(engine.add, space, shape)
+    place(engine, space, body, 0.1, -0.05, 0.2)
+    for k in range(n):
+        fields[FX] = 40.0
+        fields[TORQUE] = 3.0 * (k % 3)
+        step_space(engine.step, space, 0.01)
+    return float(fields[X] + fields[Y] + fields[ANGLE] + pushed[X] + pushed[Y] + pushed[ANGLE])
+
+
+def engine_record() -> NDArray[np.void]:
+    """The addresses of Munk2D's functions (1,), a record of ENGINE."""
+    return np.array([_ADDRESSES], ENGINE)
+
+
+def self_test() -> None:
+    """Push a box against another, a wall and a disc both ways and compare.
+
+    Raises:
+        ImportError: compiled code and pymunk's API disagree.
+    """
+    ends = []
+    for by_address in (True, False):
+        space = pymunk.Space()
+        static = space.static_body
+        if by_address:
+            body = pymunk.Body(1.0, 1.0)
+            space.add(body, pymunk.Poly.create_box(body, (1.0, 0.6)))
+            shapes = pymunk.Segment(static, (0, 0), (1, 1), 0.0), pymunk.Circle(static, 1.0)
+            wall, disc = (pointer(shape._shape) for shape in shapes)
+            own = pointer(space._space), pointer(body._body)
+            other = pymunk.Body(1.0, 1.0)
+            box = pymunk.Poly(other, UNIT_BOX)
+            things = pointer(other._body), pointer(box._shape)
+            ends.append(_push(engine_record()[0], *own, wall, disc, *things, 60))
+        else:
+            body = pymunk.Body(10.0, 2.0)
+            space.add(body, pymunk.Poly.create_box(body, (1.0, 0.6)))
+            other = pymunk.Body(3.0, 0.5)
+            box = pymunk.Poly(other, [(-0.1, -0.15), (0.1, -0.15), (0.1, 0.15), (-0.1, 0.15)])
+            box.friction = 0.25
+            space.add(other, box)
+            other.position, other.angle = (0.72, -0.1), 0.1
+            space.reindex_shapes_for_body(other)
+            space.add(pymunk.Segment(static, (1.0, -5.0), (1.0, 5.0), 0.0))
+            space.add(pymunk.Circle(static, 0.2, (0.8, 0.45)))
+            body.position, body.angle = (0.1, -0.05), 0.2
+            space.reindex_shapes_for_body(body)
+            for k in range(60):
+                body.force, body.torque = (40.0, 0.0), 3.0 * (k % 3)
+                space.step(0.01)
+            first = body.position.x + body.position.y + body.angle
+            ends.append(first + other.position.x + other.position.y + other.angle)
+    if ends[0] != ends[1]:
+        raise ImportError(
+            f"pymunk {pymunk.version}: stepping by address differs from its API by "
+            f"{abs(ends[0] - ends[1]):g}; this release needs pymunk {PIN}"
+        )
+
+
+self_test()

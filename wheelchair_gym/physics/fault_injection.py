@@ -1,0 +1,74 @@
+"""Sensors that fail: what a chair is told from then on. How things are does not change."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.compiled.address import floats_at
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.physics.state import FAULTS as NAMES
+from wheelchair_gym.random import FAULTS, uniform
+from wheelchair_gym.sensors.odometry import ODOMETRY
+
+Floats = NDArray[np.float32]
+
+_KINDS = len(NAMES) - 1
+_NAN = np.float32(np.nan)
+_LASER, _LASER_FROZEN, _SONAR, _SONAR_FROZEN, _ODOMETRY, _ODOMETRY_FROZEN = range(1, 7)
+
+
+@borrowing_kernel
+def draw_fault(state: Any, p: Any) -> None:
+    """Draw what fails in this episode, and when."""
+    state.fault = 0
+    if p.fault_share <= 0.0 or uniform(state.key, 0, FAULTS, 0) >= p.fault_share:
+        return
+    state.fault = 1 + int(_KINDS * uniform(state.key, 0, FAULTS, 1))
+    span = p.fault_since[1] - p.fault_since[0]
+    begin = p.fault_since[0] + span * uniform(state.key, 0, FAULTS, 2)
+    state.fault_step = max(1, math.ceil(begin / (p.dt * p.substeps)))
+
+
+@borrowing_kernel
+def fail(state: Any, p: Any, kept: np.uint64, ranges: Floats, sensed: Any) -> None:
+    """Make a reading what failing sensors say.
+
+    Args:
+        state: of the chair.
+        p: its parameters.
+        kept: address of a scan (beams,) that is said again; where no sensor can fail, 0.
+        ranges: (beams,) the scan.
+        sensed: record of SENSED.
+    """
+    if state.fault == 0 or state.step < state.fault_step - 1:
+        return
+    scan, rangers = floats_at(kept, ranges.shape[0]), state.kept_ranges.shape[0]
+    if state.step == state.fault_step - 1:  # the last that is right
+        for k in range(ranges.shape[0]):
+            scan[k] = ranges[k]
+        for k in range(rangers):
+            state.kept_ranges[k], state.kept_age[k] = sensed.ultrasonic[k], sensed.age[k]
+        for k in range(2):
+            state.kept_twist[k] = sensed.twist[k]
+        for k in range(3):
+            state.kept_pose[k] = sensed.pose[k]
+        return
+    fault = state.fault
+    if fault in (_LASER, _LASER_FROZEN):
+        for k in range(ranges.shape[0]):
+            ranges[k] = _NAN if fault == _LASER else scan[k]
+    elif fault in (_SONAR, _SONAR_FROZEN):
+        silent = np.float32((state.step - state.fault_step + 1) * p.substeps * p.dt)
+        for k in range(rangers):
+            sensed.ultrasonic[k] = state.kept_ranges[k]
+            sensed.age[k] = state.kept_age[k] + (silent if fault == _SONAR else np.float32(0.0))
+    else:
+        for k in range(2):
+            sensed.twist[k] = math.nan if fault == _ODOMETRY else state.kept_twist[k]
+        if p.pose_source == ODOMETRY:
+            for k in range(3):
+                sensed.pose[k] = state.kept_pose[k]

@@ -1,0 +1,114 @@
+"""The rig: what all chairs of a kind share, as one record that kernels take in one piece."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.compiled.address import (
+    Pointers,
+    Target,
+    doubles_at,
+    floats_at,
+    integers_at,
+    table_at,
+    words_at,
+)
+from wheelchair_gym.compiled.kernel import inlined
+from wheelchair_gym.physics.engine import ENGINE, engine_record
+from wheelchair_gym.sensors.laser import LaserArrays
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sensors.ultrasonic import UltrasonicArrays
+
+_LASER_FIELDS = ("first", "per_angle", "reach", "nearest", "sigma", "no_echo", "bias")
+_RANGER_FIELDS = ("slope", "reach", "blind", "sigma", "ghosts", "loss_from", "loss_at")
+
+RIG = np.dtype(
+    [("beams", "i8"), ("cosine", "u8"), ("sine", "u8"), ("salt", "u8"), ("laser_mount", "u8")]
+    + [(f"laser_{name}", "f8") for name in _LASER_FIELDS]
+    + [("rangers", "i8"), ("ranger_mount", "u8"), ("order", "u8")]
+    + [(f"ranger_{name}", "u8") for name in _RANGER_FIELDS]
+    + [(name, "u8") for name in ENGINE.names or ()],
+    align=True,
+)
+
+
+_TARGETS = {
+    "cosine": Target("f4", None),
+    "sine": Target("f4", None),
+    "salt": Target("u4", None),
+    "laser_mount": Target("f8", 3),
+    "ranger_mount": Target("f8", None, 3),
+    "order": Target("i8", None),
+    **{f"ranger_{name}": Target("f8", None) for name in _RANGER_FIELDS},
+}
+
+
+class Rig:
+    """Sensors and engine of a kind of chair; `record` (1,) points to what it keeps alive.
+
+    It never changes: a copy in this process is itself, one in another process is made anew.
+    """
+
+    def __init__(self, sensors: SensorSettings) -> None:
+        self._sensors = sensors
+        self.laser = LaserArrays.of(sensors.laser, sensors.noise)
+        self.rangers = UltrasonicArrays.of(sensors.ultrasonic, sensors.noise)
+        self.pointers = pointers = Pointers(np.zeros(1, RIG), _TARGETS, constant=True)
+        self.record: NDArray[np.void] = pointers.record
+        r: Any = self.record[0]
+        for name in ENGINE.names or ():
+            r[name] = engine_record()[name][0]
+        r["beams"], r["rangers"] = sensors.laser.beams, len(self.rangers.order)
+        pointers.point("cosine", self.laser.cosine)
+        pointers.point("sine", self.laser.sine)
+        pointers.point("salt", self.laser.salt)
+        pointers.point("laser_mount", self.laser.mount)
+        for name in _LASER_FIELDS:
+            r[f"laser_{name}"] = getattr(self.laser, name)
+        pointers.point("ranger_mount", self.rangers.mount)
+        pointers.point("order", self.rangers.order)
+        for name in _RANGER_FIELDS:
+            pointers.point(f"ranger_{name}", getattr(self.rangers, name))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Rig:
+        return self
+
+    def __reduce__(self) -> tuple[type[Rig], tuple[SensorSettings]]:
+        return type(self), (self._sensors,)
+
+
+@inlined
+def laser_of(rig: Any) -> LaserArrays:
+    """The laser of a rig's record."""
+    return LaserArrays(
+        floats_at(rig.cosine, rig.beams),
+        floats_at(rig.sine, rig.beams),
+        words_at(rig.salt, rig.beams),
+        rig.laser_first,
+        rig.laser_per_angle,
+        doubles_at(rig.laser_mount, 3),
+        rig.laser_reach,
+        rig.laser_nearest,
+        rig.laser_sigma,
+        rig.laser_no_echo,
+        rig.laser_bias,
+    )
+
+
+@inlined
+def rangers_of(rig: Any) -> UltrasonicArrays:
+    """The ultrasonics of a rig's record."""
+    return UltrasonicArrays(
+        table_at(rig.ranger_mount, rig.rangers, 3),
+        doubles_at(rig.ranger_slope, rig.rangers),
+        doubles_at(rig.ranger_reach, rig.rangers),
+        doubles_at(rig.ranger_blind, rig.rangers),
+        doubles_at(rig.ranger_sigma, rig.rangers),
+        doubles_at(rig.ranger_ghosts, rig.rangers),
+        doubles_at(rig.ranger_loss_from, rig.rangers),
+        doubles_at(rig.ranger_loss_at, rig.rangers),
+        integers_at(rig.order, rig.rangers),
+    )

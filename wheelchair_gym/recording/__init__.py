@@ -1,0 +1,1 @@
+"""Recordings: MCAP files, live viewers, and replay."""

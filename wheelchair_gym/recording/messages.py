@@ -1,0 +1,323 @@
+"""What viewers are told: Foxglove's typed messages of a chair, its sensors and its map.
+
+Frames follow REP-105: map -> odom -> base_link -> laser, ultrasonic_0, ...; the first is what the
+pose source corrects, the second what dead reckoning says, and the mounts stand still.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from functools import cache
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from foxglove import channels
+from foxglove import messages as m
+from numpy.typing import ArrayLike, NDArray
+
+from wheelchair_gym.geometry import correction
+from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.rendering.palette import CHAIR, NARROW, PERSON, TRAIL, WIDE, Colour
+from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
+
+Array = NDArray[np.float64]
+
+_NANO = 1_000_000_000
+_SPOKES = 9  # points on the arc of a cone
+_FAN = [corner for k in range(1, _SPOKES) for corner in (0, k, k + 1)]  # its triangles
+_LINE = 0.03  # m, thickness of what is drawn
+
+TYPED: Final[dict[str, Any]] = {
+    "/map": channels.GridChannel,
+    "/tf": channels.FrameTransformsChannel,
+    "/tf_static": channels.FrameTransformsChannel,
+    "/scan": channels.LaserScanChannel,
+    "/ultrasonic": channels.SceneUpdateChannel,
+    "/odometry": channels.OdometryChannel,
+    "/path": channels.PosesInFrameChannel,
+    "/lookahead": channels.PosesInFrameChannel,
+    "/goal": channels.PoseInFrameChannel,
+    "/pose": channels.PoseInFrameChannel,
+    "/truth": channels.PoseInFrameChannel,
+    "/particles": channels.PointCloudChannel,
+    "/movers": channels.SceneUpdateChannel,
+    "/footprint": channels.SceneUpdateChannel,
+    "/trail": channels.SceneUpdateChannel,
+    "/note": channels.LogChannel,
+    "/image": channels.CompressedImageChannel,
+}
+
+
+def _schema(title: str, **properties: Any) -> dict[str, Any]:
+    return {
+        "type": "object",
+        "title": title,
+        "properties": properties,
+        "required": list(properties),
+    }
+
+
+_NUMBER, _TEXT, _YES = {"type": "number"}, {"type": "string"}, {"type": "boolean"}
+_LIST, _THING = {"type": "array"}, {"type": "object"}
+_MAYBE = {"type": ["number", "null"]}  # null: unknown
+_NUMBERS = {"type": "array", "items": _NUMBER}
+
+PLAIN: Final[dict[str, Any]] = {
+    "/episode": _schema(
+        "episode", settings=_THING, map=_THING, start=_NUMBERS, goal=_NUMBERS, walls=_LIST,
+        discs=_LIST, tolerance=_MAYBE, time_limit=_MAYBE, name=_TEXT,
+    ),
+    "/reading": _schema(
+        "reading", pose=_NUMBERS, twist=_NUMBERS, laser=_TEXT, ultrasonic=_TEXT, age=_TEXT,
+        bumped=_YES, battery=_MAYBE, stamp=_NUMBER, halted=_TEXT, odometry=_NUMBERS, truth=_THING,
+    ),
+    "/command": _schema("command", action=_NUMBERS, v=_NUMBER, w=_NUMBER),
+    "/shield": _schema(
+        "shield", reason=_TEXT, asked=_NUMBERS, given=_NUMBERS, protective=_YES
+    ),
+    "/verdict": _schema(
+        "verdict", reward=_NUMBER, terms={"type": "object", "additionalProperties": _NUMBER},
+        terminated=_YES, truncated=_YES,
+    ),
+    "/battery": _schema("battery", voltage=_MAYBE),
+    "/board": {
+        **_schema(
+            "board", wall=_NUMBER, mode=_TEXT, faults=_TEXT, switches=_TEXT, left=_NUMBER,
+            right=_NUMBER, duty_left=_NUMBER, duty_right=_NUMBER, v=_NUMBER, w=_NUMBER,
+        ),
+        "required": ["wall"],
+    },
+}  # fmt: skip
+
+
+def _time(now: int) -> Any:
+    return m.Timestamp(now // _NANO, now % _NANO)
+
+
+def _turned(yaw: float) -> Any:
+    return m.Quaternion(x=0.0, y=0.0, z=math.sin(0.5 * yaw), w=math.cos(0.5 * yaw))
+
+
+def _at(x: float, y: float) -> Any:
+    return m.Vector3(x=float(x), y=float(y), z=0.0)
+
+
+def _pose(pose: Iterable[float]) -> Any:
+    x, y, yaw = pose
+    return m.Pose(position=_at(x, y), orientation=_turned(yaw))
+
+
+def _colour(colour: Colour, alpha: float) -> Any:
+    r, g, b = (value / 255.0 for value in colour)
+    return m.Color(r=r, g=g, b=b, a=alpha)
+
+
+def _points(points: ArrayLike) -> list[Any]:
+    return [m.Point3(x=x, y=y, z=0.0) for x, y in np.asarray(points, np.float64)[:, :2].tolist()]
+
+
+def pose_in_map(now: int, pose: Iterable[float]) -> Any:
+    """A pose (3,) on the map."""
+    return m.PoseInFrame(frame_id="map", timestamp=_time(now), pose=_pose(pose))
+
+
+def poses_in_map(now: int, points: ArrayLike) -> Any:
+    """Points (n, 2) on the map, each heading for the next one."""
+    places = np.asarray(points, np.float64)[:, :2]
+    ways = np.diff(places, axis=0, append=places[-1:])
+    yaws = np.arctan2(ways[:, 1], ways[:, 0])
+    yaws[-1] = yaws[max(0, len(yaws) - 2)]
+    poses = [_pose(row) for row in np.column_stack([places, yaws]).tolist()]
+    return m.PosesInFrame(frame_id="map", timestamp=_time(now), poses=poses)
+
+
+def _transform(now: int, parent: str, child: str, pose: Iterable[float]) -> Any:
+    x, y, yaw = pose
+    return m.FrameTransform(
+        timestamp=_time(now), parent_frame_id=parent, child_frame_id=child,
+        translation=_at(x, y), rotation=_turned(yaw),
+    )  # fmt: skip
+
+
+def frames(now: int, pose: Array, odometry: Array) -> Any:
+    """The tree map -> odom -> base_link, from the believed and the dead-reckoned pose (3,)."""
+    tree = [
+        _transform(now, "map", "odom", correction(pose, odometry)),
+        _transform(now, "odom", "base_link", odometry),
+    ]
+    return m.FrameTransforms(transforms=tree)
+
+
+def mounts(now: int, laser: LaserSettings, rangers: UltrasonicSettings | None = None) -> Any:
+    """base_link -> laser, and each ultrasonic."""
+    tree = [_transform(now, "base_link", "laser", (laser.x, laser.y, laser.yaw))]
+    tree += [
+        _transform(now, "base_link", f"ultrasonic_{k}", (one.x, one.y, one.yaw))
+        for k, one in enumerate(rangers.mounted if rangers else ())
+    ]
+    return m.FrameTransforms(transforms=tree)
+
+
+def grid(now: int, map_: OccupancyGrid) -> Any:
+    """A map: 0 free, 100 occupied, -1 unknown."""
+    kind = m.PackedElementFieldNumericType.Int8
+    return m.Grid(
+        frame_id="map",
+        timestamp=_time(now),
+        pose=_pose(map_.origin),
+        column_count=map_.shape[1],
+        cell_size=m.Vector2(x=map_.resolution, y=map_.resolution),
+        row_stride=map_.shape[1],
+        cell_stride=1,
+        fields=[m.PackedElementField(name="occupancy", offset=0, type=kind)],
+        data=map_.cells.tobytes(),
+    )
+
+
+def scan(now: int, laser: LaserSettings, ranges: NDArray[np.float32]) -> Any:
+    """A sweep of the laser, in its own frame."""
+    half = 0.5 * laser.fov
+    return m.LaserScan(
+        frame_id="laser",
+        timestamp=_time(now),
+        pose=_pose((0.0, 0.0, 0.0)),
+        start_angle=-half,
+        end_angle=half,
+        ranges=ranges.astype(float).tolist(),
+    )
+
+
+@cache
+def _fan(cone: float) -> list[tuple[float, float]]:
+    """The tip of a cone [rad] and points on its arc, as far away as 1."""
+    angles = np.linspace(-0.5 * cone, 0.5 * cone, _SPOKES).tolist()
+    return [(0.0, 0.0), *((math.cos(angle), math.sin(angle)) for angle in angles)]
+
+
+def cones(
+    now: int,
+    rangers: UltrasonicSettings,
+    ranges: NDArray[np.float32],
+    ages: NDArray[np.float32],
+) -> Any:
+    """What each ultrasonic says, as a cone in its own frame: paler with age, palest without echo.
+
+    Of one that is invalid (NaN), or too near (-inf), nothing is drawn.
+    """
+    found = []
+    told = zip(rangers.mounted, ranges.tolist(), ages.tolist(), strict=True)
+    for k, (one, value, age) in enumerate(told):
+        narrow = one.model == "narrow"
+        model = rangers.narrow if narrow else rangers.wide
+        fans = []
+        if value > 0.0:
+            echo = value < math.inf
+            far = min(value, model.reach)
+            corners = [m.Point3(x=far * x, y=far * y, z=0.0) for x, y in _fan(model.cone)]
+            alpha = max(0.1, 0.5 - 0.4 * age) if echo else 0.05
+            colour = _colour(NARROW if narrow else WIDE, alpha)
+            fans = [m.TriangleListPrimitive(points=corners, color=colour, indices=_FAN)]
+        name = f"ultrasonic_{k}"
+        words = {"range": value, "age": age}
+        found.append(
+            m.SceneEntity(
+                timestamp=_time(now),
+                frame_id=name,
+                id=name,
+                frame_locked=True,
+                triangles=fans,
+                metadata=[m.KeyValuePair(key=key, value=f"{v:.3f}") for key, v in words.items()],
+            )
+        )
+    return m.SceneUpdate(entities=found)
+
+
+def _line(now: int, frame: str, name: str, points: ArrayLike, colour: Colour, closed: bool) -> Any:
+    kinds = m.LinePrimitiveLineType
+    line = m.LinePrimitive(
+        type=kinds.LineLoop if closed else kinds.LineStrip,
+        thickness=_LINE,
+        points=_points(points),
+        color=_colour(colour, 1.0),
+    )
+    entity = m.SceneEntity(
+        timestamp=_time(now), frame_id=frame, id=name, frame_locked=True, lines=[line]
+    )
+    return m.SceneUpdate(entities=[entity])
+
+
+def footprint(now: int, corners: Array) -> Any:
+    """The chair's outline (4, 2), in its own frame."""
+    return _line(now, "base_link", "footprint", corners, CHAIR, True)
+
+
+def trail(now: int, places: Sequence[Array] | Array) -> Any:
+    """The way driven so far (n, 2), on the map."""
+    return _line(now, "map", "trail", np.array(places), TRAIL, False)
+
+
+def movers(now: int, shapes: tuple[Array, Array]) -> Any:
+    """Movers' discs (n, 3) and segments (m, 4) [m]: round ones as cylinders, others as lines."""
+    discs, segments = shapes
+    colour = _colour(PERSON, 0.9)
+    round_ones = [
+        m.CylinderPrimitive(
+            pose=_pose((x, y, 0.0)),
+            size=m.Vector3(x=2.0 * r, y=2.0 * r, z=0.1),
+            bottom_scale=1.0,
+            top_scale=1.0,
+            color=colour,
+        )
+        for x, y, r in discs.tolist()
+    ]
+    lines = m.LinePrimitive(
+        type=m.LinePrimitiveLineType.LineList,
+        pose=_pose((0.0, 0.0, 0.0)),
+        thickness=_LINE,
+        points=_points(segments.reshape(-1, 2)),
+        color=colour,
+    )
+    entity = m.SceneEntity(
+        timestamp=_time(now), frame_id="map", id="movers", cylinders=round_ones,
+        lines=[lines] if len(segments) else [],
+    )  # fmt: skip
+    return m.SceneUpdate(entities=[entity])
+
+
+def odometry(now: int, pose: Array, twist: Array) -> Any:
+    """The dead-reckoned pose (3,) and the twist (2,)."""
+    v, w = twist.tolist()
+    return m.Odometry(
+        timestamp=_time(now), frame_id="odom", body_frame_id="base_link", pose=_pose(pose),
+        linear_velocity=_at(v, 0.0), angular_velocity=m.Vector3(x=0.0, y=0.0, z=w),
+    )  # fmt: skip
+
+
+def particles(now: int, poses: Array) -> Any:
+    """Poses (n, 3) on the map where the chair may be, as points that carry their yaw."""
+    kind = m.PackedElementFieldNumericType.Float32
+    named = [
+        m.PackedElementField(name=name, offset=4 * k, type=kind)
+        for k, name in enumerate(("x", "y", "yaw"))
+    ]
+    return m.PointCloud(
+        timestamp=_time(now), frame_id="map", pose=_pose((0.0, 0.0, 0.0)), point_stride=12,
+        fields=named, data=np.ascontiguousarray(poses, "<f4").tobytes(),
+    )  # fmt: skip
+
+
+def note(now: int, who: str, said: str, wrong: bool = False) -> Any:
+    """A line for people."""
+    level = m.LogLevel.Warning if wrong else m.LogLevel.Info
+    return m.Log(timestamp=_time(now), level=level, message=said, name=who)
+
+
+def image(now: int, picture: NDArray[np.uint8], quality: int) -> Any:
+    """A picture (h, w, 3) RGB as JPEG."""
+    bgr = np.ascontiguousarray(picture[..., ::-1])
+    data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return m.CompressedImage(
+        timestamp=_time(now), frame_id="map", data=data.tobytes(), format="jpeg"
+    )

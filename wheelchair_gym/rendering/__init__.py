@@ -1,0 +1,21 @@
+"""Pictures of the chair and of plans, a window to watch them in, and video files."""
+
+from __future__ import annotations
+
+from wheelchair_gym.rendering.map_picture import draw_map
+from wheelchair_gym.rendering.picture import TopView
+from wheelchair_gym.rendering.plan import draw_plan
+from wheelchair_gym.rendering.video import contact_sheet, video_suffix, webp, write_png, write_video
+from wheelchair_gym.rendering.window import Window
+
+__all__ = [
+    "TopView",
+    "Window",
+    "contact_sheet",
+    "draw_map",
+    "draw_plan",
+    "video_suffix",
+    "webp",
+    "write_png",
+    "write_video",
+]

@@ -1,0 +1,240 @@
+"""Top views: a chair in its world, frame by frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wheelchair_gym.geometry import Footprint, to_world, wrap_angle
+from wheelchair_gym.kinematics import DriveGeometry
+from wheelchair_gym.physics.actors.records import (
+    DOOR,
+    EVERYBODY,
+    FURNITURE,
+    NOBODY,
+    OBSTACLE,
+    PERSON,
+    Movers,
+    outline_of,
+)
+from wheelchair_gym.rendering import floor, palette
+from wheelchair_gym.rendering.canvas import Canvas, Image
+from wheelchair_gym.sensors.settings import SensorSettings, UltrasonicSettings
+from wheelchair_gym.types import Episode, Reading
+
+Array = NDArray[np.float64]
+
+FILLS = {
+    PERSON: palette.PERSON,
+    DOOR: palette.LEAF,
+    OBSTACLE: palette.SUDDEN,
+    FURNITURE: palette.LIGHT,
+}
+# Rims tell whether a person heeds the chair.
+RIMS = {EVERYBODY: palette.INK, NOBODY: palette.VERMILION}
+
+
+def draw_movers(canvas: Canvas, movers: Movers, poses: Array) -> None:
+    """Draw movers at their true shapes.
+
+    Args:
+        canvas: to draw on.
+        movers: of the episode.
+        poses: where they are (k, 3) [m, m, rad]; NaN: not there.
+    """
+    for row, (x, y, yaw) in zip(movers.rows, poses, strict=True):
+        if not math.isfinite(x):
+            continue
+        kind, colour = int(row["kind"]), FILLS[int(row["kind"])]
+        outline = outline_of(row, x, y, yaw)
+        if len(outline) == 1:
+            rim = RIMS.get(int(row["heeds"]), palette.BLIND) if kind == PERSON else palette.INK
+            canvas.disc(outline[0], float(row["size"][0]), colour)
+            canvas.ring(outline[0], float(row["size"][0]), rim, 2.0)
+        else:
+            canvas.fill([outline], colour)
+            # A leaf is too thin for a line round it in another colour.
+            edge = colour if kind == DOOR else palette.INK
+            canvas.line(outline, edge, 1.5, closed=True)
+
+
+CHAIR_ALPHA = 0.55  # how much of what lies under the chair it hides
+_LASER_ALPHA = 0.10
+_CONE_ALPHA = 0.40  # of a fresh echo
+_FADE = 1.0  # s: an echo this old has faded; the age at which it counts as stale
+_HEADING = np.array([(0.92, 0.0), (0.45, 0.42), (0.56, 0.0), (0.45, -0.42)])  # of front, half
+_DIFFERS = (0.02, math.radians(1.0))  # m, rad: estimates nearer than this are not drawn apart
+
+
+class TopView:
+    """Draws an episode from above; what does not move is drawn once.
+
+    Args:
+        episode: the world, the map, the start and the goal.
+        footprint: the chair's outline.
+        drive: where the drive wheels are.
+        sensors: where the sensors sit and what they can see.
+        size: height and width of a picture, the world in its middle, or its long side alone
+            [pixels].
+        tolerance: how near the goal counts [m], where the episode does not say.
+        bounds: xmin, ymin, xmax, ymax [m] to show; the whole world if left out.
+    """
+
+    def __init__(
+        self,
+        episode: Episode,
+        footprint: Footprint | None = None,
+        drive: DriveGeometry | None = None,
+        sensors: SensorSettings | None = None,
+        size: int | tuple[int, int] = 640,
+        tolerance: float = 0.30,
+        bounds: ArrayLike | None = None,
+    ) -> None:
+        self.footprint = footprint or Footprint()
+        self.drive = drive or DriveGeometry()
+        self.sensors = sensors or SensorSettings()
+        if bounds is None:
+            ends: list[Any] = [
+                floor.grid_outline(episode.map),
+                [episode.start[:2], episode.goal[:2]],
+            ]
+            ends += [episode.walls.reshape(-1, 2), *_disc_corners(episode.discs)]
+            bounds = floor.extent(np.concatenate(ends), 0.1)
+        self.movers = episode.movers
+        self._cones = _cones(self.sensors.ultrasonic)
+        self._wheels = _wheels(self.footprint, self.drive)
+        front, half = self.footprint.front, self.footprint.half_width
+        self._mark = _HEADING * (front, half)
+        fine = floor.blank(bounds, size).enlarged(floor.FINE)
+        floor.lay_grid(fine, episode.map)
+        floor.lay_solids(fine, episode.walls, episode.discs)
+        near = tolerance if episode.tolerance is None else episode.tolerance
+        floor.mark_goal(fine, episode.goal, near)
+        floor.mark_start(fine, episode.start)
+        floor.rule_strip(fine)
+        self.background = fine.shrunk(floor.FINE)
+        self.frame = self.background.frame
+
+    def draw(
+        self,
+        pose: ArrayLike,
+        reading: Reading | None = None,
+        trail: ArrayLike | None = None,
+        path: ArrayLike | None = None,
+        look_ahead: ArrayLike | None = None,
+        caption: str = "",
+        movers: Array | None = None,
+    ) -> Image:
+        """A picture (h, w, 3) RGB of one instant.
+
+        Args:
+            pose: where the chair is (3,) [m, m, rad]; its readings are drawn from there.
+            reading: laser, ultrasonics, and the pose where the chair believes it is.
+            trail: where it has been (n, 2 or 3) [m].
+            path: the guidance path (n, 2 or 3) [m].
+            look_ahead: points (n, 2) [m] of the path that the chair steers by.
+            caption: one line below the picture, ASCII.
+            movers: where the episode's movers are (k, 3) [m, m, rad]; NaN: not there.
+        """
+        canvas = Canvas(self.background.image.copy(), self.frame, self.background.unit)
+        at = np.asarray(pose, dtype=np.float64)
+        if path is not None:
+            canvas.line(path, palette.PATH, 2.5)
+        if trail is not None:
+            canvas.line(trail, palette.TRAIL, 2.0)
+        if reading is not None:
+            self._laser(canvas, at, reading)
+            self._ultrasonics(canvas, at, reading)
+            gap = np.asarray(reading.pose) - at
+            if math.hypot(gap[0], gap[1]) > _DIFFERS[0] or abs(wrap_angle(gap[2])) > _DIFFERS[1]:
+                self._ghost(canvas, reading.pose)
+        if movers is not None:
+            draw_movers(canvas, self.movers, movers)
+        self._chair(canvas, at)
+        for point in np.asarray(look_ahead if look_ahead is not None else [], dtype=np.float64):
+            canvas.dot(point, 4.5, palette.FREE)
+            canvas.dot(point, 3.0, palette.PATH)
+        # The strip is no part of the world: what reached into it is wiped off.
+        h, w = canvas.image.shape[:2]
+        world = h - floor.strip_height(max(h, w))
+        canvas.image[world:] = self.background.image[world:]
+        floor.write_caption(canvas, caption)
+        return canvas.image
+
+    def _laser(self, canvas: Canvas, pose: Array, reading: Reading) -> None:
+        laser = self.sensors.laser
+        ranges = np.asarray(reading.laser, dtype=np.float64)
+        if not len(ranges):
+            return
+        rays = replace(laser, beams=len(ranges)).directions
+        seen = np.clip(np.nan_to_num(ranges, nan=0.0, posinf=laser.reach), 0.0, laser.reach)
+        # A lone beam without echo would stand out of the fan as a spike.
+        beside = np.pad(seen, 1)
+        seen = np.minimum(seen, np.maximum(beside[:-2], beside[2:]))
+        mount = (laser.x, laser.y)
+        fan = to_world(np.vstack([[mount], mount + seen[:, None] * rays]), pose)
+        canvas.fill([fan], palette.LASER, _LASER_ALPHA)
+        canvas.specks(fan[1:][np.isfinite(ranges)], palette.LASER)
+
+    def _ultrasonics(self, canvas: Canvas, pose: Array, reading: Reading) -> None:
+        mounts, sectors, colours = self._cones
+        echoes = np.asarray(reading.ultrasonic, dtype=np.float64)
+        heard = np.flatnonzero(np.isfinite(echoes))
+        reach = mounts[heard, None] + echoes[heard, None, None] * sectors[heard]
+        fresh = np.clip(1.0 - np.asarray(reading.age)[heard] / _FADE, 0.25, 1.0)
+        for k, wedge, strength in zip(heard, to_world(reach, pose), fresh, strict=True):
+            canvas.fill([wedge], colours[k], _CONE_ALPHA * float(strength))
+            canvas.line(wedge[1:], colours[k], 1.5)
+
+    def _chair(self, canvas: Canvas, pose: Array) -> None:
+        body = to_world(self.footprint.corners, pose)
+        canvas.fill([body], palette.CHAIR, CHAIR_ALPHA)
+        canvas.fill([to_world(wheel, pose) for wheel in self._wheels], palette.WHEEL)
+        canvas.fill([to_world(self._mark, pose)], palette.FREE)
+        canvas.line(body, palette.CHAIR, 2.0, closed=True)
+
+    def _ghost(self, canvas: Canvas, pose: ArrayLike) -> None:
+        canvas.line(to_world(self.footprint.corners, pose), palette.ESTIMATE, 1.5, closed=True)
+        heading = to_world([(0.0, 0.0), (self.footprint.front, 0.0)], pose)
+        canvas.line(heading, palette.ESTIMATE, 1.5)
+
+
+def _cones(settings: UltrasonicSettings) -> tuple[Array, Array, list[palette.Colour]]:
+    """Where each ranger sits (8, 2) [m], its cone as a sector of radius one (8, 14, 2), its colour.
+
+    A sector's first point is the ranger, the others its arc; turned as in the chair's frame.
+    """
+    sectors = []
+    for mounted in settings.mounted:
+        cone = (settings.narrow if mounted.model == "narrow" else settings.wide).cone
+        angles = mounted.yaw + np.linspace(-0.5 * cone, 0.5 * cone, 13)
+        arc = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        sectors.append(np.vstack([np.zeros((1, 2)), arc]))
+    mounts = np.array([(mounted.x, mounted.y) for mounted in settings.mounted])
+    colours = {"narrow": palette.NARROW, "wide": palette.WIDE}
+    return mounts, np.array(sectors), [colours[m.model] for m in settings.mounted]
+
+
+def _wheels(footprint: Footprint, drive: DriveGeometry) -> list[Array]:
+    """Outlines of two drive wheels and two casters, in the chair's frame [m].
+
+    The casters are only drawn: 0.48 m ahead of the axle on the default chair.
+    """
+    r, across = drive.wheel_radius, 0.045  # m: half a tyre's width and a little
+    wheel = np.array([(-r, -across), (r, -across), (r, across), (-r, across)])
+    around = np.linspace(0.0, 2.0 * math.pi, 25)[:-1]
+    caster = 0.055 * np.stack([np.cos(around), np.sin(around)], axis=-1)
+    ahead, aside = 0.68 * footprint.front, 0.72 * footprint.half_width
+    return [
+        *(np.add(wheel, (0.0, 0.5 * side * drive.track)) for side in (1, -1)),
+        *(np.add(caster, (ahead, side * aside)) for side in (1, -1)),
+    ]
+
+
+def _disc_corners(discs: Array) -> list[Any]:
+    """Corners of the boxes around discs (m, 3) [m]."""
+    return [discs[:, :2] - discs[:, 2:], discs[:, :2] + discs[:, 2:]] if len(discs) else []

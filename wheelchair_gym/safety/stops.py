@@ -1,0 +1,255 @@
+"""Why a chair stands, whether that ends by itself, and what a person does to go on: one table.
+
+    drive board, link, chair, shield ──▶ messages ──▶ Stops ──▶ lines of a log, time that it stands
+
+`STOPS` is read by the shield (its faults), the hardware chair, the log of a deployed policy and the
+documentation (`python -m wheelchair_gym.safety.stops` prints it as a table). `Stops` is the state
+machine over all of them: a chair goes on when nothing holds it any longer.
+"""
+
+from __future__ import annotations
+
+import enum
+import re
+from collections.abc import Iterable
+from typing import Any, Final, NamedTuple
+
+
+class Ends(enum.Enum):
+    """How a stop ends."""
+
+    ITSELF = "goes on by itself"
+    PERSON = "goes on when the person hands it back"
+    REARM = "needs a re-arm by a person"
+    NEW_RUN = "needs a re-arm by a person, and a new start of the program"
+
+
+class Stop(NamedTuple):
+    """A reason for which a chair stands."""
+
+    name: str
+    part: str  # that tells it
+    message: str  # regular expression that finds it among what the parts say
+    meaning: str
+    ends: Ends
+    advice: str  # what a person does, or what the chair waits for
+
+
+BY_HAND: Final = "a person drives it by the joystick"
+DRY_RUN: Final = "a dry run sends no commands"
+BROUGHT_TO_REST: Final = "the drive board brings it to rest"
+_PLUG = "see to its plug, its cable and its power"
+_TOLD = "the shield has stopped it: {}"
+
+
+def _shield(name: str, meaning: str, advice: str) -> Stop:
+    return Stop(name, "shield", re.escape(_TOLD.format(name)), meaning, Ends.REARM, advice)
+
+
+def _board(name: str, meaning: str, advice: str) -> Stop:
+    message = rf"the drive board has stopped \([^)]*\b{name}\b"
+    return Stop(name, "drive board", message, meaning, Ends.NEW_RUN, advice)
+
+
+STOPS: Final = (
+    _shield("laser silent", "most beams of the laser are invalid for too long", _PLUG),
+    _shield("laser frozen", "the laser repeats a scan while the chair moves", "restart the laser"),
+    _shield(
+        "laser blind",
+        "the laser has no echo at all where it saw something before, or where ultrasonics hear it",
+        "clean and uncover its window; where nothing is within its reach, start the program again",
+    ),
+    _shield(
+        "ultrasonic silent", "an ultrasonic that was heard before is heard no longer", _PLUG
+    ),
+    _shield(
+        "ultrasonic frozen", "the ultrasonics repeat themselves although the chair moves",
+        "restart the range board",
+    ),
+    _shield("odometry silent", "the speed of the wheels is unknown", _PLUG),
+    _shield(
+        "odometry frozen", "the encoders do not show what the wheels were told to do",
+        "see whether a wheel is blocked or slips, and to the encoders",
+    ),
+    _shield("bumped", "a bumper strip is pressed", "free the chair"),
+    _board("RESET", "the board was switched on, or restarted", "nothing needs to be mended"),
+    _board("EMERGENCY_STOP", "the emergency stop was pressed", "let the emergency stop go"),
+    _board("LINK", "no command came for a second", "see to the USB cable and to the computer"),
+    _board(
+        "STALL", "a wheel is driven and does not turn, or its encoder is not heard",
+        "free the wheel; see to its motor's and its encoder's cables",
+    ),
+    _board(
+        "DIRECTION", "a wheel turns against its motor",
+        "exchange the motor's two wires, or the encoder's A and B, never both",
+    ),
+    _board("ENCODER", "an encoder's steps are impossible", "see to its cable and its shield"),
+    _board("OVER_SPEED", "a wheel turned too fast", "see to the slope, the drivers, the gains"),
+    _board("UNDER_VOLTAGE", "the battery is empty", "charge the battery"),
+    _board("DRIVER", "a motor driver reports a fault", "see to the driver and its motor"),
+    _board("STORE", "the board's memory is unreadable", "run wheelchair hardware setup"),
+    _board("RUNAWAY", "a wheel turned although it should not", "see to the drivers and the brakes"),
+    _board("BRAKE", "the closed brakes slip", "see to the brakes; do not park on a slope"),
+    _board(
+        "IMPLAUSIBLE", "the motors' voltage and the measured speed do not fit together",
+        "see to the encoders and their counts per metre, then to the motors",
+    ),
+    _board("not armed", "nobody has armed the board yet", "close the freewheel lever if open"),
+    Stop(
+        "board fault", "drive board", r"the drive board has stopped \(",
+        "the board has stopped for a fault", Ends.NEW_RUN, "see to what it names",
+    ),
+    Stop(
+        "drive board silent", "link", r"the drive board is silent",
+        "no odometry came for too long; the board stops by itself", Ends.ITSELF,
+        "see to the USB cable; it waits until the board is heard",
+    ),
+    Stop(
+        "range board silent", "link", r"the range board is silent", "no range came for too long",
+        Ends.ITSELF, "see to the USB cable; it waits until the board is heard",
+    ),
+    Stop(
+        "laser line silent", "link", r"the laser is silent", "no scan came for too long",
+        Ends.ITSELF, f"{_PLUG}; it waits until the laser is heard",
+    ),
+    Stop(
+        "topic silent", "link", r"\S+ is silent", "no message of a topic came for too long",
+        Ends.ITSELF, "see to the node that publishes it; it waits until it is heard",
+    ),
+    Stop(
+        "pose unknown", "link", r"\S+ does not tell where ",
+        "transforms do not lead from the map to the chair", Ends.ITSELF,
+        "see to the localiser; it waits until the pose is told",
+    ),
+    Stop(
+        "clock stands", "link", r"\S+ has (told no time|stood still) ",
+        "the simulated clock of ROS does not go on", Ends.ITSELF,
+        "start the simulation; it waits until the clock goes on",
+    ),
+    Stop(
+        "link lost", "link", r".*the link is lost",
+        "the connection to the chair's computer is closed", Ends.NEW_RUN, "connect it again",
+    ),
+    Stop(
+        "by hand", "person", re.escape(BY_HAND), "a person has the chair by a joystick",
+        Ends.PERSON, "let the stick go and hand the chair back",
+    ),
+    Stop(
+        "brought to rest", "drive board", re.escape(BROUGHT_TO_REST),
+        "the board ends a motion, after commands were missing or a person let go", Ends.ITSELF,
+        "it waits until the chair stands",
+    ),
+    Stop(
+        "dry run", "program", re.escape(DRY_RUN), "nothing is sent to the chair",
+        Ends.NEW_RUN, "run it without --dry-run",
+    ),
+    Stop(
+        "unknown", "unknown", r"", "a part says what this table does not hold", Ends.ITSELF,
+        "see to what it names",
+    ),
+)  # fmt: skip
+
+_BY_NAME = {stop.name: stop for stop in STOPS}
+SHIELD_FAULTS: Final = tuple(stop.name for stop in STOPS if stop.part == "shield")
+
+
+def of_shield(fault: str) -> str:
+    """What is said of a fault that the shield has latched; empty for none."""
+    return _TOLD.format(fault) if fault else ""
+
+
+def stops_of(message: str) -> list[Stop]:
+    """The rows of the table for what a part says: one, or one for each fault of a board."""
+    found = [stop for stop in STOPS if re.match(stop.message, message)]
+    faults = [stop for stop in found if stop.part == "drive board" and stop.name != "board fault"]
+    return faults or found[:1]
+
+
+def advice_of(message: str) -> str:
+    """What a person does about it, as a part of a sentence."""
+    rows = stops_of(message)
+    return "; ".join(dict.fromkeys(stop.advice for stop in rows))
+
+
+def needs_person(message: str) -> bool:
+    """Whether it lasts until a person re-arms the chair."""
+    return any(stop.ends in (Ends.REARM, Ends.NEW_RUN) for stop in stops_of(message))
+
+
+def by_hand(message: str) -> bool:
+    """Whether it says that a person drives."""
+    return stops_of(message)[0].ends is Ends.PERSON
+
+
+def holds(halted: str, shield: Any) -> list[str]:
+    """What keeps a chair from being driven: what it says (`Reading.halted`), and its shield."""
+    fault = "" if shield is None else of_shield(shield.latched)
+    return [why for why in (halted, fault) if why]
+
+
+class Stops:
+    """What a chair stands for now, and since when.
+
+    Attributes:
+        messages: all that holds it, by the name of the row; empty: it drives.
+    """
+
+    def __init__(self) -> None:
+        self.messages: dict[str, str] = {}
+        self._waited, self._at = 0.0, 0.0
+
+    def update(self, now: float, messages: Iterable[str]) -> list[str]:
+        """Take in all that holds it at a time [s], empty strings left out; lines of what changed.
+
+        It says `goes on` only when nothing holds it any longer.
+        """
+        held = {stops_of(message)[0].name: message for message in messages if message}
+        before, self.messages = self.messages, held
+        lines = [
+            f"stands: {message}; {_sentence(message)}"
+            for name, message in held.items()
+            if name not in before
+        ]
+        over = [message for name, message in before.items() if name not in held]
+        if over and not held:
+            lines = ["goes on"]
+        elif over:
+            lines += [f"no longer: {'; '.join(over)}; still stands: {self.why}"]
+        hand = any(by_hand(message) for message in held.values())
+        if not held or hand:
+            self._waited = 0.0
+        elif before:
+            self._waited += now - self._at
+        self._at = now
+        return lines
+
+    @property
+    def why(self) -> str:
+        """All that holds it, as a line."""
+        return "; ".join(self.messages.values())
+
+    @property
+    def waited(self) -> float:
+        """Seconds for which something else than a person's hand has held it."""
+        return self._waited
+
+
+def _sentence(message: str) -> str:
+    first = stops_of(message)[0]
+    advice = advice_of(message)
+    return f"{first.ends.value}: {advice}" if needs_person(message) else advice
+
+
+def as_table() -> str:
+    """The table as Markdown."""
+    head = "| stop | reported by | meaning | how it ends | what to do |"
+    lines = [head, "| --- | --- | --- | --- | --- |"]
+    lines += [
+        f"| {stop.name} | {stop.part} | {stop.meaning} | {stop.ends.value} | {stop.advice} |"
+        for stop in STOPS[:-1]
+    ]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    print(as_table())

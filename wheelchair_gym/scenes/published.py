@@ -1,0 +1,300 @@
+"""Five maps after those of the thesis on RRT*-WOA: their pictures were never published.
+
+All are 30 m x 20 m with a way of about 35 m from corner to corner: empty; with unobtrusive
+obstacles; with narrow passages; with local minima; with clutter.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from typing import Any, Final, Literal, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.scenes.arena import Arena, arena, facing
+from wheelchair_gym.scenes.poses import FOOTPRINT
+from wheelchair_gym.scenes.raster import turned_rectangle
+from wheelchair_gym.types import Episode
+
+T = TypeVar("T")
+
+
+def numbered(scene: type[T], name: str, count: int, what: str) -> dict[str, type[T]]:
+    """Scenes `name_1` to `name_count` of a class whose `number` says which map it is.
+
+    Args:
+        scene: a settings class with the field `number`.
+        name: of the scenes, without the number.
+        count: of the maps.
+        what: the docstring of each, before its number.
+    """
+    return {f"{name}_{k}": _fixed(scene, f"{name}_{k}", k, what) for k in range(1, count + 1)}
+
+
+def _fixed(scene: type[T], name: str, number: int, what: str) -> type[T]:
+    """The settings class of one map: the number cannot be set to another."""
+
+    def check(self: Any) -> None:
+        if self.number != number:
+            raise InputError(f"{name}.number is {self.number}; expected {number}")
+
+    namespace = {
+        "__annotations__": {"number": int},
+        "__doc__": f"{what} {number}.",
+        "__post_init__": check,
+        "__module__": scene.__module__,
+        "number": setting(default=number, source="of the map", low=number, high=number),
+    }
+    made: type[T] = settings(type(f"{scene.__name__}{number}", (scene,), namespace))
+    # A pickle names a class by its module and its name there.
+    setattr(sys.modules[scene.__module__], made.__name__, made)
+    return made
+
+
+Box = tuple[float, float, float, float]
+Point = tuple[float, float]
+
+LAB_SIZE: Final = (7.0, 5.0)  # m
+
+
+class _Plan(NamedTuple):
+    walls: tuple[Box, ...]  # m: xmin, ymin, xmax, ymax
+    start: Point  # m
+    goal: Point
+
+
+# Few walls; a screen and a bench; three screens one behind the other: more clutter from 1 to 3.
+LABS: Final = (
+    _Plan(((2.3, 0.0, 2.4, 2.2), (4.4, 2.6, 4.5, 5.0)), (0.9, 1.2), (6.0, 3.8)),
+    _Plan(
+        ((3.2, 1.5, 3.3, 5.0), (4.3, 2.4, 5.4, 2.5), (0.8, 4.2, 2.0, 4.3)), (1.2, 3.2), (5.6, 3.4)
+    ),
+    _Plan(
+        ((1.9, 1.4, 2.0, 5.0), (3.6, 0.0, 3.7, 3.5), (5.3, 1.5, 5.4, 5.0), (0.0, 2.9, 0.7, 3.0)),
+        (0.9, 1.6),
+        (6.2, 2.4),
+    ),
+)
+
+DESIGN_LAB_SIZE: Final = (12.0, 14.0)  # m
+DESIGN_LAB: Final[tuple[Box, ...]] = (
+    # The wall between hall and lab, with a door of 1.6 m.
+    (0.0, 7.0, 6.6, 7.2),
+    (8.2, 7.0, 12.0, 7.2),
+    # The lab: a bench across the straight way of path 1, and benches along the walls.
+    (6.5, 10.4, 7.8, 11.1),
+    (2.6, 9.4, 3.4, 12.6),
+    (9.8, 8.4, 10.6, 11.0),
+    (4.4, 12.8, 7.0, 13.6),
+    # The hall: a table across the straight way of path 2, a screen, cupboards.
+    (4.8, 3.6, 6.9, 4.8),
+    (3.4, 0.0, 3.5, 3.0),
+    (8.8, 2.2, 10.4, 3.2),
+    (1.2, 3.8, 2.4, 5.6),
+)
+DESIGN_LAB_PATHS: Final = {
+    1: ((5.3, 9.0), (8.5, 12.0)),
+    2: ((6.0, 2.0), (6.3, 9.5)),
+}
+DESIGN_LAB_INFLATION: Final = 0.4  # m: the paper's
+
+
+@settings
+class Lab:
+    """A laboratory of the thesis on limited tree expansion; upright walls, 7 m x 5 m."""
+
+    number: int = setting(default=1, source="which of the three", low=1, high=3)
+
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """The one world there is, whatever the footprint."""
+        plan = LABS[self.number - 1]
+        ground = arena((0.0, 0.0, *LAB_SIZE), plan.walls)
+        start, goal = facing(plan.start, plan.goal)
+        name = f"lab_{self.number}"
+        return Episode(ground.map, start, goal, ground.walls, ground.discs, name=name)
+
+
+@settings
+class DesignLab:
+    """An engineering design lab with the two ways of the paper on RRT smoothed by whales."""
+
+    path: Literal[1, 2] = setting(default=1, source="the paper's start and goal")
+
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """The one world there is, whatever the footprint."""
+        ground = arena((0.0, 0.0, *DESIGN_LAB_SIZE), DESIGN_LAB)
+        start, goal = facing(*DESIGN_LAB_PATHS[self.path])
+        return Episode(ground.map, start, goal, ground.walls, ground.discs, name="design_lab")
+
+
+LAB_MAPS: Final = numbered(Lab, "lab", 3, "Laboratory of the thesis on limited tree expansion, no.")
+
+
+CHAOTIC_PSO_DISCS: Final = (
+    (1.0, 8.0, 0.32),
+    (1.5, 4.5, 0.62),
+    (3.0, 7.0, 0.32),
+    (4.0, 3.0, 0.32),
+    (9.0, 4.0, 0.82),
+    (8.0, 8.0, 0.32),
+    (6.0, 6.0, 0.52),
+    (9.0, 1.0, 0.62),
+)
+GREY_WOLF_DISCS: Final = ((6.5, 7.5, 5.5), (17.0, 13.0, 3.33), (11.0, 18.0, 3.0))
+GREY_WOLF_GOALS: Final = {
+    "5,20": (5.0, 20.0),
+    "15,5": (15.0, 5.0),
+    "12,12": (12.0, 12.0),
+    "15,22": (15.0, 22.0),
+    "20,20": (20.0, 20.0),
+    "10,2.5": (10.0, 2.5),
+}
+
+
+@settings
+class ChaoticPso:
+    """10 m x 10 m, eight round obstacles, (1, 1) to (9, 9): the paper on chaotic PSO for robots.
+
+    A wall round the ground keeps the chair in; it touches nothing of the paper.
+    """
+
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """The one world there is, whatever the footprint."""
+        ground = arena((0.0, 0.0, 10.0, 10.0), discs=CHAOTIC_PSO_DISCS)
+        start, goal = facing((1.0, 1.0), (9.0, 9.0))
+        return Episode(ground.map, start, goal, ground.walls, ground.discs, name="chaotic_pso")
+
+
+@settings
+class GreyWolf:
+    """25 x 25, three round obstacles, (0, 0) to one of six goals: the report on PSO with GWO.
+
+    A margin beyond its ground lets the chair stand at the start in its corner.
+    """
+
+    goal: Literal["5,20", "15,5", "12,12", "15,22", "20,20", "10,2.5"] = setting(
+        default="20,20", source="of the report's six, beyond all obstacles"
+    )
+    margin: float = setting(
+        default=2.0, unit="m", source="ground beyond 0 and 25, room for the chair", low=1.0
+    )
+
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """The one world there is, whatever the footprint."""
+        low, high = -self.margin, 25.0 + self.margin
+        ground = arena((low, low, high, high), discs=GREY_WOLF_DISCS)
+        start, goal = facing((0.0, 0.0), GREY_WOLF_GOALS[self.goal])
+        return Episode(ground.map, start, goal, ground.walls, ground.discs, name="grey_wolf")
+
+
+Array = NDArray[np.float64]
+
+WIDTH: Final = 30.0  # m
+HEIGHT: Final = 20.0
+START: Final = (1.5, 1.5)
+GOAL: Final = (28.5, 18.5)
+_WALL = 0.3  # m: thickness of walls drawn by hand
+
+
+def _barrier(x: float, gap_at: float, gap: float) -> list[Box]:
+    """A wall across the map at x with one gap centred at a height."""
+    right = x + _WALL
+    return [(x, 0.0, right, gap_at - gap / 2), (x, gap_at + gap / 2, right, HEIGHT)]
+
+
+def _pocket(x: float, low: float, high: float, deep: float) -> list[Box]:
+    """A pocket that opens towards the start's side; its back stands at x."""
+    return [
+        (x, low, x + _WALL, high),
+        (x - deep, low, x, low + _WALL),
+        (x - deep, high - _WALL, x, high),
+    ]
+
+
+def _empty(gap: float, seed: int) -> Arena:
+    return arena((0.0, 0.0, WIDTH, HEIGHT))
+
+
+def _unobtrusive(gap: float, seed: int) -> Arena:
+    rects = [(5.0, 9.0, 7.5, 11.0), (13.5, 14.0, 15.0, 16.5), (21.0, 4.0, 24.0, 6.0)]
+    turned = [
+        turned_rectangle(11.0, 3.0, 2.0, 1.2, 0.5),
+        turned_rectangle(8.0, 16.0, 2.5, 1.0, 2.4),
+    ]
+    discs = [(17.0, 5.0, 0.8), (21.0, 17.0, 0.7), (3.0, 14.5, 0.6), (26.5, 9.0, 0.7)]
+    return arena((0.0, 0.0, WIDTH, HEIGHT), rects, turned, discs)
+
+
+def _narrow(gap: float, seed: int) -> Arena:
+    rects = _barrier(7.0, 6.0, gap) + _barrier(12.5, 11.0, gap)
+    rects += _barrier(18.0, 6.5, gap) + _barrier(23.5, 14.0, gap)
+    return arena((0.0, 0.0, WIDTH, HEIGHT), rects)
+
+
+def _local_minima(gap: float, seed: int) -> Arena:
+    rects = _pocket(9.0, 2.0, 9.5, 4.0) + _pocket(16.0, 8.0, 17.0, 5.0)
+    rects += _pocket(24.0, 9.5, 17.5, 4.5) + _pocket(20.5, 1.5, 6.5, 3.0)
+    return arena((0.0, 0.0, WIDTH, HEIGHT), rects)
+
+
+def _clutter(gap: float, seed: int) -> Arena:
+    rects = _barrier(10.0, 12.5, gap) + _barrier(20.0, 6.0, gap)
+    rng = np.random.default_rng(seed)
+    taken = [(*START, 1.2), (*GOAL, 1.2), (10.15, 12.5, 1.3), (20.15, 6.0, 1.3)]  # x, y, keep-out
+    discs: list[tuple[float, float, float]] = []
+    turned: list[Array] = []
+    for _ in range(2000):
+        length, deep = rng.uniform(0.5, 2.2), rng.uniform(0.4, 1.2)
+        disc = rng.random() < 0.4
+        reach = deep / 2 if disc else math.hypot(length, deep) / 2
+        x, y = rng.uniform(reach, WIDTH - reach), rng.uniform(reach, HEIGHT - reach)
+        across = min(abs(x - 10.15), abs(x - 20.15)) - _WALL / 2  # to the barriers
+        edge = min(x, WIDTH - x, y, HEIGHT - y)
+        clear = all(math.dist((x, y), t[:2]) >= t[2] + reach + gap for t in taken)
+        if not clear or min(across, edge) < reach + gap:
+            continue
+        taken.append((x, y, reach))
+        if disc:
+            discs.append((x, y, reach))
+        else:
+            turned.append(turned_rectangle(x, y, length, deep, rng.uniform(0.0, math.pi)))
+    return arena((0.0, 0.0, WIDTH, HEIGHT), rects, turned, discs)
+
+
+_MAPS: Final[tuple[Callable[[float, int], Arena], ...]] = (
+    _empty,
+    _unobtrusive,
+    _narrow,
+    _local_minima,
+    _clutter,
+)
+
+
+@settings
+class ThesisMap:
+    """One of the five maps; the same world for every generator."""
+
+    number: int = setting(default=1, source="which map of the five", low=1, high=5)
+    gap: float = setting(
+        default=1.2,
+        unit="m",
+        source="narrow passages, wide enough for the chair",
+        low=0.7,
+        high=3.0,
+    )
+    seed: int = setting(default=5, source="of the clutter in map 5", low=0)
+
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """The one world there is, whatever the footprint."""
+        ground = _MAPS[self.number - 1](self.gap, self.seed)
+        start, goal = facing(START, GOAL)
+        name = f"thesis_{self.number}"
+        return Episode(ground.map, start, goal, ground.walls, ground.discs, name=name)
+
+
+THESIS_MAPS: Final = numbered(ThesisMap, "thesis", 5, "Map of the thesis, no.")

@@ -1,0 +1,1 @@
+"""Sensors: geometry first, then noise, delay, age and drop-out."""

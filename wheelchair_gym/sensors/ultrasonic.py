@@ -1,0 +1,242 @@
+"""Ultrasonic rangers: the first echo in a cone, exact on segments and discs, then its errors.
+
+Every surface answers from its nearest point inside the cone, if that point is in sight and its
+echo is not lost: smooth walls send the sound away when it arrives at a slant, edges scatter it.
+
+The nearest point of all is in sight, since whatever hid it would be nearer. So segments are ranked
+by distance in vectors of float32, and only the few at the front are looked at exactly, in order,
+until one is heard.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.random import ULTRASONIC, normal, uniform
+from wheelchair_gym.sensors.echoes import echo_of_discs, hidden_by_discs, hides, lost, see_ends
+from wheelchair_gym.sensors.settings import UltrasonicSettings
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+_DRAWS = 4  # numbers a firing uses
+_MARGIN = 1e-4  # m, and share of the cone: beyond what float32 errs by
+_F = np.float32
+_ZERO, _ONE, _TINY, _NONE = _F(0.0), _F(1.0), _F(1e-30), _F(np.inf)
+
+
+class UltrasonicArrays(NamedTuple):
+    """What kernels need to know of the rangers; a row each."""
+
+    mount: Array  # (n, 3) m, m, rad in the chair's frame
+    slope: Array  # (n,) tangent of half of the cone
+    reach: Array  # (n,) m
+    blind: Array  # (n,) m
+    sigma: Array  # (n,) m
+    ghosts: Array  # (n,)
+    loss_from: Array  # (n,) rad
+    loss_at: Array  # (n,) rad
+    order: NDArray[np.int64]  # (n,) ranger that fires k-th
+
+    @classmethod
+    def of(cls, rangers: UltrasonicSettings, noise: bool) -> UltrasonicArrays:
+        """Arrays of settings; without noise no echo is lost, added or shifted."""
+        share = 1.0 if noise else 0.0
+        models = [rangers.narrow if m.model == "narrow" else rangers.wide for m in rangers.mounted]
+        never = 2.0 * math.pi  # an incidence that no echo reaches
+        return cls(
+            np.array([(m.x, m.y, m.yaw) for m in rangers.mounted]),
+            np.array([math.tan(m.cone / 2) for m in models]),
+            np.array([m.reach for m in models]),
+            np.array([m.blind for m in models]),
+            np.array([m.sigma * share for m in models]),
+            np.array([m.ghosts * share for m in models]),
+            np.array([m.loss_from if noise else never for m in models]),
+            np.array([m.loss_at if noise else 2 * never for m in models]),
+            np.array(rangers.order, dtype=np.int64),
+        )
+
+
+@borrowing_kernel
+def _rank(
+    n: int, ends: Floats, c: np.float32, s: np.float32, slope: np.float32, out: Floats
+) -> None:
+    """Squared distance [m2] of each of n segments clipped to a cone; +inf if it lies outside."""
+    for k in range(np.uint64(n)):
+        x0, y0, x1, y1 = ends[4 * k], ends[4 * k + 1], ends[4 * k + 2], ends[4 * k + 3]
+        ax, ay, bx, by = c * x0 + s * y0, c * y0 - s * x0, c * x1 + s * y1, c * y1 - s * x1
+        left_a, left_b = slope * ax - ay, slope * bx - by
+        right_a, right_b = slope * ax + ay, slope * bx + by
+        left, right = left_a / (left_a - left_b), right_a / (right_a - right_b)
+        u0, u1 = left if left_a < _ZERO else _ZERO, left if left_b < _ZERO else _ONE
+        v0, v1 = right if right_a < _ZERO else _ZERO, right if right_b < _ZERO else _ONE
+        t0, t1 = u0 if u0 > v0 else v0, u1 if u1 < v1 else v1
+        ex, ey = bx - ax, by - ay
+        length = ex * ex + ey * ey
+        t = -(ax * ex + ay * ey) / (length if length > _TINY else _TINY)
+        t = t if t > t0 else t0
+        t = t if t < t1 else t1
+        qx, qy = ax + t * ex, ay + t * ey
+        off = (left_a < _ZERO) & (left_b < _ZERO) | (right_a < _ZERO) & (right_b < _ZERO)
+        out[k] = _NONE if off | (t0 > t1) else qx * qx + qy * qy
+
+
+@borrowing_kernel
+def _keep_near(n: int, limit: np.float32, square: Floats, names: Floats) -> np.int64:
+    """Move the squared distances below a limit to the front, and name their segments."""
+    kept = np.uint64(0)
+    for k in range(np.uint64(n)):
+        value = square[k]
+        square[kept], names[kept] = value, _F(k)
+        kept += np.uint64(value < limit)
+    return np.int64(kept)
+
+
+@borrowing_kernel
+def _nearest_of_wall(
+    ax: float, ay: float, bx: float, by: float, slope: float
+) -> tuple[float, float, float, float]:
+    """The nearest point of a segment a-b in a cone about +x: x, y, its distance, and the incidence.
+
+    The distance is +inf if no part lies in the cone. The incidence is 0 where the segment's end or
+    the foot of the perpendicular answers.
+    """
+    t0, t1 = 0.0, 1.0
+    for side in range(2):
+        sign = 1.0 if side == 0 else -1.0
+        at_a, at_b = slope * ax - sign * ay, slope * bx - sign * by
+        if at_a < 0.0 and at_b < 0.0:
+            t1 = -1.0
+        elif at_a < 0.0:
+            t0 = max(t0, at_a / (at_a - at_b))
+        elif at_b < 0.0:
+            t1 = min(t1, at_a / (at_a - at_b))
+    if t0 > t1:
+        return 0.0, 0.0, math.inf, 0.0
+    ex, ey = bx - ax, by - ay
+    foot = -(ax * ex + ay * ey) / (ex * ex + ey * ey)
+    t = min(t1, max(t0, foot))
+    qx, qy = ax + t * ex, ay + t * ey
+    distance = math.sqrt(qx * qx + qy * qy)
+    incidence = 0.0
+    if 0.0 < t < 1.0 and t != foot and distance > 0.0:
+        off = abs(ax * ey - ay * ex) / math.sqrt(ex * ex + ey * ey)
+        incidence = math.acos(min(1.0, off / distance))
+    return qx, qy, distance, incidence
+
+
+@borrowing_kernel
+def first_echo(
+    x: float,
+    y: float,
+    yaw: float,
+    slope: float,
+    reach: float,
+    loss_from: float,
+    loss_at: float,
+    draw: float,
+    walls: Array,
+    discs: Array,
+    scratch: Floats,
+) -> float:
+    """Distance [m] of the first echo of one ranger at (x, y, yaw); +inf if none within reach.
+
+    Args:
+        x: pose of the ranger in the world [m], then y [m] and yaw [rad].
+        y: see x.
+        yaw: see x.
+        slope: tangent of half of the cone's opening.
+        reach: [m].
+        loss_from: incidence at which echoes begin to be lost [rad].
+        loss_at: incidence beyond which all are lost [rad].
+        draw: in [0, 1): decides, for all surfaces of this firing, what is lost.
+        walls: segments (n, 4) [m], in order of memory.
+        discs: (m, 3) [m].
+        scratch: (SCRATCH, n or more), overwritten.
+    """
+    c, s = math.cos(yaw), math.sin(yaw)
+    best = math.inf
+    if discs.shape[0] > 0:
+        best = echo_of_discs(x, y, c, s, slope, reach, loss_from, loss_at, draw, walls, discs)
+    n, width = walls.shape[0], scratch.shape[1]
+    rows = scratch.reshape(scratch.size)
+    ends, square, names = rows[: 4 * width], rows[4 * width : 5 * width], rows[5 * width :]
+    see_ends(walls, x, y, ends)
+    _rank(n, ends, _F(c), _F(s), _F(slope + _MARGIN * (1.0 + slope * slope)), square)
+    near = _keep_near(n, _F((reach + _MARGIN) * (reach + _MARGIN)), square, names)
+    visited = False
+    while True:
+        within = min(best, reach) + _MARGIN
+        least, first = _F(within * within), -1
+        for j in range(near):
+            if _ZERO <= square[j] < least:
+                least, first = square[j], j
+        if first < 0:
+            return best
+        k = int(names[first])
+        x0, y0, x1, y1 = walls[k, 0] - x, walls[k, 1] - y, walls[k, 2] - x, walls[k, 3] - y
+        ahead, left, distance, incidence = _nearest_of_wall(
+            c * x0 + s * y0, c * y0 - s * x0, c * x1 + s * y1, c * y1 - s * x1, slope
+        )
+        if distance < min(best, reach) and not lost(incidence, loss_from, loss_at, draw):
+            qx, qy = c * ahead - s * left, s * ahead + c * left
+            hidden = hidden_by_discs(qx, qy, discs, x, y)
+            for j in range(near if visited else 0):
+                # Only what is nearer can hide it, and that was visited before.
+                if square[j] < _ZERO and not hidden:
+                    i = int(names[j])
+                    hidden = hides(qx, qy, walls[i, 0], walls[i, 1], walls[i, 2], walls[i, 3], x, y)
+            if not hidden:
+                best = distance
+        square[first], visited = -_ONE, True
+
+
+@borrowing_kernel
+def fire(
+    rangers: UltrasonicArrays,
+    which: int,
+    pose: Array,
+    walls: Array,
+    discs: Array,
+    key: np.uint64,
+    tick: int,
+    scratch: Floats,
+) -> float:
+    """What one ranger reports [m] when it fires from a chair at a pose (3,) [m, m, rad].
+
+    Args:
+        rangers: all of them.
+        which: the one that fires.
+        pose: of the chair.
+        walls: segments (n, 4) [m], in order of memory.
+        discs: (m, 3) [m].
+        key: of the episode.
+        tick: of the firing, which its random draws depend on.
+        scratch: (SCRATCH, n or more), overwritten.
+    """
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    mx, my = rangers.mount[which, 0], rangers.mount[which, 1]
+    reach, blind = rangers.reach[which], rangers.blind[which]
+    draw = _DRAWS * which
+    distance = first_echo(
+        pose[0] + c * mx - s * my,
+        pose[1] + s * mx + c * my,
+        pose[2] + rangers.mount[which, 2],
+        rangers.slope[which],
+        reach,
+        rangers.loss_from[which],
+        rangers.loss_at[which],
+        uniform(key, tick, ULTRASONIC, draw),
+        walls,
+        discs,
+        scratch,
+    )
+    distance += rangers.sigma[which] * normal(key, tick, ULTRASONIC, draw + 1)
+    if uniform(key, tick, ULTRASONIC, draw + 2) < rangers.ghosts[which]:
+        distance = min(distance, reach * uniform(key, tick, ULTRASONIC, draw + 3))
+    return math.inf if distance > reach else float(max(distance, blind))
