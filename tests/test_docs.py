@@ -26,3 +26,16 @@ def test_links_lead_to_files(page):
     for link in re.findall(r"\]\(([^)#]+)", page.read_text()):
         if "://" not in link:
             assert (page.parent / link).exists(), link
+
+
+def test_the_page_of_the_architecture_names_every_folder():
+    rows = re.findall(
+        r"^\| `([a-z_/]+)/` \|", (ROOT / "docs" / "architecture.md").read_text(), re.M
+    )
+    folders = {
+        path.parent.relative_to(ROOT).as_posix()
+        for package in ("wheelchair_gym", "planners", "agents")
+        for path in (ROOT / package).rglob("*.py")
+        if "build" not in path.parts
+    }
+    assert {row for row in rows if "firmware" not in row} == folders
