@@ -272,7 +272,7 @@ def _use_barn(path: Path) -> None:
 
 
 def _problems(folder: Path) -> Path:
-    path = folder / "problems.json"
+    path = folder / "problem_files.json"
     problem = {
         "name": "hall", "size": 5, "rects": [[2.0, 1.5, 3.0, 2.5], [0, 4, 1, 4.5]],
         "start": [1, 2], "goal": [4, 2], "optimum": 3.2361,
@@ -293,7 +293,7 @@ def _use_problems(path: Path) -> None:
 
 
 def _thesis(folder: Path) -> Path:
-    path = folder / "thesis.json"
+    path = folder / "thesis_settings.json"
     path.write_text(
         '{"ReturnOnFirstPath": true, "MapProcessor_Obstacles_Dilation": 4, '
         '"MapProcessor_Epsilon": 0.5, "MapProcessor_Map_Name": "5", '
@@ -665,45 +665,45 @@ def _use_checkpoint(path: Path) -> None:
 
 
 READERS: dict[str, Reader] = {
-    "map yaml": Reader(_small_map, _use_map, ("maps.map_server._description",), retold),
-    "map yaml bytes": Reader(_copy_map, _use_map, ("maps.map_server._description",), flipped),
+    "map yaml": Reader(_small_map, _use_map, ("maps.io.map_server._description",), retold),
+    "map yaml bytes": Reader(_copy_map, _use_map, ("maps.io.map_server._description",), flipped),
     "map png": Reader(
         _png, lambda path: _use_map(path.with_suffix(".yaml")),
-        ("maps.map_server._checked_image",), _mutated_png,
+        ("maps.io.map_server._checked_image",), _mutated_png,
     ),
     "map pgm": Reader(
         _pgm, lambda path: _use_map(path.with_suffix(".yaml")),
-        ("maps.map_server._checked_image",),
+        ("maps.io.map_server._checked_image",),
     ),
-    "octile map": Reader(_octile, _use_map, ("maps.moving_ai.read_octile",)),
-    "scenario": Reader(_scenario, _use_scenario, ("maps.moving_ai.read_scenario",)),
-    "house": Reader(_house, _use_map, ("maps.house_expo.read_house",)),
+    "octile map": Reader(_octile, _use_map, ("maps.io.moving_ai.read_octile",)),
+    "scenario": Reader(_scenario, _use_scenario, ("maps.io.moving_ai.read_scenario",)),
+    "house": Reader(_house, _use_map, ("maps.io.house_expo.read_house",)),
     "barn worlds": Reader(_barn, _use_barn, ("scenes.barn._worlds",)),
     "problems": Reader(
-        _problems, _use_problems, ("problems.read_problems", "bench.cases.stored_cases")
+        _problems, _use_problems, ("problem_files.read_problems", "benchmarks.cases.stored_cases")
     ),
     "thesis settings": Reader(
-        _thesis, _use_thesis, ("thesis.read_thesis", "commands.arguments.spec")
+        _thesis, _use_thesis, ("thesis_settings.read_thesis", "cli.arguments.spec")
     ),
     "env settings": Reader(
         _env, _use_env,
-        ("config.read", "evaluate.env_settings", "commands.arguments.shield_of",
-         "commands.hardware._calibrate_track",
-         "commands.hardware._keep_counts"),
+        ("config.read", "evaluation.evaluate.env_settings", "cli.arguments.shield_of",
+         "cli.hardware._calibrate_track",
+         "cli.hardware._keep_counts"),
     ),
-    "scene settings": Reader(_scenes, _use_scenes, ("commands.arguments.spec",)),
-    "planner settings": Reader(_planners, _use_planners, ("commands.arguments.spec",)),
-    "training settings": Reader(_training, _use_training, ("commands.train.run",)),
-    "planner results": Reader(_bench, _use_bench, ("bench.race.known_records",)),
+    "scene settings": Reader(_scenes, _use_scenes, ("cli.arguments.spec",)),
+    "planner settings": Reader(_planners, _use_planners, ("cli.arguments.spec",)),
+    "training settings": Reader(_training, _use_training, ("cli.train.run",)),
+    "planner results": Reader(_bench, _use_bench, ("benchmarks.race.known_records",)),
     "comparison": Reader(_comparison, _use_comparison, ("learning.publish._results",)),
     "curve": Reader(_curve, _use_curve, ("learning.curves.read_curve",)),
-    "store": Reader(_store, _use_store, ("runs.read_store",)),
-    "log": Reader(_log, _use_log, ("mapping.log.read_log",)),
+    "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),
+    "log": Reader(_log, _use_log, ("localization.logs.read_log",)),
     "recording": Reader(
-        _recording, _use_recording, ("view.replay.read_recording",), _mutated_recording
+        _recording, _use_recording, ("recording.replay.read_recording",), _mutated_recording
     ),
     "weights": Reader(
-        _weights, _use_weights, ("learning.weights.load_weights", "learned._digest"),
+        _weights, _use_weights, ("learning.weights.load_weights", "policies.learned._digest"),
         _mutated_weights,
     ),
     "onnx": Reader(_onnx, _use_onnx, ("learning.export.__init__",), flipped),

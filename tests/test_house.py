@@ -31,7 +31,7 @@ FOR_PLANNERS = {"types", "geometry", "kinematics", "maps", "config", "compiled",
 # Third-party packages that live in one room each.
 ROOMS = {
     "pymunk": ("wheelchair_gym/physics/",),
-    "cv2": ("wheelchair_gym/maps/", "wheelchair_gym/rendering/"),
+    "cv2": ("wheelchair_gym/maps/", "wheelchair_gym/rendering/", "wheelchair_gym/recording/"),
     "serial": ("wheelchair_gym/hardware/",),
     "evdev": ("wheelchair_gym/hardware/",),
     "websockets": ("wheelchair_gym/hardware/",),

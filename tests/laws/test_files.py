@@ -34,33 +34,33 @@ OWN = {
     "files.read_text": "reads for all",
     "files.read_json": "reads for all",
     "files.parse_yaml": "parses for all",
-    "kernel._file_digest": "sources of the project",
-    "runs.source_digest": "sources of the project",
-    "envs.worlds._identity": "sources of the project",
+    "compiled.kernel._file_digest": "sources of the project",
+    "evaluation.runs.source_digest": "sources of the project",
+    "envs.world_banks._identity": "sources of the project",
     "hardware.twin.build._folder": "sources of the project",
-    "envs.worlds._of_bank": "pickles of a folder that is this program's own, as __pycache__ is",
-    "beside.locked": "an empty file that is a lock",
-    "beside.compile_beside": "the null device",
-    "hardware.ports.open_port": "a serial port",
-    "hardware.ports.runs": "of the kernel",
+    "envs.world_banks._of_bank": "pickles of a folder of this program's own, as __pycache__ is",
+    "compiled.second_process.locked": "an empty file that is a lock",
+    "compiled.second_process.compile_beside": "the null device",
+    "hardware.boards.ports.open_port": "a serial port",
+    "hardware.boards.ports.runs": "of the kernel",
     "hardware.twin.serve.pump": "the twin's own lines",
     "hardware.twin.serve._flush": "the twin's own lines",
     "hardware.twin.protocol_twin.open": "the twin's own lines",
-    "hardware.ports._lockers": "of the kernel",
-    "hardware.ports._program": "of the kernel",
-    "view.mcap_file.__init__": "opened to be written",
-    "view.video.webp": "a picture that was just written",
-    "report._video": "a video that was just written",
-    "report.write_page": "comes with the package",
-    "study.model.published": "comes with the package",
-    "bench.environments.resident": "of the kernel",
-    "provenance.machine": "of the kernel",
-    "cli._stand_in": "standard streams",
-    "cli._drop_output": "standard streams",
-    "commands.train._last": "written by the same command",
-    "commands.train._side_by_side": "opened to be written",
+    "hardware.boards.ports._lockers": "of the kernel",
+    "hardware.boards.ports._program": "of the kernel",
+    "recording.mcap_file.__init__": "opened to be written",
+    "rendering.video.webp": "a picture that was just written",
+    "evaluation.report._video": "a video that was just written",
+    "evaluation.report.write_page": "comes with the package",
+    "studies.model.published": "comes with the package",
+    "benchmarks.environments.resident": "of the kernel",
+    "evaluation.provenance.machine": "of the kernel",
+    "cli.__init__._stand_in": "standard streams",
+    "cli.__init__._drop_output": "standard streams",
+    "cli.train._last": "written by the same command",
+    "cli.train._side_by_side": "opened to be written",
     "learning.checkpoint.save_checkpoint": "opened to be written",
-    "runs.open_store": "opened to be written; `read_store` reads it",
+    "evaluation.runs.open_store": "opened to be written; `read_store` reads it",
 }
 
 
@@ -148,8 +148,8 @@ def plan_map(text, image=b""):
 def problem(text=None, **changes):
     def case(folder):
         content = json.dumps([PROBLEM | changes]) if text is None else text
-        (folder / "problems.json").write_text(content)
-        return ["plan", "--problems", folder / "problems.json", "--planner", "visibility"]
+        (folder / "problem_files.json").write_text(content)
+        return ["plan", "--problems", folder / "problem_files.json", "--planner", "visibility"]
 
     return case
 

@@ -206,7 +206,7 @@ def test_for_a_metre_after_no_progress_room_costs_nothing():
     world = Peopled(lambda t: None, corridor(10.0, 3.2), (1.0, 0.0, 0.0), (9.0, 0.0, 0.0))
     policy.reset(world.task)
     places, costs = [], []
-    for k in range(70):
+    for k in range(90):
         if k == 15:
             policy._stalled()
         world.drive(policy.act({}))
