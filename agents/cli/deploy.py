@@ -62,7 +62,7 @@ def add(parts: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Drive it; 0 when it arrived."""
-    from agents.cli.real import drive_real
+    from agents.cli.arguments import drive_real
     from agents.deploy import Deployment, check_start, deploy, say
     from agents.evaluation.evaluate import env_settings, warm
     from agents.policies import make_policy

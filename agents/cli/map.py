@@ -90,7 +90,7 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     """Drive through a scene; figures, and lines for a person."""
     import dataclasses
 
-    from agents.cli.real import drive_real
+    from agents.cli.arguments import drive_real
     from agents.evaluation.evaluate import label, make_env
     from agents.evaluation.map_building import chart
     from agents.evaluation.map_evaluation import progress

@@ -119,7 +119,7 @@ def _real(
     given: argparse.Namespace, settings: dict[str, Any], scene: Any, mode: str
 ) -> tuple[Any, Any]:
     """An environment of a real chair, and the episode on its own map if a goal is given."""
-    from agents.cli.real import drive_real
+    from agents.cli.arguments import drive_real
     from wheelchair_gym.config import InputError
 
     if given.shield == "off":

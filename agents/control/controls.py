@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 
 from agents.control.follower import near_of
 from agents.control.local_map import Surroundings
-from agents.control.motion import Motion
 from agents.control.reference import Reference
-from agents.control.rollout import stops_clear
+from agents.control.rollout import Motion, stops_clear
 from planners.controls.generator import ControlGenerator, Controls
 from planners.swarm.woa import WhaleSettings
 from wheelchair_gym.config import setting, settings

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.follower import Follower, allowed, near_of, widest
+from agents.control.follower import Follower, Objective, allowed, near_of, widest
 from agents.control.local_map import Surroundings
-from agents.control.motion import Motion
-from agents.control.objective import Objective
 from agents.control.reference import Reference
-from agents.control.rollout import cheapest, costs_of
+from agents.control.rollout import Motion, cheapest, costs_of
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.kinematics import Limits
 

@@ -6,12 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.fan import whole_fan
-from agents.control.follower import Follower, allowed, near_of, widest
+from agents.control.follower import Follower, Objective, allowed, near_of, widest
 from agents.control.local_map import Surroundings
-from agents.control.motion import Motion
-from agents.control.objective import Objective
 from agents.control.reference import Reference
-from agents.control.rollout import cheapest, costs_of
+from agents.control.rollout import Motion, cheapest, costs_of
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]

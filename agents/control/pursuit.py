@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from agents.control.follower import CREEP, SLOW, Follower, near_of
 from agents.control.local_map import Surroundings
-from agents.control.motion import Motion
 from agents.control.reference import Reference
-from agents.control.rollout import stops_clear
+from agents.control.rollout import Motion, stops_clear
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]

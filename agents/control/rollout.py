@@ -13,11 +13,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import kernel
-from wheelchair_gym.geometry import rectangle_point_gap
-from wheelchair_gym.kinematics import approach, arc_step, carried
+from wheelchair_gym.geometry import Footprint, rectangle_point_gap
+from wheelchair_gym.kinematics import Limits, approach, arc_step, carried
 from wheelchair_gym.safety.clearance import kept_clear, points_gap
 
 Array = NDArray[np.float64]
+
+
+class Motion:
+    """Speed and turn with their slopes, which no encoder tells; and what bounds them.
+
+    Attributes:
+        state: speed, its slope, turn, its slope (4,).
+        last: the target twist commanded last (2,).
+    """
+
+    def __init__(self, limits: Limits, outline: Footprint, period: float) -> None:
+        self.limits = limits
+        self.outline = outline
+        self.array = limits.array
+        self.footprint = outline.array
+        self.period = period
+        self.state: Array = np.zeros(4)
+        self.last: Array = np.zeros(2)
+
+    @property
+    def body(self) -> Body:
+        """The chair as kernels take it."""
+        return Body(self.state, self.last, self.array, self.footprint)
+
+    def measured(self, twist: Array) -> None:
+        """Believe the encoders where the ramps must be wrong: a bump, a slip, a shield."""
+        for k, far in ((0, 0.10), (1, 0.20)):
+            if abs(self.state[2 * k] - twist[k]) > far:
+                self.state[2 * k], self.state[2 * k + 1] = twist[k], 0.0
+
+    def command(self, twist: Array) -> None:
+        """Note what is commanded for the next period."""
+        a, s = self.array, self.state
+        s[:2] = approach(s[0], s[1], twist[0], a[3], a[4], a[7], self.period)
+        s[2:] = approach(s[2], s[3], twist[1], a[6], a[6], a[8], self.period)
+        self.last = np.array(twist)
+
 
 TURN_LENGTH = 0.4  # m per rad: about the mean lever of the outline about the drive axle
 STEP = 0.1  # s between two poses of a roll-out
@@ -27,7 +64,7 @@ CAUTION = 0.35  # s: of way by which the chair keeps farther from what moves; it
 
 
 class Weights(NamedTuple):
-    """What a roll-out is scored by (`agents.control.objective`); all costs are in metres of way."""
+    """What a roll-out is scored by (`agents.control.follower`); all costs are in metres of way."""
 
     horizon: float  # s over which it is scored
     foresight: float  # s over which movers are foreseen

@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.fan import whole_fan
-from agents.control.follower import CREEP, Follower, near_of, widest
+from agents.control.follower import CREEP, Follower, Objective, near_of, widest
 from agents.control.local_map import Surroundings
-from agents.control.motion import Motion
-from agents.control.objective import Objective
 from agents.control.reference import Reference
-from agents.control.rollout import Body, Near, Weights, begin, cheapest, cost_of
+from agents.control.rollout import Body, Motion, Near, Weights, begin, cheapest, cost_of
 from planners.random_stream import Stream, stream
 from planners.swarm.woa import Whales, WhaleSettings, move
 from wheelchair_gym.compiled.kernel import kernel

@@ -21,18 +21,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control import make_follower
-from agents.control.backup import BACK, CRAWL, Retreats, back_out, crawled
 from agents.control.follower import CREEP
 from agents.control.local_map import Surroundings
-from agents.control.motion import Motion
 from agents.control.reference import Reference
+from agents.control.rollout import Motion
 from agents.control.unknown_space import BEYOND, assumed, blind_behind, walled
-from agents.policies.detours import AGAIN, DETOUR, Detours, barred
-from agents.policies.progress_monitor import Headway
-from agents.policies.relax_clearance import widest_plan
+from agents.policies.progress_monitor import Headway, Telling
+from agents.policies.recoveries import (
+    AGAIN,
+    BACK,
+    CRAWL,
+    DETOUR,
+    Detours,
+    LookRound,
+    Retreats,
+    back_out,
+    barred,
+    crawled,
+    widest_plan,
+)
 from agents.policies.scripted import Observation, episode_rng
-from agents.policies.spin import LookRound
-from agents.policies.status import Telling
 from planners import make_planner
 from planners.problem import Plan, Status
 from wheelchair_gym.config import setting, settings

@@ -7,12 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from agents.control.backup import Retreats
 from agents.control.local_map import Surroundings
 from agents.evaluation.evaluate import env_settings, make_env
 from agents.evaluation.path_metrics import backing
 from agents.policies import make_policy
-from agents.policies.detours import AGAIN
+from agents.policies.recoveries import AGAIN, Retreats
 from planners.problem import Plan, Status
 from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.config import InputError
