@@ -363,6 +363,23 @@ def test_a_slow_driver_that_sticks_at_rest_is_cut_too(bench, slow):
     assert max(map(abs, bench.ways)) < 0.1
 
 
+@pytest.mark.parametrize("slow", [0.05, 0.1, -0.1])
+def test_a_slow_driver_that_sticks_as_the_chair_is_to_stop_is_cut_too(bench, slow):
+    """It never comes to rest: it may go on for 50 mm from 0.5 s after its set point, no further."""
+    bench.start(0.3)
+    stick(bench, slow)
+    bench.target = (0.0, 0.0)
+    while bench.odometry().v:
+        bench.run(0.005)
+    bench.run(0.5)
+    begun = list(bench.ways)
+    bench.run(1.5)
+    assert off(bench)
+    wrong = Fault.RUNAWAY | Fault.IMPLAUSIBLE | Fault.STALL
+    assert bench.odometry().faults & wrong
+    assert max(abs(way - start) for way, start in zip(bench.ways, begun, strict=True)) < 0.07
+
+
 def test_a_chair_that_rolls_while_it_is_stopped_is_told(bench):
     bench.run(0.1)
     bench.grip, bench.pull = 0.0, 1.2

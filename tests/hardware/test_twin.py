@@ -16,6 +16,7 @@ from tests.physics.worlds import box, exact_chair
 from wheelchair_gym.config import InputError
 from wheelchair_gym.hardware.boards.messages import (
     Answer,
+    Command,
     Fault,
     Get,
     Identify,
@@ -334,12 +335,30 @@ def test_a_stuck_driver_is_cut_and_the_brakes_hold_it_on_8_degrees(pilot):
     assert pilot.until_rest(0.01) == 0.0
 
 
+def test_odometry_is_as_old_when_it_comes_whatever_the_board_does(pilot):
+    """Within the millisecond that a host leaves between it and the begin of a period."""
+    pilot.start(0.0, 0.0, 1.5)  # and its brakes close
+    late = set()
+    for twist in ((0.0, 0.0), (0.8, -0.3), (0.5, 1.0), (0.05, 0.9), (-0.3, -0.8), (0.0, 0.0)):
+        for k in range(1000):
+            if k % 97 == 0:
+                pilot.send(Command(*twist))
+            count = len(pilot.odometry)
+            pilot.twin.advance(0.001)
+            pilot.listen()
+            if len(pilot.odometry) > count:
+                late.add(pilot.twin.steps - round(1e3 * pilot.now.stamp))
+    assert max(late) - min(late) <= 1
+
+
 @pytest.mark.parametrize(
     ("case", "number"),
     [
         ("no fault: slopes to 8 deg", 9),  # starts into a turn while its load is not yet borne
         ("no fault: battery at 15 %", 18),  # a slow wheel rolls back while a turn ends
         ("strips", 16),  # pressed while it turns fast
+        ("no fault: pushed by 250 N", 15),  # against its way and then along it, as it comes to rest
+        ("no fault: 90 counts a turn", 51),  # to and fro by a count, after a protective stop
     ],
 )
 def test_the_hardest_trials_of_the_benchmark_keep_their_bounds(case, number):

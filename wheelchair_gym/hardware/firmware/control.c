@@ -25,7 +25,7 @@ void approach(axis_t *axis, float target, float up, float down, float jerk, floa
     float far = fabsf(gap), step = jerk * dt;
     /* The rate from which jerk can still bring the slope to zero when the target is reached. */
     float final = sqrtf(2.0F * jerk * far + 0.25F * step * step) - 0.5F * step;
-    float wanted = copysignf(least(braking ? down : up, least(final, far / dt)), gap);
+    float wanted = copysignf(least(braking ? down : up, least(final, far * (1.0F / dt))), gap);
     float slope = axis->slope + least(step, most(-step, wanted - axis->slope));
     float after = axis->speed + slope * dt;
     bool there = (target - after) * gap <= 0.0F || fabsf(target - after) < THERE;
@@ -49,7 +49,8 @@ worked_t work_out(const drive_values_t *p)
 {
     float count = 1.0F / p->counts_per_metre;
     float pivot = least(1.0F, p->missing * (1.0F / PIVOT_WAY));
-    return (worked_t){RUN / (p->smoothing + RUN), count * (1.0F / RUN), count, pivot};
+    return (worked_t){RUN / (p->smoothing + RUN), count * (1.0F / RUN), count, pivot,
+                      1.0F / most(p->track, 0.1F)};
 }
 
 void measure_wheel(wheel_t *wheel, worked_t k, int32_t counts, float turn)

@@ -45,12 +45,13 @@ typedef struct {
     uint8_t at;     /* the oldest */
 } wheel_t;
 
-/* Worked out of the parameters once a run: divisions are slow. */
+/* Worked out of the parameters between two runs: divisions are slow. */
 typedef struct {
     float share;   /* of the low-pass */
     float quantum; /* m/s of one count in a run */
     float count;   /* m */
     float pivot;   /* weight of what a wheel misses about which the chair turns */
+    float per_track; /* 1/m */
 } worked_t;
 
 worked_t work_out(const drive_values_t *p);

@@ -16,12 +16,12 @@
 #define SAG 500U             /* ms below `under_voltage`: starting currents pass */
 #define LOOK 100U            /* ms over which impossible encoder steps are counted */
 #define ILLEGAL_MOST 20U     /* in that time: a few are noise */
-#define RUNAWAY_AFTER 500U   /* ms at set point zero, and still not at rest */
+#define RUNAWAY_AFTER 500U   /* ms at set point zero: from here it goes no further than HOLD_MOST */
 #define SPAN_TIME (SPANS * SPAN) /* s over which a wheel must be too fast */
 #define FOLLOW 1.5F          /* m/s2 by which a wheel follows a falling aim, at least */
 #define BRAKED 0.5F          /* m/s2 of the closed brakes alone, at least: 180 kg down 8 degrees */
 #define TAKE_OVER 150U       /* ms for the motors to take a chair from its brakes */
-#define HOLD_MOST 0.05F      /* m from where it came to rest: it is not held */
+#define HOLD_MOST 0.05F      /* m from there, or from where it came to rest: it is not held */
 #define SLIPS_MOST 3         /* of closed brakes: they do not hold */
 #define FORGET 60000U        /* ms after which an older slip is no sign any longer */
 
@@ -125,10 +125,15 @@ static void measure(drive_t *drive, worked_t k, const inputs_t *in)
 /* Latch that the chair does not come to rest, or does not stay there. */
 static void watch_rest(drive_t *drive, worked_t k, const inputs_t *in)
 {
-    bool moves = !drive->held && !drive_at_rest(drive) && in->now - drive->moved_at > RUNAWAY_AFTER;
-    for (uint8_t i = 0; i < 2 && drive->held; i++)
-        moves |= fabsf(way_from_home(&drive->wheels[i], k)) > HOLD_MOST + k.count;
-    if (drive->running && moves)
+    bool late = in->now - drive->moved_at > RUNAWAY_AFTER, moves = false;
+    for (uint8_t i = 0; i < 2 && drive->running; i++) {
+        /* Who is pushed, or has coarse encoders, comes to rest later, but not far from here. */
+        if (!drive->held && !late)
+            drive->wheels[i].home = drive->wheels[i].counts;
+        else if (fabsf(way_from_home(&drive->wheels[i], k)) > HOLD_MOST + k.count)
+            moves = true;
+    }
+    if (moves)
         drive->faults |= RUNAWAY;
     if (in->switches & FREEWHEEL) {
         excuse_wheel(&drive->wheels[0]); /* it is pushed by hand */
@@ -138,7 +143,7 @@ static void watch_rest(drive_t *drive, worked_t k, const inputs_t *in)
 
 void drive_look(drive_t *drive)
 {
-    const worked_t k = work_out(&drive->p);
+    const worked_t k = drive->k = work_out(&drive->p); /* here there is time for it */
     drive->span = (uint8_t)(drive->span + 1U) % SPAN_RUNS;
     for (uint8_t i = 0; i < 2; i++) {
         wheel_t *wheel = &drive->wheels[i];
@@ -293,7 +298,7 @@ static bool moves(const drive_t *drive)
 static void move_set_point(drive_t *drive, target_t target)
 {
     const drive_values_t *p = &drive->p;
-    float per_track = 1.0F / fmaxf(p->track, 0.1F);
+    const float per_track = drive->k.per_track;
     drive->wants = false;
     if (drive->mode == STOPPED) {
         drive->v = drive->w = (axis_t){0.0F, 0.0F};
@@ -379,7 +384,9 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
 {
     target_t target;
     axis_t v = drive->v, w = drive->w;
-    const worked_t k = work_out(&drive->p);
+    if (!drive->begun)
+        drive->k = work_out(&drive->p);
+    const worked_t k = drive->k;
     measure(drive, k, inputs);
     watch(drive, k, inputs);
     bool asked = choose(drive, inputs->now, &target);

@@ -48,6 +48,8 @@ typedef struct {
     uint32_t moved_at; /* ms, when the set point was last away from zero */
     uint32_t held_at;  /* ms, when it came to rest */
 
+    worked_t k;        /* out of the parameters, as they were after the last run */
+
     command_t command;
     uint8_t echo;      /* its sequence */
     bool commanded;    /* there was one */

@@ -11,7 +11,7 @@
 #define CONTROL_PERIOD 5U   /* ms: RUN */
 #define ODOMETRY_PERIOD 20U /* ms: 50 Hz */
 #define PWM_TOP 799U        /* 20 kHz, above hearing */
-#define ADC_FULL 1023.0F
+#define PER_ADC (1.0F / 1023.0F) /* of its full scale */
 #define SWITCH_RUNS 2       /* runs that a switch must agree before it is let go */
 
 #define LEFT_WAY _BV(PL0) /* directions: high is backward */
@@ -100,7 +100,7 @@ static void control(uint32_t now)
         inputs.counts[1] = counts[1];
         inputs.illegal = illegal;
     }
-    inputs.battery = (float)ADC / ADC_FULL * drive.p.battery_full;
+    inputs.battery = (float)ADC * PER_ADC * drive.p.battery_full;
     ADCSRA |= _BV(ADSC);
     drive_step(&drive, &inputs, &outputs);
     if (!outputs.enable)
