@@ -82,7 +82,7 @@ class Truth(NamedTuple):
     touched: bool  # touched anything since reset
     way: float  # m driven since reset, forward and backward
     energy: float  # Wh drawn from the battery since reset
-    caused: bool = False  # the chair caused a contact in that period (`simulation.contact`)
+    caused: bool = False  # the chair caused a contact in that period (`physics.contact`)
     met: int = -1  # the mover that it touched in that period; -1: none
     closing: float = 0.0  # m/s at which the chair closed on what it touched
     closed_on: float = 0.0  # m/s at which that closed on the chair

@@ -1,4 +1,4 @@
-"""What a follower is, and what all that roll out have in common."""
+"""What a follower is, and the objective of named terms that all who roll out share."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Planners that search graphs: A* on a lattice, a lattice of manoeuvres, the visibility graph."""
+"""Planners that search graphs: grids, roadmaps, cells, Voronoi diagrams, visibility graph."""

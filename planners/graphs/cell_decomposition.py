@@ -1,4 +1,9 @@
-"""Exact cell decomposition as a planner: from cell to cell through the windows between them."""
+"""Exact cell decomposition: from cell to cell through the windows between them.
+
+What is free is cut up and down from every corner. A cell lies between two boundary segments, its
+floor and its ceiling, and between two vertical lines; it is convex. A window is where two cells
+meet on such a line, if only in one point.
+"""
 
 from __future__ import annotations
 

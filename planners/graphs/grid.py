@@ -1,5 +1,8 @@
 """Planners on a square grid whose every edge is tested exactly, then straightened.
 
+A*, Dijkstra, breadth-first, depth-first and any-angle search are values of one search. Edges are
+tested against the polygons themselves: a cell that no wall comes near needs no test.
+
 Each finds a path whenever one exists that stays farther than step / sqrt(2) from everything solid,
 its ends included; the step is the resolution, halved as often as `refinements` says where nothing
 is found. A grid cannot prove that there is no path: failure is `exhausted`.

@@ -1,4 +1,8 @@
-"""The probabilistic roadmap: random free points, joined where a straight way between them is."""
+"""Roadmaps: points and the straight edges that may join them, each tested only when its turn comes.
+
+The probabilistic roadmap (`Prm`) draws random free points; a Voronoi diagram and cells use the same
+search (lazy A*: Bohlin and Kavraki 2000): an edge that no short path needs is never tested.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""The exact optimum, by lines of sight between the corners of what is solid."""
+"""The exact optimum for a point: best-first search through triangles, by cones of sight.
+
+A shortest path bends only at convex corners, and only round them. A corner, once the shortest path
+to it is known, looks on past itself: through the triangles, by cones whose sides are sight lines
+past other corners, the cone that promises the shortest path first (after Polyanya: Cui, Harabor and
+Grastien 2017). Whether a corner lies in a cone is an exact sign, so what is found is the optimum.
+"""
 
 from __future__ import annotations
 

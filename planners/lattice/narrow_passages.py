@@ -1,4 +1,10 @@
-"""Lines of poses that a search reaches exactly: through narrow places, and to the goal."""
+"""Narrow places of a map, and the lines of poses along which an outline passes them.
+
+In the middle of a narrow place the distance to what is solid has a saddle: the two nearest points
+lie opposite each other. A chair that fits through with little play stands in line there: on the
+line through the middle, at right angles to the gap. The search over poses reaches the poses of
+these lines, and the goal's, exactly.
+"""
 
 from __future__ import annotations
 

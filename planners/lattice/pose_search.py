@@ -1,8 +1,9 @@
-"""The search over poses: A* from pose to pose over stretches that the outline sweeps freely.
+"""A* from pose to pose over stretches that the outline sweeps freely, and what a stretch costs.
 
 States share a cell of position and heading but keep their own continuous pose (hybrid A*: Dolgov
 et al. 2010). Some poses, the anchors, are reached exactly: the goal, and those in line with narrow
-places.
+places. To a given pose lead pivot, straight and pivot, or two arcs that meet in one direction
+(Bolton 1975, Biarc curves).
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""The one loop in which a swarm of paths searches, whatever moves it and whatever it is worth."""
+"""The one loop in which a swarm of paths searches, and where it begins.
+
+Populations begin round a path, along it or anywhere; any optimizer moves them, any cost rates them.
+"""
 
 from __future__ import annotations
 

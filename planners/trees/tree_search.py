@@ -1,4 +1,8 @@
-"""From a problem to a plan: trees grow in chunks of iterations, between which the clock is read."""
+"""The one loop that grows trees towards a goal; each planner here is a set of its values.
+
+From top to bottom: the best parent, rewiring and the link to the goal; one iteration; and the
+search itself, in chunks of iterations between which the clock is read.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The thesis's two whale variants of RRT*, as settings: local steering and global shortening."""
+"""The tree planners, as settings.
+
+RRT, RRT-Connect and RRT*; variants of RRT* from the literature (informed, smart, fixed nodes,
+limited); and the two whale variants of the thesis, local steering and global shortening.
+"""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
 """Fingerprints of what the project computes, to tell whether a change of the code changes results.
 
 `python -m tests.benchmarks.equality --out a.json` at one commit, `--out b.json --against a.json` at
-another, on one machine: prints each part that differs, and ends with code 1 if one does. Seconds,
-versions, commits and folders are left out of the comparison. Everything runs through the
-environments' ids and the command `wheelchair`, so that the parts mean the same at each commit.
+another, on one machine: prints each part that differs, and ends with code 1 if one does. Numbers
+are compared in their order, without names, seconds, versions, commits and folders. Everything runs
+through the environments' ids and the command `wheelchair`, so that the parts mean the same at each
+commit.
 A part that the file has already is not computed again.
 """
 
@@ -25,24 +26,29 @@ import numpy as np
 SHARED = Path(os.environ.get("WHEELCHAIR_SHARED", Path(__file__).resolve().parents[3] / "shared"))
 POLICIES = "lattice+window,visibility+mppi,visibility+pure_pursuit,straight,ppo_guided,td3_guided"
 SCENES = "floor_plan,clutter,crowd,temporary,doorway"
-# Keys of results that say when, where and by what code they were made.
-PROVENANCE = {"commit", "command", "date", "machine", "versions", "source", "folder", "out", "file"}
+# Keys of results that say when, where, how fast and by what code they were made.
+PROVENANCE = {
+    "commit", "command", "date", "machine", "versions", "source", "folder", "out", "file", "map",
+    "key", "real_time_factor",
+}  # fmt: skip
 
 
-def plain(value: Any) -> Any:
-    """A result without seconds and provenance."""
+def numbers(value: Any) -> list[float]:
+    """A result's numbers in their order, without seconds and provenance: names may change."""
     if isinstance(value, dict):
-        return {
-            key: plain(item)
+        kept = (
+            item
             for key, item in value.items()
             if not (key.endswith("_s") or key.endswith("_ms") or key in PROVENANCE)
-        }
-    return [plain(item) for item in value] if isinstance(value, list) else value
+        )
+        return [number for item in kept for number in numbers(item)]
+    if isinstance(value, list):
+        return [number for item in value for number in numbers(item)]
+    return [float(value)] if isinstance(value, int | float) else []
 
 
 def digest(value: Any) -> str:
-    text = json.dumps(plain(value), sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return hashlib.sha256(np.array(numbers(value)).tobytes()).hexdigest()[:16]
 
 
 def wheelchair(*arguments: str) -> None:
@@ -71,10 +77,7 @@ def episodes(policy: str, scene: str, n: int) -> dict[str, str]:
             "--pose", "modelled", "--no-video", "--quiet", "--out", str(out / "run"),
         )  # fmt: skip
         lines = (out / "run" / "episodes.jsonl").read_text().splitlines()
-    found = sorted((json.loads(line) for line in lines), key=lambda r: json.dumps(plain(r)))
-    records = [line.get("record", line) for line in found]
-    for record in records:
-        record.pop("key", None)
+    records = sorted(numbers(json.loads(line)) for line in lines)
     return {"episodes": digest(records), "n": str(len(records))}
 
 
@@ -97,9 +100,9 @@ def training(frames: int) -> dict[str, str]:
         (file,) = out.rglob("policy.npz")
         arrays = np.load(file, allow_pickle=False)
         h = hashlib.sha256()
-        for name in sorted(arrays.files):
+        for name in arrays.files:
             if arrays[name].dtype.kind == "f":
-                h.update(name.encode() + arrays[name].tobytes())
+                h.update(arrays[name].tobytes())
     return {"weights": h.hexdigest()[:16]}
 
 

@@ -1,4 +1,7 @@
-"""Many chairs at once: the same step as one chair's, looped by a compiled function."""
+"""Many chairs at once: the same step as one chair's, looped by a compiled function.
+
+Results that are handed out lie in memory that is not overwritten while somebody holds them.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings of the chair behind the two boards and the laser."""
+"""Settings of the real chair: boards, laser, and how old, how late and how long things may be."""
 
 from __future__ import annotations
 

@@ -1,8 +1,11 @@
-"""Monte Carlo localisation: where a chair is on a known map, from its odometry and its laser.
+"""Monte Carlo localization: where a chair is on a known map, from its odometry and its laser.
 
 Thrun, Burgard and Fox (2005), chapter 8: a likelihood field; the number of particles by the bins
 that they fill (Fox 2001); new particles anywhere while scans fit worse than they used to, so that
 a chair that was carried away is found again (augmented MCL).
+
+Every draw is by counter (`wheelchair_gym.random`): an estimate depends on its key and on what the
+chair measured, on nothing else.
 """
 
 from __future__ import annotations

@@ -2,11 +2,11 @@
 
 First a correlative search of a window of poses, whose blocks are ranked by what they could score at
 most (Olson 2009, Real-time correlative scan matching): the best pose of its lattice, never a local
-one. Then Gauss-Newton on the field, interpolated (Kohlbrecher et al. 2011, equations 5 to 14).
+one. Then Gauss-Newton on the interpolated field (Kohlbrecher et al. 2011, equations 5 to 14).
 
-Both heed one measurement model: a point where the field is M costs (1 - M)^2 / (2 spread^2); and
-both may heed a Gaussian prior about the guess. Kernels work in cells; a symmetric matrix is its six
-numbers xx, xy, xt, yy, yt, tt. `search` and `descent` hold them.
+Both use one measurement model: a point where the field is M costs (1 - M)^2 / (2 spread^2); and
+both accept a Gaussian prior about the guess. Kernels work in cells; a symmetric matrix is its six
+numbers xx, xy, xt, yy, yt, tt.
 """
 
 from __future__ import annotations

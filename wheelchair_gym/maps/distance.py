@@ -1,4 +1,8 @@
-"""The outline on a raster of distances: discs that cover it, and the gap that they leave."""
+"""Distances on a raster, and the chair's outline on it.
+
+Distances are exact to the squares of solid cells, with a bound to step by. Discs cover the outline;
+the gap that they leave is known.
+"""
 
 from __future__ import annotations
 

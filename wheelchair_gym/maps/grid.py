@@ -1,4 +1,4 @@
-"""The occupancy grid: what is known of a place, cell by cell, and exact geometry from it."""
+"""The occupancy grid: what is known of a place, cell by cell, and its outline as exact segments."""
 
 from __future__ import annotations
 

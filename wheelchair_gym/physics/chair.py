@@ -170,17 +170,17 @@ class SimulatedChair:
 
     @property
     def state(self) -> Rows:
-        """The whole state (1,), a record; see `simulation.state.STATE`."""
+        """The whole state (1,), a record; see `physics.state.STATE`."""
         return np.array(self._state)
 
     @property
     def parameters(self) -> Rows:
-        """The parameters (1,) of this episode, a record; see `simulation.state.PARAMETER`."""
+        """The parameters (1,) of this episode, a record; see `physics.state.PARAMETER`."""
         return np.array(self._chair)
 
     @property
     def rows(self) -> Rows:
-        """Where its rows lie (1,), a record of `advance.ALONE`: for who moves it by other means."""
+        """Where its rows lie (1,), a record of `physics.step.ALONE`, to move it by other means."""
         return self._alone
 
     def _blank_reading(self) -> tuple[NDArray[np.float32], Rows]:

@@ -1,7 +1,8 @@
 """Munk2D by address: its functions called from compiled code, its structs written in place.
 
 Nothing of this reaches into what pymunk computes: it is the same library, the same structs and the
-same functions, without the way through Python. A self-test at import compares the two ways, and a
+same functions, without the way through Python. Where Munk2D keeps the fields of its structs is
+found at import, by marks set through its API. A self-test at import compares the two ways, and a
 failure refuses to import.
 """
 

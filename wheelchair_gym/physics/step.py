@@ -1,4 +1,7 @@
-"""One control period of one chair: drive, then sense. What a batch of chairs loops over."""
+"""One control period of one chair: physics steps of all that moves, then sensing (`advance`).
+
+A batch of chairs loops over it.
+"""
 
 from __future__ import annotations
 

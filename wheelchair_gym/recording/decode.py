@@ -1,6 +1,6 @@
 """What recordings hold, unpacked within limits: messages of MCAP, values and arrays of JSON.
 
-Everything here raises `ValueError` for what is damaged; `view.replay` says of which file.
+Everything here raises `ValueError` for what is damaged; `recording.replay` says of which file.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def numbers(content: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Ar
 def packed_array(
     content: Mapping[str, Any], name: str, kind: DTypeLike, size: int = -1
 ) -> NDArray[Any]:
-    """The value of a key, an array (size,) as `view.record.packed` writes it; -1: of any size."""
+    """The value of a key, an array (size,) as `recording.record.packed` wrote it; -1: any size."""
     # Of bytes that may be written to: for read-only arrays, kernels would be compiled once more.
     data = bytearray(base64.b64decode(value_of(content, name, str), validate=True))
     values = np.frombuffer(data, kind)

@@ -1,7 +1,8 @@
 """Recording: what a chair was told, did and was judged by: an MCAP file, or live, for viewers.
 
-Typed messages (`view.messages`) are for viewers. The topics READING, COMMAND and VERDICT hold the
-same once more to the last bit, so that a run can be driven and judged again (`view.replay`).
+Typed messages (`recording.messages`) are for viewers. The topics READING, COMMAND and VERDICT hold
+the same once more to the last bit, so that a run can be driven and judged again
+(`recording.replay`).
 """
 
 from __future__ import annotations

@@ -63,11 +63,11 @@ class Outlet:
             self._channels[topic] = foxglove.Channel(topic, schema=schema, context=context)
 
     def send(self, topic: str, message: Any) -> None:
-        """Send a typed message, see `view.messages.TYPED`."""
+        """Send a typed message, see `recording.messages.TYPED`."""
         self._channels[topic].log(message, log_time=self.now)
 
     def tell(self, topic: str, content: dict[str, Any]) -> None:
-        """Send what JSON can say, see `view.messages.PLAIN`."""
+        """Send what JSON can say, see `recording.messages.PLAIN`."""
         text = json.dumps(content, allow_nan=False)
         self._channels[topic].log(text.encode(), log_time=self.now)
 

@@ -1,4 +1,4 @@
-"""Top views: a chair in its world, frame by frame."""
+"""Top views: a chair in its world and all that moves there, frame by frame."""
 
 from __future__ import annotations
 

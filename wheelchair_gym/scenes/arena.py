@@ -1,4 +1,7 @@
-"""One empty room."""
+"""A closed arena with drawn obstacles, and the empty room.
+
+It is the ground of every scene that is not a building.
+"""
 
 from __future__ import annotations
 

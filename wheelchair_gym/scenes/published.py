@@ -1,7 +1,14 @@
-"""Five maps after those of the thesis on RRT*-WOA: their pictures were never published.
+"""Worlds of the source documents: exact where they were published, else drawn to their texts.
 
-All are 30 m x 20 m with a way of about 35 m from corner to corner: empty; with unobtrusive
-obstacles; with narrow passages; with local minima; with clutter.
+Two papers on swarm planners published theirs exactly. The five maps of the thesis on RRT*-WOA were
+never published: all are 30 m x 20 m with a path of about 35 m from corner to corner: empty; with
+unobtrusive obstacles; with narrow passages; with local minima; with clutter.
+
+Laboratories of two sources exist as pictures only. The thesis on limited tree expansion has three
+of upright walls, given as rectangles of pixels: one is 10 wide and 500 long. With a centimetre a
+pixel that is a room of about 7 m x 5 m, which agrees with its paths of 5.9 m to 12.4 m. The paper
+on RRT smoothed by whales has one, an engineering design lab, with two pairs of start and goal and
+obstacles inflated by 0.4 m. Verdicts on these maps can be on orders only, never on lengths.
 """
 
 from __future__ import annotations

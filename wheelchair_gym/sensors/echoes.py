@@ -1,4 +1,7 @@
-"""Echoes of round things, and what hides a surface from a ranger."""
+"""Geometry of echoes: ends of segments as a sensor sees them, round things, and what hides them.
+
+It holds an arc tangent that vectorises.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dead reckoning as a finder: what odometry alone knows, from where an episode starts."""
+"""Dead reckoning from the drive board's counts, moved on to any instant; and as a localizer."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Odometer:
 
 
 class Reckoned:
-    """Believes the odometry; see `mapping.chair.Finder`."""
+    """Believes the odometry; see `localization.localized_chair.Finder`."""
 
     def begin(self, episode: Episode, key: int) -> None:
         """Start where an episode does; nothing is drawn."""

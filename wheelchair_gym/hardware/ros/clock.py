@@ -13,7 +13,7 @@ _LOOK = 0.05  # s of wall time between two looks at what else may end a wait
 
 
 class SimulatedClock:
-    """The newest of /clock as a `pace.Clock`; it never runs backwards.
+    """The newest of /clock as a `pacing.Clock`; it never runs backwards.
 
     A simulation that begins anew tells smaller times: they count on from the last one.
 

@@ -29,7 +29,7 @@ class _Guard:
 
 
 class TwinClock:
-    """The time of a simulated world, which passes while somebody waits; see `pace.Clock`."""
+    """The time of a simulated world, which passes while somebody waits; see `pacing.Clock`."""
 
     def __init__(self, twin: Twin) -> None:
         self._twin = twin
