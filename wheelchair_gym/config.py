@@ -1,4 +1,4 @@
-"""Settings: frozen dataclasses whose fields know unit, bounds and source; a strict JSON loader.
+"""Settings: frozen dataclasses whose fields know doc, unit, bounds, source; a strict JSON loader.
 
 Nothing is merged and nothing is guessed: an unknown key, a wrong type or a value out of bounds is
 an error that names the place, the value and what was expected.
@@ -43,13 +43,23 @@ def suggest(name: object, known: Iterable[str]) -> str:
 def setting(
     *,
     default: Any,
+    doc: str = "",
     unit: str = "",
-    source: str = "",
     low: float | None = None,
     high: float | None = None,
+    source: str = "",
 ) -> Any:
-    """A field of a settings class: default, unit, source of the default, inclusive bounds."""
-    metadata = {"unit": unit, "source": source, "low": low, "high": high}
+    """A field of a settings class.
+
+    Args:
+        default: the value when none is given.
+        doc: what the setting does, in one sentence.
+        unit: SI unit; empty for a number without unit.
+        low: the least value that is accepted.
+        high: the greatest value that is accepted.
+        source: where the default comes from: a publication, a data sheet, a measurement, a choice.
+    """
+    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "source": source}
     return dataclasses.field(default=default, metadata=metadata)
 
 

@@ -1,4 +1,4 @@
-"""`wheelchair settings`: every setting with its default, unit, bounds and source."""
+"""`wheelchair settings`: every setting with its default, unit, bounds, purpose and source."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def add(parts: Any) -> None:
     """Add the subcommand's parser."""
     parser: argparse.ArgumentParser = parts.add_parser(
         "settings",
-        help="print settings with default, unit, bounds and source",
+        help="print settings with default, unit, bounds, purpose and source",
         description="Print the settings of parts of the chair, planners, followers, policies and "
         "scenes; without a name, list the names.",
         epilog="example: wheelchair settings limits a_star",
@@ -81,7 +81,9 @@ def rows_of(cls: type, prefix: str = "") -> list[dict[str, Any]]:
                 if isinstance(hint, type)
                 else str(hint),
                 "default": dump(default),
-                **{key: field.metadata.get(key) for key in ("unit", "low", "high", "source")},
+                **{
+                    key: field.metadata.get(key) for key in ("unit", "low", "high", "doc", "source")
+                },
             }
         )
     return rows
@@ -106,8 +108,11 @@ def run(given: argparse.Namespace) -> int:
             low, high = row["low"], row["high"]
             bounds = "" if low is None and high is None else f" [{_edge(low)}, {_edge(high)}]"
             unit = f" {row['unit']}" if row["unit"] else ""
-            source = f"  # {row['source']}" if row["source"] else ""
-            lines.append(f"  {row['name']} = {row['default']}{unit}{bounds}{source}")
+            lines.append(f"  {row['name']} = {row['default']}{unit}{bounds}")
+            if row["doc"]:
+                lines.append(f"      {row['doc']}")
+            if row["source"]:
+                lines.append(f"      source: {row['source']}")
     report(given, shown, "\n".join(lines))
     return 0
 
