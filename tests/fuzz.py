@@ -425,9 +425,9 @@ def _comparison(folder: Path) -> Path:
 
 
 def _figures() -> tuple[str, ...]:
-    from agents.learning.publish import FIGURES
+    from agents.learning.publish import RESULT_KEYS
 
-    return tuple(FIGURES)
+    return tuple(RESULT_KEYS)
 
 
 def _use_comparison(path: Path) -> None:
@@ -439,7 +439,7 @@ def _use_comparison(path: Path) -> None:
 def _curve(folder: Path) -> Path:
     from agents.learning.curves import write_curve
 
-    rows = [{"frames": k * 100, "success": 0.1 * k, "trial_success": 0.5} for k in range(5)]
+    rows = [{"frames": k * 100, "success": 0.1 * k, "eval_success": 0.5} for k in range(5)]
     write_curve(folder, rows)
     return folder / "curve.csv"
 
@@ -611,7 +611,7 @@ def _use_weights(path: Path) -> None:
 
     policy: Any = make_policy({"name": str(path)})
     policy.network.reset(1)
-    policy.network(np.ones((1, policy.layout.room), np.float32))
+    policy.network(np.ones((1, policy.layout.size), np.float32))
 
 
 def _onnx(folder: Path) -> Path:

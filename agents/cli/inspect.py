@@ -53,7 +53,7 @@ def run(given: argparse.Namespace) -> int:
     """Drive, hide and draw."""
     from agents.evaluation.evaluate import drive_episode, env_settings, make_env
     from agents.evaluation.figures import LOOK
-    from agents.learning.occlusion import Looking
+    from agents.learning.occlusion import OcclusionRecorder
     from agents.policies import make_policy
     from wheelchair_gym.config import InputError
     from wheelchair_gym.files import whole as written
@@ -62,7 +62,7 @@ def run(given: argparse.Namespace) -> int:
     if file.suffix not in (".png", ".svg", ".pdf"):
         raise InputError(f"--out {file}: expected a name that ends with .png, .svg or .pdf")
     driver = make_policy(spec(given.policy))
-    looking = Looking(driver)
+    looking = OcclusionRecorder(driver)
     source = POSE if given.pose is None and given.config is None else given.pose
     settings = env_settings(pose_source=source, config=given.config, shield=shield_of(given))
     env = make_env(spec(given.scene), settings)

@@ -52,7 +52,7 @@ def add(parts: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Train each seed, of each value that a setting shall have."""
-    from agents.learning.networks import CONTRIBUTED, algorithm_class
+    from agents.learning.networks import SB3_CONTRIB, algorithm_class
     from wheelchair_gym.config import InputError, read_json
 
     try:
@@ -62,7 +62,7 @@ def run(given: argparse.Namespace) -> int:
     content = _defaults(given.algorithm) if given.config is None else read_json(given.config)
     if not isinstance(content, dict):
         raise InputError(f"{given.config}: expected an object with keys")
-    if given.algorithm in CONTRIBUTED:  # before anything is compiled or written
+    if given.algorithm in SB3_CONTRIB:  # before anything is compiled or written
         algorithm_class(given.algorithm)
     where = "settings" if given.config is None else Path(given.config).name
     if given.frames is not None and given.algorithm != "bc":
@@ -86,9 +86,9 @@ def run(given: argparse.Namespace) -> int:
         results = {case.name: _one(given, case.own, case.seed, case.folder) for case in cases}
     lines = [f"{name}: {_line(row)}" for name, row in results.items()]
     if key:
-        from agents.learning.variation import write_variation
+        from agents.learning.curves import write_sweep
 
-        lines.append(write_variation(key, [(case.word, case.folder) for case in cases], out))
+        lines.append(write_sweep(key, [(case.word, case.folder) for case in cases], out))
     report(given, results, "\n".join([*lines, str(out)]))
     return 0
 
@@ -122,9 +122,9 @@ def _varied(vary: str | None) -> tuple[str, list[str]]:
 def _defaults(algorithm: str) -> dict[str, Any]:
     if algorithm == "bc":
         return {}
-    from agents.learning.settings import plain, recipe
+    from agents.learning.settings import as_json, recipe
 
-    return plain(recipe(algorithm))  # type: ignore[arg-type]
+    return as_json(recipe(algorithm))  # type: ignore[arg-type]
 
 
 def _settings(algorithm: str, content: dict[str, Any], where: str) -> Any:
@@ -175,7 +175,7 @@ def _one(given: argparse.Namespace, own: Any, seed: int, folder: Path) -> dict[s
         frames.set_postfix_str(_line(row))
 
     try:
-        rows = train(own, seed, folder, each=each, report=told, prepared=prepared)
+        rows = train(own, seed, folder, on_step=each, on_row=told, on_prepared=prepared)
     except (KeyboardInterrupt, SystemError) as error:
         if by_hand(error):
             print(f"\n{folder}: the same command goes on from its last checkpoint", file=sys.stderr)
@@ -189,8 +189,8 @@ def _one(given: argparse.Namespace, own: Any, seed: int, folder: Path) -> dict[s
 def _line(row: dict[str, Any]) -> str:
     """What a person wants to know of a row."""
     parts = [f"success {float(row['success']):.2f}"] if "success" in row else []
-    if row.get("trial_success") not in (None, ""):
-        parts.append(f"trials {float(row['trial_success']):.2f}")
+    if row.get("eval_success") not in (None, ""):
+        parts.append(f"evaluation {float(row['eval_success']):.2f}")
     if "frames_per_second_s" in row:
         parts.append(f"{float(row['frames_per_second_s']):,.0f} frames/s")
     return ", ".join(parts)

@@ -1,4 +1,4 @@
-"""Checkpoints of a training run: whole or refused, and read without executing what is in them."""
+"""Checkpoints of a training run: complete or refused, and read without executing code in them."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _HEAD = b"wheelchair checkpoint 1\n"
 _REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
-def state_of(model: Any) -> dict[str, Any]:
-    """All that a model has learned and needs to go on: networks, optimisers, what it replays."""
+def model_state(model: Any) -> dict[str, Any]:
+    """The state of a model: networks, optimizers and replay buffer."""
     names, variables = model._get_torch_save_params()
     state: dict[str, Any] = {
         "modules": {name: _attribute(model, name).state_dict() for name in names},
@@ -36,8 +36,8 @@ def state_of(model: Any) -> dict[str, Any]:
     return state
 
 
-def take_state(model: Any, state: dict[str, Any]) -> None:
-    """Give a model the state of another of the same settings."""
+def load_model_state(model: Any, state: dict[str, Any]) -> None:
+    """Load a state from `model_state` into a model of the same settings."""
     for name, values in state["modules"].items():
         _attribute(model, name).load_state_dict(values)
     for name, values in state["variables"].items():
@@ -57,7 +57,7 @@ def _attribute(model: Any, name: str) -> Any:
 
 
 def save_checkpoint(folder: Path, content: dict[str, Any]) -> None:
-    """Write a checkpoint whole or not at all.
+    """Write a checkpoint atomically.
 
     Raises:
         InputError: it cannot be written.
@@ -72,10 +72,10 @@ def save_checkpoint(folder: Path, content: dict[str, Any]) -> None:
 
 
 def load_checkpoint(folder: Path) -> dict[str, Any] | None:
-    """The checkpoint of a folder, or None where there is none.
+    """The checkpoint of a folder; None where there is none.
 
     Raises:
-        InputError: it cannot be read, or is not whole.
+        InputError: it cannot be read, or is not complete.
     """
     path = folder / NAME
     if not path.exists():
@@ -85,7 +85,7 @@ def load_checkpoint(folder: Path) -> dict[str, Any] | None:
     body = memoryview(data)[head:]
     digest = hashlib.sha256(body).hexdigest().encode()
     if data[:head] != _HEAD + digest + b"\n":
-        raise InputError(f"{path}: expected a whole checkpoint; delete it to begin anew")
+        raise InputError(f"{path}: expected a complete checkpoint; delete it to start again")
     try:
         with zipfile.ZipFile(io.BytesIO(body)) as packed:
             if sum(member.file_size for member in packed.infolist()) > LIMITS["checkpoint"].most:
@@ -93,14 +93,14 @@ def load_checkpoint(folder: Path) -> dict[str, Any] | None:
         content = torch.load(io.BytesIO(body), weights_only=True)
         if not isinstance(content, dict):
             raise ValueError("not an object with keys")
-    except Exception as error:  # whatever torch makes of what it cannot read
+    except Exception as error:  # torch documents no errors of its reader
         why = " ".join(str(error).split()[:20]) or type(error).__name__
-        expected = "expected a whole checkpoint; delete it to begin anew"
+        expected = "expected a complete checkpoint; delete it to start again"
         raise InputError(f"{path}: {expected} ({why})") from None
     return content
 
 
-def seeds_of(seed: int, number: int) -> tuple[int, int]:
-    """Seeds of the random draws and of the environments after checkpoint `number` of a run."""
-    draws, envs = np.random.SeedSequence([seed, number]).generate_state(2)
-    return int(draws), int(envs)
+def checkpoint_seeds(seed: int, number: int) -> tuple[int, int]:
+    """Seeds of the model's random generators and of the environments after a checkpoint."""
+    model, envs = np.random.SeedSequence([seed, number]).generate_state(2)
+    return int(model), int(envs)

@@ -1,33 +1,38 @@
-"""The curve of a training run: a row for each checkpoint, in CSV and for TensorBoard."""
+"""The curve of a training run: a row for each checkpoint, in CSV and for TensorBoard.
+
+A sweep over one setting is written as a table of the last rows and a figure of all curves.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from agents.evaluation.provenance import write_text
 from wheelchair_gym.errors import InputError
-from wheelchair_gym.files import read_text
+from wheelchair_gym.files import read_text, whole
 
 NAME = "curve.csv"
+SWEEP = "sweep"
 Row = dict[str, Any]
 
 
-class Tally:
-    """What episodes came to since the last checkpoint, and the curriculum that follows from it."""
+class EpisodeStatistics:
+    """Counts and sums over the episodes since the last checkpoint."""
 
     def __init__(self) -> None:
-        self.begin()
+        self.reset()
 
-    def begin(self) -> None:
-        """Forget everything."""
+    def reset(self) -> None:
+        """Set all counts to zero."""
         self.episodes = self.success = self.truncated = 0
         self.returns, self.lengths = 0.0, 0
 
-    def add(self, infos: Any, dones: Any) -> None:
-        """Take in the infos of a step."""
+    def update(self, infos: Any, dones: Any) -> None:
+        """Add the episodes that ended in a step."""
         for i in dones.nonzero()[0].tolist():
             info = infos[i]
             self.episodes += 1
@@ -48,54 +53,16 @@ class Tally:
         }
 
 
-def read_curve(folder: Path) -> list[Row]:
-    """The rows of a folder's curve, as they were written.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    path = folder / NAME
-    if not path.exists():
-        return []
-    try:
-        rows = list(csv.DictReader(io.StringIO(read_text(path))))
-    except csv.Error as error:
-        raise InputError(f"{path}: not a table in CSV ({error})") from None
-    return [
-        {key: _value(word) for key, word in row.items() if key is not None and word} for row in rows
-    ]
-
-
-def _value(word: Any) -> Any:
-    """A number where a word is one, as `write_curve` was given it; else the word itself."""
-    for kind in (int, float):
-        try:
-            return kind(word)
-        except (ValueError, TypeError):
-            continue
-    return word
-
-
-def write_curve(folder: Path, rows: list[Row]) -> None:
-    """Write a curve whole; columns are those of all rows, in order."""
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text(folder / NAME, text.getvalue())
-
-
-class Board:
-    """TensorBoard's log of the same rows; nothing where it is not installed."""
+class TensorBoardLogger:
+    """Writes the rows of a curve for TensorBoard; without effect where it is not installed."""
 
     def __init__(self, folder: Path) -> None:
+        self._writer: Any = None
         try:
             from torch.utils.tensorboard import SummaryWriter
         except ImportError:
-            self._writer: Any = None
-        else:
-            self._writer = SummaryWriter(str(folder / "tensorboard"))
+            return
+        self._writer = SummaryWriter(str(folder / "tensorboard"))
 
     def add(self, row: Row) -> None:
         """Log one row."""
@@ -110,3 +77,110 @@ class Board:
         """Close the log."""
         if self._writer is not None:
             self._writer.close()
+
+
+def read_curve(folder: Path) -> list[Row]:
+    """The rows of a folder's curve, as they were written.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    path = folder / NAME
+    if not path.exists():
+        return []
+    try:
+        rows = list(csv.DictReader(io.StringIO(read_text(path))))
+    except csv.Error as error:
+        raise InputError(f"{path}: not a table in CSV ({error})") from None
+    return [
+        {key: _number(text) for key, text in row.items() if key is not None and text}
+        for row in rows
+    ]
+
+
+def _number(text: Any) -> Any:
+    """A number where a text is one, as `write_curve` was given it; otherwise the text."""
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except (ValueError, TypeError):
+            continue
+    return text
+
+
+def write_curve(folder: Path, rows: list[Row]) -> None:
+    """Write a curve atomically; columns are those of all rows, in order."""
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    write_text(folder / NAME, _csv(columns, rows))
+
+
+def _csv(columns: list[str], rows: list[Row]) -> str:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def write_sweep(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
+    """Write sweep.csv and sweep.svg, which compare runs that differ in one setting.
+
+    Args:
+        key: of the setting.
+        runs: its value and the folder of each run.
+        out: the folder to write to.
+
+    Returns:
+        The table as text.
+    """
+    import matplotlib as mpl
+
+    from agents.evaluation.figures import LOOK
+    from agents.evaluation.metrics import wilson
+
+    curves: dict[str, list[Any]] = {}
+    rows: list[Row] = []
+    for value, folder in runs:
+        evaluated = [row for row in read_curve(folder) if row.get("eval_success") is not None]
+        if not evaluated:
+            continue
+        from agents.learning.run import POLICY
+        from agents.learning.weights import load_weights
+
+        card = load_weights(folder / POLICY).card
+        points = [(float(row["frames"]), float(row["eval_success"])) for row in evaluated]
+        curves.setdefault(value, []).append(points)
+        episodes = card["training"]["evaluation"]["episodes"]
+        share = float(evaluated[-1]["eval_success"])
+        low, high = wilson(round(share * episodes), episodes)
+        rows.append({
+            key: value, "seed": card["seed"], "frames": card["frames"], "episodes": episodes,
+            "success": share, "low": low, "high": high,
+            **{name: float(evaluated[-1][f"eval_{name}"])
+               for name in ("collision", "timeout", "time")},
+        })  # fmt: skip
+    table = _csv(list(rows[0]), rows) if rows else ""
+    write_text(out / f"{SWEEP}.csv", table)
+    with mpl.rc_context(LOOK), whole(out / f"{SWEEP}.svg") as part:
+        _plot_sweep(key, curves).savefig(
+            part, format="svg", metadata={"Date": None, "Creator": None}
+        )
+    return table.rstrip()
+
+
+def _plot_sweep(key: str, curves: dict[str, list[Any]]) -> Any:
+    from agents.evaluation.figures import COLOURS, DASHES, MARKS, legend_above, new_axes
+
+    figure, axes = new_axes(3.2)
+    for k, (value, runs) in enumerate(curves.items()):
+        for number, curve in enumerate(runs):
+            frames, shares = zip(*curve, strict=True)
+            axes.plot(
+                [n / 1e6 for n in frames], [100.0 * share for share in shares],
+                DASHES[k % len(DASHES)], color=COLOURS[k % len(COLOURS)],
+                marker=MARKS[k % len(MARKS)], ms=3.5, lw=1.2,
+                label=f"{key.rpartition('.')[2]} {value}" if number == 0 else None,
+            )  # fmt: skip
+    axes.set(xlabel="frames [million]", ylabel="success in evaluation [%]", ylim=(0.0, 101.0))
+    legend_above(figure, axes)
+    return figure

@@ -1,8 +1,8 @@
-"""Imitation: a scripted policy shows how to drive, and what it would do where the student errs.
+"""Imitation learning: a scripted policy demonstrates, and labels the observations of its student.
 
 Behaviour cloning, then DAgger (Ross, Gordon and Bagnell 2011): from the second round on the student
-drives and the expert names its own action for each observation. The result may be driven as it is,
-or be a run's `warm_start`.
+drives and the expert gives its own action for each observation. The resulting policy can be driven
+as it is, or be the `warm_start` of a training run.
 """
 
 from __future__ import annotations
@@ -12,139 +12,132 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import torch
 from torch import nn
 
-from agents.evaluation.provenance import command_line, commit, machine, versions, write_json
+from agents.evaluation.provenance import write_json
 from agents.learning.features import Layout
-from agents.learning.networks import Features, body
-from agents.learning.settings import Imitation, environment
-from agents.learning.weights import FORMAT, Floats, Network, Weights, save_weights
+from agents.learning.networks import FeaturesExtractor, mlp
+from agents.learning.settings import Imitation, training_env_settings
+from agents.learning.weights import Floats, Network, Weights, make_card, save_weights
 from agents.policies import make_policy
-from wheelchair_gym.config import dump, load
+from wheelchair_gym.config import load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.settings import StartSettings
 
-_SEED = 7_000_003  # of the first episode, far from those that policies are tested on
+_FIRST_SEED = 7_000_003  # of the first episode, apart from the seeds of every evaluation
+Demonstration = tuple[Floats, Floats, bool]  # observations (n, size), actions (n, 2), success
 
 
-def _shown(
+def _demonstrate(
     env: NavigationEnv, expert: Any, student: Network | None, seed: int
-) -> tuple[Floats, Floats, bool]:
-    """Observations (n, room) and the expert's actions (n, 2) of an episode; and its success."""
+) -> Demonstration:
+    """One episode, labelled with the expert's actions; the student drives it, if there is one."""
     observation, info = env.reset(seed=seed)
     expert.reset(env.task)
     if student is not None:
         student.reset(1)
-    seen, shown, over = [], [], False
+    observations, actions, over = [], [], False
     while not over:
         flat = np.concatenate([observation[key] for key in env.task.boxes])
-        told = np.asarray(expert.act(observation), np.float32)
-        seen.append(flat)
-        shown.append(told)
-        action = told if student is None else student(flat[None])[0]
+        label = np.asarray(expert.act(observation), np.float32)
+        observations.append(flat)
+        actions.append(label)
+        action = label if student is None else student(flat[None])[0]
         observation, _, terminated, truncated, info = env.step(action)
         over = terminated or truncated
-    return np.array(seen), np.array(shown), bool(info["is_success"])
+    return np.array(observations), np.array(actions), bool(info["is_success"])
 
 
 def _episodes(
-    own: EnvSettings, expert: Any, student: Weights | None, seeds: list[int]
-) -> list[tuple[Floats, Floats, bool]]:
-    env, driver = NavigationEnv(config=own), make_policy(expert)
+    settings: EnvSettings, expert: Any, student: Weights | None, seeds: list[int]
+) -> list[Demonstration]:
+    env, policy = NavigationEnv(config=settings), make_policy(expert)
     network = None if student is None else Network(student)
     try:
-        return [_shown(env, driver, network, seed) for seed in seeds]
+        return [_demonstrate(env, policy, network, seed) for seed in seeds]
     finally:
         env.close()
 
 
-def _gathered(
-    own: Imitation, env: EnvSettings, student: Weights | None, seeds: list[int]
-) -> Iterator[tuple[Floats, Floats, bool]]:
-    """Episodes in the order of their seeds, driven by so many processes."""
-    if own.jobs == 1:
+def _all_episodes(
+    config: Imitation, env: EnvSettings, student: Weights | None, seeds: list[int]
+) -> Iterator[Demonstration]:
+    """Episodes in the order of their seeds, driven by `config.jobs` processes."""
+    if config.jobs == 1:
         for seed in seeds:
-            yield from _episodes(env, own.expert, student, [seed])
+            yield from _episodes(env, config.expert, student, [seed])
         return
     from joblib import Parallel, delayed
 
     parts = [seeds[k : k + 4] for k in range(0, len(seeds), 4)]
-    jobs = (delayed(_episodes)(env, own.expert, student, part) for part in parts)
-    for part in Parallel(n_jobs=own.jobs, return_as="generator")(jobs):
+    jobs = (delayed(_episodes)(env, config.expert, student, part) for part in parts)
+    for part in Parallel(n_jobs=config.jobs, return_as="generator")(jobs):
         yield from part
 
 
-def imitate(own: Imitation, seed: int, folder: Path, progress: bool = True) -> dict[str, Any]:
-    """Imitate, and keep policy.npz in a folder; what it came to.
+def imitate(config: Imitation, seed: int, folder: Path, progress: bool = True) -> dict[str, Any]:
+    """Imitate, and write policy.npz to a folder; the figures of the last round.
 
     Raises:
         InputError: a setting is wrong, or the folder cannot be written.
     """
     from tqdm import tqdm
 
-    made = environment(own.env)
+    env = training_env_settings(config.env)
     env = dataclasses.replace(
-        made, task=dataclasses.replace(made.task, privileged=False), starts=StartSettings()
+        env, task=dataclasses.replace(env.task, privileged=False), starts=StartSettings()
     )
-    layout = _layout(env)
+    layout = Layout.of_task(NavigationEnv(config=env).task)
     torch.manual_seed(seed)
-    net = _Student(layout, own.hidden)
+    network = _StudentNetwork(layout, config.net_arch)
     student: Weights | None = None
-    seen, shown, rounds = [], [], []
-    bar = tqdm(total=own.rounds * own.episodes, unit="episode", disable=not progress)
-    for number in range(own.rounds):
-        begin = _SEED + (seed * own.rounds + number) * own.episodes
+    observations, actions, rounds = [], [], []
+    bar = tqdm(total=config.rounds * config.episodes, unit="episode", disable=not progress)
+    for number in range(config.rounds):
+        first = _FIRST_SEED + (seed * config.rounds + number) * config.episodes
+        seeds = list(range(first, first + config.episodes))
         success = 0
-        for flat, told, done in _gathered(
-            own, env, student, list(range(begin, begin + own.episodes))
+        for episode_observations, episode_actions, is_success in _all_episodes(
+            config, env, student, seeds
         ):
-            seen.append(flat)
-            shown.append(told)
-            success += done
+            observations.append(episode_observations)
+            actions.append(episode_actions)
+            success += is_success
             bar.update()
-        loss = _fit(net, np.concatenate(seen), np.concatenate(shown), own)
+        loss = _fit(network, np.concatenate(observations), np.concatenate(actions), config)
         rounds.append(
             {"driver": "expert" if student is None else "student", "loss": loss,
-             "success": success / own.episodes, "steps": sum(map(len, seen))}
+             "success": success / config.episodes, "steps": sum(map(len, observations))}
         )  # fmt: skip
-        card = {
-            "format": FORMAT, "algorithm": "bc", "head": "clip",
-            "layout": {"sizes": [list(pair) for pair in layout.sizes], "posed": layout.posed},
-            "env": dump(env), "training": dump(own), "seed": seed, "rounds": rounds,
-            "command": command_line(), "commit": commit(), "machine": machine(),
-            "versions": versions(),
-            "limits": "it imitates, in simulation; it guarantees nothing: drive it behind a shield",
-        }  # fmt: skip
-        student = Weights(net.arrays(), card)
+        card = make_card(
+            "bc", "clip", layout, env, config, seed,
+            limits="it imitates, in simulation; it guarantees nothing: drive it behind a shield",
+        )  # fmt: skip
+        student = Weights(network.arrays(), card | {"rounds": rounds})
         save_weights(folder / "policy.npz", student)
         write_json(folder / "rounds.json", rounds)
     bar.close()
     return rounds[-1]
 
 
-def _layout(env: EnvSettings) -> Layout:
-    task = NavigationEnv(config=env).task
-    return Layout.of(((key, box.shape[0]) for key, box in task.boxes.items()), task.posed)
-
-
-class _Student(nn.Module):
-    """The actor of PPO, alone."""
+class _StudentNetwork(nn.Module):
+    """The actor of PPO alone."""
 
     def __init__(self, layout: Layout, hidden: tuple[int, ...]) -> None:
         super().__init__()
-        import gymnasium as gym
-
-        self.features = Features(gym.spaces.Box(-1.0, 1.0, (layout.room,)), layout)
-        self.body = body(layout.told, hidden)
+        space = gym.spaces.Box(-1.0, 1.0, (layout.size,))
+        self.features = FeaturesExtractor(space, layout)
+        self.hidden = mlp(layout.actor_size, hidden)
         self.last = nn.Linear(hidden[-1], 2)
 
     def forward(self, flat: torch.Tensor) -> torch.Tensor:
-        return self.last(self.body(self.features(flat)))  # type: ignore[no-any-return]
+        return self.last(self.hidden(self.features(flat)))  # type: ignore[no-any-return]
 
     def arrays(self) -> dict[str, Floats]:
-        layers = [m for m in (*self.body, self.last) if isinstance(m, nn.Linear)]
+        layers = [m for m in (*self.hidden, self.last) if isinstance(m, nn.Linear)]
         arrays = {}
         for k, layer in enumerate(layers):
             arrays[f"dense{k}.w"] = layer.weight.detach().numpy().copy()
@@ -152,21 +145,21 @@ class _Student(nn.Module):
         return arrays
 
 
-def _fit(net: _Student, seen: Floats, shown: Floats, own: Imitation) -> float:
-    """Fit the student to what it was shown; the mean squared error of the last epoch."""
+def _fit(network: _StudentNetwork, seen: Floats, shown: Floats, config: Imitation) -> float:
+    """Fit the student to the expert's actions; the mean squared error of the last epoch."""
     inputs, targets = torch.from_numpy(seen), torch.from_numpy(shown)
-    optimiser = torch.optim.Adam(net.parameters(), lr=own.rate)
-    loss_sum = 0.0
-    for _ in range(own.epochs):
-        order, loss_sum = torch.randperm(len(inputs)), 0.0
-        for begin in range(0, len(order), own.batch):
-            rows = order[begin : begin + own.batch]
-            loss = nn.functional.mse_loss(net(inputs[rows]), targets[rows])
-            optimiser.zero_grad()
+    optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
+    total = 0.0
+    for _ in range(config.n_epochs):
+        order, total = torch.randperm(len(inputs)), 0.0
+        for first in range(0, len(order), config.batch_size):
+            rows = order[first : first + config.batch_size]
+            loss = nn.functional.mse_loss(network(inputs[rows]), targets[rows])
+            optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
-            optimiser.step()
-            loss_sum += float(loss.detach()) * len(rows)
-    return loss_sum / len(inputs)
+            optimizer.step()
+            total += float(loss.detach()) * len(rows)
+    return total / len(inputs)
 
 
 def load_imitation(content: dict[str, Any], where: str) -> Imitation:
@@ -175,7 +168,7 @@ def load_imitation(content: dict[str, Any], where: str) -> Imitation:
     Raises:
         InputError: a setting is wrong.
     """
-    own = load(Imitation, content, where)
-    environment(own.env)
-    make_policy(own.expert)
-    return own
+    config = load(Imitation, content, where)
+    training_env_settings(config.env)
+    make_policy(config.expert)
+    return config

@@ -1,4 +1,4 @@
-"""Learned policies as ONNX: from what sensors say to a twist, all within the graph."""
+"""Learned policies as ONNX: the graph maps sensor readings to a twist."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from agents.evaluation.provenance import write_json
 from agents.learning.features import (
-    GOAL_MOST,
-    NEAR_GOAL,
+    GOAL_PROXIMITY_WEIGHT,
+    GOAL_RANGE,
     RANGE_SCALE,
     RANGE_SHIFT,
     SCALED,
@@ -26,12 +26,12 @@ from wheelchair_gym.files import read_bytes, read_json, whole
 from wheelchair_gym.task.observation_layout import PRIVATE
 
 Floats = NDArray[np.float32]
-NAMES = {"action": "last_action"}  # of inputs, where a key means something else as an output
-OPSET = 17  # of 2022: every runtime in use knows it
+NAMES = {"action": "last_action"}  # names of inputs that differ from keys
+OPSET = 17  # of 2022, so that every current runtime reads it
 
 
 class _Graph:
-    """Nodes and constants of a graph, one after another."""
+    """Nodes and constants of a graph."""
 
     def __init__(self, onnx: Any) -> None:
         self._onnx = onnx
@@ -59,7 +59,7 @@ def _onnx() -> Any:
 
 
 def groups_of(beams: int, pooled: int) -> NDArray[np.int64]:
-    """Which beams each pooled one is the least of (pooled, most), the last one repeated."""
+    """Indices (pooled, most) of the beams that each pooled beam is the minimum of."""
     ends = np.arange(pooled + 1) * beams // pooled
     most = int(np.diff(ends).max())
     groups: NDArray[np.int64] = np.minimum(ends[:-1, None] + np.arange(most), ends[1:, None] - 1)
@@ -69,11 +69,11 @@ def groups_of(beams: int, pooled: int) -> NDArray[np.int64]:
 def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     """Write weights as an ONNX graph, and a sidecar PATH.json; the sidecar.
 
-    Inputs are what a reading holds: `laser` (n, beams of the laser) and `ultrasonic` (n, 8) [m]
-    with +inf, -inf and NaN as they come; the rest as the task observes it (`twist`, `goal`,
-    `last_action`, `shield`, `path`). Outputs: `action` (n, 2) in [-1, 1] and the twist it asks for,
-    `twist_asked` (n, 2) [m/s, rad/s].
-    A recurrent policy has inputs `h`, `c` and outputs `h_next`, `c_next` (n, memory).
+    Inputs are the fields of a reading: `laser` (n, beams of the laser) and `ultrasonic` (n, 8) [m],
+    which may hold +inf, -inf and NaN; and keys of the observation (`twist`, `goal`, `last_action`,
+    `shield`, `path`). Outputs are `action` (n, 2) in [-1, 1] and its twist, `twist_asked` (n, 2)
+    [m/s, rad/s]. A recurrent policy has inputs `h`, `c` and outputs `h_next`, `c_next`
+    (n, units).
 
     Raises:
         InputError: onnx is not installed, or a file cannot be written.
@@ -88,17 +88,17 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     reaches = [
         (rangers.narrow if m.model == "narrow" else rangers.wide).reach for m in rangers.mounted
     ]
-    laser = _seen(graph, "laser", [env.sensors.laser.reach])
+    laser = _ranges(graph, "laser", [env.sensors.laser.reach])
     groups = graph.constant(groups_of(beams, sizes["laser"]), np.int64)
     pooled = graph.add("Gather", laser, groups, axis=1)
     pooled = graph.add("ReduceMin", pooled, axes=[2], keepdims=0)
-    x = _features(graph, layout, sizes, pooled, _seen(graph, "ultrasonic", reaches))
-    if weights.memory:
-        x = _recall(graph, weights, x)
-    for k in range(weights.dense):
+    x = _features(graph, layout, sizes, pooled, _ranges(graph, "ultrasonic", reaches))
+    if weights.lstm_size:
+        x = _lstm(graph, weights, x)
+    for k in range(weights.dense_layers):
         matrix = graph.constant(weights.arrays[f"dense{k}.w"])
         x = graph.add("Gemm", x, matrix, graph.constant(weights.arrays[f"dense{k}.b"]), transB=1)
-        if k < weights.dense - 1:
+        if k < weights.dense_layers - 1:
             x = graph.add("Relu", x)
     if weights.card["head"] == "tanh":
         graph.add("Tanh", x, out="action")
@@ -116,9 +116,9 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
 
     shapes = {NAMES.get(key, key): n for key, n in {**sizes, "laser": beams}.items()}
     outputs = {"action": 2, "twist_asked": 2}
-    if weights.memory:
-        shapes |= {"h": weights.memory, "c": weights.memory}
-        outputs |= {"h_next": weights.memory, "c_next": weights.memory}
+    if weights.lstm_size:
+        shapes |= {"h": weights.lstm_size, "c": weights.lstm_size}
+        outputs |= {"h_next": weights.lstm_size, "c_next": weights.lstm_size}
     made = helper.make_graph(
         graph.nodes, "policy", [value(*item) for item in shapes.items()],
         [value(*item) for item in outputs.items()], graph.constants,
@@ -141,8 +141,8 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     return sidecar
 
 
-def _seen(graph: _Graph, name: str, reach: list[float]) -> str:
-    """Ranges as they are observed: no echo is the reach, too near and invalid are 0."""
+def _ranges(graph: _Graph, name: str, reach: list[float]) -> str:
+    """Ranges as in an observation: no echo is the reach; too near and invalid are 0."""
     zero = graph.constant(0.0)
     positive = graph.add("Greater", name, zero)  # false for NaN
     return graph.add("Min", graph.add("Where", positive, name, zero), graph.constant(reach))
@@ -151,10 +151,10 @@ def _seen(graph: _Graph, name: str, reach: list[float]) -> str:
 def _features(
     graph: _Graph, layout: Layout, sizes: dict[str, int], laser: str, ultrasonic: str
 ) -> str:
-    """As `features.features` tells them."""
+    """The graph of `features.features`."""
     ranges = graph.add("Concat", laser, ultrasonic, axis=1)
     shifted = graph.add("Add", ranges, graph.constant(RANGE_SHIFT))
-    told = graph.add("Mul", graph.add("Log", shifted), graph.constant(RANGE_SCALE))
+    scaled_ranges = graph.add("Mul", graph.add("Log", shifted), graph.constant(RANGE_SCALE))
     far, bearing = (
         graph.add("Gather", "goal", graph.constant(which, np.int64), axis=1)
         for which in ([0], list(range(1, sizes["goal"])))
@@ -165,14 +165,15 @@ def _features(
         *(NAMES.get(k, k) for k in SCALED[2:] if k in sizes),
     ]
     scaled = graph.add("Mul", graph.add("Concat", *rest, axis=1), graph.constant(layout.scales))
-    least = graph.add("Min", far, graph.constant(GOAL_MOST))
-    distance = graph.add("Div", least, graph.constant(GOAL_MOST))
-    near = graph.add("Mul", graph.add("Exp", graph.add("Neg", far)), graph.constant(NEAR_GOAL))
-    return graph.add("Concat", told, scaled, distance, near, axis=1)
+    least = graph.add("Min", far, graph.constant(GOAL_RANGE))
+    distance = graph.add("Div", least, graph.constant(GOAL_RANGE))
+    near = graph.add("Exp", graph.add("Neg", far))
+    near = graph.add("Mul", near, graph.constant(GOAL_PROXIMITY_WEIGHT))
+    return graph.add("Concat", scaled_ranges, scaled, distance, near, axis=1)
 
 
-def _recall(graph: _Graph, weights: Weights, x: str) -> str:
-    """The recurrent layer, as `weights.Network` has it."""
+def _lstm(graph: _Graph, weights: Weights, x: str) -> str:
+    """The graph of the recurrent layer of `weights.Network`."""
     fed = graph.add("Gemm", x, graph.constant(weights.arrays["lstm.x"]), transB=1)
     recalled = graph.add(
         "Gemm", "h", graph.constant(weights.arrays["lstm.h"]),
@@ -180,7 +181,7 @@ def _recall(graph: _Graph, weights: Weights, x: str) -> str:
     )  # fmt: skip
     gates = graph.add("Add", fed, recalled)
     names = [f"gate_{k}" for k in range(4)]
-    parts = graph.constant([weights.memory] * 4, np.int64)
+    parts = graph.constant([weights.lstm_size] * 4, np.int64)
     graph.nodes.append(graph._onnx.helper.make_node("Split", [gates, parts], names, axis=1))
     i, f, o = (graph.add("Sigmoid", names[k]) for k in (0, 1, 3))
     kept = graph.add("Mul", f, "c")
@@ -190,10 +191,10 @@ def _recall(graph: _Graph, weights: Weights, x: str) -> str:
 
 
 class OnnxNetwork:
-    """An exported policy in onnxruntime, in place of `weights.Network`.
+    """An exported policy in onnxruntime, with the interface of `weights.Network`.
 
     Raises:
-        InputError: onnxruntime is not installed, or file or sidecar are not whole.
+        InputError: onnxruntime is not installed, or the file or its sidecar is damaged.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -210,7 +211,7 @@ class OnnxNetwork:
             raise InputError(f"{path}: differs from what {path.name}.json says; export it again")
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1
-        options.log_severity_level = 4  # errors are told below
+        options.log_severity_level = 4  # errors are reported below
         try:
             check_card(self.card)
             self._session = onnxruntime.InferenceSession(
@@ -219,33 +220,33 @@ class OnnxNetwork:
             inputs = {value.name: value.shape[-1] for value in self._session.get_inputs()}
             if self.card.get("inputs") != inputs:
                 raise ValueError(f"inputs are {shown(inputs)}")
-            self._layout = Layout.of(self.card["layout"]["sizes"], self.card["layout"]["posed"])
+            self._layout = Layout.of_card(self.card)
             self._inputs = inputs
             self.reset(1)
-            action = self(np.ones((1, self._layout.room), np.float32))  # graphs may fail only here
+            action = self(np.ones((1, self._layout.size), np.float32))  # some graphs fail only here
             if action.shape != (1, 2) or action.dtype != np.float32:
                 raise ValueError(f"its action has shape {action.shape}; expected (1, 2)")
-        except Exception as error:  # whatever onnxruntime makes of a graph that is none
+        except Exception as error:  # onnxruntime documents no errors of its reader
             why = " ".join(str(error).split()[:20]) or type(error).__name__
             raise InputError(f"{path}: expected an exported policy ({why})") from None
         self.reset(1)
 
     def reset(self, rows: int) -> None:
-        """Forget what was seen; so many observations come at a time."""
-        memory = self._inputs.get("h", 0)
-        self._state = {key: np.zeros((rows, memory), np.float32) for key in "hc" if memory}
+        """Set the recurrent state to zero, for this many rows."""
+        units = self._inputs.get("h", 0)
+        self._state = {key: np.zeros((rows, units), np.float32) for key in "hc" if units}
 
     def run(self, feed: dict[str, Floats]) -> dict[str, Floats]:
-        """The graph's outputs by name; the memory is kept."""
+        """The graph's outputs by name; the recurrent state is kept."""
         names = [output.name for output in self._session.get_outputs()]
         found = dict(zip(names, self._session.run(names, {**feed, **self._state}), strict=True))
         self._state = {key: found[f"{key}_next"] for key in self._state}
         return found
 
     def __call__(self, flat: Floats) -> Floats:
-        """Actions (n, 2) from flat observations (n, room), whose scan is pooled already."""
+        """Actions (n, 2) for flat observations (n, size), whose scan is already pooled."""
         feed = {
-            NAMES.get(key, key): flat[:, self._layout.place(key)]
+            NAMES.get(key, key): flat[:, self._layout.slice_of(key)]
             for key, _ in self._layout.sizes
             if NAMES.get(key, key) in self._inputs
         }

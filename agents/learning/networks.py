@@ -1,6 +1,6 @@
-"""Networks for stable-baselines3: an actor that is told what it may know, a critic that knows more.
+"""Models and networks of stable-baselines3, with a critic that gets more than the actor.
 
-Its classes are made by inheritance, as that library asks.
+Their classes inherit, as that library requires.
 """
 
 from __future__ import annotations
@@ -10,75 +10,78 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import torch
+from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from agents.learning.features import Layout, features
+from agents.learning.sb3 import SB3VecEnv
+from agents.learning.settings import ON_POLICY, Training
 from agents.learning.weights import Floats, Network, Weights
-from wheelchair_gym.config import InputError, load
+from wheelchair_gym.config import InputError, dump, load
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.task.observation_layout import PRIVATE
 
 
-class Features(BaseFeaturesExtractor):
-    """What networks are told of a flat observation; what only a critic may see stands last."""
+class FeaturesExtractor(BaseFeaturesExtractor):
+    """Features of a flat observation; those that only a critic gets are last."""
 
     def __init__(self, space: gym.Space[Any], layout: Layout) -> None:
-        super().__init__(space, layout.told + layout.private)
+        super().__init__(space, layout.actor_size + layout.privileged_size)
         self.layout = layout
         self.scaled: torch.Tensor
         self.scales: torch.Tensor
         self.private: torch.Tensor
-        self.register_buffer("scaled", torch.from_numpy(layout.scaled))
+        self.register_buffer("scaled", torch.from_numpy(layout.scaled_indices))
         self.register_buffer("scales", torch.from_numpy(layout.scales))
-        self.register_buffer("private", torch.from_numpy(layout.private_scales))
+        self.register_buffer("private", torch.from_numpy(layout.privileged_scales))
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Features (n, told + private) of observations (n, room)."""
-        room = self.layout.room - self.layout.private
-        told = features(torch, observations[:, :room], self.layout, self.scaled, self.scales)
-        if self.layout.private == 0:
-            return told  # type: ignore[no-any-return]
-        return torch.cat([told, observations[:, room:] * self.private], -1)
+        """Features (n, actor_size + privileged_size) of observations (n, size)."""
+        public = self.layout.size - self.layout.privileged_size
+        found = features(torch, observations[:, :public], self.layout, self.scaled, self.scales)
+        if self.layout.privileged_size == 0:
+            return found  # type: ignore[no-any-return]
+        return torch.cat([found, observations[:, public:] * self.private], -1)
 
 
-class Halves(nn.Module):
-    """Separate bodies of actor and critic; the actor's is not given the last numbers."""
+class SeparateNetworks(nn.Module):
+    """Separate hidden layers of actor and critic; the actor does not get privileged features."""
 
-    def __init__(self, told: int, private: int, hidden: tuple[int, ...]) -> None:
+    def __init__(self, actor_size: int, privileged_size: int, hidden: tuple[int, ...]) -> None:
         super().__init__()
-        self.told = told
+        self.actor_size = actor_size
         self.latent_dim_pi = self.latent_dim_vf = hidden[-1]
-        self.actor = body(told, hidden)
-        self.critic = body(told + private, hidden)
+        self.actor = mlp(actor_size, hidden)
+        self.critic = mlp(actor_size + privileged_size, hidden)
 
     def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """What actor and critic make of features."""
+        """Latent vectors of actor and critic."""
         return self.forward_actor(x), self.forward_critic(x)
 
     def forward_actor(self, x: torch.Tensor) -> torch.Tensor:
-        """What the actor makes of features."""
-        return self.actor(x[:, : self.told])  # type: ignore[no-any-return]
+        """The latent vector of the actor."""
+        return self.actor(x[:, : self.actor_size])  # type: ignore[no-any-return]
 
     def forward_critic(self, x: torch.Tensor) -> torch.Tensor:
-        """What the critic makes of features."""
+        """The latent vector of the critic."""
         return self.critic(x)  # type: ignore[no-any-return]
 
 
-def body(room: int, hidden: tuple[int, ...]) -> nn.Sequential:
-    """Dense layers, each with a rectifier."""
+def mlp(size: int, hidden: tuple[int, ...]) -> nn.Sequential:
+    """Dense layers, each followed by a rectifier."""
     layers: list[nn.Module] = []
-    for before, after in zip((room, *hidden), hidden, strict=False):
+    for before, after in zip((size, *hidden), hidden, strict=False):
         layers += [nn.Linear(before, after), nn.ReLU()]
     return nn.Sequential(*layers)
 
 
 class Teacher:
-    """A trained actor that sees what its student's critic sees, and tells what it would do.
+    """A trained actor whose observations are those of its student's critic.
 
     Raises:
-        InputError: the student's observation lacks what the teacher needs.
+        InputError: the student's observation lacks a key that the teacher needs.
     """
 
     def __init__(self, weights: Weights, layout: Layout, env: EnvSettings) -> None:
@@ -86,60 +89,60 @@ class Teacher:
         for name, here, there in (
             ("rate", env.rate, known.rate),
             ("task.look_ahead_time", env.task.look_ahead_time, known.task.look_ahead_time),
-            ("memory", 0, weights.memory),
+            ("lstm_hidden_size", 0, weights.lstm_size),
         ):
             if here != there:
                 raise InputError(f"teacher: its {name} is {there}; expected {here}")
-        places = []
+        indices = []
         for key, size in weights.layout.sizes:
             if key in PRIVATE:
                 continue
-            at = layout.place(f"hidden_{key}")
-            at = at if at.stop else layout.place(key)
+            at = layout.slice_of(f"hidden_{key}")
+            at = at if at.stop else layout.slice_of(key)
             if at.stop - at.start != size:
                 raise InputError(
                     f"teacher: it needs {size} numbers of {key}; observed are {at.stop - at.start}"
                 )
-            places.append(np.arange(at.start, at.stop))
-        self._places, self._network = np.concatenate(places), Network(weights)
+            indices.append(np.arange(at.start, at.stop))
+        self._indices, self._network = np.concatenate(indices), Network(weights)
 
     def __call__(self, observations: torch.Tensor) -> torch.Tensor:
-        """Actions (n, 2) in [-1, 1] for a student's flat observations (n, room)."""
-        return torch.from_numpy(self._network(observations.numpy()[:, self._places]))
+        """Actions (n, 2) in [-1, 1] for a student's flat observations (n, size)."""
+        return torch.from_numpy(self._network(observations.numpy()[:, self._indices]))
 
 
 class AsymmetricPolicy(ActorCriticPolicy):
-    """Actor and critic of PPO with separate bodies (asymmetric: Pinto et al. 2018)."""
+    """Actor and critic of PPO with separate networks (asymmetric: Pinto et al. 2018)."""
 
     def _build_mlp_extractor(self) -> None:
         layout: Layout = self.features_extractor_kwargs["layout"]
         hidden = tuple(self.net_arch["pi"])  # type: ignore[call-overload]
-        self.mlp_extractor = Halves(layout.told, layout.private, hidden)  # type: ignore[assignment]
+        self.mlp_extractor = SeparateNetworks(layout.actor_size, layout.privileged_size, hidden)  # type: ignore[assignment]
         self.teacher: Teacher | None = None
-        self.leash = 0.0  # weight of the squared distance from what the teacher does
+        self.kickstart_weight = 0.0  # of the squared distance to the teacher's action
 
     def evaluate_actions(
         self, obs: Any, actions: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
-        """Values, log-probabilities, and what is rewarded beside returns: entropy, less the leash.
+        """Values, log-probabilities, and entropy less the kickstarting loss (Schmitt et al. 2018).
 
-        Kickstarting (Schmitt et al. 2018): for a while the actor is drawn to a teacher's actions.
+        PPO maximises the last one with the weight `ent_coef`.
         """
         actor, critic = self.mlp_extractor(self.extract_features(obs))
-        chosen: Any = self._get_action_dist_from_latent(actor)
-        bonus = chosen.entropy()
-        if self.teacher is not None and self.leash > 0.0:
-            apart = chosen.distribution.mean - self.teacher(obs)
-            bonus = bonus - self.leash * (apart * apart).sum(dim=1)
-        return self.value_net(critic), chosen.log_prob(actions), bonus
+        distribution: Any = self._get_action_dist_from_latent(actor)
+        bonus = distribution.entropy()
+        if self.teacher is not None and self.kickstart_weight > 0.0:
+            error = distribution.distribution.mean - self.teacher(obs)
+            bonus = bonus - self.kickstart_weight * (error * error).sum(dim=1)
+        return self.value_net(critic), distribution.log_prob(actions), bonus
 
 
-def policy_of(algorithm: str) -> Any:
-    """The policy class, or its name, that an algorithm takes."""
+def policy_class(algorithm: str) -> Any:
+    """The policy class of an algorithm, or its name in stable-baselines3."""
     return {"ppo": AsymmetricPolicy, "recurrent_ppo": "MlpLstmPolicy"}.get(algorithm, "MlpPolicy")
 
 
-CONTRIBUTED = ("recurrent_ppo", "tqc")  # algorithms of sb3-contrib, of the extra 'learn'
+SB3_CONTRIB = ("recurrent_ppo", "tqc")  # algorithms of sb3-contrib, of the extra 'learn'
 
 
 def algorithm_class(name: str) -> Any:
@@ -159,6 +162,48 @@ def algorithm_class(name: str) -> Any:
     return {"recurrent_ppo": sb3_contrib.RecurrentPPO, "tqc": sb3_contrib.TQC}[name]
 
 
+def make_model(config: Training, seed: int, env: SB3VecEnv, layout: Layout) -> Any:
+    """A new model, whose learning rate decreases linearly over the whole run.
+
+    Raises:
+        InputError: the algorithm needs an extra that is not installed.
+    """
+    on_policy = config.algorithm in ON_POLICY
+    options = dump(config.on_policy if on_policy else config.off_policy)
+    initial_rate, log_std_init, units, sigma = (
+        options.pop(key, None)
+        for key in ("learning_rate", "log_std_init", "lstm_hidden_size", "action_noise")
+    )
+    hidden = list(config.net_arch)
+    policy_options: dict[str, Any] = {
+        "features_extractor_class": FeaturesExtractor,
+        "features_extractor_kwargs": {"layout": layout},
+        "net_arch": {"pi": hidden, "vf": hidden} if on_policy else hidden,
+    }
+    if on_policy:
+        policy_options |= {"log_std_init": log_std_init, "activation_fn": nn.ReLU}
+    else:
+        options["train_freq"] = 1
+    if config.algorithm == "recurrent_ppo":
+        policy_options["lstm_hidden_size"] = units
+    if config.algorithm == "td3":
+        noise = NormalActionNoise(np.zeros(2), np.full(2, sigma))
+        options["action_noise"] = VectorizedActionNoise(noise, config.n_envs)
+    made: list[Any] = []
+
+    def learning_rate(_: float) -> float:
+        """The library passes the progress between two checkpoints; this uses that of the run."""
+        progress = made[0].num_timesteps / config.frames if made else 0.0
+        return float(initial_rate * max(0.0, 1.0 - progress))
+
+    model = algorithm_class(config.algorithm)(
+        policy_class(config.algorithm), env, learning_rate=learning_rate,
+        policy_kwargs=policy_options, seed=seed, device="cpu", verbose=0, **options,
+    )  # fmt: skip
+    made.append(model)
+    return model
+
+
 def _dense_layers(model: Any, algorithm: str) -> list[nn.Linear]:
     """The actor's dense layers in order."""
     policy = model.policy
@@ -173,7 +218,7 @@ def _dense_layers(model: Any, algorithm: str) -> list[nn.Linear]:
     return [m for part in parts for m in part.modules() if isinstance(m, nn.Linear)]
 
 
-def arrays_of(model: Any, algorithm: str) -> dict[str, Floats]:
+def actor_arrays(model: Any, algorithm: str) -> dict[str, Floats]:
     """The actor's arrays."""
     arrays: dict[str, Floats] = {}
     if algorithm == "recurrent_ppo":
@@ -185,17 +230,17 @@ def arrays_of(model: Any, algorithm: str) -> dict[str, Floats]:
     return arrays
 
 
-def take_arrays(model: Any, algorithm: str, arrays: dict[str, Floats]) -> None:
-    """Give arrays to the actor, and to a target of it.
+def load_actor_arrays(model: Any, algorithm: str, arrays: dict[str, Floats]) -> None:
+    """Load arrays into the actor and into its target network.
 
     Raises:
-        InputError: they are of another network.
+        InputError: they have the shapes of another network.
     """
-    own = arrays_of(model, algorithm)
-    if {k: v.shape for k, v in own.items()} != {k: v.shape for k, v in arrays.items()}:
+    current = actor_arrays(model, algorithm)
+    if {k: v.shape for k, v in current.items()} != {k: v.shape for k, v in arrays.items()}:
         raise InputError(
             f"warm_start: layers are {sorted((k, v.shape) for k, v in arrays.items())}; expected "
-            f"{sorted((k, v.shape) for k, v in own.items())}"
+            f"{sorted((k, v.shape) for k, v in current.items())}"
         )
     with torch.no_grad():
         if "lstm.x" in arrays:
@@ -211,8 +256,8 @@ def take_arrays(model: Any, algorithm: str, arrays: dict[str, Floats]) -> None:
         model.policy.actor_target.load_state_dict(model.policy.actor.state_dict())
 
 
-def head_of(algorithm: str) -> str:
-    """How an actor's last numbers become actions."""
+def action_head(algorithm: str) -> str:
+    """How the actor's last layer is mapped to [-1, 1]: 'clip' or 'tanh'."""
     return "clip" if algorithm in ("ppo", "recurrent_ppo") else "tanh"
 
 

@@ -1,7 +1,7 @@
-"""What a learned policy looks at: how its action changes where a part of what it sees is hidden.
+"""Occlusion analysis: how the action of a learned policy changes where observations are hidden.
 
-Occlusion as of Zeiler and Fergus (2014): a beam and its neighbours are told to see nothing, other
-parts to be as they are on average; what the action then changes by says how much hung on them.
+After Zeiler and Fergus (2014): a beam and its neighbours get the laser's reach, other keys get
+their mean over the episode. The change of the action shows how much it depends on them.
 """
 
 from __future__ import annotations
@@ -22,82 +22,86 @@ from wheelchair_gym.task.observation_layout import PRIVATE
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
-BESIDE = 1  # beams on each side that are hidden, too
+NEIGHBOURS = 1  # beams on each side that are hidden with a beam
 NAMES = {"action": "last action", "path": "path ahead", "twist": "velocity"}
 
 
-def hidden_beams(network: Any, told: Floats, layout: Layout, reach: float) -> Array:
-    """Change of the action (k, beams), Euclidean, where beams see nothing.
+def beam_sensitivity(network: Any, observations: Floats, layout: Layout, reach: float) -> Array:
+    """Euclidean change of the action (k, beams) where beams get no echo.
 
     Args:
-        network: actions (n, 2) of flat observations (n, room).
-        told: flat observations (k, room).
+        network: maps flat observations (n, size) to actions (n, 2).
+        observations: flat observations (k, size).
         layout: of the observations.
-        reach: what the laser tells where it sees nothing [m].
+        reach: the range of a beam without an echo [m].
     """
-    before = network(told)
-    place = layout.place("laser")
+    before = network(observations)
+    place = layout.slice_of("laser")
     beams = place.stop - place.start
-    changes = np.empty((len(told), beams))
+    changes = np.empty((len(observations), beams))
     for beam in range(beams):
-        other = told.copy()
-        other[:, max(place.start, beam - BESIDE) : min(place.stop, beam + BESIDE + 1)] = reach
+        other = observations.copy()
+        first, last = max(place.start, beam - NEIGHBOURS), min(place.stop, beam + NEIGHBOURS + 1)
+        other[:, first:last] = reach
         changes[:, beam] = np.linalg.norm(network(other) - before, axis=1)
     return changes
 
 
-def hidden_parts(network: Any, told: Floats, layout: Layout) -> dict[str, float]:
-    """Mean change of the action where a whole part is as it is on average, by the part's name."""
-    before, changes = network(told), {}
+def key_sensitivity(network: Any, observations: Floats, layout: Layout) -> dict[str, float]:
+    """Mean change of the action where a key has its mean over the episode, by the key's name."""
+    before, changes = network(observations), {}
     for key, _ in layout.sizes:
-        place = layout.place(key)
+        place = layout.slice_of(key)
         if key in PRIVATE:
             continue
-        other = told.copy()
-        other[:, place] = told[:, place].mean(axis=0)
+        other = observations.copy()
+        other[:, place] = observations[:, place].mean(axis=0)
         changes[NAMES.get(key, key)] = float(np.linalg.norm(network(other) - before, axis=1).mean())
     return changes
 
 
-class Looking:
-    """Takes notes at each step of an episode; to be called as `drive_episode` does."""
+class OcclusionRecorder:
+    """Records an episode: a callback of `drive_episode`, called at each step."""
 
     def __init__(self, driver: Any) -> None:
         if not isinstance(driver, LearnedDriver) or driver.remembers:
-            raise InputError("only learned policies without a memory are looked into")
+            raise InputError("expected a learned policy that is not recurrent")
         self._driver = driver
-        self._told: list[Floats] = []
+        self._observations: list[Floats] = []
         self._poses: list[Array] = []
-        self._pose = np.zeros(3)  # by its own estimate, when it acted last
+        self._pose = np.zeros(3)  # estimated, when it acted last
 
     def __call__(self, env: Any) -> None:
-        """Take a note before the next step."""
-        told = getattr(self._driver, "told", None)
-        if told is not None and (not self._told or told is not self._told[-1]):
-            self._told.append(told)
+        """Record the observation of the last step."""
+        observation = getattr(self._driver, "told", None)
+        if observation is not None and not any(observation is o for o in self._observations[-1:]):
+            self._observations.append(observation)
             self._poses.append(self._pose)
         self._pose = env.unwrapped.task.reading.pose.copy()
 
     def changes(self, reach: float) -> tuple[Array, dict[str, float]]:
-        """See `hidden_beams` and `hidden_parts`."""
-        told, own = np.array(self._told), self._driver
+        """See `beam_sensitivity` and `key_sensitivity`."""
+        driver, observations = self._driver, np.array(self._observations)
         return (
-            hidden_beams(own.network, told, own.layout, reach),
-            hidden_parts(own.network, told, own.layout),
+            beam_sensitivity(driver.network, observations, driver.layout, reach),
+            key_sensitivity(driver.network, observations, driver.layout),
         )
 
     def draw(self, env: Any, moment: float) -> tuple[Figure, dict[str, Any]]:
-        """The beams at a moment over the world's walls, and the parts over the whole episode.
+        """Draw the beams at one moment in the world, and the keys over the whole episode.
 
         Args:
             env: of the episode.
-            moment: a share of the episode, 0 to 1.
+            moment: as a share of the episode, 0 to 1.
+
+        Returns:
+            The figure, and its values.
         """
         world, task = env.unwrapped.episode, env.unwrapped.task
         laser = task.sensors.laser
         beams, parts = self.changes(laser.reach)
-        k = min(len(self._told) - 1, round(moment * (len(self._told) - 1)))
-        pose, ranges = self._poses[k], self._told[k][self._driver.layout.place("laser")]
+        k = min(len(self._observations) - 1, round(moment * (len(self._observations) - 1)))
+        pose, ranges = self._poses[k], self._observations[k][self._driver.layout.slice_of("laser")]
         count = len(ranges)
         angles = laser.yaw + laser.fov * ((np.arange(count) + 0.5) / count - 0.5)
         mount = to_world((laser.x, laser.y), pose)
@@ -127,7 +131,7 @@ class Looking:
         names = sorted(parts, key=lambda name: parts[name])
         bars.barh(names, [parts[name] for name in names], color=palette.css(palette.BLUE))
         bars.set_xlabel("mean change of the action, each of two in [-1, 1]")
-        bars.set_title("Parts, over the whole episode", loc="left")
+        bars.set_title("Keys, over the whole episode", loc="left")
         return figure, {
             "parts": parts,
             "beams": {"angles": angles.tolist(), "mean": beams.mean(axis=0).tolist(),

@@ -1,4 +1,4 @@
-"""Weights for others, with a model card: settings, curves of all seeds, results, limits."""
+"""Weights for publication with a model card: settings, curves of all seeds, results, limits."""
 
 from __future__ import annotations
 
@@ -18,58 +18,57 @@ from wheelchair_gym.task.observation_layout import PRIVATE
 
 POINTS = 12  # of each curve in a card
 SHARES = ("success", "collision", "timeout")
-FIGURES = ("episodes", *(f"{name}{end}" for name in SHARES for end in ("", "_low", "_high")),
+RESULT_KEYS = ("episodes", *(f"{name}{end}" for name in SHARES for end in ("", "_low", "_high")),
            "wide", "wide_low", "wide_high", "spl", "time")  # fmt: skip
 
 
 def publish(folder: Path, results: Sequence[Path], path: Path) -> Weights:
-    """Write the last weights of the seed that did best in its last trials, and a card beside them.
+    """Write the last weights of the seed with the best last evaluation, and a card beside them.
 
     Args:
         folder: of a training run, or of one for each seed (seed_0, ...).
-        results: files results.json of comparisons that weights in the folder took part in.
+        results: files results.json of comparisons of weights in the folder.
         path: NAME.npz; the card is NAME.md.
 
     Raises:
-        InputError: there is no run in the folder, one has not ended, or a file cannot be read.
+        InputError: the folder holds no run, a run has not ended, or a file cannot be read.
     """
     folders = sorted(folder.glob("seed_*")) or [folder]
     runs = {of: load_weights(of / POLICY) for of in folders}
     for of, weights in runs.items():
         if weights.card["frames"] < weights.card["training"]["frames"]:
-            raise InputError(f"{of}: the run has not ended; the same train command goes on")
-    curves = {of: _trials(of) for of in folders}
+            raise InputError(f"{of}: the run has not ended; the same train command resumes it")
+    curves = {of: _eval_curve(of) for of in folders}
     best = max(folders, key=lambda of: curves[of][-1][1] if curves[of] else 0.0)
-    told = runs[best].card
-    card = {key: value for key, value in told.items() if key not in ("curve", "row", "trials")}
+    dropped = ("curve", "row", "evaluation")
+    card = {key: value for key, value in runs[best].card.items() if key not in dropped}
     card["curves"] = {str(runs[of].card["seed"]): curve for of, curve in curves.items()}
     card["speeds"] = {str(runs[of].card["seed"]): _speed(of) for of in folders}
     names = {str(of / POLICY): str(runs[of].card["seed"]) for of in folders}
     card["results"] = [row for file in results for row in _results(file, names, path.stem)]
     weights = Weights(runs[best].arrays, card)
     save_weights(path, weights)
-    write_text(path.with_suffix(".md"), markdown(path.stem, card))
+    write_text(path.with_suffix(".md"), model_card(path.stem, card))
     return weights
 
 
-def _trials(folder: Path) -> list[list[float]]:
-    """Frames, success and collision of some trials in a run's curve, the last one among them."""
-    rows = [row for row in read_curve(folder) if row.get("trial_success") is not None]
+def _eval_curve(folder: Path) -> list[list[float]]:
+    """Frames, success and collision of some evaluations of a run, including the last one."""
+    rows = [row for row in read_curve(folder) if row.get("eval_success") is not None]
     count = min(POINTS, len(rows))
     picked = [rows[round((k + 1) * len(rows) / count) - 1] for k in range(count)]
     return [
-        [float(row[key]) for key in ("frames", "trial_success", "trial_collision")]
-        for row in picked
+        [float(row[key]) for key in ("frames", "eval_success", "eval_collision")] for row in picked
     ]
 
 
 def _speed(folder: Path) -> float:
-    """Frames a second of the middle one of a run's parts, trials apart."""
+    """Median of the frames per second between checkpoints, without evaluations."""
     return round(median(float(row["frames_per_second_s"]) for row in read_curve(folder)))
 
 
 def _results(file: Path, names: Mapping[str, str], name: str) -> list[dict[str, Any]]:
-    """What each seed's weights reached in a comparison."""
+    """The results of each seed's weights in a comparison."""
     content = read_json(file)
     try:
         command = re.sub(r" --(out|jobs|json) \S+| --(no-video|quiet)", "", content["command"])
@@ -77,7 +76,7 @@ def _results(file: Path, names: Mapping[str, str], name: str) -> list[dict[str, 
         return [
             {"suite": content["title"], "command": command,
              "commit": content["provenance"]["commit"], "scene": row["scene"],
-             "seed": names[row["policy"]], **{key: row[key] for key in FIGURES}}
+             "seed": names[row["policy"]], **{key: row[key] for key in RESULT_KEYS}}
             for row in content["summary"]
             if row["policy"] in names and row["scene"] == "all"
         ]  # fmt: skip
@@ -95,7 +94,7 @@ def _percent(row: Mapping[str, Any], key: str) -> str:
 def _taught(card: Mapping[str, Any]) -> list[str]:
     if card.get("teacher") is None:
         return []
-    name = card["training"]["teaching"]["teacher"]
+    name = card["training"]["kickstarting"]["teacher"]
     return [f"- Teacher: {name}, whose arrays' SHA-256 begins with {card['teacher'][:12]}"]
 
 
@@ -106,8 +105,8 @@ def _shielded(card: Mapping[str, Any]) -> str:
     return f", {100.0 * (1.0 - env['unshielded']):.0f} % of them behind the shield"
 
 
-def markdown(name: str, card: Mapping[str, Any]) -> str:
-    """A card for people."""
+def model_card(name: str, card: Mapping[str, Any]) -> str:
+    """The card as Markdown."""
     seeds = list(card["curves"])
     sizes = ", ".join(f"{key} {n}" for key, n in card["layout"]["sizes"] if key not in PRIVATE)
     lines = [
@@ -119,7 +118,7 @@ def markdown(name: str, card: Mapping[str, Any]) -> str:
         "",
         f"- Command: `{card['command']}`, at commit {card['commit']}",
         f"- Speed: {', '.join(f'{speed:,.0f}' for speed in card['speeds'].values())} control "
-        f"periods a second (seeds {', '.join(seeds)}; trials apart) on "
+        f"periods a second (seeds {', '.join(seeds)}; without evaluations) on "
         f"{card['machine']['cores']} cores of {card['machine']['cpu']}",
         f"- Versions: {', '.join(f'{key} {value}' for key, value in card['versions'].items())}",
         *_taught(card),
@@ -128,7 +127,7 @@ def markdown(name: str, card: Mapping[str, Any]) -> str:
         "## Results",
         "",
         "Worlds that training never saw; success is without contact; 95 % intervals. The commands "
-        f"drive the weights here, of seed {card['seed']}; other seeds' were driven likewise.",
+        f"evaluate these weights, of seed {card['seed']}; other seeds were evaluated likewise.",
         "",
         "| command | seed | episodes | success [%] | with 5 cm of margin | collision [%] | "
         "time [s] |",
@@ -145,7 +144,8 @@ def markdown(name: str, card: Mapping[str, Any]) -> str:
         "",
         "## Curves",
         "",
-        f"Success and collisions [%] in trials on worlds that training never saw{_shielded(card)}.",
+        "Success and collisions [%] in evaluations on worlds that training never saw"
+        f"{_shielded(card)}.",
         "",
         f"| frames | {' | '.join(f'seed {seed}' for seed in seeds)} |",
         f"| ---: |{' --- |' * len(seeds)}",

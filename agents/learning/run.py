@@ -1,12 +1,13 @@
-"""A training run: learning from checkpoint to checkpoint, which it may be stopped at and resumed.
+"""A training run: it learns from checkpoint to checkpoint, and can be stopped and resumed at each.
 
-At each checkpoint all environments begin anew, with seeds of the run's seed and the checkpoint's
-number, and so do all random draws. So a run that was killed at any moment and is resumed equals one
-that was not, to the bit, on the same machine with the same number of threads.
+At each checkpoint all environments reset, with seeds derived from the run's seed and the number of
+the checkpoint, and so do all random generators. A run that was killed and resumed therefore equals
+one that was not, bit for bit, on the same machine with the same number of threads.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import gc
 import json
 import time
@@ -14,269 +15,318 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from stable_baselines3.common.utils import set_random_seed
 
-from agents.evaluation.provenance import command_line, commit, machine, versions, write_json
+from agents.evaluation.provenance import write_json
 from agents.learning.checkpoint import (
+    checkpoint_seeds,
     load_checkpoint,
+    load_model_state,
+    model_state,
     save_checkpoint,
-    seeds_of,
-    state_of,
-    take_state,
 )
-from agents.learning.curves import Board, Row, Tally, read_curve, write_curve
+from agents.learning.curves import (
+    EpisodeStatistics,
+    Row,
+    TensorBoardLogger,
+    read_curve,
+    write_curve,
+)
 from agents.learning.features import Layout
-from agents.learning.model import make_model
-from agents.learning.networks import Teacher, arrays_of, head_of, take_arrays
-from agents.learning.sb3 import SB3VecEnv
-from agents.learning.settings import ON_POLICY, Training, plain
-from agents.learning.trials import run_trials, trial_env
+from agents.learning.networks import (
+    Teacher,
+    action_head,
+    actor_arrays,
+    load_actor_arrays,
+    make_model,
+)
+from agents.learning.sb3 import SB3VecEnv, flatten_observations
+from agents.learning.settings import ON_POLICY, Evaluation, Training, as_json
 from agents.learning.weights import (
-    FORMAT,
     Network,
     Weights,
     find_weights,
     load_weights,
+    make_card,
     save_weights,
 )
-from wheelchair_gym.config import InputError, dump
-from wheelchair_gym.envs import NavigationVectorEnv
+from wheelchair_gym.config import InputError
+from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
+from wheelchair_gym.envs.settings import BankSettings, StartSettings
 from wheelchair_gym.envs.world_banks import Worlds
 
-SHOWN = ("frames", "success", "timeout", "within", "trial_success")  # of the curve, in a card
+# Columns of the curve that a card keeps.
+CURVE_COLUMNS = ("frames", "success", "timeout", "curriculum_time", "eval_success")
 POLICY, BEST = "policy.npz", "best.npz"
 LOGGED = (
     "train/loss", "train/value_loss", "train/explained_variance", "train/approx_kl", "train/std",
     "train/actor_loss", "train/critic_loss", "train/ent_coef",
 )  # fmt: skip
-Report = Callable[[Row], None]
 
 
 class Run:
-    """One run of one seed in one folder.
+    """One training run of one seed in one folder.
 
     Args:
-        own: its settings.
+        config: its settings.
         seed: of everything.
-        folder: where it is kept; what lies there is resumed if it is of the same settings.
-        prepared: is told how many worlds of how many are ready.
+        folder: where it is kept; a run of the same settings in it is resumed.
+        on_prepared: called with the number of worlds that are ready, and of all worlds.
 
     Raises:
-        InputError: the folder holds another run, or settings do not fit.
+        InputError: the folder holds another run, or settings do not fit each other.
     """
 
     def __init__(
         self,
-        own: Training,
+        config: Training,
         seed: int,
         folder: Path,
-        prepared: Callable[[int, int], None] | None = None,
+        on_prepared: Callable[[int, int], None] | None = None,
     ) -> None:
-        self.own, self.seed, self.folder = own, seed, folder
-        teacher = own.teaching.teacher
-        known = None if teacher is None else load_weights(find_weights(teacher))
-        self._teacher = None if known is None else known.digest
-        self._identity = json.dumps([plain(own), seed, self._teacher], sort_keys=True)
+        self.config, self.seed, self.folder = config, seed, folder
+        name = config.kickstarting.teacher
+        teacher = None if name is None else load_weights(find_weights(name))
+        self._teacher_digest = None if teacher is None else teacher.digest
+        self._fingerprint = json.dumps(
+            [as_json(config), seed, self._teacher_digest], sort_keys=True
+        )
         content = load_checkpoint(folder)
-        if content is not None and content["identity"] != self._identity:
+        if content is not None and content["identity"] != self._fingerprint:
             raise InputError(f"{folder}: holds a run of other settings or another seed; choose "
                              "another folder, or delete it")  # fmt: skip
-        torch.set_num_threads(own.threads)
-        self._env_settings = own.env_settings()
+        torch.set_num_threads(config.threads)
+        self._env_settings = config.env_settings()
         env = NavigationVectorEnv(
-            own.envs, self._env_settings, autoreset_mode="SameStep",
-            num_threads=min(own.threads, own.envs),
+            config.n_envs, self._env_settings, autoreset_mode="SameStep",
+            num_threads=min(config.threads, config.n_envs),
         )  # fmt: skip
         self.worlds: Worlds = env.worlds
-        self.worlds.fill(prepared)
+        self.worlds.fill(on_prepared)
         gc.collect()
-        gc.freeze()  # worlds stay: looking them through for garbage takes a tenth of the time
+        gc.freeze()  # worlds are permanent: scanning them takes a tenth of the run's time
         self.env = SB3VecEnv(env, flat=True)
-        sizes = [(key, box.shape[0]) for key, box in env.task.boxes.items()]
-        self.layout = Layout.of(sizes, env.task.posed)
-        self._trials: NavigationVectorEnv | None = None
-        self.model = make_model(own, seed, self.env, self.layout)
-        if known is not None:
-            self.model.policy.teacher = Teacher(known, self.layout, self._env_settings)
-        self.tally = Tally()
-        self.worlds.within = own.curriculum.begin
-        self._judged = [0, 0]  # episodes and successes since the curriculum was last moved
-        self.number, self.best, self.rows = 0, -1.0, read_curve(folder)
+        self.layout = Layout.of_task(env.task)
+        self._eval_env: NavigationVectorEnv | None = None
+        self.model = make_model(config, seed, self.env, self.layout)
+        if teacher is not None:
+            self.model.policy.teacher = Teacher(teacher, self.layout, self._env_settings)
+        self.statistics = EpisodeStatistics()
+        self.worlds.within = config.curriculum.initial_time
+        self._curriculum_mark = [0, 0]  # episodes and successes at the last advance
+        self.checkpoint_number, self.best_success, self.rows = 0, -1.0, read_curve(folder)
         if content is not None:
-            take_state(self.model, content["model"])
-            self.number, self.best = content["number"], content["best"]
+            load_model_state(self.model, content["model"])
+            self.checkpoint_number, self.best_success = content["number"], content["best"]
             self.worlds.within = content["within"]
-            self.rows = self.rows[: self.number]
-        elif own.warm_start is not None:
-            taken = load_weights(find_weights(own.warm_start))
-            take_arrays(self.model, own.algorithm, taken.arrays)
+            self.rows = self.rows[: self.checkpoint_number]
+        elif config.warm_start is not None:
+            initial = load_weights(find_weights(config.warm_start))
+            load_actor_arrays(self.model, config.algorithm, initial.arrays)
 
     @property
     def frames(self) -> int:
-        """Control periods so far."""
+        """Environment steps so far."""
         return int(self.model.num_timesteps)
 
     @property
     def done(self) -> bool:
         """Whether all frames were driven."""
-        return self.frames >= self.own.frames
+        return self.frames >= self.config.frames
 
     @property
-    def part(self) -> int:
+    def frames_per_checkpoint(self) -> int:
         """Frames between two checkpoints."""
-        steps = self.own.on_policy.steps if self.own.algorithm in ON_POLICY else 1
-        return self.own.envs * steps * self.own.checkpoint
+        config = self.config
+        steps = config.on_policy.n_steps if config.algorithm in ON_POLICY else 1
+        return config.n_envs * steps * config.checkpoint_frequency
 
-    def learn(self, each: Callable[[int], None] | None = None) -> Row:
-        """Learn until the next checkpoint, and keep it; the curve's new row.
+    def learn(self, on_step: Callable[[int], None] | None = None) -> Row:
+        """Learn until the next checkpoint, and save it; the new row of the curve.
 
         Args:
-            each: is told the frames after each step.
+            on_step: called with the frames so far after each step.
         """
-        begun = time.perf_counter()
-        draws, envs = seeds_of(self.seed, self.number)
-        set_random_seed(draws)
-        self.model.action_space.seed(draws)
-        self.env.seed(envs)
+        started = time.perf_counter()
+        model_seed, env_seed = checkpoint_seeds(self.seed, self.checkpoint_number)
+        set_random_seed(model_seed)
+        self.model.action_space.seed(model_seed)
+        self.env.seed(env_seed)
         self.model._last_obs = None
-        self.tally.begin()
-        self._judged = [0, 0]
-        self._let_go()
+        self.statistics.reset()
+        self._curriculum_mark = [0, 0]
+        self._anneal_kickstart()
 
-        def step(local: dict[str, Any], _: dict[str, Any]) -> bool:
-            self.tally.add(local["infos"], local["dones"])
-            self._move_on()
-            if each is not None:
-                each(self.frames)
+        def callback(local: dict[str, Any], _: dict[str, Any]) -> bool:
+            self.statistics.update(local["infos"], local["dones"])
+            self._advance_curriculum()
+            if on_step is not None:
+                on_step(self.frames)
             return True
 
         before = self.frames
-        wanted = min(self.part, max(1, self.own.frames - before))
-        self.model.learn(wanted, step, log_interval=None, reset_num_timesteps=False)
-        logger = self.model.logger.name_to_value
+        frames = min(self.frames_per_checkpoint, max(1, self.config.frames - before))
+        self.model.learn(frames, callback, log_interval=None, reset_num_timesteps=False)
+        logged = self.model.logger.name_to_value
         learned = time.perf_counter()
-        row: Row = {"frames": self.frames, **self.tally.row(), "within": self.worlds.within}
-        row |= {name.partition("/")[2]: float(logger[name]) for name in LOGGED if name in logger}
+        row: Row = {
+            "frames": self.frames, **self.statistics.row(), "curriculum_time": self.worlds.within,
+            **{name.partition("/")[2]: float(logged[name]) for name in LOGGED if name in logged},
+        }  # fmt: skip
         weights = self.weights(row)
-        row |= self._judge(weights)
-        row["frames_per_second_s"] = round((self.frames - before) / (learned - begun))
-        row["wall_time_s"] = round(time.perf_counter() - begun, 2)
-        self.number += 1
+        row |= self._evaluate(weights)
+        row["frames_per_second_s"] = round((self.frames - before) / (learned - started))
+        row["wall_time_s"] = round(time.perf_counter() - started, 2)
+        self.checkpoint_number += 1
         self.rows.append(row)
-        self._keep(weights)
+        self._save(weights)
         return row
 
-    def _let_go(self) -> None:
-        """Give the actor as much leash as it has learned for."""
-        own = self.own.teaching
-        if own.teacher is not None:
-            left = max(0.0, 1.0 - self.frames / (own.until * self.own.frames))
-            self.model.policy.leash = own.weight * left / self.own.on_policy.entropy
+    def _anneal_kickstart(self) -> None:
+        """Decrease the weight of the teacher's actions linearly over the run."""
+        kickstarting = self.config.kickstarting
+        if kickstarting.teacher is not None:
+            left = max(0.0, 1.0 - self.frames / (kickstarting.duration * self.config.frames))
+            weight = kickstarting.coefficient * left / self.config.on_policy.ent_coef
+            self.model.policy.kickstart_weight = weight
 
-    def _move_on(self) -> None:
-        """Let starts move away from the goal where enough episodes succeed."""
-        c = self.own.curriculum
-        episodes = self.tally.episodes - self._judged[0]
-        if c.begin == 0.0 or episodes < c.episodes:
+    def _advance_curriculum(self) -> None:
+        """Move starts away from the goal when enough episodes succeed."""
+        curriculum = self.config.curriculum
+        episodes = self.statistics.episodes - self._curriculum_mark[0]
+        if curriculum.initial_time == 0.0 or episodes < curriculum.episodes:
             return
-        share = (self.tally.success - self._judged[1]) / episodes
-        self._judged = [self.tally.episodes, self.tally.success]
-        if share > c.above:
-            self.worlds.within = min(c.most, self.worlds.within * c.factor)
+        share = (self.statistics.success - self._curriculum_mark[1]) / episodes
+        self._curriculum_mark = [self.statistics.episodes, self.statistics.success]
+        if share > curriculum.success_threshold:
+            self.worlds.within = min(curriculum.max_time, self.worlds.within * curriculum.growth)
 
-    def _judge(self, weights: Weights) -> Row:
-        trials = self.own.trials
-        if trials.episodes == 0 or ((self.number + 1) % trials.every and not self.done):
+    def _evaluate(self, weights: Weights) -> Row:
+        """Evaluate the actor where an evaluation is due, and keep the best weights."""
+        config = self.config.evaluation
+        due = (self.checkpoint_number + 1) % config.frequency == 0 or self.done
+        if config.episodes == 0 or not due:
             return {}
-        if self._trials is None:
-            self._trials = trial_env(self._env_settings, trials, self.own.threads)
-        found = run_trials(self._trials, Network(weights), trials.seed)
-        weights.card["trials"] = {**found, "episodes": trials.episodes, "seed": trials.seed}
-        if found["success"] >= self.best:
-            self.best = found["success"]
+        if self._eval_env is None:
+            self._eval_env = make_eval_env(self._env_settings, config, self.config.threads)
+        figures = evaluate_network(self._eval_env, Network(weights), config.seed)
+        weights.card["evaluation"] = {
+            **figures, "episodes": config.episodes, "seed": config.seed
+        }  # fmt: skip
+        if figures["success"] >= self.best_success:
+            self.best_success = figures["success"]
             save_weights(self.folder / BEST, weights)
-        return {f"trial_{name}": value for name, value in found.items()}
+        return {f"eval_{name}": value for name, value in figures.items()}
 
     def weights(self, row: Row) -> Weights:
-        """The actor as it is now, with its card."""
-        card = {
-            "format": FORMAT,
-            "algorithm": self.own.algorithm,
-            "head": head_of(self.own.algorithm),
-            "layout": {
-                "sizes": [list(pair) for pair in self.layout.sizes],
-                "posed": self.layout.posed,
-            },
-            "env": dump(self._env_settings),
-            "training": plain(self.own),
-            "teacher": self._teacher,
-            "seed": self.seed,
+        """The current actor with its card."""
+        card = make_card(
+            self.config.algorithm, action_head(self.config.algorithm), self.layout,
+            self._env_settings, self.config, self.seed,
+            limits="trained and evaluated in simulation only; it guarantees nothing: drive it "
+            "behind a shield",
+        )  # fmt: skip
+        card |= {
+            "teacher": self._teacher_digest,
             "frames": self.frames,
             "row": row,
-            "curve": [[r.get(key, "") for key in SHOWN] for r in (*self.rows, row)],
-            "command": command_line(),
-            "commit": commit(),
-            "machine": machine(),
-            "versions": versions(),
-            "limits": "trained and judged in simulation only; it guarantees nothing: drive it "
-            "behind a shield",
+            "curve": [[r.get(key, "") for key in CURVE_COLUMNS] for r in (*self.rows, row)],
         }
-        return Weights(arrays_of(self.model, self.own.algorithm), card)
+        return Weights(actor_arrays(self.model, self.config.algorithm), card)
 
-    def _keep(self, weights: Weights) -> None:
+    def _save(self, weights: Weights) -> None:
         write_curve(self.folder, self.rows)
         save_weights(self.folder / POLICY, weights)
-        write_json(self.folder / "settings.json", plain(self.own))
+        write_json(self.folder / "settings.json", as_json(self.config))
         write_json(self.folder / "card.json", weights.card)
         content = {
-            "identity": self._identity,
-            "number": self.number,
-            "best": self.best,
+            "identity": self._fingerprint,
+            "number": self.checkpoint_number,
+            "best": self.best_success,
             "within": self.worlds.within,
-            "model": state_of(self.model),
+            "model": model_state(self.model),
         }
         save_checkpoint(self.folder, content)
 
     def close(self) -> None:
-        """Close the environments, and let their worlds go."""
+        """Close the environments, and free their worlds."""
         gc.unfreeze()
         self.env.close()
-        if self._trials is not None:
-            self._trials.close()
+        if self._eval_env is not None:
+            self._eval_env.close()
 
 
 def train(
-    own: Training,
+    config: Training,
     seed: int,
     folder: Path,
     *,
-    each: Callable[[int], None] | None = None,
-    report: Report | None = None,
-    prepared: Callable[[int, int], None] | None = None,
+    on_step: Callable[[int], None] | None = None,
+    on_row: Callable[[Row], None] | None = None,
+    on_prepared: Callable[[int, int], None] | None = None,
 ) -> list[Row]:
-    """Train to the end, or go on with what the folder holds; the curve.
+    """Train to the end, or resume the run in the folder; the rows of the curve.
 
     Args:
-        own: settings.
+        config: settings.
         seed: of everything.
         folder: where the run is kept.
-        each: is told the frames after each step.
-        report: is given each new row.
-        prepared: is told how many worlds of how many are ready.
+        on_step: called with the frames so far after each step.
+        on_row: called with each new row.
+        on_prepared: called with the number of worlds that are ready, and of all worlds.
 
     Raises:
-        InputError: the folder holds another run, or settings do not fit.
+        InputError: the folder holds another run, or settings do not fit each other.
     """
-    run = Run(own, seed, folder, prepared)
-    board = Board(folder)
+    run = Run(config, seed, folder, on_prepared)
+    logger = TensorBoardLogger(folder)
     try:
         while not run.done:
-            row = run.learn(each)
-            board.add(row)
-            if report is not None:
-                report(row)
+            row = run.learn(on_step)
+            logger.add(row)
+            if on_row is not None:
+                on_row(row)
     finally:
-        board.close()
+        logger.close()
         run.close()
     return run.rows
+
+
+def make_eval_env(env: EnvSettings, config: Evaluation, threads: int) -> NavigationVectorEnv:
+    """Environments whose first episodes are the evaluation, with other worlds and no curriculum."""
+    bank = BankSettings(config.episodes, 0.0, config.seed, env.bank.cache)
+    settings = dataclasses.replace(env, bank=bank, starts=StartSettings())
+    return NavigationVectorEnv(
+        config.episodes, settings, autoreset_mode="SameStep",
+        num_threads=min(threads, config.episodes),
+    )  # fmt: skip
+
+
+def evaluate_network(env: NavigationVectorEnv, network: Network, seed: int) -> dict[str, float]:
+    """Shares of success, collision and timeout of the first episode of each row, and mean time.
+
+    Success is measured by true poses and without contact; the mean time [s] is over successes.
+    """
+    n = env.num_envs
+    observations, _ = env.reset(seed=seed)
+    network.reset(n)
+    running = np.ones(n, bool)
+    success, collision, times = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
+    while running.any():
+        actions = network(flatten_observations(observations))
+        observations, _, terminated, truncated, infos = env.step(actions)
+        ended = (terminated | truncated) & running
+        if ended.any():
+            final = infos["final_info"]
+            success[ended] = final["is_success"][ended]
+            collision[ended] = (final["bumped"] | final["contact"])[ended] & ~success[ended]
+            times[ended] = final["time"][ended]
+            running &= ~ended
+    return {
+        "success": float(success.mean()),
+        "collision": float(collision.mean()),
+        "timeout": float((~success & ~collision).mean()),
+        "time": float(times[success].mean()) if success.any() else 0.0,
+    }

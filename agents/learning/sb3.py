@@ -1,4 +1,4 @@
-"""Many chairs for stable-baselines3: its vector interface over ours."""
+"""The vector environment as stable-baselines3 expects it."""
 
 from __future__ import annotations
 
@@ -15,25 +15,29 @@ from wheelchair_gym.envs import NavigationVectorEnv
 
 
 def flatten_space(boxes: list[Any]) -> gym.spaces.Box:
-    """The space of observations in one piece, keys in the order in which kernels write them."""
+    """The space of flat observations, with the keys in the order in which kernels write them."""
     low, high = (np.concatenate([getattr(box, end) for box in boxes]) for end in ("low", "high"))
     return gym.spaces.Box(low, high)
 
 
-class SB3VecEnv(VecEnv):
-    """A `NavigationVectorEnv` in SAME_STEP mode, as stable-baselines3 trains on it.
+def flatten_observations(observations: dict[str, Any]) -> Any:
+    """Observations by key as one array (n, size)."""
+    return np.concatenate(list(observations.values()), axis=1)
 
-    Observations and rewards are handed on as they are, without a copy: they are never written
-    again. Where an episode ends, the info holds `terminal_observation`, `TimeLimit.truncated`,
-    `is_success` and `episode` (return r, length l, time t), so that no monitor is needed; of the
-    other rows it is empty.
+
+class SB3VecEnv(VecEnv):
+    """stable-baselines3's `VecEnv` over a `NavigationVectorEnv` in SAME_STEP mode.
+
+    Observations and rewards are passed on without a copy: they are never written again. The info
+    of an episode's last step holds `terminal_observation`, `TimeLimit.truncated`, `is_success` and
+    `episode` (return r, length l, time t), so that no `Monitor` is needed; other infos are empty.
 
     Args:
-        env: many chairs, in SAME_STEP mode.
-        flat: observations in one piece (n, room), keys in their order: less is copied.
+        env: a vector environment in SAME_STEP mode.
+        flat: return observations as one array (n, size), which copies less.
 
     Raises:
-        ValueError: the env begins episodes in the step after.
+        ValueError: the env is in another autoreset mode.
     """
 
     def __init__(self, env: NavigationVectorEnv, flat: bool = False) -> None:
@@ -42,7 +46,7 @@ class SB3VecEnv(VecEnv):
             raise ValueError(f"autoreset_mode is {mode.value}; expected SameStep")
         self.env = env
         self._seed: int | None = None
-        self._begun = time.perf_counter()
+        self._started = time.perf_counter()
         self._flat = flat
         space: Any = env.single_observation_space
         if flat:
@@ -52,74 +56,74 @@ class SB3VecEnv(VecEnv):
         self._lengths = np.zeros(self.num_envs, np.int64)
 
     def reset(self) -> Any:
-        """Begin an episode in every row."""
+        """Reset every row; see `VecEnv.reset`."""
         observations, _ = self.env.reset(seed=self._seed)
         self._seed = None
         self._returns[:], self._lengths[:] = 0.0, 0
-        return self._whole(observations)
+        return self._observation(observations)
 
-    def _whole(self, observations: dict[str, Any]) -> Any:
-        """As the space says: by key, or what the kernels wrote in one piece."""
+    def _observation(self, observations: dict[str, Any]) -> Any:
+        """Observations as the space has them: by key, or the array that kernels wrote."""
         return next(iter(observations.values())).base if self._flat else observations
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Row i takes up the episodes of seed + i at the next reset."""
+        """Seed row i with seed + i at the next reset."""
         self._seed = seed
         return [None if seed is None else seed + i for i in range(self.num_envs)]
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Take the actions (n, 2) of the next step."""
+        """Store the actions (n, 2) of the next step."""
         self._actions = actions
 
     def step_wait(self) -> Any:
-        """Drive every chair; see `VecEnv.step`."""
-        observations, rewards, terminated, truncated, told = self.env.step(self._actions)
+        """Step every row; see `VecEnv.step_wait`."""
+        observations, rewards, terminated, truncated, final = self.env.step(self._actions)
         dones = terminated | truncated
         self._returns += rewards
         self._lengths += 1
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for i in np.flatnonzero(dones).tolist():
             infos[i] = {
-                "terminal_observation": self._row(told["final_obs"], i),
+                "terminal_observation": self._row(final["final_obs"], i),
                 "TimeLimit.truncated": bool(truncated[i]),
-                "is_success": bool(told["final_info"]["is_success"][i]),
+                "is_success": bool(final["final_info"]["is_success"][i]),
                 "episode": {
                     "r": float(self._returns[i]),
                     "l": int(self._lengths[i]),
-                    "t": round(time.perf_counter() - self._begun, 6),
+                    "t": round(time.perf_counter() - self._started, 6),
                 },
             }
             self._returns[i], self._lengths[i] = 0.0, 0
-        return self._whole(observations), rewards.astype(np.float32), dones, infos
+        return self._observation(observations), rewards.astype(np.float32), dones, infos
 
     def _row(self, observations: dict[str, Any], i: int) -> Any:
         if self._flat:
-            return self._whole(observations)[i]
+            return self._observation(observations)[i]
         return {key: value[i] for key, value in observations.items()}
 
     def close(self) -> None:
-        """Close the chairs."""
+        """Close the environments."""
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of the chairs, once for each index."""
+        """An attribute of the vector environment, once for each index."""
         return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set an attribute of all chairs; of some of them none can be set.
+        """Set an attribute of the vector environment.
 
         Raises:
             NotImplementedError: indices were given.
         """
         if indices is not None:
-            raise NotImplementedError(f"{attr_name} can be set for all chairs only")
+            raise NotImplementedError(f"{attr_name} can be set for all rows only")
         setattr(self.env, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
-        """Call a method of the chairs as a whole; its result once for each index."""
+        """Call a method of the vector environment; its result once for each index."""
         result = getattr(self.env, method_name)(*args, **kwargs)
         return [result for _ in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """Whether a row is wrapped: never."""
+        """False for each index: rows are not wrapped."""
         return [False for _ in self._get_indices(indices)]

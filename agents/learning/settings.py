@@ -11,78 +11,195 @@ from wheelchair_gym.errors import shown
 
 Algorithm = Literal["ppo", "recurrent_ppo", "sac", "td3", "tqc"]
 ON_POLICY = ("ppo", "recurrent_ppo")
+SB3 = "default of stable-baselines3"
+TUNED = "tuned on training worlds"
 
 
 @settings
 class OnPolicy:
-    """Proximal policy optimisation (Schulman et al. 2017), and its recurrent kin."""
+    """Parameters of PPO (Schulman et al. 2017) and recurrent PPO, named as in stable-baselines3."""
 
-    steps: int = setting(default=64, source="of each environment between updates", low=2)
-    batch: int = setting(default=4096, source="the quickest on a processor", low=2)
-    epochs: int = setting(default=2, source="over what was gathered", low=1)
-    rate: float = setting(default=1e-3, source="of learning; falls to 0 in a line", low=0.0)
-    discount: float = setting(default=0.99, source="per step", low=0.0, high=1.0)
-    trace: float = setting(
-        default=0.95, source="lambda of the advantage's estimate", low=0.0, high=1.0
+    n_steps: int = setting(
+        default=64,
+        doc="Steps of each environment between two updates.",
+        low=2,
+        source="design choice",
     )
-    clip: float = setting(default=0.2, source="Schulman et al. 2017", low=0.0)
-    entropy: float = setting(default=0.002, source="its weight; tuned", low=0.0)
-    log_deviation: float = setting(default=-0.5, source="of actions, at first; tuned")
-    critic: float = setting(default=0.5, source="weight of the critic's loss", low=0.0)
-    gradient: float = setting(default=0.5, source="largest norm", low=0.0)
-    memory: int = setting(default=128, source="units of the recurrent layer", low=1)
+    batch_size: int = setting(
+        default=4096,
+        doc="Steps in a minibatch.",
+        low=2,
+        source="measured: the fastest on a processor without a GPU",
+    )
+    n_epochs: int = setting(
+        default=2, doc="Passes over the collected steps in an update.", low=1, source=TUNED
+    )
+    learning_rate: float = setting(
+        default=1e-3,
+        doc="Initial learning rate; it decreases linearly to 0 over the run.",
+        low=0.0,
+        source=TUNED,
+    )
+    gamma: float = setting(
+        default=0.99, doc="Discount factor per step.", low=0.0, high=1.0, source=SB3
+    )
+    gae_lambda: float = setting(
+        default=0.95,
+        doc="Lambda of generalized advantage estimation.",
+        low=0.0,
+        high=1.0,
+        source="Schulman et al. 2016",
+    )
+    clip_range: float = setting(
+        default=0.2,
+        doc="Bound of the change of the probability ratio in an update.",
+        low=0.0,
+        source="Schulman et al. 2017",
+    )
+    ent_coef: float = setting(
+        default=0.002, doc="Weight of the entropy in the loss.", low=0.0, source=TUNED
+    )
+    log_std_init: float = setting(
+        default=-0.5,
+        doc="Initial logarithm of the standard deviation of the actions.",
+        source=TUNED,
+    )
+    vf_coef: float = setting(default=0.5, doc="Weight of the critic's loss.", low=0.0, source=SB3)
+    max_grad_norm: float = setting(
+        default=0.5, doc="Norm to which gradients are clipped.", low=0.0, source=SB3
+    )
+    lstm_hidden_size: int = setting(
+        default=128,
+        doc="Units of the recurrent layer of recurrent_ppo.",
+        low=1,
+        source="design choice",
+    )
 
 
 @settings
 class OffPolicy:
-    """Soft actor-critic, TD3, truncated quantile critics: what was seen is learned from again."""
+    """Parameters of SAC, TD3 and TQC, named as in stable-baselines3."""
 
-    buffer: int = setting(default=500_000, source="steps kept", low=100)
-    batch: int = setting(default=1024, source="steps replayed at a time", low=2)
-    begin: int = setting(default=20_000, source="steps at random before anything is learned", low=0)
-    updates: int = setting(default=4, source="for each step of all environments; tuned", low=1)
-    rate: float = setting(default=1e-3, source="of learning; falls to 0 in a line", low=0.0)
-    discount: float = setting(default=0.99, source="per step", low=0.0, high=1.0)
-    follow: float = setting(
-        default=0.01, source="of targets; half or twice: alike", low=0.0, high=1.0
+    buffer_size: int = setting(
+        default=500_000, doc="Steps in the replay buffer.", low=100, source="design choice"
     )
-    noise: float = setting(default=0.1, source="of TD3's actions, sigma", low=0.0)
+    batch_size: int = setting(
+        default=1024, doc="Steps in a minibatch.", low=2, source="design choice"
+    )
+    learning_starts: int = setting(
+        default=20_000,
+        doc="Steps of random actions before the first update.",
+        low=0,
+        source="design choice",
+    )
+    gradient_steps: int = setting(
+        default=4, doc="Gradient steps after each step of all environments.", low=1, source=TUNED
+    )
+    learning_rate: float = setting(
+        default=1e-3,
+        doc="Initial learning rate; it decreases linearly to 0 over the run.",
+        low=0.0,
+        source=TUNED,
+    )
+    gamma: float = setting(
+        default=0.99, doc="Discount factor per step.", low=0.0, high=1.0, source=SB3
+    )
+    tau: float = setting(
+        default=0.01,
+        doc="Coefficient of the soft update of target networks.",
+        low=0.0,
+        high=1.0,
+        source="measured: half or twice as much gives the same success",
+    )
+    action_noise: float = setting(
+        default=0.1,
+        doc="Standard deviation of the exploration noise on the actions of TD3.",
+        low=0.0,
+        source="Fujimoto et al. 2018",
+    )
 
 
 @settings
 class Curriculum:
-    """Starts that move away from the goal as the chair learns; needs the guidance 'poses'."""
+    """Starts that move away from the goal as success grows; needs the guidance 'poses'."""
 
-    begin: float = setting(default=12.0, unit="s", source="of plan time; 0: none", low=0.0)
-    factor: float = setting(default=1.15, source="farther by", low=1.0)
-    above: float = setting(default=0.75, source="share of success", low=0.0, high=1.0)
-    episodes: int = setting(default=1024, source="that it is judged by", low=1)
-    most: float = setting(default=120.0, unit="s", source="longer than plans are", low=0.0)
+    initial_time: float = setting(
+        default=12.0,
+        doc="Longest planned travel time from the first starts to the goal; 0 disables the "
+        "curriculum.",
+        unit="s",
+        low=0.0,
+        source=TUNED,
+    )
+    growth: float = setting(
+        default=1.15,
+        doc="Factor by which the travel time grows at each advance.",
+        low=1.0,
+        source=TUNED,
+    )
+    success_threshold: float = setting(
+        default=0.75,
+        doc="Success rate above which the curriculum advances.",
+        low=0.0,
+        high=1.0,
+        source=TUNED,
+    )
+    episodes: int = setting(
+        default=1024,
+        doc="Episodes over which the success rate is measured.",
+        low=1,
+        source="design choice",
+    )
+    max_time: float = setting(
+        default=120.0,
+        doc="Largest planned travel time, at which the curriculum ends.",
+        unit="s",
+        low=0.0,
+        source="longer than any plan in the training worlds",
+    )
 
 
 @settings
-class Trials:
-    """Evaluation on worlds that training never sees, always the same ones, without noise added."""
+class Evaluation:
+    """Evaluation during training on a fixed set of worlds that training never sees."""
 
-    episodes: int = setting(default=128, source="0: none", low=0)
-    every: int = setting(default=2, source="checkpoints", low=1)
-    seed: int = setting(default=1_000_003, source="of the worlds, apart from training's", low=0)
+    episodes: int = setting(
+        default=128, doc="Episodes; 0 disables evaluation.", low=0, source="design choice"
+    )
+    frequency: int = setting(
+        default=2, doc="Checkpoints between two evaluations.", low=1, source="design choice"
+    )
+    seed: int = setting(
+        default=1_000_003,
+        doc="Seed of the first world.",
+        low=0,
+        source="design choice: apart from the seeds of training",
+    )
 
 
 @settings
-class Teaching:
-    """A trained policy that ppo's actor is drawn to at first (kickstarting: Schmitt et al. 2018).
+class Kickstarting:
+    """A trained policy that ppo's actor imitates at first (Schmitt et al. 2018).
 
-    It is told what the actor does not see: `env.task.unguided` hides the way from the actor alone.
+    The teacher sees observations that the actor does not: `env.task.unguided` hides the path from
+    the actor alone.
     """
 
-    teacher: str | None = setting(default=None, source="its weights: a file or name; none")
-    weight: float = setting(default=4.0, source="of the squared distance, at first", low=0.0)
-    until: float = setting(
+    teacher: str | None = setting(
+        default=None, doc="Weights of the teacher: a file or a shipped name."
+    )
+    coefficient: float = setting(
+        default=4.0,
+        doc="Initial weight of the squared distance between the actions of actor and teacher.",
+        low=0.0,
+        source=TUNED,
+    )
+    duration: float = setting(
         default=0.6,
-        source="share of the frames; the weight falls to 0 in a line",
+        doc="Share of the run's frames over which the weight decreases linearly to 0.",
         low=0.01,
         high=1.0,
+        source=TUNED,
     )
 
 
@@ -90,39 +207,64 @@ class Teaching:
 class Training:
     """A whole training run."""
 
-    algorithm: Algorithm = setting(default="ppo", source="the best of them here")
-    env: Any = setting(default=None, source="as a file of --config of simulate")
-    envs: int = setting(default=512, source="at once", low=1)
-    frames: int = setting(default=24_000_000, source="control periods in all", low=1)
-    checkpoint: int = setting(
-        default=10, source="updates between two; all environments begin anew at each", low=1
+    algorithm: Algorithm = setting(
+        default="ppo", doc="The learning algorithm.", source="measured: the best of them here"
     )
-    hidden: tuple[int, ...] = setting(default=(256, 256), source="units of each layer", low=1)
-    threads: int = setting(default=2, source="of torch and of the environments", low=1)
-    warm_start: str | None = setting(default=None, source="weights to begin with: a file or name")
+    env: Any = setting(
+        default=None,
+        doc="Settings of the environment, as in a file for `--config` of `wheelchair simulate`.",
+        source="default: those of ppo_guided without the critic's privileged observation",
+    )
+    n_envs: int = setting(
+        default=512, doc="Environments stepped at once.", low=1, source="design choice"
+    )
+    frames: int = setting(
+        default=24_000_000,
+        doc="Environment steps of the whole run, over all environments.",
+        low=1,
+        source="measured: success no longer grows",
+    )
+    checkpoint_frequency: int = setting(
+        default=10,
+        doc="Updates between two checkpoints; all environments reset at a checkpoint.",
+        low=1,
+        source="design choice",
+    )
+    net_arch: tuple[int, ...] = setting(
+        default=(256, 256),
+        doc="Units of each hidden layer of actor and critic.",
+        low=1,
+        source="design choice",
+    )
+    threads: int = setting(
+        default=2, doc="Threads of torch and of the environments.", low=1, source="design choice"
+    )
+    warm_start: str | None = setting(
+        default=None, doc="Initial weights of the actor: a file or a shipped name."
+    )
     on_policy: OnPolicy = OnPolicy()
     off_policy: OffPolicy = OffPolicy()
-    teaching: Teaching = Teaching()
+    kickstarting: Kickstarting = Kickstarting()
     curriculum: Curriculum = Curriculum()
-    trials: Trials = Trials()
+    evaluation: Evaluation = Evaluation()
 
     def __post_init__(self) -> None:
-        made = self.env_settings()
-        if made.task.privileged and self.algorithm != "ppo":
+        env = self.env_settings()
+        if env.task.privileged and self.algorithm != "ppo":
             raise InputError(f"env.task.privileged is for ppo's critic, not for {self.algorithm}")
-        taught = self.teaching.teacher is not None
-        if taught and (self.algorithm != "ppo" or self.on_policy.entropy == 0.0):
-            raise InputError("teaching.teacher is for ppo, with on_policy.entropy above 0")
-        if self.curriculum.begin > 0.0 and not posed(made):
-            raise InputError("curriculum.begin needs env.guidance 'poses', or 0")
+        kickstarted = self.kickstarting.teacher is not None
+        if kickstarted and (self.algorithm != "ppo" or self.on_policy.ent_coef == 0.0):
+            raise InputError("kickstarting.teacher is for ppo, with on_policy.ent_coef above 0")
+        if self.curriculum.initial_time > 0.0 and not guided_by_poses(env):
+            raise InputError("curriculum.initial_time needs env.guidance 'poses', or 0")
 
     def env_settings(self) -> EnvSettings:
         """The settings of the environments."""
-        return environment(self.env)
+        return training_env_settings(self.env)
 
 
-def environment(spec: Any) -> EnvSettings:
-    """Settings of an environment; of None, those of `ppo_guided` without what only its critic sees.
+def training_env_settings(spec: Any) -> EnvSettings:
+    """Settings of an environment; None gives those of `ppo_guided` without privileged keys.
 
     Raises:
         InputError: a setting is wrong.
@@ -132,8 +274,8 @@ def environment(spec: Any) -> EnvSettings:
     return load(EnvSettings, _env(True, False) if spec is None else spec, "env")
 
 
-def posed(env: EnvSettings) -> bool:
-    """Whether an environment knows the ways of the outline."""
+def guided_by_poses(env: EnvSettings) -> bool:
+    """Whether an environment's guidance is a path of poses, for the chair's footprint."""
     spec = env.guidance
     return (spec.get("call") if isinstance(spec, Mapping) else spec) == "poses"
 
@@ -153,7 +295,7 @@ _WORLDS = {
 
 
 def _env(guided: bool, privileged: bool, trail: bool = False, **reward: float) -> dict[str, Any]:
-    """Training's environment: 5 Hz, all noise, every chair another, half of them shielded."""
+    """The training environment: 5 Hz, noise, randomised chairs, half of the episodes shielded."""
     task: dict[str, Any] = {
         "beams": 64,
         "aim": "time",
@@ -180,42 +322,43 @@ def _env(guided: bool, privileged: bool, trail: bool = False, **reward: float) -
     }
 
 
-def _off(algorithm: Algorithm) -> Training:
-    """What a period wins must stand out from how a critic of returns errs: five times ppo's.
+def _off_policy_recipe(algorithm: Algorithm) -> Training:
+    """The recipe of an off-policy algorithm.
 
-    What a change of the action costs, too: an actor that climbs such a critic jitters otherwise.
+    The rewards of progress and of changes of the action are larger than ppo's: they must exceed the
+    error of the critic, and an actor that maximises such a critic jitters without the latter.
     """
     return Training(
         algorithm=algorithm, env=_env(True, False, progress=0.5, change=-0.2), frames=4_000_000,
-        checkpoint=250,
-        curriculum=Curriculum(factor=1.25, above=0.6, episodes=512),
+        checkpoint_frequency=250,
+        curriculum=Curriculum(growth=1.25, success_threshold=0.6, episodes=512),
     )  # fmt: skip
 
 
-# What was tuned, by the name of its file in configs/.
+# Tuned settings by the name of their file in configs/.
 RECIPES: dict[str, Training] = {
     "ppo_guided": Training(env=_env(True, True)),
     "ppo_goal": Training(
         env=_env(False, True, True),
-        on_policy=OnPolicy(discount=0.995, log_deviation=-1.5),
-        teaching=Teaching(teacher="ppo_guided"),
-        curriculum=Curriculum(begin=120.0),  # who is taught needs none
+        on_policy=OnPolicy(gamma=0.995, log_std_init=-1.5),
+        kickstarting=Kickstarting(teacher="ppo_guided"),
+        curriculum=Curriculum(initial_time=120.0),  # a taught actor needs no curriculum
     ),
     "recurrent_ppo": Training(
         algorithm="recurrent_ppo",
         env=_env(False, False),
         frames=8_000_000,
-        on_policy=OnPolicy(discount=0.995),
+        on_policy=OnPolicy(gamma=0.995),
     ),
-    "sac": _off("sac"),
-    "td3": _off("td3"),
-    "tqc": _off("tqc"),
+    "sac": _off_policy_recipe("sac"),
+    "td3": _off_policy_recipe("td3"),
+    "tqc": _off_policy_recipe("tqc"),
 }
 
 
 def recipe(algorithm: Algorithm) -> Training:
     """The first recipe of an algorithm."""
-    return next(own for own in RECIPES.values() if own.algorithm == algorithm)
+    return next(config for config in RECIPES.values() if config.algorithm == algorithm)
 
 
 def read_training(content: Mapping[str, Any], where: str, algorithm: Algorithm) -> Training:
@@ -232,9 +375,9 @@ def read_training(content: Mapping[str, Any], where: str, algorithm: Algorithm) 
     return load(Training, {"algorithm": algorithm, **content}, where, recipe(algorithm))
 
 
-def plain(own: Training) -> dict[str, Any]:
+def as_json(config: Training) -> dict[str, Any]:
     """A run's settings as JSON."""
-    values: dict[str, Any] = dump(own)
+    values: dict[str, Any] = dump(config)
     return values
 
 
@@ -242,12 +385,34 @@ def plain(own: Training) -> dict[str, Any]:
 class Imitation:
     """How a scripted policy is imitated."""
 
-    expert: Any = setting(default="lattice+window", source="the best scripted policy")
-    env: Any = setting(default=None, source="as of a training run; none: that of ppo_guided")
-    episodes: int = setting(default=200, source="in each round", low=1)
-    rounds: int = setting(default=3, source="the expert drives in the first one", low=1)
-    epochs: int = setting(default=20, source="over all that was shown, after each round", low=1)
-    batch: int = setting(default=1024, source="steps at a time", low=1)
-    rate: float = setting(default=1e-3, source="of learning (Adam)", low=0.0)
-    hidden: tuple[int, ...] = setting(default=(256, 256), source="units of each layer", low=1)
-    jobs: int = setting(default=1, source="processes that drive", low=1)
+    expert: Any = setting(
+        default="lattice+window",
+        doc="The policy that is imitated: a name or an object of settings.",
+        source="measured: the best scripted policy",
+    )
+    env: Any = setting(default=None, doc="Settings of the environment, as those of a training run.")
+    episodes: int = setting(
+        default=200, doc="Episodes in each round.", low=1, source="design choice"
+    )
+    rounds: int = setting(
+        default=3,
+        doc="Rounds; the expert drives in the first one, the student in the others.",
+        low=1,
+        source="design choice",
+    )
+    n_epochs: int = setting(
+        default=20,
+        doc="Passes over all collected steps after each round.",
+        low=1,
+        source="design choice",
+    )
+    batch_size: int = setting(
+        default=1024, doc="Steps in a minibatch.", low=1, source="design choice"
+    )
+    learning_rate: float = setting(
+        default=1e-3, doc="Learning rate of Adam.", low=0.0, source="Kingma and Ba 2015"
+    )
+    net_arch: tuple[int, ...] = setting(
+        default=(256, 256), doc="Units of each hidden layer.", low=1, source="design choice"
+    )
+    jobs: int = setting(default=1, doc="Processes that drive.", low=1, source="design choice")

@@ -1,4 +1,4 @@
-"""Learned weights in a file: arrays and a card, whole or refused; nothing in it is executed."""
+"""Files of learned weights: arrays and a card, complete or refused; no code in them is executed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.evaluation.provenance import command_line, commit, machine, versions
 from agents.learning.features import Layout, features
+from wheelchair_gym.config import dump
 from wheelchair_gym.envs.guidance import is_built_in
 from wheelchair_gym.errors import InputError, shown
 from wheelchair_gym.files import LIMITS, parse_json, read_bytes, whole
@@ -30,10 +32,10 @@ SHIPPED = Path(__file__).resolve().parents[1] / "data" / "weights"
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """An actor: its arrays, what they are for, and where they come from.
+    """An actor: its arrays and its card.
 
-    `card` holds `format`, `head` ('clip' or 'tanh'), `layout`, `env` (settings that it was trained
-    in), and whatever tells of the training: command, seeds, results, limits, versions.
+    `card` holds `format`, `head` ('clip' or 'tanh'), `layout`, `env` (the settings of its training
+    environment), and the provenance: command, seeds, results, limits, versions.
     """
 
     arrays: dict[str, Floats]
@@ -41,61 +43,65 @@ class Weights:
 
     @property
     def layout(self) -> Layout:
-        """Of the observation."""
-        return Layout.of(self.card["layout"]["sizes"], self.card["layout"]["posed"])
+        """The layout of its observations."""
+        return Layout.of_card(self.card)
 
     @property
-    def memory(self) -> int:
-        """Units of the recurrent layer; 0: none."""
+    def lstm_size(self) -> int:
+        """Units of the recurrent layer; 0 where there is none."""
         return int(self.arrays["lstm.h"].shape[1]) if "lstm.h" in self.arrays else 0
 
     @property
     def digest(self) -> str:
-        """SHA-256 of its arrays, whatever the card says."""
+        """SHA-256 of the arrays, without the card."""
         return _digest(self.arrays, "")
 
     @property
-    def dense(self) -> int:
-        """How many layers there are, the last one gives actions."""
+    def dense_layers(self) -> int:
+        """Number of dense layers; the last one gives actions."""
         return sum(name.startswith("dense") and name.endswith(".w") for name in self.arrays)
 
 
 class Network:
-    """The forward pass of an actor in plain numpy; remembers where it is recurrent."""
+    """The forward pass of an actor in numpy; a recurrent one keeps its state."""
 
     def __init__(self, weights: Weights) -> None:
-        self._w = weights.arrays
+        self._arrays = weights.arrays
         self._tanh = weights.card["head"] == "tanh"
-        self._layout, self._dense = weights.layout, weights.dense
-        self._scaled, self._scales = self._layout.scaled, self._layout.scales
-        self._memory = weights.memory
+        self._layout, self._dense = weights.layout, weights.dense_layers
+        self._scaled, self._scales = self._layout.scaled_indices, self._layout.scales
+        self._lstm_size = weights.lstm_size
         self.reset(1)
 
     def reset(self, rows: int) -> None:
-        """Forget what was seen; so many observations come at a time."""
-        self._h = np.zeros((rows, self._memory), np.float32)
+        """Set the recurrent state to zero, for this many rows."""
+        self._h = np.zeros((rows, self._lstm_size), np.float32)
         self._c = np.zeros_like(self._h)
 
-    def forget(self, rows: NDArray[np.bool_]) -> None:
-        """Forget what some rows have seen."""
+    def reset_rows(self, rows: NDArray[np.bool_]) -> None:
+        """Set the recurrent state of some rows to zero."""
         self._h[rows], self._c[rows] = 0.0, 0.0
 
     def __call__(self, flat: Floats) -> Floats:
-        """Actions (n, 2) in [-1, 1] from flat observations (n, room)."""
-        room = self._layout.room - self._layout.private
-        x = features(np, flat[:, :room], self._layout, self._scaled, self._scales)
-        if self._memory:
-            x = self._recall(x)
+        """Actions (n, 2) in [-1, 1] for flat observations (n, size)."""
+        public = self._layout.size - self._layout.privileged_size
+        x = features(np, flat[:, :public], self._layout, self._scaled, self._scales)
+        if self._lstm_size:
+            x = self._lstm(x)
         for k in range(self._dense):
-            x = x @ self._w[f"dense{k}.w"].T + self._w[f"dense{k}.b"]
+            x = x @ self._arrays[f"dense{k}.w"].T + self._arrays[f"dense{k}.b"]
             if k < self._dense - 1:
                 x = np.maximum(x, 0.0)
         action: Floats = np.tanh(x) if self._tanh else np.clip(x, -1.0, 1.0)
         return action
 
-    def _recall(self, x: Floats) -> Floats:
+    def _lstm(self, x: Floats) -> Floats:
         """A long short-term memory layer (Hochreiter and Schmidhuber 1997), gates as in torch."""
-        gates = x @ self._w["lstm.x"].T + self._h @ self._w["lstm.h"].T + self._w["lstm.b"]
+        gates = (
+            x @ self._arrays["lstm.x"].T
+            + self._h @ self._arrays["lstm.h"].T
+            + self._arrays["lstm.b"]
+        )
         i, f, g, o = np.split(gates, 4, axis=1)
         self._c = _sigmoid(f) * self._c + _sigmoid(i) * np.tanh(g)
         self._h = _sigmoid(o) * np.tanh(self._c)
@@ -115,8 +121,31 @@ def _digest(arrays: dict[str, Floats], card: str) -> str:
     return digest.hexdigest()
 
 
+def make_card(
+    algorithm: str, head: str, layout: Layout, env: Any, training: Any, seed: int, limits: str
+) -> dict[str, Any]:
+    """The card of new weights: what they are for, and the provenance."""
+    return {
+        "format": FORMAT,
+        "algorithm": algorithm,
+        "head": head,
+        "layout": {
+            "sizes": [list(pair) for pair in layout.sizes],
+            "path_has_heading": layout.path_has_heading,
+        },
+        "env": dump(env),
+        "training": dump(training),
+        "seed": seed,
+        "command": command_line(),
+        "commit": commit(),
+        "machine": machine(),
+        "versions": versions(),
+        "limits": limits,
+    }
+
+
 def save_weights(path: str | Path, weights: Weights) -> None:
-    """Write weights whole or not at all, as npz.
+    """Write weights atomically, as npz.
 
     Raises:
         InputError: it cannot be written.
@@ -124,9 +153,9 @@ def save_weights(path: str | Path, weights: Weights) -> None:
     card = json.dumps(weights.card, sort_keys=True, allow_nan=False)
     arrays = {k: np.ascontiguousarray(v, np.float32) for k, v in weights.arrays.items()}
     extra = {"card": card, "digest": _digest(arrays, card)}
-    told = {name: np.frombuffer(text.encode(), np.uint8) for name, text in extra.items()}
+    texts = {name: np.frombuffer(text.encode(), np.uint8) for name, text in extra.items()}
     content = io.BytesIO()
-    np.savez(content, allow_pickle=False, **arrays, **told)
+    np.savez(content, allow_pickle=False, **arrays, **texts)
     with whole(path) as part:
         part.write_bytes(content.getvalue())
 
@@ -135,7 +164,7 @@ def load_weights(path: str | Path) -> Weights:
     """Read weights; no code in the file is executed.
 
     Raises:
-        InputError: the file cannot be read, or is not whole.
+        InputError: the file cannot be read, or is not complete.
     """
     path = Path(path)
     content = read_bytes(path, "weights")
@@ -148,24 +177,24 @@ def load_weights(path: str | Path) -> Weights:
         weights = Weights(arrays, parse_json(card, "card"))
         if not isinstance(weights.card, dict):
             raise ValueError("its card is no object")
-        known = weights.card.get("format") == FORMAT
-        if known:
+        readable = weights.card.get("format") == FORMAT
+        if readable:
             check_card(weights.card)
             _check_arrays(weights)
-    except Exception as error:  # whatever readers make of damaged bytes
+    except Exception as error:  # readers document no errors for damaged bytes
         why = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path}: expected whole weights of a policy ({why})") from None
-    if not known:
+        raise InputError(f"{path}: expected complete weights of a policy ({why})") from None
+    if not readable:
         form = shown(weights.card.get("format"))
         raise InputError(f"{path}: weights of format {form}; expected {FORMAT}")
     return weights
 
 
 def _unpacked(content: bytes) -> dict[str, Any]:
-    """The arrays of an npz file, whose directory and headers are read before memory is asked for.
+    """The arrays of an npz file; its directory and headers are checked before memory is allocated.
 
     Raises:
-        ValueError: it is not whole, or beyond a limit.
+        ValueError: it is not complete, or beyond a limit.
     """
     arrays, most = {}, LIMITS["weights"].most
     with zipfile.ZipFile(io.BytesIO(content)) as packed:
@@ -177,20 +206,22 @@ def _unpacked(content: bytes) -> dict[str, Any]:
             stream = io.BytesIO(data)
             version = np.lib.format.read_magic(stream)
             if version != (1, 0):
-                raise ValueError(f"{shown(member.filename)} is no array of numpy's format 1.0")
+                raise ValueError(f"{shown(member.filename)} is not an array of numpy's format 1.0")
             shape, by_column, kind = np.lib.format.read_array_header_1_0(stream)
             size = math.prod(shape) * kind.itemsize
             if kind not in _KINDS or by_column or min(shape, default=0) < 0:
-                raise ValueError(f"{shown(member.filename)} holds no float32 by rows, nor bytes")
+                raise ValueError(
+                    f"{shown(member.filename)} holds neither float32 in C order nor bytes"
+                )
             if size != len(data) - stream.tell():
-                raise ValueError(f"{shown(member.filename)} has not the size that its shape says")
+                raise ValueError(f"{shown(member.filename)} has another size than its shape")
             values = np.frombuffer(data, kind, offset=stream.tell()).reshape(shape)
             arrays[member.filename.removesuffix(".npy")] = values.copy()
     return arrays
 
 
 def check_card(card: dict[str, Any]) -> None:
-    """Refuse a card that a policy cannot be made of.
+    """Refuse a card from which no policy can be made.
 
     Raises:
         ValueError: a key is missing or wrong.
@@ -209,34 +240,35 @@ def check_card(card: dict[str, Any]) -> None:
     if len(set(keys)) < len(keys) or keys[:4] != list(KEYS[:4]):
         expected = ", ".join(KEYS[:4])
         raise ValueError(f"layout.sizes names a key twice, or does not begin with {expected}")
-    if not isinstance(layout.get("posed"), bool):
-        raise ValueError("layout.posed is neither true nor false")
+    if not isinstance(layout.get("path_has_heading"), bool):
+        raise ValueError("layout.path_has_heading is neither true nor false")
     if card.get("head") not in ("clip", "tanh"):
         raise ValueError("head is neither 'clip' nor 'tanh'")
     if not isinstance(card.get("env"), dict):
         raise ValueError("env holds no settings")
     if not is_built_in(card["env"].get("guidance")):
-        raise ValueError("env.guidance names code; weights bring none: expected geodesic or poses")
+        raise ValueError("env.guidance names code; expected geodesic or poses")
 
 
 def _check_arrays(weights: Weights) -> None:
-    """Refuse arrays that do not fit one another, the layout, and an action of two numbers.
+    """Refuse arrays that do not fit each other, the layout, and an action of two numbers.
 
     Raises:
-        ValueError: a shape differs from what it must be, or a value is not finite.
+        ValueError: a shape is wrong, or a value is not finite.
     """
     arrays, layout = weights.arrays, weights.layout
-    width = layout.room - layout.private
-    width = features(np, np.zeros((1, width), np.float32), layout, layout.scaled, layout.scales)
-    width = width.shape[1]
+    width = layout.size - layout.privileged_size
+    # Computed from features, which also refuses sizes that no observation has.
+    flat = np.zeros((1, width), np.float32)
+    width = features(np, flat, layout, layout.scaled_indices, layout.scales).shape[1]
     expected: dict[str, tuple[int, ...]] = {}
     if "lstm.h" in arrays:
         memory = arrays["lstm.h"].shape[-1] if arrays["lstm.h"].ndim else 0
         expected |= {"lstm.x": (4 * memory, width), "lstm.h": (4 * memory, memory)}
         expected["lstm.b"], width = (4 * memory,), memory
-    for k in range(max(1, weights.dense)):
+    for k in range(max(1, weights.dense_layers)):
         bias = arrays.get(f"dense{k}.b", np.empty(()))
-        after = 2 if k == weights.dense - 1 else bias.shape[0] if bias.ndim else 0
+        after = 2 if k == weights.dense_layers - 1 else bias.shape[0] if bias.ndim else 0
         expected |= {f"dense{k}.w": (after, width), f"dense{k}.b": (after,)}
         width = after
     for name, shape in expected.items():
@@ -247,19 +279,19 @@ def _check_arrays(weights: Weights) -> None:
             raise ValueError(f"{name} holds a value that is not finite")
     unknown = sorted(set(arrays) - set(expected))
     if unknown:
-        raise ValueError(f"an array {shown(unknown[0])} has no place in the network")
+        raise ValueError(f"an array {shown(unknown[0])} is not part of the network")
 
 
 def shipped() -> dict[str, Path]:
-    """Weights that come with the package, by name."""
+    """The weights that the package ships, by name."""
     return {path.stem: path for path in sorted(SHIPPED.glob("*.npz"))}
 
 
 def find_weights(name: str) -> Path:
-    """The file of weights by their name or their path.
+    """The file of weights of a shipped name or a path.
 
     Raises:
-        InputError: there are none of that name.
+        InputError: there are no weights of that name.
     """
     if name in shipped():
         return shipped()[name]

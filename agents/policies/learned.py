@@ -62,7 +62,7 @@ class Learned:
             onnx = OnnxNetwork(path)
             return LearnedDriver(onnx, onnx.card, "h" in onnx.card["inputs"])
         weights = load_weights(path)
-        return LearnedDriver(Network(weights), weights.card, weights.memory > 0)
+        return LearnedDriver(Network(weights), weights.card, weights.lstm_size > 0)
 
 
 @cache
@@ -104,7 +104,7 @@ class LearnedDriver:
         self.network: Any = network
         self.remembers = remembers
         self._env = load(EnvSettings, card["env"], "weights: env")
-        self.layout = Layout.of(card["layout"]["sizes"], card["layout"]["posed"])
+        self.layout = Layout.of_card(card)
         self.card = card
 
     def reset(self, task: Any) -> None:
@@ -124,7 +124,7 @@ class LearnedDriver:
         self._task = task
         # The chair that drives is this one; what is seen of it is as in training.
         spec = env.guidance
-        if self.layout.posed:
+        if self.layout.path_has_heading:
             slack = None if task.chart is None else SLACK
             spec = {"call": "poses", "ways": _ways(env), "slack": slack}
         guidance = make_guidance(spec) if shown else None

@@ -17,8 +17,8 @@ import numpy as np
 import torch
 
 from agents.learning.export import OnnxNetwork, export_onnx
-from agents.learning.networks import Features, body
-from agents.learning.trials import flat
+from agents.learning.networks import FeaturesExtractor, mlp
+from agents.learning.sb3 import flatten_observations
 from agents.learning.weights import Network, Weights, find_weights, load_weights, shipped
 from wheelchair_gym.config import load
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
@@ -39,7 +39,7 @@ def observed(weights: Weights) -> Any:
     network.reset(ROWS)
     kept = []
     for _ in range(STEPS):
-        kept.append(flat(seen))
+        kept.append(flatten_observations(seen))
         seen, *_ = env.step(network(kept[-1]))
     env.close()
     return np.concatenate(kept)
@@ -50,17 +50,17 @@ def torch_network(weights: Weights) -> torch.nn.Module:
     layout = weights.layout
     sizes = tuple((key, n) for key, n in layout.sizes if key not in PRIVATE)
     layout = dataclasses.replace(layout, sizes=sizes)
-    hidden = tuple(len(weights.arrays[f"dense{k}.b"]) for k in range(weights.dense - 1))
-    layers = body(layout.told, hidden)
+    hidden = tuple(len(weights.arrays[f"dense{k}.b"]) for k in range(weights.dense_layers - 1))
+    layers = mlp(layout.actor_size, hidden)
     last = torch.nn.Linear(hidden[-1], 2)
     dense = [m for m in (*layers, last) if isinstance(m, torch.nn.Linear)]
     with torch.no_grad():
         for k, layer in enumerate(dense):
             layer.weight.copy_(torch.from_numpy(weights.arrays[f"dense{k}.w"]))
             layer.bias.copy_(torch.from_numpy(weights.arrays[f"dense{k}.b"]))
-    space = gym.spaces.Box(-np.inf, np.inf, (layout.room,))
+    space = gym.spaces.Box(-np.inf, np.inf, (layout.size,))
     head = torch.nn.Tanh() if weights.card["head"] == "tanh" else torch.nn.Hardtanh()
-    return torch.nn.Sequential(Features(space, layout), layers, last, head)
+    return torch.nn.Sequential(FeaturesExtractor(space, layout), layers, last, head)
 
 
 def microseconds(act: Any, seen: Any) -> float:
@@ -79,7 +79,7 @@ def main() -> None:
     torch.set_num_threads(1)
     for name in sys.argv[1:] or list(shipped()):
         weights = load_weights(find_weights(name))
-        if weights.memory:
+        if weights.lstm_size:
             print(f"{name}: has a memory, which is not compared here")
             continue
         seen, plain, module = observed(weights), Network(weights), torch_network(weights)

@@ -256,7 +256,7 @@ def test_weights_of_wrong_shapes_and_a_right_digest_are_refused(tmp_path, case):
     for name, shape in WRONG_SHAPES[case].items():
         known.arrays[name] = np.zeros(shape, np.float32)
     save_weights(tmp_path / "mine.npz", known)
-    with pytest.raises(InputError, match=r"mine\.npz: expected whole weights of a policy \("):
+    with pytest.raises(InputError, match=r"mine\.npz: expected complete weights of a policy \("):
         load_weights(tmp_path / "mine.npz")
 
 

@@ -13,8 +13,8 @@ from agents.cli import main
 from agents.evaluation.compare import SUITES
 from agents.evaluation.evaluate import drive_episode, episode_key, evaluate
 from agents.learning.checkpoint import NAME, load_checkpoint
-from agents.learning.occlusion import hidden_beams, hidden_parts
-from agents.learning.publish import markdown
+from agents.learning.occlusion import beam_sensitivity, key_sensitivity
+from agents.learning.publish import model_card
 from agents.learning.run import BEST, POLICY, Run, train
 from agents.learning.weights import Network, load_weights, save_weights, shipped
 from agents.policies import make_policy
@@ -54,7 +54,7 @@ def test_a_driver_sees_and_acts_as_in_training(trained):
         action = policy.act(observation)
         assert action == pytest.approx(network(flat[None])[0], abs=1e-6)
         observation, *_ = env.step(action)
-    assert run.layout.room == len(flat) + 3
+    assert run.layout.size == len(flat) + 3
 
 
 def test_a_driver_sees_what_was_driven_and_what_a_shield_withheld(trained):
@@ -90,7 +90,7 @@ def test_a_driver_is_told_what_was_withheld_in_all_the_time_since_it_acted(train
         for k in range(60):
             policy.act(observation)
             if k and k % 2 == 0:
-                seen = policy.told[policy.layout.place("shield")]
+                seen = policy.told[policy.layout.slice_of("shield")]
                 mean = np.mean(withheld[-2:], axis=0) / (0.8, 1.0)
                 assert seen == pytest.approx([1.0, *mean], abs=1e-6)
                 most = max(most, abs(withheld[-1][0] - withheld[-2][0]))
@@ -163,7 +163,7 @@ def test_files_that_are_not_whole_are_refused_in_one_line(trained, tmp_path, cap
     data = bytearray((folder / NAME).read_bytes())
     data[len(data) // 2] ^= 1
     (run_of / NAME).write_bytes(bytes(data))
-    with pytest.raises(InputError, match="expected a whole checkpoint"):
+    with pytest.raises(InputError, match="expected a complete checkpoint"):
         load_checkpoint(run_of)
     with pytest.raises(InputError, match="holds a run of other settings or another seed"):
         Run(tiny("ppo"), 1, folder)
@@ -196,7 +196,7 @@ def test_weights_that_hold_code_are_refused(tmp_path):
 
     file = tmp_path / "evil.npz"
     np.savez(file, card=np.array([Code()], dtype=object))
-    with pytest.raises(InputError, match="expected whole weights of a policy"):
+    with pytest.raises(InputError, match="expected complete weights of a policy"):
         load_weights(file)
     assert not (tmp_path / "executed").exists()
 
@@ -219,12 +219,12 @@ def test_a_record_depends_on_the_weights_and_a_digest_may_be_asked_for(trained, 
 def test_the_card_tells_where_weights_come_from(trained):
     run, folder = trained
     card = load_weights(folder / BEST).card
-    assert card["trials"].keys() >= {"success", "collision", "timeout", "episodes", "seed"}
+    assert card["evaluation"].keys() >= {"success", "collision", "timeout", "episodes", "seed"}
     assert card["training"] == json.loads((folder / "settings.json").read_text())
     for key in ("command", "seed", "frames", "versions", "limits", "env", "commit"):
         assert key in card
     assert (folder / POLICY).stat().st_size < 3_000_000
-    assert run.rows[-1]["trial_success"] == card["trials"]["success"]
+    assert run.rows[-1]["eval_success"] == card["evaluation"]["success"]
 
 
 @pytest.mark.parametrize(("memory", "head"), [(0, "clip"), (0, "tanh"), (16, "clip")])
@@ -342,7 +342,7 @@ def test_weights_are_published_with_a_card_of_all_seeds_and_results(tmp_path, ca
         "# mine",
         "wheelchair",
         "seed 0 | seed 1",
-        '"envs": 4',
+        '"n_envs": 4',
         "drive it behind a shield",
     ):
         assert part in card
@@ -367,15 +367,15 @@ def test_what_a_policy_looks_at_is_what_its_action_hangs_on(tmp_path, capsys):
         arrays[f"dense{k}.w"][0, 0] = arrays[f"dense{k}.w"][1, 1] = 0.2
     arrays["dense0.w"][:2] = 0.0
     arrays["dense0.w"][0, 40] = 1.0
-    arrays["dense0.w"][1, layout.told - 3] = 1.0  # the path stands last but for the goal's distance
+    arrays["dense0.w"][1, layout.actor_size - 3] = 1.0  # the end of the path
     rng = np.random.default_rng(0)
-    told = rng.uniform(0.5, 3.0, (20, layout.room)).astype(np.float32)
+    told = rng.uniform(0.5, 3.0, (20, layout.size)).astype(np.float32)
     network = Network(weights)
-    beams = hidden_beams(network, told, layout, 10.0)
+    beams = beam_sensitivity(network, told, layout, 10.0)
     assert beams.shape == (20, 64)
     assert (beams[:, 39:42] > 0.0).all()
     assert not beams[:, [*range(39), *range(42, 64)]].any()
-    parts = hidden_parts(network, told, layout)
+    parts = key_sensitivity(network, told, layout)
     assert {name for name, change in parts.items() if change > 0.0} == {"laser", "path ahead"}
     file = tmp_path / "policy.npz"
     weights.card.update(env={**ENV, "sensors": {}, "task": {**ENV["task"], "beams": 64}})
@@ -395,7 +395,7 @@ def test_weights_that_come_with_the_package_are_small_told_of_and_drive(name, tm
     path = shipped()[name]
     assert path.stat().st_size < 3_000_000
     card = load_weights(path).card
-    assert markdown(name, card) == path.with_suffix(".md").read_text()
+    assert model_card(name, card) == path.with_suffix(".md").read_text()
     assert {row["seed"] for row in card["results"]} == set(card["curves"])
     assert f"`{name}`" in (ROOT / "README.md").read_text()
     records = evaluate(

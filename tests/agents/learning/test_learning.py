@@ -20,9 +20,9 @@ from agents.cli.train import _varied
 from agents.learning.curves import read_curve
 from agents.learning.demonstrations import imitate
 from agents.learning.features import Layout, features
-from agents.learning.networks import Features, Teacher, arrays_of
+from agents.learning.networks import FeaturesExtractor, Teacher, actor_arrays
 from agents.learning.run import POLICY, Run, train
-from agents.learning.settings import RECIPES, Imitation, Training, plain, read_training
+from agents.learning.settings import RECIPES, Imitation, Training, as_json, read_training
 from agents.learning.weights import Network, load_weights
 from tests.agents.learning.tiny_runs import ENV, ON, PRIVY, random_weights, tiny, trained_run
 from tests.conftest import ROOT
@@ -53,7 +53,7 @@ def test_a_run_that_was_killed_and_resumed_equals_one_that_was_not(algorithm, tr
         pytest.importorskip("sb3_contrib", reason="pip install 'wheelchair_gym[learn]'")
     own = tiny(algorithm)
     if algorithm == "ppo":
-        own = tiny("ppo", teaching={"teacher": str(trained[1] / POLICY), "until": 0.8})
+        own = tiny("ppo", kickstarting={"teacher": str(trained[1] / POLICY), "duration": 0.8})
     whole = train(own, 3, tmp_path / "whole")
     assert len(whole) == 3
     killed = Run(own, 3, tmp_path / "killed")
@@ -63,7 +63,7 @@ def test_a_run_that_was_killed_and_resumed_equals_one_that_was_not(algorithm, tr
         pass
 
     def kill(frames):
-        if frames > killed.part + killed.part // 2:
+        if frames > killed.frames_per_checkpoint + killed.frames_per_checkpoint // 2:
             raise KilledError
 
     with pytest.raises(KilledError):
@@ -85,10 +85,10 @@ def test_a_run_that_was_killed_and_resumed_equals_one_that_was_not(algorithm, tr
 def test_the_actor_never_reads_what_only_the_critic_may_see(trained):
     run, _ = trained
     layout, rng = run.layout, np.random.default_rng(0)
-    assert layout.private == 3
-    seen = rng.uniform(0.1, 3.0, (64, layout.room)).astype(np.float32)
+    assert layout.privileged_size == 3
+    seen = rng.uniform(0.1, 3.0, (64, layout.size)).astype(np.float32)
     other = seen.copy()
-    other[:, -layout.private :] += 5.0
+    other[:, -layout.privileged_size :] += 5.0
     with torch.no_grad():
         policy = run.model.policy
         acts, values = zip(
@@ -107,9 +107,9 @@ def test_the_actor_never_reads_what_only_the_critic_may_see(trained):
 def test_numpy_and_torch_act_alike(trained):
     run, folder = trained
     network, rng = Network(load_weights(folder / POLICY)), np.random.default_rng(1)
-    seen = rng.uniform(-1.0, 6.0, (2000, run.layout.room)).astype(np.float32)
-    seen[:, : run.layout.place("goal").start + 1] = np.abs(
-        seen[:, : run.layout.place("goal").start + 1]
+    seen = rng.uniform(-1.0, 6.0, (2000, run.layout.size)).astype(np.float32)
+    seen[:, : run.layout.slice_of("goal").start + 1] = np.abs(
+        seen[:, : run.layout.slice_of("goal").start + 1]
     )
     actions = run.model.predict(seen, deterministic=True)[0]
     assert network(seen) == pytest.approx(actions, abs=1e-5)
@@ -119,12 +119,12 @@ def test_numpy_and_torch_act_alike(trained):
 def test_numpy_acts_as_every_algorithm_does(algorithm, tmp_path):
     if algorithm in ("recurrent_ppo", "tqc"):
         pytest.importorskip("sb3_contrib", reason="pip install 'wheelchair_gym[learn]'")
-    run = Run(tiny(algorithm, trials={"episodes": 0}), 0, tmp_path)
+    run = Run(tiny(algorithm, evaluation={"episodes": 0}), 0, tmp_path)
     network, rng = Network(run.weights({})), np.random.default_rng(1)
     network.reset(5)
     state = None
     for k in range(4):
-        seen = rng.uniform(0.1, 3.0, (5, run.layout.room)).astype(np.float32)
+        seen = rng.uniform(0.1, 3.0, (5, run.layout.size)).astype(np.float32)
         first = np.full(5, k == 0)
         actions, state = run.model.predict(seen, state, first, deterministic=True)
         assert network(seen) == pytest.approx(actions, abs=1e-5)
@@ -133,19 +133,19 @@ def test_numpy_acts_as_every_algorithm_does(algorithm, tmp_path):
 
 def test_the_curriculum_moves_starts_away_where_enough_succeed(trained):
     run, _ = trained
-    within = [row["within"] for row in run.rows]
+    within = [row["curriculum_time"] for row in run.rows]
     assert within[0] >= 3.0
     assert within == sorted(within)
 
 
 def test_features_are_the_same_numbers_in_numpy_and_torch():
     layout = random_weights().layout
-    seen = np.random.default_rng(2).uniform(0.01, 9.0, (50, layout.room)).astype(np.float32)
-    told = Features(
-        __import__("gymnasium").spaces.Box(0.0, 10.0, (layout.room,)), layout
+    seen = np.random.default_rng(2).uniform(0.01, 9.0, (50, layout.size)).astype(np.float32)
+    told = FeaturesExtractor(
+        __import__("gymnasium").spaces.Box(0.0, 10.0, (layout.size,)), layout
     )(torch.from_numpy(seen))  # fmt: skip
-    plain = features(np, seen, layout, layout.scaled, layout.scales)
-    assert plain.shape == (50, layout.told)
+    plain = features(np, seen, layout, layout.scaled_indices, layout.scales)
+    assert plain.shape == (50, layout.actor_size)
     assert plain.dtype == np.float32
     assert told.numpy() == pytest.approx(plain, abs=1e-5)
 
@@ -153,7 +153,9 @@ def test_features_are_the_same_numbers_in_numpy_and_torch():
 def test_imitation_comes_near_its_expert_and_warms_a_run(tmp_path):
     task = {key: value for key, value in ENV["task"].items() if key != "trail"}
     env, privy = {**ENV, "task": task}, {**ENV, "task": {**task, "privileged": True}}
-    own = Imitation(expert="straight", env=env, episodes=4, rounds=2, epochs=40, hidden=(16, 16))
+    own = Imitation(
+        expert="straight", env=env, episodes=4, rounds=2, n_epochs=40, net_arch=(16, 16)
+    )
     told = imitate(own, 0, tmp_path, progress=False)
     assert told["driver"] == "student"
     first = json.loads((tmp_path / "rounds.json").read_text())[0]
@@ -161,11 +163,11 @@ def test_imitation_comes_near_its_expert_and_warms_a_run(tmp_path):
     assert told["loss"] < 0.05
     file = str(tmp_path / POLICY)
     run = Run(tiny("ppo", env=privy, warm_start=file), 0, tmp_path / "warm")
-    for name, array in arrays_of(run.model, "ppo").items():
+    for name, array in actor_arrays(run.model, "ppo").items():
         assert np.array_equal(array, load_weights(file).arrays[name])
     run.close()
     with pytest.raises(InputError, match="warm_start: layers are"):
-        Run(tiny("ppo", env=privy, warm_start=file, hidden=[8]), 0, tmp_path / "other")
+        Run(tiny("ppo", env=privy, warm_start=file, net_arch=[8]), 0, tmp_path / "other")
 
 
 def test_a_teacher_tells_its_student_what_it_would_do_where_it_sees_the_way(trained):
@@ -175,44 +177,45 @@ def test_a_teacher_tells_its_student_what_it_would_do_where_it_sees_the_way(trai
         NavigationVectorEnv(3, env_settings({**own, "starts": {}})).task for own in (PRIVY, env)
     ]
     shown, hidden = (
-        Layout.of(((key, box.shape[0]) for key, box in task.boxes.items()), True) for task in tasks
+        Layout(tuple((key, box.shape[0]) for key, box in task.boxes.items()), True)
+        for task in tasks
     )
-    seen = np.random.default_rng(3).uniform(0.1, 3.0, (20, hidden.room)).astype(np.float32)
-    told = np.zeros((20, shown.room), np.float32)
+    seen = np.random.default_rng(3).uniform(0.1, 3.0, (20, hidden.size)).astype(np.float32)
+    told = np.zeros((20, shown.size), np.float32)
     for key, _ in shown.sizes:
-        secret = hidden.place(f"hidden_{key}")
-        told[:, shown.place(key)] = seen[:, secret if secret.stop else hidden.place(key)]
+        secret = hidden.slice_of(f"hidden_{key}")
+        told[:, shown.slice_of(key)] = seen[:, secret if secret.stop else hidden.slice_of(key)]
     wanted, student = Network(guided)(told), env_settings({**env, "starts": {}})
     assert np.abs(wanted).max() > 0.01
     assert Teacher(guided, hidden, student)(torch.from_numpy(seen)).numpy() == pytest.approx(
         wanted, abs=1e-5
     )
-    blind = Layout.of([pair for pair in hidden.sizes if pair[0] not in PRIVATE], True)
+    blind = Layout(tuple(pair for pair in hidden.sizes if pair[0] not in PRIVATE), True)
     with pytest.raises(InputError, match="teacher: it needs 20 numbers of path; observed are 0"):
         Teacher(guided, blind, student)
     with pytest.raises(InputError, match=r"teacher: its rate is 5\.0; expected 10\.0"):
         Teacher(guided, hidden, dataclasses.replace(student, rate=10.0))
 
 
-def test_an_actor_is_drawn_to_its_teacher_until_it_lets_go(trained, tmp_path):
+def test_an_actor_imitates_its_teacher_with_a_weight_that_anneals(trained, tmp_path):
     env = {**PRIVY, "task": {**PRIVY["task"], "unguided": True}}
-    teaching = {"teacher": str(trained[1] / POLICY), "weight": 50.0, "until": 0.8}
-    changes = {"env": env, "frames": 1920, "trials": {"episodes": 0}}
-    runs, leashes = [], []
-    for own in (teaching, {}):
-        rates = {**ON, "rate": 0.01}
+    kickstarting = {"teacher": str(trained[1] / POLICY), "coefficient": 50.0, "duration": 0.8}
+    changes = {"env": env, "frames": 1920, "evaluation": {"episodes": 0}}
+    runs, weights = [], []
+    for own in (kickstarting, {}):
+        rates = {**ON, "learning_rate": 0.01}
         run = Run(
-            tiny("ppo", **changes, on_policy=rates, teaching=own), 0, tmp_path / str(len(own))
+            tiny("ppo", **changes, on_policy=rates, kickstarting=own), 0, tmp_path / str(len(own))
         )
         while not run.done:
             run.learn()
-            leashes.append(run.model.policy.leash)
+            weights.append(run.model.policy.kickstart_weight)
         run.close()
         runs.append(run)
-    full = 50.0 / runs[0].own.on_policy.entropy
-    lets_go = [full * max(0.0, 1.0 - k / 24) for k in range(30)]
-    assert leashes == pytest.approx([*lets_go, *[0.0] * 30])
-    seen = torch.from_numpy(runs[1].model.rollout_buffer.observations.reshape(-1, run.layout.room))
+    full = 50.0 / runs[0].config.on_policy.ent_coef
+    annealed = [full * max(0.0, 1.0 - k / 24) for k in range(30)]
+    assert weights == pytest.approx([*annealed, *[0.0] * 30])
+    seen = torch.from_numpy(runs[1].model.rollout_buffer.observations.reshape(-1, run.layout.size))
     wanted = runs[0].model.policy.teacher(seen)
     with torch.no_grad():
         means = [r.model.policy.get_distribution(seen).distribution.mean for r in runs]
@@ -224,12 +227,15 @@ def test_an_actor_is_drawn_to_its_teacher_until_it_lets_go(trained, tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ({"teaching": {"teacher": "x.npz"}, "on_policy": {"entropy": 0.0}}, "teaching.teacher is"),
+        (
+            {"kickstarting": {"teacher": "x.npz"}, "on_policy": {"ent_coef": 0.0}},
+            "kickstarting.teacher is",
+        ),
         ({"algorithm": "sac"}, "x.json.algorithm is 'sac'; the command says ppo"),
         ({"frame": 3}, "x.json.frame is not a setting; it has"),
         ({"env": {"task": {"beamz": 3}}}, "beamz is not a setting"),
-        ({"env": {}}, "curriculum.begin needs env.guidance 'poses', or 0"),
-        ({"on_policy": {"discount": 2.0}}, "discount is 2.0; it must be at least 0.0 and at most"),
+        ({"env": {}}, "curriculum.initial_time needs env.guidance 'poses', or 0"),
+        ({"on_policy": {"gamma": 2.0}}, "gamma is 2.0; it must be at least 0.0 and at most"),
     ],
 )
 def test_wrong_settings_of_a_run_are_refused_by_name(content, message):
@@ -251,16 +257,19 @@ def test_values_that_vary_are_taken_as_they_were_typed():
         "env.guidance", ["geodesic", "my.ways:guide"],
     )  # fmt: skip
     assert _varied("env.task.trail=[], [1,2.5]") == ("env.task.trail", ["[]", "[1,2.5]"])
-    assert _varied("on_policy.rate=1e-3,0.001") == ("on_policy.rate", ["1e-3", "0.001"])
+    assert _varied("on_policy.learning_rate=1e-3,0.001") == (
+        "on_policy.learning_rate",
+        ["1e-3", "0.001"],
+    )
     assert _varied(None) == ("", [""])
 
 
 def test_runs_that_differ_in_a_setting_are_told_side_by_side(tmp_path, capsys):
     own = tmp_path / "own.json"
-    own.write_text(json.dumps(plain(tiny("ppo"))))
+    own.write_text(json.dumps(as_json(tiny("ppo"))))
     varied = ["train", "ppo", "--config", str(own), "--vary", "env.bank.size=1,2", "--quiet"]
     assert main([*varied, "--seeds", "0,1", "--out", str(tmp_path / "out")]) == 0
-    with (tmp_path / "out" / "variation.csv").open(newline="") as file:
+    with (tmp_path / "out" / "sweep.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [(row["env.bank.size"], row["seed"]) for row in rows] == [
         ("1", "0"), ("1", "1"), ("2", "0"), ("2", "1"),
@@ -269,9 +278,9 @@ def test_runs_that_differ_in_a_setting_are_told_side_by_side(tmp_path, capsys):
         curve = read_curve(
             tmp_path / "out" / f"size_{row['env.bank.size']}" / f"seed_{row['seed']}"
         )
-        assert float(row["success"]) == float(curve[-1]["trial_success"])
+        assert float(row["success"]) == float(curve[-1]["eval_success"])
         assert float(row["low"]) <= float(row["success"]) <= float(row["high"])
-    assert (tmp_path / "out" / "variation.svg").read_text().startswith("<?xml")
+    assert (tmp_path / "out" / "sweep.svg").read_text().startswith("<?xml")
     capsys.readouterr()
     assert main(["train", "ppo", "--vary", "env.bank.size"]) == 2
     assert main(["train", "ppo", "--vary", "env.bank.sizes=1,2"]) == 2

@@ -28,8 +28,8 @@ ENV = {
     },
 }
 PRIVY = {**ENV, "task": {**ENV["task"], "privileged": True}}
-ON = {"steps": 8, "batch": 32, "epochs": 1, "memory": 8}
-OFF = {"buffer": 400, "batch": 16, "begin": 32, "updates": 1}
+ON = {"n_steps": 8, "batch_size": 32, "n_epochs": 1, "lstm_hidden_size": 8}
+OFF = {"buffer_size": 400, "batch_size": 16, "learning_starts": 32, "gradient_steps": 1}
 
 
 def tiny(algorithm, **changes):
@@ -37,22 +37,22 @@ def tiny(algorithm, **changes):
     on_policy = algorithm in ("ppo", "recurrent_ppo")
     content = {
         "env": PRIVY if algorithm == "ppo" else ENV,
-        "envs": 4,
+        "n_envs": 4,
         "frames": 192 if on_policy else 96,
-        "checkpoint": 2 if on_policy else 8,
-        "hidden": [16, 16],
+        "checkpoint_frequency": 2 if on_policy else 8,
+        "net_arch": [16, 16],
         "threads": 1,
         "on_policy": ON,
         "off_policy": OFF,
-        "trials": {"episodes": 3, "every": 3},
-        "curriculum": {"begin": 3.0, "episodes": 4, "above": 0.0},
+        "evaluation": {"episodes": 3, "frequency": 3},
+        "curriculum": {"initial_time": 3.0, "episodes": 4, "success_threshold": 0.0},
         **changes,
     }
     return read_training(content, "tiny.json", algorithm)
 
 
 def trained_run(folder):
-    """A run driven to its end, and its folder."""
+    """A finished run, and its folder."""
     run = Run(tiny("ppo"), 0, folder)
     while not run.done:
         run.learn()
@@ -65,13 +65,13 @@ def random_weights(memory=0, posed=True, head="clip"):
         ["laser", 64], ["ultrasonic", 8], ["twist", 2], ["goal", 3], ["action", 2],
         ["shield", 3], ["path", 20],
     ]  # fmt: skip
-    layout = Layout.of(sizes, posed)
+    layout = Layout(tuple(map(tuple, sizes)), posed)
     rng = np.random.default_rng(5)
 
     def draw(*shape):
         return (rng.normal(size=shape) / np.sqrt(shape[-1])).astype(np.float32)
 
-    told, arrays = layout.told, {}
+    told, arrays = layout.actor_size, {}
     if memory:
         arrays = {"lstm.x": draw(4 * memory, told), "lstm.h": draw(4 * memory, memory)}
         arrays["lstm.b"], told = draw(4 * memory), memory
@@ -79,4 +79,4 @@ def random_weights(memory=0, posed=True, head="clip"):
         arrays[f"dense{k}.w"], arrays[f"dense{k}.b"] = draw(after, before), draw(after)
     env = {"sensors": {"laser": {"beams": 1081}}}
     card = {"format": FORMAT, "head": head, "env": env}
-    return Weights(arrays, {**card, "layout": {"sizes": sizes, "posed": posed}})
+    return Weights(arrays, {**card, "layout": {"sizes": sizes, "path_has_heading": posed}})
