@@ -14,7 +14,7 @@ unexport PYTHONDONTWRITEBYTECODE
 EMULATOR := gcc-avr avr-libc avrdude libsimavr-dev gcc libc6-dev make
 SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
 
-.PHONY: demo test test-all lint bench clean help emulator firmware
+.PHONY: demo test test-all lint bench docs clean help emulator firmware
 
 help:
 	@echo "make demo      planned and learned policies drive a wheelchair; prints where the report is"
@@ -22,6 +22,7 @@ help:
 	@echo "make test-all  the long ones, too"
 	@echo "make lint      ruff and mypy"
 	@echo "make bench     how fast it is on this machine"
+	@echo "make docs      writes docs/settings.md, a page of all settings"
 	@echo "make emulator  compilers and emulator of the chair's boards (Debian; root or sudo)"
 	@echo "make firmware  builds the boards' firmware and prints its sizes"
 
@@ -51,6 +52,9 @@ bench: $(READY)
 	$(BIN)/python -m tests.benchmarks.parts
 	$(BIN)/python -m tests.benchmarks
 	$(BIN)/python -m tests.benchmarks.maps
+
+docs: $(READY)
+	$(BIN)/wheelchair settings --markdown docs/settings.md
 
 emulator:
 	@command -v apt-get >/dev/null || { echo "make emulator knows Debian and its kin only;" \

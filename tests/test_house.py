@@ -107,7 +107,7 @@ def loaded(*argv):
     return {name for name in ("torch", "stable_baselines3", "sb3_contrib") if name in sys.modules}
 import planners, wheelchair_gym, wheelchair_gym.envs, wheelchair_gym.rendering
 from agents.cli import COMMANDS
-for command in ((), *((part.__name__.rpartition(".")[2],) for part in COMMANDS)):
+for command in ((), *(tuple(part.name.split()) for part in COMMANDS)):
     assert not loaded(*command, "--help"), command
 ways = "--start", "2,2", "--goal", "13,8"
 assert not loaded("plan", "--map", sys.argv[1], "--planner", "visibility", *ways), "plan"

@@ -1,76 +1,132 @@
-"""The command `wheelchair`: reads what a person typed, and answers errors in one line.
+"""The command `wheelchair`: parses what was typed, runs a command, and prints errors in one line.
 
-Every subcommand is a module of `agents/cli` and imports what it needs only when it runs.
-Exit codes: 0 done, 1 the world has no answer (no path), 2 what was asked is wrong, 130 stopped.
+Exit codes: 0 done, 1 no result (such as no path), 2 wrong input, 130 stopped.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import io
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from agents.cli import (
-    bench,
-    compare,
-    deploy,
-    export,
-    hardware,
-    inspect,
-    map,
-    plan,
-    replay,
-    scenes,
-    settings,
-    simulate,
-    study,
-    train,
-    tune,
-    twin,
-)
+from agents.cli.commands import COMMANDS, GROUPS, Command, OneOf
 from agents.interrupt import by_hand
 
-COMMANDS = (
-    plan, simulate, replay, compare, study, tune, map, train, export, inspect, scenes, settings,
-    bench, twin, deploy, hardware,
-)  # fmt: skip
-
-
-MOST_SAID = 1000  # characters of an error
+LONGEST_ERROR = 1000  # characters
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line."""
+    """An argument parser whose errors are one line, with the nearest known name."""
 
     def error(self, message: str) -> NoReturn:
-        """Print the error in one line and leave with code 2."""
+        """Print the error in one line and exit with code 2."""
+        if unknown := re.match(r".*invalid choice: '(.*?)' \(choose from (.*)\)", message):
+            message += suggestion(unknown[1], re.findall(r"[\w-]+", unknown[2]))
         self.exit(2, f"wheelchair: {message} (see {self.prog} --help)\n")
 
+    def parse_all(self, arguments: Sequence[str]) -> argparse.Namespace:
+        """The parsed arguments; an unknown option is an error of its command."""
+        given, unknown = self.parse_known_args(arguments)
+        if unknown:
+            command: Parser = getattr(given, "parser", self)
+            options = [name for action in command._actions for name in action.option_strings]
+            near = suggestion(unknown[0].partition("=")[0], options)
+            command.error(f"unrecognized arguments: {' '.join(unknown)}{near}")
+        return given
+
     def _print_message(self, message: str, file: Any = None) -> None:
-        # As argparse does it, but what cannot be written is not passed over.
+        # As in argparse, but an error of writing is raised.
         if message:
             (file or sys.stderr).write(message)
 
 
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """The end of an error message: the nearest known name, if there is one."""
+    import difflib
+
+    near = difflib.get_close_matches(name, list(known), 1)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+class Version(argparse.Action):
+    """Prints the installed version."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        """Print and exit."""
+        from importlib.metadata import version
+
+        print(f"wheelchair {version('wheelchair_gym')}")
+        parser.exit()
+
+
+class Completion(argparse.Action):
+    """Prints a completion script of a shell."""
+
+    def __call__(self, parser: argparse.ArgumentParser, _: Any, shell: Any, *__: Any) -> NoReturn:
+        """Print and exit."""
+        import shtab
+
+        print(shtab.complete(parser, shell))
+        parser.exit()
+
+
 def parser() -> Parser:
-    """The parser of the whole command."""
-    whole = Parser(
+    """The parser of all commands."""
+    main = Parser(
         prog="wheelchair",
         description="Simulate, plan for and compare policies of a robotic wheelchair.",
         epilog="example: wheelchair simulate --policy a_star+window --seed 3 --video drive.mp4",
     )
-    parts = whole.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    main.add_argument("--version", action=Version, nargs=0, help="print the version")
+    main.add_argument(
+        "--completion", action=Completion, choices=("bash", "zsh"),
+        help="print a completion script of a shell",
+    )  # fmt: skip
+    parsers = main.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    groups: dict[str, Any] = {}
     for command in COMMANDS:
-        command.add(parts)
-    return whole
+        group, _, name = command.name.rpartition(" ")
+        if group and group not in groups:
+            help, example = GROUPS[group]
+            of_group = _add(parsers, group, help, "", example)
+            groups[group] = of_group.add_subparsers(dest="part", required=True, metavar="COMMAND")
+        one = _add(
+            groups.get(group, parsers), name, command.help, command.description, command.example
+        )
+        for item in command.options:
+            if isinstance(item, OneOf):
+                exclusive = one.add_mutually_exclusive_group(required=item.required)
+                for each in item.options:
+                    exclusive.add_argument(each.name, **each.arguments)
+            else:
+                one.add_argument(item.name, **item.arguments)
+        one.set_defaults(parser=one, row=command)
+    return main
+
+
+def _add(parsers: Any, name: str, help: str, description: str, example: str) -> Parser:
+    added: Parser = parsers.add_parser(
+        name, help=help, description=description or f"{help[0].upper()}{help[1:]}.",
+        epilog=f"example: {example}",
+    )  # fmt: skip
+    return added
+
+
+def run(given: argparse.Namespace) -> int:
+    """Run the command that was parsed; the exit code."""
+    command: Command = given.row
+    module, _, function = command.run.partition(":")
+    code: int = getattr(importlib.import_module(f"agents.cli.{module}"), function)(given)
+    return code
 
 
 def _joined(arguments: Sequence[str]) -> list[str]:
-    """`--start -1,2` as `--start=-1,2`, which argparse would take for an option."""
+    """`--start -1,2` as `--start=-1,2`: argparse would take -1,2 for an option."""
     joined: list[str] = []
     for argument in arguments:
         if joined and joined[-1] in ("--start", "--goal") and re.match(r"-[\d.in]", argument):
@@ -80,75 +136,73 @@ def _joined(arguments: Sequence[str]) -> list[str]:
     return joined
 
 
-def _start_anew(wanted: Mapping[str, str]) -> None:
-    """Run this program again in an environment that libraries read only once, when loaded."""
-    missing = {name: value for name, value in wanted.items() if name not in os.environ}
+def _restart(environ: Mapping[str, str]) -> None:
+    """Run this program again with environment variables that libraries read when they load."""
+    missing = {name: value for name, value in environ.items() if name not in os.environ}
     if missing and sys.platform == "linux":
         os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**os.environ, **missing})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code."""
-    _stand_in()
+    _replace_closed_streams()
     try:
         try:
-            given = parser().parse_args(_joined(sys.argv[1:] if arguments is None else arguments))
+            typed = sys.argv[1:] if arguments is None else arguments
+            given = parser().parse_all(_joined(typed))
             if arguments is None:
-                _start_anew(getattr(given, "environ", {}))
-            code: int = given.run(given)
+                _restart(given.row.environ)
+            return run(given)
         finally:  # also after --help, which leaves by an exception
             sys.stdout.flush()
     except MemoryError as error:
-        _say(f"not enough memory ({error})" if str(error) else "not enough memory")
-        return 2
+        return _fail(f"not enough memory ({error})" if str(error) else "not enough memory")
     except (KeyboardInterrupt, SystemError) as error:
         if not by_hand(error):
             raise
-        _say("stopped")
-        return 130
-    except BrokenPipeError:  # the reader has gone: nothing more to say
+        return _fail("stopped", 130)
+    except BrokenPipeError:  # the reader of a pipe has ended
         _drop_output()
         return 141
     except ConnectionError as error:  # to a real chair
-        _say(error)
-        return 1
+        return _fail(error, 1)
     except OSError as error:  # a full disk, or standard output that is full or closed
         if error.errno is None:
-            _say(error)
+            what: object = error
         elif error.filename is not None:
-            _say(f"{error.filename}: {error.strerror}")
+            what = f"{error.filename}: {error.strerror}"
         else:
-            _say(f"standard output: cannot be written ({error.strerror})")
+            what = f"standard output: cannot be written ({error.strerror})"
+        _fail(what)
         _drop_output()
         return 2
     except ValueError as error:
-        from wheelchair_gym.errors import InputError  # not before: --help is to answer at once
+        from wheelchair_gym.errors import InputError  # imported late, so that --help is fast
 
         if not isinstance(error, InputError):
             raise
-        _say(error)
-        return 2
-    return code
+        return _fail(error)
 
 
-def _stand_in() -> None:
-    """Put something in place of standard streams that are closed, which no file may then take."""
+def _replace_closed_streams() -> None:
+    """Open something in place of closed standard streams, whose numbers files could get else."""
     if sys.stdout is None:
-        # Opened for reading: what is written to it is refused, as by a closed output.
+        # Opened for reading, so that writing fails, as with a closed output.
         sys.stdout = io.TextIOWrapper(io.FileIO(os.open(os.devnull, os.O_RDONLY), "w"), "utf-8")
     if sys.stderr is None:
         sys.stderr = io.TextIOWrapper(io.FileIO(os.devnull, "w"), "utf-8")
 
 
-def _say(what: object) -> None:
-    """One line on standard error, of characters that a terminal shows, and not too many."""
+def _fail(what: object, code: int = 2) -> int:
+    """Print one line of printable characters on standard error; the exit code."""
     line = " ".join(str(what).split())
     line = "".join(c if c.isprintable() else "?" for c in line)
-    if len(line) > MOST_SAID:
-        line = f"{line[: MOST_SAID // 2]} ... {line[-MOST_SAID // 2 :]}"
+    if len(line) > LONGEST_ERROR:
+        line = f"{line[: LONGEST_ERROR // 2]} ... {line[-LONGEST_ERROR // 2 :]}"
     print(f"wheelchair: {line}", file=sys.stderr)
+    return code
 
 
 def _drop_output() -> None:
-    """Send what is left of standard output nowhere, so that the end of the program succeeds."""
+    """Redirect standard output to nowhere, so that flushing it at exit succeeds."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,83 +1,31 @@
-"""Arguments, output and the real chair's environment, as several subcommands share them."""
+"""What commands make of their arguments: settings, environments, recordings and output."""
 
 from __future__ import annotations
 
 import argparse
 import json
-import math
+import sys
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
-if TYPE_CHECKING:
-    from agents.watch import Watch
-
-POSES = ("truth", "odometry", "modelled", "mcl", "slam")
-POSE = "modelled"
-
-
-def whole(text: str, least: int = 0) -> int:
-    """A whole number of at least 0."""
-    try:
-        value = int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
-    if value < least:
-        raise argparse.ArgumentTypeError(f"{value} is too few; expected at least {least}")
-    return value
-
-
-def count(text: str) -> int:
-    """A whole number of at least 1."""
-    return whole(text, least=1)
-
-
-def finite(text: str) -> float:
-    """A finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not finite")
-    return value
-
-
-def distance(text: str) -> float:
-    """A finite number of at least 0."""
-    value = finite(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text} is negative; expected at least 0")
-    return value
-
-
-def pose(text: str) -> list[float]:
-    """X,Y or X,Y,YAW: two or three finite numbers."""
-    parts = text.split(",")
-    if len(parts) not in (2, 3):
-        raise argparse.ArgumentTypeError(f"{text!r}: expected X,Y or X,Y,YAW (m, m, rad)")
-    return [finite(part) for part in parts]
-
-
-def names(text: str) -> list[str]:
-    """Names between commas."""
-    found = [name.strip() for name in text.split(",") if name.strip()]
-    if not found:
-        raise argparse.ArgumentTypeError("expected names between commas")
-    return found
+from agents.cli.commands import DEFAULT_POSE
+from agents.evaluation.provenance import command_line, write_json
+from agents.watch import Watch
+from planners.thesis_settings import is_thesis, read_thesis, without_trailing_commas
+from wheelchair_gym.config import InputError, read_json, value_of, with_values
+from wheelchair_gym.errors import shown
+from wheelchair_gym.files import parse_json, read_text
 
 
 def spec(text: str) -> str | dict[str, Any]:
-    """What a person names: NAME, or FILE.json:NAME with the settings of that name in a file.
+    """Settings by NAME, or by FILE.json:NAME those of that name in a file.
 
-    A file of the thesis's own kind (its figure 3.1) holds the settings of its planners.
+    A file in the format of the thesis (figure 3.1) holds the settings of its planners.
 
     Raises:
         InputError: the file cannot be read, or has no object of settings under that name.
     """
-    from planners.thesis_settings import is_thesis, read_thesis, without_trailing_commas
-    from wheelchair_gym.errors import InputError, shown
-    from wheelchair_gym.files import parse_json, read_text
-
     file, colon, name = text.rpartition(":")
     if not colon:
         return text
@@ -90,101 +38,71 @@ def spec(text: str) -> str | dict[str, Any]:
     return {"name": name, **content[name]}  # the file may know it under another name
 
 
+def labelled(name: str) -> str | dict[str, Any]:
+    """As `spec`; settings from a file get the label FILE.json:NAME."""
+    found = spec(name)
+    return found if isinstance(found, str) else {**found, "label": Path(name).name}
+
+
+def chair_spec(text: str) -> Any:
+    """A real chair: as `spec`, or an address such as ros://HOST:PORT."""
+    return text if "://" in text else spec(text)
+
+
 def changed(settings: str | Mapping[str, Any], changes: Sequence[str]) -> dict[str, Any]:
-    """What a person names, with changes such as `iterations=30000` or `tree.step=2.0`.
+    """Settings with changes such as `iterations=30000` or `tree.step=2.0`.
 
     Raises:
         InputError: a change is not KEY=VALUE, or its key leads into what has no keys.
     """
-    from wheelchair_gym.config import InputError, value_of, with_values
-
-    whole: dict[str, Any] = {"name": settings} if isinstance(settings, str) else {**settings}
+    found: dict[str, Any] = {"name": settings} if isinstance(settings, str) else {**settings}
     for change in changes:
         key, equals, value = change.partition("=")
         if not (key and equals):
             raise InputError(f"--set {change}: expected KEY=VALUE")
         try:
-            whole = with_values(whole, {key: value_of(value)})
+            found = with_values(found, {key: value_of(value)})
         except InputError as error:
             raise InputError(f"--set {error}") from None
-    return whole
-
-
-def add_env(parser: argparse.ArgumentParser) -> None:
-    """The options `--config FILE.json` and `--pose SOURCE`."""
-    parser.add_argument("--config", metavar="FILE.json", help="settings, as in configs/env.json")
-    parser.add_argument(
-        "--pose", choices=POSES,
-        help=f"the chair's own estimate (default: the config's, or {POSE} without one)",
-    )  # fmt: skip
-
-
-def add_shield(parser: argparse.ArgumentParser) -> None:
-    """The option `--shield on|off`."""
-    parser.add_argument(
-        "--shield", choices=("on", "off"),
-        help="only what the shield lets through is driven (default: on, or the config's settings)",
-    )  # fmt: skip
+    return found
 
 
 def shield_of(given: argparse.Namespace) -> bool | None:
-    """What that option says of the environment's shield; None leaves it to the config's own."""
+    """The environment's shield by --shield; None leaves it to the config."""
     if given.shield is not None:
         return bool(given.shield == "on")
     if given.config is not None:
-        from wheelchair_gym.config import read_json
-
         content = read_json(given.config)
         if isinstance(content, Mapping) and content.get("shield") is not None:
             return None
     return True
 
 
-def add_watch(parser: argparse.ArgumentParser, record: str = "FILE.mcap") -> None:
-    """The options `--record`, `--live` and `--images`, see `agents.watch.Watch`."""
-    what = "one file an episode" if record == "FOLDER" else "what the chair was told and did"
-    parser.add_argument("--record", metavar=record, help=f"write {what}, as MCAP")
-    parser.add_argument(
-        "--live", metavar="PORT", type=whole, nargs="?", const=8765,
-        help="in real time, for Foxglove's viewers to join on this port (8765)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--images", metavar="HZ", type=distance, default=0.0,
-        help="rendered pictures for viewers, so many a second (default none)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--when-full", choices=("go-on", "end"), default="go-on",
-        help="the run, when the disk of the recording is full (default go-on)",
-    )  # fmt: skip
+def env_of(given: argparse.Namespace) -> dict[str, Any]:
+    """Settings of an environment by --config, --pose and --shield."""
+    from agents.evaluation.evaluate import env_settings
 
-
-def add_workers(parser: argparse.ArgumentParser) -> None:
-    """The options `--jobs` and `--engine`."""
-    parser.add_argument("--jobs", type=count, metavar="N", help="worker processes (default: cores)")
-    parser.add_argument(
-        "--engine", default="loky", metavar="NAME",
-        help="what runs them: loky (default), or ray, on the cluster at RAY_ADDRESS or here",
-    )  # fmt: skip
+    source = DEFAULT_POSE if given.pose is None and given.config is None else given.pose
+    return env_settings(pose_source=source, config=given.config, shield=shield_of(given))
 
 
 def watch(given: argparse.Namespace) -> Watch:
-    """Who looks on, as those options say."""
-    from agents.watch import Watch
-
+    """Recording and live viewers by --record, --live, --images and --when-full."""
     return Watch(given.record, given.live, given.images, given.when_full)
 
 
-def add_json(parser: argparse.ArgumentParser) -> None:
-    """The option `--json FILE`."""
-    parser.add_argument(
-        "--json", metavar="FILE", help="write the result as JSON; - is stdout, with nothing else"
-    )
+def check_picture(file: str | None) -> None:
+    """Refuse a picture that is not PNG.
+
+    Raises:
+        InputError: its name ends otherwise.
+    """
+    if file and Path(file).suffix.lower() != ".png":
+        raise InputError(f"{file}: expected a name that ends with .png")
 
 
 def report(given: argparse.Namespace, value: Any, text: str) -> None:
-    """Give a result to the person: text on stdout, or JSON where it was asked for."""
-    from agents.evaluation.provenance import write_json
-
+    """Print a result as text, or write it as JSON where --json was given."""
     if given.json == "-":
         print(json.dumps(value, indent=1, allow_nan=False))
         return
@@ -193,19 +111,26 @@ def report(given: argparse.Namespace, value: Any, text: str) -> None:
     print(text)
 
 
-def drive_real(named: Any, settings: Mapping[str, Any], **more: Any) -> tuple[Any, Any]:
+def stopped(error: object, more: str = "") -> int:
+    """Say how to resume a command that was stopped, with more options; the exit code."""
+    again = f"{command_line()}{more}"
+    print(f"wheelchair: stopped; {error}; resume with: {again}", file=sys.stderr)
+    return 130
+
+
+def real_chair_env(chair: Any, settings: Mapping[str, Any], **more: Any) -> tuple[Any, Any]:
     """An environment with a shield over a real chair, and the chair itself.
 
-    From now on SIGTERM and SIGHUP end this program as Ctrl-C does, so that the chair is told to
-    stop, and a person at the terminal re-arms it.
+    From now on SIGTERM and SIGHUP end this program as Ctrl-C does, so that the chair stops, and a
+    person at the terminal can re-arm it.
 
     Args:
-        named: the chair, as `make_chair` takes it.
-        settings: of the environment, as `agents.evaluation.evaluate.env_settings` gives them.
+        chair: its name or settings, see `make_chair`.
+        settings: of the environment, from `agents.evaluation.evaluate.env_settings`.
         more: further arguments of the environment.
 
     Raises:
-        InputError: the spec is wrong, or nothing answers there.
+        InputError: the settings are wrong, or no chair answers.
     """
     from agents.deploy import ended_as_by_hand, hear_person
     from wheelchair_gym.envs import NavigationEnv
@@ -213,13 +138,13 @@ def drive_real(named: Any, settings: Mapping[str, Any], **more: Any) -> tuple[An
     from wheelchair_gym.hardware.registry import make_chair
 
     ended_as_by_hand()
-    own = env_settings(**{"config": None, **settings})
-    chair: Any = make_chair(named, own)
+    config = env_settings(**{"config": None, **settings})
+    made: Any = make_chair(chair, config)
     try:
-        shield: Any = own.shield or True  # nobody is driven without one
-        env = NavigationEnv(chair=chair, **{**settings, **more, "shield": shield})
-        hear_person(chair, env.shield)
-        return env, chair
+        shield: Any = config.shield or True  # a real chair always has one
+        env = NavigationEnv(chair=made, **{**settings, **more, "shield": shield})
+        hear_person(made, env.shield)
+        return env, made
     except BaseException:
-        chair.close()
+        made.close()
         raise

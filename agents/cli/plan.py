@@ -6,68 +6,34 @@ import argparse
 import dataclasses
 import sys
 import time
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from agents.cli.arguments import add_json, changed, distance, pose, report, spec, whole
-
-if TYPE_CHECKING:
-    from planners import Plan, Problem
-    from planners.thesis_settings import ThesisFile
+from agents.cli.arguments import changed, report, spec
+from planners import Plan, Problem, Space, Status, make_planner
+from planners.graphs.visibility import Visibility, optima
+from planners.judge import TOLERANCE, Judge, sweep_faults
+from planners.problem_files import read_problems
+from planners.thesis_settings import ThesisFile, read_thesis
+from wheelchair_gym.compiled.progress import called_by, kernels_of
+from wheelchair_gym.compiled.second_process import compile_beside
+from wheelchair_gym.config import InputError
+from wheelchair_gym.geometry import Footprint, to_world
+from wheelchair_gym.maps import read_ground
+from wheelchair_gym.rendering import draw_plan, write_png
+from wheelchair_gym.scenes import make_scene
 
 CLEARANCE = 0.36  # m: the chair's half width of 0.31 m and a margin of 0.05 m
-INVALID = "invalid"  # a status that only the judge gives
-OUTLINES = 0.8  # m between the outlines drawn along a path
-
-
-def add(parts: Any) -> None:
-    """Add the subcommand's parser."""
-    parser: argparse.ArgumentParser = parts.add_parser(
-        "plan",
-        help="plan a path in a map, or in each problem of a JSON file",
-        description="Plan a path. Exit code 0: solved; 1: no path was found; 2: wrong input.",
-        epilog="example: wheelchair plan --map hall.yaml --start 1,2 --goal 9,4 "
-        "--planner rrt_star --set iterations=30000",
-    )
-    parser.add_argument(
-        "--planner", metavar="NAME",
-        help="or FILE.json:NAME as in configs/planners.json; see: wheelchair settings",
-    )  # fmt: skip
-    parser.add_argument(
-        "--config", metavar="FILE.json",
-        help="the thesis's own settings: planner, map 1 to 5 with start and goal, dilation; "
-        "other options go before it",
-    )  # fmt: skip
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", dest="changes",
-        help="change a setting of the planner, such as tree.iterations=30000; may be repeated",
-    )  # fmt: skip
-    parser.add_argument(
-        "--map", metavar="FILE", help="map_server .yaml, MovingAI .map, HouseExpo .json"
-    )
-    parser.add_argument("--problems", metavar="FILE.json", help="problems in place of a map")
-    parser.add_argument("--start", type=pose, metavar="X,Y[,YAW]", help="m, m, rad")
-    parser.add_argument("--goal", type=pose, metavar="X,Y[,YAW]", help="m, m, rad")
-    parser.add_argument(
-        "--clearance", type=distance, metavar="M",
-        help=f"distance kept from obstacles [m]; default {CLEARANCE} in a map, 0 in problems",
-    )  # fmt: skip
-    parser.add_argument("--seed", type=whole, default=0, help="of random draws (default 0)")
-    parser.add_argument("--picture", metavar="FILE", help="draw the map and the path (.png)")
-    add_json(parser)
-    parser.set_defaults(run=run)
+INVALID = "invalid"  # a status that only the independent judge gives
+FOOTPRINT_SPACING = 0.8  # m between the footprints drawn along a path
 
 
 def run(given: argparse.Namespace) -> int:
-    """Plan, report, and say by the exit code how it went."""
-    from planners import make_planner
-    from wheelchair_gym.config import InputError
-
+    """Plan and report; 0 when a path was found."""
     thesis = None
     if given.config is not None:
-        from planners.thesis_settings import read_thesis
-
         thesis = read_thesis(given.config)
     named = given.planner or (thesis.planner() if thesis else None)
     if not named:
@@ -86,14 +52,7 @@ def run(given: argparse.Namespace) -> int:
 
 
 def _problem(given: argparse.Namespace, thesis: ThesisFile | None) -> Problem:
-    """The map and the ends that a person names, or those of the thesis's settings."""
-    from pathlib import Path
-
-    from planners import Problem, Space
-    from wheelchair_gym.config import InputError
-    from wheelchair_gym.maps import read_ground
-    from wheelchair_gym.scenes import make_scene
-
+    """The problem of --map, --start and --goal, or of the thesis's settings."""
     number = thesis.map_name if thesis and given.map is None else ""
     ends = {"start": given.start, "goal": given.goal}
     if number in ("1", "2", "3", "4", "5"):
@@ -106,8 +65,8 @@ def _problem(given: argparse.Namespace, thesis: ThesisFile | None) -> Problem:
     else:
         name = given.map or str(Path(given.config).parent / number)
         if given.map is None and not Path(number).suffix:
-            said = f"{given.config}: MapProcessor_Map_Name is {number!r}"
-            raise InputError(f"{said}; expected 1 to 5 or the name of a map file, or give --map")
+            what = f"{given.config}: MapProcessor_Map_Name is {number!r}"
+            raise InputError(f"{what}; expected 1 to 5 or the name of a map file, or give --map")
         grid, walls = read_ground(name)
         cell, outlined = grid.resolution, Path(name).suffix.lower() == ".json"
         space = Space.from_walls(walls, (), grid.bounds) if outlined else Space.from_grid(grid)
@@ -119,33 +78,28 @@ def _problem(given: argparse.Namespace, thesis: ThesisFile | None) -> Problem:
     return Problem(space, np.array(ends["start"]), np.array(ends["goal"]), clearance, name)
 
 
-def _small(clearance: float) -> Problem:
-    from planners import Problem, Space
-
+def _small_problem(clearance: float) -> Problem:
     space = Space.from_rectangles([(2.0, 1.5, 3.0, 2.5)], (0.0, 0.0, 5.0, 4.0))
     ends = np.array([1.0, 2.0]), np.array([4.0, 2.0])
     return Problem(space, *ends, min(clearance, CLEARANCE))
 
 
 def _warm(planner: Any, clearance: float) -> None:
-    """Compile, or load what is compiled, so that no time holds that."""
-    _answer(planner, _small(clearance), 0)
+    """Compile, or load compiled code, before times are measured."""
+    _answer(planner, _small_problem(clearance), 0)
 
 
 def _compile_beside(planner: Any) -> None:
-    """Let a helper compile the planner, from now on, while this process compiles what it needs."""
-    from wheelchair_gym.compiled.progress import called_by, kernels_of
-    from wheelchair_gym.compiled.second_process import compile_beside
-
-    # The largest kernel stands for the planner: some others are compiled for some settings only.
+    """Compile the planner in a second process while this one compiles the rest."""
+    # Only the largest kernel: some others are compiled only for some settings.
     kernels = sorted(kernels_of(type(planner).plan), key=lambda k: len(called_by(k)))
     compile_beside(kernels[-1:], lambda: _warm(planner, 0.0))
 
 
 def _grow_obstacles(planner: Any, clearance: float) -> None:
-    """Compile what grows obstacles by a clearance: the helper does so last, if at all."""
+    """Compile the inflation of obstacles, which the second process does last, or not at all."""
     if clearance > 0.0 and not hasattr(planner, "footprint"):
-        _small(clearance).free.mesh  # noqa: B018 - for the sake of its kernels
+        assert _small_problem(clearance).free.mesh is not None
 
 
 def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, Any]]:
@@ -154,7 +108,7 @@ def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, 
     spent = time.perf_counter() - begun
     solved = len(plan.path) > 0
     why = _fault(planner, plan, problem) if solved else ""
-    if why:  # said by who did not plan it
+    if why:  # by the independent judge
         plan = dataclasses.replace(plan, note=why)
     return plan, {
         "name": problem.name,
@@ -169,12 +123,10 @@ def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, 
 
 
 def _fault(planner: Any, plan: Plan, problem: Problem) -> str:
-    """What is wrong with a path by a judge that shares nothing with planners; '' if nothing is.
+    """The fault of a path by a judge that shares no code with planners; '' if there is none.
 
-    A path of points is judged as a disc drives it, one of poses as its planner's footprint does.
+    A path of points is judged for a disc, a path of poses for its planner's footprint.
     """
-    from planners.judge import TOLERANCE, Judge, sweep_faults
-
     if not np.isfinite(plan.path).all():
         return "a point is not finite"
     footprint = getattr(planner, "footprint", None)
@@ -191,10 +143,6 @@ def _fault(planner: Any, plan: Plan, problem: Problem) -> str:
 
 
 def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
-    from planners import Status
-    from planners.graphs.visibility import Visibility, optima
-    from wheelchair_gym.config import InputError
-
     clearance = problem.clearance
     _grow_obstacles(planner, clearance)
     if given.picture:
@@ -247,8 +195,6 @@ def _at(point: Any) -> str:
 
 
 def _run_problems(given: argparse.Namespace, planner: Any) -> int:
-    from planners.problem_files import read_problems
-
     problems = read_problems(given.problems)
     clearance = given.clearance or 0.0
     _grow_obstacles(planner, clearance)
@@ -274,37 +220,30 @@ def _run_problems(given: argparse.Namespace, planner: Any) -> int:
 def _draw(problem: Problem, plan: Plan, planner: Any, caption: str, file: str) -> None:
     import shapely
 
-    from wheelchair_gym.rendering import draw_plan, write_png
-
     rings = shapely.get_rings(shapely.get_parts(problem.space.solid))
     loops = [shapely.get_coordinates(ring)[:-1] for ring in rings]
     image = draw_plan(
         problem.space.bounds, problem.start, problem.goal, plan.path, plan.tree,
         polygons=loops, optimum=_shortest(problem), swarm=getattr(plan, "swarm", ()),
-        outlines=_outlines(problem, plan, planner), size=960, caption=caption, legend=True,
+        outlines=_footprints(problem, plan, planner), size=960, caption=caption, legend=True,
     )  # fmt: skip
     write_png(file, image)
 
 
 def _shortest(problem: Problem) -> Any:
     """The shortest path of a disc (n, 2) [m]; None where there is none."""
-    from planners import make_planner
-
     best = make_planner("visibility").plan(problem, np.random.default_rng(0))
     return best.path if len(best.path) else None
 
 
-def _outlines(problem: Problem, plan: Plan, planner: Any) -> list[Any]:
-    """What moves, at the path's ends and about every `OUTLINES` metres between: (k, 2) [m] each.
+def _footprints(problem: Problem, plan: Plan, planner: Any) -> list[Any]:
+    """Footprints (k, 2) [m] at the path's ends and about every `FOOTPRINT_SPACING` between.
 
-    A path with headings is driven by the planner's footprint, any other by the disc that keeps
-    the clearance.
+    A path with headings has the planner's footprint, another one the disc of the clearance.
     """
-    from wheelchair_gym.geometry import Footprint, to_world
-
     path = plan.path
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))])
-    stops = np.linspace(0.0, way[-1], max(2, round(way[-1] / OUTLINES) + 1))
+    stops = np.linspace(0.0, way[-1], max(2, round(way[-1] / FOOTPRINT_SPACING) + 1))
     if path.shape[1] == 3:
         corners = getattr(planner, "footprint", Footprint()).corners
         near = np.abs(way[:, None] - stops).argmin(axis=0)

@@ -1,45 +1,22 @@
-"""`wheelchair replay`: a recorded run, judged again, drawn again, asked of another policy."""
+"""`wheelchair replay`: judge and draw a recorded run again, or compare another policy with it."""
 
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from agents.cli.arguments import add_json, add_watch, report, spec, watch, whole
+import numpy as np
 
-if TYPE_CHECKING:
-    from agents.watch import Each, Watch
-    from wheelchair_gym.recording.replay import Chapter
-
-
-def add(parts: Any) -> None:
-    """Add the subcommand's parser."""
-    parser: argparse.ArgumentParser = parts.add_parser(
-        "replay",
-        help="judge, draw or re-run a recorded run",
-        description="Judge each episode of a recording again, and say whether the rewards are the "
-        "recorded ones to the bit (exit code 1 if not).",
-        epilog="example: wheelchair replay run.mcap --policy lattice+window --video run.mp4",
-    )
-    parser.add_argument("file", metavar="FILE.mcap", help="as simulate --record writes it")
-    parser.add_argument("--episode", type=whole, help="this one only; the first is 0")
-    parser.add_argument(
-        "--policy", help="what it would have done, open loop: PLANNER+FOLLOWER, random, ..."
-    )
-    shown = parser.add_mutually_exclusive_group()
-    shown.add_argument("--video", metavar="FILE", help="write a video (mp4)")
-    shown.add_argument("--picture", metavar="FILE", help="draw the end, with the way driven")
-    add_watch(parser)
-    add_json(parser)
-    parser.set_defaults(run=run)
+from agents.cli.arguments import report, spec, watch
+from agents.policies import make_policy
+from agents.watch import Each, Watch
+from wheelchair_gym.config import InputError
+from wheelchair_gym.recording.replay import Chapter, read_recording, replayed
+from wheelchair_gym.rendering.video import write_png, write_video
 
 
 def run(given: argparse.Namespace) -> int:
-    """Replay and report."""
-    from wheelchair_gym.config import InputError
-    from wheelchair_gym.recording.replay import read_recording
-    from wheelchair_gym.rendering.video import write_png, write_video
-
+    """Replay the episodes and report."""
     chapters = read_recording(given.file)
     chosen = range(len(chapters)) if given.episode is None else [given.episode]
     if given.episode is not None and given.episode >= len(chapters):
@@ -51,14 +28,12 @@ def run(given: argparse.Namespace) -> int:
         for number in chosen:
             record = {"episode": number} | _again(chapters[number], stage, given, frames)
             records.append(record)
-            same = "the same rewards" if record["same"] else "OTHER rewards"
-            line = f"episode {number}: {record['steps']} steps, reward {record['reward']:.4f}; "
-            line += same
+            line = (
+                f"episode {number}: {record['steps']} steps, reward {record['reward']:.4f}; "
+                f"{'the same' if record['same'] else 'OTHER'} rewards"
+            )
             if given.policy:
-                line += (
-                    f"; {given.policy} differs by {record['difference']:.3f} of an action on"
-                    " average"
-                )
+                line += f"; mean difference of {given.policy}'s action: {record['difference']:.3f}"
             lines.append(line)
     finally:
         stage.close()
@@ -71,7 +46,7 @@ def run(given: argparse.Namespace) -> int:
 
 
 class Stage:
-    """Where chapters are driven again, one after another, before whoever looks on."""
+    """The environment in which chapters are replayed, one after another, with one recording."""
 
     def __init__(self, watch: Watch, drawn: bool) -> None:
         self._watch, self._mode = watch, "rgb_array" if drawn else None
@@ -80,13 +55,11 @@ class Stage:
 
     def set(self, chapter: Chapter) -> Any:
         """The environment that repeats a chapter."""
-        from wheelchair_gym.recording.replay import replayed
-
         env = replayed(chapter, self._mode)
         if self._env is None or not self._watch:
             self._env, self.each = self._watch.on(env)
         else:
-            self._env.env = env  # one recording, and the same viewers, for all chapters
+            self._env.env = env  # one recording for all chapters
         return self._env
 
     def close(self) -> None:
@@ -98,11 +71,7 @@ class Stage:
 def _again(
     chapter: Chapter, stage: Stage, given: argparse.Namespace, frames: list[Any]
 ) -> dict[str, Any]:
-    """Judge an episode again; with a policy, ask it at every step what it would do."""
-    import numpy as np
-
-    from agents.policies import make_policy
-
+    """Judge an episode again; with a policy, compare its action at every step."""
     env = stage.set(chapter)
     observation, _ = env.reset(seed=0, options={"episode": chapter.episode})
     policy = make_policy(spec(given.policy)) if given.policy else None
@@ -117,7 +86,7 @@ def _again(
         if stage.each is not None:
             stage.each(env)
         observation, reward, terminated, truncated, info = env.step(action)
-        terms = info["reward_terms"].items()  # one that older recordings lack must be worth nothing
+        terms = info["reward_terms"].items()  # a term that an older recording lacks must be 0
         terms = {name: value for name, value in terms if name in verdict["terms"] or value != 0.0}
         judged = {"reward": reward, "terms": terms}
         judged |= {"terminated": terminated, "truncated": truncated}

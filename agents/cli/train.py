@@ -1,4 +1,4 @@
-"""`wheelchair train`: learn to drive; one file of settings is the whole run."""
+"""`wheelchair train`: training runs; one file of settings is a whole run."""
 
 from __future__ import annotations
 
@@ -9,176 +9,130 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from agents.cli.arguments import add_json, changed, count, names, report, whole
+from tqdm import tqdm
+
+from agents.cli.arguments import changed, report
+from agents.cli.commands import parse_int
 from agents.interrupt import by_hand
-
-# Each gives a tenth more frames a second: torch's threads, when idle, leave the cores to those that
-# drive; and what worlds know lies in large pages, of which processors remember more.
-ENVIRON = {"GOMP_SPINCOUNT": "30000", "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
-ALGORITHMS = ("ppo", "recurrent_ppo", "sac", "td3", "tqc", "bc")
-
-
-def add(parts: Any) -> None:
-    """Add the subcommand's parser."""
-    parser: argparse.ArgumentParser = parts.add_parser(
-        "train",
-        help="learn to drive, or go on with a run that was stopped",
-        description="Train a policy. The folder keeps curve.csv, policy.npz (the latest), best.npz "
-        "(the best in trials), checkpoint.pt and TensorBoard's log. The same command after Ctrl-C "
-        "goes on from the last checkpoint, as if nothing had happened. With --vary, a table and a "
-        "figure of the trials are written, too. bc imitates a scripted policy.",
-        epilog="example: wheelchair train ppo --config configs/ppo_guided.json --seeds 0,1 "
-        "--jobs 2 --out runs/ppo",
-    )
-    parser.add_argument("algorithm", choices=ALGORITHMS)
-    parser.add_argument("--config", metavar="FILE.json", help="as in configs/ppo_guided.json")
-    parser.add_argument(
-        "--set", metavar="KEY=VALUE", action="append", default=[],
-        help="change a setting, such as env.rate=10; may be repeated",
-    )  # fmt: skip
-    parser.add_argument(
-        "--vary", metavar="KEY=A,B", help="train once for each value of a setting, and compare"
-    )
-    parser.add_argument("--frames", type=count, metavar="N", help="control periods in all")
-    parser.add_argument("--seeds", type=names, default=["0"], metavar="A,B", help="default 0")
-    parser.add_argument(
-        "--jobs", type=count, default=1, metavar="N", help="seeds side by side (default 1)"
-    )
-    parser.add_argument("--out", metavar="DIR", help="default runs/ALGORITHM, seeds below it")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
-    add_json(parser)
-    parser.set_defaults(run=run, environ=ENVIRON)
-
-
-def run(given: argparse.Namespace) -> int:
-    """Train each seed, of each value that a setting shall have."""
-    from agents.learning.networks import SB3_CONTRIB, algorithm_class
-    from wheelchair_gym.config import InputError, read_json
-
-    try:
-        seeds = [whole(text) for text in given.seeds]
-    except argparse.ArgumentTypeError as error:
-        raise InputError(f"--seeds: {error}") from None
-    content = _defaults(given.algorithm) if given.config is None else read_json(given.config)
-    if not isinstance(content, dict):
-        raise InputError(f"{given.config}: expected an object with keys")
-    if given.algorithm in SB3_CONTRIB:  # before anything is compiled or written
-        algorithm_class(given.algorithm)
-    where = "settings" if given.config is None else Path(given.config).name
-    if given.frames is not None and given.algorithm != "bc":
-        content["frames"] = given.frames
-    out = Path(given.out or Path("runs") / given.algorithm)
-    cases = []
-    key, words = _varied(given.vary)
-    for word in words:
-        name = f"{key.rpartition('.')[2]}_{word}" if key else ""
-        changes = [*given.set, *([f"{key}={word}"] if key else [])]
-        own = _settings(given.algorithm, changed(content, changes), where)
-        for seed in seeds:
-            folder = out / name / f"seed_{seed}" if len(seeds) > 1 else out / name
-            cases.append(Case(f"{name} seed {seed}".strip(), own, changes, seed, folder, word))
-    if given.jobs > 1 and len(cases) > 1:
-        code = _side_by_side(given, cases)
-        if code != 0:
-            return code
-        results = {case.name: _last(given.algorithm, case.folder) for case in cases}
-    else:
-        results = {case.name: _one(given, case.own, case.seed, case.folder) for case in cases}
-    lines = [f"{name}: {_line(row)}" for name, row in results.items()]
-    if key:
-        from agents.learning.curves import write_sweep
-
-        lines.append(write_sweep(key, [(case.word, case.folder) for case in cases], out))
-    report(given, results, "\n".join([*lines, str(out)]))
-    return 0
+from agents.learning.curves import read_curve, write_sweep
+from agents.learning.demonstrations import imitate, load_imitation
+from agents.learning.networks import SB3_CONTRIB, algorithm_class
+from agents.learning.run import train
+from agents.learning.settings import as_json, read_training, recipe
+from wheelchair_gym.config import InputError, read_json
 
 
 class Case(NamedTuple):
     """One run of several."""
 
     name: str
-    own: Any
+    config: Any
     changes: list[str]
     seed: int
     folder: Path
-    word: str  # the value of the setting that is varied, as it was typed
+    value: str  # of the setting that --vary varies, as it was typed
 
 
-def _varied(vary: str | None) -> tuple[str, list[str]]:
-    """Key and values, as they were typed, of KEY=A,B; no key and one value where none varies.
+def run(given: argparse.Namespace) -> int:
+    """Train once for each value of the varied setting and each seed."""
+    try:
+        seeds = [parse_int(text) for text in given.seeds]
+    except argparse.ArgumentTypeError as error:
+        raise InputError(f"--seeds: {error}") from None
+    algorithm, imitates = given.algorithm, given.algorithm == "bc"
+    if given.config is not None:
+        content = read_json(given.config)
+    else:
+        content = {} if imitates else as_json(recipe(algorithm))
+    if not isinstance(content, dict):
+        raise InputError(f"{given.config}: expected an object with keys")
+    if algorithm in SB3_CONTRIB:  # fails before anything is compiled or written
+        algorithm_class(algorithm)
+    where = "settings" if given.config is None else Path(given.config).name
+    if given.frames is not None and not imitates:
+        content["frames"] = given.frames
+    out = Path(given.out or Path("runs") / algorithm)
+    cases = []
+    key, values = varied(given.vary)
+    for value in values:
+        name = f"{key.rpartition('.')[2]}_{value}" if key else ""
+        changes = [*given.set, *([f"{key}={value}"] if key else [])]
+        settings = changed(content, changes)
+        config = (
+            load_imitation(settings, where) if imitates
+            else read_training(settings, where, algorithm)
+        )  # fmt: skip
+        for seed in seeds:
+            folder = out / name / f"seed_{seed}" if len(seeds) > 1 else out / name
+            cases.append(Case(f"{name} seed {seed}".strip(), config, changes, seed, folder, value))
+    if given.jobs > 1 and len(cases) > 1:
+        code = _in_processes(given, cases)
+        if code != 0:
+            return code
+        results = {case.name: _last_row(imitates, case.folder) for case in cases}
+    else:
+        results = {case.name: _train(given, case) for case in cases}
+    lines = [f"{name}: {_line(row)}" for name, row in results.items()]
+    if key:
+        lines.append(write_sweep(key, [(case.value, case.folder) for case in cases], out))
+    report(given, results, "\n".join([*lines, str(out)]))
+    return 0
+
+
+def varied(text: str | None) -> tuple[str, list[str]]:
+    """Key and values of KEY=A,B as they were typed; an empty key and value where none varies.
 
     A value may be a list: KEY=[],[1,2].
     """
-    from wheelchair_gym.config import InputError
-
-    if vary is None:
+    if text is None:
         return "", [""]
-    key, _, words = vary.partition("=")
-    if not (key and words):
-        raise InputError(f"--vary {vary}: expected KEY=A,B")
-    return key, [word.strip() for word in re.split(r",(?![^\[]*\])", words) if word.strip()]
+    key, _, values = text.partition("=")
+    if not (key and values):
+        raise InputError(f"--vary {text}: expected KEY=A,B")
+    split = (value.strip() for value in re.split(r",(?![^\[]*\])", values))
+    return key, [value for value in split if value]
 
 
-def _defaults(algorithm: str) -> dict[str, Any]:
-    if algorithm == "bc":
-        return {}
-    from agents.learning.settings import as_json, recipe
-
-    return as_json(recipe(algorithm))  # type: ignore[arg-type]
-
-
-def _settings(algorithm: str, content: dict[str, Any], where: str) -> Any:
-    if algorithm == "bc":
-        from agents.learning.demonstrations import load_imitation
-
-        return load_imitation(content, where)
-    from agents.learning.settings import read_training
-
-    return read_training(content, where, algorithm)  # type: ignore[arg-type]
+def _last_row(imitates: bool, folder: Path) -> dict[str, Any]:
+    """The result of a run that another process has made."""
+    rows: list[dict[str, Any]] = (
+        read_json(folder / "rounds.json") if imitates else read_curve(folder)
+    )
+    return rows[-1]
 
 
-def _last(algorithm: str, folder: Path) -> dict[str, Any]:
-    """What a run came to that another process has made."""
-    if algorithm == "bc":
-        from wheelchair_gym.config import read_json
-
-        return read_json(folder / "rounds.json")[-1]  # type: ignore[no-any-return]
-    from agents.learning.curves import read_curve
-
-    return read_curve(folder)[-1]
-
-
-def _one(given: argparse.Namespace, own: Any, seed: int, folder: Path) -> dict[str, Any]:
-    from tqdm import tqdm
-
-    pause = 0.5 if sys.stderr.isatty() else 10.0
-    quiet = given.quiet
+def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
     if given.algorithm == "bc":
-        from agents.learning.demonstrations import imitate
-
-        return imitate(own, seed, folder, progress=not quiet)
-    from agents.learning.run import train
-
-    style: dict[str, Any] = {"mininterval": pause, "maxinterval": pause, "disable": quiet}
+        return imitate(case.config, case.seed, case.folder, progress=not given.quiet)
+    pause = 0.5 if sys.stderr.isatty() else 10.0
+    style: dict[str, Any] = {"mininterval": pause, "maxinterval": pause, "disable": given.quiet}
     worlds = tqdm(total=0, unit="world", leave=False, desc="worlds", **style)
-    frames = tqdm(total=own.frames, unit="frame", unit_scale=True, desc=f"seed {seed}", **style)
+    frames = tqdm(
+        total=case.config.frames, unit="frame", unit_scale=True, desc=f"seed {case.seed}", **style
+    )
 
-    def prepared(ready: int, total: int) -> None:
+    def on_prepared(ready: int, total: int) -> None:
         worlds.total = total
         worlds.update(ready - worlds.n)
 
-    def each(done: int) -> None:
+    def on_step(done: int) -> None:
         worlds.close()
         frames.update(done - frames.n)
 
-    def told(row: dict[str, Any]) -> None:
+    def on_row(row: dict[str, Any]) -> None:
         frames.set_postfix_str(_line(row))
 
     try:
-        rows = train(own, seed, folder, on_step=each, on_row=told, on_prepared=prepared)
+        rows = train(
+            case.config, case.seed, case.folder, on_step=on_step, on_row=on_row,
+            on_prepared=on_prepared,
+        )  # fmt: skip
     except (KeyboardInterrupt, SystemError) as error:
         if by_hand(error):
-            print(f"\n{folder}: the same command goes on from its last checkpoint", file=sys.stderr)
+            print(
+                f"\n{case.folder}: the same command resumes from its last checkpoint",
+                file=sys.stderr,
+            )
         raise
     finally:
         worlds.close()
@@ -187,7 +141,7 @@ def _one(given: argparse.Namespace, own: Any, seed: int, folder: Path) -> dict[s
 
 
 def _line(row: dict[str, Any]) -> str:
-    """What a person wants to know of a row."""
+    """The main figures of a row."""
     parts = [f"success {float(row['success']):.2f}"] if "success" in row else []
     if row.get("eval_success") not in (None, ""):
         parts.append(f"evaluation {float(row['eval_success']):.2f}")
@@ -196,9 +150,9 @@ def _line(row: dict[str, Any]) -> str:
     return ", ".join(parts)
 
 
-def _side_by_side(given: argparse.Namespace, cases: list[Case]) -> int:
-    """Each run in a process of its own, so many at a time; their words go to a log each."""
-    waiting, running = list(cases), dict[str, tuple[Case, subprocess.Popen[bytes]]]()
+def _in_processes(given: argparse.Namespace, cases: list[Case]) -> int:
+    """Each run in a process of its own, `--jobs` at a time, with a log each; the exit code."""
+    waiting, running = list(cases), dict[str, subprocess.Popen[bytes]]()
     codes: dict[str, int] = {}
     try:
         while waiting or running:
@@ -210,13 +164,13 @@ def _side_by_side(given: argparse.Namespace, cases: list[Case]) -> int:
                 for key in ("config", "frames"):
                     if getattr(given, key) is not None:
                         command += [f"--{key}", str(getattr(given, key))]
-                own = [] if given.algorithm == "bc" else ["threads=1"]
-                for change in [*case.changes, *own]:
+                one_thread = [] if given.algorithm == "bc" else ["threads=1"]
+                for change in [*case.changes, *one_thread]:
                     command += ["--set", change]
                 log = (case.folder / "log.txt").open("ab")
-                running[case.name] = case, subprocess.Popen(command, stdout=log, stderr=log)
+                running[case.name] = subprocess.Popen(command, stdout=log, stderr=log)
                 print(f"{case.name}: {case.folder / 'log.txt'}", file=sys.stderr)
-            for name, (_, process) in list(running.items()):
+            for name, process in list(running.items()):
                 try:
                     codes[name] = process.wait(timeout=0.5)
                 except subprocess.TimeoutExpired:
@@ -224,6 +178,6 @@ def _side_by_side(given: argparse.Namespace, cases: list[Case]) -> int:
                 del running[name]
                 print(f"{name}: exit code {codes[name]}", file=sys.stderr)
     finally:
-        for _, process in running.values():
+        for process in running.values():
             process.terminate()
     return max(codes.values(), default=0)

@@ -1,4 +1,4 @@
-"""`wheelchair twin`: the boards' own firmware on emulated chips, in real time."""
+"""`wheelchair twin`: the boards' firmware on emulated chips, in real time."""
 
 from __future__ import annotations
 
@@ -9,44 +9,24 @@ import select
 import sys
 from typing import Any
 
-from agents.cli.arguments import finite, spec, whole
+import numpy as np
 
-_SHOWN = 0.5  # s between two status lines
-_DRAWN = 0.1  # s between two pictures in the window
+from agents.cli.arguments import spec
+from wheelchair_gym.config import InputError
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.hardware.twin.faults import break_it
+from wheelchair_gym.hardware.twin.lockstep import Twin
+from wheelchair_gym.hardware.twin.plant import Plant
+from wheelchair_gym.hardware.twin.serve import ServedTwin
+from wheelchair_gym.maps import write_map
 
-
-def add(parts: Any) -> None:
-    """Add the subcommand's parser."""
-    parser: argparse.ArgumentParser = parts.add_parser(
-        "twin",
-        help="a chair to try the hardware's programs on: emulated boards in a simulated world",
-        description="Serve the twin in real time until Ctrl-C: a pseudo-terminal for each board, a "
-        "TCP port for the laser. Words on standard input break it; help lists them.",
-        epilog="example: wheelchair twin --config configs/hardware.json --scene clutter --window",
-    )
-    parser.add_argument("--config", metavar="FILE.json", help="as configs/hardware.json")
-    parser.add_argument("--scene", metavar="NAME", help="or FILE.json:NAME (default: the config's)")
-    parser.add_argument("--seed", type=whole, default=0, help="of the episode (default 0)")
-    parser.add_argument("--port", type=whole, default=0, help="of the laser (default: a free one)")
-    parser.add_argument("--seconds", type=finite, help="end by itself (default: Ctrl-C)")
-    parser.add_argument("--window", action="store_true", help="show the world live")
-    parser.add_argument(
-        "--write-map", metavar="FILE.yaml", help="write the map that a chair there is told"
-    )
-    parser.add_argument("--picture", metavar="FILE", help="draw the end, with the way driven")
-    parser.set_defaults(run=run)
+_STATUS_PERIOD = 0.5  # s
+_FRAME_PERIOD = 0.1  # s of the window
 
 
 def run(given: argparse.Namespace) -> int:
-    """Serve it; what it was in the end is told, too: the true pose, and ms of touch."""
-    from wheelchair_gym.config import InputError
-    from wheelchair_gym.envs import NavigationEnv
-    from wheelchair_gym.envs.settings import env_settings
-    from wheelchair_gym.hardware.twin.lockstep import Twin
-    from wheelchair_gym.hardware.twin.plant import Plant
-    from wheelchair_gym.hardware.twin.serve import ServedTwin
-    from wheelchair_gym.maps import write_map
-
+    """Serve the twin; print the true pose and the duration of contacts [ms] at the end."""
     if given.port > 65535:
         raise InputError(f"--port {given.port}: expected at most 65535")
     scene = None if given.scene is None else spec(given.scene)
@@ -70,14 +50,14 @@ def run(given: argparse.Namespace) -> int:
     print(f"drive board  {served.drive.path}")
     print(f"range board  {served.range.path}")
     print(f"laser        tcp://127.0.0.1:{served.laser.port}")
-    _tell("start", env.episode.start)
-    _tell("goal", env.episode.goal[:2])
+    _print_pose("start", env.episode.start)
+    _print_pose("goal", env.episode.goal[:2])
     try:
         served.run(watcher.done)
     finally:
-        if served.behind > _DRAWN:
+        if served.behind > _FRAME_PERIOD:
             print(f"the world was up to {served.behind:.2f} s late", file=sys.stderr)
-        _tell("end", twin.plant.pose)
+        _print_pose("end", twin.plant.pose)
         print(f"{'touched':12} {twin.hits}", flush=True)  # ms
         served.close()
         watcher.close()
@@ -86,12 +66,12 @@ def run(given: argparse.Namespace) -> int:
     return 0
 
 
-def _tell(name: str, where: Any) -> None:
+def _print_pose(name: str, where: Any) -> None:
     print(f"{name:12} " + ",".join(f"{value:.3f}" for value in where), flush=True)
 
 
 class _Watcher:
-    """Looks on between two slices of the world: input, status, window."""
+    """Handles input, status and window between two slices of simulated time."""
 
     def __init__(self, given: argparse.Namespace, served: Any, env: Any) -> None:
         self._given, self._served, s = given, served, env.settings
@@ -113,14 +93,14 @@ class _Watcher:
             self._window = Window("wheelchair twin")
 
     def done(self) -> bool:
-        """Whether the person, or the clock, has had enough."""
+        """Whether the window was closed or the time is over."""
         now = (self._served.twin.steps - self._begun) * 1e-3
-        self._listen()
-        if now - self._shown >= _SHOWN and sys.stderr.isatty():
+        self._read_input()
+        if now - self._shown >= _STATUS_PERIOD and sys.stderr.isatty():
             self._shown = now
             sys.stderr.write("\r\033[K" + self._status(now))
             sys.stderr.flush()
-        if now - self._drawn >= _DRAWN:
+        if now - self._drawn >= _FRAME_PERIOD:
             self._drawn = now
             self._trail.append(self._served.twin.plant.pose[:2])
             if self._window is not None and not self._window.show(self._picture()):
@@ -128,7 +108,7 @@ class _Watcher:
         return self._given.seconds is not None and now >= self._given.seconds
 
     def close(self) -> None:
-        """Draw the end; let the window go."""
+        """Draw the end, and close the window."""
         if self._shown and sys.stderr.isatty():
             sys.stderr.write("\n")
         if self._given.picture:
@@ -138,10 +118,8 @@ class _Watcher:
         if self._window is not None:
             self._window.close()
 
-    def _listen(self) -> None:
-        """Do what was typed."""
-        from wheelchair_gym.hardware.twin.faults import break_it
-
+    def _read_input(self) -> None:
+        """Inject the faults that were typed."""
         if not self._open:
             return
         try:
@@ -149,7 +127,7 @@ class _Watcher:
             if not select.select([number], [], [], 0)[0]:
                 return
             data = os.read(number, 4096)
-        except (AttributeError, OSError, ValueError):  # no input that can be waited for
+        except (AttributeError, OSError, ValueError):  # standard input cannot be polled
             data = b""
         self._open = bool(data)
         *lines, self._text = (self._text + data).split(b"\n")
@@ -161,13 +139,11 @@ class _Watcher:
         twin, behind = self._served.twin, self._served.behind
         x, y, yaw = twin.plant.pose
         motion, state = twin.motion, "braked" if twin.braked else "driven"
-        late = f"  {behind:.2f} s late at most" if behind > _DRAWN else ""
+        late = f"  {behind:.2f} s late at most" if behind > _FRAME_PERIOD else ""
         return (
             f"{now:7.1f} s  ({x:.2f}, {y:.2f}) m  {yaw:5.2f} rad  {motion.speed:5.2f} m/s  "
             f"{motion.turn:5.2f} rad/s  {state}  {motion.battery:.1f} V{late}"
         )
 
     def _picture(self) -> Any:
-        import numpy as np
-
         return self._view.draw(self._served.twin.plant.pose, trail=np.array(self._trail))

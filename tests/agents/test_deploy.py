@@ -404,7 +404,7 @@ def test_the_command_drives_over_devices(served, tmp_path, caplog, capfd):
         (["--goal", NOOK], f"--goal {NOOK}: no room for the chair"),
         (["--start", "0,0"], "expected X,Y,YAW"),
         (["--map", "nothing.yaml"], "nothing.yaml"),
-        (["--first", "0.5", "--most", "0.3"], "falls"),
+        (["--initial-speed", "0.5", "--max-speed", "0.3"], "falls"),
         (["--chair", "ros://nobody:1", "--dry-run"], "expected hardware"),
         (["--policy", "nobody"], "nobody"),
     ],

@@ -14,7 +14,7 @@ from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.scenes import make_scene
 
 QUICK = ["--beams", "16,32", "--envs", "1,3", "--threads", "1,2", "--bank", "2"]
-QUICK += ["--seconds", "0.1", "--no-start", "--no-peer"]
+QUICK += ["--seconds", "0.1", "--no-startup", "--no-peers"]
 
 
 def test_each_size_is_measured_and_written(tmp_path, capsys):
@@ -36,7 +36,7 @@ def test_each_size_is_measured_and_written(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["bench", "env", "--envs", "0"], "0 is too few; expected at least 1"),
+        (["bench", "env", "--envs", "0"], "0 is too small; expected at least 1"),
         (["bench", "env", "--seconds", "0"], "--seconds is 0; expected more than 0"),
         (["bench", "doors"], "invalid choice: 'doors'"),
     ],

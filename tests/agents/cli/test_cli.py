@@ -12,8 +12,10 @@ import sys
 import numpy as np
 import pytest
 
+from agents import cli
 from agents.cli import COMMANDS, main, parser
 from agents.cli.arguments import changed, spec
+from agents.cli.lists import all_settings
 from agents.control import FOLLOWERS
 from agents.evaluation.compare import SUITES
 from agents.evaluation.provenance import command_line
@@ -23,6 +25,7 @@ from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, write_map
 from wheelchair_gym.scenes import SCENES, make_scene
 
+ALL_SETTINGS = sorted(all_settings())
 YARD = "type octile\nheight 3\nwidth 5\nmap\n.....\n..T..\n.....\n"
 
 
@@ -159,7 +162,7 @@ WRONG = {
     "unknown pose": lambda hall: ["compare", "--pose", "mcl,gps"],
     "worlds of no file": lambda hall: ["compare", "--scenes", hall / "none.json"],
     "worlds that are none": lambda hall: ["compare", "--scenes", hall / "object.json"],
-    "two first seeds": lambda hall: ["compare", "--train", "--first-seed", "3"],
+    "two first seeds": lambda hall: ["compare", "--training-seeds", "--first-seed", "3"],
     "unknown settings": lambda hall: ["settings", "wings"],
     "unknown scene to describe": lambda hall: ["scenes", "moon"],
 }  # fmt: skip
@@ -232,7 +235,7 @@ def test_a_path_through_a_wall_is_not_called_solved(hall, capsys, monkeypatch, p
     planner = Straight()
     if poses:
         planner.footprint = Footprint()
-    monkeypatch.setattr("planners.make_planner", lambda spec: planner)
+    monkeypatch.setattr("agents.cli.plan.make_planner", lambda spec: planner)
     assert run(*plan(hall, "hall.yaml")) == 1
     said = capsys.readouterr()
     assert said.out == ""
@@ -269,6 +272,33 @@ def test_json_stands_alone_on_stdout(capsys, arguments):
 def test_help_has_an_example(capsys, command):
     assert run(*command.split(), "--help") == 0
     assert "example: wheelchair" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "near"),
+    [("simulat", "simulate"), ("plan --planer rrt", "--planner"), ("simulate --pose mlc", "mcl"),
+     ("settings limitz", "limits"), ("bench plannrs", "planners")],
+)  # fmt: skip
+def test_the_nearest_known_name_is_suggested(capsys, words, near):
+    assert run(*words.split()) == 2
+    assert f"did you mean {near}?" in capsys.readouterr().err
+
+
+def test_the_version_and_completion_scripts_are_printed(capsys):
+    assert run("--version") == 0
+    assert re.fullmatch(r"wheelchair \d+\.\d+\.\d+\S*\n", capsys.readouterr().out)
+    for shell in ("bash", "zsh"):
+        assert run("--completion", shell) == 0
+        assert "--planner" in capsys.readouterr().out
+
+
+def test_the_page_of_settings_has_a_row_for_each(capsys, tmp_path):
+    assert run("settings", "--markdown", tmp_path / "settings.md") == 0
+    page = (tmp_path / "settings.md").read_text()
+    assert run("settings", *ALL_SETTINGS, "--json", "-") == 0
+    for name, rows in json.loads(capsys.readouterr().out).items():
+        section = page.partition(f"## {name}\n")[2].partition("\n## ")[0]
+        assert section.count("\n| `") == len(rows), name
 
 
 def test_an_episode_is_driven_and_drawn(capsys, tmp_path):
@@ -326,7 +356,7 @@ def test_the_readmes_python_runs(capsys):
 
 def test_the_readme_names_every_command_scene_planner_and_follower():
     named = set(re.findall(r"`(\w+)`", readme()))
-    commands = {command.__name__.rpartition(".")[2] for command in COMMANDS}
+    commands = {command.name.split()[0] for command in COMMANDS}
     scenes = {name for name in SCENES if not name.startswith("thesis")}
     assert named >= commands | scenes | set(PLANNERS) | set(FOLLOWERS)
 
@@ -339,11 +369,11 @@ def test_the_help_names_every_suite(capsys):
 
 @pytest.mark.parametrize("line", re.findall(r"^`?(wheelchair [^`\n]*)", readme(), re.MULTILINE))
 def test_the_readmes_commands_are_understood(line, tmp_path, monkeypatch):
-    given = parser().parse_args(shlex.split(line)[1:])
+    given = parser().parse_all(shlex.split(line)[1:])
     if given.command == "plan" and given.map:
         monkeypatch.chdir(ROOT)
         given.picture = tmp_path / "plan.png"
-        assert given.run(given) == 0
+        assert cli.run(given) == 0
 
 
 def test_results_name_the_command_as_a_person_types_it(monkeypatch):
@@ -382,7 +412,7 @@ def test_every_world_of_a_file_with_every_pose_source(tmp_path, monkeypatch):
     ]  # fmt: skip
     (tmp_path / "two.json").write_text(json.dumps(worlds))
     code = run(
-        "compare", "--scenes", tmp_path / "two.json", "--policies", "straight", "--train",
+        "compare", "--scenes", tmp_path / "two.json", "--policies", "straight", "--training-seeds",
         "--pose", "truth,odometry", "--episodes", "1", "--out", tmp_path / "out", "--jobs", "1",
         "--quiet", "--no-video", "--shield", "off",
     )  # fmt: skip

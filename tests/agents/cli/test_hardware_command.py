@@ -102,7 +102,7 @@ def test_counts_of_a_metre_are_measured_and_written(served, monkeypatch, capsys)
     served.config.write_text(json.dumps(content))
     with_config = ["--config", str(served.config)]
     assert main(["hardware", "setup", *with_config]) == 0
-    words = ["hardware", "calibrate", *with_config, "--runs", "1", "--way", "0.6"]
+    words = ["hardware", "calibrate", *with_config, "--runs", "1", "--distance", "0.6"]
     assert main(words) == 0
     assert "not written" in capsys.readouterr().out
     assert json.loads(served.config.read_text()) == content
@@ -146,7 +146,7 @@ def test_drive_without_a_joystick_says_what_it_waits_for_and_ends(
     monkeypatch.setattr(joystick, "load_evdev", lambda: None)
     monkeypatch.setattr(joystick.Joystick.__init__, "__defaults__", (lambda: None, opener))
     monkeypatch.setattr(HardwareChair, "reset", armed(HardwareChair.reset))
-    words = ["hardware", "drive", "--config", str(served.config), "--wait", "0.5"]
+    words = ["hardware", "drive", "--config", str(served.config), "--timeout", "0.5"]
     assert main(words) == (1 if looks else 2)
     said = capsys.readouterr().err
     assert "no joystick: plug it in" in said.strip().splitlines()[-1]
@@ -178,7 +178,7 @@ def armed(reset):
 
 def test_a_person_says_where_it_stands(monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", iter(["what?\n", "\n", "0.03,-0.12\n"]))
-    assert hardware._measured("done").tolist() == [0.03, -0.12]
+    assert hardware.measured_end("done").tolist() == [0.03, -0.12]
     assert "expected two numbers" in capsys.readouterr().err
 
 

@@ -148,9 +148,9 @@ def test_policies_are_judged_by_driving(tmp_path):
     [
         (["rrt_star", "--vary", "stepp=1:2"], "stepp is not a setting"),
         (["rrt_star", "--vary", "step=1:2", "--vary", "step=2:3"], "given twice"),
-        (["rrt_star", "--vary", "step=1:2", "--by", "spl"], "--by is of policies"),
-        (["a_star+window", "--vary", "seed=1:2", "--deadline", "1"], "--deadline is of planners"),
-        (["a_star+window", "--vary", "seed=1:2", "--by", "speed"], "--by speed is unknown"),
+        (["rrt_star", "--vary", "step=1:2", "--metric", "spl"], "--metric is for policies"),
+        (["a_star+window", "--vary", "seed=1:2", "--deadline", "1"], "--deadline is for planners"),
+        (["a_star+window", "--vary", "seed=1:2", "--metric", "speed"], "--metric speed is unknown"),
         (["nobody", "--vary", "seed=1:2"], "'nobody' is unknown"),
     ],
 )
@@ -166,5 +166,5 @@ def test_the_command_says_what_it_found(tmp_path, capsys):
     assert main([*words.split(), "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert "the best of 2 trials" in said
-    assert "that no trial saw" in said
+    assert "on 2 other episodes" in said
     assert "rrt" in json.loads((tmp_path / "best.json").read_text())

@@ -380,12 +380,12 @@ def test_what_a_policy_looks_at_is_what_its_action_hangs_on(tmp_path, capsys):
     file = tmp_path / "policy.npz"
     weights.card.update(env={**ENV, "sensors": {}, "task": {**ENV["task"], "beams": 64}})
     save_weights(file, weights)
-    picture = tmp_path / "looks.png"
+    picture = tmp_path / "occlusion.png"
     drawn = ["inspect", str(file), "--scene", "clutter", "--out", str(picture), "--at", "0.3"]
     assert main(drawn) == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
     with pytest.raises(SystemExit, match="2"):
-        main([*drawn, "--at", "1.5"])
+        main([*drawn, "--moment", "1.5"])
     assert main(["inspect", "straight"]) == 2
     assert main(["inspect", str(file), "--out", "looks.xyz"]) == 2
 

@@ -16,7 +16,7 @@ from stable_baselines3 import PPO
 
 import wheelchair_gym
 from agents.cli import main
-from agents.cli.train import _varied
+from agents.cli.train import varied
 from agents.learning.curves import read_curve
 from agents.learning.demonstrations import imitate
 from agents.learning.features import Layout, features
@@ -253,15 +253,15 @@ def test_recipes_are_whole_runs(name):
 
 
 def test_values_that_vary_are_taken_as_they_were_typed():
-    assert _varied("env.guidance=geodesic, my.ways:guide ,") == (
+    assert varied("env.guidance=geodesic, my.ways:guide ,") == (
         "env.guidance", ["geodesic", "my.ways:guide"],
     )  # fmt: skip
-    assert _varied("env.task.trail=[], [1,2.5]") == ("env.task.trail", ["[]", "[1,2.5]"])
-    assert _varied("on_policy.learning_rate=1e-3,0.001") == (
+    assert varied("env.task.trail=[], [1,2.5]") == ("env.task.trail", ["[]", "[1,2.5]"])
+    assert varied("on_policy.learning_rate=1e-3,0.001") == (
         "on_policy.learning_rate",
         ["1e-3", "0.001"],
     )
-    assert _varied(None) == ("", [""])
+    assert varied(None) == ("", [""])
 
 
 def test_runs_that_differ_in_a_setting_are_told_side_by_side(tmp_path, capsys):

@@ -1,0 +1,553 @@
+"""The table of commands: a row has the name, the function that runs it, help and options.
+
+Nothing here imports more than the standard library, so that `--help` answers at once; the function
+of a command is imported when the command runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+CHAIR_CONFIG = "configs/hardware.json"
+POSES = ("truth", "odometry", "modelled", "mcl", "slam")
+DEFAULT_POSE = "modelled"
+ALGORITHMS = ("ppo", "recurrent_ppo", "sac", "td3", "tqc", "bc")
+# Each gives 10 % more frames per second: idle threads of torch leave the cores to the simulation;
+# worlds lie in huge pages, which need fewer entries of the translation buffer.
+TRAINING_ENVIRON = {"GOMP_SPINCOUNT": "30000", "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
+
+
+def parse_int(text: str, least: int = 0) -> int:
+    """An integer of at least 0."""
+    try:
+        value = int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not an integer") from None
+    if value < least:
+        raise argparse.ArgumentTypeError(f"{value} is too small; expected at least {least}")
+    return value
+
+
+def count(text: str) -> int:
+    """An integer of at least 1."""
+    return parse_int(text, least=1)
+
+
+def finite(text: str) -> float:
+    """A finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is not finite")
+    return value
+
+
+def non_negative(text: str) -> float:
+    """A finite number of at least 0."""
+    value = finite(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text} is negative; expected at least 0")
+    return value
+
+
+def share(text: str) -> float:
+    """A number from 0 to 1."""
+    value = finite(text)
+    if not 0.0 <= value <= 1.0:
+        raise argparse.ArgumentTypeError(f"{text}: expected 0 to 1")
+    return value
+
+
+def pose(text: str) -> list[float]:
+    """X,Y or X,Y,YAW: two or three finite numbers."""
+    parts = text.split(",")
+    if len(parts) not in (2, 3):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected X,Y or X,Y,YAW (m, m, rad)")
+    return [finite(part) for part in parts]
+
+
+def names(text: str) -> list[str]:
+    """Names separated by commas."""
+    found = [name.strip() for name in text.split(",") if name.strip()]
+    if not found:
+        raise argparse.ArgumentTypeError("expected names separated by commas")
+    return found
+
+
+def poses(text: str) -> list[str]:
+    """Pose sources separated by commas."""
+    found = names(text)
+    for name in found:
+        if name not in POSES:
+            raise argparse.ArgumentTypeError(f"{name!r} is unknown; known: {', '.join(POSES)}")
+    return found
+
+
+def counts(text: str) -> list[int]:
+    """Integers of at least 1, separated by commas."""
+    return [count(part) for part in names(text)]
+
+
+def deadlines(text: str) -> list[float]:
+    """Numbers above 0, separated by commas, in ascending order."""
+    values = sorted({finite(part) for part in names(text)})
+    if values[0] <= 0.0:
+        raise argparse.ArgumentTypeError(f"{values[0]:g} s is not positive")
+    return values
+
+
+class Option(NamedTuple):
+    """An argument of `argparse.ArgumentParser.add_argument`."""
+
+    name: str
+    arguments: dict[str, Any]
+
+
+class OneOf(NamedTuple):
+    """Options of which at most one may be given, or exactly one."""
+
+    options: Sequence[Option]
+    required: bool = False
+
+
+class Command(NamedTuple):
+    """A command, or a subcommand such as `bench env`."""
+
+    name: str
+    run: str  # module:function, which takes the parsed arguments and returns the exit code
+    help: str
+    description: str
+    example: str
+    options: Sequence[Option | OneOf]
+    environ: Mapping[str, str] = MappingProxyType({})
+
+
+def option(name: str, help: str, type: Callable[[str], Any] | None = None, **more: Any) -> Option:
+    """A positional argument, or an option where the name begins with `--`."""
+    return Option(name, {"help": help} | ({"type": type} if type else {}) | more)
+
+
+def flag(name: str, help: str) -> Option:
+    """An option without a value, False where it is not given."""
+    return Option(name, {"help": help, "action": "store_true"})
+
+
+def seed(default: str = "of the episode (default 0)") -> Option:
+    """The option `--seed`."""
+    return option("--seed", default, parse_int, default=0)
+
+
+def record(metavar: str, what: str) -> list[Option]:
+    """Options that record a run or show it to viewers, see `agents.watch.Watch`."""
+    return [
+        option("--record", f"write {what}, as MCAP", metavar=metavar),
+        option("--live", "serve Foxglove's viewers in real time on this port (8765)", parse_int,
+               metavar="PORT", nargs="?", const=8765),
+        option("--images", "record rendered pictures at this rate (default: none)", non_negative,
+               metavar="HZ", default=0.0),
+        option("--when-full", "continue or end the run when the disk is full (default go-on)",
+               choices=("go-on", "end"), default="go-on"),
+    ]  # fmt: skip
+
+
+JSON = option("--json", "write the result as JSON; - is standard output", metavar="FILE")
+QUIET = flag("--quiet", "show no progress bar")
+CONFIG = option("--config", "settings, as in configs/env.json", metavar="FILE.json")
+POSE = option(
+    "--pose", f"source of the estimated pose (default: the config's, or {DEFAULT_POSE})",
+    choices=POSES,
+)  # fmt: skip
+SHIELD = option(
+    "--shield", "filter commands by the shield (default: on, or the config's settings)",
+    choices=("on", "off"),
+)  # fmt: skip
+CHAIR = "a real chair: hardware, ros://HOST:PORT, or FILE.json:NAME as in configs/chairs.json"
+RECORD = record("FILE.mcap", "observations and commands")
+WORKERS = [
+    option("--jobs", "worker processes (default: cores)", count, metavar="N"),
+    option("--engine", "loky (default), or ray on the cluster at RAY_ADDRESS or on this machine",
+           metavar="NAME", default="loky"),
+]  # fmt: skip
+HARDWARE_CONFIG = option("--config", f"as {CHAIR_CONFIG}", metavar="FILE.json", required=True)
+SECONDS = option("--seconds", "stop after this time (default: at Ctrl-C)", finite)
+VIDEO = option("--video", "write a video (mp4)", metavar="FILE")
+END_PICTURE = option("--picture", "draw the end of the episode with the trail", metavar="FILE")
+WINDOW = flag("--window", "show a live view")
+
+GROUPS = {
+    "bench": (
+        "measure the speed of environments, or compare planners",
+        "wheelchair bench env --beams 1081 --envs 1024 --threads 2",
+    ),
+    "hardware": (
+        "check, set up, tune, calibrate, monitor and hand-drive a real chair",
+        f"wheelchair hardware check --config {CHAIR_CONFIG}",
+    ),
+}
+
+COMMANDS = (
+    Command(
+        "plan", "plan:run", "plan a path in a map, or in each problem of a JSON file",
+        "Plan a path. Exit code 0: solved; 1: no path was found; 2: wrong input.",
+        "wheelchair plan --map hall.yaml --start 1,2 --goal 9,4 --planner rrt_star "
+        "--set iterations=30000",
+        [
+            option("--planner", "a name of `wheelchair settings`, or FILE.json:NAME as in "
+                   "configs/planners.json", metavar="NAME"),
+            option("--config", "settings file of the thesis: planner, map 1 to 5 with start and "
+                   "goal, dilation; other options override it", metavar="FILE.json"),
+            option("--set", "change a setting of the planner, such as tree.iterations=30000; "
+                   "repeatable", action="append", default=[], metavar="KEY=VALUE", dest="changes"),
+            option("--map", "map_server .yaml, MovingAI .map or HouseExpo .json", metavar="FILE"),
+            option("--problems", "problems in place of a map", metavar="FILE.json"),
+            option("--start", "m, m, rad", pose, metavar="X,Y[,YAW]"),
+            option("--goal", "m, m, rad", pose, metavar="X,Y[,YAW]"),
+            option("--clearance", "distance to obstacles [m] (default 0.36 in a map, 0 in "
+                   "problems)", non_negative, metavar="M"),
+            seed("of the planner (default 0)"),
+            option("--picture", "draw the map and the path (.png)", metavar="FILE"),
+            JSON,
+        ],
+    ),
+    Command(
+        "simulate", "drive:simulate", "drive one episode, in a window, to a video or to a picture",
+        "Drive one episode and print its result.",
+        "wheelchair simulate --scene floor_plan --policy a_star+pure_pursuit --seed 3 "
+        "--video drive.mp4",
+        [
+            option("--scene", "a name of `wheelchair scenes`, or FILE.json:NAME as in "
+                   "configs/scenes.json (default: the config's, or floor_plan)", metavar="NAME"),
+            option("--policy", "PLANNER+FOLLOWER, random, ...", default="lattice+window"),
+            seed(),
+            option("--chair", f"{CHAIR} (default: simulated)", metavar="CHAIR"),
+            option("--goal", "on the map of a real chair", pose, metavar="X,Y[,YAW]"),
+            option("--start", "pose of a real chair that does not report it", pose,
+                   metavar="X,Y,YAW"),
+            CONFIG, POSE, SHIELD, OneOf((WINDOW, VIDEO, END_PICTURE)), *RECORD, JSON,
+        ],
+    ),
+    Command(
+        "replay", "replay:run", "judge, draw or re-run a recorded run",
+        "Judge each episode of a recording again. Exit code 1: rewards differ from the recorded "
+        "ones in at least one bit.",
+        "wheelchair replay run.mcap --policy lattice+window --video run.mp4",
+        [
+            option("file", "a recording of `simulate --record`", metavar="FILE.mcap"),
+            option("--episode", "only this one, counted from 0", parse_int),
+            option("--policy", "compare its actions, open loop: PLANNER+FOLLOWER, random, ..."),
+            OneOf((VIDEO, END_PICTURE)), *RECORD, JSON,
+        ],
+    ),
+    Command(
+        "compare", "evaluate:compare", "compare policies on scenes, and write a report",
+        "Run a suite of episodes, each policy on each scene and seed. Finished episodes are "
+        "stored: the same command after Ctrl-C runs only the missing ones.",
+        "wheelchair compare --suite demo --jobs 2 --out runs/demo",
+        [
+            option("--suite", "barn, clinic, crowd, cylinders, demo, doors, followers, homes, "
+                   "league, temporary or thesis (default demo)", default="demo"),
+            option("--policies", "in place of the suite's", names, metavar="A,B"),
+            option("--scenes", "in place of the suite's: a name, FILE.json:NAME as in "
+                   "configs/scenes.json, or FILE.json: all worlds of a BARN file", names,
+                   metavar="A,B"),
+            option("--episodes", "per policy and scene", count, metavar="N"),
+            OneOf((
+                option("--first-seed", "default 0", parse_int, default=0, metavar="S"),
+                flag("--training-seeds", "use seeds of training, to choose settings"),
+            )),
+            CONFIG,
+            option("--pose", f"source of the estimated pose: {', '.join(POSES)} (slam: the map is "
+                   "unknown); several are compared (default: the config's, or the suite's)", poses,
+                   metavar="A,B"),
+            SHIELD, *WORKERS, option("--out", "default runs/SUITE", metavar="DIR"),
+            flag("--no-video", "write no video"), QUIET,
+            *record("FOLDER", "one file per episode"), JSON,
+        ],
+    ),
+    Command(
+        "study", "evaluate:study", "repeat the experiments of the source documents",
+        "Run the experiment of a table or figure of the sources, compare its figures with the "
+        "published ones, and test its claims. Finished runs are stored: the same command after "
+        "Ctrl-C, or with more runs, runs only the missing ones.",
+        "wheelchair study t1-3.5 --runs 100 --jobs 2",
+        [
+            option("name", "t1-3.1 to t1-3.13, t1-1.1, p1, p2, r1, t2, control, or all",
+                   metavar="NAME"),
+            OneOf((
+                flag("--quick", "few runs, for a first look"),
+                option("--runs", "per row and map or goal (100 or 400, by study)", count,
+                       metavar="N"),
+            )),
+            *WORKERS, option("--out", "default runs/study", metavar="DIR", default="runs/study"),
+            QUIET, JSON,
+        ],
+    ),
+    Command(
+        "tune", "evaluate:tune", "search for settings of a planner or a policy",
+        "Search for settings by Optuna, on training seeds. A policy (PLANNER+FOLLOWER) is "
+        "evaluated on the scenes of a suite, a planner by its plans. The first trial has the "
+        "current settings. The best trial is evaluated again on other episodes. The same command "
+        "after Ctrl-C, or with more trials, continues.",
+        "wheelchair tune lattice+window --vary follower.objective.clearance=0.05:1 --suite homes "
+        "--trials 40",
+        [
+            option("name", "a planner or a policy, or FILE.json:NAME", metavar="NAME"),
+            option("--vary", "a setting and its range: KEY=LOW:HIGH, KEY=LOW:HIGH:log or "
+                   "KEY=A,B,C; repeatable", action="append", required=True,
+                   metavar="KEY=LOW:HIGH"),
+            option("--trials", "default 40", count, default=40, metavar="N"),
+            option("--episodes", "or worlds, per scene and trial (default 20)", count, default=20,
+                   metavar="N"),
+            option("--suite", "with the scenes for a policy (default homes)"),
+            option("--scenes", "in place of a suite's (default for a planner: floor_plan)", names,
+                   metavar="A,B"),
+            option("--metric", "of a policy's episodes: sct (default; success weighted by "
+                   "completion time), spl, success, barn or barn_own", metavar="METRIC"),
+            option("--deadline", "of a planner's plans", finite, metavar="S"),
+            seed("of Optuna (default 0)"), CONFIG, POSE, SHIELD, *WORKERS,
+            option("--out", "default runs/tune/NAME", metavar="DIR"), QUIET, JSON,
+        ],
+    ),
+    Command(
+        "map", "map:run", "build a map: by exploring a scene, from a recording or from a log",
+        "Build a map by SLAM. In a scene, or with a real chair, a policy drives through an unknown "
+        "world; the map of a scene is compared with the true one. From a log in BreezySLAM's "
+        "format (encoders and scans) or a recording of a chair, a map by odometry alone is built, "
+        "too, and both are compared on scans that were held out.",
+        "wheelchair map --scene floor_plan --seed 4 --picture map.png",
+        [
+            OneOf((
+                option("--scene", "explore this scene; or FILE.json:NAME", metavar="NAME"),
+                option("--chair", f"explore with {CHAIR}", metavar="CHAIR"),
+                option("--log", "in BreezySLAM's format: one line per scan", metavar="FILE"),
+                option("--recording", "of a chair; its first episode", metavar="FILE.mcap"),
+            ), required=True),
+            option("--policy", "that drives: explore (default), manual, ...", default="explore"),
+            option("--time", "limit of the drive (default 900 s)", finite, default=900.0,
+                   metavar="S"),
+            WINDOW, CONFIG,
+            option("--particles", "of SLAM; 1 is scan matching alone", count, metavar="N"),
+            seed("of the episode, or of SLAM (default 0)"),
+            option("--out", "for map.yaml and map.pgm (default runs/map)", metavar="FOLDER",
+                   default="runs/map"),
+            option("--picture", "draw the maps with the trail", metavar="FILE.png"),
+            flag("--odometry-only", "use no SLAM"), QUIET, *RECORD, JSON,
+        ],
+    ),
+    Command(
+        "train", "train:run", "train a policy, or resume a training run",
+        "Train a policy. The folder keeps curve.csv, policy.npz (the latest), best.npz (the best "
+        "in evaluation), checkpoint.pt and TensorBoard's log. The same command after Ctrl-C "
+        "resumes from the last checkpoint, with the same result. With --vary, a table and a figure "
+        "of the evaluations are written, too. bc imitates a scripted policy.",
+        "wheelchair train ppo --config configs/ppo_guided.json --seeds 0,1 --jobs 2 --out runs/ppo",
+        [
+            option("algorithm", "ppo, recurrent_ppo, sac, td3, tqc or bc", choices=ALGORITHMS),
+            option("--config", "as in configs/ppo_guided.json", metavar="FILE.json"),
+            option("--set", "change a setting, such as env.rate=10; repeatable", action="append",
+                   default=[], metavar="KEY=VALUE"),
+            option("--vary", "train once for each value of a setting, and compare",
+                   metavar="KEY=A,B"),
+            option("--frames", "environment steps of a run", count, metavar="N"),
+            option("--seeds", "default 0", names, default=["0"], metavar="A,B"),
+            option("--jobs", "seeds trained at once (default 1)", count, default=1, metavar="N"),
+            option("--out", "default runs/ALGORITHM, with a folder for each seed", metavar="DIR"),
+            QUIET, JSON,
+        ],
+        TRAINING_ENVIRON,
+    ),
+    Command(
+        "export", "weights:export", "write a learned policy as ONNX, or with a model card",
+        "Write weights as an ONNX graph, which includes pooling, missing echoes, normalisation, "
+        "clipping and scaling; FILE.json beside it describes inputs, outputs and settings. Or "
+        "write the last weights of a training run's best seed with a model card, NAME.md: "
+        "settings, curves of all seeds, results, limits.",
+        "wheelchair export runs/ppo/policy.npz --onnx policy.onnx",
+        [
+            option("policy", "weights: a name or a file .npz; for --npz the folder of a run"),
+            OneOf((
+                option("--onnx", "the ONNX graph", metavar="FILE.onnx"),
+                option("--npz", "the weights, with a card beside them", metavar="NAME.npz"),
+            ), required=True),
+            option("--results", "files results.json of comparisons, for the card", names,
+                   default=[], metavar="A,B"),
+            JSON,
+        ],
+    ),
+    Command(
+        "inspect", "weights:inspect", "draw which observations a learned policy depends on",
+        "Drive one episode, hide parts of the observation, and draw how much the action changes: "
+        "for each beam at one moment, and for each key over the whole episode.",
+        "wheelchair inspect runs/ppo/policy.npz --scene clutter --out occlusion.png",
+        [
+            option("policy", "weights: a name or a file"),
+            option("--scene", "default floor_plan", metavar="NAME", default="floor_plan"),
+            seed(),
+            option("--moment", "of the beams, as a share of the episode (default 0.5)", share,
+                   default=0.5, metavar="SHARE"),
+            option("--out", "png, svg or pdf (default occlusion.png)", metavar="FILE",
+                   default="occlusion.png"),
+            CONFIG, POSE, SHIELD, JSON,
+        ],
+    ),
+    Command(
+        "scenes", "lists:scenes", "list the scenes, or measure one",
+        "List the scenes; with a name, sample the scene and print distributions of its measures.",
+        "wheelchair scenes floor_plan --samples 50",
+        [
+            option("name", "a scene to sample, or FILE.json:NAME", nargs="?"),
+            option("--samples", "episodes (default 20)", count, default=20), JSON,
+        ],
+    ),
+    Command(
+        "settings", "lists:settings", "print settings with default, unit, bounds and source",
+        "Print the settings of parts of the chair, planners, followers, policies and scenes; "
+        "without a name, list the names.",
+        "wheelchair settings limits a_star",
+        [
+            option("names", "the settings to print", nargs="*"),
+            option("--markdown", "write all settings as a page; - is standard output",
+                   metavar="FILE.md"),
+            JSON,
+        ],
+    ),
+    Command(
+        "bench env", "bench:env", "measure how fast environments step",
+        "Measure how fast environments step on this machine, single and vectorized, and IR-SIM "
+        "where it is installed (extra 'peers').",
+        "wheelchair bench env --beams 1081 --envs 1024 --threads 2",
+        [
+            option("--beams", "of the laser", counts, default=[64, 128, 181, 1081]),
+            option("--envs", "of a vector environment", counts, default=[1, 16, 64, 256, 1024]),
+            option("--threads", "of a vector environment", counts, default=[1, 2]),
+            option("--bank", "worlds (default 2048)", count, default=2048),
+            option("--seconds", "per figure (default 3)", finite, default=3.0),
+            flag("--no-peers", "measure no other simulator"),
+            flag("--no-startup", "measure no compilation and start"),
+            option("--out", "folder (default runs/bench)", default="runs/bench"), JSON,
+        ],
+    ),
+    Command(
+        "bench planners", "bench:planners", "compare planners on the same problems",
+        "Run every planner, and those of other packages where they are installed (extra 'peers'), "
+        "on the same problems, on one core, judged by independent geometry: time to the first "
+        "path, length at deadlines, success, validity, smoothness, clearance.",
+        "wheelchair bench planners --problems problems.json --seeds 5 "
+        "--planners rrt_star,visibility --plot planners.png",
+        [
+            option("--problems", "problems (default: one of each scene that needs no file)",
+                   metavar="FILE.json"),
+            option("--only", "these problems", names, default=[], metavar="A,B"),
+            option("--planners", "these planners or peers, also FILE.json:NAME (default all)",
+                   names, metavar="A,B"),
+            option("--peers", "run other packages' planners (default: the installed ones, unless "
+                   "--planners is given)", action=argparse.BooleanOptionalAction, default=None),
+            option("--seeds", "default 20", count, default=20, metavar="N"),
+            option("--deadlines", "seconds (default 0.01,0.1,1)", deadlines,
+                   default=[0.01, 0.1, 1.0], metavar="S,S"),
+            option("--resume", "continue these results, in this file", metavar="FILE"),
+            option("--csv", "write the figures as CSV", metavar="FILE"),
+            option("--plot", "draw success and length over time", metavar="FILE.png"),
+            option("--out", "folder (default runs/bench)", default="runs/bench"), QUIET, JSON,
+        ],
+    ),
+    Command(
+        "twin", "twin:run", "serve emulated boards of a simulated chair",
+        "Serve the twin in real time until Ctrl-C: a pseudo-terminal for each board, a TCP port "
+        "for the laser. Lines on standard input inject faults; help lists them.",
+        f"wheelchair twin --config {CHAIR_CONFIG} --scene clutter --window",
+        [
+            option("--config", f"as {CHAIR_CONFIG}", metavar="FILE.json"),
+            option("--scene", "or FILE.json:NAME (default: the config's)", metavar="NAME"), seed(),
+            option("--port", "of the laser (default: a free one)", parse_int, default=0), SECONDS,
+            WINDOW,
+            option("--write-map", "write the map of the world", metavar="FILE.yaml"), END_PICTURE,
+        ],
+    ),
+    Command(
+        "deploy", "drive:deploy", "drive a real chair to a goal on a map",
+        "Drive a real chair: it waits until a person re-arms it (Enter, or its joystick), drives "
+        "slowly at first, and stops when a sensor is silent, a person takes over, or this program "
+        "ends. Events are printed on standard error. Keep a hand at the emergency stop.",
+        f"wheelchair deploy --config {CHAIR_CONFIG} --map clinic.yaml --start 1,2,0 --goal 6,3.5 "
+        "--record run.mcap",
+        [
+            option("--policy", "NAME, or FILE.json:NAME", default="lattice+window"),
+            HARDWARE_CONFIG,
+            option("--map", "map_server's YAML, or others", metavar="FILE", required=True),
+            option("--goal", "on the map", pose, metavar="X,Y[,YAW]", required=True),
+            option("--start", "approximate pose of the chair", pose, metavar="X,Y,YAW",
+                   required=True),
+            flag("--force-start", "drive even if the first scan does not fit the map at --start"),
+            option("--chair", f"{CHAIR} (default hardware)", metavar="CHAIR", default="hardware"),
+            option("--pose", "source of the estimated pose (default: the config's)",
+                   choices=[p for p in POSES if p not in ("truth", "modelled")]),
+            option("--initial-speed", "speed limit at the start (default 0.2 m/s)", non_negative,
+                   metavar="MPS"),
+            option("--speed-ramp", "of the speed limit (default 0.05 m/s per second)",
+                   non_negative, metavar="MPS2"),
+            option("--max-speed", "end of the ramp (default: the chair's limit)", non_negative,
+                   metavar="MPS"),
+            flag("--dry-run", "print the commands until Ctrl-C, and send none"), *RECORD, JSON,
+        ],
+    ),
+    Command(
+        "hardware check", "hardware:check", "check all parts; the chair does not drive", "",
+        f"wheelchair hardware check --config {CHAIR_CONFIG}",
+        [HARDWARE_CONFIG, flag("--no-person", "do not check the emergency stop"), JSON],
+    ),
+    Command(
+        "hardware setup", "hardware:setup", "write the config's parameters to the boards", "",
+        f"wheelchair hardware setup --config {CHAIR_CONFIG}", [HARDWARE_CONFIG],
+    ),
+    Command(
+        "hardware tune", "hardware:tune", "drive a step of the speed controller and plot it", "",
+        f"wheelchair hardware tune --config {CHAIR_CONFIG} --plot step.png",
+        [
+            HARDWARE_CONFIG,
+            option("--step", "m/s or rad/s (default 0.3)", non_negative, default=0.3),
+            option("--seconds", "duration of the step (default 2)", non_negative, default=2.0),
+            flag("--turn", "turn in place"),
+            option("--set", "try a gain: kp, ki, kd, ka or smoothing (not saved, see setup)",
+                   metavar="GAIN=VALUE", action="append", default=[]),
+            option("--plot", "draw it", metavar="FILE.png"), JSON,
+        ],
+    ),
+    Command(
+        "hardware calibrate", "hardware:calibrate",
+        "measure counts per metre, or the track by squares (UMBmark)", "",
+        f"wheelchair hardware calibrate --config {CHAIR_CONFIG} --write",
+        [
+            HARDWARE_CONFIG,
+            option("quantity", "distance: counts per metre (default); track: calibrate after it",
+                   nargs="?", choices=("distance", "track"), default="distance"),
+            option("--runs", "there and back (default 2)", count, default=2),
+            option("--distance", "driven straight towards a wall (default 1.5 m)", non_negative,
+                   default=1.5),
+            flag("--tape", "distance: a person measures, where no wall is ahead"),
+            flag("--push", "distance: a person pushes the chair, with its brakes released"),
+            option("--side", "track: of the square (default 4 m)", non_negative, default=4.0),
+            flag("--write", "distance: write the result to the config and to the board"), JSON,
+        ],
+    ),
+    Command(
+        "hardware monitor", "hardware:monitor", "print all messages of the chair live", "",
+        f"wheelchair hardware monitor --config {CHAIR_CONFIG}",
+        [HARDWARE_CONFIG, flag("--yes", "open the ports even if that resets boards"), SECONDS],
+    ),
+    Command(
+        "hardware drive", "hardware:drive", "drive by a joystick at the host", "",
+        f"wheelchair hardware drive --config {CHAIR_CONFIG}",
+        [
+            HARDWARE_CONFIG, SECONDS,
+            option("--timeout", "s for a missing joystick (default 30)", non_negative,
+                   default=30.0),
+        ],
+    ),
+)  # fmt: skip

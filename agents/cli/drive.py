@@ -1,0 +1,159 @@
+"""`wheelchair simulate` and `wheelchair deploy`: one episode, of a simulated or a real chair."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.cli.arguments import chair_spec, env_of, real_chair_env, report, spec, watch
+from agents.deploy import Deployment, Journal, check_start, say
+from agents.deploy import deploy as deploy_policy
+from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env, warm
+from agents.policies import make_policy
+from agents.start_fit import StartCheck
+from wheelchair_gym.config import InputError
+from wheelchair_gym.envs.settings import env_settings as complete_env_settings
+from wheelchair_gym.geometry import roomiest
+from wheelchair_gym.hardware.registry import check_extras
+from wheelchair_gym.maps import OCCUPIED, read_ground
+from wheelchair_gym.safety.stops import holds
+from wheelchair_gym.types import Episode
+
+_WARM_SCENE = "clutter"  # in which a policy drives in simulation before it drives a real chair
+
+
+def simulate(given: argparse.Namespace) -> int:
+    """Drive one episode and report it."""
+    from wheelchair_gym.rendering.video import write_png, write_video
+
+    policy = make_policy(spec(given.policy))
+    settings = env_of(given)
+    scene = settings.get("config", {}).get("scene", "floor_plan")
+    if given.scene is not None:
+        scene = spec(given.scene)
+    mode, episode = "human" if given.window else "rgb_array", None
+    if given.chair is not None:
+        env, episode = _real(given, settings, scene, mode)
+    elif given.goal or given.start:
+        raise InputError("--goal and --start need a real chair (--chair)")
+    else:
+        env = make_env(scene, settings, mode)
+    frames: list[Any] = []
+    film: Any = (lambda e: frames.append(e.render())) if given.video else None
+    # Reports why a real chair stands, and ends a run that cannot continue.
+    journal = None if given.chair is None else Journal(Deployment(), say, False)
+    try:
+        env, film = watch(given).on(env, film)
+
+        def each(now: Any) -> bool:
+            if film is not None:
+                film(now)
+            return journal is not None and journal(now)
+
+        record = drive_episode(env, policy, given.seed, each, episode)
+        if given.video:
+            write_video(given.video, frames, round(1.0 / env.unwrapped.task.period))
+        if given.picture:
+            write_png(given.picture, env.render())
+    finally:
+        env.close()
+    if journal is not None and journal.ended:
+        record |= {"outcome": "halted", "success": False}
+    stands = holds(env.unwrapped.task.reading.halted, env.unwrapped.shield)
+    place = label(scene) if episode is None else episode.name
+    record |= {"policy": given.policy, "scene": place, "seed": given.seed, "stands": stands}
+    least = record["clearance_min"]
+    text = (
+        f"{given.policy} on {place}, seed {given.seed}: {record['outcome']} after "
+        f"{record['time']:.1f} s and {record['length']:.2f} m (shortest {record['geodesic']:.2f}"
+        f" m), least clearance {'-' if least is None else f'{least:.3f}'} m"
+        + (f"; it stands: {'; '.join(stands)}" if stands else "")
+        + (" (nobody re-arms it in simulation)" if stands and given.chair is None else "")
+    )
+    report(given, record, text)
+    return 0
+
+
+def _real(
+    given: argparse.Namespace, settings: dict[str, Any], scene: Any, mode: str
+) -> tuple[Any, Any]:
+    """An environment of a real chair, and with --goal the episode on the chair's own map."""
+    if given.shield == "off":
+        raise InputError("--shield off is for the simulated chair; a real one always has a shield")
+    if given.goal is None and given.scene is None:
+        raise InputError("--chair: expected --goal X,Y on its own map, or --scene with one")
+    if given.start is not None and len(given.start) != 3:
+        raise InputError("--start of a real chair: expected X,Y,YAW (m, m, rad)")
+    env, chair = real_chair_env(chair_spec(given.chair), settings, scene=scene, render_mode=mode)
+    try:
+        if given.goal is not None and not hasattr(chair, "episode"):
+            raise InputError(f"--goal: {given.chair} has no map of its own; expected --scene")
+        return env, None if given.goal is None else chair.episode(given.goal, given.start)
+    except BaseException:
+        env.close()
+        raise
+
+
+def deploy(given: argparse.Namespace) -> int:
+    """Drive a real chair to a goal; 0 when it arrived."""
+    if len(given.start) != 3:
+        raise InputError("--start: expected X,Y,YAW (m, m, rad)")
+    limits = {"first": given.initial_speed, "rise": given.speed_ramp, "most": given.max_speed}
+    config = Deployment(**{name: value for name, value in limits.items() if value is not None})
+    chair = chair_spec(given.chair)
+    check_extras(chair)
+    policy = make_policy(spec(given.policy))
+    settings = env_settings(config=given.config, pose_source=given.pose)
+    episode = _episode(given, complete_env_settings(**settings).chair.footprint)
+    if given.dry_run:
+        chair = {"name": chair} if isinstance(chair, str) else chair
+        if chair["name"] != "hardware":
+            raise InputError(f"--dry-run: {given.chair} cannot be listened to; expected hardware")
+        chair = {**chair, "dry": True}
+    print("getting ready", file=sys.stderr)
+    # Nothing compiles while a person sits in the chair.
+    warm(spec(given.policy), _WARM_SCENE, settings)
+    env, _ = real_chair_env(chair, settings, render_mode="rgb_array")
+
+    def begin(env: Any) -> None:
+        check_start(env, episode.start, StartCheck(), given.force_start, say)
+
+    try:
+        env, film = watch(given).on(env)
+        record = deploy_policy(env, policy, episode, config, say, given.dry_run, film, begin)
+    finally:
+        env.close()
+    record |= {"policy": given.policy, "map": given.map, "goal": given.goal}
+    ended = f"; {record['ended']}" if record["ended"] else ""
+    report(
+        given,
+        record,
+        f"{given.policy}: {record['outcome']} after {record['time']:.1f} s and "
+        f"{record['length']:.2f} m (shortest {record['geodesic']:.2f} m), by its own estimate"
+        f"{ended}",
+    )
+    return 0 if record["success"] or given.dry_run else 1
+
+
+def _episode(given: argparse.Namespace, footprint: Any) -> Episode:
+    """Map, start and goal; a goal without a heading gets the one with the most clearance.
+
+    Raises:
+        InputError: the map cannot be read, or start or goal are outside it or in an obstacle.
+    """
+    grid, walls = read_ground(given.map, False)
+    for name, place in (("--start", given.start), ("--goal", given.goal)):
+        row, col = grid.to_cell(place[:2])
+        if not grid.inside(place[:2]) or grid.cells[row, col] == OCCUPIED:
+            raise InputError(f"{name} {place[0]:g},{place[1]:g}: not a free place on {given.map}")
+    goal = np.array([*given.goal, 0.0][:3])
+    if len(given.goal) == 2:
+        goal[2], clearance = roomiest(goal, footprint, walls, np.empty((0, 3)))
+        if clearance <= 0.0:
+            where = f"--goal {goal[0]:g},{goal[1]:g}"
+            raise InputError(f"{where}: no heading is free of collisions on {given.map}")
+    return Episode(grid, np.array(given.start), goal, walls, name=Path(given.map).stem)

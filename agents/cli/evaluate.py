@@ -1,0 +1,159 @@
+"""`wheelchair compare`, `study` and `tune`: many runs in parallel, which are resumed."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import importlib.util
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from agents.cli.arguments import labelled, report, shield_of, spec, stopped, watch
+from agents.cli.commands import DEFAULT_POSE
+from agents.evaluation import compare as comparison
+from agents.evaluation.evaluate import Spec, label
+from agents.evaluation.provenance import cores
+from agents.evaluation.runs import StoppedError
+from wheelchair_gym.config import InputError
+from wheelchair_gym.scenes.barn import numbers_in
+
+SEED_OFFSET = 500_000  # from the seeds of trials to those on which the best is evaluated again
+
+
+def scenes_of(names: Sequence[str] | None) -> list[str | dict[str, Any]]:
+    """Scenes by name; a name FILE.json stands for all worlds of the file."""
+    found: list[str | dict[str, Any]] = []
+    for name in names or ():
+        if name.endswith(".json"):
+            stem = Path(name).stem
+            found += [
+                {"name": "barn", "path": name, "world": world, "label": f"{stem} {world}"}
+                for world in numbers_in(name)
+            ]
+        else:
+            found.append(labelled(name))
+    return found
+
+
+def compare(given: argparse.Namespace) -> int:
+    """Compare policies, and write everything to the folder."""
+    suite = comparison.suite(given.suite)
+    env = dict(suite.env) if given.config is None else {"config": given.config}
+    scenes = scenes_of(given.scenes) or suite.scenes
+    if given.pose is not None and len(given.pose) == 1:
+        env["pose_source"] = given.pose[0]
+    elif given.pose is not None:
+        scenes = [
+            {
+                **({"name": scene} if isinstance(scene, str) else scene),
+                "label": f"{label(scene)}, {pose}",
+                "env": {"pose_source": pose},
+            }
+            for pose in given.pose
+            for scene in scenes
+        ]
+    env["shield"] = shield_of(given)
+    suite = dataclasses.replace(
+        suite,
+        policies=tuple(map(labelled, given.policies or ())) or suite.policies,
+        scenes=tuple(scenes),
+        episodes=given.episodes or suite.episodes,
+        env=env,
+        video=suite.video and not given.no_video,
+    )
+    folder = Path(given.out or Path("runs") / given.suite)
+    first = comparison.TRAINING if given.training_seeds else given.first_seed
+    try:
+        evaluation = comparison.compare(
+            suite, folder, jobs=given.jobs or cores(), engine=given.engine,
+            progress=not given.quiet, seeds=range(first, first + suite.episodes),
+            watch=watch(given),
+        )  # fmt: skip
+    except StoppedError as error:
+        return stopped(error)
+    report(given, evaluation, f"{comparison.in_words(evaluation)}\n{folder / 'report.html'}")
+    return 0
+
+
+def study(given: argparse.Namespace) -> int:
+    """Run studies, and write everything to the folder."""
+    from agents.studies.catalog import chosen
+    from agents.studies.chapter import told
+    from agents.studies.conduct import conduct
+
+    studies = chosen(given.name)
+    try:
+        chapters = conduct(
+            studies, given.out, runs=given.runs, quick=given.quick, jobs=given.jobs or cores(),
+            engine=given.engine, progress=not given.quiet,
+            title=studies[0].title if len(studies) == 1 else None,
+        )  # fmt: skip
+    except StoppedError as error:
+        return stopped(error)
+    page = Path(given.out) / "report.html"
+    report(given, chapters, f"{told(list(chapters.values()))}\n{page}")
+    return 0
+
+
+def tune(given: argparse.Namespace) -> int:
+    """Search for settings, and write everything to the folder."""
+    from agents.evaluation import tuning
+    from agents.evaluation.search_space import read_range
+
+    if importlib.util.find_spec("optuna") is None:
+        raise InputError("tune needs the package optuna; pip install 'wheelchair_gym[tune]'")
+    what = spec(given.name)
+    ranges = [read_range(text) for text in given.vary]
+    if len({vary.key for vary in ranges}) < len(ranges):
+        raise InputError("--vary: a setting is given twice")
+    folder = Path(given.out or Path("runs") / "tune" / Path(given.name).name.replace(":", "_"))
+    first = comparison.TRAINING
+    try:
+        found = tuning.tune(
+            what, ranges, _objective(given, what, folder), range(first, first + given.episodes),
+            range(first + SEED_OFFSET, first + SEED_OFFSET + given.episodes),
+            trials=given.trials, folder=folder, seed=given.seed, progress=not given.quiet,
+        )  # fmt: skip
+    except StoppedError as error:
+        return stopped(error)
+    report(given, found, f"{_tuning_text(found)}\n{folder / 'best.json'}:{found['name']}")
+    return 0
+
+
+def _objective(given: argparse.Namespace, what: Any, folder: Path) -> Any:
+    """What a trial is evaluated by: episodes of a policy, or plans of a planner."""
+    from agents.evaluation.tuning import METRICS, Drives, Plans, is_planner
+
+    jobs = given.jobs or cores()
+    scenes: Sequence[Spec] = scenes_of(given.scenes)
+    if is_planner(what):
+        for option in ("suite", "metric", "config", "pose", "shield"):
+            if getattr(given, option) is not None:
+                raise InputError(f"--{option} is for policies; {given.name} is a planner")
+        return Plans(scenes or ["floor_plan"], given.deadline, folder, jobs, given.engine)
+    if given.deadline is not None:
+        raise InputError(f"--deadline is for planners; {given.name} is a policy")
+    metric = given.metric or METRICS[0]
+    if metric not in METRICS:
+        raise InputError(f"--metric {metric} is unknown; known: {', '.join(METRICS)}")
+    env = {"config": given.config, "pose_source": given.pose, "shield": shield_of(given)}
+    if given.config is None and given.pose is None:
+        env["pose_source"] = DEFAULT_POSE
+    scenes = scenes or comparison.suite(given.suite or "homes").scenes
+    return Drives(scenes, env, metric, folder, jobs, given.engine)
+
+
+def _tuning_text(found: dict[str, Any]) -> str:
+    best, others = found["best"], found["others"]
+    first = f"{found['name']}: the best of {found['trials']} trials is number {best['trial']}"
+    lines = [f"{first}, {best['score']:.4g}"]
+    for key, value in best["settings"].items():
+        lines.append(f"  {key} = {value:.4g}" if isinstance(value, float) else f"  {key} = {value}")
+        lines[-1] += f" (was {found['before'][key]})"
+    low, high = others["gain_interval"]
+    lines.append(
+        f"on {others['episodes']} other episodes: {others['best']:.4g}, the current settings "
+        f"{others['before']:.4g}; gain {others['gain']:+.4g} ({low:+.4g} to {high:+.4g})"
+    )
+    return "\n".join(lines)

@@ -1,0 +1,153 @@
+"""`wheelchair scenes` and `wheelchair settings`: what there is to choose from."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import importlib
+import inspect
+import typing
+from typing import Any
+
+import numpy as np
+
+from agents.cli.arguments import report, spec
+from agents.evaluation.provenance import write_text
+from wheelchair_gym.config import InputError, dump, suggest
+from wheelchair_gym.scenes import SCENES, make_scene
+from wheelchair_gym.scenes.describe import measure
+
+# Settings that are in no registry.
+PARTS = {
+    "footprint": "wheelchair_gym.geometry:Footprint",
+    "limits": "wheelchair_gym.kinematics:Limits",
+    "drive": "wheelchair_gym.kinematics:DriveGeometry",
+    "sensors": "wheelchair_gym.sensors.settings:SensorSettings",
+    "chair": "wheelchair_gym.physics.settings:ChairSettings",
+    "imitation": "agents.learning.settings:Imitation",
+    "log": "wheelchair_gym.localization.logs:LogFormat",
+    "recording": "wheelchair_gym.recording.record:Recording",
+    "shield": "wheelchair_gym.safety.settings:ShieldSettings",
+    "slam": "wheelchair_gym.localization.slam:SlamSettings",
+    "physics": "wheelchair_gym.physics.settings:PhysicsSettings",
+    "task": "wheelchair_gym.task.settings:TaskSettings",
+    "training": "agents.learning.settings:Training",
+    "ways": "wheelchair_gym.maps.cost_to_go:WaysSettings",
+}
+QUANTILES = {"least": 0.0, "p5": 0.05, "p50": 0.5, "p95": 0.95, "most": 1.0}
+
+
+def scenes(given: argparse.Namespace) -> int:
+    """List the scenes, or measure one."""
+    if given.name is not None:
+        return _measure(given)
+    found = [
+        {"name": name, "what": (inspect.getdoc(scene) or "").split("\n")[0]}
+        for name, scene in sorted(SCENES.items())
+    ]
+    report(given, found, "\n".join(f"{scene['name']:<16} {scene['what']}" for scene in found))
+    return 0
+
+
+def _measure(given: argparse.Namespace) -> int:
+    rows: list[dict[str, Any]] = []
+    for name, values in measure(make_scene(spec(given.name)), range(given.samples)).items():
+        found = np.quantile(values, tuple(QUANTILES.values())).tolist()
+        rows.append({"figure": name, "n": len(values), **dict(zip(QUANTILES, found, strict=True))})
+    columns = ("n", *QUANTILES)
+    title = f"{given.name}, seeds 0 to {given.samples - 1}"
+    lines = [title.ljust(32) + "".join(f"{column:>9}" for column in columns)]
+    lines += [
+        f"{row['figure']:<32}" + "".join(f"{row[column]:>9.4g}" for column in columns)
+        for row in rows
+    ]
+    value = {"scene": given.name, "samples": given.samples, "figures": rows}
+    report(given, value, "\n".join(lines))
+    return 0
+
+
+def all_settings() -> dict[str, type]:
+    """Every class of settings by name."""
+    from agents.control import FOLLOWERS
+    from agents.policies import policy_settings
+    from planners import PLANNERS
+    from wheelchair_gym.hardware.registry import CHAIRS
+
+    classes: dict[str, type] = {}
+    for name, place in PARTS.items():
+        module, _, attribute = place.partition(":")
+        classes[name] = getattr(importlib.import_module(module), attribute)
+    for registry in (PLANNERS, FOLLOWERS, policy_settings(), SCENES, CHAIRS):
+        classes.update(registry)
+    return dict(sorted(classes.items()))
+
+
+def settings_rows(cls: type, prefix: str = "") -> list[dict[str, Any]]:
+    """A row for each setting of a class; nested settings have dotted names."""
+    hints = typing.get_type_hints(cls)
+    rows = []
+    for field in dataclasses.fields(cls):
+        default = field.default
+        if default is dataclasses.MISSING:
+            made = field.default_factory
+            default = None if made is dataclasses.MISSING else made()
+        if dataclasses.is_dataclass(default):
+            rows += settings_rows(type(default), f"{prefix}{field.name}.")
+            continue
+        hint = hints[field.name]
+        row = {key: field.metadata.get(key) for key in ("unit", "low", "high", "doc", "source")}
+        kind = getattr(hint, "__name__", str(hint)) if isinstance(hint, type) else str(hint)
+        rows.append({"name": prefix + field.name, "type": kind, "default": dump(default), **row})
+    return rows
+
+
+def settings(given: argparse.Namespace) -> int:
+    """Print settings or their names, or write all of them as a page."""
+    classes = all_settings()
+    for name in given.names:
+        if name not in classes:
+            raise InputError(f"settings {name!r} are unknown{suggest(name, classes)}")
+    shown = {name: settings_rows(classes[name]) for name in given.names or classes}
+    if given.markdown is not None:
+        page = markdown(shown)
+        if given.markdown == "-":
+            print(page, end="")
+        else:
+            write_text(given.markdown, page)
+        return 0
+    lines = []
+    for name, rows in shown.items():
+        lines.append(f"{name}:" if given.names else name)
+        for row in rows if given.names else ():
+            lines.append(f"  {row['name']} = {row['default']}{_unit(row)}{_bounds(row)}")
+            lines += [f"      {row['doc']}"] if row["doc"] else []
+            lines += [f"      source: {row['source']}"] if row["source"] else []
+    report(given, shown, "\n".join(lines))
+    return 0
+
+
+def _unit(row: dict[str, Any]) -> str:
+    return f" {row['unit']}" if row["unit"] else ""
+
+
+def _bounds(row: dict[str, Any]) -> str:
+    low, high = ("" if row[end] is None else f"{row[end]:g}" for end in ("low", "high"))
+    return f" [{low}, {high}]" if low or high else ""
+
+
+def markdown(shown: dict[str, list[dict[str, Any]]]) -> str:
+    """Settings as a page of tables."""
+    lines = ["# Settings", "", "Written by `wheelchair settings --markdown docs/settings.md`."]
+    for name, rows in shown.items():
+        lines += ["", f"## {name}", ""]
+        if not rows:
+            lines.append("No settings.")
+            continue
+        lines += ["| setting | default | bounds | what it does | source |",
+                  "| --- | --- | --- | --- | --- |"]  # fmt: skip
+        for row in rows:
+            default = f"`{row['default']}`{_unit(row)}"
+            cells = (f"`{row['name']}`", default, _bounds(row), row["doc"], row["source"])
+            text = " | ".join(str(cell or "").strip().replace("|", "\\|") for cell in cells)
+            lines.append(f"| {text} |")
+    return "\n".join(lines) + "\n"
