@@ -401,7 +401,7 @@ def test_the_command_drives_over_devices(served, tmp_path, caplog, capfd):
     ("change", "why"),
     [
         (["--goal", "99,99"], "--goal 99,99: not a free place"),
-        (["--goal", NOOK], f"--goal {NOOK}: no room for the chair"),
+        (["--goal", NOOK], f"--goal {NOOK}: no heading is free"),
         (["--start", "0,0"], "expected X,Y,YAW"),
         (["--map", "nothing.yaml"], "nothing.yaml"),
         (["--initial-speed", "0.5", "--max-speed", "0.3"], "falls"),
