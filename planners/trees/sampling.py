@@ -1,32 +1,33 @@
-"""Samplers: where the next point of a growing tree is drawn."""
+"""Where a tree grows to next: samplers, and the whale swarm that moves a sample (thesis)."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.polygon_tests import SpaceArrays, point_free
+from planners.collision.polygon_tests import SpaceArrays, blocker, point_free, stops
 from planners.random_stream import Stream, in_disc, uniform
-from planners.trees.tree import NONE, Tree, chain
-from planners.trees.values import Growth, Room
+from planners.swarm.woa import Whales, move
+from planners.trees.tree import NONE, Growth, Tree, Workspace, write_ancestors
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 
 Array = NDArray[np.float64]
 
-# Redraws of a sample that falls on something solid or cannot help, before it is taken as it is.
-_REDRAWS = 100
-# The same for samples near a beacon, of which about half can help.
-_BEACON_REDRAWS = 10
+
+# Most draws of a sample; the last one is taken even if it is occupied or cannot help.
+_MAX_DRAWS = 100
+# The same near a beacon, where about half of the draws can help.
+_MAX_BEACON_DRAWS = 10
 
 
 @borrowing_kernel
-def in_ellipse(start: Array, goal: Array, length: float, state: Stream) -> tuple[float, float]:
-    """The next point of a stream, uniform in the ellipse with foci start and goal [m].
+def sample_ellipse(start: Array, goal: Array, length: float, state: Stream) -> tuple[float, float]:
+    """A point uniform in the ellipse of all points on paths from start to goal up to a length [m].
 
-    A way over its rim is as long as the length [m], which is more than they are apart.
+    The length exceeds the distance from start to goal.
     """
     ux, uy = goal[0] - start[0], goal[1] - start[1]
     apart = math.hypot(ux, uy)
@@ -39,29 +40,29 @@ def in_ellipse(start: Array, goal: Array, length: float, state: Stream) -> tuple
 
 @borrowing_kernel
 def sample_beacon(
-    tree: Tree, growth: Growth, room: Room, run: Any, state: Stream
+    tree: Tree, growth: Growth, workspace: Workspace, run: Any, state: Stream
 ) -> tuple[float, float]:
-    """A point near a vertex of the best path, a beacon (Nasir et al. 2013); the run says of which.
+    """A point near a random vertex of the best path, a beacon (Nasir et al. 2013).
 
-    Informed trees redraw points that do not shorten the way from the vertex before to the one
-    after. A radius drawn by its logarithm finds what is to be gained at every scale.
+    The run records the vertex. Informed trees redraw points that do not shorten the path between
+    the two neighbours of the vertex. The log-uniform radius finds gains at every scale.
     """
     nodes = tree.nodes
-    n = chain(tree, run.goal, room.chain)
+    n = write_ancestors(tree, run.goal, workspace.chain)
     if n < 3:
         run.beacon = NONE
         return nodes[run.goal].x, nodes[run.goal].y
     k = 1 + int(uniform(state) * (n - 2))
     run.beacon = k
-    bx, by = nodes[room.chain[k]].x, nodes[room.chain[k]].y
-    ax, ay = nodes[room.chain[k + 1]].x, nodes[room.chain[k + 1]].y
-    cx, cy = nodes[room.chain[k - 1]].x, nodes[room.chain[k - 1]].y
+    bx, by = nodes[workspace.chain[k]].x, nodes[workspace.chain[k]].y
+    ax, ay = nodes[workspace.chain[k + 1]].x, nodes[workspace.chain[k + 1]].y
+    cx, cy = nodes[workspace.chain[k - 1]].x, nodes[workspace.chain[k - 1]].y
     before = math.hypot(ax - bx, ay - by) + math.hypot(cx - bx, cy - by)
     radius = growth.beacon_radius
-    if growth.beacon_finest < 1.0:
-        radius *= growth.beacon_finest ** uniform(state)
+    if growth.beacon_min_scale < 1.0:
+        radius *= growth.beacon_min_scale ** uniform(state)
     x, y = bx, by
-    for _ in range(_BEACON_REDRAWS):
+    for _ in range(_MAX_BEACON_DRAWS):
         u, v = in_disc(state)
         x, y = bx + radius * u, by + radius * v
         after = math.hypot(ax - x, ay - y) + math.hypot(cx - x, cy - y)
@@ -77,47 +78,46 @@ def sample(
     start: Array,
     goal: Array,
     growth: Growth,
-    room: Room,
+    workspace: Workspace,
     state: Stream,
 ) -> tuple[float, float]:
-    """The next point [m] towards which a tree grows, as its values say.
+    """The next sample [m], as the options of the search say.
 
     It is uniform in the map, in the strip between start and goal, or, once there is a path, in the
-    ellipse of what can shorten it (Gammell et al. 2014); or it is near a corner of what is solid,
-    where narrow passages lie and paths bend (Amato et al. 1998), or near a beacon. It is free and
-    can help, or the last of many vain draws.
+    ellipse of points that can shorten it (Gammell et al. 2014); or it is near an obstacle's corner,
+    where narrow passages lie and paths bend (Amato et al. 1998), or near a beacon.
     """
-    run, bounds = room.run[0], space.bounds
+    run, bounds = workspace.run[0], space.bounds
     run.beacon = NONE
-    found, length = run.first != NONE, math.inf
+    found, length = run.first_path != NONE, math.inf
     low, high, radius = bounds[0], bounds[2], 0.0
     if growth.informed and found:
         length = tree.nodes[run.goal].cost
     if growth.corner_share > 0.0 and uniform(state) < growth.corner_share:
         radius = growth.corner_radius
         if found:
-            radius *= growth.beacon_finest ** uniform(state)
+            radius *= growth.beacon_min_scale ** uniform(state)
     elif found:
         if growth.beacon_share > 0.0 and uniform(state) < growth.beacon_share:
-            x, y = sample_beacon(tree, growth, room, run, state)
+            x, y = sample_beacon(tree, growth, workspace, run, state)
             if run.beacon != NONE:
                 return x, y
     else:
         if growth.goal_bias > 0.0 and uniform(state) < growth.goal_bias:
             return goal[0], goal[1]
         if growth.in_strip:
-            low = max(low, min(start[0], goal[0]) - run.margin)
-            high = min(high, max(start[0], goal[0]) + run.margin)
-    # Where the ellipse is larger than the map, points of the map are drawn until one lies in it.
-    small = run.area < (bounds[2] - bounds[0]) * (bounds[3] - bounds[1])
+            low = max(low, min(start[0], goal[0]) - run.strip_margin)
+            high = min(high, max(start[0], goal[0]) + run.strip_margin)
+    # In an ellipse larger than the map, rejection sampling draws points of the map.
+    small = run.sample_area < (bounds[2] - bounds[0]) * (bounds[3] - bounds[1])
     x, y = goal[0], goal[1]
-    for _ in range(_REDRAWS):
+    for _ in range(_MAX_DRAWS):
         if radius > 0.0:
             k = int(uniform(state) * len(space.segments))
             u, v = in_disc(state)
             x, y = space.segments[k, 0] + radius * u, space.segments[k, 1] + radius * v
         elif small and length < math.inf:
-            x, y = in_ellipse(start, goal, length, state)
+            x, y = sample_ellipse(start, goal, length, state)
         else:
             x = low + uniform(state) * (high - low)
             y = bounds[1] + uniform(state) * (bounds[3] - bounds[1])
@@ -125,3 +125,101 @@ def sample(
         if by_way < length and point_free(space, x, y):
             break
     return x, y
+
+
+class SwarmBuffers(NamedTuple):
+    """Arrays of the steering swarm."""
+
+    positions: Array  # (k, 2) m, relative to the sample
+    best: Array  # (2,)
+    lower: Array  # (2,) bounds of the positions
+    upper: Array  # (2,)
+    span: Array  # (2,) of the factor C
+
+
+class SteeringCost(NamedTuple):
+    """Cost of a candidate point: weighted distances, and penalties for blocked lines of sight."""
+
+    width: float  # m, half the width of the search box around the sample
+    height: float  # m, half its height
+    sample_weight: float  # cost per metre from the sample
+    goal_weight: float  # cost per metre from the goal
+    node_hidden: float  # cost if an obstacle hides the node to extend
+    goal_hidden: float  # cost if an obstacle hides the goal
+
+
+def new_buffers(swarm: Whales, steering: SteeringCost) -> SwarmBuffers:
+    """Arrays for a swarm of whales, with its bounds."""
+    upper = np.array([steering.width, steering.height])
+    positions = np.empty((swarm.population, 2))
+    return SwarmBuffers(positions, np.zeros(2), -upper, upper, np.full(2, 2.0))
+
+
+@borrowing_kernel
+def find_blocker(space: SpaceArrays, ax: float, ay: float, bx: float, by: float, last: int) -> int:
+    """The segment that hides b from a, as `blocker` says; the last one found is tested first."""
+    if last >= 0 and stops(space.segments, space.before, last, ax, ay, bx, by):
+        return last
+    return blocker(space, ax, ay, bx, by)
+
+
+@borrowing_kernel
+def steering_target(
+    space: SpaceArrays,
+    near_x: float,
+    near_y: float,
+    x: float,
+    y: float,
+    goal_x: float,
+    goal_y: float,
+    swarm: Whales,
+    steering: SteeringCost,
+    buffers: SwarmBuffers,
+    state: Stream,
+) -> tuple[float, float]:
+    """The point of least cost that a swarm finds around a random sample (thesis, algorithm 4).
+
+    Positions are relative to the sample (x, y) [m], so that the map's origin has no influence.
+    """
+    population, best = buffers.positions, buffers.best
+    best[0], best[1] = 0.0, 0.0
+    least, from_near, from_goal = np.inf, -1, -1  # the segments that hid a whale last
+    for i in range(swarm.population):
+        u, v = in_disc(state)
+        population[i, 0] = u * steering.width
+        population[i, 1] = v * steering.height
+    for t in range(swarm.iterations + 1):
+        for i in range(swarm.population):
+            u, v = population[i, 0], population[i, 1]
+            to_goal = math.sqrt((goal_x - x - u) ** 2 + (goal_y - y - v) ** 2)
+            cost = (
+                steering.sample_weight * math.sqrt(u * u + v * v) + steering.goal_weight * to_goal
+            )
+            # Lines of sight are tested only while the whale can still be the best. The segment that
+            # hid the goal from one whale hides it from most, so the goal is tested first.
+            if cost < least:
+                hidden = find_blocker(space, goal_x, goal_y, x + u, y + v, from_goal)
+                if hidden != -1:
+                    cost, from_goal = cost + steering.goal_hidden, hidden
+            if cost < least:
+                hidden = find_blocker(space, near_x, near_y, x + u, y + v, from_near)
+                if hidden != -1:
+                    cost, from_near = cost + steering.node_hidden, hidden
+            if cost < least:
+                least = cost
+                best[0], best[1] = u, v
+        if t < swarm.iterations:
+            a = swarm.a * (1.0 - t / swarm.iterations)
+            move(
+                population,
+                best,
+                a,
+                swarm.b,
+                swarm.mu,
+                swarm.lam,
+                buffers.span,
+                buffers.lower,
+                buffers.upper,
+                state,
+            )
+    return x + best[0], y + best[1]

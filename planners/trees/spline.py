@@ -19,50 +19,50 @@ Array = NDArray[np.float64]
 
 
 @inlined
-def _leg(path: Array, i: int) -> tuple[float, float, float]:
-    """Leg i of a path (n, 2): its components and its length [m]."""
+def _edge(path: Array, i: int) -> tuple[float, float, float]:
+    """Edge i of a path (n, 2): its components and its length [m]."""
     dx, dy = path[i + 1, 0] - path[i, 0], path[i + 1, 1] - path[i, 1]
     return dx, dy, math.hypot(dx, dy)
 
 
 @borrowing_kernel
-def _directions(path: Array, out: Array) -> None:
-    """The unit tangent at each point of a path (n, 2): the bisector of its two legs there."""
+def _write_tangents(path: Array, out: Array) -> None:
+    """The unit tangent at each point of a path (n, 2): the bisector of its two edges there."""
     n = path.shape[0]
     for i in range(n):
         ux = uy = 0.0
         for k in range(max(i - 1, 0), min(i + 1, n - 1)):
-            dx, dy, leg = _leg(path, k)
-            ux, uy = ux + dx / leg, uy + dy / leg
+            dx, dy, edge = _edge(path, k)
+            ux, uy = ux + dx / edge, uy + dy / edge
         size = math.hypot(ux, uy)
-        out[i, 0] = ux / size if size > 0.0 else 0.0  # a way straight back has none
+        out[i, 0] = ux / size if size > 0.0 else 0.0  # a way straight goal_tree has none
         out[i, 1] = uy / size if size > 0.0 else 0.0
 
 
 @borrowing_kernel
-def _add_leg(
+def _append_curve(
     path: Array,
     directions: Array,
     i: int,
-    stretch: float,
+    tangent_length: float,
     tolerance: float,
     out: Array,
     count: int,
 ) -> int:
-    """Add leg i to `out`: a cubic Hermite curve, its tangents `stretch` long [m].
+    """Add edge i to `out`: a cubic Hermite curve, its tangents `tangent_length` long [m].
 
     A polyline of n equal pieces errs by at most |p''| / (8 n^2); p'' is linear, so that its ends
     bound it. Returns how many points there are then.
     """
-    dx, dy, _ = _leg(path, i)
-    ux, uy = stretch * directions[i, 0], stretch * directions[i, 1]
-    vx, vy = stretch * directions[i + 1, 0], stretch * directions[i + 1, 1]
+    dx, dy, _ = _edge(path, i)
+    ux, uy = tangent_length * directions[i, 0], tangent_length * directions[i, 1]
+    vx, vy = tangent_length * directions[i + 1, 0], tangent_length * directions[i + 1, 1]
     bend = max(
         math.hypot(6.0 * dx - 4.0 * ux - 2.0 * vx, 6.0 * dy - 4.0 * uy - 2.0 * vy),
         math.hypot(6.0 * dx - 2.0 * ux - 4.0 * vx, 6.0 * dy - 2.0 * uy - 4.0 * vy),
     )
     n = 1
-    if stretch > 0.0:
+    if tangent_length > 0.0:
         n = max(math.ceil(math.sqrt(bend / (8.0 * tolerance))), 1)
     for k in range(1, n):
         t = k / n
@@ -85,12 +85,12 @@ def _all_free(space: SpaceArrays, points: Array, first: int, end: int) -> bool:
 
 
 @borrowing_kernel
-def _most_points(path: Array, reach: float, tolerance: float) -> int:
+def _max_points(path: Array, tangent_scale: float, tolerance: float) -> int:
     """How many points the curve through a path has at most."""
     most = 1
     for i in range(path.shape[0] - 1):
-        leg = _leg(path, i)[2]
-        most += math.ceil(math.sqrt(6.0 * (1.0 + reach) * leg / (8.0 * tolerance))) + 1
+        edge = _edge(path, i)[2]
+        most += math.ceil(math.sqrt(6.0 * (1.0 + tangent_scale) * edge / (8.0 * tolerance))) + 1
     return most
 
 
@@ -99,43 +99,45 @@ def _smooth(
     space: SpaceArrays,
     path: Array,
     directions: Array,
-    reach: float,
+    tangent_scale: float,
     halvings: int,
     tolerance: float,
     out: Array,
 ) -> tuple[int, int]:
-    """Write `smooth`'s polyline; returns how many points it has, and how many straight legs."""
-    _directions(path, directions)
+    """Write `smooth`'s polyline; returns how many points it has, and how many straight edges."""
+    _write_tangents(path, directions)
     count, straight = 1, 0
     out[0, 0], out[0, 1] = path[0, 0], path[0, 1]
     for i in range(path.shape[0] - 1):
-        stretch = reach * _leg(path, i)[2]
+        tangent_length = tangent_scale * _edge(path, i)[2]
         for trial in range(halvings + 1):
             if trial == halvings:
-                stretch = 0.0
+                tangent_length = 0.0
                 straight += 1
-            end = _add_leg(path, directions, i, stretch, tolerance, out, count)
-            if stretch == 0.0 or _all_free(space, out, count, end):
+            end = _append_curve(path, directions, i, tangent_length, tolerance, out, count)
+            if tangent_length == 0.0 or _all_free(space, out, count, end):
                 count = end
                 break
-            stretch *= 0.5
+            tangent_length *= 0.5
     return count, straight
 
 
 def smooth(
-    space: SpaceArrays, path: Array, reach: float, halvings: int, tolerance: float
+    space: SpaceArrays, path: Array, tangent_scale: float, halvings: int, tolerance: float
 ) -> tuple[Array, int]:
-    """A curve through the points of a free path, as a free polyline, and its straight legs.
+    """A curve through the points of a free path, as a free polyline, and its straight edges.
 
     Args:
         space: what is free.
         path: points (n, 2) [m], all edges free, no two in a row the same.
-        reach: length of the tangents, in lengths of the leg; 1 is Catmull and Rom's.
-        halvings: how often a leg that is not free may halve its tangents before it is straight.
+        tangent_scale: length of the tangents, in lengths of the edge; 1 is Catmull and Rom's.
+        halvings: how often a edge that is not free may halve its tangents before it is straight.
         tolerance: how far the polyline may lie from the curve [m].
     """
-    out = np.empty((_most_points(path, reach, tolerance), 2))
-    count, straight = _smooth(space, path, np.empty_like(path), reach, halvings, tolerance, out)
+    out = np.empty((_max_points(path, tangent_scale, tolerance), 2))
+    count, straight = _smooth(
+        space, path, np.empty_like(path), tangent_scale, halvings, tolerance, out
+    )
     return out[:count], straight
 
 
@@ -143,15 +145,15 @@ def smooth(
 class SplineRrtStar:
     """Spline-RRT*: an RRT* path that is executed as a spline (Yu et al. 2018, with other splines).
 
-    Each leg of the tree's path becomes a cubic Hermite curve whose direction at a vertex bisects
-    the legs there, so that the direction never jumps. Where the curve is not free its tangents are
-    halved, which draws it towards the leg; `straight_legs` counts those that had to stay straight.
+    Each edge of the tree's path becomes a cubic Hermite curve whose direction at a vertex bisects
+    the edges there, so that the direction never jumps. Where the curve is not free its tangents are
+    halved, which draws it towards the edge; `straight_legs` counts those that had to stay straight.
     The path is the curve's polyline, within `tolerance`, and every edge of it is tested exactly.
     """
 
     tree: InformedRrtStar = setting(default=InformedRrtStar(iterations=2_000))
-    reach: float = setting(default=1.0, source="Catmull and Rom 1974", low=0.0, high=3.0)
-    halvings: int = setting(default=8, source="tangents of 1/256 of a leg bend unseen", low=0)
+    tangent_scale: float = setting(default=1.0, source="Catmull and Rom 1974", low=0.0, high=3.0)
+    halvings: int = setting(default=8, source="tangents of 1/256 of a edge bend unseen", low=0)
     tolerance: float = setting(default=1e-3, unit="m", source="below any sensor's noise", low=1e-9)
 
     def plan(
@@ -164,7 +166,7 @@ class SplineRrtStar:
             return plan
         tree_s = perf_counter() - began
         path, straight = smooth(
-            problem.free.arrays, plan.path, self.reach, self.halvings, self.tolerance
+            problem.free.arrays, plan.path, self.tangent_scale, self.halvings, self.tolerance
         )
         counters = {**plan.counters, "straight_legs": straight}
         timings = {"tree_s": tree_s, "time_s": perf_counter() - began}

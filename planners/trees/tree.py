@@ -1,7 +1,7 @@
-"""A tree of points in the plane, with a bucket grid that answers 'nearest' and 'within a radius'.
+"""The tree of a planner: its nodes, a bucket grid for queries, and the state of one search.
 
-The grid refines itself as the tree grows, so that a cell holds about two points: a sparse tree is
-searched over few cells, and a dense one over few points.
+The grid answers 'nearest' and 'within a radius'. Its cells are halved as the tree grows, so that a
+cell holds about two nodes.
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.collision.polygon_tests import SpaceArrays, way_free
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
+
 NONE = -1  # no node
 
 NODE = np.dtype(
@@ -44,7 +46,7 @@ GRID = np.dtype(
 
 
 class Tree(NamedTuple):
-    """Nodes, the buckets that they lie in, and the shape of the grid."""
+    """Nodes, the grid cells that hold them, and the shape of the grid."""
 
     nodes: NDArray[Any]  # (capacity,) NODE
     heads: NDArray[np.int32]  # the first node of each cell
@@ -52,40 +54,35 @@ class Tree(NamedTuple):
 
 
 def new_tree(bounds: Array, capacity: int) -> Tree:
-    """An empty tree.
-
-    Args:
-        bounds: where its nodes may lie (4,) [m]: xmin, ymin, xmax, ymax.
-        capacity: most nodes that it can hold.
-    """
+    """An empty tree of at most `capacity` nodes within bounds (4,) [m]: xmin, ymin, xmax, ymax."""
     width, height = float(bounds[2] - bounds[0]), float(bounds[3] - bounds[1])
     cell = max(width, height) / 4.0
     grid = np.zeros(1, GRID)
     cols, rows = int(width / cell) + 1, int(height / cell) + 1
     grid[0] = (bounds[0], bounds[1], width, height, cell, cols, rows, 0)
-    heads = np.empty(_most_cells(cols, rows, capacity), np.int32)
+    heads = np.empty(_max_cells(cols, rows, capacity), np.int32)
     heads[: cols * rows] = NONE
     return Tree(np.empty(capacity, NODE), heads, grid)
 
 
-def _most_cells(cols: int, rows: int, capacity: int) -> int:
-    """Cells double in each direction while nodes are six times as many: at most to this many."""
+def _max_cells(cols: int, rows: int, capacity: int) -> int:
+    """Upper bound of the number of cells: they are halved when nodes are six times as many."""
     return 4 * (cols + 1) * (rows + 1) + 8 * capacity
 
 
-def enlarged(tree: Tree, capacity: int) -> Tree:
-    """The same tree with room for more nodes."""
+def tree_with_capacity(tree: Tree, capacity: int) -> Tree:
+    """The same tree in arrays for more nodes."""
     count, cols, rows = (int(tree.grid[name][0]) for name in ("count", "cols", "rows"))
     nodes = np.empty(capacity, NODE)
     nodes[:count] = tree.nodes[:count]
-    heads = np.empty(_most_cells(cols, rows, capacity), np.int32)
+    heads = np.empty(_max_cells(cols, rows, capacity), np.int32)
     heads[: cols * rows] = tree.heads[: cols * rows]
     return Tree(nodes, heads, tree.grid)
 
 
 @borrowing_kernel
 def cell_of(grid: Any, x: float, y: float) -> tuple[int, int]:
-    """Column and row of a point's cell; points outside belong to the cells at the border."""
+    """Column and row of a point's cell; a point outside belongs to the nearest border cell."""
     col = min(max(int((x - grid.x) / grid.cell), 0), grid.cols - 1)
     row = min(max(int((y - grid.y) / grid.cell), 0), grid.rows - 1)
     return col, row
@@ -93,7 +90,7 @@ def cell_of(grid: Any, x: float, y: float) -> tuple[int, int]:
 
 @borrowing_kernel
 def refine_grid(tree: Tree) -> None:
-    """Halve the cells and sort every node into them anew."""
+    """Halve the cells and sort all nodes into them again."""
     nodes, heads, grid = tree.nodes, tree.heads, tree.grid[0]
     grid.cell = 0.5 * grid.cell
     grid.cols = int(grid.width / grid.cell) + 1
@@ -107,8 +104,8 @@ def refine_grid(tree: Tree) -> None:
 
 
 @borrowing_kernel
-def adopt(tree: Tree, i: int, parent: int, edge: float) -> None:
-    """Make node i a child of a parent, an edge [m] away; i has no parent before."""
+def add_child(tree: Tree, i: int, parent: int, edge: float) -> None:
+    """Make node i, which has no parent, the child of a node at a distance of `edge` [m]."""
     nodes = tree.nodes
     nodes[i].parent = parent
     nodes[i].edge = edge
@@ -118,8 +115,8 @@ def adopt(tree: Tree, i: int, parent: int, edge: float) -> None:
 
 
 @borrowing_kernel
-def put(tree: Tree, i: int, x: float, y: float, parent: int, edge: float) -> None:
-    """Make slot i the node of a point [m] below a parent (NONE for the root)."""
+def place_node(tree: Tree, i: int, x: float, y: float, parent: int, edge: float) -> None:
+    """Write a point [m] into slot i as the child of a parent (NONE for the root)."""
     nodes, heads, grid = tree.nodes, tree.heads, tree.grid[0]
     nodes[i].x = x
     nodes[i].y = y
@@ -129,7 +126,7 @@ def put(tree: Tree, i: int, x: float, y: float, parent: int, edge: float) -> Non
     nodes[i].edge = 0.0
     nodes[i].cost = 0.0
     if parent != NONE:
-        adopt(tree, i, parent, edge)
+        add_child(tree, i, parent, edge)
     col, row = cell_of(grid, x, y)
     k = row * grid.cols + col
     nodes[i].following = heads[k]
@@ -138,19 +135,19 @@ def put(tree: Tree, i: int, x: float, y: float, parent: int, edge: float) -> Non
 
 @borrowing_kernel
 def insert(tree: Tree, x: float, y: float, parent: int, edge: float) -> int:
-    """Add a point [m] below a parent (NONE for the root); returns its index."""
+    """Add a point [m] as the child of a parent (NONE for the root); returns its index."""
     grid = tree.grid[0]
     if grid.count >= 6 * grid.cols * grid.rows:
         refine_grid(tree)
     i = grid.count
     grid.count = i + 1
-    put(tree, i, x, y, parent, edge)
+    place_node(tree, i, x, y, parent, edge)
     return int(i)
 
 
 @borrowing_kernel
-def disown(tree: Tree, i: int) -> None:
-    """Take node i from its parent's children."""
+def remove_child(tree: Tree, i: int) -> None:
+    """Remove node i from its parent's children."""
     nodes = tree.nodes
     parent = nodes[i].parent
     if nodes[parent].child == i:
@@ -163,10 +160,10 @@ def disown(tree: Tree, i: int) -> None:
 
 
 @borrowing_kernel
-def remove(tree: Tree, i: int) -> None:
-    """Take a childless node i, not the root, out of the tree; its slot is free for `put`."""
+def remove_node(tree: Tree, i: int) -> None:
+    """Remove a leaf other than the root; `place_node` may use its slot again."""
     nodes, heads, grid = tree.nodes, tree.heads, tree.grid[0]
-    disown(tree, i)
+    remove_child(tree, i)
     col, row = cell_of(grid, nodes[i].x, nodes[i].y)
     cell = row * grid.cols + col
     if heads[cell] == i:
@@ -180,7 +177,7 @@ def remove(tree: Tree, i: int) -> None:
 
 @borrowing_kernel
 def nearest(tree: Tree, x: float, y: float) -> int:
-    """The node nearest to a point [m]: rings of cells, until no nearer one can lie outside."""
+    """The node nearest to a point [m], found ring by ring of grid cells."""
     nodes, heads, grid = tree.nodes, tree.heads, tree.grid[0]
     cell, cols, rows = grid.cell, grid.cols, grid.rows
     col, row = cell_of(grid, x, y)
@@ -205,12 +202,12 @@ def nearest(tree: Tree, x: float, y: float) -> int:
 
 
 @borrowing_kernel
-def within(
+def nodes_within(
     tree: Tree, x: float, y: float, radius: float, found: NDArray[np.int32], distances: Array
 ) -> int:
-    """Nodes within a radius [m] of a point; writes them and their distances, returns their number.
+    """Write the nodes within a radius [m] of a point and their distances; returns their number.
 
-    Neighbours beyond the length of `found` are left out.
+    At most `len(found)` nodes are written.
     """
     nodes, heads, grid = tree.nodes, tree.heads, tree.grid[0]
     left, low = cell_of(grid, x - radius, y - radius)
@@ -231,18 +228,13 @@ def within(
 
 @borrowing_kernel
 def rewire(tree: Tree, i: int, parent: int, edge: float, stack: NDArray[np.int32]) -> None:
-    """Move node i, with all that hangs from it, below a new parent; costs follow at once.
+    """Give node i a new parent, which is no descendant of it, and update its descendants' costs.
 
-    Args:
-        tree: the tree.
-        i: the node that moves.
-        parent: its new parent, which does not hang from it.
-        edge: length of the new edge [m].
-        stack: room for as many indices as the tree has nodes.
+    The stack is scratch memory for as many indices as the tree has nodes.
     """
     nodes = tree.nodes
-    disown(tree, i)
-    adopt(tree, i, parent, edge)
+    remove_child(tree, i)
+    add_child(tree, i, parent, edge)
     stack[0], height = i, 1
     while height > 0:
         height -= 1
@@ -257,7 +249,7 @@ def rewire(tree: Tree, i: int, parent: int, edge: float, stack: NDArray[np.int32
 
 @kernel
 def edges(tree: Tree) -> Array:
-    """The edges (k, 4) [m] of a tree, parent first."""
+    """The edges (k, 4) [m] of a tree: x and y of the parent, then of the child."""
     nodes, count = tree.nodes, tree.grid[0].count
     out = np.empty((count, 4))
     k = 0
@@ -271,8 +263,8 @@ def edges(tree: Tree) -> Array:
 
 
 @borrowing_kernel
-def chain(tree: Tree, i: int, out: NDArray[np.int32]) -> int:
-    """Write node i and its ancestors up to the root; returns their number, at most out's."""
+def write_ancestors(tree: Tree, i: int, out: NDArray[np.int32]) -> int:
+    """Write node i and its ancestors up to the root; returns their number, at most `len(out)`."""
     n = 0
     while i != NONE and n < len(out):
         out[n] = i
@@ -282,8 +274,8 @@ def chain(tree: Tree, i: int, out: NDArray[np.int32]) -> int:
 
 
 @kernel
-def branch(tree: Tree, i: int) -> Array:
-    """The points (n, 2) [m] from the root to node i."""
+def path_from_root(tree: Tree, i: int) -> Array:
+    """The path (n, 2) [m] from the root to node i."""
     nodes = tree.nodes
     n, k = 0, i
     while k != NONE:
@@ -295,3 +287,93 @@ def branch(tree: Tree, i: int) -> Array:
         out[n, 0], out[n, 1] = nodes[i].x, nodes[i].y
         i = nodes[i].parent
     return out
+
+
+# Most neighbours of one new node; the shrinking radius keeps their number near 3 log n.
+_NEIGHBOURS = 256
+# m: a smaller gain rewires nothing, so that rounding cannot form a loop.
+MIN_GAIN = 1e-9
+
+
+class Growth(NamedTuple):
+    """The options of the search that make it one of the tree planners; by default a plain RRT."""
+
+    step: float  # m, longest edge towards a sample
+    goal_reach: float  # m, a node this near to the goal is connected to it, if the edge is free
+    max_nodes: int  # nodes of a tree
+    reserve: int = 16  # nodes that one iteration may add, without those of the joined goal tree
+    goal_bias: float = 0.0  # share of the samples that are the goal until it is reached
+    stop_at_first: bool = True  # stop at the first path
+    bidirectional: bool = False  # a second tree grows from the goal until they meet (RRT-Connect)
+    rewiring: bool = False  # choose the best parent and rewire neighbours (RRT*)
+    radius: float = 0.0  # m, of the neighbourhood; 0 for the shrinking radius
+    gamma: float = 0.0  # of the shrinking radius gamma sqrt(area log n / n)
+    use_ancestors: bool = False  # prefer ancestors of the parent that see the new node (Q-RRT*)
+    replace_leaves: bool = False  # at the limit a childless node makes workspace (RRT*FN)
+    shortcut_path: bool = False  # join vertices of the best path that see each other
+    informed: bool = False  # sample and keep only what can shorten the best path
+    beacon_share: float = 0.0  # share of the samples near the best path's vertices (RRT*-Smart)
+    beacon_radius: float = 0.0  # m
+    beacon_min_scale: float = 1.0  # that radius is scaled by a log-uniform draw in [this, 1]
+    corner_share: float = 0.0  # share of the samples near corners of obstacles
+    corner_radius: float = 0.0  # m
+    in_strip: bool = False  # sample between the x of start and goal, wider as edges are blocked
+    widening: float = 0.0  # m, by which each blocked edge widens the strip on each side
+    steer_by_swarm: bool = False  # steer by a whale swarm (thesis, algorithm 4)
+
+
+RUN = np.dtype(
+    [
+        ("iteration", np.int64),  # samples drawn
+        ("first_path", np.int64),  # iteration that reached the goal; NONE if none did
+        ("edges_tested", np.int64),  # edges tested
+        ("blocked", np.int64),  # blocked extensions
+        ("walls_cut", np.int64),  # blocked extensions that end in a free point
+        ("goal", np.int64),  # the goal's node in the start tree; NONE before it is reached
+        ("beacon", np.int64),  # index in `path` of the vertex sampled around; NONE if none
+        ("path_length", np.float64),  # m, of the best path after its last shortcut
+        ("sample_area", np.float64),  # m2, of the sampled region
+        ("strip_margin", np.float64),  # m, on each side of the strip
+        ("from_goal", np.bool_),  # the next sample extends the goal tree
+        ("done", np.bool_),  # the search cannot improve any more
+    ]
+)
+
+
+class Workspace(NamedTuple):
+    """The state of a search and its scratch arrays."""
+
+    run: NDArray[Any]  # (1,) RUN
+    found: NDArray[np.int32]  # neighbours of the new node
+    distances: Array  # m, to these neighbours
+    through: Array  # m, cost of the new node through each neighbour
+    chain: NDArray[np.int32]  # nodes of the best path, the goal first
+    stack: NDArray[np.int32]  # nodes whose children's costs are not updated yet
+
+
+def new_run(bounds: Array) -> NDArray[Any]:
+    """The state (1,) of a new search on a map with bounds (4,) [m]."""
+    run = np.zeros(1, RUN)
+    run["first_path"] = run["goal"] = run["beacon"] = NONE
+    run["path_length"] = np.inf
+    run["sample_area"] = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1])
+    return run
+
+
+def new_workspace(run: NDArray[Any], capacity: int) -> Workspace:
+    """Scratch arrays for trees of at most `capacity` nodes, with the state of a search."""
+    return Workspace(
+        run,
+        np.empty(_NEIGHBOURS, np.int32),
+        np.empty(_NEIGHBOURS),
+        np.empty(_NEIGHBOURS),
+        np.empty(capacity, np.int32),
+        np.empty(capacity, np.int32),
+    )
+
+
+@borrowing_kernel
+def edge_is_free(space: SpaceArrays, run: Any, ax: float, ay: float, bx: float, by: float) -> bool:
+    """Whether the edge from a, known to be free, to b [m] is free; counts the test."""
+    run.edges_tested += 1
+    return way_free(space, ax, ay, bx, by)

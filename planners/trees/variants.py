@@ -17,14 +17,14 @@ from planners.problem import Plan, Problem, Status
 from planners.random_stream import stream
 from planners.swarm.whale_path import shorten
 from planners.swarm.woa import WhaleSettings
-from planners.trees.steering import Pull
+from planners.trees.sampling import SteeringCost
+from planners.trees.tree import Growth
 from planners.trees.tree_search import search
-from planners.trees.values import Growth
 from wheelchair_gym.config import setting, settings
 
 _ROOM = "rooms and doors of buildings"
 # Karaman and Frazzoli 2011, d = 2: 2 sqrt((1 + 1/d) area / pi) is gamma's least value.
-LEAST_GAMMA = 2.0 * math.sqrt(1.5 / math.pi)
+MIN_GAMMA = 2.0 * math.sqrt(1.5 / math.pi)
 
 
 @settings
@@ -68,7 +68,7 @@ class RrtConnect:
             self.step,
             math.inf,
             self.nodes,
-            both_ways=True,
+            bidirectional=True,
             corner_share=self.corner_share,
             corner_radius=self.corner_radius,
         )
@@ -115,7 +115,7 @@ class RrtStar:
             stop_at_first=self.return_on_first_path,
             rewiring=True,
             radius=self.search_radius or 0.0,
-            gamma=self.radius_factor * LEAST_GAMMA,
+            gamma=self.radius_factor * MIN_GAMMA,
         )
 
     def plan(
@@ -144,7 +144,7 @@ class InformedRrtStar:
     radius_factor: float = setting(default=1.0, source="the least that converges", low=0.1)
     beacon_share: float = setting(default=0.3, source="measured", low=0.0, high=1.0)
     beacon_radius: float = setting(default=4.0, unit="m", source="as the step", low=0.0)
-    beacon_finest: float = setting(default=1e-5, source="of the radius", low=1e-12, high=1.0)
+    beacon_min_scale: float = setting(default=1e-5, source="of the radius", low=1e-12, high=1.0)
 
     corner_share: float = setting(default=0.5, source="measured", low=0.0, high=1.0)
     corner_radius: float = setting(
@@ -159,16 +159,16 @@ class InformedRrtStar:
             math.inf,
             self.nodes,
             stop_at_first=False,
-            both_ways=True,
+            bidirectional=True,
             rewiring=True,
-            gamma=self.radius_factor * LEAST_GAMMA,
-            climbing=True,
-            recycling=True,
-            shortening=True,
+            gamma=self.radius_factor * MIN_GAMMA,
+            use_ancestors=True,
+            replace_leaves=True,
+            shortcut_path=True,
             informed=True,
             beacon_share=self.beacon_share,
             beacon_radius=self.beacon_radius,
-            beacon_finest=self.beacon_finest,
+            beacon_min_scale=self.beacon_min_scale,
             corner_share=self.corner_share,
             corner_radius=self.corner_radius,
         )
@@ -201,7 +201,7 @@ class RrtStarSmart:
     ) -> Plan:
         """Answer a problem with the best path of all samples, or with the first."""
         growth = self.tree.growth._replace(
-            shortening=True, beacon_share=self.beacon_share, beacon_radius=self.beacon_radius
+            shortcut_path=True, beacon_share=self.beacon_share, beacon_radius=self.beacon_radius
         )
         return search(problem, rng, deadline, growth, self.tree.iterations)
 
@@ -210,8 +210,8 @@ class RrtStarSmart:
 class RrtStarFn:
     """RRT*FN (Adiyatov and Varol 2013): RRT* in a fixed number of nodes.
 
-    At that number a childless node, drawn at random but never the goal, makes room for each new
-    one, so that memory is bounded and paths still fall.
+    At that number each new node replaces a random leaf other than the goal, so that memory is
+    bounded and paths still improve.
     """
 
     tree: RrtStar = setting(default=RrtStar(nodes=1_000))
@@ -220,7 +220,7 @@ class RrtStarFn:
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
         """Answer a problem with the best path of all samples, or with the first."""
-        growth = self.tree.growth._replace(recycling=True)
+        growth = self.tree.growth._replace(replace_leaves=True)
         return search(problem, rng, deadline, growth, self.tree.iterations)
 
 
@@ -264,8 +264,8 @@ class RrtStarWoaLocal:
     height_bound: float = setting(default=2.5, unit="m", source=_FIGURE, low=0.0)
     sample_weight: float = setting(default=1.0, unit="1/m", source="as the goal's", low=0.0)
     goal_weight: float = setting(default=1.0, unit="1/m", source="as the sample's", low=0.0)
-    near_hidden: float = setting(default=1000.0, source="above all lengths on a map", low=0.0)
-    goal_hidden: float = setting(default=10.0, source="below near_hidden", low=0.0)
+    node_hidden_cost: float = setting(default=1000.0, source="above all lengths on a map", low=0.0)
+    goal_hidden_cost: float = setting(default=10.0, source="below near_hidden", low=0.0)
 
     @classmethod
     def thesis(cls) -> RrtStarWoaLocal:
@@ -276,17 +276,17 @@ class RrtStarWoaLocal:
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
         """Answer a problem with the first path, or the best of all samples, as `tree` says."""
-        pull = Pull(
+        steering = SteeringCost(
             width=self.width_bound,
             height=self.height_bound,
-            to_sample=self.sample_weight,
-            to_goal=self.goal_weight,
-            hidden_near=self.near_hidden,
-            hidden_goal=self.goal_hidden,
+            sample_weight=self.sample_weight,
+            goal_weight=self.goal_weight,
+            node_hidden=self.node_hidden_cost,
+            goal_hidden=self.goal_hidden_cost,
         )
-        growth = self.tree.growth._replace(whales=True)
+        growth = self.tree.growth._replace(steer_by_swarm=True)
         swarm = self.whales.values
-        return search(problem, rng, deadline, growth, self.tree.iterations, swarm, pull)
+        return search(problem, rng, deadline, growth, self.tree.iterations, swarm, steering)
 
 
 @settings

@@ -9,7 +9,7 @@ import shapely
 from planners import Plan, Problem, Space, Status, make_planner
 from planners.judge import faults
 from planners.problem_files import read_problems
-from planners.replan import remainder, replan
+from planners.trees.replan import remainder, replan
 from planners.trees.variants import InformedRrtStar
 from wheelchair_gym.geometry import path_length
 

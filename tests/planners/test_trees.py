@@ -14,13 +14,13 @@ from planners.problem_files import read_problems
 from planners.trees.spline import SplineRrtStar
 from planners.trees.tree import (
     NONE,
-    enlarged,
     insert,
     nearest,
     new_tree,
-    put,
-    remove,
-    within,
+    nodes_within,
+    place_node,
+    remove_node,
+    tree_with_capacity,
 )
 from planners.trees.variants import (
     InformedRrtStar,
@@ -181,7 +181,7 @@ def test_neighbours_are_those_of_brute_force():
             query = rng.uniform(-1, 31, 2) * (1, 0.4)
             gaps = np.hypot(*(points[: i + 1] - query).T)
             assert gaps[nearest(tree, *query)] == gaps.min()
-            n = within(tree, *query, 3.0, found, distances)
+            n = nodes_within(tree, *query, 3.0, found, distances)
             assert sorted(found[:n]) == list(np.flatnonzero(gaps <= 3.0))
 
 
@@ -191,18 +191,18 @@ def test_trees_keep_their_nodes_through_removal_and_more_room():
     tree = new_tree(np.array([0.0, 0.0, 10.0, 10.0]), 200)
     for i, (x, y) in enumerate(points[:200]):
         insert(tree, x, y, NONE if i == 0 else 0, 1.0)
-    tree = enlarged(tree, 400)
+    tree = tree_with_capacity(tree, 400)
     for x, y in points[200:]:
         insert(tree, x, y, 0, 1.0)
     for i in rng.permutation(np.arange(1, 400))[:150]:
         points[i] = rng.uniform(0, 10, 2)
-        remove(tree, i)
-        put(tree, i, *points[i], 0, 1.0)
+        remove_node(tree, i)
+        place_node(tree, i, *points[i], 0, 1.0)
     found, distances = np.empty(400, np.int32), np.empty(400)
     for query in rng.uniform(0, 10, (50, 2)):
         gaps = np.hypot(*(points - query).T)
         assert gaps[nearest(tree, *query)] == gaps.min()
-        n = within(tree, *query, 2.0, found, distances)
+        n = nodes_within(tree, *query, 2.0, found, distances)
         assert sorted(found[:n]) == list(np.flatnonzero(gaps <= 2.0))
 
 
