@@ -408,9 +408,9 @@ def _bench(folder: Path) -> Path:
 
 
 def _use_bench(path: Path) -> None:
-    from agents.benchmarks.race import known_records
+    from agents.benchmarks.race import read_records
 
-    known_records(path)
+    read_records(path)
 
 
 def _comparison(folder: Path) -> Path:

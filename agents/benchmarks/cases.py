@@ -41,7 +41,7 @@ class Case:
 
     problem: Problem
     optimum: float | None
-    known_from: str
+    optimum_source: str
     rectangles: Array | None = None
 
     @property
@@ -63,7 +63,7 @@ class Case:
         """Who says whether a path is valid."""
         return Judge.of(self.problem)
 
-    def anew(self) -> Problem:
+    def fresh_problem(self) -> Problem:
         """The same problem on a map that no planner has seen, ready for exact tests."""
         space = Space(self.problem.space.solid, self.problem.space.bounds)
         problem = replace(self.problem, space=space)
@@ -71,7 +71,7 @@ class Case:
         return problem
 
 
-def _known(problem: Problem, optimum: float | None = None, rectangles: Array | None = None) -> Case:
+def _case(problem: Problem, optimum: float | None = None, rectangles: Array | None = None) -> Case:
     _ = problem.free.arrays
     if optimum is not None:
         return Case(problem, optimum, "file", rectangles)
@@ -94,7 +94,7 @@ def stored_cases(path: str | Path, only: Sequence[str] = ()) -> list[Case]:
         raise InputError(f"{path}: two problems share a name")
     wanted = _wanted(names, only, str(path))
     return [
-        _known(problem, optimum, np.asarray(item["rects"], dtype=np.float64).reshape(-1, 4))
+        _case(problem, optimum, np.asarray(item["rects"], dtype=np.float64).reshape(-1, 4))
         for (problem, optimum), item in zip(problems, data, strict=True)
         if problem.name in wanted
     ]
@@ -127,7 +127,7 @@ def scene_case(scene: Spec, seed: int = SEED) -> Case:
     episode = make_scene(scene).sample(np.random.default_rng(seed))
     space = Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
     clearance = Footprint().half_width + MARGIN
-    return _known(Problem(space, episode.start, episode.goal, clearance, label(scene)))
+    return _case(Problem(space, episode.start, episode.goal, clearance, label(scene)))
 
 
 def _wanted(names: Sequence[str], only: Sequence[str], where: str) -> list[str]:
@@ -137,12 +137,12 @@ def _wanted(names: Sequence[str], only: Sequence[str], where: str) -> list[str]:
     return [name for name in names if not only or name in only]
 
 
-def described(case: Case) -> dict[str, Any]:
+def description(case: Case) -> dict[str, Any]:
     """A case as results tell it."""
     return {
         "name": case.name,
         "clearance_m": case.problem.clearance,
         "optimum_m": case.optimum,
-        "optimum_from": case.known_from,
+        "optimum_from": case.optimum_source,
         "digest": case.digest,
     }

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agents.benchmarks.race import FREE, Record
-from agents.benchmarks.summary import LATE, first_s, sound, titled
+from agents.benchmarks.summary import LATE_FACTOR, entrant_title, first_path_time, is_valid
 from agents.evaluation.figures import COLOURS, DASHES, LOOK, MARKS
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import whole
@@ -69,7 +69,7 @@ def draw(
                 _success(left, own, looks[row["planner"]])
                 _lengths(right, own, optima[problem], deadlines, looks[row["planner"]])
             _dress(left, right, problem, here)
-        whole_run = {row["planner"]: titled(dict(row)) for row in reversed(rows)}
+        whole_run = {row["planner"]: entrant_title(dict(row)) for row in reversed(rows)}
         lines = [
             mpl.lines.Line2D([], [], **looks[name], markersize=4, label=_short(whole_run[name]))
             for name in names
@@ -86,7 +86,7 @@ def _short(name: str) -> str:
 def _success(axes: Axes, records: Sequence[Record], look: Mapping[str, Any]) -> None:
     """Share of runs that had a valid first path by a time."""
     free = [record for record in records if record["budget"] == FREE]
-    times = np.sort([1e3 * first_s(record) for record in free if sound(record)])
+    times = np.sort([1e3 * first_path_time(record) for record in free if is_valid(record)])
     if not len(times):
         return
     share = 100.0 * np.arange(1, len(times) + 1) / len(free)
@@ -113,12 +113,12 @@ def _lengths(
             record
             for record in records
             if record["budget"] == deadline
-            and sound(record)
-            and record["wall_s"] <= LATE * deadline
+            and is_valid(record)
+            and record["wall_s"] <= LATE_FACTOR * deadline
         ]
         points.append((deadline, [record["length_m"] for record in done]))
     if not any(record["budget"] in deadlines for record in records):
-        done = [record for record in records if record["budget"] == FREE and sound(record)]
+        done = [record for record in records if record["budget"] == FREE and is_valid(record)]
         if done:
             middle = float(np.median([record["wall_s"] for record in done]))
             points = [(middle, [record["length_m"] for record in done])]

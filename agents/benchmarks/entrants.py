@@ -23,7 +23,7 @@ UNLIMITED = 1_000_000_000  # iterations under a deadline: time alone is to end a
 
 
 @dataclass(frozen=True)
-class Contender:
+class Entrant:
     """A planner that takes part.
 
     Attributes:
@@ -36,32 +36,32 @@ class Contender:
     """
 
     name: str
-    own: Any
-    lifted: Any
+    config: Any
+    unlimited: Any
     package: str | None = None
     timed: bool = True
     calls: tuple[str, ...] = ()
 
-    def at(self, case: Case) -> tuple[Any, Any] | None:
+    def prepare(self, case: Case) -> tuple[Any, Any] | None:
         """What plans on a map, without and with a deadline; None if the map is none for it."""
         if self.package is None:
-            return self.own, self.lifted
-        ready = self.own.at(case)
+            return self.config, self.unlimited
+        ready = self.config.at(case)
         return None if ready is None else (ready, ready)
 
     @property
-    def described(self) -> dict[str, Any]:
+    def description(self) -> dict[str, Any]:
         """The contender as results tell it."""
         return {
             "name": self.name,
             "package": self.package,
             "takes_deadline": self.timed,
             "calls": list(self.calls),
-            "settings": dump(self.own),
+            "settings": dump(self.config),
         }
 
 
-def answer(planner: Any, problem: Problem, seed: int, deadline: float | None = None) -> Plan:
+def make_plan(planner: Any, problem: Problem, seed: int, deadline: float | None = None) -> Plan:
     """The plan for a seed; a deadline is given on only where there is one."""
     rng = np.random.default_rng(seed)
     plan: Plan = (
@@ -116,7 +116,7 @@ def called_planners(planner: Any) -> tuple[str, ...]:
     before = sys.getprofile()
     sys.setprofile(watch)
     try:
-        answer(planner, small_problem(), 0)
+        make_plan(planner, small_problem(), 0)
     finally:
         sys.setprofile(before)
     return tuple(seen)
@@ -128,7 +128,7 @@ def small_problem() -> Problem:
     return Problem(space, np.array([1.0, 2.0]), np.array([4.0, 2.0]), name="small")
 
 
-def contenders(specs: Sequence[Any], peers: Sequence[str]) -> list[Contender]:
+def make_entrants(specs: Sequence[Any], peers: Sequence[str]) -> list[Entrant]:
     """Who takes part, compiled and ready.
 
     Args:
@@ -145,7 +145,7 @@ def contenders(specs: Sequence[Any], peers: Sequence[str]) -> list[Contender]:
         planner = make_planner(values)
         calls, timed = called_planners(planner), takes_deadline(planner)
         found.append(
-            Contender(label, planner, with_iterations(planner, UNLIMITED), timed=timed, calls=calls)
+            Entrant(label, planner, with_iterations(planner, UNLIMITED), timed=timed, calls=calls)
         )
     small = Case(small_problem(), None, "nobody", np.array([[2.0, 1.5, 3.0, 2.5]]))
     for name in peers:
@@ -153,11 +153,11 @@ def contenders(specs: Sequence[Any], peers: Sequence[str]) -> list[Contender]:
         package = f"{peer.package} {importlib.metadata.version(peer.package)}"
         ready = peer.settings.at(small)
         calls = called_planners(ready)
-        found.append(Contender(name, peer.settings, peer.settings, package, peer.timed, calls))
+        found.append(Entrant(name, peer.settings, peer.settings, package, peer.timed, calls))
     return found
 
 
-def chosen_peers(wanted: Sequence[str] | None) -> tuple[list[str], list[str]]:
+def select_peers(wanted: Sequence[str] | None) -> tuple[list[str], list[str]]:
     """The names of peers to run, and a line for each package that is missing.
 
     Args:

@@ -39,9 +39,9 @@ def bench_settings(beams: int, bank: int) -> EnvSettings:
     )
 
 
-def fill(worlds: Worlds, size: int) -> tuple[float, float]:
+def measure_bank(worlds: Worlds, size: int) -> tuple[float, float]:
     """Make every world of a fresh bank; milliseconds and bytes of each."""
-    before, begun = resident(), time.perf_counter()
+    before, begun = resident_bytes(), time.perf_counter()
     known = len(worlds)
     seed = 0
     while len(worlds) < size:
@@ -49,10 +49,10 @@ def fill(worlds: Worlds, size: int) -> tuple[float, float]:
         seed += 1
     made = max(1, len(worlds) - known)
     spent = time.perf_counter() - begun
-    return 1e3 * spent / made, (resident() - before) / made
+    return 1e3 * spent / made, (resident_bytes() - before) / made
 
 
-def resident() -> int:
+def resident_bytes() -> int:
     """Bytes of this process that lie in memory; 0 where the system does not tell."""
     statm = Path("/proc/self/statm")
     if not statm.exists():
@@ -60,7 +60,7 @@ def resident() -> int:
     return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
-def rate(step: Callable[[int], int], seconds: float) -> float:
+def measure_rate(step: Callable[[int], int], seconds: float) -> float:
     """Steps per second, the median of three spells that together last so long.
 
     Args:
@@ -78,7 +78,7 @@ def rate(step: Callable[[int], int], seconds: float) -> float:
     return statistics.median(rates)
 
 
-def one_env(settings: EnvSettings, worlds: Worlds, seconds: float) -> float:
+def single_env_rate(settings: EnvSettings, worlds: Worlds, seconds: float) -> float:
     """Steps per second of one Gymnasium environment, resets included."""
     env = gym.make(ENV, config=settings, disable_env_checker=True)
     own: Any = env.unwrapped
@@ -94,12 +94,12 @@ def one_env(settings: EnvSettings, worlds: Worlds, seconds: float) -> float:
 
     for k in range(EPISODE):
         step(k)
-    found = rate(step, seconds)
+    found = measure_rate(step, seconds)
     env.close()
     return found
 
 
-def many_envs(
+def vector_env_rate(
     settings: EnvSettings, worlds: Worlds, n: int, threads: int, seconds: float
 ) -> tuple[float, NavigationVectorEnv]:
     """Steps per second of a batch, resets included, and the batch."""
@@ -115,10 +115,10 @@ def many_envs(
 
     for k in range(8):
         step(k)
-    return rate(step, seconds), env
+    return measure_rate(step, seconds), env
 
 
-def start_up() -> tuple[float, float]:
+def startup_times() -> tuple[float, float]:
     """Seconds of `gymnasium.make` and `reset` in a fresh process: first ever, and after that."""
     code = (
         "import time; t = time.perf_counter(); import gymnasium, wheelchair_gym; "
@@ -164,12 +164,12 @@ def measure(
         start: measure how long it takes to start.
     """
     if start:
-        first, second = start_up()
+        first, second = startup_times()
         yield {"what": "first start, with compilation", "value": first, "unit": "s"}
         yield {"what": "start in a second process", "value": second, "unit": "s"}
     worlds: Worlds = gym.make(ENV, config=bench_settings(beams[0], bank)).unwrapped.worlds  # type: ignore[attr-defined]
     worlds.course(0, 0)
-    made_ms, world_bytes = fill(worlds, bank)
+    made_ms, world_bytes = measure_bank(worlds, bank)
     yield {"what": "a world of the bank, made", "value": made_ms, "unit": "ms"}
     yield {"what": "a world of the bank, kept", "value": world_bytes / 1024, "unit": "kB"}
     for count in beams:
@@ -180,14 +180,14 @@ def measure(
 
             theirs = irsim_rate(settings, worlds.course(0, 0).episode, seconds)
             yield {"what": "IR-SIM", "beams": count, "envs": 1, "threads": 1, "rate": theirs}
-        found = one_env(settings, worlds, seconds)
+        found = single_env_rate(settings, worlds, seconds)
         yield _row("one env", count, 1, 1, found, theirs)
         for n in envs:
             for used in threads:
                 if used > n:
                     continue
-                before = resident()
-                found, env = many_envs(settings, worlds, n, used, seconds)
+                before = resident_bytes()
+                found, env = vector_env_rate(settings, worlds, n, used, seconds)
                 yield _row("batch", count, n, used, found, theirs)
                 if n == max(envs) and used == min(threads):
                     # Later batches live in what the first ones gave back: only they tell.
@@ -202,7 +202,7 @@ def _row(what: str, beams: int, n: int, threads: int, found: float, theirs: floa
 
 def _batch_facts(env: NavigationVectorEnv, n: int, before: int, first: bool) -> Iterator[Row]:
     if first:
-        value = (resident() - before) / n / 1024
+        value = (resident_bytes() - before) / n / 1024
         yield {"what": "memory of an env", "value": value, "unit": "kB"}
     env.reset(seed=0)
     begun = time.perf_counter()

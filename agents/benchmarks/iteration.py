@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.benchmarks.cases import Case
 from agents.peers import PEERS
-from agents.peers.swarms import FIRST, WEIGHTS, Cost, Mealpy, Niapy, scattered, with_way_points
+from agents.peers.swarms import FIRST, WEIGHTS, Cost, Mealpy, Niapy, scatter, subdivide
 from planners import make_planner
 from planners.random_stream import stream
 from planners.swarm.whale_path import shorten
@@ -51,9 +51,9 @@ def iteration_rows(cases: Sequence[Case], peers: Sequence[str]) -> list[Row]:
             break
     else:
         return []
-    path = with_way_points(first.path, WAY_POINTS)
+    path = subdivide(first.path, WAY_POINTS)
     arrays = problem.free.arrays
-    start = scattered(path, POPULATION, np.random.default_rng(0))
+    start = scatter(path, POPULATION, np.random.default_rng(0))
 
     def ours(count: int) -> object:
         return shorten(

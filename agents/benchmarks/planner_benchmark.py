@@ -9,32 +9,40 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from agents.benchmarks.cases import MARGIN, SEED, described, scene_cases, stored_cases
-from agents.benchmarks.entrants import UNLIMITED, contenders
+from agents.benchmarks.cases import MARGIN, SEED, description, scene_cases, stored_cases
+from agents.benchmarks.entrants import UNLIMITED, make_entrants
 from agents.benchmarks.environments import provenance
 from agents.benchmarks.iteration import iteration_rows
-from agents.benchmarks.race import FORMAT, Race, Record
-from agents.benchmarks.summary import LATE, as_csv, at, markdown, ranking, summarise
+from agents.benchmarks.race import FORMAT, BenchmarkRuns, Record
+from agents.benchmarks.summary import (
+    LATE_FACTOR,
+    as_csv,
+    deadline_key,
+    markdown,
+    ranking,
+    summarise,
+)
 from agents.evaluation.provenance import command_line, write_json, write_text
 from agents.interrupt import by_hand
 
 LOG_PAUSE = 10.0  # s between two lines of progress where they are kept, as in a log
 
 TERMS = (
-    "A map's arrays for exact tests are ready before the clock starts, as is each peer's own "
-    "description of the map; the first call is on a map never seen. The others share a map, and "
-    "what a planner keeps with it.",
+    "The arrays of a map for exact tests are made before the clock starts, and so is each peer's "
+    "own description of the map. The first call is on a map that the planner has not seen; the "
+    "other calls share a map and what a planner caches with it.",
     f"Under a deadline a planner's limit of iterations is {UNLIMITED:.0e}; an answer later than "
-    f"{LATE} times the deadline is none. A planner that takes no deadline answers when it is done.",
-    "Where a planner tells the iteration of its first path and not the time, a run that is cut off "
-    "there tells it; where it tells neither, the first path counts from the end of the run.",
-    "A valid path is one in which shapely finds no fault: exact edges, within 1e-6 m.",
-    "OMPL is given our exact edge test, compiled for the map, which is favourable to it; as "
-    "'..._sampled' it is as it comes. Its random numbers are one stream of the process.",
+    f"{LATE_FACTOR} times the deadline does not count. A planner without deadlines answers when it "
+    "is done.",
+    "Where a planner reports the iteration of its first path and not the time, a run that ends at "
+    "this iteration measures the time; where it reports neither, it is the time of the whole run.",
+    "A path is valid if shapely finds no fault in it: exact edges, within 1e-6 m.",
+    "OMPL gets our exact edge test, compiled for the map, which makes it faster; '..._sampled' is "
+    "OMPL as it comes. Its random numbers are one stream of the process.",
 )
 
 
-class Championship:
+class PlannerBenchmark:
     """Everything of one benchmark.
 
     Args:
@@ -64,8 +72,8 @@ class Championship:
     ) -> None:
         self.peers = list(peers)
         self.cases = stored_cases(problems, only) if problems else scene_cases(only)
-        self.runners = contenders(ours, peers)
-        self.race = Race(self.runners, self.cases, list(seeds), deadlines, known)
+        self.entrants = make_entrants(ours, peers)
+        self.race = BenchmarkRuns(self.entrants, self.cases, list(seeds), deadlines, known)
         self._iterations: list[dict[str, Any]] = []
         self._settings = {
             "problems": str(problems) if problems else f"scenes, seed {SEED}, margin {MARGIN} m",
@@ -73,7 +81,7 @@ class Championship:
             "deadlines_s": self.race.deadlines,
             "core": core,
             "terms": list(TERMS),
-            "contenders": [runner.described for runner in self.runners],
+            "contenders": [runner.description for runner in self.entrants],
         }
 
     @property
@@ -81,7 +89,7 @@ class Championship:
         """Runs made, and runs wanted."""
         return len(self.race.records), len(self.race.wanted)
 
-    def go(self, file: str | Path, bar: bool = True, pause: float = 30.0) -> bool:
+    def run(self, file: str | Path, bar: bool = True, pause: float = 30.0) -> bool:
         """Make the runs that are missing; whether all were made, or a person stopped it.
 
         Args:
@@ -98,7 +106,7 @@ class Championship:
         try:
             self._iterations = iteration_rows(self.cases, self.peers)
             for _ in tqdm(
-                self.race.go(), total=wanted, initial=made, unit="run", mininterval=often,
+                self.race.run_missing(), total=wanted, initial=made, unit="run", mininterval=often,
                 maxinterval=often, disable=not bar,
             ):  # fmt: skip
                 if time.perf_counter() - written > pause:
@@ -114,7 +122,7 @@ class Championship:
     def rows(self) -> list[dict[str, Any]]:
         """The figures so far."""
         records = list(self.race.records.values())
-        return summarise(self.runners, self.cases, records, self.race.deadlines)
+        return summarise(self.entrants, self.cases, records, self.race.deadlines)
 
     def result(self) -> dict[str, Any]:
         """Everything, as the results file has it."""
@@ -126,14 +134,14 @@ class Championship:
                 **provenance(**self._settings),
                 "written": datetime.now(UTC).isoformat(timespec="seconds"),
             },
-            "problems": [described(case) for case in self.cases],
+            "problems": [description(case) for case in self.cases],
             "rows": rows,
             "anytime": {
-                at(deadline): [row["planner"] for row in ranking(rows, deadline)]
+                deadline_key(deadline): [row["planner"] for row in ranking(rows, deadline)]
                 for deadline in self.race.deadlines
             },
             "iterations": self._iterations,
-            "records": self.race.kept,
+            "records": self.race.stored_records,
             "others": self.race.others,
         }
 

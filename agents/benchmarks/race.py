@@ -13,7 +13,7 @@ from time import perf_counter, process_time
 from typing import Any
 
 from agents.benchmarks.cases import Case
-from agents.benchmarks.entrants import Contender, answer, with_iterations
+from agents.benchmarks.entrants import Entrant, make_plan, with_iterations
 from agents.evaluation.path_metrics import path_figures
 from agents.evaluation.provenance import machine
 from agents.evaluation.runs import source_digest
@@ -50,16 +50,16 @@ def one_core() -> Iterator[int | None]:
                 os.environ[name] = value
 
 
-def key_of(contender: Contender, case: Case, seed: int, budget: Budget) -> str:
+def key_of(entrant: Entrant, case: Case, seed: int, budget: Budget) -> str:
     """What makes two runs the same: code, machine, settings, problem, seed and time allowed."""
     parts = [
-        source_digest(), machine()["cpu"], contender.name, contender.package, dump(contender.own),
+        source_digest(), machine()["cpu"], entrant.name, entrant.package, dump(entrant.config),
         case.digest, seed, budget,
     ]  # fmt: skip
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def run(planner: Any, case: Case, seed: int, budget: Budget) -> Record:
+def run_once(planner: Any, case: Case, seed: int, budget: Budget) -> Record:
     """One run: what came of it, when, and what the judge says.
 
     Args:
@@ -68,13 +68,13 @@ def run(planner: Any, case: Case, seed: int, budget: Budget) -> Record:
         seed: of the random numbers.
         budget: COLD: on a map that it has never seen; FREE: without a deadline; else seconds.
     """
-    problem = case.anew() if budget == COLD else case.problem
+    problem = case.fresh_problem() if budget == COLD else case.problem
     deadline = None if isinstance(budget, str) else budget
     gc.disable()
     error = None
     begun, cpu = perf_counter(), process_time()
     try:
-        plan = answer(planner, problem, seed, deadline)
+        plan = make_plan(planner, problem, seed, deadline)
     except Exception as raised:  # a benchmark of hours does not end with one planner's mistake
         if by_hand(raised):
             raise
@@ -94,26 +94,26 @@ def run(planner: Any, case: Case, seed: int, budget: Budget) -> Record:
     if not len(plan.path):
         return record
     if budget == FREE and record["first_path_s"] is None:
-        record |= _replayed(planner, case, seed, plan)
+        record |= _first_path_by_replay(planner, case, seed, plan)
     faults = case.judge.faults(plan.path, problem.start, problem.goal)
     return record | path_figures(plan.path, problem) | {"faults": len(faults), "why": faults[:1]}
 
 
-def _replayed(planner: Any, case: Case, seed: int, plan: Plan) -> Record:
+def _first_path_by_replay(planner: Any, case: Case, seed: int, plan: Plan) -> Record:
     """When the first path was there, from a run cut off with it, where its iteration is told."""
     first = plan.counters.get("first_path_iterations")
     if first is None or not dataclasses.is_dataclass(planner):
         return {}
     cut = with_iterations(planner, max(1, first))
     begun = perf_counter()
-    earlier = answer(cut, case.problem, seed)
+    earlier = make_plan(cut, case.problem, seed)
     spent = perf_counter() - begun
     if not len(earlier.path):
         return {}
     return {"first_path_s": spent, "first_path_length_m": earlier.length}
 
 
-class Race:
+class BenchmarkRuns:
     """All the runs of a benchmark: those known, and those still to be made.
 
     Seeds are the outermost loop of a problem, so that what else happens on the machine falls on
@@ -129,31 +129,31 @@ class Race:
 
     def __init__(
         self,
-        runners: Sequence[Contender],
+        entrants: Sequence[Entrant],
         cases: Sequence[Case],
         seeds: Sequence[int],
         deadlines: Sequence[float],
         known: Mapping[str, Record] | None = None,
     ) -> None:
-        self.runners, self.cases, self.seeds = runners, cases, seeds
+        self.runners, self.cases, self.seeds = entrants, cases, seeds
         self.deadlines = sorted(deadlines)
         self.wanted = {
             key_of(runner, case, seed, budget): (runner, case, seed, budget)
             for case in cases
             for seed in seeds
-            for runner in runners
+            for runner in entrants
             for budget in self.budgets(runner, seed)
         }
         known = known or {}
         self.records = {key: value for key, value in known.items() if key in self.wanted}
         self._others = {key: value for key, value in known.items() if key not in self.wanted}
 
-    def budgets(self, runner: Contender, seed: int) -> list[Budget]:
-        """The runs of one contender for one seed."""
+    def budgets(self, runner: Entrant, seed: int) -> list[Budget]:
+        """The runs of one entrant for one seed."""
         cold: list[Budget] = [COLD] if seed == self.seeds[0] else []
         return [*cold, FREE, *(self.deadlines if runner.timed else ())]
 
-    def go(self) -> Iterator[Record]:
+    def run_missing(self) -> Iterator[Record]:
         """Make the runs that are missing; each is kept before it is given."""
         ready: dict[tuple[str, str], Any] = {}
         for key, (runner, case, seed, budget) in self.wanted.items():
@@ -162,18 +162,18 @@ class Race:
             place = runner.name, case.name
             if place not in ready:
                 ready = {k: v for k, v in ready.items() if k[1] == case.name}
-                ready[place] = runner.at(case)
+                ready[place] = runner.prepare(case)
             planners = ready[place]
             record: Record = {"planner": runner.name, "problem": case.name}
             if planners is None:
                 record |= {"seed": seed, "budget": budget, "status": "not_for_this_map"}
             else:
-                record |= run(planners[not isinstance(budget, str)], case, seed, budget)
+                record |= run_once(planners[not isinstance(budget, str)], case, seed, budget)
             self.records[key] = record
             yield record
 
     @property
-    def kept(self) -> list[Record]:
+    def stored_records(self) -> list[Record]:
         """The records so far, each with its key, in the order of the benchmark."""
         return [{"key": key, **self.records[key]} for key in self.wanted if key in self.records]
 
@@ -183,7 +183,7 @@ class Race:
         return [{"key": key, **record} for key, record in self._others.items()]
 
 
-def known_records(path: Any) -> dict[str, Record]:
+def read_records(path: Any) -> dict[str, Record]:
     """Records by key of an earlier results file.
 
     Raises:

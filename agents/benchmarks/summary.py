@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from agents.benchmarks.cases import Case
-from agents.benchmarks.entrants import Contender
+from agents.benchmarks.entrants import Entrant
 from agents.benchmarks.race import COLD, FREE, Record
 from agents.evaluation.metrics import wilson
 from agents.evaluation.tables import Column, bounds_written, heading, written
@@ -18,20 +18,20 @@ from agents.evaluation.tables import Column, bounds_written, heading, written
 Row = dict[str, Any]
 
 ALL = "all"  # problems together
-LATE = 1.25  # of a deadline that a planner was given: an answer that came later is none
+LATE_FACTOR = 1.25  # of a deadline that a planner was given: an answer that came later is none
 
 
-def at(deadline: float) -> str:
+def deadline_key(deadline: float) -> str:
     """How keys call a deadline."""
     return f"{deadline:g}s"
 
 
-def sound(record: Record) -> bool:
+def is_valid(record: Record) -> bool:
     """Whether a run ended with a path that the judge found valid."""
     return record.get("length_m") is not None and record["faults"] == 0
 
 
-def first_s(record: Record) -> float:
+def first_path_time(record: Record) -> float:
     """When the first path was there [s]; the whole run's time where the planner does not tell."""
     told = record.get("first_path_s")
     return float(record["wall_s"] if told is None else told)
@@ -57,8 +57,8 @@ def _ratio(optima: Mapping[str, float | None]) -> Callable[[Record], float | Non
     return ratio
 
 
-def row_of(
-    runner: Contender,
+def summary_row(
+    runner: Entrant,
     problem: str,
     records: Sequence[Record],
     optima: Mapping[str, float | None],
@@ -71,7 +71,7 @@ def row_of(
     """
     ratio = _ratio(optima)
     free = [record for record in records if record["budget"] == FREE]
-    good = [record for record in free if sound(record)]
+    good = [record for record in free if is_valid(record)]
     paths = [record for record in records if record.get("length_m") is not None]
     invalid = [record for record in paths if record["faults"]]
     crashed = [record for record in records if record["status"] == "crashed"]
@@ -86,8 +86,8 @@ def row_of(
         "crashed": len(crashed),
         "why": next((str(r["why"]) for r in [*crashed, *invalid] if r.get("why")), None),
         **_share(len(good), len(free), "success"),
-        "cold_s": _median(r["wall_s"] for r in records if r["budget"] == COLD and sound(r)),
-        "first_path_s": _median(map(first_s, good)),
+        "cold_s": _median(r["wall_s"] for r in records if r["budget"] == COLD and is_valid(r)),
+        "first_path_s": _median(map(first_path_time, good)),
         "time_s": _median(record["wall_s"] for record in good),
         "cpu_s": _median(record["cpu_s"] for record in good),
         "ratio": _median(map(ratio, good)),
@@ -97,17 +97,17 @@ def row_of(
         row[key] = _median(record[key] for record in good)
     for deadline in deadlines:
         tried = [r for r in records if r["budget"] == (deadline if runner.timed else FREE)]
-        limit = deadline * (LATE if runner.timed else 1.0)
+        limit = deadline * (LATE_FACTOR if runner.timed else 1.0)
         late = [record for record in tried if record["wall_s"] > limit]
-        done = [record for record in tried if sound(record) and record["wall_s"] <= limit]
-        row |= _share(len(done), len(tried), f"success_{at(deadline)}")
-        row[f"ratio_{at(deadline)}"] = _median(map(ratio, done))
-        row[f"late_{at(deadline)}"] = len(late)
+        done = [record for record in tried if is_valid(record) and record["wall_s"] <= limit]
+        row |= _share(len(done), len(tried), f"success_{deadline_key(deadline)}")
+        row[f"ratio_{deadline_key(deadline)}"] = _median(map(ratio, done))
+        row[f"late_{deadline_key(deadline)}"] = len(late)
     return row
 
 
 def summarise(
-    runners: Sequence[Contender],
+    runners: Sequence[Entrant],
     cases: Sequence[Case],
     records: Sequence[Record],
     deadlines: Sequence[float],
@@ -125,7 +125,7 @@ def summarise(
                 and record["status"] != "not_for_this_map"
             ]
             if any(record["budget"] == FREE for record in of):
-                rows.append(row_of(runner, problem, of, optima, deadlines))
+                rows.append(summary_row(runner, problem, of, optima, deadlines))
     return rows
 
 
@@ -142,10 +142,14 @@ def ranking(rows: Sequence[Row], deadline: float) -> list[Row]:
         and not row["calls"]
         and not row["invalid"]
         and not row["crashed"]
-        and row[f"ratio_{at(deadline)}"] is not None
+        and row[f"ratio_{deadline_key(deadline)}"] is not None
     ]
     return sorted(
-        fit, key=lambda row: (-row[f"success_{at(deadline)}"], row[f"ratio_{at(deadline)}"])
+        fit,
+        key=lambda row: (
+            -row[f"success_{deadline_key(deadline)}"],
+            row[f"ratio_{deadline_key(deadline)}"],
+        ),
     )
 
 
@@ -163,8 +167,8 @@ def columns(deadlines: Sequence[float]) -> list[Column]:
             column
             for deadline in deadlines
             for column in (
-                Column(f"ratio_{at(deadline)}", f"at {at(deadline)}", digits=4),
-                Column(f"success_{at(deadline)}", "valid", "%", 0, 100.0, interval=True),
+                Column(f"ratio_{deadline_key(deadline)}", f"at {deadline_key(deadline)}", digits=4),
+                Column(f"success_{deadline_key(deadline)}", "valid", "%", 0, 100.0, interval=True),
             )
         ),
         Column("nodes", "nodes", digits=0),
@@ -175,7 +179,7 @@ def columns(deadlines: Sequence[float]) -> list[Column]:
     ]
 
 
-def titled(row: Row) -> str:
+def entrant_title(row: Row) -> str:
     """A contender's name with what must be known of it."""
     marks = []
     if row["calls"]:
@@ -198,7 +202,7 @@ def markdown(rows: Sequence[Row], deadlines: Sequence[float]) -> str:
         for row in rows:
             if row["problem"] != problem:
                 continue
-            cells = [titled(row)]
+            cells = [entrant_title(row)]
             for column in heads:
                 cell, interval = written(row[column.key], column), bounds_written(row, column)
                 cells.append(f"{cell} ({interval})" if interval and cell != "-" else cell)
@@ -206,10 +210,10 @@ def markdown(rows: Sequence[Row], deadlines: Sequence[float]) -> str:
         lines.append("")
     for deadline in deadlines:
         names = [
-            f"{row['planner']} {row[f'ratio_{at(deadline)}']:.4f}"
+            f"{row['planner']} {row[f'ratio_{deadline_key(deadline)}']:.4f}"
             for row in ranking(rows, deadline)
         ]
-        lines.append(f"Anytime ranking at {at(deadline)}: {', '.join(names) or 'nobody'}")
+        lines.append(f"Anytime ranking at {deadline_key(deadline)}: {', '.join(names) or 'nobody'}")
     return "\n".join(lines) + "\n"
 
 

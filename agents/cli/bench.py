@@ -46,9 +46,9 @@ def _line(row: dict[str, Any]) -> str:
 
 def planners(given: argparse.Namespace) -> int:
     """Run what is missing, write results as they grow, print tables."""
-    from agents.benchmarks.entrants import chosen_peers
-    from agents.benchmarks.planner_benchmark import Championship
-    from agents.benchmarks.race import known_records, one_core
+    from agents.benchmarks.entrants import select_peers
+    from agents.benchmarks.planner_benchmark import PlannerBenchmark
+    from agents.benchmarks.race import one_core, read_records
     from agents.peers import PEERS
     from planners import PLANNERS
 
@@ -62,17 +62,17 @@ def planners(given: argparse.Namespace) -> int:
         named = [name for name in asked if name in PEERS] or None
     peers: list[str] = []
     if given.peers is not False and (named or given.peers or asked is None):
-        peers, missing = chosen_peers(None if given.peers else named)
+        peers, missing = select_peers(None if given.peers else named)
         for text in missing:
             print(f"wheelchair: {text}", file=sys.stderr)
-    known = known_records(given.resume) if given.resume else {}
+    known = read_records(given.resume) if given.resume else {}
     with one_core() as core:
-        championship = Championship(
+        championship = PlannerBenchmark(
             ours, peers, given.problems, given.only, range(given.seeds), given.deadlines, known,
             core,
         )  # fmt: skip
         file = given.json if given.json not in (None, "-") else Path(given.out) / "planners.json"
-        done = championship.go(given.resume or file, bar=not given.quiet, pause=WRITE_INTERVAL)
+        done = championship.run(given.resume or file, bar=not given.quiet, pause=WRITE_INTERVAL)
     value = championship.result()
     championship.write(given.csv, given.plot)
     if given.json == "-" or (given.resume and given.json not in (None, given.resume)):

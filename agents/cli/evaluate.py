@@ -78,13 +78,12 @@ def compare(given: argparse.Namespace) -> int:
 
 def study(given: argparse.Namespace) -> int:
     """Run studies, and write everything to the folder."""
-    from agents.studies.catalog import chosen
-    from agents.studies.chapter import told
-    from agents.studies.conduct import conduct
+    from agents.studies.report import summary_text
+    from agents.studies.runner import find_studies, run_studies
 
-    studies = chosen(given.name)
+    studies = find_studies(given.name)
     try:
-        chapters = conduct(
+        chapters = run_studies(
             studies, given.out, runs=given.runs, quick=given.quick, jobs=given.jobs or cores(),
             engine=given.engine, progress=not given.quiet,
             title=studies[0].title if len(studies) == 1 else None,
@@ -92,7 +91,7 @@ def study(given: argparse.Namespace) -> int:
     except StoppedError as error:
         return stopped(error)
     page = Path(given.out) / "report.html"
-    report(given, chapters, f"{told(list(chapters.values()))}\n{page}")
+    report(given, chapters, f"{summary_text(list(chapters.values()))}\n{page}")
     return 0
 
 

@@ -1,23 +1,26 @@
-"""The summary as HTML tables: ranked, sortable, each column explained."""
+"""HTML pages by Jinja2: the environment of their templates, and tables that sort."""
 
 from __future__ import annotations
 
-import html
-from collections.abc import Mapping, Sequence
+import base64
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
+import jinja2
+from markupsafe import Markup
+
 from agents.evaluation.metrics import BARN_SPEED, HALT, ROUGH, WIDE
-from agents.evaluation.tables import (
-    COLUMNS,
-    bounds_written,
-    by_scene,
-    heading,
-    known,
-    overall,
-    written,
-)
+from agents.evaluation.tables import COLUMNS, bounds_written, by_scene, known, overall, written
+from wheelchair_gym.files import whole
 
 Record = Mapping[str, Any]
+Figures = Mapping[str, tuple[str, bytes]]  # name: caption and SVG
+
+_TYPES = {
+    ".gif": "image/gif", ".svg": "image/svg+xml", ".mp4": "video/mp4", ".webp": "image/webp",
+}  # fmt: skip
 
 MEANINGS = {
     "episodes": "driven, one a seed; every policy drives the same ones",
@@ -62,7 +65,7 @@ def ranked_by_scene(evaluation: Mapping[str, Any]) -> list[list[Record]]:
     groups = []
     for scene in evaluation["scenes"]:
         rows = [row for row in by_scene(evaluation["summary"]) if row["scene"] == scene]
-        # `overall` ranks the rows of "all"; these are ranked in that guise.
+        # `overall` ranks rows of the scene "all", so these are ranked as such.
         named = {row["policy"]: row for row in rows}
         groups.append([named[r["policy"]] for r in overall([{**r, "scene": "all"} for r in rows])])
     return groups
@@ -77,70 +80,92 @@ class Head(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """A cell: HTML, small print below it, and what it is sorted by."""
+    """A cell: its text, small print below it, and the number by which it is sorted."""
 
     text: str
     small: str = ""
     key: float | None = None
 
 
+@cache
+def templates() -> jinja2.Environment:
+    """The environment of the templates in agents/templates; values are escaped."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("agents", "templates"), autoescape=True,
+        undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters |= {
+        "flat": flat,
+        "data_uri": data_uri,
+        "sort_key": lambda value: f"{value:.9g}" if known(value) else "",
+    }
+    return environment
+
+
+def macro(name: str, *arguments: Any) -> Markup:
+    """The HTML of a macro of macros.html."""
+    return Markup(getattr(templates().get_template("macros.html").module, name)(*arguments))
+
+
+def write_page(path: Path, template: str, **context: Any) -> Path:
+    """Write a page that needs no other file; its path."""
+    page = templates().get_template(template).render(context)
+    with whole(path) as part:
+        part.write_text(page, encoding="utf-8")
+    return path
+
+
+def data_uri(data: bytes, suffix: str) -> str:
+    """Data embedded in a page."""
+    return f"data:{_TYPES[suffix]};base64,{base64.b64encode(data).decode()}"
+
+
+def flat(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
+    """Nested values as (dotted name, text); a list of plain values is one line."""
+    if isinstance(value, Mapping) and value:
+        for key, item in value.items():
+            yield from flat(item, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, list | tuple) and any(isinstance(v, Mapping | list) for v in value):
+        for k, item in enumerate(value):
+            yield from flat(item, f"{name}[{k}]")
+    elif isinstance(value, list | tuple):
+        integers = all(isinstance(v, int) for v in value) and len(value) > 3
+        run = integers and list(value) == list(range(value[0], value[0] + len(value)))
+        yield name, f"{value[0]} to {value[-1]}" if run else ", ".join(map(str, value))
+    else:
+        yield name, "-" if value is None or value == {} else str(value)
+
+
 def sortable(
     heads: Sequence[Head], bodies: Sequence[Sequence[Sequence[Cell]]], caption: str
-) -> str:
-    """Groups of rows as one table that sorts where a heading is clicked; row names come first."""
-    top = ""
-    for head in heads:
-        if head.unit is None:
-            top += f"<th scope='col'><button type='button'>{head.name}</button></th>"
-            continue
-        unit = f"<small>{html.escape(head.unit) or '&nbsp;'}</small>"
-        top += (
-            f"<th scope='col' class='n' title='{html.escape(head.meaning)}'>"
-            f"<button type='button'>{html.escape(head.name)}{unit}</button></th>"
-        )
-    text = ""
-    for rows in bodies:
-        text += "<tbody>"
-        for name, *cells in rows:
-            text += f"<tr><th scope='row'>{name.text}</th>"
-            for head, cell in zip(heads[1:], cells, strict=True):
-                small = f"<small>{cell.small}</small>" if cell.small else ""
-                key = f"{cell.key:.9g}" if known(cell.key) else ""
-                sorts = f" class='n' data-key='{key}'" if head.unit is not None else ""
-                text += f"<td{sorts}>{cell.text}{small}</td>"
-            text += "</tr>"
-        text += "</tbody>"
-    return (
-        f"<div class='wide' tabindex='0' role='region' aria-label='{html.escape(caption)}'><table>"
-        f"<caption>{html.escape(caption)}</caption><thead><tr>{top}</tr></thead>"
-        f"{text}</table></div>"
-    )
+) -> Markup:
+    """Groups of rows as one table that sorts by the heading that is clicked."""
+    return macro("table", heads, bodies, caption)
 
 
-def html_table(groups: Sequence[Sequence[Record]], caption: str, *, scenes: bool) -> str:
-    """Groups of summary rows as one table; `scenes` adds the column that tells them apart."""
+def breakable(name: str) -> Markup:
+    """A name whose lines may break after underscores."""
+    return Markup("_<wbr>").join(name.split("_"))
+
+
+def summary_table(groups: Sequence[Sequence[Record]], caption: str, *, scenes: bool) -> Markup:
+    """Groups of summary rows as one table; `scenes` adds the column of the scene."""
     if not any(groups):
-        return ""
+        return Markup()
     heads = [Head(name) for name in (["policy", "scene"] if scenes else ["policy"])]
     heads += [Head(column.name, column.unit, MEANINGS[column.key]) for column in COLUMNS]
-    bodies: list[list[list[Cell]]] = []
-    for rows in groups:
-        bodies.append([])
-        for row in rows:
-            cells = [Cell(html.escape(row["policy"]).replace("_", "_<wbr>"))]
-            cells += [Cell(html.escape(row["scene"]))] if scenes else []
-            cells += [
-                Cell(written(row.get(c.key), c), bounds_written(row, c), row.get(c.key))
-                for c in COLUMNS
+    bodies = [
+        [
+            [
+                Cell(breakable(row["policy"])),
+                *([Cell(row["scene"])] if scenes else []),
+                *(
+                    Cell(written(row.get(c.key), c), bounds_written(row, c), row.get(c.key))
+                    for c in COLUMNS
+                ),
             ]
-            bodies[-1].append(cells)
+            for row in rows
+        ]
+        for rows in groups
+    ]
     return sortable(heads, bodies, caption)
-
-
-def glossary() -> str:
-    """What every column means, folded away until asked for."""
-    told = "".join(
-        f"<div><dt>{html.escape(heading(column))}</dt><dd>{MEANINGS[column.key]}</dd></div>"
-        for column in COLUMNS
-    )
-    return f"<details><summary>What the columns mean</summary><dl>{told}</dl></details>"

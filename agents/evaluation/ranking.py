@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping
 from typing import Any
 
-from agents.evaluation.html_tables import Cell, Head, ranked_by_scene, sortable
+from markupsafe import Markup
+
+from agents.evaluation.html_tables import Cell, Head, breakable, ranked_by_scene, sortable
 from agents.evaluation.tables import COLUMNS, bounds_written, overall, written
 
 Record = Mapping[str, Any]
@@ -104,16 +105,17 @@ def told(evaluation: Mapping[str, Any]) -> str:
     return "\n".join([*(f"| {row} |" for row in rows), "", MEANING])
 
 
-def table(evaluation: Mapping[str, Any]) -> str:
-    """The table as HTML; nothing where it would not tell anything."""
+def table(evaluation: Mapping[str, Any]) -> Markup:
+    """The table as HTML; empty where it could not tell the policies apart."""
     if not tells(evaluation):
-        return ""
+        return Markup()
     heads = [Head("policy"), *(Head(scene, "%", "success") for scene in evaluation["scenes"])]
     body = []
     for policy, cells in _cells(evaluation):
-        body.append([Cell(html.escape(policy).replace("_", "_<wbr>"))])
+        body.append([Cell(breakable(policy))])
         for row, wins in cells:
             share = written(row["success"], _SHARE)
-            text = f"<strong>{share}</strong>" if wins else share
+            text = Markup("<strong>{}</strong>").format(share) if wins else share
             body[-1].append(Cell(text, bounds_written(row, _SHARE), row["success"]))
-    return sortable(heads, [body], "Who wins where") + f"<p class='note'>{MEANING}</p>"
+    note = Markup("<p class='note'>{}</p>").format(MEANING)
+    return sortable(heads, [body], "Who wins where") + note

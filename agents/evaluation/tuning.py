@@ -122,13 +122,13 @@ def _case(scene: str, seed: int) -> Any:
 
 
 def _planned(job: tuple[Spec, int], spec: Spec, deadline: float | None) -> dict[str, Any]:
-    from agents.benchmarks.entrants import answer
+    from agents.benchmarks.entrants import make_plan
     from planners import make_planner
 
     case = _case(json.dumps(job[0]), job[1])
     if case.optimum is None:
         return {"score": None}
-    plan, problem = answer(make_planner(spec), case.problem, job[1], deadline), case.problem
+    plan, problem = make_plan(make_planner(spec), case.problem, job[1], deadline), case.problem
     good = len(plan.path) and not case.judge.faults(plan.path, problem.start, problem.goal)
     return {"score": case.optimum / max(plan.length, case.optimum) if good else 0.0}
 

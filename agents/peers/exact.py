@@ -14,7 +14,7 @@ EdgeTest = Callable[[float, float, float, float], bool]
 PointTest = Callable[[float, float], bool]
 
 
-def tests_of(arrays: SpaceArrays) -> tuple[EdgeTest, PointTest]:
+def collision_tests(arrays: SpaceArrays) -> tuple[EdgeTest, PointTest]:
     """The tests of edges and of points on one map, which is frozen into them.
 
     To hand over a map's arrays takes nine microseconds a call, more than a test: it would slow

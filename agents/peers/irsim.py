@@ -18,7 +18,7 @@ from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.types import Episode
 
 
-def loops(walls: np.ndarray[Any, Any]) -> list[list[list[float]]]:
+def wall_loops(walls: np.ndarray[Any, Any]) -> list[list[list[float]]]:
     """Walls (n, 4) as outlines of vertices, as long as they can be."""
     merged = shapely.line_merge(
         shapely.MultiLineString(np.asarray(walls).reshape(-1, 2, 2).tolist())
@@ -65,7 +65,7 @@ def irsim_world(settings: EnvSettings, episode: Episode) -> dict[str, Any]:
         ],
         "obstacle": [
             {"shape": {"name": "linestring", "vertices": loop}, "state": [0, 0, 0]}
-            for loop in loops(episode.walls)
+            for loop in wall_loops(episode.walls)
         ],
     }
 

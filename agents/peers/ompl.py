@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.peers.exact import tests_of
+from agents.peers.exact import collision_tests
 from planners import Plan, Problem, Status
 from wheelchair_gym.config import setting, settings
 
@@ -30,7 +30,7 @@ class Ompl:
     exact: bool = setting(default=True, source="false: OMPL's DiscreteMotionValidator")
     limit: float = setting(default=10.0, unit="s", source="of a call without a deadline", low=0.0)
 
-    def at(self, case: Any) -> OmplOnMap:
+    def prepare(self, case: Any) -> OmplOnMap:
         """Prepare for a map."""
         return OmplOnMap(self, case.problem)
 
@@ -43,7 +43,7 @@ class OmplOnMap:
         util = importlib.import_module("ompl.util")
         util.setLogLevel(util.LOG_NONE)
         self.own = own
-        edge_free, point_free = tests_of(problem.free.arrays)
+        edge_free, point_free = collision_tests(problem.free.arrays)
         space = base.RealVectorStateSpace(2)
         bounds = base.RealVectorBounds(2)
         for axis in range(2):

@@ -36,7 +36,7 @@ class Tree:
         default=10.0, unit="s", source="of rrt_connect without a deadline", low=0.0
     )
 
-    def at(self, case: Any) -> TreeOnMap | None:
+    def prepare(self, case: Any) -> TreeOnMap | None:
         """Prepare for a map of rectangles; None for any other."""
         if case.rectangles is None or case.problem.clearance > 0.0:
             return None
@@ -91,7 +91,7 @@ class LazyThetaStar:
 
     resolution: float = setting(default=0.1, unit="m", source="as our a_star", low=0.01)
 
-    def at(self, case: Any) -> ThetaOnMap:
+    def prepare(self, case: Any) -> ThetaOnMap:
         """Prepare for a map."""
         return ThetaOnMap(self, case.problem)
 

@@ -47,7 +47,7 @@ def shifted_cost(
     return cost
 
 
-def with_way_points(path: Array, least: int) -> Array:
+def subdivide(path: Array, least: int) -> Array:
     """A path (n, 2) [m] of at least so many inner points: its longest legs are halved."""
     path = np.asarray(path, dtype=np.float64)[:, :2]
     while len(path) - 2 < least:
@@ -56,7 +56,7 @@ def with_way_points(path: Array, least: int) -> Array:
     return path
 
 
-def scattered(path: Array, population: int, rng: np.random.Generator) -> Array:
+def scatter(path: Array, population: int, rng: np.random.Generator) -> Array:
     """Shifts (population, 2 (n - 2)) [m]: none, and points of the ellipse that ours start in."""
     size = (population, len(path) - 2)
     radius, angle = np.sqrt(rng.random(size)), 2 * np.pi * rng.random(size)
@@ -66,7 +66,7 @@ def scattered(path: Array, population: int, rng: np.random.Generator) -> Array:
     return shifts.reshape(population, -1)
 
 
-def moved(path: Array, shift: Array) -> Array:
+def shift_path(path: Array, shift: Array) -> Array:
     """The path (n, 2) [m] with its inner points shifted."""
     path = path.copy()
     path[1:-1] += np.asarray(shift).reshape(-1, 2)
@@ -105,15 +105,15 @@ def _plan(
     if first.status != Status.SOLVED:
         return first
     first_s = perf_counter() - begun
-    path = with_way_points(first.path, own.way_points)
+    path = subdivide(first.path, own.way_points)
     ends = math.inf if deadline is None else begun + deadline
     runs = 0
     while perf_counter() < ends:
         cost = Cost(problem, path, ends)
-        start = scattered(path, own.population, rng)
+        start = scatter(path, own.population, rng)
         with contextlib.suppress(TimeoutError):
             own.search(cost, start, own.iterations, int(rng.integers(2**31)))
-        path = moved(path, cost.best)
+        path = shift_path(path, cost.best)
         runs += 1
         if deadline is None:
             break
@@ -135,7 +135,7 @@ class Mealpy:
     way_points: int = setting(default=20, source="at least; as measured of others", low=1)
     iterations: int = setting(default=100, source="of a run: as rrt_star_woa_global", low=1)
 
-    def at(self, case: Any) -> Mealpy:
+    def prepare(self, case: Any) -> Mealpy:
         """Prepare for a map: there is nothing to prepare."""
         return self
 
@@ -169,7 +169,7 @@ class Niapy:
     way_points: int = setting(default=20, source="at least; as measured of others", low=1)
     iterations: int = setting(default=100, source="of a run: as rrt_star_woa_global", low=1)
 
-    def at(self, case: Any) -> Niapy:
+    def prepare(self, case: Any) -> Niapy:
         """Prepare for a map: there is nothing to prepare."""
         return self
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from agents.studies.evidence import Evidence, share_above
+from agents.studies.figures import rollout_figures
 from agents.studies.model import Claim, Metric, Results, Row, Study
-from agents.studies.pictures import driven
 from planners.trees.variants import RrtStarWoaGlobal
 from wheelchair_gym.config import dump
 
@@ -16,10 +16,10 @@ CLEARANCE: Final = 0.40  # m: half the chair's width and a margin, as policies p
 _PLANNER: Final[dict[str, Any]] = {"name": "rrt_star_woa_global", **dump(RrtStarWoaGlobal.thesis())}
 
 
-def _share(key: str, least: float, said: str) -> Callable[[Results], Evidence]:
+def _share(key: str, least: float, text: str) -> Callable[[Results], Evidence]:
     def judge(r: Results) -> Evidence:
         of = [record for records in r.runs.values() for record in records if record["solved"]]
-        return share_above(sum(bool(record[key]) for record in of), len(of), least, said)
+        return share_above(sum(bool(record[key]) for record in of), len(of), least, text)
 
     return judge
 
@@ -54,9 +54,9 @@ STUDIES: Final = (
             Claim("Trajectories are feasible: free and arriving (in more than 95 %)",
                   "T1, general conclusion", _share("feasible", 0.95, "feasible runs")),
         ),
-        driven,
+        rollout_figures,
         runs=100,
-        quick=5,
+        quick_runs=5,
         notes=(
             "The printed equations (2.15)-(2.16) measure the heading from +y, ours from +x; that "
             "is a turn by 90 degrees.",

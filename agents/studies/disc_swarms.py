@@ -9,8 +9,8 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from agents.studies.evidence import Evidence, above, all_of, below, between, share_above
+from agents.studies.figures import convergence_figures, disc_figures
 from agents.studies.model import Claim, Metric, Results, Row, Study, published
-from agents.studies.pictures import convergence, discs_and_lines
 from planners.swarm.planner import SwarmPlanner
 from wheelchair_gym.config import dump
 from wheelchair_gym.scenes.published import CHAOTIC_PSO_DISCS, GREY_WOLF_DISCS, GREY_WOLF_GOALS
@@ -29,11 +29,11 @@ R1_OPTIMA: Final = {
 }
 NEGLIGIBLE: Final = 0.005  # of lengths
 LENGTH: Final = Metric("length_m", "length", "m")
-VALID: Final = Metric("valid", "valid", "share", 2, solved=False)
+VALID: Final = Metric("valid", "valid", "share", 2, only_solved=False)
 FOUND: Final = Metric("found", "last gain at iteration", "", 1)
 SETTLED: Final = Metric("settled", "settled at iteration", "", 1)
-NEAR: Final = Metric("near", "valid and near the best known", "share", 2, solved=False)
-SECONDS: Final = Metric("time_s", "CPU time", "s", 4, solved=False)
+NEAR: Final = Metric("near", "valid and near the best known", "share", 2, only_solved=False)
+SECONDS: Final = Metric("time_s", "CPU time", "s", 4, only_solved=False)
 LOSS: Final = Metric("loss", "loss", "m")
 KEPT: Final = 20  # runs whose curves are kept for figures
 
@@ -122,9 +122,12 @@ def _p2_rows() -> tuple[Row, ...]:
 
 def _p2(metric: Metric, suffix: str, negligible: float) -> Callable[[Results], Evidence]:
     """Chaotic PSO has less than PSO."""
-    said = f"{metric.name} of pso_chaotic{suffix} against pso{suffix}"
+    text = f"{metric.name} of pso_chaotic{suffix} against pso{suffix}"
     return lambda r: below(
-        r.sample(f"pso_chaotic{suffix}", metric), r.sample(f"pso{suffix}", metric), negligible, said
+        r.sample(f"pso_chaotic{suffix}", metric),
+        r.sample(f"pso{suffix}", metric),
+        negligible,
+        text,
     )
 
 
@@ -175,8 +178,8 @@ def _of(r: Results, label: str, goals: tuple[str, ...] = _FIVE) -> dict[str, np.
 
 def _shorter(a: str, b: str, goals: tuple[str, ...] = _FIVE) -> Callable[[Results], Evidence]:
     where = "over five goals" if goals == _FIVE else f"to {goals[0]}"
-    said = f"length of {a} against {b} {where}"
-    return lambda r: below(_of(r, a, goals), _of(r, b, goals), NEGLIGIBLE, said)
+    text = f"length of {a} against {b} {where}"
+    return lambda r: below(_of(r, a, goals), _of(r, b, goals), NEGLIGIBLE, text)
 
 
 def _each(a: str, b: str) -> Callable[[Results], Evidence]:
@@ -231,7 +234,7 @@ STUDIES: Final = (
         (LENGTH, VALID, NEAR, FOUND, SETTLED, SECONDS),
         _p2_rows(),
         P2_CLAIMS,
-        convergence,
+        convergence_figures,
         notes=(
             f"Exact optimum at clearance 1.2 R: {P2_BEST['polyline']} m. The paper's figures are "
             "of one run each; ours are means of all.",
@@ -240,7 +243,7 @@ STUDIES: Final = (
             "Velocities: the curve's 401 points at equal parameter steps, one each 0.1 s; (7) and "
             "(8) corrected: w = (x' y'' - y' x'') / (x'^2 + y'^2), v_R = v + L w / 2.",
         ),
-        quick=30,
+        quick_runs=30,
     ),
     Study(
         "r1",
@@ -259,7 +262,7 @@ STUDIES: Final = (
                 _longer_than_best,
             ),
         ),
-        discs_and_lines,
+        disc_figures,
         notes=(
             _notes(R1_OPTIMA),
             "Only way points are tested as printed, so legs may cut discs: 'valid' is the share "
@@ -268,6 +271,6 @@ STUDIES: Final = (
             "The ratio compares with the published length of the same goal and method.",
         ),
         runs=100,
-        quick=5,
+        quick_runs=5,
     ),
 )

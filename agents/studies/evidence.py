@@ -77,7 +77,7 @@ LEVEL = 0.05  # of all claims together
 
 
 class Verdict(StrEnum):
-    """What may be said of a claim."""
+    """What may be text of a claim."""
 
     HOLDS = "holds"
     FAILS = "does not hold"
@@ -95,7 +95,7 @@ class Evidence:
     high: float
     unit: str
     test: str
-    said: str = ""  # what the effect is
+    text: str = ""  # what the effect is
 
     def verdict(self, claims: int) -> Verdict:
         """The verdict where so many claims are judged together (Bonferroni)."""
@@ -106,12 +106,12 @@ class Evidence:
         return Verdict.OPEN
 
 
-def nothing(why: str) -> Evidence:
+def no_evidence(why: str) -> Evidence:
     """No evidence either way."""
     return Evidence(1.0, 1.0, math.nan, math.nan, math.nan, "", why)
 
 
-def shared(samples: Sequence[Sample]) -> list[Sample]:
+def common_strata(samples: Sequence[Sample]) -> list[Sample]:
     """The samples in those strata in which all have at least two values."""
     common = [s for s in samples[0] if all(s in other and len(other[s]) > 1 for other in samples)]
     return [{s: sample[s] for s in common} for sample in samples]
@@ -146,67 +146,62 @@ class Effect:
         """P-value of 'it does not'."""
         return min(1.0, 2.0 * min(self.beyond(low).p_below(), self.beyond(high).p_above()))
 
-    def evidence(self, p_for: float, p_against: float, test: str, said: str) -> Evidence:
+    def evidence(self, p_for: float, p_against: float, test: str, text: str) -> Evidence:
         """The effect in per cent, with p-values for a claim and against it."""
         effect, low, high = (100.0 * v for v in self.relative)
-        return Evidence(p_for, p_against, effect, low, high, "%", test, said)
+        return Evidence(p_for, p_against, effect, low, high, "%", test, text)
 
 
 def difference(a: Sample, b: Sample) -> Effect | None:
     """How a differs from b, as a part of b; None where no stratum has both."""
-    samples = shared([a, b])
+    samples = common_strata([a, b])
     return Effect(samples, (1.0, -1.0), (0.0, 1.0)) if samples[0] else None
 
 
-def below(a: Sample, b: Sample, negligible: float, said: str) -> Evidence:
+def below(a: Sample, b: Sample, negligible: float, text: str) -> Evidence:
     """Evidence for 'the mean of a is below that of b': Welch's t, strata of equal weight.
 
     Args:
         a: samples.
         b: samples.
         negligible: a difference within this part of b counts as none.
-        said: what is compared.
+        text: what is compared.
     """
-    return _ordered(a, b, negligible, said, -1.0)
+    return _ordered(a, b, negligible, text, -1.0)
 
 
-def above(a: Sample, b: Sample, negligible: float, said: str) -> Evidence:
+def above(a: Sample, b: Sample, negligible: float, text: str) -> Evidence:
     """Evidence for 'the mean of a is above that of b', as `below`."""
-    return _ordered(a, b, negligible, said, 1.0)
+    return _ordered(a, b, negligible, text, 1.0)
 
 
-def _ordered(a: Sample, b: Sample, negligible: float, said: str, sign: float) -> Evidence:
+def _ordered(a: Sample, b: Sample, negligible: float, text: str, sign: float) -> Evidence:
     effect = difference(a, b)
     if effect is None:
-        return nothing("no runs to compare")
+        return no_evidence("no runs to compare")
     gap = effect.beyond(0.0)
     p = min(1.0, 2.0 * min(gap.p_below(), gap.p_above()))
     none = effect.p_within(-negligible, negligible)
-    return effect.evidence(*_two_ways(sign * gap.value > 0.0, p, none), "Welch t", said)
+    return effect.evidence(*_directional_p(sign * gap.value > 0.0, p, none), "Welch t", text)
 
 
-def _two_ways(right: bool, p: float, none: float) -> tuple[float, float]:
+def _directional_p(right: bool, p: float, none: float) -> tuple[float, float]:
     """For and against a direction: p of a difference, on its right side or not, and of none."""
     return (p, none) if right else (1.0, min(p, none))
 
 
-def alike(a: Sample, b: Sample, margin: float, said: str) -> Evidence:
-    """Evidence for 'the means of a and b differ by less than a margin'."""
-    return between(a, b, -margin, margin, said)
-
-
-def between(a: Sample, b: Sample, low: float, high: float, said: str) -> Evidence:
+def between(a: Sample, b: Sample, low: float, high: float, text: str) -> Evidence:
     """Evidence for 'a differs from b by a part of b from low to high'."""
     effect = difference(a, b)
     if effect is None:
-        return nothing("no runs to compare")
+        return no_evidence("no runs to compare")
     test = f"two one-sided Welch t, {100 * low:+g} to {100 * high:+g} %"
-    return effect.evidence(effect.p_within(low, high), effect.p_outside(low, high), test, said)
+    return effect.evidence(effect.p_within(low, high), effect.p_outside(low, high), test, text)
 
 
 def _slope(samples: Sequence[Sample], x: Sequence[float]) -> Effect | None:
     """The straight line's change from the first x to the last, as a part of the mean."""
-    ours = shared(samples)
+    ours = common_strata(samples)
     if not ours[0]:
         return None
     at = np.asarray(x, dtype=float) - np.mean(x)
@@ -228,61 +223,61 @@ def spearman(samples: Sequence[Sample], x: Sequence[float]) -> tuple[float, floa
     return float(found.statistic), float(found.pvalue)
 
 
-def falls(samples: Sequence[Sample], x: Sequence[float], negligible: float, said: str) -> Evidence:
+def falls(samples: Sequence[Sample], x: Sequence[float], negligible: float, text: str) -> Evidence:
     """Evidence for 'the values fall as x grows'; the effect is the line's over the range of x."""
-    return _trend(samples, x, negligible, said, -1.0)
+    return _trend(samples, x, negligible, text, -1.0)
 
 
-def rises(samples: Sequence[Sample], x: Sequence[float], negligible: float, said: str) -> Evidence:
+def rises(samples: Sequence[Sample], x: Sequence[float], negligible: float, text: str) -> Evidence:
     """Evidence for 'the values rise as x grows'."""
-    return _trend(samples, x, negligible, said, 1.0)
+    return _trend(samples, x, negligible, text, 1.0)
 
 
 def _trend(
-    samples: Sequence[Sample], x: Sequence[float], negligible: float, said: str, sign: float
+    samples: Sequence[Sample], x: Sequence[float], negligible: float, text: str, sign: float
 ) -> Evidence:
     effect = _slope(samples, x)
     if effect is None:
-        return nothing("no runs to compare")
+        return no_evidence("no runs to compare")
     rho, p = spearman(effect.samples, x)
-    ways = _two_ways(sign * rho > 0.0, p, effect.p_within(-negligible, negligible))
-    return effect.evidence(*ways, f"Spearman, rho {rho:+.2f}", said)
+    ways = _directional_p(sign * rho > 0.0, p, effect.p_within(-negligible, negligible))
+    return effect.evidence(*ways, f"Spearman, rho {rho:+.2f}", text)
 
 
-def level(samples: Sequence[Sample], x: Sequence[float], margin: float, said: str) -> Evidence:
+def level(samples: Sequence[Sample], x: Sequence[float], margin: float, text: str) -> Evidence:
     """Evidence for 'the values do not depend on x': the line's change lies within a margin."""
     effect = _slope(samples, x)
     if effect is None:
-        return nothing("no runs to compare")
+        return no_evidence("no runs to compare")
     test = f"two one-sided t of the line, within {100 * margin:g} %"
     p_for, p_against = effect.p_within(-margin, margin), effect.p_outside(-margin, margin)
-    return effect.evidence(p_for, p_against, test, said)
+    return effect.evidence(p_for, p_against, test, text)
 
 
-def paired_below(a: Array, b: Array, negligible: float, said: str) -> Evidence:
+def paired_below(a: Array, b: Array, negligible: float, text: str) -> Evidence:
     """Evidence for 'a is below b' of runs that began alike: Wilcoxon's signed ranks.
 
     The effect is the median of the differences, as a part of the median of b.
     """
     if len(a) < 2:
-        return nothing("no runs to compare")
-    p_low, p_high = _signed(a - b, "less"), _signed(a - b, "greater")
+        return no_evidence("no runs to compare")
+    p_low, p_high = _wilcoxon_p(a - b, "less"), _wilcoxon_p(a - b, "greater")
     p = min(1.0, 2.0 * min(p_low, p_high))
     scale = abs(float(np.median(b))) or 1.0
-    none = max(_signed(a - b + negligible * scale, "greater"),
-               _signed(a - b - negligible * scale, "less"))  # fmt: skip
-    effect, low, high = (100.0 * v / scale for v in _median(a - b))
-    ways = _two_ways(p_low < p_high, p, none)
-    return Evidence(*ways, effect, low, high, "%", "Wilcoxon, paired", said)
+    none = max(_wilcoxon_p(a - b + negligible * scale, "greater"),
+               _wilcoxon_p(a - b - negligible * scale, "less"))  # fmt: skip
+    effect, low, high = (100.0 * v / scale for v in _median_interval(a - b))
+    ways = _directional_p(p_low < p_high, p, none)
+    return Evidence(*ways, effect, low, high, "%", "Wilcoxon, paired", text)
 
 
-def _signed(values: Array, alternative: str) -> float:
+def _wilcoxon_p(values: Array, alternative: str) -> float:
     if not np.any(values):
         return 1.0
     return float(stats.wilcoxon(values, alternative=alternative).pvalue)
 
 
-def _median(values: Array) -> tuple[float, float, float]:
+def _median_interval(values: Array) -> tuple[float, float, float]:
     """A median and its 95 % bootstrap interval (percentiles of 2000 draws, one seed)."""
     rng = np.random.default_rng(0)
     drawn = np.median(rng.choice(values, (2000, len(values))), axis=1)
@@ -290,25 +285,25 @@ def _median(values: Array) -> tuple[float, float, float]:
     return float(np.median(values)), float(low), float(high)
 
 
-def share_above(successes: int, trials: int, least: float, said: str) -> Evidence:
+def share_above(successes: int, trials: int, least: float, text: str) -> Evidence:
     """Evidence for 'the share of successes is above': the exact binomial test."""
     if trials == 0:
-        return nothing("no runs")
+        return no_evidence("no runs")
     p_for, p_against = (
         float(stats.binomtest(successes, trials, least, alternative=side).pvalue)
         for side in ("greater", "less")
     )
     low, high = (100.0 * v for v in wilson(successes, trials))
     effect = 100.0 * successes / trials
-    return Evidence(p_for, p_against, effect, low, high, "%", f"binomial, {100 * least:g} %", said)
+    return Evidence(p_for, p_against, effect, low, high, "%", f"binomial, {100 * least:g} %", text)
 
 
-def all_of(parts: Sequence[Evidence], said: str) -> Evidence:
+def all_of(parts: Sequence[Evidence], text: str) -> Evidence:
     """Evidence for 'all of these hold'; the effect shown is the least certain one's."""
     worst: Any = max(parts, key=lambda part: (part.p_for, -part.p_against))
     return Evidence(
         max(part.p_for for part in parts),
         min(1.0, len(parts) * min(part.p_against for part in parts)),
         worst.effect, worst.low, worst.high, worst.unit,
-        f"{worst.test}; all of {len(parts)}", f"{said}; least certain: {worst.said}",
+        f"{worst.test}; all of {len(parts)}", f"{text}; least certain: {worst.text}",
     )  # fmt: skip

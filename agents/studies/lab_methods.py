@@ -7,7 +7,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from agents.studies.drawing import ladder, methods_compared
 from agents.studies.evidence import (
     Evidence,
     above,
@@ -15,15 +14,16 @@ from agents.studies.evidence import (
     below,
     between,
     falls,
-    nothing,
+    no_evidence,
     share_above,
 )
+from agents.studies.figures import ladder_figures, method_figures
 from agents.studies.model import LENGTH, NODES, TIME, Claim, Metric, Results, Row, Study, published
 from planners.trees.variants import RrtStar, RrtStarLimited
 from wheelchair_gym.config import dump
 
-SOLVED: Final = Metric("solved", "solved", "share", 3, solved=False)
-SECONDS: Final = TIME._replace(solved=True)
+SOLVED: Final = Metric("solved", "solved", "share", 3, only_solved=False)
+SECONDS: Final = TIME._replace(only_solved=True)
 NEGLIGIBLE: Final = 0.01
 # T2 gives no step; rooms of 7 m x 5 m with screens 0.1 m thick.
 _TREE: Final = RrtStar(step=0.5, goal_reach=0.5, search_radius=1.0, return_on_first_path=True)
@@ -59,7 +59,7 @@ def _t2_rows() -> tuple[Row, ...]:
     return tuple(rows)
 
 
-def _everywhere(r: Results, label: str, metric: Metric) -> dict[str, np.ndarray]:
+def _on_all_rooms(r: Results, label: str, metric: Metric) -> dict[str, np.ndarray]:
     """Values on the labs and on each rung of the ladder, where there are any."""
     found: dict[str, np.ndarray] = {}
     for row in r.study.rows:
@@ -69,8 +69,10 @@ def _everywhere(r: Results, label: str, metric: Metric) -> dict[str, np.ndarray]
 
 
 def _order(a: str, b: str, metric: Metric) -> Callable[[Results], Evidence]:
-    said = f"{metric.name} of {a} against {b}, where both solve, labs and ladder"
-    return lambda r: below(_everywhere(r, a, metric), _everywhere(r, b, metric), NEGLIGIBLE, said)
+    text = f"{metric.name} of {a} against {b}, where both solve, labs and ladder"
+    return lambda r: below(
+        _on_all_rooms(r, a, metric), _on_all_rooms(r, b, metric), NEGLIGIBLE, text
+    )
 
 
 def _rungs(r: Results, label: str) -> Evidence:
@@ -84,7 +86,7 @@ def _rungs(r: Results, label: str) -> Evidence:
 def _first_path(r: Results) -> Evidence:
     """T2 figure 3.7: 10 s against 23 s, on labs of which one is not named."""
     return between(
-        _everywhere(r, "limited", SECONDS), _everywhere(r, "rrt_star", SECONDS), -0.70, -0.40,
+        _on_all_rooms(r, "limited", SECONDS), _on_all_rooms(r, "rrt_star", SECONDS), -0.70, -0.40,
         "time to the first path, limited against rrt_star",
     )  # fmt: skip
 
@@ -137,10 +139,10 @@ def _optimal(name: str, yes: bool) -> Callable[[Results], Evidence]:
     def judge(r: Results) -> Evidence:
         ours = r.sample(name, RATIO)
         best = {room: np.ones(2) for room in ours}
-        said = f"length of {name} against the shortest path of each room"
+        text = f"length of {name} against the shortest path of each room"
         if yes:
-            return between(ours, best, -NEGLIGIBLE, NEGLIGIBLE, said)
-        return above(ours, best, NEGLIGIBLE, said)
+            return between(ours, best, -NEGLIGIBLE, NEGLIGIBLE, text)
+        return above(ours, best, NEGLIGIBLE, text)
 
     return judge
 
@@ -151,7 +153,7 @@ def _lighter(a: str, *heavy: str) -> Callable[[Results], Evidence]:
             below(r.sample(a, NODES), r.sample(b, NODES), 0.05, f"nodes of {a} against {b}")
             for b in heavy
         ]
-        return all_of(parts, f"nodes kept by {a}") if parts else nothing("no rival")
+        return all_of(parts, f"nodes kept by {a}") if parts else no_evidence("no rival")
 
     return judge
 
@@ -199,7 +201,7 @@ STUDIES: Final = (
         (LENGTH, SECONDS, SOLVED),
         _t2_rows(),
         T2_CLAIMS,
-        lambda r: ladder(r, tuple(METHODS), BOXES),
+        lambda r: ladder_figures(r, tuple(METHODS), BOXES),
         notes=(
             "The labs' pictures were not published: orders compare, lengths do not.",
             "Lab 1's 8.29 m and 8.29 s of limited expansion are probably one figure copied; lab "
@@ -209,7 +211,7 @@ STUDIES: Final = (
             "The geometric method draws nothing at random: its runs on a lab are equal, and its "
             "interval is a point.",
         ),
-        quick=20,
+        quick_runs=20,
     ),
     Study(
         "t1-1.1",
@@ -225,7 +227,7 @@ STUDIES: Final = (
             for name in TABLE
         ),
         _table_claims(),
-        lambda r: methods_compared(r, TABLE),
+        lambda r: method_figures(r, TABLE),
         paired=True,
         notes=(
             "The tables speak of ideas, runs of implementations: ours straighten the paths of "
@@ -234,6 +236,6 @@ STUDIES: Final = (
             "Memory is the count of nodes kept or settled; cells for cell decomposition have no "
             "such count. Dynamic worlds and non-holonomic constraints are not measured here.",
         ),
-        quick=20,
+        quick_runs=20,
     ),
 )  # fmt: skip

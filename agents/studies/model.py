@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from agents.studies.evidence import Evidence
 
-APART = 1_000_000  # seeds from one row's first to another's
+SEED_STRIDE = 1_000_000  # seeds from one row's first to another's
 
 Array = NDArray[np.float64]
 Job = Mapping[str, Any]
@@ -33,11 +33,11 @@ class Metric(NamedTuple):
     name: str
     unit: str = ""
     digits: int = 3
-    solved: bool = True  # only of runs that found a path
+    only_solved: bool = True  # only of runs that found a path
 
 
 LENGTH = Metric("length_m", "length", "m")
-TIME = Metric("time_s", "CPU time", "s", 4, solved=False)
+TIME = Metric("time_s", "CPU time", "s", 4, only_solved=False)
 NODES = Metric("nodes", "nodes", "", 1)
 
 
@@ -65,7 +65,9 @@ class Results:
 
     def sample(self, row: str, metric: Metric | str) -> dict[str, Array]:
         """Values by stratum; of a metric, only those of runs that count."""
-        key, solved = (metric, False) if isinstance(metric, str) else (metric.key, metric.solved)
+        key, solved = (
+            (metric, False) if isinstance(metric, str) else (metric.key, metric.only_solved)
+        )
         found = {}
         for (label, stratum), records in self.runs.items():
             if label == row:
@@ -110,13 +112,13 @@ class Study:
     figures: Callable[[Results], Mapping[str, tuple[str, Figure]]]
     paired: bool = False  # all rows with the same seeds; else each with its own
     runs: int = 400  # the thesis's 100 leave most trends open
-    quick: int = 10
+    quick_runs: int = 10
     notes: tuple[str, ...] = ()
 
     def seeds(self, row: Row, runs: int) -> range:
         """Seeds of a row's runs: rows are independent draws unless they are paired."""
         place = 0 if self.paired else crc32(f"{self.name} {row.label}".encode())
-        return range(place * APART, place * APART + runs)
+        return range(place * SEED_STRIDE, place * SEED_STRIDE + runs)
 
 
 @cache

@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from agents.studies.drawing import boxes
 from agents.studies.evidence import Evidence, all_of, paired_below
+from agents.studies.figures import box_figures
 from agents.studies.model import Array, Claim, Metric, Results, Row, Study
 from wheelchair_gym.scenes.published import DESIGN_LAB_INFLATION
 
@@ -21,11 +21,11 @@ RIVALS: Final = {  # the paper's ranking, best first
     "ABC": "abc",
     "FA": "firefly",
 }
-SECONDS: Final = Metric("time_s", "optimisation time", "s", 5, solved=False)
-SMOOTHNESS: Final = Metric("smoothness", "mean turning angle", "rad", 4, solved=False)
-GAIN: Final = Metric("improvement", "improvement", "%", 1, solved=False)
-PRINTED: Final = Metric("printed_turning", "f1 as printed", "", 4, solved=False)
-COST: Final = Metric("cost", "cost f", "m", 3, solved=False)
+SECONDS: Final = Metric("time_s", "optimisation time", "s", 5, only_solved=False)
+SMOOTHNESS: Final = Metric("smoothness", "mean turning angle", "rad", 4, only_solved=False)
+GAIN: Final = Metric("improvement", "improvement", "%", 1, only_solved=False)
+PRINTED: Final = Metric("printed_turning", "f1 as printed", "", 4, only_solved=False)
+COST: Final = Metric("cost", "cost f", "m", 3, only_solved=False)
 NEGLIGIBLE: Final = 0.01  # of the rival's median
 
 
@@ -57,8 +57,8 @@ def _less(r: Results, a: str, b: str, metric: Metric, sign: float = 1.0) -> Evid
     """The first is below the second (above it for sign -1), runs that began alike compared."""
     first, second = (sign * _values(r, row, metric) for row in (a, b))
     both = np.isfinite(first) & np.isfinite(second)
-    said = f"{metric.name} of {a} against {b}"
-    found = paired_below(first[both], second[both], NEGLIGIBLE, said)
+    text = f"{metric.name} of {a} against {b}"
+    found = paired_below(first[both], second[both], NEGLIGIBLE, text)
     if sign > 0:
         return found
     return replace(found, effect=-found.effect, low=-found.high, high=-found.low)
@@ -112,10 +112,10 @@ STUDIES: Final = (
         (SECONDS, SMOOTHNESS, GAIN, PRINTED, COST),
         _rows(),
         CLAIMS,
-        lambda r: boxes(r, list(RIVALS), (SECONDS, SMOOTHNESS, GAIN)),
+        lambda r: box_figures(r, list(RIVALS), (SECONDS, SMOOTHNESS, GAIN)),
         paired=True,
         runs=100,
-        quick=30,
+        quick_runs=30,
         notes=(
             "The paper gives medians as box plots and a ranking, no figures: orders compare, "
             "metric by metric, by Wilcoxon's signed ranks of runs that began alike.",

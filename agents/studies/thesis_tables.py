@@ -8,10 +8,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from agents.studies.drawing import over
 from agents.studies.evidence import Evidence, Sample, all_of, below, between, falls, level, rises
+from agents.studies.figures import map_figures, trend_figures
 from agents.studies.model import LENGTH, NODES, TIME, Claim, Metric, Results, Row, Study, published
-from agents.studies.pictures import compared
 from planners.swarm.woa import WhaleSettings
 from planners.trees.variants import RrtStar, RrtStarWoaGlobal, RrtStarWoaLocal
 from wheelchair_gym.config import dump
@@ -50,8 +49,8 @@ def _length_ratio(a: str, b: str, low: float, high: float) -> Callable[[Results]
 
 def _order(metric: Metric, a: str, b: str) -> Callable[[Results], Evidence]:
     """The first's mean is below the second's."""
-    said = f"{metric.name} of {a} against {b}"
-    return lambda r: below(r.sample(a, metric), r.sample(b, metric), NEGLIGIBLE[metric], said)
+    text = f"{metric.name} of {a} against {b}"
+    return lambda r: below(r.sample(a, metric), r.sample(b, metric), NEGLIGIBLE[metric], text)
 
 
 def _conclusion(r: Results) -> Evidence:
@@ -111,7 +110,9 @@ def _comparison() -> Study:
         tuple(Row(label, _jobs(spec), published=given.get(label, {}))
               for label, spec in planners.items()),
         claims,
-        lambda r: compared(r, ["rrt_star", "local", "global"], "visibility (shortest)", _MAPS[-1]),
+        lambda r: map_figures(
+            r, ["rrt_star", "local", "global"], "visibility (shortest)", _MAPS[-1]
+        ),
         notes=(
             _NOTE,
             "Printed lengths 35.27, 27.13 and 30.66 m make 23.1 and 13.1 %. No row of tables 3.2 "
@@ -125,8 +126,8 @@ def _trend(
     metric: Metric, rows: Sequence[Row], how: Callable[..., Evidence]
 ) -> Callable[[Results], Evidence]:
     x = [row.x for row in rows]
-    said = f"{metric.name} from {rows[0].label} to {rows[-1].label}"
-    return lambda r: how(r.samples(rows, metric), x, NEGLIGIBLE[metric], said)
+    text = f"{metric.name} from {rows[0].label} to {rows[-1].label}"
+    return lambda r: how(r.samples(rows, metric), x, NEGLIGIBLE[metric], text)
 
 
 _NAMES: Final = {LENGTH: "length", NODES: "number of nodes", TIME: "time"}
@@ -134,7 +135,7 @@ _WORDS: Final = {falls: "falls", rises: "rises", level: "shows no trend"}
 
 
 def _varied(
-    number: int, variant: str, what: str, values: Sequence[float], said: str,
+    number: int, variant: str, what: str, values: Sequence[float], text: str,
     trends: Mapping[Metric, Callable[..., Evidence]], fixed: Mapping[str, Any],
     key: str | None = None, more: Callable[[str], tuple[Claim, ...]] = lambda where: (),
 ) -> Study:  # fmt: skip
@@ -147,20 +148,20 @@ def _varied(
         spec = _whales(variant, **{**fixed, key or what: value})
         rows.append(Row(label, _jobs(spec), float(value), "", given[label]))
     claims = tuple(
-        Claim(f"As {said} grows, the {_NAMES[metric]} {_WORDS[how]} ({variant})", where,
+        Claim(f"As {text} grows, the {_NAMES[metric]} {_WORDS[how]} ({variant})", where,
               _trend(metric, rows, how))
         for metric, how in trends.items()
     )  # fmt: skip
     others = ", ".join(f"{k} = {v:g}" for k, v in {**_FIXED, **fixed}.items() if k != what)
     return Study(
         name,
-        f"Varying {said}, {variant} variant",
+        f"Varying {text}, {variant} variant",
         f"{T1}, {where}",
         f"Figure 3.1's settings but for {what}: {others}.",
         _METRICS,
         tuple(rows),
         claims + more(where),
-        lambda r: over(r, what, _METRICS),
+        lambda r: trend_figures(r, what, _METRICS),
         notes=(_NOTE,),
     )
 
@@ -179,8 +180,8 @@ def _misprint(where: str) -> tuple[Claim, ...]:
         ]
         return all_of(parts, "time at 40 and 50 iterations is below three times that at 30")
 
-    said = "Misprint: 0.7683 and 0.8881 s at 40 and 50 iterations (11.7 and 13.6 times the row of "
-    return (Claim(said + "30) are ten times too much; the time goes on as before", where, judge),)
+    text = "Misprint: 0.7683 and 0.8881 s at 40 and 50 iterations (11.7 and 13.6 times the row of "
+    return (Claim(text + "30) are ten times too much; the time goes on as before", where, judge),)
 
 
 def _balanced(number: int, variant: str) -> Study:
@@ -217,16 +218,18 @@ def _balanced(number: int, variant: str) -> Study:
             -m, m, f"{metric.name}, lambda / a of 0.5 and more against 0",
         )  # fmt: skip
 
-    said = "With lambda at half of a or more, the "
-    claims = [Claim(said + f"length is below that at lambda = 0 ({variant})", where, judge(LENGTH))]
+    text = "With lambda at half of a or more, the "
+    claims = [Claim(text + f"length is below that at lambda = 0 ({variant})", where, judge(LENGTH))]
     for metric in (NODES, TIME):
         claims.append(
             Claim(
-                said + f"{_NAMES[metric]} is below that at lambda = 0 (local)", where, judge(metric)
+                text + f"{_NAMES[metric]} is below that at lambda = 0 (local)",
+                where,
+                judge(metric),
             )
             if variant == "local"
             else Claim(
-                said + f"{_NAMES[metric]} is as at lambda = 0 (global)", where, alike(metric)
+                text + f"{_NAMES[metric]} is as at lambda = 0 (global)", where, alike(metric)
             )
         )
     return Study(
@@ -238,7 +241,7 @@ def _balanced(number: int, variant: str) -> Study:
         _METRICS,
         tuple(rows),
         tuple(claims),
-        lambda r: over(r, "lambda / a", _METRICS),
+        lambda r: trend_figures(r, "lambda / a", _METRICS),
         notes=(_NOTE,),
     )
 

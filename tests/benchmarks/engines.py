@@ -18,13 +18,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from agents.studies.catalog import STUDIES
+from agents.studies.conduct import study_jobs
+from agents.studies.measures import measure
+
 from agents.evaluation.compare import BEST
 from agents.evaluation.engines import ENGINES
 from agents.evaluation.evaluate import run_episode, warm
 from agents.evaluation.runs import compute
-from agents.studies.catalog import STUDIES
-from agents.studies.conduct import jobs_of
-from agents.studies.measures import measure
 
 ROUNDS, EMPTY, SPINS = 3, 2000, 60_000_000
 ENV = {"pose_source": "modelled", "shield": {}}
@@ -92,7 +93,7 @@ def main() -> None:
     warm(BEST, SCENE, ENV)
     seconds(driven, seeds(4), 2)  # workers load their kernels
     gain(f"{episodes} episodes", lambda workers: seconds(driven, seeds(episodes), workers))
-    jobs = {key: job for key, (_, job) in jobs_of(STUDIES[STUDY], runs).items()}
+    jobs = {key: job for key, (_, job) in study_jobs(STUDIES[STUDY], runs).items()}
     seconds(measure, dict(list(jobs.items())[:200]), 2)
     gain(f"{len(jobs)} runs of {STUDY}", lambda workers: seconds(measure, jobs, workers))
     for engine in ENGINES:

@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from agents import cli
-from agents.peers.irsim import irsim_world, loops
+from agents.peers.irsim import irsim_world, wall_loops
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.scenes import make_scene
 
@@ -55,7 +55,7 @@ def test_wrong_sizes_are_refused_in_one_line(arguments, message, capsys):
 def test_the_peer_drives_between_the_same_walls():
     episode = make_scene("floor_plan").sample(np.random.default_rng(0))
     ours = shapely.MultiLineString(episode.walls.reshape(-1, 2, 2).tolist())
-    theirs = shapely.MultiLineString(loops(episode.walls))
+    theirs = shapely.MultiLineString(wall_loops(episode.walls))
     assert theirs.length == pytest.approx(ours.length)
     assert theirs.hausdorff_distance(ours) < 1e-9
     world = irsim_world(EnvSettings(), episode)

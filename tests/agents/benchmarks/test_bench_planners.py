@@ -13,7 +13,7 @@ import pytest
 from agents import cli
 from agents.benchmarks import entrants, planner_benchmark, race
 from agents.benchmarks.cases import MARGIN, Case, scene_cases, stored_cases
-from agents.benchmarks.entrants import UNLIMITED, Contender, called_planners, with_iterations
+from agents.benchmarks.entrants import UNLIMITED, Entrant, called_planners, with_iterations
 from agents.benchmarks.race import COLD, FREE
 from agents.benchmarks.summary import ranking, summarise
 from agents.evaluation.path_metrics import path_figures, printed_turning, turning
@@ -138,7 +138,7 @@ def test_ctrl_c_keeps_what_is_done(problems, ghost, tmp_path, capsys, monkeypatc
         made.append(original(*arguments))
         return made[-1]
 
-    original = race.run
+    original = race.run_once
     monkeypatch.setattr(race, "run", stopping)
     bench("--problems", problems, out=tmp_path, code=130)
     assert "stopped; 3 of " in capsys.readouterr().err
@@ -148,7 +148,7 @@ def test_ctrl_c_keeps_what_is_done(problems, ghost, tmp_path, capsys, monkeypatc
 def test_the_time_of_a_first_path_is_that_of_a_run_that_ends_with_it(problems):
     (case,) = stored_cases(problems, ["hall"])
     planner = make_planner({"name": "rrt_star", "iterations": 3_000})
-    record = race.run(planner, case, 0, FREE)
+    record = race.run_once(planner, case, 0, FREE)
     assert 0.0 < record["first_path_s"] < 0.5 * record["wall_s"]
     cut = make_planner({"name": "rrt_star", "return_on_first_path": True})
     plan = cut.plan(case.problem, np.random.default_rng(0))
@@ -200,24 +200,24 @@ def test_a_peer_that_is_installed_solves_and_keeps_to_a_deadline(name, problems)
     if not installed(PEERS[name].package):
         pytest.skip(f"{PEERS[name].package} is not installed")
     (case,) = stored_cases(problems, ["hall"])
-    ready = PEERS[name].settings.at(case)
+    ready = PEERS[name].settings.prepare(case)
     for deadline in (None, 0.05):
         plan = ready.plan(case.problem, np.random.default_rng(0), deadline)
         assert plan.status == Status.SOLVED
         faults = case.judge.faults(plan.path, case.problem.start, case.problem.goal)
         assert not faults or name.endswith("_sampled")
     walls = Case(replace(case.problem, clearance=0.2), None, "nobody")  # no map of rectangles
-    assert (PEERS[name].settings.at(walls) is None) == name.startswith("pathplanning_rrt")
+    assert (PEERS[name].settings.prepare(walls) is None) == name.startswith("pathplanning_rrt")
 
 
 def test_a_missing_package_is_one_line_that_names_the_extra(monkeypatch):
     monkeypatch.setattr(entrants, "installed", lambda package: package == "niapy")
-    here, lines = entrants.chosen_peers(None)
+    here, lines = entrants.select_peers(None)
     assert here == ["niapy_pso"]
     assert len(lines) == len({peer.package for peer in PEERS.values()}) - 1
     assert all("pip install 'wheelchair_gym[peers]'" in line for line in lines)
     with pytest.raises(entrants.InputError, match="ompl is not installed: pip install"):
-        entrants.chosen_peers(["ompl_bit_star"])
+        entrants.select_peers(["ompl_bit_star"])
 
 
 def differences(before, after, key=""):
@@ -254,10 +254,10 @@ def test_hybrids_and_late_answers_do_not_rank(problems):
         "cpu_s": 0.1,
     }  # fmt: skip
     runners = [
-        Contender("ours", None, None),
-        Contender("hybrid", None, None, calls=("ours",)),
-        Contender("late", None, None),
-        Contender("slow", None, None, timed=False),
+        Entrant("ours", None, None),
+        Entrant("hybrid", None, None, calls=("ours",)),
+        Entrant("late", None, None),
+        Entrant("slow", None, None, timed=False),
     ]
     walls = {"ours": 0.1, "hybrid": 0.1, "late": 0.2, "slow": 0.11}
     records = [
@@ -274,7 +274,7 @@ def test_hybrids_and_late_answers_do_not_rank(problems):
 def test_problems_of_scenes_are_for_a_disc_as_wide_as_the_chair():
     (case,) = scene_cases(["clutter"])
     assert case.problem.clearance == pytest.approx(0.31 + MARGIN)
-    assert case.known_from == "visibility"
+    assert case.optimum_source == "visibility"
     assert not case.judge.faults([case.problem.start, case.problem.start])
 
 

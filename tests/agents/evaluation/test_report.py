@@ -178,7 +178,7 @@ def test_markdown_has_a_row_for_each_row_and_as_many_cells_as_headings():
 def test_the_best_comes_first_and_is_named_first(made):
     what, _, text, _ = made
     assert [row["policy"] for row in overall(what["summary"])] == ["a|b <i>&", "dwa"]
-    lead = text[text.index("class='lead'") :].replace("&nbsp;", " ")
+    lead = text[text.index("class='lead'") :].replace("\xa0", " ")
     assert lead.index("a|b &lt;i&gt;&amp;") < lead.index("43.3 %") < lead.index("Next is dwa")
     assert "the intervals overlap" in lead
 
@@ -222,7 +222,7 @@ def test_pictures_beyond_the_budget_are_linked(made, tmp_path, monkeypatch):
 
 def test_provenance_and_command_are_there(made):
     _, _, text, _ = made
-    for word in ("0123abc", "machine.cores", "0 to 3", "--out &#x27;runs/a b&#x27;"):
+    for word in ("0123abc", "machine.cores", "0 to 3", "--out &#39;runs/a b&#39;"):
         assert word in text
 
 

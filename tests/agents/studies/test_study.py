@@ -13,11 +13,10 @@ import pytest
 from agents.cli import main
 from agents.evaluation import path_metrics
 from agents.evaluation.runs import StoppedError
-from agents.studies import conduct as module
-from agents.studies import measures
-from agents.studies.catalog import CLAIMS, STUDIES
-from agents.studies.conduct import STORE, conduct
+from agents.studies import experiments
+from agents.studies import runner as module
 from agents.studies.model import published
+from agents.studies.runner import CLAIMS, STORE, STUDIES, run_studies
 
 TABLES = [f"t1-3.{k}" for k in range(1, 14)]
 
@@ -39,7 +38,7 @@ def timeless(path):
 @pytest.fixture(scope="module")
 def once(tmp_path_factory):
     folder = tmp_path_factory.mktemp("once")
-    conduct([small("t1-3.5")], folder, runs=3, progress=False)
+    run_studies([small("t1-3.5")], folder, runs=3, progress=False)
     return folder
 
 
@@ -90,7 +89,7 @@ def test_rows_are_independent_draws_unless_they_are_paired():
 
 
 def test_two_workers_find_the_same(once, tmp_path):
-    conduct([small("t1-3.5")], tmp_path, runs=3, jobs=2, progress=False)
+    run_studies([small("t1-3.5")], tmp_path, runs=3, jobs=2, progress=False)
     assert timeless(tmp_path / "t1-3.5.csv") == timeless(once / "t1-3.5.csv")
 
 
@@ -106,12 +105,12 @@ def test_what_was_stopped_goes_on_and_more_runs_add_to_it(once, tmp_path, monkey
     monkeypatch.setattr(module, "_compile_all", lambda jobs: None)
     monkeypatch.setattr(module, "measure", stopping)
     with pytest.raises(StoppedError, match="5 of 12"):
-        conduct([small("t1-3.5")], tmp_path, runs=3, progress=False)
+        run_studies([small("t1-3.5")], tmp_path, runs=3, progress=False)
     monkeypatch.setattr(module, "measure", lambda job: made.append(job) or real(job))
-    conduct([small("t1-3.5")], tmp_path, runs=3, progress=False)
+    run_studies([small("t1-3.5")], tmp_path, runs=3, progress=False)
     assert len(made) == 12
     assert timeless(tmp_path / "t1-3.5.csv") == timeless(once / "t1-3.5.csv")
-    conduct([small("t1-3.5")], tmp_path, runs=4, progress=False)
+    run_studies([small("t1-3.5")], tmp_path, runs=4, progress=False)
     assert len(made) == 16
     assert len((tmp_path / STORE).read_text().splitlines()) == 16
 
@@ -153,7 +152,7 @@ def test_a_page_says_its_verdicts_first_and_needs_no_other_file(tmp_path, capsys
         (["t2", "--engine", "slurm"], "loky, ray"),
         (["t2", "--runs", "1"], "at least 2"),
         (["t2", "--out", "{file}/x"], "cannot be written"),
-        (["t2", "--runs", "many"], "whole number"),
+        (["t2", "--runs", "many"], "is not an integer"),
         (["t2", "--runs", "5", "--quick"], "not allowed"),
     ],
 )
@@ -179,6 +178,8 @@ def test_studies_and_benchmarks_measure_smoothness_by_one_definition():
         path = np.cumsum(rng.normal(size=(7, 2)), axis=0)
         doubled = path[np.sort(np.append(np.arange(7), rng.integers(0, 7, 3)))]
         for way in (path, doubled):
-            assert measures.turning(way) == path_metrics.turning(way) == path_metrics.turning(path)
+            assert (
+                experiments.turning(way) == path_metrics.turning(way) == path_metrics.turning(path)
+            )
             printed = path_metrics.printed_turning(path)
-            assert measures.printed_turning(way) == path_metrics.printed_turning(way) == printed
+            assert experiments.printed_turning(way) == path_metrics.printed_turning(way) == printed

@@ -40,8 +40,8 @@ NOISE = np.random.default_rng(1).normal(0.0, 1.0, 300)
         (evidence.below(SAME, BASE, 0.01, ""), Verdict.FAILS),  # surely no difference worth it
         (evidence.above(MORE, BASE, 0.01, ""), Verdict.HOLDS),
         (evidence.above(LESS, BASE, 0.01, ""), Verdict.FAILS),
-        (evidence.alike(SAME, BASE, 0.01, ""), Verdict.HOLDS),
-        (evidence.alike(LESS, BASE, 0.01, ""), Verdict.FAILS),
+        (evidence.between(SAME, BASE, -0.01, 0.01, ""), Verdict.HOLDS),
+        (evidence.between(LESS, BASE, -0.01, 0.01, ""), Verdict.FAILS),
         (evidence.between(LESS, BASE, -0.08, -0.02, ""), Verdict.HOLDS),
         (evidence.between(LESS, BASE, -0.20, -0.10, ""), Verdict.FAILS),
         (evidence.falls(*steps(-1.0), 0.01, ""), Verdict.HOLDS),
@@ -67,7 +67,7 @@ def test_what_is_plain_is_told(found, verdict):
 
 
 @pytest.mark.parametrize(
-    "judge", [evidence.below, evidence.above, lambda a, b, m, s: evidence.alike(a, b, m, s)]
+    "judge", [evidence.below, evidence.above, lambda a, b, m, s: evidence.between(a, b, -m, m, s)]
 )
 def test_what_is_not_plain_cannot_be_told(judge):
     few, other = sample(99.0, 20.0, 5, 7), sample(100.0, 20.0, 5, 8)
@@ -110,7 +110,7 @@ def test_true_nothing_is_seldom_called_something():
 
 def test_all_must_hold_and_one_failure_is_enough():
     good, bad = evidence.below(LESS, BASE, 0.01, ""), evidence.below(MORE, BASE, 0.01, "")
-    open_ = evidence.nothing("too few")
+    open_ = evidence.no_evidence("too few")
     assert of(evidence.all_of([good, good], "")) == Verdict.HOLDS
     assert of(evidence.all_of([good, bad], "")) == Verdict.FAILS
     assert of(evidence.all_of([good, open_], "")) == Verdict.OPEN

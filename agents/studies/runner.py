@@ -1,4 +1,4 @@
-"""Studies from runs to results: what is computed, summarised, judged and written."""
+"""All studies, and their runs: what is computed, summarised, tested and written."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
@@ -24,27 +24,49 @@ from agents.evaluation.provenance import (
     write_text,
 )
 from agents.evaluation.runs import compute, run_key, source_digest
-from agents.studies.catalog import CLAIMS
-from agents.studies.evidence import LEVEL, estimate, nothing
-from agents.studies.measures import measure, sort_of
+from agents.studies import control_figure, disc_swarms, lab_methods, smoothing_paper, thesis_tables
+from agents.studies.evidence import LEVEL, estimate, no_evidence
+from agents.studies.experiments import kernel_key, measure
 from agents.studies.model import Metric, Results, Row, Study
+from agents.studies.report import write_studies_page
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import whole
+
+_MODULES = (thesis_tables, smoothing_paper, disc_swarms, lab_methods, control_figure)
+STUDIES: Final[dict[str, Study]] = {
+    study.name: study for module in _MODULES for study in module.STUDIES
+}
+# Verdicts are corrected for all claims, whichever studies were asked for: they do not change
+# with the company that they are in.
+CLAIMS: Final = sum(len(study.claims) for study in STUDIES.values())
+
+
+def find_studies(name: str) -> list[Study]:
+    """One study by name, or `all`.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    if name == "all":
+        return list(STUDIES.values())
+    if name not in STUDIES:
+        raise InputError(f"study {name!r} is unknown; known: all, {', '.join(STUDIES)}")
+    return [STUDIES[name]]
+
 
 STORE = "runs.jsonl"
 FORMAT = 1
 
 
-def planned(studies: Sequence[Study], runs: int | None, quick: bool) -> dict[str, int]:
+def run_counts(studies: Sequence[Study], runs: int | None, quick: bool) -> dict[str, int]:
     """Runs of each row and stratum, by study."""
-    return {s.name: runs or (s.quick if quick else s.runs) for s in studies}
+    return {s.name: runs or (s.quick_runs if quick else s.runs) for s in studies}
 
 
-def jobs_of(study: Study, runs: int) -> dict[str, tuple[tuple[str, str, int], dict[str, Any]]]:
+def study_jobs(study: Study, runs: int) -> dict[str, tuple[tuple[str, str, int], dict[str, Any]]]:
     """Key -> (row, stratum, seed) and the job, in the order of the rows."""
-    # What a record says depends on these alone, not on how it is judged or drawn.
-    own = (f"agents/studies/{name}.py" for name in ("measures", "worlds"))
-    source = source_digest("wheelchair_gym", "planners", *own)
+    # A record depends on this code alone, not on how it is tested or drawn.
+    source = source_digest("wheelchair_gym", "planners", "agents/studies/experiments.py")
     found = {}
     for row in study.rows:
         for stratum, job in row.jobs.items():
@@ -54,7 +76,7 @@ def jobs_of(study: Study, runs: int) -> dict[str, tuple[tuple[str, str, int], di
     return found
 
 
-def conduct(
+def run_studies(
     studies: Sequence[Study],
     folder: str | Path,
     *,
@@ -65,31 +87,31 @@ def conduct(
     progress: bool = True,
     title: str | None = None,
 ) -> dict[str, Any]:
-    """Make the runs that are missing, judge, and write everything to a folder.
+    """Run what is missing, test the claims, and write everything to a folder.
 
     Args:
-        studies: what to measure.
+        studies: what to run.
         folder: for the store of runs, NAME.csv and NAME.json of each study, its figures, and one
             page, `report.html`.
         runs: of each row and stratum; None: the study's own number.
-        quick: that for a first look.
+        quick: few runs, for a first look.
         jobs: worker processes.
-        engine: what runs them.
+        engine: of `agents.evaluation.engines`.
         progress: show a bar on standard error.
         title: of the page.
 
     Returns:
-        What the files say, by study.
+        The content of NAME.json by study.
 
     Raises:
-        InputError: the folder cannot be written, or there is no such engine.
-        StoppedError: Ctrl-C; the same call computes only what is missing.
+        InputError: the folder cannot be written, or the engine is unknown.
+        StoppedError: Ctrl-C; the same call runs only what is missing.
     """
-    begun, folder = time.perf_counter(), Path(folder)
+    started, folder = time.perf_counter(), Path(folder)
     if runs is not None and runs < 2:
         raise InputError(f"runs is {runs}; an interval takes at least 2")
-    counts = planned(studies, runs, quick)
-    wanted = {study.name: jobs_of(study, counts[study.name]) for study in studies}
+    counts = run_counts(studies, runs, quick)
+    wanted = {study.name: study_jobs(study, counts[study.name]) for study in studies}
     records = compute(
         {key: job for of in wanted.values() for key, (_, job) in of.items()}, measure,
         folder / STORE, workers=jobs, engine=engine, progress=progress,
@@ -108,35 +130,33 @@ def conduct(
     for study in studies:
         runs_of = [(*where, records[key]) for key, (where, _) in wanted[study.name].items()]
         results = Results(study, runs_of)
-        figures = _drawn(study, results, folder)
+        figures = _write_figures(study, results, folder)
         chapter = {
             **summary(study, results, counts[study.name]),
             "figures": {name: words for name, (words, _) in figures.items()},
         }
-        write_text(folder / f"{study.name}.csv", tidy(study, runs_of))
+        write_text(folder / f"{study.name}.csv", runs_csv(study, runs_of))
         write_json(folder / f"{study.name}.json", {
             "format": FORMAT, "command": command_line(), "provenance": provenance, **chapter,
         })  # fmt: skip
         chapters[study.name] = chapter
         page.append((chapter, figures))
-    provenance["wall_time_s"] = round(time.perf_counter() - begun, 1)
-    from agents.studies.chapter import write_page
-
-    write_page(
-        folder / "report.html", title or "The sources' experiments, measured again", page,
+    provenance["wall_time_s"] = round(time.perf_counter() - started, 1)
+    write_studies_page(
+        folder / "report.html", title or "The experiments of the sources, repeated", page,
         {"command": command_line(), "provenance": provenance},
     )  # fmt: skip
     return chapters
 
 
 def _compile_all(jobs: Sequence[Mapping[str, Any]]) -> None:
-    """Compile here what workers then load."""
-    for job in {sort_of(job): job for job in jobs}.values():
+    """Compile in this process; workers then load the compiled code."""
+    for job in {kernel_key(job): job for job in jobs}.values():
         measure(job)
 
 
-def _drawn(study: Study, results: Results, folder: Path) -> dict[str, tuple[str, bytes]]:
-    """Each figure: what it shows, and its SVG; also written as SVG and PNG."""
+def _write_figures(study: Study, results: Results, folder: Path) -> dict[str, tuple[str, bytes]]:
+    """Each figure with its caption as SVG; also written as SVG and PNG."""
     found = {}
     with mpl.rc_context(LOOK):
         for name, (words, figure) in study.figures(results).items():
@@ -153,7 +173,7 @@ def _plain(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def figures_of(results: Results, row: Row, metric: Metric) -> dict[str, Any]:
+def cell_figures(results: Results, row: Row, metric: Metric) -> dict[str, Any]:
     """One cell: mean with its 95 % interval, runs, the published value and the ratio to it."""
     sample = results.sample(row.label, metric)
     values = np.concatenate([*sample.values(), np.empty(0)])
@@ -180,18 +200,18 @@ def figures_of(results: Results, row: Row, metric: Metric) -> dict[str, Any]:
 
 
 def summary(study: Study, results: Results, runs: int) -> dict[str, Any]:
-    """Every row and every claim, as JSON has them."""
+    """Every row and every claim, for JSON."""
     rows = []
     for row in study.rows:
         solved, made = results.solved(row.label)
-        cells = {metric.key: figures_of(results, row, metric) for metric in study.metrics}
+        cells = {metric.key: cell_figures(results, row, metric) for metric in study.metrics}
         rows.append({"row": row.label, "solved": solved, "runs": made, "figures": cells})
     claims = []
     for claim in study.claims:
         try:
             evidence = claim.judge(results)
-        except (ValueError, ZeroDivisionError) as error:  # too little to test
-            evidence = nothing(f"not testable: {error}")
+        except (ValueError, ZeroDivisionError) as error:  # too few values to test
+            evidence = no_evidence(f"not testable: {error}")
         claims.append({
             "claim": claim.text,
             "source": claim.source,
@@ -200,7 +220,7 @@ def summary(study: Study, results: Results, runs: int) -> dict[str, Any]:
             "low": _plain(evidence.low),
             "high": _plain(evidence.high),
             "unit": evidence.unit,
-            "said": evidence.said,
+            "comparison": evidence.text,
             "test": evidence.test,
             "p_for": evidence.p_for,
             "p_against": evidence.p_against,
@@ -218,8 +238,8 @@ def summary(study: Study, results: Results, runs: int) -> dict[str, Any]:
     }
 
 
-def tidy(study: Study, runs: Sequence[tuple[str, str, int, Mapping[str, Any]]]) -> str:
-    """One line a run, as CSV; what is no single value is left to the store."""
+def runs_csv(study: Study, runs: Sequence[tuple[str, str, int, Mapping[str, Any]]]) -> str:
+    """One line per run, as CSV; lists and objects are only in the store."""
     keys: dict[str, None] = {}
     for *_, record in runs:
         keys |= {k: None for k, v in record.items() if not isinstance(v, list | dict)}

@@ -1,8 +1,9 @@
-"""Figures of the studies that show places and paths, in the manner of the sources."""
+"""Figures of the studies, in the style of the sources."""
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,10 +13,143 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from agents.evaluation.figures import COLOURS, DASHES, MARKS, WIDTH, legend_above, new_axes
-from agents.studies.drawing import Figures, interval, named, panels_of
 from agents.studies.evidence import estimate
-from agents.studies.model import LENGTH, Array, Results
+from agents.studies.model import LENGTH, Array, Metric, Results
 from wheelchair_gym.rendering import palette
+
+Figures = dict[str, tuple[str, Figure]]
+
+
+def axis_label(metric: Metric) -> str:
+    """A metric with its unit."""
+    return f"{metric.name} [{metric.unit}]" if metric.unit else metric.name
+
+
+def mean_interval(r: Results, row: str, metric: Metric) -> tuple[float, float, float]:
+    """Mean over the strata and its 95 % interval; NaN where a stratum has no two values."""
+    sample = {k: v for k, v in r.sample(row, metric).items() if len(v) > 1}
+    if not sample:
+        return math.nan, math.nan, math.nan
+    found = estimate([sample], [1.0])
+    return found.value, *found.interval
+
+
+def stacked_panels(count: int, height: float = 2.0) -> tuple[Figure, list[Axes]]:
+    """A figure of panels, one below the other."""
+    figure = Figure(figsize=(WIDTH, height * count), layout="constrained")
+    return figure, list(np.atleast_1d(figure.subplots(count, 1, sharex=False)))
+
+
+def error_bars(axes: Axes, x: Sequence[float], found: Sequence[tuple[float, float, float]], k: int,
+          label: str) -> None:  # fmt: skip
+    """Means with their intervals, as one line of a figure."""
+    mean, low, high = (np.array(v) for v in zip(*found, strict=True))
+    error = np.nan_to_num([np.maximum(mean - low, 0.0), np.maximum(high - mean, 0.0)])
+    axes.errorbar(x, mean, yerr=error, fmt=MARKS[k % 8] + DASHES[0], color=COLOURS[k % 8],
+                  markersize=4, capsize=2.5, linewidth=1.3, label=label)  # fmt: skip
+
+
+def trend_figures(r: Results, what: str, metrics: Sequence[Metric]) -> Figures:
+    """Each metric over what is varied: ours with intervals, the published scaled to begin alike."""
+    series = list(dict.fromkeys(row.series for row in r.study.rows))
+    figure, panels = stacked_panels(len(metrics))
+    for axes, metric in zip(panels, metrics, strict=True):
+        for k, name in enumerate(series):
+            rows = [row for row in r.study.rows if row.series == name]
+            x = [row.x for row in rows]
+            found = [mean_interval(r, row.label, metric) for row in rows]
+            error_bars(axes, x, found, k, f"ours, {name}" if name else "ours")
+            given = np.array([row.published.get(metric.key, np.nan) for row in rows])
+            mean = np.array([value[0] for value in found])
+            scale = np.nanmean(mean) / np.nanmean(given)
+            if np.isfinite(scale):
+                axes.plot(x, scale * given, ":", color=COLOURS[k % 8] if name else _GREY,
+                          marker=".", linewidth=1.0,
+                          label=f"published, {name}" if name else "published, scaled to one mean",
+                          zorder=1)  # fmt: skip
+        axes.set_ylabel(axis_label(metric))
+    panels[-1].set_xlabel(what)
+    legend_above(figure, panels[0])
+    words = (
+        "Means over five maps with 95 % intervals; the published means (dotted) are scaled to the "
+        "mean of ours, as maps and computers differ."
+    )
+    return {"trend": (words, figure)}
+
+
+def box_figures(r: Results, rows: Sequence[str], metrics: Sequence[Metric]) -> Figures:
+    """Box plots of each metric (P1, figures 9 to 11), and mean ranks (its figure 12)."""
+    figure, panels = stacked_panels(len(metrics), 2.2)
+    for axes, metric in zip(panels, metrics, strict=True):
+        axes.boxplot([r.pooled(row, metric) for row in rows], tick_labels=list(rows),
+                     showfliers=False, medianprops={"color": COLOURS[1]})  # fmt: skip
+        axes.tick_params(axis="x", labelsize=7.5)
+        axes.set_ylabel(axis_label(metric))
+    table, plot = new_axes(2.8)
+    for k, metric in enumerate(metrics):
+        values = np.array([r.pooled(row, metric) for row in rows])  # (rows, runs)
+        if metric.key == "improvement":
+            values = -values
+        rank = values.argsort(axis=0).argsort(axis=0) + 1.0
+        plot.plot(range(len(rows)), rank.mean(axis=1), MARKS[k] + DASHES[k % 4], color=COLOURS[k],
+                  label=metric.name)  # fmt: skip
+    plot.set_xticks(range(len(rows)), list(rows), fontsize=7.5)
+    plot.set_ylim(len(rows) + 0.2, 0.8)
+    plot.set_ylabel("mean rank (1: best)")
+    legend_above(table, plot)
+    return {
+        "boxes": ("Quartiles of all runs; whiskers reach 1.5 quartile ranges, outliers are left "
+                  "out. As the paper's figures 9 to 11.", figure),
+        "ranks": ("Mean rank among rivals that began alike, by metric: the paper's radar chart, "
+                  "figure 12, as lines.", table),
+    }  # fmt: skip
+
+
+def ladder_figures(r: Results, methods: Sequence[str], counts: Sequence[float]) -> Figures:
+    """T2: lengths and times on the labs, and how often each method solves as clutter grows."""
+    from agents.evaluation.metrics import wilson
+
+    figure, panels = stacked_panels(2)
+    for axes, metric in zip(panels, r.study.metrics[:2], strict=True):
+        for k, method in enumerate(methods):
+            rows = [row for row in r.study.rows if row.series == method]
+            error_bars(axes, [row.x for row in rows],
+                  [mean_interval(r, row.label, metric) for row in rows], k, method)  # fmt: skip
+        axes.set_ylabel(axis_label(metric))
+        axes.set_xticks([1, 2, 3], ["lab 1", "lab 2", "lab 3"])
+    panels[1].set_ylim(bottom=0.0)
+    legend_above(figure, panels[0])
+    rungs, plot = new_axes(2.8)
+    for k, method in enumerate(methods):
+        found = []
+        for row in (row for row in r.study.rows if row.series == f"{method}, clutter"):
+            hits, runs = r.solved(row.label)
+            low, high = wilson(hits, runs)
+            found.append((100.0 * hits / max(runs, 1), 100.0 * low, 100.0 * high))
+        error_bars(plot, counts, found, k, method)
+    plot.set(xlabel="boxes in a room of 7 m x 5 m", ylabel="solved [%]", ylim=(-3, 103))
+    legend_above(rungs, plot)
+    return {
+        "labs": ("Means with 95 % intervals on three labs.", figure),
+        "ladder": ("Share of rooms solved as clutter grows, with 95 % Wilson intervals.",
+                   rungs),
+    }  # fmt: skip
+
+
+def method_figures(r: Results, rows: Sequence[str]) -> Figures:
+    """Length against the shortest, and nodes, by method."""
+    figure, axes = new_axes(3.2)
+    for k, row in enumerate(rows):
+        ratio, nodes = r.pooled(row, "ratio"), r.pooled(row, "nodes")
+        if len(ratio) and len(nodes):
+            axes.plot(ratio.mean(), nodes.mean(), MARKS[k % 8], color=COLOURS[k % 8], label=row,
+                      markersize=7, fillstyle="full" if k < 8 else "none")  # fmt: skip
+    axes.set_yscale("log")
+    axes.set_xlabel("length / shortest (mean over rooms)")
+    axes.set_ylabel("nodes")
+    legend_above(figure, axes)
+    return {"methods": ("Mean length as a multiple of the shortest, and nodes kept.", figure)}
+
 
 _GREY = "#8a929a"
 _SOLID = palette.css(palette.SOLID)
@@ -50,9 +184,9 @@ def _ends(axes: Axes, start: Any, goal: Any) -> None:
     axes.plot(*goal, "*", color=palette.css(palette.GOAL), markersize=10, zorder=5)
 
 
-def compared(r: Results, rows: Sequence[str], best: str, scene: str) -> Figures:
+def map_figures(r: Results, rows: Sequence[str], best: str, scene: str) -> Figures:
     """Lengths by map beside the shortest, and paths of one seed (T1, figure 3.6)."""
-    from agents.studies.worlds import problem_of
+    from agents.studies.experiments import problem_of
     from planners import make_planner
 
     strata = list(r.sample(rows[0], LENGTH))
@@ -70,7 +204,7 @@ def compared(r: Results, rows: Sequence[str], best: str, scene: str) -> Figures:
         axes.errorbar(x, mean, yerr=error, fmt=MARKS[k], color=COLOURS[k], label=row,
                       markersize=5, capsize=2.5)  # fmt: skip
     axes.set_xticks(range(len(strata)), [f"map {s[-1]}" for s in strata])
-    axes.set_ylabel(named(LENGTH))
+    axes.set_ylabel(axis_label(LENGTH))
     legend_above(figure, axes)
     drawn, plot = new_axes(3.4)
     _floor(plot, scene)
@@ -111,7 +245,7 @@ def velocities(line: Array) -> dict[str, Array]:
             "right_w": right / WHEEL, "left_w": left / WHEEL}  # fmt: skip
 
 
-def convergence(r: Results) -> Figures:
+def convergence_figures(r: Results) -> Figures:
     """P2's figures: paths, convergence, and velocities of platform and wheels."""
     from wheelchair_gym.scenes.published import CHAOTIC_PSO_DISCS
 
@@ -134,7 +268,7 @@ def convergence(r: Results) -> Figures:
     _ends(plot, (1, 1), (9, 9))
     plot.set(xlim=(0, 10), ylim=(0, 10), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     legend_above(paths, plot)
-    speeds, panels = panels_of(6, 1.5)
+    speeds, panels = stacked_panels(6, 1.5)
     for k, (row, label) in enumerate(names.items()):
         found = velocities(np.array(best[row]["line"]))
         t = SAMPLING * np.arange(len(found["v"]))
@@ -156,7 +290,7 @@ def convergence(r: Results) -> Figures:
     }  # fmt: skip
 
 
-def discs_and_lines(r: Results) -> Figures:
+def disc_figures(r: Results) -> Figures:
     """R1: lengths by goal and method, and paths of the best runs."""
     from wheelchair_gym.scenes.published import GREY_WOLF_DISCS, GREY_WOLF_GOALS
 
@@ -164,7 +298,7 @@ def discs_and_lines(r: Results) -> Figures:
     goals = [f"({goal})" for goal in GREY_WOLF_GOALS]
     figure, axes = new_axes(3.2)
     for k, method in enumerate(methods):
-        found = [interval(r, f"{method} {goal}", LENGTH) for goal in goals]
+        found = [mean_interval(r, f"{method} {goal}", LENGTH) for goal in goals]
         mean, low, high = (np.array(v) for v in zip(*found, strict=True))
         x = np.arange(len(goals)) + (k - 2) * 0.13
         axes.errorbar(x, mean, yerr=[mean - low, high - mean], fmt=MARKS[k], color=COLOURS[k],
@@ -176,7 +310,7 @@ def discs_and_lines(r: Results) -> Figures:
         axes.plot(x, given, "_", color=_GREY, markersize=9, markeredgewidth=1.6,
                   label="published" if k == 0 else None)  # fmt: skip
     axes.set_xticks(range(len(goals)), goals)
-    axes.set_ylabel(named(LENGTH))
+    axes.set_ylabel(axis_label(LENGTH))
     legend_above(figure, axes)
     paths = Figure(figsize=(WIDTH, 6.6), layout="constrained")
     for goal, plot in zip(goals, np.ravel(paths.subplots(3, 2)), strict=True):
@@ -198,7 +332,7 @@ def discs_and_lines(r: Results) -> Figures:
     }  # fmt: skip
 
 
-def driven(r: Results) -> Figures:
+def rollout_figures(r: Results) -> Figures:
     """T1, figure 2.27: the planned path and the roll-out of its controls."""
     found: Figures = {}
     figure = Figure(figsize=(WIDTH, 5.2), layout="constrained")

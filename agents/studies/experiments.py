@@ -1,7 +1,7 @@
-"""One run of each kind of experiment: a job in, a record out; `KINDS` names them.
+"""The worlds and runs of the studies: a job in, a record out; `EXPERIMENTS` names the kinds of run.
 
-Times are CPU seconds of the process, measured after everything was compiled: other work on the
-machine does not count. Keys that end in `_s` are times, the only ones in which equal runs differ.
+Times are CPU seconds of the process, measured after compilation: other work on the machine does not
+count. Keys that end in `_s` are times, the only ones in which equal runs differ.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from time import process_time
 from typing import Any, Final
 
@@ -17,13 +18,95 @@ from numpy.typing import NDArray
 
 from agents.evaluation.path_metrics import printed_turning, turning
 from agents.evaluation.runs import Record
-from agents.studies.model import APART
-from agents.studies.worlds import drawn_problem, episode_of, ground, lab_problem, problem_of
-from planners import Problem, make_planner
+from agents.studies.model import SEED_STRIDE
+from planners import Problem, Space, make_planner
 from planners.problem import Plan, Status
-from wheelchair_gym.geometry import path_length
+from wheelchair_gym.config import InputError
+from wheelchair_gym.geometry import path_length, polygon_edges
+from wheelchair_gym.scenes import make_scene
+from wheelchair_gym.scenes.published import LAB_SIZE, LABS
+from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
+
+
+@lru_cache(maxsize=64)
+def episode_of(scene: str, seed: int) -> Episode:
+    """The episode that a seed draws of a scene, given as JSON."""
+    return make_scene(json.loads(scene)).sample(np.random.default_rng(seed))
+
+
+@lru_cache(maxsize=64)
+def _space(scene: str, seed: int) -> Space:
+    episode = episode_of(scene, seed)
+    return Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
+
+
+def problem_of(scene: Any, seed: int = 0, clearance: float = 0.0) -> Problem:
+    """The problem of a scene; one seed has one."""
+    spec = json.dumps(scene)
+    episode = episode_of(spec, seed)
+    return Problem(_space(spec, seed), episode.start[:2], episode.goal[:2], clearance)
+
+
+def room_problem(boxes: Array, start: Any, goal: Any) -> Problem:
+    """A room of T2's kind: separate upright boxes (n, 4) [m], and no wall round it."""
+    walls = np.concatenate([polygon_edges(box_corners(box)) for box in boxes])
+    space = Space.from_walls(walls, np.empty((0, 3)), (0.0, 0.0, *LAB_SIZE))
+    return Problem(space, np.array(start, dtype=float), np.array(goal, dtype=float))
+
+
+def box_corners(box: Any) -> Array:
+    """Corners (4, 2) of an upright box xmin, ymin, xmax, ymax, counter-clockwise."""
+    x0, y0, x1, y1 = box
+    return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], dtype=float)
+
+
+@lru_cache(maxsize=64)
+def lab_problem(number: int) -> Problem:
+    """A lab of T2 as it had them: boxes only."""
+    plan = LABS[number - 1]
+    return room_problem(np.array(plan.walls, dtype=float), plan.start, plan.goal)
+
+
+MAX_DRAWS: Final = 100  # rooms drawn until one can be crossed
+_APART: Final = 0.3  # m from boxes to start and goal
+_ENDS: Final = ((0.5, 0.5), (6.5, 4.5))
+_LONG: Final = (0.5, 2.0)  # m, as T2's screens and benches
+_THIN: Final = (0.1, 0.4)  # m
+
+
+def random_room_problem(count: int, seed: int) -> tuple[Problem, float]:
+    """A room with so many boxes at random that can be crossed, and the shortest way [m].
+
+    Raises:
+        InputError: no room drawn can be.
+    """
+    rng = np.random.default_rng([seed, count])
+    for _ in range(MAX_DRAWS):
+        boxes: list[Array] = []
+        while len(boxes) < count:
+            sides = np.array([rng.uniform(*_LONG), rng.uniform(*_THIN)])
+            sides = sides[:: rng.choice([1, -1])]
+            low = rng.uniform(-0.5 * sides, np.array(LAB_SIZE) - 0.5 * sides)
+            box = np.concatenate([np.maximum(low, 0.0), np.minimum(low + sides, LAB_SIZE)])
+            gaps = [np.maximum(box[:2] - end, end - box[2:]).max() for end in np.array(_ENDS)]
+            if min(gaps) > _APART:
+                boxes.append(box)
+        problem = room_problem(np.array(boxes), *_ENDS)
+        shortest = make_planner("visibility").plan(problem, rng).length
+        if math.isfinite(shortest):
+            return problem, shortest
+    raise InputError(f"none of {MAX_DRAWS} rooms with {count} boxes can be crossed")
+
+
+@lru_cache(maxsize=16)
+def disc_problem(size: float, discs: Any, start: Any, goal: Any) -> Problem:
+    """A square of free ground with discs."""
+    space = Space.from_walls(np.empty((0, 4)), discs, (0.0, 0.0, size, size))
+    return Problem(space, np.array(start, dtype=float), np.array(goal, dtype=float))
+
+
 Job = Mapping[str, Any]
 
 SETTLED = 1.001  # a swarm has settled once its cost is within this factor of its last
@@ -31,8 +114,8 @@ SETTLED = 1.001  # a swarm has settled once its cost is within this factor of it
 
 def measure(job: Job) -> Record:
     """Run a job: its `kind` names how, its `seed` draws the numbers."""
-    run = KINDS[str(job["kind"])]
-    needed = sort_of(job)
+    run = EXPERIMENTS[str(job["kind"])]
+    needed = kernel_key(job)
     if needed not in _warmed:  # compiled or loaded, and what runs share is made, before any clock
         run(job, 0)
         _warmed.add(needed)
@@ -43,7 +126,7 @@ def measure(job: Job) -> Record:
 _warmed: set[str] = set()
 
 
-def sort_of(job: Job) -> str:
+def kernel_key(job: Job) -> str:
     """Jobs of one sort need the same kernels, and the same map."""
     planner = job.get("planner", {})
     optimizer = job.get("optimizer") or planner.get("optimizer", "")
@@ -84,7 +167,7 @@ def plan(job: Job, seed: int) -> Record:
 
 def plan_drawn(job: Job, seed: int) -> Record:
     """A planner in a room that the seed draws."""
-    problem, shortest = drawn_problem(job["boxes"], seed)
+    problem, shortest = random_room_problem(job["boxes"], seed)
     planner = make_planner(job["planner"])
     problem.free.arrays  # noqa: B018  what is kept with the map is ready before the clock starts
     rng = np.random.default_rng(seed)
@@ -128,7 +211,7 @@ def smoothing(job: Job, seed: int) -> Record:
     }
 
 
-def nearest(line: Array, discs: Any) -> float:
+def min_clearance_ratio(line: Array, discs: Any) -> float:
     """How near a line's pieces (n, 2) come to centres of discs, as a part of the radius."""
     a, b = line[:-1, None], line[1:, None]  # (n, 1, 2)
     centres, radii = np.array(discs)[:, :2], np.array(discs)[:, 2]
@@ -142,7 +225,7 @@ def nearest(line: Array, discs: Any) -> float:
 def among_discs(job: Job, seed: int) -> Record:
     """A swarm on a square with discs; valid if its line stays `reach` radii from their centres."""
     discs = tuple(map(tuple, job["discs"]))
-    problem = ground(job["size"], discs, tuple(job["start"]), tuple(job["goal"]))
+    problem = disc_problem(job["size"], discs, tuple(job["start"]), tuple(job["goal"]))
     planner = make_planner(job["planner"])
     rng = np.random.default_rng(seed)
     begun = process_time()
@@ -154,7 +237,7 @@ def among_discs(job: Job, seed: int) -> Record:
     free = len(line) > 0
     if free and discs:
         sampled = np.repeat(line, 2, axis=0) if job["sampled"] else line
-        free = nearest(sampled, discs) >= job["reach"] - 1e-9
+        free = min_clearance_ratio(sampled, discs) >= job["reach"] - 1e-9
     length = path_length(points) if len(points) else None
     final = costs[-1]
     record: Record = {
@@ -168,7 +251,7 @@ def among_discs(job: Job, seed: int) -> Record:
         "settled": 1 + int(np.argmax(costs <= SETTLED * final)),
         "time_s": seconds,
     }
-    if seed % APART < job.get("kept", 0):
+    if seed % SEED_STRIDE < job.get("kept", 0):
         record["costs"] = [round(float(c), 6) for c in costs]
         record["line"] = np.round(line, 6).tolist()
     return record
@@ -249,13 +332,13 @@ def controls(job: Job, seed: int) -> Record:
         "commands": len(made.commands),
         "time_s": seconds,
     }
-    if seed % APART < job.get("kept", 0):
+    if seed % SEED_STRIDE < job.get("kept", 0):
         record["path"] = np.round(found.path[:, :2], 3).tolist()
         record["driven"] = np.round(poses[::5, :2], 3).tolist()
     return record
 
 
-KINDS: Final[dict[str, Callable[[Job, int], Record]]] = {
+EXPERIMENTS: Final[dict[str, Callable[[Job, int], Record]]] = {
     "plan": plan,
     "plan_drawn": plan_drawn,
     "smoothing": smoothing,
