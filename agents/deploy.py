@@ -18,8 +18,8 @@ from agents.policies import Policy
 from agents.start_fit import StartCheck, start_fit
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import wrap
-from wheelchair_gym.localization.localized_chair import bare
-from wheelchair_gym.safety.stops import Stops, advice_of, holds, of_shield
+from wheelchair_gym.localization.localized_chair import unwrapped
+from wheelchair_gym.safety.stops import StopMonitor, active_stops, advice_for, shield_message
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
@@ -105,17 +105,17 @@ class Journal:
 
     def __init__(self, own: Deployment, say: Say, each: bool) -> None:
         self._own, self._say, self._each = own, say, each
-        self._stops = Stops()
+        self._stops = StopMonitor()
         self.ended = ""
 
     def __call__(self, env: Any) -> bool:
         """Take in a step of the environment; whether it has to end."""
         env = env.unwrapped
         now, stops = env.task.reading.stamp, self._stops
-        for line in stops.update(now, holds(env.task.reading.halted, env.shield)):
+        for line in stops.update(now, active_stops(env.task.reading.halted, env.shield)):
             self._say(f"{now:7.1f} s  {line}")
         if env.shield is not None and (fault := env.shield.refused()):
-            advice = advice_of(of_shield(fault))
+            advice = advice_for(shield_message(fault))
             self._say(f"{now:7.1f} s  not re-armed: {fault}, still; {advice}")
         if self._each and now > 0.0:
             self._say(_asked(env, now))
@@ -128,11 +128,11 @@ class Journal:
 
 def latched(chair: Any) -> str:
     """What a chair has stopped for until a person re-arms it and it is reset; empty: nothing."""
-    return str(getattr(bare(chair), "latched", ""))
+    return str(getattr(unwrapped(chair), "latched", ""))
 
 
 def _asked(env: Any, now: float) -> str:
-    chair: Any = bare(env.unwrapped.chair)
+    chair: Any = unwrapped(env.unwrapped.chair)
     v, w = chair.asked
     x, y, yaw = env.unwrapped.task.reading.pose
     return f"{now:7.1f} s  v {v:6.3f} m/s  w {w:6.3f} rad/s  at ({x:.2f}, {y:.2f}, {yaw:.2f})"
@@ -232,7 +232,7 @@ def hear_person(driven: Any, shield: Any = None) -> None:
         driven: the chair, with or without what finds it on a map.
         shield: of the environment that drives it, if it has one.
     """
-    chair: Any = bare(driven)
+    chair: Any = unwrapped(driven)
     terminal = sys.stdin is not None and sys.stdin.isatty()
     if hasattr(chair, "on_wait"):
         chair.on_wait = lambda line: _LOG.warning("%s", _with_ways(chair, line, terminal))
@@ -265,4 +265,4 @@ def _with_ways(chair: Any, line: str, terminal: bool) -> str:
         button = chair.hand.settings.rearm
         ways.append(f"button {button} of the host's joystick" + (f" ({hand})" if hand else ""))
     ways.append("the joystick of the drive board: manual, then hold")
-    return f"{line}: {advice_of(line)}, then {', or '.join(ways)}"
+    return f"{line}: {advice_for(line)}, then {', or '.join(ways)}"

@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import wrap
-from wheelchair_gym.localization.global_localization import climb
-from wheelchair_gym.localization.likelihood_field import Field, log_likelihood, surface_field
-from wheelchair_gym.localization.monte_carlo import Localisation
+from wheelchair_gym.localization.global_localization import hill_climb
+from wheelchair_gym.localization.likelihood_field import (
+    LikelihoodField,
+    log_likelihood,
+    make_likelihood_field,
+)
+from wheelchair_gym.localization.monte_carlo import LocalizationSettings
 from wheelchair_gym.localization.scan import Scan, read_scan
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings
@@ -71,24 +75,24 @@ def start_fit(
     own: StartCheck | None = None,
 ) -> StartFit:
     """How well a scan (beams,) [m] fits a map at a start (3,) [m, m, rad], and around it."""
-    own, model = own or StartCheck(), Localisation()
+    own, model = own or StartCheck(), LocalizationSettings()
     scan = read_scan(laser, ranges, 0.0)
     share = len(scan.echoes) / laser.beams
     if share < own.echoes:
         wrong = f"{share:.0%} of the laser's beams have an echo; expected {own.echoes:.0%} or more"
         return StartFit(share, 0.0, start, 0.0, start, wrong)
-    field, ends = surface_field(grid, 10.0 * model.sigma), _some(scan, _BEAMS)
+    field, ends = make_likelihood_field(grid, 10.0 * model.sigma), _some(scan, _BEAMS)
 
     def climbed(pose: Array) -> tuple[float, Array]:
         end = np.array(pose, np.float64)
         way, turn = 2.0 * model.sigma, math.radians(3.0)
-        worth = climb(field, ends, model.sigma, model.astray, way, turn, end)
+        worth = hill_climb(field, ends, model.sigma, model.outlier_share, way, turn, end)
         return math.exp(worth), end
 
     fit, pose = climbed(start)
     if not _near(pose, start, own):
         x, y, yaw = start.tolist()
-        fit = math.exp(log_likelihood(field, x, y, yaw, ends, model.sigma, model.astray))
+        fit = math.exp(log_likelihood(field, x, y, yaw, ends, model.sigma, model.outlier_share))
         pose = start
     better, elsewhere = 0.0, start
     for place in _places(grid, field, start, _some(scan, _FEW), own, model):
@@ -118,11 +122,11 @@ def _near(pose: Array, start: Array, own: StartCheck) -> bool:
 
 def _places(
     grid: OccupancyGrid,
-    field: Field,
+    field: LikelihoodField,
     start: Array,
     few: Array,
     own: StartCheck,
-    model: Localisation,
+    model: LocalizationSettings,
 ) -> list[Array]:
     """The most promising of the poses (3,) around a start that are not in something solid."""
     offsets = np.arange(-own.around, own.around + 0.5 * own.step, own.step)
@@ -137,6 +141,7 @@ def _places(
     poses = np.column_stack([places.repeat(len(headings), axis=0), np.tile(headings, len(places))])
     sigma = _LENIENT * model.sigma
     worth = [
-        log_likelihood(field, x, y, yaw, few, sigma, model.astray) for x, y, yaw in poses.tolist()
+        log_likelihood(field, x, y, yaw, few, sigma, model.outlier_share)
+        for x, y, yaw in poses.tolist()
     ]
     return [poses[k] for k in np.argsort(worth)[::-1][:_CLIMBED]]

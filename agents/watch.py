@@ -15,7 +15,7 @@ import numpy as np
 from wheelchair_gym.config import InputError
 
 if TYPE_CHECKING:
-    from wheelchair_gym.localization.logs import Log
+    from wheelchair_gym.localization.logs import SensorLog
     from wheelchair_gym.localization.slam import Slam
     from wheelchair_gym.sensors.settings import LaserSettings
 
@@ -57,24 +57,26 @@ class Watch:
         """
         if not self:
             return env, film
-        from wheelchair_gym.recording.record import Recorded, Recording
+        from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 
-        own = Recording(images=self.images, when_full=self.when_full)
-        env = Recorded(env, self.record, self.live, own)
+        own = RecordingSettings(image_rate=self.images, when_full=self.when_full)
+        env = RecordEpisodes(env, self.record, self.live, own)
         if env.port is None:
             return env, film
         _say(env.port)
         return env, _paced(env.unwrapped.task.period, film)
 
-    def on_survey(self, log: Log, laser: LaserSettings) -> tuple[Callable[[Slam], None], Each]:
+    def on_survey(
+        self, log: SensorLog, laser: LaserSettings
+    ) -> tuple[Callable[[Slam], None], Each]:
         """What is to be called after each scan of a log, and at the end (with anything)."""
         if not self:
             return lambda slam: None, lambda end: None
         from wheelchair_gym.recording import messages as m
-        from wheelchair_gym.recording.record import Recording
-        from wheelchair_gym.recording.sink import NANO, Outlet
+        from wheelchair_gym.recording.record import RecordingSettings
+        from wheelchair_gym.recording.sink import NANO, Sink
 
-        out, own, reckoned = Outlet(self.record, self.live), Recording(), log.odometry
+        out, own, reckoned = Sink(self.record, self.live), RecordingSettings(), log.odometry
         if out.port is not None:
             _say(out.port)
         begun, shown, k = time.perf_counter(), -np.inf, 0
@@ -87,18 +89,18 @@ class Watch:
             out.now = round(stamp * NANO)
             period = stamp - float(log.stamps[k - 1] - log.stamps[0]) if k else 0.0
             way = log.increments[k][[0, 2]] / period if period > 0.0 else np.zeros(2)
-            if stamp - shown >= own.again:
+            if stamp - shown >= own.refresh_period:
                 shown = stamp
                 out.send("/map", m.grid(out.now, slam.map))
                 out.send("/tf_static", m.mounts(out.now, laser))
-                out.send("/trail", m.trail(out.now, slam.trail[:, :2]))
+                out.send("/trail", m.trail(out.now, slam.trajectory[:, :2]))
             out.send("/tf", m.frames(out.now, slam.pose, reckoned[k]))
             out.send("/scan", m.scan(out.now, laser, log.ranges[k]))
             out.send("/odometry", m.odometry(out.now, reckoned[k], way))
             out.send("/pose", m.pose_in_map(out.now, slam.pose))
             out.send("/particles", m.particles(out.now, slam.poses))
             k += 1
-            if (why := out.failed()) and self.when_full == "end":
+            if (why := out.new_error()) and self.when_full == "end":
                 raise InputError(f"{why}, and the run, too")
             if why:
                 print(f"{why}; the run goes on", file=sys.stderr)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import Footprint, polygon_edges, to_world
 from wheelchair_gym.physics.actors.records import Mover, door, together
-from wheelchair_gym.scenes.arena import arena
+from wheelchair_gym.scenes.arena import make_arena
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.types import Episode
 
@@ -62,7 +62,7 @@ class Edges:
         walls.append(polygon_edges(to_world(np.array(box), screen)))
         behind = far + 0.1 + rng.uniform(0.06, 0.4), side * (SCREEN - rng.uniform(0.0, 0.2))
         discs.append((*to_world(behind, screen), 0.5 * self._width(rng)))
-        ground = arena((0.0, 0.0, SIDE, SIDE))
+        ground = make_arena((0.0, 0.0, SIDE, SIDE))
         goal = np.array([0.7, 0.7, 0.0])
         walls = np.vstack([ground.walls, *walls])
         return Episode(

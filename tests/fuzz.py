@@ -153,10 +153,10 @@ def _copy_map(folder: Path) -> Path:
 def _use_map(path: Path) -> None:
     """A map as `plan` and an environment take it."""
     from planners import Problem, Space, make_planner
-    from wheelchair_gym.maps import read_ground
+    from wheelchair_gym.maps import read_any_map
     from wheelchair_gym.scenes import make_scene
 
-    grid, _ = read_ground(path)
+    grid, _ = read_any_map(path)
     if grid.cells.size > 2_000_000:  # large and allowed: using it takes what it takes
         return
     scene = make_scene({"name": "map_file", "path": str(path)})
@@ -233,9 +233,9 @@ def _scenario(folder: Path) -> Path:
 
 
 def _use_scenario(path: Path) -> None:
-    from wheelchair_gym.maps import read_scenario
+    from wheelchair_gym.maps import read_moving_ai_scenario
 
-    read_scenario(path)
+    read_moving_ai_scenario(path)
 
 
 def _house(folder: Path) -> Path:
@@ -262,9 +262,9 @@ def _barn(folder: Path) -> Path:
 
 def _use_barn(path: Path) -> None:
     from wheelchair_gym.scenes import make_scene
-    from wheelchair_gym.scenes.barn import numbers_in
+    from wheelchair_gym.scenes.barn import world_numbers
 
-    for world in numbers_in(path)[:2]:
+    for world in world_numbers(path)[:2]:
         scene = make_scene({"name": "barn", "path": str(path), "world": world})
         episode = scene.sample(np.random.default_rng(0))
         if episode.map.cells.size < 1_000_000:
@@ -484,7 +484,7 @@ def _log(folder: Path) -> Path:
     rng = np.random.default_rng(0)
     lines = []
     for k in range(6):
-        head = [k * 100_000, 0, k * 20, k * 21, *([0] * (form.first - 4))]
+        head = [k * 100_000, 0, k * 20, k * 21, *([0] * (form.first_range_column - 4))]
         ranges = rng.integers(100, 5000, form.laser.beams).tolist()
         lines.append(" ".join(map(str, head + ranges)))
     path = folder / "log.dat"
@@ -504,7 +504,7 @@ def _use_log(path: Path) -> None:
 def _recording(folder: Path) -> Path:
     import gymnasium as gym
 
-    from wheelchair_gym.recording.record import Recorded
+    from wheelchair_gym.recording.record import RecordEpisodes
 
     config = {"sensors": {"laser": {"beams": 31}}, "task": {"beams": 16}, "shield": {}}
     scene = {"name": "empty", "size": [5.0, 4.0]}
@@ -512,7 +512,7 @@ def _recording(folder: Path) -> Path:
     env: Any = gym.make(
         "wheelchair_gym/Navigation-v0", scene=scene, config=config, guidance="geodesic"
     )
-    env = Recorded(env, path)
+    env = RecordEpisodes(env, path)
     env.reset(seed=1)
     for _ in range(4):
         env.step(np.array([0.5, 0.2]))
@@ -543,15 +543,15 @@ def _mutated_recording(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _use_recording(path: Path) -> None:
-    from wheelchair_gym.recording.replay import read_recording, recorded_log, replayed
+    from wheelchair_gym.recording.replay import read_recording, replay_env, sensor_log
 
     for chapter in read_recording(path)[:2]:
-        env = replayed(chapter)
+        env = replay_env(chapter)
         env.reset(options={"episode": chapter.episode})
         for action in chapter.actions[:6]:
             env.step(action)
         env.close()
-    recorded_log(path)
+    sensor_log(path)
 
 
 # ---- what was learned
@@ -675,8 +675,8 @@ READERS: dict[str, Reader] = {
         _pgm, lambda path: _use_map(path.with_suffix(".yaml")),
         ("maps.io.map_server._checked_image",),
     ),
-    "octile map": Reader(_octile, _use_map, ("maps.io.moving_ai.read_octile",)),
-    "scenario": Reader(_scenario, _use_scenario, ("maps.io.moving_ai.read_scenario",)),
+    "octile map": Reader(_octile, _use_map, ("maps.io.moving_ai.read_moving_ai_map",)),
+    "scenario": Reader(_scenario, _use_scenario, ("maps.io.moving_ai.read_moving_ai_scenario",)),
     "house": Reader(_house, _use_map, ("maps.io.house_expo.read_house",)),
     "barn worlds": Reader(_barn, _use_barn, ("scenes.barn._worlds",)),
     "problems": Reader(

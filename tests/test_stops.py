@@ -6,26 +6,34 @@ import pytest
 
 from wheelchair_gym.hardware.boards.messages import Fault
 from wheelchair_gym.safety.state import REASONS, UNSEEN
-from wheelchair_gym.safety.stops import STOPS, Ends, Stops, advice_of, as_table, of_shield, stops_of
+from wheelchair_gym.safety.stops import (
+    STOPS,
+    Ends,
+    StopMonitor,
+    advice_for,
+    as_table,
+    matching_stops,
+    shield_message,
+)
 
 BOARD = "the drive board has stopped ({}); a person must re-arm it"
 
 
 def test_every_fault_of_the_board_and_of_the_shield_has_its_row():
     for fault in Fault:
-        (row,) = stops_of(BOARD.format(fault.name))
+        (row,) = matching_stops(BOARD.format(fault.name))
         assert (row.name, row.ends) == (fault.name, Ends.NEW_RUN)
     for name in REASONS[UNSEEN + 1 :]:
-        (row,) = stops_of(of_shield(name))
+        (row,) = matching_stops(shield_message(name))
         assert (row.name, row.part, row.ends) == (name, "shield", Ends.REARM)
     assert {s.name for s in STOPS if s.part == "shield"} == set(REASONS[UNSEEN + 1 :])
 
 
 def test_several_faults_are_several_rows():
     both = BOARD.format((Fault.LINK | Fault.STALL).name)
-    assert {row.name for row in stops_of(both)} == {"LINK", "STALL"}
-    assert "USB" in advice_of(both)
-    assert "wheel" in advice_of(both)
+    assert {row.name for row in matching_stops(both)} == {"LINK", "STALL"}
+    assert "USB" in advice_for(both)
+    assert "wheel" in advice_for(both)
 
 
 @pytest.mark.parametrize(
@@ -43,13 +51,13 @@ def test_several_faults_are_several_rows():
     ],
 )
 def test_what_the_parts_say_is_found(message, ends):
-    (row,) = stops_of(message)
+    (row,) = matching_stops(message)
     assert row.ends is ends
     assert (row.name == "unknown") == message.startswith("something")
 
 
 def test_it_goes_on_only_when_nothing_holds_it():
-    stops, shield = Stops(), of_shield("laser silent")
+    stops, shield = StopMonitor(), shield_message("laser silent")
     assert stops.update(0.0, [""]) == []
     (line,) = stops.update(1.0, ["the laser is silent"])
     assert line.startswith("stands: the laser is silent; ")

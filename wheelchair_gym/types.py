@@ -66,7 +66,7 @@ class Belief(NamedTuple):
 
     odometry: Array  # (3,) m, m, rad: dead-reckoned, in the frame odom (REP-105)
     particles: Array | None = None  # (n, 3) m, m, rad: where on the map the chair may be
-    chart: Callable[[], OccupancyGrid] | None = None  # a map that grows; None: the episode's
+    built_map: Callable[[], OccupancyGrid] | None = None  # a map that grows; None: the episode's
 
 
 class Truth(NamedTuple):

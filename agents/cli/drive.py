@@ -19,8 +19,8 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.settings import env_settings as complete_env_settings
 from wheelchair_gym.geometry import roomiest
 from wheelchair_gym.hardware.registry import check_extras
-from wheelchair_gym.maps import OCCUPIED, read_ground
-from wheelchair_gym.safety.stops import holds
+from wheelchair_gym.maps import OCCUPIED, read_any_map
+from wheelchair_gym.safety.stops import active_stops
 from wheelchair_gym.types import Episode
 
 _WARM_SCENE = "clutter"  # in which a policy drives in simulation before it drives a real chair
@@ -63,7 +63,7 @@ def simulate(given: argparse.Namespace) -> int:
         env.close()
     if journal is not None and journal.ended:
         record |= {"outcome": "halted", "success": False}
-    stands = holds(env.unwrapped.task.reading.halted, env.unwrapped.shield)
+    stands = active_stops(env.unwrapped.task.reading.halted, env.unwrapped.shield)
     place = label(scene) if episode is None else episode.name
     record |= {"policy": given.policy, "scene": place, "seed": given.seed, "stands": stands}
     least = record["clearance_min"]
@@ -145,7 +145,7 @@ def _episode(given: argparse.Namespace, footprint: Any) -> Episode:
     Raises:
         InputError: the map cannot be read, or start or goal are outside it or in an obstacle.
     """
-    grid, walls = read_ground(given.map, False)
+    grid, walls = read_any_map(given.map, False)
     for name, place in (("--start", given.start), ("--goal", given.goal)):
         row, col = grid.to_cell(place[:2])
         if not grid.inside(place[:2]) or grid.cells[row, col] == OCCUPIED:

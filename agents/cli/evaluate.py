@@ -16,7 +16,7 @@ from agents.evaluation.evaluate import Spec, label
 from agents.evaluation.provenance import cores
 from agents.evaluation.runs import StoppedError
 from wheelchair_gym.config import InputError
-from wheelchair_gym.scenes.barn import numbers_in
+from wheelchair_gym.scenes.barn import world_numbers
 
 SEED_OFFSET = 500_000  # from the seeds of trials to those on which the best is evaluated again
 
@@ -29,7 +29,7 @@ def scenes_of(names: Sequence[str] | None) -> list[str | dict[str, Any]]:
             stem = Path(name).stem
             found += [
                 {"name": "barn", "path": name, "world": world, "label": f"{stem} {world}"}
-                for world in numbers_in(name)
+                for world in world_numbers(name)
             ]
         else:
             found.append(labelled(name))

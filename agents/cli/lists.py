@@ -15,7 +15,7 @@ from agents.cli.arguments import report, spec
 from agents.evaluation.provenance import write_text
 from wheelchair_gym.config import InputError, dump, suggest
 from wheelchair_gym.scenes import SCENES, make_scene
-from wheelchair_gym.scenes.describe import measure
+from wheelchair_gym.scenes.describe import scene_statistics
 
 # Settings that are in no registry.
 PARTS = {
@@ -26,13 +26,13 @@ PARTS = {
     "chair": "wheelchair_gym.physics.settings:ChairSettings",
     "imitation": "agents.learning.settings:Imitation",
     "log": "wheelchair_gym.localization.logs:LogFormat",
-    "recording": "wheelchair_gym.recording.record:Recording",
+    "recording": "wheelchair_gym.recording.record:RecordingSettings",
     "shield": "wheelchair_gym.safety.settings:ShieldSettings",
     "slam": "wheelchair_gym.localization.slam:SlamSettings",
     "physics": "wheelchair_gym.physics.settings:PhysicsSettings",
     "task": "wheelchair_gym.task.settings:TaskSettings",
     "training": "agents.learning.settings:Training",
-    "ways": "wheelchair_gym.maps.cost_to_go:WaysSettings",
+    "cost_to_go": "wheelchair_gym.maps.cost_to_go:CostToGoSettings",
 }
 QUANTILES = {"least": 0.0, "p5": 0.05, "p50": 0.5, "p95": 0.95, "most": 1.0}
 
@@ -51,7 +51,8 @@ def scenes(given: argparse.Namespace) -> int:
 
 def _measure(given: argparse.Namespace) -> int:
     rows: list[dict[str, Any]] = []
-    for name, values in measure(make_scene(spec(given.name)), range(given.samples)).items():
+    found = scene_statistics(make_scene(spec(given.name)), range(given.samples))
+    for name, values in found.items():
         found = np.quantile(values, tuple(QUANTILES.values())).tolist()
         rows.append({"figure": name, "n": len(values), **dict(zip(QUANTILES, found, strict=True))})
     columns = ("n", *QUANTILES)

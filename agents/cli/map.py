@@ -25,7 +25,7 @@ from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.localization.logs import LogFormat, read_log
 from wheelchair_gym.localization.slam import Slam, SlamSettings
 from wheelchair_gym.maps import write_map
-from wheelchair_gym.recording.replay import recorded_log
+from wheelchair_gym.recording.replay import sensor_log
 from wheelchair_gym.rendering import draw_map, write_png
 
 
@@ -103,7 +103,7 @@ def _from_scans(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
         raise InputError("--odometry-only: viewers and recordings show SLAM")
     form = LogFormat()
     file = given.log or given.recording
-    log, laser = (read_log(file, form), form.laser) if given.log else recorded_log(file)
+    log, laser = (read_log(file, form), form.laser) if given.log else sensor_log(file)
     config = SlamSettings() if given.particles is None else SlamSettings(particles=given.particles)
     with progress(len(log.stamps), not given.quiet) as bar:
         maps = [by_odometry(log, laser, config.mapping)]

@@ -21,7 +21,7 @@ from wheelchair_gym.compiled.progress import called_by, kernels_of
 from wheelchair_gym.compiled.second_process import compile_beside
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, to_world
-from wheelchair_gym.maps import read_ground
+from wheelchair_gym.maps import read_any_map
 from wheelchair_gym.rendering import draw_plan, write_png
 from wheelchair_gym.scenes import make_scene
 
@@ -67,7 +67,7 @@ def _problem(given: argparse.Namespace, thesis: ThesisFile | None) -> Problem:
         if given.map is None and not Path(number).suffix:
             what = f"{given.config}: MapProcessor_Map_Name is {number!r}"
             raise InputError(f"{what}; expected 1 to 5 or the name of a map file, or give --map")
-        grid, walls = read_ground(name)
+        grid, walls = read_any_map(name)
         cell, outlined = grid.resolution, Path(name).suffix.lower() == ".json"
         space = Space.from_walls(walls, (), grid.bounds) if outlined else Space.from_grid(grid)
     if ends["start"] is None or ends["goal"] is None:

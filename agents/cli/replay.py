@@ -11,7 +11,7 @@ from agents.cli.arguments import report, spec, watch
 from agents.policies import make_policy
 from agents.watch import Each, Watch
 from wheelchair_gym.config import InputError
-from wheelchair_gym.recording.replay import Chapter, read_recording, replayed
+from wheelchair_gym.recording.replay import RecordedEpisode, read_recording, replay_env
 from wheelchair_gym.rendering.video import write_png, write_video
 
 
@@ -53,9 +53,9 @@ class Stage:
         self._env: Any = None
         self.each: Each | None = None
 
-    def set(self, chapter: Chapter) -> Any:
+    def set(self, chapter: RecordedEpisode) -> Any:
         """The environment that repeats a chapter."""
-        env = replayed(chapter, self._mode)
+        env = replay_env(chapter, self._mode)
         if self._env is None or not self._watch:
             self._env, self.each = self._watch.on(env)
         else:
@@ -69,7 +69,7 @@ class Stage:
 
 
 def _again(
-    chapter: Chapter, stage: Stage, given: argparse.Namespace, frames: list[Any]
+    chapter: RecordedEpisode, stage: Stage, given: argparse.Namespace, frames: list[Any]
 ) -> dict[str, Any]:
     """Judge an episode again; with a policy, compare its action at every step."""
     env = stage.set(chapter)

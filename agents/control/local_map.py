@@ -19,7 +19,7 @@ from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.safety import Shield
-from wheelchair_gym.safety.clearance import points_gap
+from wheelchair_gym.safety.clearance import clearance_to_points
 from wheelchair_gym.types import Reading
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ class Surroundings:
         self._outline = task.footprint.array
         self.chart(task.map)
         # A map that the chair draws shows what moves as well: nothing would stand out against it.
-        self._tracks = Tracks(task.map, self._laser) if task.chart is None else None
+        self._tracks = Tracks(task.map, self._laser) if task.built_map is None else None
         self.standing = Standing(task.map)
         self._beams = self._laser.directions
         self._counted = np.zeros(3)  # dead reckoning, the frame of the memory
@@ -105,7 +105,7 @@ class Surroundings:
         The last is nearly what is left: an outline already nearer may leave, not come nearer.
         """
         less = 0.6 * margin
-        gap = float(points_gap(0.0, 0.0, 0.0, footprint, self.points, margin))
+        gap = float(clearance_to_points(0.0, 0.0, 0.0, footprint, self.points, margin))
         return margin, less, min(less, 0.95 * gap)
 
     def update(self, reading: Reading) -> None:
@@ -124,10 +124,10 @@ class Surroundings:
 
     def unhurried(self, twists: Array, motion: Array) -> Array:
         """See `Shield.unhurried`: how fast the chair may go where nobody has looked."""
-        return self._sight.unhurried(twists, motion)
+        return self._sight.limit_for_unseen_space(twists, motion)
 
     def _look(self, reading: Reading) -> None:
-        self._sight.look(reading)
+        self._sight.update(reading)
         laser = self._laser
         ranges = np.asarray(reading.laser, dtype=np.float64)
         near = np.isfinite(ranges) & (ranges < SEEN_FROM) & (ranges > laser.nearest)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.geometry import Footprint, rectangle_point_gap
 from wheelchair_gym.kinematics import Limits, approach, arc_step, carried
-from wheelchair_gym.safety.clearance import kept_clear, points_gap
+from wheelchair_gym.safety.clearance import clearance_to_points, required_clearance
 
 Array = NDArray[np.float64]
 
@@ -172,8 +172,8 @@ def stops_clear(v: float, w: float, body: Body, near: Near, hold: float, margin:
         sv, av = approach(sv, av, v, limits[3], limits[4], limits[7], STEP)
         sw, aw = approach(sw, aw, w, limits[6], limits[6], limits[8], STEP)
         x, y, yaw = arc_step(x, y, yaw, sv, sw, STEP)
-        need = kept_clear(margin, HEADWAY, abs(sv), abs(sw), lever, SLOW)
-        if points_gap(x, y, yaw, body.footprint, near.points, need + 0.01) < need:
+        need = required_clearance(margin, HEADWAY, abs(sv), abs(sw), lever, SLOW)
+        if clearance_to_points(x, y, yaw, body.footprint, near.points, need + 0.01) < need:
             return False
         still = abs(sv) < 0.02 and abs(sw) < 0.05
         if not still and near.movers.shape[0] > 0:
@@ -229,7 +229,9 @@ def cost_of(
             if k < steps:
                 gap -= (abs(sv) + lever * abs(sw)) * STEP
                 if gap < weights.wish:
-                    gap = points_gap(ax, ay, ayaw, footprint, near.points, weights.wish + 0.2)
+                    gap = clearance_to_points(
+                        ax, ay, ayaw, footprint, near.points, weights.wish + 0.2
+                    )
                 if gap < margin:  # whatever lies beyond is not gained
                     cost += weights.clearance * weights.horizon * (steps - k) / steps
                     barred = True

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.geometry import Footprint, to_frame, to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from wheelchair_gym.maps.distance import near
+from wheelchair_gym.maps.distance import within_distance
 
 Array = NDArray[np.float64]
 
@@ -86,5 +86,5 @@ def walled(known: OccupancyGrid, way: ArrayLike, clearance: float) -> bool:
     """Whether anything solid stands nearer to a way (n, 2 or 3) [m] than it was planned to pass."""
     cells = known.to_cell(np.asarray(way, dtype=np.float64)[:, :2])
     cells = cells[((cells >= 0) & (cells < known.shape)).all(axis=1)]
-    close = near(known.solid().view(np.int8), clearance / known.resolution - JITTER)
+    close = within_distance(known.solid().view(np.int8), clearance / known.resolution - JITTER)
     return bool((close[cells[:, 0], cells[:, 1]] != 0).any())

@@ -62,8 +62,8 @@ CORRIDORS = (1.20, 1.05, 0.90)  # m: ADA asks for 0.915
 
 def _doorway(door: float, corridor: float) -> Spec:
     """One rung of the ladder, named by what any manoeuvre leaves round the chair."""
-    spec = {"name": "doorway", "door": door, "corridor": corridor}
-    margin = Doorway(door=door, corridor=corridor).margin
+    spec = {"name": "doorway", "door_width": door, "corridor_width": corridor}
+    margin = Doorway(door_width=door, corridor_width=corridor).margin
     return {**spec, "label": f"door {door:.2f} corridor {corridor:.2f} margin {margin:.3f}"}
 
 
@@ -89,8 +89,8 @@ SUITES: dict[str, Suite] = {
             {
                 "name": "floor_plan",
                 "kind": "home",
-                "doors": (0.9, 1.1),
-                "corridors": (1.1, 1.6),
+                "door_width": (0.9, 1.1),
+                "corridor_width": (1.1, 1.6),
                 "label": "home",
             },
         ),
@@ -103,9 +103,9 @@ SUITES: dict[str, Suite] = {
             {
                 "name": "floor_plan",
                 "kind": "clinic",
-                "doors": (1.0, 1.4),
-                "corridors": (1.5, 2.4),
-                "size": (14.0, 24.0),
+                "door_width": (1.0, 1.4),
+                "corridor_width": (1.5, 2.4),
+                "building_size": (14.0, 24.0),
                 "label": "clinic",
             },
         ),
@@ -146,11 +146,11 @@ SUITES: dict[str, Suite] = {
                 "name": "crowd",
                 "place": "building",
                 "people": {"density": (0.01, 0.04)},  # who sits counts not
-                "plan": {
+                "building": {
                     "kind": "clinic",
-                    "doors": (1.0, 1.4),
-                    "corridors": (1.5, 2.4),
-                    "size": (14.0, 24.0),
+                    "door_width": (1.0, 1.4),
+                    "corridor_width": (1.5, 2.4),
+                    "building_size": (14.0, 24.0),
                 },
                 "label": "building",
             },
@@ -161,7 +161,14 @@ SUITES: dict[str, Suite] = {
     "cylinders": Suite(
         "Cylinders that cross a hall and heed nobody, as in DynaBARN",
         ("straight", BEST),
-        ({"name": "crowd", "place": "hall", "people": {"crossing": 1.0}, "label": "crossing"},),
+        (
+            {
+                "name": "crowd",
+                "place": "hall",
+                "people": {"crossing_share": 1.0},
+                "label": "crossing",
+            },
+        ),
         40,
     ),
     "temporary": Suite(

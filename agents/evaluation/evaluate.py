@@ -17,7 +17,7 @@ from agents.policies import make_policy, spec_of
 from agents.policies.learned import weights_digest
 from agents.watch import Watch
 from wheelchair_gym.config import InputError, load, read_json
-from wheelchair_gym.maps import bottleneck, outline_margin
+from wheelchair_gym.maps import bottleneck, footprint_margin
 from wheelchair_gym.types import Episode
 
 ENV = "wheelchair_gym/Navigation-v0"
@@ -127,7 +127,7 @@ def drive_episode(
     margin = narrowest - task.footprint.half_width
     if margin < TIGHT:
         ends = world.start, world.goal, task.footprint
-        margin = min(margin, outline_margin(world.walls, world.discs, *ends))
+        margin = min(margin, footprint_margin(world.walls, world.discs, *ends))
     trace = Trace(task.period, margin, task.limits.forward, world.reference)
     trace.add(info)
     begun = time.perf_counter()

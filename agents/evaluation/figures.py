@@ -169,7 +169,7 @@ def _doorways(evaluation: Mapping[str, Any]) -> dict[str, Doorway]:
     for label, spec in zip(evaluation["scenes"], config.get("scenes", ()), strict=False):
         if not isinstance(spec, Mapping) or spec.get("name") != "doorway":
             return {}
-        widths = {key: spec[key] for key in ("door", "corridor") if key in spec}
+        widths = {key: spec[key] for key in ("door_width", "corridor_width") if key in spec}
         rungs[label] = Doorway(**widths)
     return rungs if len(set(rungs.values())) == len(rungs) else {}
 
@@ -180,14 +180,16 @@ def _ladder(
     found: dict[tuple[str, str], float] = {
         (row["policy"], row["scene"]): row["success"] for row in summary if known(row["success"])
     }
-    corridors, doors = ([getattr(r, key) for r in rungs.values()] for key in ("corridor", "door"))
+    corridors, doors = (
+        [getattr(r, key) for r in rungs.values()] for key in ("corridor_width", "door_width")
+    )
     widths = np.linspace(min(corridors) - 0.08, max(corridors) + 0.08, 30)
     figure = Figure(figsize=(WIDTH, 0.8 + 2.6 * len(policies)), layout="constrained")
     for axes, policy in zip(
         figure.subplots(len(policies), 1, squeeze=False)[:, 0], policies, strict=True
     ):
         for margin, dash in ((0.0, "-"), (0.05, "--")):
-            least = [Doorway.least(margin, width) for width in widths]
+            least = [Doorway.narrowest_door(margin, width) for width in widths]
             axes.plot(
                 widths, least, dash, color=COLOURS[1], label=f"{100 * margin:.0f} cm to spare"
             )
@@ -196,8 +198,8 @@ def _ladder(
                 continue
             colour = mpl.colormaps["RdYlGn"](share, 0.6)
             axes.text(
-                rung.corridor, rung.door, f"{100 * share:.0f}", ha="center", va="center",
-                bbox={"boxstyle": "circle", "fc": colour, "ec": "none"},
+                rung.corridor_width, rung.door_width, f"{100 * share:.0f}", ha="center",
+                va="center", bbox={"boxstyle": "circle", "fc": colour, "ec": "none"},
             )  # fmt: skip
         axes.set_xlim(widths[0], widths[-1])
         axes.set_ylim(min(0.60, min(doors) - 0.05), max(doors) + 0.05)

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from wheelchair_gym.localization.logs import Log
+from wheelchair_gym.localization.logs import SensorLog
 from wheelchair_gym.localization.occupancy import MappingSettings, OccupancyMap
-from wheelchair_gym.localization.scan import placed, read_scan
+from wheelchair_gym.localization.scan import echoes_in_world, read_scan
 from wheelchair_gym.localization.slam import Slam, SlamSettings
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings
@@ -77,10 +77,10 @@ def progress(total: int, shown: bool, unit: str = "scan") -> Any:
     return tqdm(total=total, unit=unit, disable=not shown or not sys.stderr.isatty())
 
 
-def _residuals(log: Log, laser: LaserSettings, grid: OccupancyGrid, trail: Array) -> Array:
+def _residuals(log: SensorLog, laser: LaserSettings, grid: OccupancyGrid, trail: Array) -> Array:
     solid = np.argwhere(grid.cells == OCCUPIED)
     ends = [
-        placed(read_scan(laser, log.ranges[k], 0.0), trail[k])
+        echoes_in_world(read_scan(laser, log.ranges[k], 0.0), trail[k])
         for k in range(len(log.stamps))
         if held_out(k)
     ]
@@ -91,31 +91,36 @@ def _residuals(log: Log, laser: LaserSettings, grid: OccupancyGrid, trail: Array
 
 
 def _surveyed(
-    name: str, log: Log, laser: LaserSettings, grid: OccupancyGrid, trail: Array, seconds: float
+    name: str,
+    log: SensorLog,
+    laser: LaserSettings,
+    grid: OccupancyGrid,
+    trail: Array,
+    seconds: float,
 ) -> Survey:
     speed = float(log.stamps[-1]) / seconds
     return Survey(name, grid, trail, _residuals(log, laser, grid, trail), speed)
 
 
-def by_odometry(log: Log, laser: LaserSettings, mapping: MappingSettings) -> Survey:
+def by_odometry(log: SensorLog, laser: LaserSettings, mapping: MappingSettings) -> Survey:
     """The map that dead reckoning gives.
 
     Raises:
         InputError: the log has no scan to map.
     """
     trail = log.odometry
-    OccupancyMap(mapping).integrate(read_scan(laser, log.ranges[0], mapping.clear), trail[0])
+    OccupancyMap(mapping).integrate(read_scan(laser, log.ranges[0], mapping.free_range), trail[0])
     known = OccupancyMap(mapping)
     begun = time.perf_counter()
     for k, (pose, ranges) in enumerate(zip(trail, log.ranges, strict=True)):
         if not held_out(k):
-            known.integrate(read_scan(laser, ranges, mapping.clear), pose)
+            known.integrate(read_scan(laser, ranges, mapping.free_range), pose)
     seconds = time.perf_counter() - begun
     return _surveyed("odometry only", log, laser, known.to_grid(), trail, seconds)
 
 
 def by_slam(
-    log: Log,
+    log: SensorLog,
     laser: LaserSettings,
     own: SlamSettings,
     seed: int,
@@ -144,4 +149,4 @@ def by_slam(
         tell(slam)
     many = own.particles > 1
     name = f"SLAM, {own.particles} particles" if many else "scan matching"
-    return _surveyed(name, log, laser, slam.map, slam.trail, seconds)
+    return _surveyed(name, log, laser, slam.map, slam.trajectory, seconds)

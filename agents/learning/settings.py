@@ -283,14 +283,19 @@ def guided_by_poses(env: EnvSettings) -> bool:
 _WORLDS = {
     "name": "mixture",
     "scenes": [
-        {"name": "floor_plan", "doors": [0.85, 1.2]},
-        {"name": "floor_plan", "kind": "home", "doors": [0.85, 1.1], "corridors": [1.1, 1.6]},
+        {"name": "floor_plan", "door_width": [0.85, 1.2]},
+        {
+            "name": "floor_plan",
+            "kind": "home",
+            "door_width": [0.85, 1.1],
+            "corridor_width": [1.1, 1.6],
+        },
         "clutter",
-        {"name": "clutter", "density": 0.6, "gap": 0.8, "margin": 0.05},
+        {"name": "clutter", "density": 0.6, "min_gap": 0.8, "passage_margin": 0.05},
         "barn",
         "crowd",
     ],
-    "shares": [0.25, 0.25, 0.05, 0.18, 0.15, 0.12],
+    "weights": [0.25, 0.25, 0.05, 0.18, 0.15, 0.12],
 }
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from agents.control.unknown_space import standing
 from agents.policies.planned import Planned
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.localization.frontiers import Frontier, frontiers
+from wheelchair_gym.localization.frontiers import Frontier, find_frontiers
 from wheelchair_gym.maps import UNKNOWN, geodesic
 
 Array = NDArray[np.float64]
@@ -107,7 +107,7 @@ class Explorer:
         over = self._driver.ended or not self._driver.solved or self._spent > own.patience
         if over:
             self._given_up.append(aim)
-        found = frontiers(known, pose, own.clearance, own.least)
+        found = find_frontiers(known, pose, own.clearance, own.least)
         for one in sorted(found, key=self._cost):
             away = [np.hypot(*(one.place - place)) for place in self._given_up]
             if min(away, default=np.inf) < own.clearance:
@@ -130,4 +130,4 @@ class Explorer:
     def _cost(self, one: Frontier) -> float:
         """What a frontier costs [m]: the way there and on to the goal, less what it may show."""
         rest = self.own.towards * float(np.hypot(*(one.place - self._task.goal[:2])))
-        return one.way + (rest if self.own.seek else 0.0) - self.own.gain * one.length
+        return one.path_length + (rest if self.own.seek else 0.0) - self.own.gain * one.length

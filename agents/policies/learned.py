@@ -125,14 +125,14 @@ class LearnedDriver:
         # The chair that drives is this one; what is seen of it is as in training.
         spec = env.guidance
         if self.layout.path_has_heading:
-            slack = None if task.chart is None else SLACK
+            slack = None if task.built_map is None else SLACK
             spec = {"call": "poses", "ways": _ways(env), "slack": slack}
         guidance = make_guidance(spec) if shown else None
         self._eye = Task(own, task.chair, task.sensors, self._hold * task.period, guidance)
         self.network.reset(1)
         self._action, self._withheld = np.zeros(2), np.zeros(2)
         self._steps, self._looked = 0, 0.0
-        self._grows = task.chart is not None and guidance is not None
+        self._grows = task.built_map is not None and guidance is not None
         self._eye.begin(self._look(), task.reading, task.key, task.guarded)
 
     def _look(self) -> Course:
@@ -142,8 +142,8 @@ class LearnedDriver:
         goal = np.zeros(3)
         goal[: len(task.goal)] = task.goal
         known = task.map
-        if task.chart is not None:  # the way may lead beyond what is drawn
-            known = known.holding(np.stack([pose[:2], goal[:2]]), BEYOND)
+        if task.built_map is not None:  # the way may lead beyond what is drawn
+            known = known.extended_to(np.stack([pose[:2], goal[:2]]), BEYOND)
         episode = Episode(known, pose, goal, tolerance=task.tolerance)
         course = self._eye.prepare(episode)
         task.path = course.path

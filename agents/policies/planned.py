@@ -148,7 +148,7 @@ class PlannedDriver:
         for known in maps:
             if self._plan(known, start, goal):
                 break
-        if self._task.chart is not None:  # the follower never backs where nothing was seen
+        if self._task.built_map is not None:  # the follower never backs where nothing was seen
             self._around.chart(known if known is not maps[-1] else maps[-2])
             if known is maps[-1] and blind_behind(self._task.map, start, self._task.footprint):
                 self._look.begin(start, goal)
@@ -206,9 +206,9 @@ class PlannedDriver:
     def _maps(self, start: Array, goal: Array) -> list[OccupancyGrid]:
         """Maps to plan in, the next one if the last leads nowhere."""
         known = self._task.map
-        if self._task.chart is None:
+        if self._task.built_map is None:
             return [self._around.standing.painted(), known] if self._temporary else [known]
-        known = known.holding(np.stack([start[:2], goal[:2]]), self.own.beyond)
+        known = known.extended_to(np.stack([start[:2], goal[:2]]), self.own.beyond)
         return assumed(known, start, self._task.footprint)
 
     def _plan(self, known: OccupancyGrid, start: Array, goal: Array) -> bool:
@@ -241,7 +241,7 @@ class PlannedDriver:
         around.update(task.reading)
         self._chair.measured(task.reading.twist)
         self._peopled |= len(around.movers) > 0
-        if task.chart is not None:
+        if task.built_map is not None:
             unseen = blind_behind(task.map, around.pose, task.footprint)
         else:  # somebody is so near that they may be behind the chair the next moment
             unseen = bool((np.hypot(around.movers[:, 0], around.movers[:, 1]) < BEHIND).any())
@@ -315,7 +315,7 @@ class PlannedDriver:
     @property
     def _temporary(self) -> bool:
         """Whether something stands that is not on the map that the chair was given."""
-        return self._task.chart is None and len(self._around.standing.stood) > 0
+        return self._task.built_map is None and len(self._around.standing.stood) > 0
 
     def _anew(self) -> None:
         """A new plan; where something temporary stands, if that is not a long way round."""
@@ -327,7 +327,7 @@ class PlannedDriver:
     def _barred(self) -> bool:
         """Whether a temporary obstacle stands on the next metres of the way."""
         due = self._detours.due(self._task.period, self.own.redraw)
-        if not due or self._task.chart is not None:
+        if not due or self._task.built_map is not None:
             return False
         assert self._reference is not None
         return barred(self._around.standing, self._reference, self._clearance)
@@ -339,7 +339,7 @@ class PlannedDriver:
     def _redrawn(self) -> bool:
         """Whether it is time to look at a map that grows."""
         self._mapped += self._task.period
-        if self._task.chart is None or self._mapped < self.own.redraw:
+        if self._task.built_map is None or self._mapped < self.own.redraw:
             return False
         self._mapped = 0.0
         return True

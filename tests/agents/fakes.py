@@ -46,7 +46,7 @@ class PaperWorld:
 
     def __init__(self, grid, start, goal, period=0.1):
         self.task = SimpleNamespace(
-            chart=None,
+            built_map=None,
             map=grid, start=np.array(start, float), goal=np.array(goal, float), period=period,
             footprint=Footprint(), limits=Limits(), chair=ChairSettings(), shield=None,
             sensors=SensorSettings(laser=LaserSettings(beams=BEAMS)),

@@ -78,7 +78,7 @@ def test_a_replay_is_watched_like_a_drive(tmp_path, capsys):
     assert retold.pop("/image") >= 3
     assert told == retold
     moments = [
-        [m for chapter in read_recording(file) for m in chapter.readings] for file in (first, again)
+        [m for chapter in read_recording(file) for m in chapter.states] for file in (first, again)
     ]
     for one, other in zip(*moments, strict=True):
         assert (one.belief.particles == other.belief.particles).all()

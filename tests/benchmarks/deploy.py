@@ -68,7 +68,7 @@ def stamps_of(file):
     from wheelchair_gym.recording.replay import read_recording
 
     chapters = read_recording(file)
-    return [moment.reading.stamp for moment in chapters[0].readings] if chapters else []
+    return [moment.reading.stamp for moment in chapters[0].states] if chapters else []
 
 
 def lateness(stamps, period):

@@ -17,7 +17,7 @@ import numpy as np
 
 from planners import Problem, Space, make_planner
 from planners.graphs.visibility import optima
-from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_ground
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_any_map
 
 SIDE, CELL, SEED, QUERIES, CLEARANCES = 2000, 0.05, 1, 30, (0.0, 0.35)
 
@@ -88,7 +88,7 @@ def measure(grid: OccupancyGrid, clearance: float) -> dict[str, float]:
 
 def main() -> None:
     """Print a line for each map and clearance on standard error, JSON on standard output."""
-    grids = {file: read_ground(file).grid for file in sys.argv[1:]}
+    grids = {file: read_any_map(file).grid for file in sys.argv[1:]}
     grids = grids or {f"building, seed {SEED}": noisy_building(SEED)}
     measure(noisy_building(0, 200), 0.35)  # compiles
     rows = []

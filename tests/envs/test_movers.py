@@ -9,7 +9,10 @@ from tests.envs.test_vector import NEXT, SAME, compare
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 
 CROWDED = {
-    "scene": {"name": "crowd", "people": {"density": (0.05, 0.15), "crossing": 0.3, "blind": 0.3}},
+    "scene": {
+        "name": "crowd",
+        "people": {"density": (0.05, 0.15), "crossing_share": 0.3, "inattentive_share": 0.3},
+    },
     "bank": {"size": 12, "turnover": 0.5},
     "beams": 64,
 }

@@ -253,7 +253,7 @@ def test_nobody_takes_a_reading_of_another_chair():
         for wrong in (array[:-1], array[None], array[:0]):
             told = reading._replace(**{name: wrong})
             with pytest.raises(ValueError, match=name):
-                shield.look(told)
+                shield.update(told)
             chair = SimulatedChair()
             env = NavigationEnv(bank=1, chair=Told(chair, told))
             with pytest.raises(ValueError, match=name):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wheelchair_gym.localization.frontiers import frontiers
+from wheelchair_gym.localization.frontiers import find_frontiers
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, geodesic
 
 
@@ -23,10 +23,10 @@ def cells():
 def test_the_only_frontier_is_the_open_end(cells):
     grid = OccupancyGrid(cells, 0.1)
     pose = np.array([2.0, 4.0, 0.3])
-    (found,) = frontiers(grid, pose, 0.35)
+    (found,) = find_frontiers(grid, pose, 0.35)
     assert found.place[0] == pytest.approx(7.95)
     assert abs(found.place[1] - 4.0) < 0.06
-    assert found.way == pytest.approx(geodesic(grid, pose[:2], 0.35).at(found.place))
+    assert found.path_length == pytest.approx(geodesic(grid, pose[:2], 0.35).at(found.place))
     # Cells beside the walls are no place for the disc.
     assert found.length == pytest.approx(4.0 - 2 * 0.3)
 
@@ -35,13 +35,13 @@ def test_nothing_is_left_where_all_is_known_or_out_of_reach(cells):
     cells[19:61, 80] = OCCUPIED
     cells[64:80, 60] = FREE  # the room opens to the unknown, and no way leads there
     grid = OccupancyGrid(cells, 0.1)
-    assert frontiers(grid, (2.0, 4.0), 0.35) == []
-    assert len(frontiers(grid, (2.0, 7.2), 0.35)) == 1
+    assert find_frontiers(grid, (2.0, 4.0), 0.35) == []
+    assert len(find_frontiers(grid, (2.0, 7.2), 0.35)) == 1
 
 
 def test_gaps_between_beams_are_no_frontiers(cells):
     cells[19:61, 80] = OCCUPIED
     cells[40, 40:43] = UNKNOWN
     grid = OccupancyGrid(cells, 0.1)
-    assert frontiers(grid, (2.0, 4.0), 0.35, least=1.0) == []
-    assert len(frontiers(grid, (2.0, 4.0), 0.35, least=0.2)) == 1
+    assert find_frontiers(grid, (2.0, 4.0), 0.35, min_length=1.0) == []
+    assert len(find_frontiers(grid, (2.0, 4.0), 0.35, min_length=0.2)) == 1

@@ -13,9 +13,9 @@ import pytest
 from agents.policies import make_policy
 from wheelchair_gym import InputError
 from wheelchair_gym.geometry import to_world, wrap, wrap_angle
-from wheelchair_gym.localization.likelihood_field import log_likelihood, surface_field
-from wheelchair_gym.localization.localized_chair import LocalisedChair
-from wheelchair_gym.localization.monte_carlo import Localisation, Localiser
+from wheelchair_gym.localization.likelihood_field import log_likelihood, make_likelihood_field
+from wheelchair_gym.localization.localized_chair import LocalizedChair
+from wheelchair_gym.localization.monte_carlo import LocalizationSettings, MonteCarloLocalizer
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.scenes import make_scene
@@ -67,7 +67,7 @@ def test_a_scan_fits_best_where_it_was_taken(home, turned):
     grid = home.map
     x, y, _ = grid.origin
     place = np.array([*to_world([x, y], (1.0, -2.0, turned)), turned])
-    field = surface_field(OccupancyGrid(grid.cells, grid.resolution, tuple(place)), 0.6)
+    field = make_likelihood_field(OccupancyGrid(grid.cells, grid.resolution, tuple(place)), 0.6)
     _, ends = scan(home, home.start)
 
     def fit(pose):
@@ -123,7 +123,7 @@ def test_a_crowd_is_no_sign_of_being_lost():
 
     def each(info):
         errors.append(off(info["pose_estimate"], info["pose"])[0])
-        lost.append(env.unwrapped.chair.finder.lost)
+        lost.append(env.unwrapped.chair.localizer.lost)
 
     for seed in (3, 5):  # both were lost when people counted as bad fit
         env.reset(seed=seed)
@@ -143,7 +143,7 @@ def test_a_lost_chair_finds_itself(seed, carried):
     env = navigation(pose_source="truth")
     env.reset(seed=seed)
     task, episode = env.unwrapped.task, env.unwrapped.episode
-    localiser = Localiser(Localisation(), LASER)
+    localiser = MonteCarloLocalizer(LocalizationSettings(), LASER)
     localiser.start(episode.map, episode.start if carried else None, seed)
     errors = []
 
@@ -168,7 +168,10 @@ def test_a_lost_chair_finds_itself(seed, carried):
 
 def test_what_a_chair_believes_depends_on_its_key_alone(home):
     """Not on other chairs; another key gives other particles."""
-    chairs = [LocalisedChair(SimulatedChair(), Localiser(Localisation(), LASER)) for _ in range(3)]
+    chairs = [
+        LocalizedChair(SimulatedChair(), MonteCarloLocalizer(LocalizationSettings(), LASER))
+        for _ in range(3)
+    ]
     keys, poses = (5, 5, 6), []
     for chair, key in zip(chairs, keys, strict=True):
         chair.reset(home, key)
@@ -177,11 +180,11 @@ def test_what_a_chair_believes_depends_on_its_key_alone(home):
     one, same, other = np.moveaxis(np.array(poses), 1, 0)
     np.testing.assert_array_equal(one, same)
     assert (one != other).any()
-    np.testing.assert_array_equal(chairs[0].finder.poses, chairs[1].finder.poses)
+    np.testing.assert_array_equal(chairs[0].localizer.poses, chairs[1].localizer.poses)
 
 
 def test_a_silent_laser_leaves_dead_reckoning(home):
-    localiser = Localiser(Localisation(), LASER)
+    localiser = MonteCarloLocalizer(LocalizationSettings(), LASER)
     localiser.start(home.map, home.start, 0)
     silent = np.full(LASER.beams, np.nan, np.float32)
     silent[::3], silent[1::3] = np.inf, -np.inf
@@ -195,15 +198,15 @@ def test_a_silent_laser_leaves_dead_reckoning(home):
 def test_nowhere_to_be_is_an_error():
     solid = OccupancyGrid(np.full((4, 4), 100, np.int8), 0.05)
     with pytest.raises(ValueError, match="no free cell"):
-        Localiser(Localisation(), LASER).start(solid, np.zeros(3), 0)
+        MonteCarloLocalizer(LocalizationSettings(), LASER).start(solid, np.zeros(3), 0)
 
 
 def test_many_chairs_refuse_it_and_settings_contradict():
     with pytest.raises(InputError, match=r"pose_source is 'mcl'; expected truth"):
         gym.make_vec(NAVIGATION, num_envs=2, pose_source="mcl")
-    with pytest.raises(InputError, match="most is 20"):
-        Localisation(least=30, most=20)
-    with pytest.raises(InputError, match="tries is 5"):
-        Localisation(tries=5, candidates=6)
-    with pytest.raises(InputError, match=r"calm is 0\.6"):
-        Localisation(calm=0.6)
+    with pytest.raises(InputError, match="max_particles is 20"):
+        LocalizationSettings(min_particles=30, max_particles=20)
+    with pytest.raises(InputError, match="global_samples is 5"):
+        LocalizationSettings(global_samples=5, global_candidates=6)
+    with pytest.raises(InputError, match=r"recovered_ratio is 0\.6"):
+        LocalizationSettings(recovered_ratio=0.6)

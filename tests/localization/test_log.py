@@ -13,16 +13,16 @@ from wheelchair_gym.localization.logs import LogFormat, read_log
 from wheelchair_gym.maps import OCCUPIED, read_map
 
 FORM = LogFormat()
-PER_TICK = 2 * np.pi * FORM.wheel_radius / FORM.ticks
+PER_TICK = 2 * np.pi * FORM.wheel_radius / FORM.ticks_per_turn
 
 
 def line(k, *, time=None, left=None, right=None, far=2000.0):
     """A scan in a round room: straight on, 10 ticks a line."""
-    values = np.zeros(FORM.first + FORM.laser.beams)
+    values = np.zeros(FORM.first_range_column + FORM.laser.beams)
     values[0] = 1e5 * k if time is None else time
-    values[FORM.left] = 10 * k if left is None else left
-    values[FORM.right] = 10 * k if right is None else right
-    values[FORM.first :] = far
+    values[FORM.left_column] = 10 * k if left is None else left
+    values[FORM.right_column] = 10 * k if right is None else right
+    values[FORM.first_range_column :] = far
     return " ".join(f"{v:.0f}" for v in values)
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from tests.localization.rooms import LASER, ranges, tour
 from wheelchair_gym.localization.occupancy import OccupancyMap
-from wheelchair_gym.localization.scan import bearings, read_scan
-from wheelchair_gym.localization.scan_matching import MatchSettings, match, search, thin
+from wheelchair_gym.localization.scan import beam_angles, read_scan
+from wheelchair_gym.localization.scan_matching import MatchSettings, match, search, thin_scan
 from wheelchair_gym.sensors.settings import LaserSettings
 
 
@@ -57,13 +57,13 @@ def test_along_a_corridor_the_covariance_is_long():
 def test_which_echoes_are_kept_is_not_for_noise_to_choose():
     """Echoes off a flat wall to the right and to the left err by nothing in the mean."""
     laser = LaserSettings(x=0.0, nearest=0.05)
-    angle = bearings(laser)
+    angle = beam_angles(laser)
     wall = np.abs(angle) < 1.2
     rng = np.random.default_rng(0)
     off = []
     for _ in range(100):
         seen = 1.5 / np.cos(np.where(wall, angle, 0.0)) + 0.015 * rng.standard_normal(len(angle))
-        kept = thin(read_scan(laser, np.where(wall, seen, np.inf), 3.0), 0.03, 10_000)
+        kept = thin_scan(read_scan(laser, np.where(wall, seen, np.inf), 3.0), 0.03, 10_000)
         at = np.arctan2(kept[:, 1], kept[:, 0])
         error = np.hypot(*kept.T) - 1.5 / np.cos(at)
         off.append([error[at < -0.2].mean(), error[at > 0.2].mean()])

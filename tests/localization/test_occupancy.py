@@ -92,7 +92,7 @@ def test_surfaces_stay_where_the_wall_is_however_often_it_is_seen():
     for _ in range(200):
         pose = rng.uniform((0.2, -0.3, -3.0), (0.8, 0.3, 3.0))
         made.integrate(read_scan(LASER, ranges(pose, rng), 3.0), pose)
-    cells = np.argwhere(made.odds[0] >= made.law.occupied)
+    cells = np.argwhere(made.odds[0] >= made.log_odds.occupied)
     hits = made.tally[0][tuple(cells.T)][:, HITS]
     places = (
         cells[:, ::-1] + made.mean[0][tuple(cells.T)]
@@ -106,26 +106,26 @@ def test_what_moved_away_is_free_again_and_log_odds_stay_within_their_clamp():
     known = OccupancyMap(own)
     near, far = np.full(LASER.beams, 1.0), np.full(LASER.beams, 2.0)
     for _ in range(20):
-        known.integrate(read_scan(LASER, near, own.clear), np.zeros(3))
+        known.integrate(read_scan(LASER, near, own.free_range), np.zeros(3))
     ahead = known.to_grid()
     assert ahead.cells[tuple(ahead.to_cell((1.0 + LASER.x, 0.0)))] == OCCUPIED
     for _ in range(20):
-        known.integrate(read_scan(LASER, far, own.clear), np.zeros(3))
+        known.integrate(read_scan(LASER, far, own.free_range), np.zeros(3))
     ahead = known.to_grid()
     assert ahead.cells[tuple(ahead.to_cell((1.0 + LASER.x, 0.0)))] == FREE
-    least, most = (np.log(p / (1 - p)) for p in (own.least, own.most))
+    least, most = (np.log(p / (1 - p)) for p in (own.p_min, own.p_max))
     assert known.odds.min() == pytest.approx(least)
     assert known.odds.max() == pytest.approx(most)
 
 
 def test_invalid_beams_say_nothing_and_beams_without_echo_free_so_far():
-    own = MappingSettings(clear=2.0)
+    own = MappingSettings(free_range=2.0)
     readings = np.full(LASER.beams, np.nan)
     readings[::2] = -np.inf
     known = OccupancyMap(own)
-    known.integrate(read_scan(LASER, readings, own.clear), np.zeros(3))
+    known.integrate(read_scan(LASER, readings, own.free_range), np.zeros(3))
     assert (known.odds == 0).all()
-    known.integrate(read_scan(LASER, np.full(LASER.beams, np.inf), own.clear), np.zeros(3))
+    known.integrate(read_scan(LASER, np.full(LASER.beams, np.inf), own.free_range), np.zeros(3))
     grid = known.to_grid()
     free = grid.to_world(np.argwhere(grid.cells == FREE)) - (LASER.x, 0)
     assert not (grid.cells == OCCUPIED).any()
@@ -137,7 +137,7 @@ def test_a_map_grows_and_keeps_what_it_knew():
     pose = tour()[0]
     known.integrate(read_scan(LASER, ranges(pose), 3.0), pose)
     before = known.to_grid()
-    known.make_room([(-30.0, 10.0), (3.0, -20.0)], 1.0)
+    known.grow_to([(-30.0, 10.0), (3.0, -20.0)], 1.0)
     after = known.to_grid()
     for value in (FREE, OCCUPIED):
         one, two = (np.sort(g.to_world(np.argwhere(g.cells == value)), 0) for g in (before, after))
@@ -149,11 +149,11 @@ def test_a_map_grows_and_keeps_what_it_knew():
     "wrong",
     [
         lambda: OccupancyMap().to_grid(),
-        lambda: OccupancyMap().make_room([(1e9, 0.0), (0.0, 1e9)], 1.0),
+        lambda: OccupancyMap().grow_to([(1e9, 0.0), (0.0, 1e9)], 1.0),
         lambda: read_scan(LASER, np.ones(7), 1.0),
         lambda: OccupancyMap().integrate(read_scan(LASER, ranges(tour()[0]), 1.0), (0, np.nan, 0)),
-        lambda: MappingSettings(free=0.1),
-        lambda: MappingSettings(occupied=0.98),
+        lambda: MappingSettings(free_threshold=0.1),
+        lambda: MappingSettings(occupied_threshold=0.98),
     ],
 )
 def test_misuse_is_named(wrong):

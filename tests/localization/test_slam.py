@@ -45,8 +45,8 @@ def test_a_drifting_chair_finds_itself_and_the_room(particles):
     grid = slam.map
     solid = grid.to_world(np.argwhere(grid.cells == OCCUPIED))
     assert np.percentile(away(solid), 95) < 0.10
-    assert slam.trail.shape == truth.shape
-    np.testing.assert_allclose(slam.trail[-1], poses[-1], atol=1e-12)
+    assert slam.trajectory.shape == truth.shape
+    np.testing.assert_allclose(slam.trajectory[-1], poses[-1], atol=1e-12)
 
 
 def test_the_same_seed_is_the_same_run_and_another_seed_is_not():

@@ -12,8 +12,8 @@ from wheelchair_gym.maps import (
     OCCUPIED,
     UNKNOWN,
     OccupancyGrid,
-    binarise,
-    polygons,
+    grid_from_image,
+    occupied_polygons,
     read_map,
     write_map,
 )
@@ -170,8 +170,8 @@ def test_polygons_without_tolerance_are_the_cells(seed):
     rng = np.random.default_rng(seed)
     image = np.where(rng.random((9, 12)) < 0.35, 0, 255).astype(np.uint8)
     image[:, 0] = image[:, -1] = image[0] = image[-1] = 255
-    found = polygons(image, unit="pixel")
-    solid = binarise(image).solid()
+    found = occupied_polygons(image, unit="pixel")
+    solid = grid_from_image(image).solid()
     assert (drawn(found, image.shape) >= solid).all()
     assert (drawn(found, image.shape) == solid).mean() > 0.95
 
@@ -182,13 +182,16 @@ def test_polygons_keep_holes_grow_and_simplify():
     cells[20:40, 20:40] = FREE
     cells[30, 10] = FREE  # a notch
     grid = OccupancyGrid(cells, 0.05, (1.0, 0.0, 0.0))
-    exact = polygons(grid)
-    rough = polygons(grid, epsilon=0.12)
+    exact = occupied_polygons(grid)
+    rough = occupied_polygons(grid, epsilon=0.12)
     assert len(exact) == len(rough) == 1
     assert len(rough[0].outer) == 4 < len(exact[0].outer)
     assert len(rough[0].holes) == 1
-    for grown in (polygons(grid, dilate=0.1), polygons(grid, dilate=2, unit="pixel")):
+    for grown in (
+        occupied_polygons(grid, dilate=0.1),
+        occupied_polygons(grid, dilate=2, unit="pixel"),
+    ):
         assert grown[0].outer.min(axis=0) == pytest.approx((1.4, 0.4), abs=0.03)
         assert grown[0].outer.max(axis=0) == pytest.approx((3.6, 2.6), abs=0.03)
         assert np.ptp(grown[0].holes[0], axis=0) == pytest.approx((0.8, 0.8), abs=0.06)
-    assert len(polygons(grid, dilate=0.6)[0].holes) == 0
+    assert len(occupied_polygons(grid, dilate=0.6)[0].holes) == 0

@@ -204,6 +204,6 @@ def test_a_grid_remembers_the_last_ways_and_no_more():
     assert geodesic(grid, (2.0, 2.0), 0.1).extended is first.extended
     other = geodesic(grid, (2.0, 2.0), 0.2)
     assert (other.extended != first.extended).any()
-    assert len(grid.ways) == 1
+    assert len(grid.geodesic_cache) == 1
     assert first.extended.dtype == np.float32
     assert first.extended.flags.c_contiguous

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.maps import FREE, OCCUPIED, read_ground, read_house, read_octile, read_scenario
+from wheelchair_gym.maps import (
+    FREE,
+    OCCUPIED,
+    read_any_map,
+    read_house,
+    read_moving_ai_map,
+    read_moving_ai_scenario,
+)
 from wheelchair_gym.scenes import make_scene
 
 OCTILE = "type octile\nheight 3\nwidth 4\nmap\n.G@O\nSSTW\n....\n"
@@ -31,15 +38,15 @@ def put(folder, name, content):
 
 
 def test_an_octile_map_is_what_its_letters_say(tmp_path):
-    grid = read_octile(put(tmp_path, "yard.map", OCTILE), resolution=0.5)
+    grid = read_moving_ai_map(put(tmp_path, "yard.map", OCTILE), resolution=0.5)
     expected = [[0, 0, 0, 0], [0, 0, 1, 1], [0, 0, 1, 1]]  # lowest row first
     assert (grid.cells == np.where(expected, OCCUPIED, FREE)).all()
     assert grid.bounds == (0.0, 0.0, 2.0, 1.5)
 
 
 def test_a_scenario_speaks_of_cells_of_its_map(tmp_path):
-    (task,) = read_scenario(put(tmp_path, "yard.scen", SCEN), resolution=0.5)
-    grid = read_octile(put(tmp_path, "yard.map", OCTILE), resolution=0.5)
+    (task,) = read_moving_ai_scenario(put(tmp_path, "yard.scen", SCEN), resolution=0.5)
+    grid = read_moving_ai_map(put(tmp_path, "yard.map", OCTILE), resolution=0.5)
     assert (task.map, task.bucket) == ("yard.map", 0)
     assert grid.to_cell(task.start).tolist() == [2, 0]  # the top row is row 0 there
     assert grid.to_cell(task.goal).tolist() == [0, 3]
@@ -63,7 +70,7 @@ def test_a_scenario_speaks_of_cells_of_its_map(tmp_path):
 )
 def test_wrong_octile_maps_are_one_line(tmp_path, content, says):
     with pytest.raises(InputError, match=re.escape(f"bad.map: {says}") if says[0] != "e" else says):
-        read_octile(put(tmp_path, "bad.map", content))
+        read_moving_ai_map(put(tmp_path, "bad.map", content))
 
 
 @pytest.mark.parametrize(
@@ -77,12 +84,12 @@ def test_wrong_octile_maps_are_one_line(tmp_path, content, says):
 )
 def test_wrong_scenarios_are_one_line(tmp_path, content, says):
     with pytest.raises(InputError, match=re.escape(f"bad.scen: {says}")):
-        read_scenario(put(tmp_path, "bad.scen", content))
+        read_moving_ai_scenario(put(tmp_path, "bad.scen", content))
 
 
 def test_a_house_is_free_inside_its_outline_only(tmp_path):
     path = put(tmp_path, "house.json", HOUSE)
-    house, ground = read_house(path), read_ground(path)
+    house, ground = read_house(path), read_any_map(path)
     assert len(house.outline) == 6  # the corner repeated at the end is one
     assert house.rooms["Kitchen"].tolist() == [[0, 0, 3, 3]]
     grid = ground.grid
@@ -119,6 +126,6 @@ def test_wrong_houses_are_one_line(tmp_path, change, says):
 
 def test_maps_of_no_known_kind_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"hall\.svg: not a known kind"):
-        read_ground(put(tmp_path, "hall.svg", "<svg/>"))
+        read_any_map(put(tmp_path, "hall.svg", "<svg/>"))
     with pytest.raises(InputError, match=r"list\.json: verts is missing"):
-        read_ground(put(tmp_path, "list.json", []))
+        read_any_map(put(tmp_path, "list.json", []))

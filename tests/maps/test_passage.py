@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wheelchair_gym.geometry import Footprint, roomiest
-from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, bottleneck, outline_margin
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, bottleneck, footprint_margin
 from wheelchair_gym.scenes.doorway import Doorway
 
 OUTLINE = Footprint()
@@ -40,26 +40,26 @@ def test_between_posts_an_outline_may_grow_by_half_the_play(gap, round_):
     if not round_:
         walls = np.vstack([BOX, [(3, 0, 3, low), (3, high, 3, 4)]])
         posts = np.empty((0, 3))
-    found = outline_margin(walls, posts, (1.0, 2.0, 0.0), (5.0, 2.0), OUTLINE)
+    found = footprint_margin(walls, posts, (1.0, 2.0, 0.0), (5.0, 2.0), OUTLINE)
     exact = min(0.10, 0.5 * gap - OUTLINE.half_width)
     assert exact - 0.0201 <= found <= exact + 0.0101
 
 
 @pytest.mark.parametrize(("door", "corridor"), [(0.85, 0.9), (0.8, 1.05), (0.9, 1.0), (0.7, 0.8)])
 def test_turns_count(door, corridor):
-    scene = Doorway(door=door, corridor=corridor)
+    scene = Doorway(door_width=door, corridor_width=corridor)
     small = Footprint(0.2, 0.2, 0.2)  # the scene refuses a chair that does not get round its corner
     world = scene.sample(np.random.default_rng(0), small)
     assert scene.margin < 0.5 * min(door, corridor) - OUTLINE.half_width
-    found = outline_margin(world.walls, world.discs, world.start, world.goal, OUTLINE)
+    found = footprint_margin(world.walls, world.discs, world.start, world.goal, OUTLINE)
     assert scene.margin - 0.0201 <= found <= scene.margin + 0.0101
 
 
 def test_where_no_way_leads_the_least_is_said():
     walls = np.vstack([BOX, [(3, 0, 3, 4)]])
     discs = np.empty((0, 3))
-    assert outline_margin(walls, discs, (1.0, 2.0, 0.0), (5.0, 2.0), OUTLINE) == -0.05
-    assert outline_margin(walls, discs, (1.0, 2.0, 0.0), (2.0, 2.0), OUTLINE) == 0.10
+    assert footprint_margin(walls, discs, (1.0, 2.0, 0.0), (5.0, 2.0), OUTLINE) == -0.05
+    assert footprint_margin(walls, discs, (1.0, 2.0, 0.0), (2.0, 2.0), OUTLINE) == 0.10
 
 
 @pytest.mark.parametrize(("place", "yaw"), [((0.45, 2.0), 0.0), ((5.55, 2.0), math.pi)])

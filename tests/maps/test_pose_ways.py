@@ -13,7 +13,7 @@ from wheelchair_gym.envs.guidance import PoseGuidance
 from wheelchair_gym.geometry import Footprint, footprint_clearance, to_world, wrap_angle
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
-from wheelchair_gym.maps.cost_to_go import FAR, TIME, WaysSettings, pose_ways
+from wheelchair_gym.maps.cost_to_go import FAR, TIME, CostToGoSettings, cost_to_go
 from wheelchair_gym.scenes import make_scene
 
 POSED = {
@@ -29,7 +29,7 @@ POSED = {
 def test_ways_lead_to_the_goal_and_the_outline_fits(scene):
     for seed in range(3):
         episode = make_scene(scene).sample(np.random.default_rng(seed))
-        ways = pose_ways(episode.map, episode.goal, Footprint(), Limits(), tolerance=0.2)
+        ways = cost_to_go(episode.map, episode.goal, Footprint(), Limits(), tolerance=0.2)
         path = ways.path(episode.start)
         assert np.hypot(*(path[0] - episode.start)[:2]) < 0.3
         assert np.hypot(*(path[-1] - episode.goal)[:2]) <= 0.2 + 0.005
@@ -37,12 +37,12 @@ def test_ways_lead_to_the_goal_and_the_outline_fits(scene):
         for x, y, yaw in path:
             gap = footprint_clearance(x, y, yaw, outline, episode.walls, episode.discs, 1.0)
             assert gap > 0.0
-        times = ways.time(path)
+        times = ways.time_to_goal(path)
         assert (np.diff(times) < 0.1).all()  # to change over between states costs a little
         assert times[-1] < 0.1
         # No quicker than at full speed along the straight.
         far = np.hypot(*(episode.goal - episode.start)[:2])
-        assert float(ways.time(episode.start)) >= (far - 0.3) / Limits().forward
+        assert float(ways.time_to_goal(episode.start)) >= (far - 0.3) / Limits().forward
 
 
 @pytest.mark.parametrize("slack", [None, 3.0])
@@ -50,7 +50,7 @@ def test_ways_lead_to_the_goal_and_the_outline_fits(scene):
 def test_each_step_of_a_way_is_one_a_chair_can_drive(scene, seed, slack):
     """Between two poses the chair goes along its heading or turns: it never goes aside."""
     episode = make_scene(scene).sample(np.random.default_rng(seed))
-    ways = pose_ways(
+    ways = cost_to_go(
         episode.map, episode.goal, Footprint(), Limits(), starts=[episode.start], slack=slack
     )
     path = ways.path(episode.start)
@@ -65,12 +65,12 @@ def test_a_door_that_is_too_narrow_is_no_way_and_slimmer_outlines_find_one():
     cells[[0, -1]], cells[:, [0, -1]] = OCCUPIED, OCCUPIED
     cells[:, 60], cells[24:36, 60] = OCCUPIED, 0  # 0.6 m; the chair is 0.62 m wide
     grid, start, goal = OccupancyGrid(cells, 0.05), np.array([1.0, 1.5, 0.0]), (5.0, 1.5)
-    shut = pose_ways(grid, goal, Footprint(), Limits())
-    assert np.isnan(shut.time(start))
+    shut = cost_to_go(grid, goal, Footprint(), Limits())
+    assert np.isnan(shut.time_to_goal(start))
     assert len(shut.path(start)) == 0
-    assert np.isfinite(shut.time([4.0, 1.5, 0.0]))
-    slim = pose_ways(grid, goal, Footprint(), Limits(), starts=[start])
-    assert np.isfinite(slim.time(start))
+    assert np.isfinite(shut.time_to_goal([4.0, 1.5, 0.0]))
+    slim = cost_to_go(grid, goal, Footprint(), Limits(), starts=[start])
+    assert np.isfinite(slim.time_to_goal(start))
 
 
 @pytest.mark.parametrize("scene", ["clutter", "floor_plan", "barn"])
@@ -84,21 +84,23 @@ def test_ways_from_one_start_are_as_quick_and_fewer_are_looked_at(scene):
             for pose in (episode.start, episode.goal)
         )
         every, some = (
-            pose_ways(grid, goal, Footprint(), Limits(), starts=[start], slack=slack)
+            cost_to_go(grid, goal, Footprint(), Limits(), starts=[start], slack=slack)
             for slack in (None, 3.0)
         )
         way = some.path(start)
-        assert some.time(start) == pytest.approx(every.time(start), abs=0.4)
+        assert some.time_to_goal(start) == pytest.approx(every.time_to_goal(start), abs=0.4)
         assert np.hypot(*(way[-1] - goal)[:2]) < 0.05
-        left = every.time(start) - every.time(way)
-        assert left.max() > every.time(start) - 0.4  # its end is at the goal by the other's clock
+        left = every.time_to_goal(start) - every.time_to_goal(way)
+        assert (
+            left.max() > every.time_to_goal(start) - 0.4
+        )  # its end is at the goal by the other's clock
         # A little beside the way, ways are known, too.
         aside = np.add(way[:-5], [0.0, 0.0, 0.1])
-        assert np.isfinite(some.time(aside)).all()
-        known = [np.mean(ways.words >> TIME != FAR) for ways in (every, some)]
+        assert np.isfinite(some.time_to_goal(aside)).all()
+        known = [np.mean(ways.packed_states >> TIME != FAR) for ways in (every, some)]
         assert known[1] < known[0]
     with pytest.raises(ValueError, match="slack"):
-        pose_ways(grid, goal, Footprint(), Limits(), slack=1.0)
+        cost_to_go(grid, goal, Footprint(), Limits(), slack=1.0)
 
 
 def test_ways_turn_with_the_map():
@@ -107,9 +109,11 @@ def test_ways_turn_with_the_map():
     frame = np.array(turned.origin)
     goal = to_world(episode.goal[:2], frame)
     start = np.array([*to_world(episode.start[:2], frame), episode.start[2] + frame[2]])
-    here = pose_ways(episode.map, episode.goal, Footprint(), Limits())
-    there = pose_ways(turned, goal, Footprint(), Limits())
-    assert float(there.time(start)) == pytest.approx(float(here.time(episode.start)), abs=0.3)
+    here = cost_to_go(episode.map, episode.goal, Footprint(), Limits())
+    there = cost_to_go(turned, goal, Footprint(), Limits())
+    assert float(there.time_to_goal(start)) == pytest.approx(
+        float(here.time_to_goal(episode.start)), abs=0.3
+    )
     ends = there.path(start)[[0, -1]]
     assert ends[0, :2] == pytest.approx(start[:2], abs=0.3)
     assert ends[1, :2] == pytest.approx(goal, abs=0.05)
@@ -122,19 +126,21 @@ def test_a_policy_sees_poses_ahead_and_the_reward_is_time_won():
     for k in range(8):
         assert env.observation_space.contains(observation)
         pose = env.task.reading.pose
-        assert observation["privileged"][0] == pytest.approx(float(ways.time(pose)), abs=1e-3)
+        assert observation["privileged"][0] == pytest.approx(
+            float(ways.time_to_goal(pose)), abs=1e-3
+        )
         ahead = observation["path"].reshape(-1, 4)
         assert np.hypot(ahead[:, 2], ahead[:, 3]) == pytest.approx(1.0, abs=1e-5)
         spots = to_world(ahead[:, :2], pose)
         yaws = pose[2] + np.arctan2(ahead[:, 3], ahead[:, 2])
-        left = ways.time(np.column_stack([spots, yaws]))
+        left = ways.time_to_goal(np.column_stack([spots, yaws]))
         assert (np.diff(left) < 0.05).all()
         assert env.points_ahead == pytest.approx(spots)
-        before = float(ways.time(pose))
+        before = float(ways.time_to_goal(pose))
         action = np.array([0.6, 0.1 * k], np.float32)
         observation, _, _, _, info = env.step(action)
         assert observation["action"] == pytest.approx(action)
-        won = before - float(ways.time(env.task.reading.pose))
+        won = before - float(ways.time_to_goal(env.task.reading.pose))
         assert info["reward_terms"]["progress"] == pytest.approx(
             env.settings.task.reward.progress * won, abs=1e-6
         )
@@ -161,9 +167,9 @@ def test_a_map_told_less_than_well_is_the_same_each_time_and_guides_elsewhere():
     env.reset(options={"episode": episode})
     worse = PoseGuidance(share=1.0, forgotten=0.2)
     first, again = worse(env.task), worse(env.task)
-    assert np.array_equal(first.words, again.words)
+    assert np.array_equal(first.packed_states, again.packed_states)
     assert first.origin == again.origin != episode.map.origin
-    assert not np.array_equal(first.words, PoseGuidance()(env.task).words)
+    assert not np.array_equal(first.packed_states, PoseGuidance()(env.task).packed_states)
 
 
 @pytest.mark.parametrize(
@@ -181,5 +187,5 @@ def test_wrong_settings_are_refused_by_name(settings, message):
 
 
 def test_settings_of_ways_are_bounded():
-    with pytest.raises(wheelchair_gym.InputError, match=r"WaysSettings.cell is 0.001"):
-        WaysSettings(cell=0.001)
+    with pytest.raises(wheelchair_gym.InputError, match=r"CostToGoSettings.cell is 0.001"):
+        CostToGoSettings(cell=0.001)

@@ -19,14 +19,14 @@ from websockets.sync.client import connect
 
 from agents.cli import main
 from tests.recording.test_record import OLD
-from wheelchair_gym.localization.monte_carlo import Localisation
-from wheelchair_gym.recording.record import Recorded, Recording
+from wheelchair_gym.localization.monte_carlo import LocalizationSettings
+from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 
 STEPS = 40
 
 
 RATE = 10.0  # Hz, of control
-AGAIN = Recording().again  # s, between two messages of what seldom changes
+AGAIN = RecordingSettings().refresh_period  # s, between two messages of what seldom changes
 
 
 def tree(content):
@@ -36,7 +36,7 @@ def tree(content):
 
 def test_a_viewer_that_comes_late_sees_map_scan_and_transforms():
     """With nothing but what the server says of its topics: by their own schemas, at rate."""
-    env = Recorded(gym.make("wheelchair_gym/Navigation-v0", pose_source="mcl"), port=0)
+    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v0", pose_source="mcl"), port=0)
     env.reset(seed=0)
     env.step(np.zeros(2, np.float32))
     joined, heard = threading.Event(), threading.Event()
@@ -90,7 +90,7 @@ def test_a_viewer_that_comes_late_sees_map_scan_and_transforms():
     shown = [entity.frame_id for entity in last("/ultrasonic").entities]
     assert shown == rangers
     cloud = last("/particles")
-    assert len(cloud.data) // cloud.point_stride >= Localisation().least
+    assert len(cloud.data) // cloud.point_stride >= LocalizationSettings().min_particles
     assert {field.name for field in cloud.fields} == {"x", "y", "yaw"}
 
 
@@ -102,7 +102,7 @@ def decoded(channel, data):
 
 
 def test_a_port_that_is_taken_or_none_is_one_line(capsys):
-    env = Recorded(gym.make("wheelchair_gym/Navigation-v0"), port=0)
+    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v0"), port=0)
     for port in (env.port, 70_000):
         assert main(["simulate", "--scene", "empty", "--live", str(port)]) == 2
         said = capsys.readouterr().err.strip().splitlines()

@@ -23,8 +23,8 @@ from wheelchair_gym.geometry import compose
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.recording.mcap_file import McapFile
-from wheelchair_gym.recording.record import Recorded, Recording
-from wheelchair_gym.recording.replay import read_recording, replayed
+from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
+from wheelchair_gym.recording.replay import read_recording, replay_env
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Belief
 
@@ -48,7 +48,10 @@ def run(request, tmp_path_factory):
     name, pose_source = request.param
     file = tmp_path_factory.mktemp("runs") / f"{name.partition('/')[2]}-{pose_source}.mcap"
     env = gym.make(name, pose_source=pose_source, render_mode="rgb_array", shield=True)
-    env, policy = Recorded(env, file, recording=Recording(images=2.0)), make_policy(POLICY)
+    env, policy = (
+        RecordEpisodes(env, file, recording=RecordingSettings(image_rate=2.0)),
+        make_policy(POLICY),
+    )
     seen = []
     for seed in range(2):
         observation, _ = env.reset(seed=seed)
@@ -69,7 +72,7 @@ def test_a_replayed_run_is_seen_and_judged_the_same(run):
     assert len(chapters) == len(seen)
     for chapter, (first, *steps) in zip(chapters, seen, strict=True):
         assert len(chapter.actions) == len(steps) == STEPS
-        env = replayed(chapter)
+        env = replay_env(chapter)
         observation, _ = env.reset(options={"episode": chapter.episode})
         assert_same(observation, first[0])
         for action, verdict, (was, reward, told) in zip(
@@ -86,7 +89,7 @@ def test_a_replayed_run_is_seen_and_judged_the_same(run):
 
 def test_what_is_read_back_needs_no_kernels_of_its_own(run):
     """They are compiled for arrays that can be written to, and once more for others."""
-    for moment in read_recording(run[0])[0].readings:
+    for moment in read_recording(run[0])[0].states:
         arrays = [value for value in moment.reading if isinstance(value, np.ndarray)]
         assert len(arrays) >= 5
         assert all(array.flags.writeable for array in arrays)
@@ -101,7 +104,7 @@ def assert_same(observation, other):
 def test_an_episode_without_its_shield_is_replayed_without(tmp_path):
     task = {"shield_state": True, "reward": {"withheld": -0.3}}
     env = gym.make(KINDS[0][0], shield=True, config={"unshielded": 0.5, "task": task})
-    env = Recorded(env, tmp_path / "run.mcap")
+    env = RecordEpisodes(env, tmp_path / "run.mcap")
     seen, guarded = [], []
     for seed in range(6):
         env.reset(seed=seed)
@@ -112,7 +115,7 @@ def test_an_episode_without_its_shield_is_replayed_without(tmp_path):
     for chapter, steps, shielded in zip(
         read_recording(tmp_path / "run.mcap"), seen, guarded, strict=True
     ):
-        env = replayed(chapter)
+        env = replay_env(chapter)
         env.reset(options={"episode": chapter.episode})
         assert env.task.guarded == shielded
         for action, (observation, reward) in zip(chapter.actions, steps, strict=True):
@@ -206,7 +209,7 @@ def test_viewers_see_what_the_chair_was_told(run):
     messages = {}
     for topic, _, message in told(file, "/ultrasonic", "/particles", "/footprint", "/odometry"):
         messages.setdefault(topic, []).append(message)
-    moments = [moment for chapter in read_recording(file) for moment in chapter.readings]
+    moments = [moment for chapter in read_recording(file) for moment in chapter.states]
     rangers = SensorSettings().ultrasonic
     for update, moment in zip(messages["/ultrasonic"], moments, strict=True):
         assert len(update.entities) == len(rangers.mounted)
@@ -239,18 +242,20 @@ class Surveyor:
 
     @property
     def belief(self):
-        def chart():
+        def built_map():
             self.charted += 1
             cells = np.full((4, 5), -1)
             cells.flat[: self.charted] = 0
             return OccupancyGrid(cells, 0.5, (1.0, 2.0, 0.3))
 
-        return Belief(self._chair.belief.odometry, np.ones((3, 3)), chart)
+        return Belief(self._chair.belief.odometry, np.ones((3, 3)), built_map)
 
 
 def test_a_map_that_grows_is_sent_again_slowly_and_kept(tmp_path):
     chair, file = Surveyor(SimulatedChair()), tmp_path / "grows.mcap"
-    env = Recorded(NavigationEnv("empty", chair=chair), file, recording=Recording(again=0.5))
+    env = RecordEpisodes(
+        NavigationEnv("empty", chair=chair), file, recording=RecordingSettings(refresh_period=0.5)
+    )
     env.reset(seed=0)
     for _ in range(20):
         env.step(np.zeros(2, np.float32))
@@ -260,8 +265,8 @@ def test_a_map_that_grows_is_sent_again_slowly_and_kept(tmp_path):
     assert [int((cells == 0).sum()) for _, cells in maps[1:]] == [1, 2, 3, 4, 5]
     np.testing.assert_array_equal(np.diff([stamp for stamp, _ in maps[1:]]), 500_000_000)
     (chapter,) = read_recording(file)
-    for k, moment in enumerate(chapter.readings):
-        grid = moment.belief.chart()
+    for k, moment in enumerate(chapter.states):
+        grid = moment.belief.built_map()
         assert (grid.cells == 0).sum() == k // 5 + 1
         assert grid.origin == (1.0, 2.0, 0.3)
     assert (chapter.episode.map.cells != -1).any()
@@ -285,7 +290,7 @@ def test_the_first_recordings_are_still_read(tmp_path, capsys):
     assert capsys.readouterr().out.count("the same rewards") == 2
     assert main(["replay", str(again)]) == 0
     for old, new in zip(read_recording(OLD), read_recording(again), strict=True):
-        for was, is_ in zip(old.readings, new.readings, strict=True):
+        for was, is_ in zip(old.states, new.states, strict=True):
             np.testing.assert_equal(is_.reading, was.reading)
             np.testing.assert_equal(is_.truth, was.truth)
 
@@ -344,7 +349,7 @@ class SmallDisk:
 def test_a_full_disk_ends_the_recording_and_not_the_run(room, kind, tmp_path, monkeypatch, caplog):
     """One line says so; the file is whole up to there. The limit is the kernel's, of any file."""
     file, limits = tmp_path / "run.mcap", resource.getrlimit(resource.RLIMIT_FSIZE)
-    env = Recorded(gym.make("wheelchair_gym/Navigation-v0", scene="empty"), file)
+    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v0", scene="empty"), file)
     if kind == "disk":
         disk = env._out._disk
         monkeypatch.setattr(disk, "_file", SmallDisk(disk._file, room))
@@ -393,7 +398,9 @@ def test_a_full_disk_ends_the_run_where_that_is_wanted(tmp_path, monkeypatch, ca
 def test_a_recording_never_replaces_another(tmp_path, caplog):
     names = []
     for steps in (3, 4, 5):
-        env = Recorded(gym.make("wheelchair_gym/Navigation-v0", scene="empty"), tmp_path / "a.mcap")
+        env = RecordEpisodes(
+            gym.make("wheelchair_gym/Navigation-v0", scene="empty"), tmp_path / "a.mcap"
+        )
         driven(env, steps)
         env.close()
         names.append(env.file.name)
@@ -405,7 +412,7 @@ def test_a_recording_never_replaces_another(tmp_path, caplog):
 
 def test_a_run_that_an_error_ends_is_readable(tmp_path):
     file = tmp_path / "run.mcap"
-    env = Recorded(gym.make("wheelchair_gym/Navigation-v0", scene="empty"), file)
+    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v0", scene="empty"), file)
     driven(env, 5)
     env._log_reading = lambda: 1 / 0
     with pytest.raises(ZeroDivisionError):
@@ -417,7 +424,7 @@ def test_a_run_that_an_error_ends_is_readable(tmp_path):
 def test_a_run_that_is_killed_is_readable_up_to_its_last_second(tmp_path):
     """Nothing is closed; the last messages are in memory alone."""
     file, copy = tmp_path / "run.mcap", tmp_path / "copy.mcap"
-    env = Recorded(gym.make("wheelchair_gym/Navigation-v0", scene="empty"), file)
+    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v0", scene="empty"), file)
     rewards = driven(env, 60)
     copy.write_bytes(file.read_bytes())
     env.close()
@@ -429,13 +436,13 @@ def test_a_run_that_is_killed_is_readable_up_to_its_last_second(tmp_path):
 
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
-        Recorded(gym.make("wheelchair_gym/Navigation-v0"), tmp_path)
+        RecordEpisodes(gym.make("wheelchair_gym/Navigation-v0"), tmp_path)
 
 
 def test_movers_are_recorded_and_replayed_where_they_were(tmp_path):
     """Doors, people and what comes and goes; the picture of a replay is that of the run."""
     scene = {"name": "crowd", "people": {"density": (0.06, 0.08)}, "light": 0.05}
-    env = Recorded(
+    env = RecordEpisodes(
         gym.make("wheelchair_gym/Navigation-v0", scene=scene, render_mode="rgb_array"),
         tmp_path / "run.mcap",
     )
@@ -449,7 +456,7 @@ def test_movers_are_recorded_and_replayed_where_they_were(tmp_path):
     (chapter,) = read_recording(tmp_path / "run.mcap")
     assert chapter.episode.movers.rows.tobytes() == movers.rows.tobytes()
     np.testing.assert_array_equal(chapter.episode.movers.routes, movers.routes)
-    again = replayed(chapter, "rgb_array")
+    again = replay_env(chapter, "rgb_array")
     again.reset(options={"episode": chapter.episode})
     for action, poses in zip(chapter.actions, seen, strict=True):
         again.step(action)
@@ -464,7 +471,7 @@ def test_movers_are_recorded_and_replayed_where_they_were(tmp_path):
 def test_a_run_guided_by_ways_of_the_outline_is_seen_and_judged_the_same(tmp_path):
     settings = {"scene": "clutter", "guidance": "poses", "config": {"task": {"aim": "time"}}}
     file = tmp_path / "posed.mcap"
-    env = Recorded(gym.make(NAMES[0], **settings), file)
+    env = RecordEpisodes(gym.make(NAMES[0], **settings), file)
     observation, _ = env.reset(seed=0)
     seen = [(observation, 0.0)]
     for k in range(6):
@@ -472,7 +479,7 @@ def test_a_run_guided_by_ways_of_the_outline_is_seen_and_judged_the_same(tmp_pat
         seen.append((observation, reward))
     env.close()
     chapter = read_recording(file)[0]
-    again = replayed(chapter)
+    again = replay_env(chapter)
     assert_same(again.reset(options={"episode": chapter.episode})[0], seen[0][0])
     for action, (was, worth) in zip(chapter.actions, seen[1:], strict=True):
         observation, reward, *_ = again.step(action)

@@ -13,7 +13,7 @@ from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import door, furniture, obstacle, person, together
 from wheelchair_gym.rendering import TopView, draw_plan, palette
 from wheelchair_gym.rendering.canvas import text_width, write_text
-from wheelchair_gym.rendering.floor import loops, strip_height
+from wheelchair_gym.rendering.floor import closed_loops, strip_height
 from wheelchair_gym.rendering.picture import CHAIR_ALPHA
 from wheelchair_gym.types import Episode, Reading
 
@@ -190,7 +190,7 @@ def test_walls_in_any_order_and_direction_fill_the_same():
         mixed = walls[rng.permutation(len(walls))]
         swap = rng.random(len(mixed)) < 0.5
         mixed[swap] = mixed[swap][:, [2, 3, 0, 1]]
-        assert sum(map(len, loops(mixed))) == len(walls)
+        assert sum(map(len, closed_loops(mixed))) == len(walls)
         images.append(draw_plan((-1, 0, 5, 4), (0, 0.2), (4, 0.2), walls=mixed))
     for image in images[1:]:
         # Only the rounding of strokes may depend on the direction in which they are drawn.

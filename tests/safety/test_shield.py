@@ -23,7 +23,7 @@ from wheelchair_gym.types import Reading
 
 AHEAD, BACK, LEFT = np.array([0.8, 0.0]), np.array([-0.3, 0.0]), np.array([0.0, 1.0])
 STILL = np.zeros(2)
-UNSEEN = ShieldSettings().unseen
+UNSEEN = ShieldSettings().unseen_speed
 LEVER = math.hypot(Footprint().rear, Footprint().half_width)  # of a rear corner
 
 
@@ -127,7 +127,7 @@ def test_a_rib_before_a_wall_is_not_averaged_away(depth):
         start = (5.0 - depth - 0.70 - 0.05, 0.0, 0.0)
         beams = rib(depth, 0.02 * key - 0.11)
         _, _, shield = drive(start, STILL, 0.3, key=key, walls=beams)
-        assert shield.state["gap"][0] < 0.05 + ShieldSettings().margin - 0.005
+        assert shield.state["gap"][0] < 0.05 + ShieldSettings().stop_margin - 0.005
 
 
 @pytest.mark.parametrize(("depth", "key", "place"), [(0.055, 71, -0.065), (0.065, 59, -0.044)])
@@ -214,7 +214,7 @@ def test_back_along_the_way_it_came_it_may_go_faster_where_that_is_trusted_for_l
     """Doors fall to behind a chair: for who stops within a second it is not."""
     fastest = []
     for vacated in (1.0, 3.0):
-        chair, shield = SimulatedChair(), Shield(ShieldSettings(vacated=vacated))
+        chair, shield = SimulatedChair(), Shield(ShieldSettings(vacated_time=vacated))
         reading = chair.reset(box(5.0, (-2.0, 0.0, 0.0)), 1)
         speeds = []
         for k in range(50):
@@ -430,7 +430,7 @@ def test_who_steps_before_it_stops_it():
 def test_on_its_way_through_rest_it_is_not_at_rest(speed):
     """Its slope carries it on, at up to v - a^2 / 2j, faster than it may behind."""
     _, _, shield = drive((0.0, 0.0, 0.0), (0.0, 0.0), 0.5)
-    given = shield.unhurried(BACK[None], np.array([speed, -0.75, 0.0, 0.0]))[0]
+    given = shield.limit_for_unseen_space(BACK[None], np.array([speed, -0.75, 0.0, 0.0]))[0]
     assert given[0] == 0.0
 
 
@@ -449,7 +449,7 @@ def test_who_has_left_its_view_may_stand_behind_it():
 def test_for_who_plans_only_the_unseen_slows_and_nothing_is_decided():
     _, _, shield = drive((0.0, 0.0, 0.0), (0.0, 0.0), 0.5, half=1.5)
     before = shield.state.tobytes()
-    ahead, left, back = shield.unhurried(np.array([AHEAD, LEFT, BACK]), np.zeros(4))
+    ahead, left, back = shield.limit_for_unseen_space(np.array([AHEAD, LEFT, BACK]), np.zeros(4))
     np.testing.assert_array_equal(ahead, AHEAD)  # though a wall is near
     assert 0.05 < left[1] * LEVER < UNSEEN * 1.05
     assert -UNSEEN * 1.05 < back[0] < -0.05

@@ -25,11 +25,11 @@ from wheelchair_gym.physics.actors.records import (
     shapes,
 )
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.scenes.describe import measure
+from wheelchair_gym.scenes.describe import scene_statistics
 from wheelchair_gym.scenes.doorway import Doorway
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL
-from wheelchair_gym.scenes.traffic import ROUND, free_floor
+from wheelchair_gym.scenes.traffic import WALKING_RADIUS, free_area
 
 RADIUS = passing_radius(FOOTPRINT)
 
@@ -41,7 +41,7 @@ def drawn(count=8, **spec):
 
 def test_a_crowd_begins_apart_from_the_chair_and_from_everything():
     doors = people = 0
-    for episode in drawn(doors={"share": 0.7}, name="crowd", light=0.03):
+    for episode in drawn(doors={"leaf_share": 0.7}, name="crowd", furniture_density=0.03):
         rows = episode.movers.rows
         discs, _ = shapes(episode.movers, rows["pose"])
         round_ones = rows[rows["size"][:, 1] == 0.0]
@@ -74,16 +74,18 @@ def test_people_walk_ways_that_keep_off_walls():
                 for a, b in itertools.pairwise(route)
             ]
             cells = episode.map.to_cell(np.concatenate(ways))
-            assert free[tuple(cells.T)].min() > ROUND - 0.11  # a step across a cell's corner
+            assert (
+                free[tuple(cells.T)].min() > WALKING_RADIUS - 0.11
+            )  # a step across a cell's corner
             np.testing.assert_array_equal(rows["pose"][k, :2], route[0])
 
 
 def test_leaves_shut_their_doorways_and_open_them_fully():
     """Shut, a leaf spans from wall to wall; open, a slid one is inside the wall."""
     slid = swung = 0
-    scene = make_scene({"name": "crowd", "place": "building", "doors": {"share": 1.0}})
+    scene = make_scene({"name": "crowd", "place": "building", "doors": {"leaf_share": 1.0}})
     for seed in range(8):
-        layout, episode = scene.storey(np.random.default_rng(seed))
+        layout, episode = scene.sample_building(np.random.default_rng(seed))
         for row in episode.movers.rows[episode.movers.rows["kind"] == DOOR]:
             ends = leaf_line(row, *row["pose"])
             for end in ends:
@@ -110,7 +112,7 @@ def test_leaves_shut_their_doorways_and_open_them_fully():
 def test_numbers_of_people_follow_their_density():
     for density in ((0.0, 0.0), (0.05, 0.05)):
         for episode in drawn(4, name="crowd", people={"density": density}):
-            expected = density[0] * free_floor(episode.map)
+            expected = density[0] * free_area(episode.map)
             kinds = episode.movers.rows["kind"]
             assert (kinds == PERSON).sum() == pytest.approx(expected, abs=0.2 * expected + 0.5)
     for episode in drawn(3, name="crowd", place="hall", people={"crossing": 1.0}):
@@ -138,7 +140,7 @@ def test_what_appears_lies_on_the_way():
 @pytest.mark.parametrize("door", DOORS)
 @pytest.mark.parametrize("corridor", CORRIDORS)
 def test_a_doorway_is_as_wide_as_it_says(door, corridor):
-    for episode in drawn(4, name="doorway", door=door, corridor=corridor):
+    for episode in drawn(4, name="doorway", door_width=door, corridor_width=corridor):
         wide = 2 * bottleneck(episode.map, episode.start[:2], episode.goal[:2])
         # The way ends in the corridor's middle, which the start is in: the door and that count.
         assert wide == pytest.approx(min(door, corridor), abs=0.051)
@@ -178,21 +180,21 @@ def turns(door, corridor, grown):
     ("door", "corridor"), [(1.0, 1.2), (0.85, 0.9), (0.8, 0.8), (0.7, 1.3), (0.95, 1.0)]
 )
 def test_the_margin_round_a_corner_is_what_a_flood_of_poses_finds(door, corridor):
-    margin = Doorway(door=door, corridor=corridor).margin
+    margin = Doorway(door_width=door, corridor_width=corridor).margin
     assert margin < 0.5 * min(door, corridor) - FOOTPRINT.half_width
     assert turns(door, corridor, margin - 0.015)
     assert not turns(door, corridor, margin + 0.015)
 
 
 def test_distributions_tell_what_moves():
-    figures = measure(make_scene("crowd"), range(6))
+    figures = scene_statistics(make_scene("crowd"), range(6))
     for name in ("people", "people per free m2", "walking speed [m/s]", "density"):
         assert len(figures[name]) >= 6
     assert "obstacles that appear" not in figures
-    assert "stay of these [s]" in measure(make_scene("temporary"), range(2))
-    found = measure(make_scene("doorway"), range(2))["margin round the corner [m]"]
+    assert "stay of these [s]" in scene_statistics(make_scene("temporary"), range(2))
+    found = scene_statistics(make_scene("doorway"), range(2))["margin round the corner [m]"]
     assert found == pytest.approx([Doorway().margin] * 2)
-    assert "people" not in measure(make_scene("clutter"), range(1))
+    assert "people" not in scene_statistics(make_scene("clutter"), range(1))
 
 
 @pytest.mark.parametrize(
@@ -200,9 +202,15 @@ def test_distributions_tell_what_moves():
     [
         ({"name": "crowd", "people": {"density": (0.2, 0.1)}}, "density is .* expected from, to"),
         ({"name": "crowd", "place": "street"}, "place is 'street'"),
-        ({"name": "temporary", "near": (1.0, 2.0)}, "expected more than least, 1.2 m"),
-        ({"name": "temporary", "least": 0.2}, "least is 0.2; it must be at least 0.9"),
-        ({"name": "doorway", "door": 0.3}, "door is 0.3; it must be at least 0.65"),
+        (
+            {"name": "temporary", "trigger_distance": (1.0, 2.0)},
+            "expected more than min_distance, 1.2 m",
+        ),
+        (
+            {"name": "temporary", "min_distance": 0.2},
+            "min_distance is 0.2; it must be at least 0.9",
+        ),
+        ({"name": "doorway", "door_width": 0.3}, "door_width is 0.3; it must be at least 0.65"),
     ],
 )
 def test_impossible_settings_are_refused(spec, message):

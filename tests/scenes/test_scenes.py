@@ -13,12 +13,12 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import footprint_clearance
 from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, geodesic, read_map
 from wheelchair_gym.scenes import SCENES, make_scene
-from wheelchair_gym.scenes.describe import measure
-from wheelchair_gym.scenes.example import draw
+from wheelchair_gym.scenes.describe import scene_statistics
+from wheelchair_gym.scenes.example import example_clinic
 from wheelchair_gym.scenes.map_file import example_map
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.published import DESIGN_LAB_INFLATION, GREY_WOLF_GOALS
-from wheelchair_gym.scenes.random_stream import below, stream, uniform
+from wheelchair_gym.scenes.random_stream import random_stream, uniform, uniform_int
 
 RADIUS = passing_radius(FOOTPRINT)
 
@@ -122,7 +122,7 @@ def test_every_setting_is_json(scene):
         ("castle", "castle.*floor_plan"),
         ({"kind": "home"}, "None"),
         ({"name": "floor_plan", "rooms": 3}, "rooms is not a setting"),
-        ({"name": "floor_plan", "doors": [1.2, 1.0]}, "doors"),
+        ({"name": "floor_plan", "door_width": [1.2, 1.0]}, "door_width"),
         ({"name": "thesis_2", "number": 3}, "number"),
         (7, "7"),
     ],
@@ -137,7 +137,7 @@ def test_floor_plans_are_as_wide_as_they_say(kind):
     scene = make_scene({"name": "floor_plan", "kind": kind})
     walls = []
     for seed in range(6):
-        layout, episode = scene.storey(np.random.default_rng(seed))
+        layout, episode = scene.sample_building(np.random.default_rng(seed))
         assert all(1.0 - 1e-9 <= d.width <= 1.2 + 1e-9 for d in layout.doors if d.leaf)
         assert all(1.2 - 1e-9 <= width <= 1.8 + 1e-9 for width in layout.corridor_widths)
         # The way is as wide as the narrowest door; half a cell is lost to centres.
@@ -154,9 +154,9 @@ def test_floor_plans_are_as_wide_as_they_say(kind):
 
 
 def test_furniture_leaves_a_passage_between_door_and_room():
-    scene = make_scene({"name": "floor_plan", "furniture": 0.6})
+    scene = make_scene({"name": "floor_plan", "furniture_density": 0.6})
     for seed in range(4):
-        layout, episode = scene.storey(np.random.default_rng(seed))
+        layout, episode = scene.sample_building(np.random.default_rng(seed))
         gap = episode.map.distance()
         for door in layout.doors:
             if not door.leaf:
@@ -177,31 +177,31 @@ def test_furniture_leaves_a_passage_between_door_and_room():
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_stream_draws_what_its_generator_would(seed):
-    drawn, plan = stream(np.random.default_rng(seed)), np.random.default_rng(seed + 1)
+    drawn, plan = random_stream(np.random.default_rng(seed)), np.random.default_rng(seed + 1)
     rng = np.random.default_rng(seed)
     for _ in range(300):
         if plan.random() < 0.5:
             assert uniform(drawn, -2.0, 3.5) == rng.uniform(-2.0, 3.5)
         else:
             count = int(plan.integers(1, 400))
-            assert below(drawn, count) == rng.integers(count)
+            assert uniform_int(drawn, count) == rng.integers(count)
 
 
 def test_a_stream_never_runs_dry():
-    drawn = stream(np.random.default_rng(0))
+    drawn = random_stream(np.random.default_rng(0))
     many = [uniform(drawn, 0.0, 1.0) for _ in range(4000)]
     assert len(set(many)) == len(many)
     assert np.mean(many) == pytest.approx(0.5, abs=0.02)
 
 
 def test_floor_plan_that_cannot_be_is_refused():
-    scene = make_scene({"name": "floor_plan", "way": [200.0, 300.0]})
+    scene = make_scene({"name": "floor_plan", "path_length": [200.0, 300.0]})
     with pytest.raises(InputError, match="no start and goal"):
         scene.sample(np.random.default_rng(0))
 
 
 def test_an_empty_room_with_no_place_far_enough_is_refused():
-    middle = {"name": "empty", "size": [2.0, 2.0], "start": [1.0, 1.0, 0.0], "apart": 1.0}
+    middle = {"name": "empty", "size": [2.0, 2.0], "start": [1.0, 1.0, 0.0], "min_distance": 1.0}
     scene = make_scene(middle)
     with pytest.raises(InputError, match="no start and goal"):
         scene.sample(np.random.default_rng(0))
@@ -301,7 +301,7 @@ def test_published_barn_worlds_can_be_passed(shared):
 
 
 def test_the_example_map_is_what_its_command_writes():
-    shipped, drawn = read_map(example_map()), draw()
+    shipped, drawn = read_map(example_map()), example_clinic()
     assert (shipped.cells == drawn.cells).all()
     assert shipped.bounds == pytest.approx(drawn.bounds)
 
@@ -311,7 +311,7 @@ def test_the_example_map_is_what_its_command_writes():
     [
         ({"start": [0.0, 0.0, 0.0]}, "MapFile.start"),
         ({"goal": [-50.0, 0.0, 0.0]}, "MapFile.goal"),
-        ({"apart": 900.0}, "no start and goal"),
+        ({"min_path_length": 900.0}, "no start and goal"),
         ({"path": "none.yaml"}, "cannot be read"),
     ],
 )
@@ -334,7 +334,7 @@ def test_given_poses_are_taken(worlds):
 
 
 def test_description_covers_doors_corridors_and_margins():
-    table = measure(make_scene("floor_plan"), range(3))
+    table = scene_statistics(make_scene("floor_plan"), range(3))
     assert {"door width [m]", "corridor width [m]", "bottleneck margin [m]", "density"} <= set(
         table
     )

@@ -13,7 +13,7 @@ from wheelchair_gym.physics.step import advance, begin
 from wheelchair_gym.physics.world import take_ground
 from wheelchair_gym.random import SHIELDS, uniform
 from wheelchair_gym.safety.decide import decide
-from wheelchair_gym.safety.look import forget, look
+from wheelchair_gym.safety.look import reset, update
 from wheelchair_gym.safety.state import NOTHING
 from wheelchair_gym.task.assessment import assess, start_task
 from wheelchair_gym.task.rewards import reached
@@ -75,7 +75,7 @@ def goes_bare(key: np.uint64, share: float) -> bool:
 @borrowing_kernel
 def take_in(i: int, batch: Batch, seen: Any, ranges: Floats) -> None:
     """Row i's shield takes in a reading."""
-    look(
+    update(
         batch.guards[0],
         batch.shields[i],
         seen.pose[:],
@@ -130,7 +130,7 @@ def begin_chair(i: int, batch: Batch, results: Results, scratch: Floats, ranges:
         for k in range(2):
             results.asked[i, k] = results.given[i, k] = 0.0
         results.protective[i] = False
-        forget(batch.shields[i])
+        reset(batch.shields[i])
         take_in(i, batch, seen, ranges)
 
 

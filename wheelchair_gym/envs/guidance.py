@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, load, setting, settings
 from wheelchair_gym.maps import FREE, OccupancyGrid
-from wheelchair_gym.maps.cost_to_go import PoseWays, WaysSettings, pose_ways
+from wheelchair_gym.maps.cost_to_go import CostToGo, CostToGoSettings, cost_to_go
 from wheelchair_gym.task.task import Guidance, Task
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ class PoseGuidance:
     """
 
     poses = True  # what `Task` asks a guidance for
-    ways: WaysSettings = WaysSettings()
+    ways: CostToGoSettings = CostToGoSettings()
     slack: float | None = setting(
         default=None, unit="s", low=0.0,
         source="only ways so much dearer than from the start are sought; none: all",
@@ -47,9 +47,9 @@ class PoseGuidance:
     known: float = setting(default=2.0, unit="m", source="round start and goal: well", low=0.0)
     shift: float = setting(default=0.03, unit="m", source="sigma, of such a map", low=0.0)
 
-    def __call__(self, task: Task) -> PoseWays:
+    def __call__(self, task: Task) -> CostToGo:
         """The ways of the outline to the task's goal."""
-        return pose_ways(
+        return cost_to_go(
             self._told(task),
             task.goal,
             task.footprint,

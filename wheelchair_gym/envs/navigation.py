@@ -18,7 +18,7 @@ from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings, make_finder
 from wheelchair_gym.envs.world_banks import Worlds
 from wheelchair_gym.geometry import to_world
-from wheelchair_gym.localization.localized_chair import LocalisedChair, bare
+from wheelchair_gym.localization.localized_chair import LocalizedChair, unwrapped
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.random import episode_key
 from wheelchair_gym.safety.settings import ShieldSettings
@@ -169,18 +169,18 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             chair = make_chair(chair, s)
         self.chair: Chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
         self._simulated = isinstance(self.chair, SimulatedChair)
-        if s.sensors.finds_itself:
-            finder = make_finder(s)
-            self.chair = LocalisedChair(self.chair, finder)
+        if s.sensors.localizes:
+            localizer = make_finder(s)
+            self.chair = LocalizedChair(self.chair, localizer)
         guided = make_guidance(s.guidance)
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guided, s.shield)
-        if s.sensors.finds_itself:
-            self.task.chart = finder.chart
+        if s.sensors.localizes:
+            self.task.built_map = localizer.built_map
         self.shield: Shield | None = None
         if s.shield is not None:
             self.shield = Shield(s.shield, s.chair, s.sensors, 1.0 / s.rate)
             # A real chair tells when a person re-arms it; that is meant for its shield, too.
-            getattr(bare(self.chair), "on_rearm", []).append(self.shield.rearm)
+            getattr(unwrapped(self.chair), "on_rearm", []).append(self.shield.rearm)
         self.worlds = Worlds(s, self.task)
         self.observation_space = cast("gym.Space[Observation]", self.task.space)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)

@@ -14,8 +14,8 @@ import numpy as np
 
 from wheelchair_gym.config import InputError, dump, load, read, setting, settings, suggest
 from wheelchair_gym.hardware.settings import HardwareSettings
-from wheelchair_gym.localization.localized_chair import Finder
-from wheelchair_gym.localization.monte_carlo import Localisation, Localiser
+from wheelchair_gym.localization.localized_chair import Localizer
+from wheelchair_gym.localization.monte_carlo import LocalizationSettings, MonteCarloLocalizer
 from wheelchair_gym.localization.slam import Slam, SlamSettings
 from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.safety.settings import ShieldSettings
@@ -65,7 +65,7 @@ class EnvSettings:
     starts: StartSettings = StartSettings()
     chair: ChairSettings = ChairSettings()
     sensors: SensorSettings = SensorSettings()
-    localisation: Localisation = Localisation()
+    localisation: LocalizationSettings = LocalizationSettings()
     slam: SlamSettings = SlamSettings()
     physics: PhysicsSettings = PhysicsSettings()
     task: TaskSettings = TaskSettings()
@@ -204,8 +204,8 @@ def _shield(spec: Any) -> ShieldSettings | None:
     raise InputError(f"shield is {spec!r}; expected true, false or an object of its settings")
 
 
-def make_finder(own: EnvSettings) -> Finder:
+def make_finder(own: EnvSettings) -> Localizer:
     """What tells a chair its pose from what it sees."""
     if own.sensors.pose_source == "slam":
         return Slam(own.sensors.laser, own.slam)
-    return Localiser(own.localisation, own.sensors.laser)
+    return MonteCarloLocalizer(own.localisation, own.sensors.laser)

@@ -119,7 +119,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         if mode is None:
             raise InputError(f"autoreset_mode is {autoreset_mode}; expected {' or '.join(modes)}")
         self.settings = s = env_settings(config, also=_ALSO, **settings)
-        if s.sensors.finds_itself:
+        if s.sensors.localizes:
             known = "truth, odometry or modelled, where there are many chairs at once"
             raise InputError(f"sensors.pose_source is {s.sensors.pose_source!r}; expected {known}")
         self.num_envs = n = num_envs

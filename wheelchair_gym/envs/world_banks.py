@@ -21,7 +21,7 @@ from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.files import whole
 from wheelchair_gym.random import WORLDS, bits, episode_key
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.scenes.poses import check_start, widest_way
+from wheelchair_gym.scenes.poses import check_passable, check_start
 from wheelchair_gym.task.prepared_episode import Course
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Episode
@@ -59,7 +59,7 @@ class Worlds:
         """The course of an episode of a seed, from where that is to begin."""
         course = self._course(seed, episode)
         if self.within > 0.0 and course.ways is not None:
-            start = course.ways.draw(episode_key(seed, episode), self._least, self.within)
+            start = course.ways.sample(episode_key(seed, episode), self._least, self.within)
             if start is not None:
                 return course.begun_at(start)
         return course
@@ -125,7 +125,7 @@ class Worlds:
         course = self._task.prepare(episode)
         if np.isfinite(course.geodesic.at(episode.start[:2])):
             return course
-        return self._task.prepare(episode, widest_way(episode, footprint))
+        return self._task.prepare(episode, check_passable(episode, footprint))
 
 
 # Settings of the task that leave worlds as they are: what is observed there, and rewarded.

@@ -97,9 +97,9 @@ def check_extras(spec: str | Mapping[str, Any]) -> None:
 
 def placed(chair: Chair, settings: EnvSettings) -> Chair:
     """A chair that knows its odometry alone, with poses on the map where no finder gives them."""
-    if settings.sensors.finds_itself:
+    if settings.sensors.localizes:
         return chair
     from wheelchair_gym.hardware.boards.dead_reckoning import Reckoned
-    from wheelchair_gym.localization.localized_chair import LocalisedChair
+    from wheelchair_gym.localization.localized_chair import LocalizedChair
 
-    return LocalisedChair(chair, Reckoned())
+    return LocalizedChair(chair, Reckoned())

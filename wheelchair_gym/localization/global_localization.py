@@ -9,31 +9,37 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import wrap
-from wheelchair_gym.localization.likelihood_field import Field, log_likelihood
+from wheelchair_gym.localization.likelihood_field import LikelihoodField, log_likelihood
 from wheelchair_gym.random import uniform
 
 Array = NDArray[np.float64]
 
-ANYWHERE = 7  # channel of a localiser's own key
+GLOBAL = 7  # channel of a localiser's own key
 
 
 @borrowing_kernel
 def _draw(
-    field: Field, free: NDArray[np.int64], key: np.uint64, step: int, k: int, pose: Array
+    field: LikelihoodField, free: NDArray[np.int64], key: np.uint64, step: int, k: int, pose: Array
 ) -> None:
     """A pose (3,) anywhere in cells that are free (m,), any heading."""
     cols = field.gap.shape[1]
     c, s = math.cos(field.origin[2]), math.sin(field.origin[2])
-    cell = free[int(uniform(key, step, ANYWHERE, 4 * k) * len(free))]
-    u = (cell % cols + uniform(key, step, ANYWHERE, 4 * k + 1)) * field.resolution
-    v = (cell // cols + uniform(key, step, ANYWHERE, 4 * k + 2)) * field.resolution
+    cell = free[int(uniform(key, step, GLOBAL, 4 * k) * len(free))]
+    u = (cell % cols + uniform(key, step, GLOBAL, 4 * k + 1)) * field.resolution
+    v = (cell // cols + uniform(key, step, GLOBAL, 4 * k + 2)) * field.resolution
     pose[0], pose[1] = field.origin[0] + c * u - s * v, field.origin[1] + s * u + c * v
-    pose[2] = (2.0 * uniform(key, step, ANYWHERE, 4 * k + 3) - 1.0) * math.pi
+    pose[2] = (2.0 * uniform(key, step, GLOBAL, 4 * k + 3) - 1.0) * math.pi
 
 
 @borrowing_kernel
-def climb(
-    field: Field, ends: Array, sigma: float, astray: float, way: float, turn: float, pose: Array
+def hill_climb(
+    field: LikelihoodField,
+    ends: Array,
+    sigma: float,
+    astray: float,
+    way: float,
+    turn: float,
+    pose: Array,
 ) -> float:
     """Move a pose (3,) to where a scan fits best nearby; the logarithm of its likelihood there.
 
@@ -61,8 +67,8 @@ def climb(
 
 
 @borrowing_kernel
-def look_anywhere(
-    field: Field,
+def global_localization(
+    field: LikelihoodField,
     free: NDArray[np.int64],
     ends: Array,
     few: Array,
@@ -102,7 +108,7 @@ def look_anywhere(
         _sink(found, worth)
     for k in range(1, worth.shape[0]):
         if worth[k] > -np.inf:
-            worth[k] = climb(field, ends, sigma, astray, way, turn, found[k])
+            worth[k] = hill_climb(field, ends, sigma, astray, way, turn, found[k])
 
 
 @borrowing_kernel

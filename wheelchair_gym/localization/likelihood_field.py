@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.maps.distance import distance_to_squares
+from wheelchair_gym.maps.distance import distance_to_occupied
 
 Array = NDArray[np.float64]
 
 
-class Field(NamedTuple):
+class LikelihoodField(NamedTuple):
     """Gaps to the surfaces of a map, and where its cells lie."""
 
     gap: NDArray[np.float32]  # (rows, cols) m from each cell's centre, negative where solid
@@ -28,16 +28,16 @@ class Field(NamedTuple):
     resolution: float  # m
 
 
-def surface_field(grid: OccupancyGrid, most: float) -> Field:
+def make_likelihood_field(grid: OccupancyGrid, most: float) -> LikelihoodField:
     """The field of a map; gaps beyond `most` [m] are given as that."""
     solid, cells = grid.solid(), most / grid.resolution + 1.0
-    outside, inside = distance_to_squares(solid, cells), distance_to_squares(~solid, cells)
+    outside, inside = distance_to_occupied(solid, cells), distance_to_occupied(~solid, cells)
     gap = np.clip((outside - inside) * np.float32(grid.resolution), -most, most)
-    return Field(gap.astype(np.float32), np.array(grid.origin), grid.resolution)
+    return LikelihoodField(gap.astype(np.float32), np.array(grid.origin), grid.resolution)
 
 
 @inlined
-def _gap(field: Field, u: float, v: float) -> float:
+def _gap(field: LikelihoodField, u: float, v: float) -> float:
     """Gap at a place [cells from the centre of cell (0, 0)], between those of four cells."""
     j, i = int(u), int(v)
     p, q = u - j, v - i
@@ -48,7 +48,9 @@ def _gap(field: Field, u: float, v: float) -> float:
 
 
 @inlined
-def _in_cells(field: Field, x: float, y: float, yaw: float) -> tuple[float, float, float, float]:
+def _in_cells(
+    field: LikelihoodField, x: float, y: float, yaw: float
+) -> tuple[float, float, float, float]:
     """Where a pose lies (u, v) [cells], cosine and sine of its heading times cells per metre."""
     origin, scale = field.origin, 1.0 / field.resolution
     c, s = math.cos(origin[2]), math.sin(origin[2])
@@ -59,7 +61,7 @@ def _in_cells(field: Field, x: float, y: float, yaw: float) -> tuple[float, floa
 
 @borrowing_kernel
 def log_likelihood(
-    field: Field,
+    field: LikelihoodField,
     x: float,
     y: float,
     yaw: float,
@@ -101,8 +103,8 @@ def log_likelihood(
 
 
 @borrowing_kernel
-def tell(
-    field: Field,
+def find_informative_beams(
+    field: LikelihoodField,
     x: float,
     y: float,
     yaw: float,

@@ -15,7 +15,7 @@ from wheelchair_gym.types import Belief, Chair, Episode, Reading, Truth
 Array = NDArray[np.float64]
 
 
-class Finder(Protocol):
+class Localizer(Protocol):
     """What finds a chair: localisation on a map that is known, or SLAM on the map it draws."""
 
     def begin(self, episode: Episode, key: int) -> None:
@@ -32,26 +32,26 @@ class Finder(Protocol):
         ...
 
     @property
-    def chart(self) -> Callable[[], OccupancyGrid] | None:
+    def built_map(self) -> Callable[[], OccupancyGrid] | None:
         """Gives the map so far, where the finder draws it itself."""
         ...
 
 
-class LocalisedChair:
+class LocalizedChair:
     """A chair that finds itself, from where the episode says that it starts.
 
     Args:
         chair: whose readings hold dead-reckoned poses, in any frame.
-        finder: of its pose.
+        localizer: of its pose.
     """
 
-    def __init__(self, chair: Chair, finder: Finder) -> None:
-        self.chair, self.finder = chair, finder
+    def __init__(self, chair: Chair, localizer: Localizer) -> None:
+        self.chair, self.localizer = chair, localizer
 
     def reset(self, episode: Episode, key: int) -> Reading:
         """See `Chair.reset`."""
         reading = self.chair.reset(episode, key)
-        self.finder.begin(episode, key)
+        self.localizer.begin(episode, key)
         self._reckoned = reading.pose
         return self._found(reading)
 
@@ -62,7 +62,7 @@ class LocalisedChair:
     def _found(self, reading: Reading) -> Reading:
         increment = between(self._reckoned, reading.pose)
         self._reckoned = reading.pose
-        pose = self.finder.update(increment, reading.laser)
+        pose = self.localizer.update(increment, reading.laser)
         # A chair that cannot know the truth goes by what is believed.
         believe: Callable[[Array], object] | None = getattr(self.chair, "found", None)
         if believe is not None:
@@ -72,8 +72,8 @@ class LocalisedChair:
     @property
     def belief(self) -> Belief:
         """The pose before it was found, the particles, and the map that SLAM draws."""
-        finder = self.finder
-        return Belief(self._reckoned, finder.poses, finder.chart)
+        localizer = self.localizer
+        return Belief(self._reckoned, localizer.poses, localizer.built_map)
 
     @property
     def truth(self) -> Truth:
@@ -85,8 +85,8 @@ class LocalisedChair:
         self.chair.close()
 
 
-def bare(chair: Chair) -> Chair:
+def unwrapped(chair: Chair) -> Chair:
     """The chair itself, without what finds it."""
-    while isinstance(chair, LocalisedChair):
+    while isinstance(chair, LocalizedChair):
         chair = chair.chair
     return chair

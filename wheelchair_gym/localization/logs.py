@@ -34,11 +34,13 @@ class LogFormat:
     track: float = setting(
         default=0.330, unit="m", source="BreezySLAM: twice 165 mm of half axle", low=1e-2
     )
-    ticks: int = setting(default=2000, source="a wheel's turn; BreezySLAM: MinesRover", low=1)
-    left: int = setting(default=2, source="column, from 0", low=1)
-    right: int = setting(default=3, source="column, from 0", low=1)
-    first: int = setting(default=24, source="column of the first range, from 0", low=1)
-    fastest: float = setting(
+    ticks_per_turn: int = setting(
+        default=2000, source="a wheel's turn; BreezySLAM: MinesRover", low=1
+    )
+    left_column: int = setting(default=2, source="column, from 0", low=1)
+    right_column: int = setting(default=3, source="column, from 0", low=1)
+    first_range_column: int = setting(default=24, source="column of the first range, from 0", low=1)
+    max_wheel_speed: float = setting(
         default=5.0, unit="m/s", source="of a rim; ticks that say more are wrong", low=0.1
     )
     laser: LaserSettings = setting(
@@ -50,7 +52,7 @@ class LogFormat:
     )  # fmt: skip
 
 
-class Log(NamedTuple):
+class SensorLog(NamedTuple):
     """What a robot recorded, and what of it could not be used."""
 
     stamps: Array  # (n,) s since the first line
@@ -83,7 +85,7 @@ def _numbers(line: str, columns: int) -> Array | str:
     return values if np.isfinite(values).all() else "not finite"
 
 
-def read_log(path: str | Path, form: LogFormat | None = None) -> Log:
+def read_log(path: str | Path, form: LogFormat | None = None) -> SensorLog:
     """Read a log; a bad line is skipped, counted and given a reason.
 
     Raises:
@@ -91,8 +93,8 @@ def read_log(path: str | Path, form: LogFormat | None = None) -> Log:
     """
     own = form or LogFormat()
     laser = own.laser
-    columns = own.first + laser.beams
-    per_tick = 2.0 * math.pi * own.wheel_radius / own.ticks
+    columns = own.first_range_column + laser.beams
+    per_tick = 2.0 * math.pi * own.wheel_radius / own.ticks_per_turn
     skipped: Counter[str] = Counter()
     stamps, ways, scans = [], [], []
     last: tuple[float, float, float] | None = None
@@ -104,20 +106,23 @@ def read_log(path: str | Path, form: LogFormat | None = None) -> Log:
             skipped[values] += 1
             continue
         time = float(values[0]) * 1e-6
-        left, right = float(values[own.left]) * per_tick, float(values[own.right]) * per_tick
+        left, right = (
+            float(values[own.left_column]) * per_tick,
+            float(values[own.right_column]) * per_tick,
+        )
         if last is not None:
             period = time - last[0]
             if period <= 0.0:
                 skipped["time goes back"] += 1
                 continue
-            if max(abs(left - last[1]), abs(right - last[2])) > own.fastest * period:
+            if max(abs(left - last[1]), abs(right - last[2])) > own.max_wheel_speed * period:
                 skipped["ticks leap"] += 1
                 continue
             way, turn = twist_of_wheels(left - last[1], right - last[2], own.track)
             ways.append(odometric_step(0.0, 0.0, 0.0, way, turn))
         else:
             ways.append((0.0, 0.0, 0.0))
-        ranges = values[own.first : columns] * 1e-3
+        ranges = values[own.first_range_column : columns] * 1e-3
         scans.append(np.where(ranges < laser.nearest, np.nan, ranges).astype(np.float32))
         last = (time, left, right)
         stamps.append(time)
@@ -125,8 +130,8 @@ def read_log(path: str | Path, form: LogFormat | None = None) -> Log:
         why = ", ".join(f"{count} {reason}" for reason, count in skipped.items()) or "it is empty"
         raise InputError(
             f"{path}: no line is a scan ({why}); expected {columns} numbers a line: time [us], "
-            f"ticks in columns {own.left} and {own.right}, {laser.beams} ranges [mm] "
-            f"from column {own.first}"
+            f"ticks in columns {own.left_column} and {own.right_column}, {laser.beams} ranges [mm] "
+            f"from column {own.first_range_column}"
         )
     seconds = np.array(stamps) - stamps[0]
-    return Log(seconds, np.array(ways), np.stack(scans), dict(skipped))
+    return SensorLog(seconds, np.array(ways), np.stack(scans), dict(skipped))

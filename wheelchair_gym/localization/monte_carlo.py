@@ -20,8 +20,13 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel, whole
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import odometric_step
-from wheelchair_gym.localization.global_localization import look_anywhere
-from wheelchair_gym.localization.likelihood_field import Field, log_likelihood, surface_field, tell
+from wheelchair_gym.localization.global_localization import global_localization
+from wheelchair_gym.localization.likelihood_field import (
+    LikelihoodField,
+    find_informative_beams,
+    log_likelihood,
+    make_likelihood_field,
+)
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.random import LOCALISE, bits, normal, uniform
 from wheelchair_gym.sensors.settings import LaserSettings
@@ -43,14 +48,14 @@ class Particles(NamedTuple):
     loads: Array  # (2 ** k,) weight in each
 
 
-class Drift(NamedTuple):
+class OdometryNoise(NamedTuple):
     """How odometry errs: standard deviations over a step."""
 
-    way_by_way: float  # m/m
-    way_by_turn: float  # m/rad
-    turn_by_way: float  # rad/m
-    turn_by_turn: float  # rad/rad
-    aside: float  # m/m, of a slide sideways
+    translation_by_translation: float  # m/m
+    translation_by_rotation: float  # m/rad
+    rotation_by_translation: float  # rad/m
+    rotation_by_rotation: float  # rad/rad
+    lateral_slip: float  # m/m, of a slide sideways
 
 
 def new_particles(most: int) -> Particles:
@@ -67,16 +72,18 @@ def new_particles(most: int) -> Particles:
 
 
 @borrowing_kernel
-def advance(
-    poses: Array, n: int, way: float, turn: float, drift: Drift, key: np.uint64, step: int
+def predict(
+    poses: Array, n: int, way: float, turn: float, drift: OdometryNoise, key: np.uint64, step: int
 ) -> None:
     """Move n particles by what the odometry says, each with errors of its own."""
-    way_sigma = math.hypot(drift.way_by_way * way, drift.way_by_turn * turn)
-    turn_sigma = math.hypot(drift.turn_by_way * way, drift.turn_by_turn * turn)
+    way_sigma = math.hypot(
+        drift.translation_by_translation * way, drift.translation_by_rotation * turn
+    )
+    turn_sigma = math.hypot(drift.rotation_by_translation * way, drift.rotation_by_rotation * turn)
     for i in range(n):
         there = way + way_sigma * normal(key, step, MOVES, 3 * i)
         round_ = turn + turn_sigma * normal(key, step, MOVES, 3 * i + 1)
-        aside = drift.aside * abs(way) * normal(key, step, MOVES, 3 * i + 2)
+        aside = drift.lateral_slip * abs(way) * normal(key, step, MOVES, 3 * i + 2)
         x, y, yaw = odometric_step(poses[i, 0], poses[i, 1], poses[i, 2], there, round_)
         poses[i, 0] = x - aside * math.sin(yaw)
         poses[i, 1] = y + aside * math.cos(yaw)
@@ -85,7 +92,13 @@ def advance(
 
 @borrowing_kernel
 def weigh(
-    own: Particles, n: int, field: Field, ends: Array, sigma: float, astray: float, trust: float
+    own: Particles,
+    n: int,
+    field: LikelihoodField,
+    ends: Array,
+    sigma: float,
+    astray: float,
+    trust: float,
 ) -> float:
     """Multiply weights by the scan's likelihood; the effective number of particles, 1 / sum w^2.
 
@@ -146,7 +159,7 @@ def count_bins(own: Particles, n: int, side: float, sector: float) -> tuple[int,
 
 
 @borrowing_kernel
-def redraw(own: Particles, n: int, count: int, key: np.uint64, step: int) -> None:
+def resample(own: Particles, n: int, count: int, key: np.uint64, step: int) -> None:
     """Draw so many anew in proportion to their weights, with one random number (systematic)."""
     offset, total, i = uniform(key, step, DRAWS, 0), own.weights[0], 0
     for k in range(count):
@@ -179,14 +192,16 @@ def scatter(
 
 
 @borrowing_kernel
-def level(own: Particles, n: int) -> None:
+def reset_weights(own: Particles, n: int) -> None:
     """Give n particles the same weight."""
     for i in range(n):
         own.logs[i], own.weights[i] = 0.0, 1.0 / n
 
 
 @borrowing_kernel
-def centre(own: Particles, n: int, about: int, reach: float, sector: float, out: Array) -> None:
+def cluster_mean(
+    own: Particles, n: int, about: int, reach: float, sector: float, out: Array
+) -> None:
     """The mean pose (3,) of the particles within a reach [m] and sector [rad] of one of them."""
     x, y, yaw = own.poses[about, 0], own.poses[about, 1], own.poses[about, 2]
     for _ in range(2):
@@ -209,77 +224,86 @@ _QUANTILE = 2.326  # of the normal distribution: the number of particles suffice
 
 
 @settings
-class Localisation:
+class LocalizationSettings:
     """Settings of Monte Carlo localisation."""
 
-    beams: int = setting(default=60, source="of a scan, evenly; neighbours tell the same", low=4)
+    max_beams: int = setting(
+        default=60, source="of a scan, evenly; neighbours tell the same", low=4
+    )
     sigma: float = setting(
         default=0.06, unit="m", source="laser's noise and a map of 5 cm cells", low=0.001
     )
-    astray: float = setting(
+    outlier_share: float = setting(
         default=0.1, source="share of beams that meet what no map shows", low=1e-6, high=0.9
     )
-    trust: float = setting(
+    independent_beams: float = setting(
         default=12.0, source="beams that err independently, of those looked at", low=0.1
     )
-    least: int = setting(default=300, source="particles", low=10, high=16_000)
-    most: int = setting(default=5000, source="particles", low=10, high=16_000)
-    error: float = setting(
+    min_particles: int = setting(default=300, source="particles", low=10, high=16_000)
+    max_particles: int = setting(default=5000, source="particles", low=10, high=16_000)
+    kld_error: float = setting(
         default=0.05, source="Fox 2001: of the distribution, with probability 0.99", low=1e-3
     )
-    bin_side: float = setting(default=0.25, unit="m", source="bins that are counted", low=0.01)
-    bin_sector: float = setting(default=math.radians(10.0), unit="rad", source="same", low=0.01)
-    way_by_way: float = setting(default=0.03, unit="m/m", source="deviation of odometry", low=0.0)
-    way_by_turn: float = setting(default=0.01, unit="m/rad", source="same", low=0.0)
-    turn_by_way: float = setting(default=0.04, unit="rad/m", source="same", low=0.0)
-    turn_by_turn: float = setting(default=0.05, unit="rad/rad", source="same", low=0.0)
-    aside: float = setting(default=0.03, unit="m/m", source="slide sideways", low=0.0)
-    start_position: float = setting(
+    bin_size: float = setting(default=0.25, unit="m", source="bins that are counted", low=0.01)
+    bin_angle: float = setting(default=math.radians(10.0), unit="rad", source="same", low=0.01)
+    translation_by_translation: float = setting(
+        default=0.03, unit="m/m", source="deviation of odometry", low=0.0
+    )
+    translation_by_rotation: float = setting(default=0.01, unit="m/rad", source="same", low=0.0)
+    rotation_by_translation: float = setting(default=0.04, unit="rad/m", source="same", low=0.0)
+    rotation_by_rotation: float = setting(default=0.05, unit="rad/rad", source="same", low=0.0)
+    lateral_slip: float = setting(default=0.03, unit="m/m", source="slide sideways", low=0.0)
+    initial_position_sigma: float = setting(
         default=0.05, unit="m", source="deviation of where an episode starts", low=0.0
     )
-    start_heading: float = setting(default=math.radians(2.0), unit="rad", source="same", low=0.0)
-    update_way: float = setting(
+    initial_heading_sigma: float = setting(
+        default=math.radians(2.0), unit="rad", source="same", low=0.0
+    )
+    update_distance: float = setting(
         default=0.01, unit="m", source="no scan is weighed before: standing tells nothing", low=0.0
     )
-    update_turn: float = setting(default=0.01, unit="rad", source="same", low=0.0)
-    forget_fast: float = setting(
+    update_angle: float = setting(default=0.01, unit="rad", source="same", low=0.0)
+    alpha_fast: float = setting(
         default=0.2, source="per scan: how well scans fit now", low=0.0, high=1.0
     )
-    forget_slow: float = setting(
+    alpha_slow: float = setting(
         default=0.005, source="per scan: how well they used to fit", low=0.0, high=1.0
     )
-    alarm: float = setting(
+    lost_ratio: float = setting(
         default=0.7, source="of the usual fit: below, particles are placed anywhere", low=0.0
     )
-    calm: float = setting(
+    recovered_ratio: float = setting(
         default=0.9, source="of the usual fit: a lost chair looks on until it is reached", low=0.0
     )
-    usual: float = setting(
+    initial_fit: float = setting(
         default=0.9, source="how well scans fit at first, as far as is known", low=0.0, high=1.0
     )
-    told: int = setting(
+    min_informative_beams: int = setting(
         default=8, source="beams at a surface or behind one; fewer tell nothing of the fit", low=1
     )
-    tries: int = setting(
+    global_samples: int = setting(
         default=2000, source="places that a lost chair looks at, per scan", low=1, high=16_000
     )
-    candidates: int = setting(default=10, source="of these, which are looked into", low=1)
-    reach: float = setting(
+    global_candidates: int = setting(default=10, source="of these, which are looked into", low=1)
+    estimate_radius: float = setting(
         default=1.0, unit="m", source="particles whose mean is the answer lie within", low=0.01
     )
 
     def __post_init__(self) -> None:
-        if self.most < self.least:
-            raise InputError(f"Localisation.most is {self.most}; expected {self.least} or more")
-        if self.tries < self.candidates:
+        if self.max_particles < self.min_particles:
             raise InputError(
-                f"Localisation.tries is {self.tries}; expected {self.candidates} or more"
+                f"max_particles is {self.max_particles}; expected {self.min_particles} or more"
             )
-        if self.calm < self.alarm:
-            raise InputError(f"Localisation.calm is {self.calm}; expected {self.alarm} or more")
+        if self.global_samples < self.global_candidates:
+            least = self.global_candidates
+            raise InputError(f"global_samples is {self.global_samples}; expected {least} or more")
+        if self.recovered_ratio < self.lost_ratio:
+            raise InputError(
+                f"recovered_ratio is {self.recovered_ratio}; expected {self.lost_ratio} or more"
+            )
 
 
-class Localiser:
+class MonteCarloLocalizer:
     """Where a chair is on a map.
 
     Attributes:
@@ -291,14 +315,20 @@ class Localiser:
         map: the one it looks at.
     """
 
-    chart = None  # it draws none
+    built_map = None  # it draws none
 
-    def __init__(self, settings: Localisation, laser: LaserSettings) -> None:
+    def __init__(self, settings: LocalizationSettings, laser: LaserSettings) -> None:
         self.settings, s = settings, settings
         self.pose = np.zeros(3)
         self.count, self.fit, self.lost = 0, 0.0, False
-        self._particles = new_particles(s.most)
-        self._drift = Drift(s.way_by_way, s.way_by_turn, s.turn_by_way, s.turn_by_turn, s.aside)
+        self._particles = new_particles(s.max_particles)
+        self._drift = OdometryNoise(
+            s.translation_by_translation,
+            s.translation_by_rotation,
+            s.rotation_by_translation,
+            s.rotation_by_rotation,
+            s.lateral_slip,
+        )
         self._mount = np.array([laser.x, laser.y])
         self._rays = laser.directions  # (beams, 2)
         self._reach = laser.reach
@@ -320,7 +350,7 @@ class Localiser:
             ValueError: nothing on the map is free.
         """
         if map_ is not self.map:
-            self._field = surface_field(map_, 10.0 * self.settings.sigma)
+            self._field = make_likelihood_field(map_, 10.0 * self.settings.sigma)
             self._free = np.flatnonzero(map_.cells.ravel() == FREE)
             self.map = map_
         if len(self._free) == 0:
@@ -328,17 +358,17 @@ class Localiser:
         s, own = self.settings, self._particles
         self._key = np.uint64(bits(np.uint64(key % 2**64), 0, LOCALISE, 0))
         self._step = 0
-        self._slow, self.fit = s.usual, 0.0
+        self._slow, self.fit = s.initial_fit, 0.0
         self.lost = pose is None
-        self._fast = 0.0 if self.lost else s.usual
+        self._fast = 0.0 if self.lost else s.initial_fit
         self._moved = np.array([np.inf, np.inf])  # so that the first scan counts
         if pose is None:  # some place: the first scan tells that it is wrong
             cell = self._free[len(self._free) // 2]
             pose = np.array([*map_.to_world(divmod(int(cell), map_.shape[1])), 0.0])
-        self.count, self.pose = s.least, np.array(pose, dtype=np.float64)
-        position, heading = s.start_position, s.start_heading
+        self.count, self.pose = s.min_particles, np.array(pose, dtype=np.float64)
+        position, heading = s.initial_position_sigma, s.initial_heading_sigma
         scatter(own.poses, 0, self.count, self.pose, position, heading, self._key, 0)
-        level(own, self.count)
+        reset_weights(own, self.count)
         return self.pose
 
     def update(self, increment: Array, ranges: NDArray[np.float32]) -> Array:
@@ -356,16 +386,16 @@ class Localiser:
         x, y, turn = increment.tolist()
         way = x * math.cos(0.5 * turn) + y * math.sin(0.5 * turn)
         self._step += 1
-        advance(own.poses, self.count, way, turn, self._drift, self._key, self._step)
+        predict(own.poses, self.count, way, turn, self._drift, self._key, self._step)
         self._moved += abs(way), abs(turn)
-        moved = (self._moved >= (s.update_way, s.update_turn)).any()
+        moved = (self._moved >= (s.update_distance, s.update_angle)).any()
         ends = self._ends(ranges)
         if len(ends) and (moved or self.lost):
             self._moved[:] = 0.0
             self._weigh(ends)
-        _, about = count_bins(own, self.count, s.bin_side, s.bin_sector)
+        _, about = count_bins(own, self.count, s.bin_size, s.bin_angle)
         self.pose = np.empty(3)
-        centre(own, self.count, about, s.reach, 3.0 * s.bin_sector, self.pose)
+        cluster_mean(own, self.count, about, s.estimate_radius, 3.0 * s.bin_angle, self.pose)
         if len(ends):
             self._judge(ends)
         return self.pose
@@ -373,28 +403,30 @@ class Localiser:
     def _weigh(self, ends: Array) -> None:
         """Weigh particles by a scan; draw them anew when few of them count, or none is right."""
         s, own = self.settings, self._particles
-        effective = weigh(own, self.count, self._field, ends, s.sigma, s.astray, s.trust)
+        effective = weigh(
+            own, self.count, self._field, ends, s.sigma, s.outlier_share, s.independent_beams
+        )
         if effective >= 0.5 * self.count and not self.lost:
             return
-        bins, _ = count_bins(own, self.count, s.bin_side, s.bin_sector)
-        count = min(s.most, max(s.least, _enough(bins, s.error)))
-        redraw(own, self.count, count, self._key, self._step)
-        self.count = min(s.most, count + s.least) if self.lost else count
+        bins, _ = count_bins(own, self.count, s.bin_size, s.bin_angle)
+        count = min(s.max_particles, max(s.min_particles, _enough(bins, s.kld_error)))
+        resample(own, self.count, count, self._key, self._step)
+        self.count = min(s.max_particles, count + s.min_particles) if self.lost else count
         if self.lost:
             self._look_anywhere(ends, count)
-        level(own, self.count)
+        reset_weights(own, self.count)
 
     def _look_anywhere(self, ends: Array, kept: int) -> None:
         """Give the particles after the first ones to places anywhere that the scan fits."""
         s, own = self.settings, self._particles
         few = np.ascontiguousarray(ends[:: max(1, len(ends) // 20)])
-        found, worth = np.empty((s.candidates + 1, 3)), np.empty(s.candidates + 1)
-        look_anywhere(
-            self._field, self._free, ends, few, s.tries, s.sigma, s.astray, 2.0 * s.sigma,
-            s.bin_sector / 2.0, self._key, self._step, found, worth,
+        found, worth = np.empty((s.global_candidates + 1, 3)), np.empty(s.global_candidates + 1)
+        global_localization(
+            self._field, self._free, ends, few, s.global_samples, s.sigma, s.outlier_share,
+            2.0 * s.sigma, s.bin_angle / 2.0, self._key, self._step, found, worth,
         )  # fmt: skip
-        shares = np.linspace(kept, self.count, s.candidates + 1).astype(int)
-        position, heading = s.start_position, s.start_heading
+        shares = np.linspace(kept, self.count, s.global_candidates + 1).astype(int)
+        position, heading = s.initial_position_sigma, s.initial_heading_sigma
         for begin, end, pose in zip(shares[:-1], shares[1:], found[1:], strict=True):
             scatter(own.poses, begin, end, pose, position, heading, self._key, self._step)
 
@@ -405,19 +437,19 @@ class Localiser:
         """
         s, (x, y, yaw) = self.settings, self.pose
         telling = np.empty(len(ends), dtype=np.bool_)
-        tell(self._field, x, y, yaw, self._mount, ends, 3.0 * s.sigma, telling)
+        find_informative_beams(self._field, x, y, yaw, self._mount, ends, 3.0 * s.sigma, telling)
         told = ends[telling]
-        if len(told) < s.told:
+        if len(told) < s.min_informative_beams:
             return
-        self.fit = math.exp(log_likelihood(self._field, x, y, yaw, told, s.sigma, s.astray))
-        self._slow += s.forget_slow * (self.fit - self._slow)
-        self._fast += s.forget_fast * (self.fit - self._fast)
-        self.lost = self._fast < (s.calm if self.lost else s.alarm) * self._slow
+        self.fit = math.exp(log_likelihood(self._field, x, y, yaw, told, s.sigma, s.outlier_share))
+        self._slow += s.alpha_slow * (self.fit - self._slow)
+        self._fast += s.alpha_fast * (self.fit - self._fast)
+        self.lost = self._fast < (s.recovered_ratio if self.lost else s.lost_ratio) * self._slow
 
     def _ends(self, ranges: NDArray[np.float32]) -> Array:
         """Ends (k, 2) [m] in the chair's frame of beams that met something, evenly chosen."""
         known = np.flatnonzero((ranges > 0.0) & (ranges < self._reach))  # neither NaN nor infinite
-        evenly = np.linspace(0, len(known) - 1, min(len(known), self.settings.beams))
+        evenly = np.linspace(0, len(known) - 1, min(len(known), self.settings.max_beams))
         chosen = known[evenly.astype(int)]
         ends: Array = self._mount + ranges[chosen, None] * self._rays[chosen]
         return ends

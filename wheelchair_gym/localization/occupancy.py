@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.localization.scan import Scan, reach_of
+from wheelchair_gym.localization.scan import Scan, scan_radius
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ _MOST_HITS = 128  # of which a cell keeps the mean; older ones count less and le
 HITS, PART = 0, 1  # of a tally: hits on a cell, and in which of its parts the field has them
 
 
-class Odds(NamedTuple):
+class LogOdds(NamedTuple):
     """Log-odds of `MappingSettings`."""
 
     hit: float
@@ -150,7 +150,7 @@ def add_scan(
     points: Array,
     hits: Mask,
     pose: Array,
-    law: Odds,
+    law: LogOdds,
     weights: Floats,
     path: Index,
 ) -> None:
@@ -231,48 +231,55 @@ class MappingSettings:
     resolution: float = setting(
         default=0.04, unit="m", source="gmapping's 0.05 errs a quarter more", low=0.005, high=1.0
     )
-    hit: float = setting(
+    p_hit: float = setting(
         default=0.7, source="p(occupied | echo), Hornung et al. 2013", low=0.51, high=0.99
     )
-    miss: float = setting(
+    p_miss: float = setting(
         default=0.4, source="p(occupied | passed), Hornung et al. 2013", low=0.01, high=0.49
     )
-    least: float = setting(default=0.12, source="clamp, Hornung et al. 2013", low=1e-4, high=0.49)
-    most: float = setting(default=0.97, source="clamp, Hornung et al. 2013", low=0.51, high=0.9999)
-    occupied: float = setting(
+    p_min: float = setting(default=0.12, source="clamp, Hornung et al. 2013", low=1e-4, high=0.49)
+    p_max: float = setting(default=0.97, source="clamp, Hornung et al. 2013", low=0.51, high=0.9999)
+    occupied_threshold: float = setting(
         default=0.65, source="from this a cell is occupied: map_server", low=0.51, high=0.99
     )
-    free: float = setting(
+    free_threshold: float = setting(
         default=0.41,
         source="up to this a cell is free: one beam is enough, as in gmapping",
         low=0.01,
         high=0.49,
     )
-    clear: float = setting(
+    free_range: float = setting(
         default=3.0, unit="m", low=0.0, high=100.0,
         source="a beam without echo frees so far; black or slanted walls give none, either",
     )  # fmt: skip
-    smear: float = setting(
+    surface_sigma: float = setting(
         default=0.02, unit="m", low=0.001, high=1.0,
         source="standard deviation of the field round a wall: a scanner's and a little; wider "
         "ones pull matches towards walls already mapped",
     )  # fmt: skip
 
     def __post_init__(self) -> None:
-        if self.free <= self.least:
-            raise InputError("MappingSettings.free must lie above least, or no cell is ever free")
-        if self.occupied >= self.most:
-            raise InputError("MappingSettings.occupied must lie below most")
+        if self.free_threshold <= self.p_min:
+            raise InputError(
+                "MappingSettings.free_threshold must lie above p_min, or no cell is ever free"
+            )
+        if self.occupied_threshold >= self.p_max:
+            raise InputError("MappingSettings.occupied_threshold must lie below p_max")
 
     @property
-    def odds(self) -> Odds:
+    def odds(self) -> LogOdds:
         """The log-odds that kernels take."""
-        return Odds(*map(_log_odds, (self.hit, self.miss, self.least, self.most, self.occupied)))
+        return LogOdds(
+            *map(
+                _log_odds,
+                (self.p_hit, self.p_miss, self.p_min, self.p_max, self.occupied_threshold),
+            )
+        )
 
     @property
     def weights(self) -> Floats:
         """The field (PARTS * PARTS, n, n) round an occupied cell, by the part with its surface."""
-        sigma = self.smear / self.resolution
+        sigma = self.surface_sigma / self.resolution
         reach = max(1, math.ceil(2.5 * sigma))
         off = (np.arange(PARTS) + 0.5) / PARTS - 0.5
         along = np.exp(-0.5 * ((np.arange(-reach, reach + 1) - off[:, None]) / sigma) ** 2)
@@ -294,7 +301,7 @@ class OccupancyMap:
 
     def __init__(self, settings: MappingSettings | None = None, layers: int = 1) -> None:
         self.settings = settings = settings or MappingSettings()
-        self.law, self.weights = settings.odds, settings.weights
+        self.log_odds, self.weights = settings.odds, settings.weights
         self.corner = np.zeros(2)  # m: the lower-left corner of cell (0, 0)
         self._mark = 0
         self._used = np.zeros((2, 2), dtype=np.int64)  # cols, rows: from, to; all else is zero
@@ -304,15 +311,15 @@ class OccupancyMap:
         """Arrays (layers, rows, cols, ...): log-odds, the field, and see `add_scan`."""
         self.odds, self.field, self.mean, self.tally = parts
         odds = self.odds
-        self.struck = np.zeros(odds.shape[1:], np.int32)
-        self.wide = np.empty(odds.shape[1:], np.float32)  # scratch of the matcher
+        self.last_hit = np.zeros(odds.shape[1:], np.int32)
+        self.pooled = np.empty(odds.shape[1:], np.float32)  # scratch of the matcher
         self.path = np.empty(sum(odds.shape[1:]) + 2, np.uint32)
 
     @property
     def _all(self) -> list[NDArray[Any]]:
         return [self.odds, self.field, self.mean, self.tally]
 
-    def make_room(self, centres: ArrayLike, reach: float) -> None:
+    def grow_to(self, centres: ArrayLike, reach: float) -> None:
         """Grow so that all within `reach` [m] of the points (n, 2 or 3) [m] lies on the map.
 
         Raises:
@@ -381,14 +388,14 @@ class OccupancyMap:
         place = np.asarray(pose, dtype=np.float64)
         if place.shape != (3,) or not np.isfinite(place).all():
             raise InputError(f"pose is {pose!r}; expected three finite numbers")
-        self.make_room(place, reach_of(scan))
+        self.grow_to(place, scan_radius(scan))
         add_scan(
             self.odds[layer], self.field[layer], self.mean[layer], self.tally[layer],
-            self.struck, self.next_marks(1), self.points(scan), scan.hits, self.lattice(place),
-            self.law, self.weights, self.path,
+            self.last_hit, self.next_marks(1), self.points(scan), scan.hits, self.lattice(place),
+            self.log_odds, self.weights, self.path,
         )  # fmt: skip
 
-    def keep(self, parents: ArrayLike) -> None:
+    def copy_layers(self, parents: ArrayLike) -> None:
         """Make each layer a copy of the one named for it (layers,)."""
         chosen = np.asarray(parents, dtype=np.int64)
         if np.array_equal(chosen[chosen], chosen):  # no copy's source is overwritten
@@ -409,7 +416,7 @@ class OccupancyMap:
         if odds.size == 0:
             raise InputError("the map is empty: no scan was added to it")
         cells = np.full(odds.shape, UNKNOWN, np.int8)
-        cells[odds <= _log_odds(self.settings.free)] = FREE
-        cells[odds >= self.law.occupied] = OCCUPIED
+        cells[odds <= _log_odds(self.settings.free_threshold)] = FREE
+        cells[odds >= self.log_odds.occupied] = OCCUPIED
         x, y = self.corner.tolist()
         return OccupancyGrid(cells, self.settings.resolution, (x, y, 0.0))

@@ -21,7 +21,7 @@ class Scan(NamedTuple):
     ends: Array  # (n, 2) m: where beams end
     hits: Mask  # (n,) at an echo; others met nothing so far
     origin: Array  # (2,) m: where beams begin
-    step: float  # rad between two beams
+    angle_step: float  # rad between two beams
 
     @property
     def echoes(self) -> Array:
@@ -29,7 +29,7 @@ class Scan(NamedTuple):
         return self.ends[self.hits]
 
 
-def bearings(laser: LaserSettings) -> Array:
+def beam_angles(laser: LaserSettings) -> Array:
     """Angles (beams,) [rad] of a laser's beams in the chair's frame."""
     return laser.yaw + laser.angles
 
@@ -53,7 +53,7 @@ def read_scan(laser: LaserSettings, ranges: ArrayLike, clear: float) -> Scan:
     valid = r >= laser.nearest  # neither NaN nor -inf
     silent = np.pad(r > laser.reach, 1, mode="edge")
     valid &= ~silent[1:-1] | (silent[:-2] & silent[2:])
-    r, angles = r[valid], bearings(laser)[valid]
+    r, angles = r[valid], beam_angles(laser)[valid]
     hits = r <= laser.reach
     r = np.where(hits, r, min(clear, laser.reach))
     origin = np.array([laser.x, laser.y])
@@ -61,12 +61,12 @@ def read_scan(laser: LaserSettings, ranges: ArrayLike, clear: float) -> Scan:
     return Scan(ends, hits, origin, laser.fov / (laser.beams - 1))
 
 
-def reach_of(scan: Scan) -> float:
+def scan_radius(scan: Scan) -> float:
     """Distance [m] from the chair's origin to the farthest point of a scan."""
     points = np.vstack([scan.origin, scan.ends])
     return float(np.hypot(points[:, 0], points[:, 1]).max())
 
 
-def placed(scan: Scan, pose: ArrayLike) -> Array:
+def echoes_in_world(scan: Scan, pose: ArrayLike) -> Array:
     """Where a scan's beams met something (m, 2) [m], in the world."""
     return to_world(scan.echoes, pose)

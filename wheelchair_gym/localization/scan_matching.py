@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.localization.occupancy import OccupancyMap
-from wheelchair_gym.localization.scan import Scan, reach_of
+from wheelchair_gym.localization.scan import Scan, scan_radius
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -278,23 +278,25 @@ def search(
 class MatchSettings:
     """How scans are laid onto maps."""
 
-    window: float = setting(
+    search_window: float = setting(
         default=0.20, unit="m", source="searched to each side of the guess", low=0.0, high=5.0
     )
-    turn: float = setting(
+    search_angle: float = setting(
         default=0.12, unit="rad", source="searched to each side of the guess", low=0.0, high=3.2
     )
-    step: float = setting(default=0.015, unit="rad", source="a cell at 3.3 m", low=0.001, high=0.5)
-    spacing: float = setting(
+    angle_step: float = setting(
+        default=0.015, unit="rad", source="a cell at 3.3 m", low=0.001, high=0.5
+    )
+    point_spacing: float = setting(
         default=0.03, unit="m", source="points of a scan nearer to each other tell the same twice",
         low=0.001, high=1.0,
     )  # fmt: skip
-    points: int = setting(default=300, source="at most, evenly thinned", low=10, high=20000)
-    spread: float = setting(
+    max_points: int = setting(default=300, source="at most, evenly thinned", low=10, high=20000)
+    residual_sigma: float = setting(
         default=0.25, low=0.01, high=100.0,
         source="deviation of 1 - M of one point, widened since neighbours err alike",
     )  # fmt: skip
-    doubt: float = setting(
+    search_threshold: float = setting(
         default=0.5, low=0.0, high=1.0,
         source="mean (1 - M)^2 above which a match found by descent alone is searched for",
     )  # fmt: skip
@@ -309,7 +311,7 @@ class Match(NamedTuple):
     covariance: Array  # (3, 3) m2, m rad, rad2
 
 
-def thin(scan: Scan, spacing: float, most: int) -> Array:
+def thin_scan(scan: Scan, spacing: float, most: int) -> Array:
     """Echoes (n, 2) of a sweep, one for each `spacing` [m] of way across its beams, at most `most`.
 
     How far two echoes are from each other would be no measure: their noise would choose, always
@@ -317,7 +319,7 @@ def thin(scan: Scan, spacing: float, most: int) -> Array:
     """
     points = scan.echoes
     ranges = np.hypot(*(points - scan.origin).T)
-    across = np.cumsum(ranges * scan.step)
+    across = np.cumsum(ranges * scan.angle_step)
     kept = points[np.diff(np.floor(across / spacing), prepend=-1.0) > 0.0]
     if len(kept) > most:
         kept = kept[np.linspace(0, len(kept) - 1, most).astype(np.int64)]
@@ -344,9 +346,9 @@ def match(
     """
     own = settings or MatchSettings()
     start = np.asarray(guess, dtype=np.float64)
-    known.make_room(start, reach_of(scan) + own.window)
+    known.grow_to(start, scan_radius(scan) + own.search_window)
     unit = known.settings.resolution
-    points = thin(scan, own.spacing, own.points) / unit
+    points = thin_scan(scan, own.point_spacing, own.max_points) / unit
     scale = np.array([unit, unit, 1.0])
     told = (0.0,) * 6
     if prior is not None:
@@ -355,10 +357,10 @@ def match(
     field = known.field[layer]
     begin, best, end = known.lattice(start), np.empty(3), np.empty(3)
     search(
-        field, points, begin, told, own.spread, round(own.window / unit),
-        round(own.turn / own.step), own.step, known.wide, best,
+        field, points, begin, told, own.residual_sigma, round(own.search_window / unit),
+        round(own.search_angle / own.angle_step), own.angle_step, known.pooled, best,
     )  # fmt: skip
-    _, m6 = refine(field, points, best, begin, told, own.spread, own.iterations, end)
+    _, m6 = refine(field, points, best, begin, told, own.residual_sigma, own.iterations, end)
     xx, xy, xt, yy, yt, tt = m6
     sure = np.array([(xx, xy, xt), (xy, yy, yt), (xt, yt, tt)])
     covariance = np.linalg.inv(sure) * np.outer(scale, scale)

@@ -21,12 +21,12 @@ from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import compose, wrap
 from wheelchair_gym.localization.occupancy import (
     Bytes,
+    LogOdds,
     MappingSettings,
     OccupancyMap,
-    Odds,
     add_scan,
 )
-from wheelchair_gym.localization.scan import Scan, reach_of, read_scan
+from wheelchair_gym.localization.scan import Scan, read_scan, scan_radius
 from wheelchair_gym.localization.scan_matching import (
     MatchSettings,
     Six,
@@ -36,7 +36,7 @@ from wheelchair_gym.localization.scan_matching import (
     quadratic,
     refine,
     search,
-    thin,
+    thin_scan,
 )
 from wheelchair_gym.maps import UNKNOWN, OccupancyGrid
 from wheelchair_gym.random import SLAM, normal, uniform
@@ -120,10 +120,10 @@ def _propose(
 
 
 @kernel
-def advance(
+def update_particles(
     odds: Floats, field: Floats, mean: Floats, tally: Bytes, struck: Marks, wide: Floats,
     path: Index, mark: int, poses: Array, weights: Array, moved: Moved, points: Array,
-    ends: Array, hits: Mask, how: Matcher, law: Odds, smear: Floats, key: np.uint64, step: int,
+    ends: Array, hits: Mask, how: Matcher, law: LogOdds, smear: Floats, key: np.uint64, step: int,
     learn: bool,
 ) -> None:  # fmt: skip
     """Move, match, weigh and map every particle.
@@ -196,7 +196,7 @@ class SlamSettings:
         high=10000,
         source="gmapping: 30, which in 24 floor plans is no better; 1 is plain scan matching",
     )
-    way: float = setting(
+    update_distance: float = setting(
         default=0.4,
         unit="m",
         low=0.0,
@@ -204,37 +204,37 @@ class SlamSettings:
         source="driven before the next scan is used: each adds its own error to the map; twice as "
         "often drifts a quarter more, and half as often finds itself worse",
     )
-    turn: float = setting(
+    update_angle: float = setting(
         default=0.5,
         unit="rad",
         source="turned before the next scan is used: gmapping",
         low=0.0,
         high=7.0,
     )
-    resample: float = setting(
+    resample_threshold: float = setting(
         default=0.5, source="below this share of effective particles; Grisetti et al. 2007",
         low=0.0, high=1.0,
     )  # fmt: skip
-    smooth: float = setting(
+    likelihood_smoothing: float = setting(
         default=3.0, low=0.01, high=1000.0,
         source="gmapping's ogain: weights are their product's root of this times the particles, "
         "for beams err alike, and particles are soon all of one kind",
     )  # fmt: skip
-    way_error: float = setting(
+    translation_error: float = setting(
         default=0.05, source="gmapping's srr is 0.1 for worse wheels", low=0.0, high=1.0
     )
-    turn_error: float = setting(default=0.05, source="gmapping: stt is 0.2", low=0.0, high=1.0)
-    turn_per_way: float = setting(
+    rotation_error: float = setting(default=0.05, source="gmapping: stt is 0.2", low=0.0, high=1.0)
+    rotation_per_translation: float = setting(
         default=0.05, unit="rad/m", source="gmapping: srt is 0.1", low=0.0, high=10.0
     )
-    way_floor: float = setting(
+    translation_floor: float = setting(
         default=0.010,
         unit="m",
         source="an encoder's quanta and a scan's motion",
         low=1e-4,
         high=1.0,
     )
-    turn_floor: float = setting(
+    rotation_floor: float = setting(
         default=0.010, unit="rad", source="likewise, at 0.5 m of track", low=1e-4, high=1.0
     )
     mapping: MappingSettings = MappingSettings()
@@ -310,9 +310,13 @@ class Slam:
             raise InputError(f"a scan has shape {np.shape(ranges)}; expected ({self.laser.beams},)")
         self._moved = compose(self._moved, way)
         self._ways += math.hypot(way[0], way[1]), abs(way[2])
-        due = self._ways[0] >= own.way or self._ways[1] >= own.turn or not self._poses_then
+        due = (
+            self._ways[0] >= own.update_distance
+            or self._ways[1] >= own.update_angle
+            or not self._poses_then
+        )
         if ranges is not None and (due or not learn):
-            scan = read_scan(self.laser, ranges, own.mapping.clear)
+            scan = read_scan(self.laser, ranges, own.mapping.free_range)
             if len(scan.ends):
                 self._look(scan, learn)
         self._steps.append((len(self._poses_then), self._moved))
@@ -324,26 +328,28 @@ class Slam:
         expected = compose(self._poses, self._moved)
         unit = own.mapping.resolution
         # The search's blocks reach beyond the window.
-        maps.make_room(expected, reach_of(scan) + 2.0 * own.matching.window + 5.0 * unit)
-        points = thin(scan, own.matching.spacing, own.matching.points) / unit
+        maps.grow_to(expected, scan_radius(scan) + 2.0 * own.matching.search_window + 5.0 * unit)
+        points = thin_scan(scan, own.matching.point_spacing, own.matching.max_points) / unit
         points = points if self._poses_then else points[:0]  # the first finds no map
         way, turn = self._ways
-        along = own.way_floor + own.way_error * way
-        round_ = own.turn_floor + own.turn_error * turn + own.turn_per_way * way
+        along = own.translation_floor + own.translation_error * way
+        round_ = own.rotation_floor + own.rotation_error * turn + own.rotation_per_translation * way
         x, y, yaw = self._moved
         moved = Moved(x / unit, y / unit, yaw, (along / unit) ** 2, round_**2)
+        matching = own.matching
         how = Matcher(
-            own.matching.spread, own.matching.iterations, round(own.matching.window / unit),
-            round(own.matching.turn / own.matching.step), own.matching.step, own.matching.doubt,
+            matching.residual_sigma, matching.iterations, round(matching.search_window / unit),
+            round(matching.search_angle / matching.angle_step), matching.angle_step,
+            matching.search_threshold,
         )  # fmt: skip
         poses, gained = maps.lattice(self._poses), np.zeros(len(self._poses))
-        advance(
-            maps.odds, maps.field, maps.mean, maps.tally, maps.struck, maps.wide, maps.path,
+        update_particles(
+            maps.odds, maps.field, maps.mean, maps.tally, maps.last_hit, maps.pooled, maps.path,
             maps.next_marks(len(poses)), poses, gained, moved, points, maps.points(scan),
-            scan.hits, how, maps.law, maps.weights, self._key, len(self._poses_then), learn,
+            scan.hits, how, maps.log_odds, maps.weights, self._key, len(self._poses_then), learn,
         )  # fmt: skip
         self._poses = maps.world(poses)
-        self._weights += gained / (own.smooth * len(gained))
+        self._weights += gained / (own.likelihood_smoothing * len(gained))
         self._worth += gained
         self._moved, self._ways = np.zeros(3), np.zeros(2)
         self._poses_then.append(self._poses)
@@ -355,7 +361,7 @@ class Slam:
         share = np.exp(self._weights - self._weights.max())
         share /= share.sum()
         own = np.arange(count)
-        if count == 1 or 1.0 / (share**2).sum() >= self.settings.resample * count:
+        if count == 1 or 1.0 / (share**2).sum() >= self.settings.resample_threshold * count:
             return own
         start = uniform(self._key, len(self._poses_then), SLAM, _LUCK)
         drawn = np.searchsorted(np.cumsum(share), (start + own) / count).clip(0, count - 1)
@@ -363,7 +369,7 @@ class Slam:
         times = np.bincount(drawn, minlength=count)
         parents = own.copy()
         parents[times == 0] = np.repeat(own, np.maximum(times - 1, 0))
-        self.maps.keep(parents)
+        self.maps.copy_layers(parents)
         self._poses, self._worth = self._poses[parents], self._worth[parents]
         self._weights = np.zeros(count)
         self.resampled += 1
@@ -397,7 +403,7 @@ class Slam:
         return self._drawn[1]
 
     @property
-    def chart(self) -> Callable[[], OccupancyGrid]:
+    def built_map(self) -> Callable[[], OccupancyGrid]:
         """Gives the map as it is when asked."""
         return self._map_now
 
@@ -405,7 +411,7 @@ class Slam:
         return self.map
 
     @property
-    def trail(self) -> Array:
+    def trajectory(self) -> Array:
         """Poses (updates, 3) [m, m, rad] of the best particle, as it sees its past now."""
         line = np.empty((len(self._poses_then) + 1, 3))
         particle = self.best

@@ -4,33 +4,37 @@ from __future__ import annotations
 
 from wheelchair_gym.maps.geodesic import Geodesic, geodesic, interpolate
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from wheelchair_gym.maps.io.any_format import Ground, read_ground
+from wheelchair_gym.maps.io.any_format import MapWithWalls, read_any_map
 from wheelchair_gym.maps.io.house_expo import House, read_house
 from wheelchair_gym.maps.io.map_server import read_map, write_map
-from wheelchair_gym.maps.io.moving_ai import Task, read_octile, read_scenario
-from wheelchair_gym.maps.passage import bottleneck, outline_margin
-from wheelchair_gym.maps.polygons import Outline, binarise, polygons
+from wheelchair_gym.maps.io.moving_ai import (
+    ScenarioTask,
+    read_moving_ai_map,
+    read_moving_ai_scenario,
+)
+from wheelchair_gym.maps.passage import bottleneck, footprint_margin
+from wheelchair_gym.maps.polygons import PolygonWithHoles, grid_from_image, occupied_polygons
 
 __all__ = [
     "FREE",
     "OCCUPIED",
     "UNKNOWN",
     "Geodesic",
-    "Ground",
     "House",
+    "MapWithWalls",
     "OccupancyGrid",
-    "Outline",
-    "Task",
-    "binarise",
+    "PolygonWithHoles",
+    "ScenarioTask",
     "bottleneck",
+    "footprint_margin",
     "geodesic",
+    "grid_from_image",
     "interpolate",
-    "outline_margin",
-    "polygons",
-    "read_ground",
+    "occupied_polygons",
+    "read_any_map",
     "read_house",
     "read_map",
-    "read_octile",
-    "read_scenario",
+    "read_moving_ai_map",
+    "read_moving_ai_scenario",
     "write_map",
 ]

@@ -23,7 +23,7 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint, to_world, wrap
 from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.maps.distance import distance_to_squares, outline_discs, outline_gap
+from wheelchair_gym.maps.distance import distance_to_occupied, field_clearance, footprint_discs
 from wheelchair_gym.maps.grid import OccupancyGrid
 from wheelchair_gym.random import STARTS, bits
 
@@ -35,27 +35,35 @@ _UNSEEN, _SETTLED = -1, -2  # of states that wait in no bucket
 
 
 @settings
-class WaysSettings:
+class CostToGoSettings:
     """How ways of the chair's outline are found."""
 
     cell: float = setting(default=0.1, unit="m", source="half a move", low=0.02, high=0.5)
     headings: int = setting(default=32, source="11 deg, a move's least turn", low=8, high=128)
-    stride: float = setting(default=0.2, unit="m", source="a fifth of the chair", low=0.02)
-    wish: float = setting(
+    step_length: float = setting(default=0.2, unit="m", source="a fifth of the chair", low=0.02)
+    desired_clearance: float = setting(
         default=0.25, unit="m", source="play beside the chair in a 1.1 m door", low=0.01
     )
-    dear: float = setting(default=3.0, source="as the planner `lattice`", low=0.0, high=6.0)
-    lateral: float = setting(default=0.35, unit="m/s2", source="comfort in curves", low=0.01)
-    spin: float = setting(default=0.6, source="of the turn limit, in pivots", low=0.05, high=1.0)
-    back: float = setting(default=2.0, source="times a way back is dearer", low=1.0, high=4.0)
+    obstacle_weight: float = setting(
+        default=3.0, source="as the planner `lattice`", low=0.0, high=6.0
+    )
+    lateral_acceleration: float = setting(
+        default=0.35, unit="m/s2", source="comfort in curves", low=0.01
+    )
+    pivot_speed_ratio: float = setting(
+        default=0.6, source="of the turn limit, in pivots", low=0.05, high=1.0
+    )
+    reverse_factor: float = setting(
+        default=2.0, source="times a way back is dearer", low=1.0, high=4.0
+    )
     margin: float = setting(default=0.02, unit="m", source="kept by the outline", low=0.0)
-    slimmer: float = setting(
+    shrink_step: float = setting(
         default=0.02,
         unit="m",
         source="less on each side where no way leads from the start",
         low=0.0,
     )
-    tries: int = setting(default=5, source="outlines tried: 8 cm less on each side", low=1)
+    shrink_tries: int = setting(default=5, source="outlines tried: 8 cm less on each side", low=1)
 
 
 @kernel
@@ -116,7 +124,9 @@ def _spread(
             state = ((y >> X_BITS) * cols + (x >> X_BITS)) * headings + k
             if words[state] != far:
                 continue
-            gap = outline_gap(field, scale, discs, x * size, y * size, cosines[k], sines[k], wish)
+            gap = field_clearance(
+                field, scale, discs, x * size, y * size, cosines[k], sines[k], wish
+            )
             if gap < margin:
                 continue
             words[state] = np.uint32(
@@ -164,7 +174,7 @@ def _spread(
                     spent += switch
                 if ticks + round(spent * TICKS) >= known:
                     continue
-                gap = outline_gap(
+                gap = field_clearance(
                     field, scale, discs, x0 * size, y0 * size, cosines[k0], sines[k0], wish
                 )
                 if gap < margin:
@@ -199,11 +209,11 @@ def _spread(
     return words
 
 
-def _moves(own: WaysSettings, limits: Limits) -> tuple[Whole, Array, Whole]:
+def _moves(own: CostToGoSettings, limits: Limits) -> tuple[Whole, Array, Whole]:
     """Where moves lead (moves, headings, 3), the seconds that they take, and their kinds."""
     step = 2.0 * math.pi / own.headings
-    ahead: list[tuple[float, int]] = [(own.stride, turn) for turn in (0, 1, -1, 2, -2)]
-    back = [(-own.stride, turn) for turn in (0, 1, -1)] if limits.backward > 0.0 else []
+    ahead: list[tuple[float, int]] = [(own.step_length, turn) for turn in (0, 1, -1, 2, -2)]
+    back = [(-own.step_length, turn) for turn in (0, 1, -1)] if limits.backward > 0.0 else []
     every = [*ahead, (0.0, 1), (0.0, -1), *back]
     moves = np.zeros((len(every), own.headings, 3), np.int32)
     cost, kind = np.zeros(len(every)), np.zeros(len(every), np.int32)
@@ -215,17 +225,17 @@ def _moves(own: WaysSettings, limits: Limits) -> tuple[Whole, Array, Whole]:
         moves[m, :, 1] = np.rint(chord * np.sin(yaw + half))
         moves[m, :, 2] = turn
         if way == 0.0:
-            cost[m], kind[m] = abs(turn) * step / (own.spin * limits.turn), 2
+            cost[m], kind[m] = abs(turn) * step / (own.pivot_speed_ratio * limits.turn), 2
             continue
         bend = abs(turn) * step / abs(way)
-        pace = limits.forward if way > 0.0 else limits.backward / own.back
+        pace = limits.forward if way > 0.0 else limits.backward / own.reverse_factor
         if bend > 0.0:
-            pace = min(pace, limits.turn / bend, math.sqrt(own.lateral / bend))
+            pace = min(pace, limits.turn / bend, math.sqrt(own.lateral_acceleration / bend))
         cost[m], kind[m] = abs(way) / pace, 1 if way > 0.0 else -1
     return moves, cost, kind
 
 
-def pose_ways(
+def cost_to_go(
     grid: OccupancyGrid,
     goal: ArrayLike,
     footprint: Footprint,
@@ -233,9 +243,9 @@ def pose_ways(
     *,
     tolerance: float = 0.0,
     starts: Sequence[ArrayLike] = (),
-    own: WaysSettings | None = None,
+    own: CostToGoSettings | None = None,
     slack: float | None = None,
-) -> PoseWays:
+) -> CostToGo:
     """Quickest ways to a goal from every pose, or from about one start.
 
     Args:
@@ -254,10 +264,10 @@ def pose_ways(
     """
     if slack is not None and not starts:
         raise ValueError("slack needs a start")
-    own = own or WaysSettings()
+    own = own or CostToGoSettings()
     moves, cost, kind = _moves(own, limits)
-    reach = footprint.reach + own.wish + grid.resolution
-    field = distance_to_squares(grid.solid(), reach / grid.resolution)
+    reach = footprint.reach + own.desired_clearance + grid.resolution
+    field = distance_to_occupied(grid.solid(), reach / grid.resolution)
     field = np.minimum(field, np.float32(1e3)) * np.float32(grid.resolution)
     rows, cols = (math.ceil(n * grid.resolution / own.cell) for n in grid.shape)
     centre = grid.to_lattice(np.asarray(goal, np.float64)[:2]) * grid.resolution / own.cell
@@ -275,15 +285,15 @@ def pose_ways(
         x, y, yaw = to_local(grid.origin, *np.asarray(starts[0], np.float64).tolist())
         turn = 2.0 * math.pi / own.headings
         begin[:] = y // own.cell, x // own.cell, round(yaw / turn) % own.headings
-    for k in range(own.tries):
+    for k in range(own.shrink_tries):
         words = _spread(
             field, 1.0 / grid.resolution, (rows, cols), own.cell,
-            outline_discs(footprint, k * own.slimmer), moves, cost, kind, seeds, switch,
-            own.wish, own.dear, own.margin if k == 0 else 0.0,
+            footprint_discs(footprint, k * own.shrink_step), moves, cost, kind, seeds, switch,
+            own.desired_clearance, own.obstacle_weight, own.margin if k == 0 else 0.0,
             begin, ease, round((slack or 0.0) * TICKS),
         )  # fmt: skip
-        ways = PoseWays(words.reshape(rows, cols, own.headings), moves, own.cell, grid.origin)
-        if all(math.isfinite(float(ways.time(start))) for start in starts):
+        ways = CostToGo(words.reshape(rows, cols, own.headings), moves, own.cell, grid.origin)
+        if all(math.isfinite(float(ways.time_to_goal(start))) for start in starts):
             break
     return ways
 
@@ -302,27 +312,29 @@ DRAWS = 4096  # poses tried
 
 
 @dataclass(frozen=True, eq=False)
-class PoseWays:
+class CostToGo:
     """Quickest ways to one goal from every pose.
 
     `words` (rows, cols, headings) hold a state each; `moves` (moves, headings, 3) where a move
     leads from a heading: along x and y [units], and headings on.
     """
 
-    words: Words
+    packed_states: Words
     moves: Whole
     cell: float  # m
     origin: tuple[float, float, float]  # m, m, rad: of the lower-left corner
 
-    def time(self, poses: ArrayLike) -> Array:
+    def time_to_goal(self, poses: ArrayLike) -> Array:
         """Time to go [s] from poses (..., 3); NaN where no way is known."""
         every = np.asarray(poses, np.float64)
-        found = [time_to_go(self.words, self.cell, *self._local(p)) for p in every.reshape(-1, 3)]
+        found = [
+            time_to_go(self.packed_states, self.cell, *self._local(p)) for p in every.reshape(-1, 3)
+        ]
         return np.array(found).reshape(every.shape[:-1])
 
-    def draw(self, key: int, least: float, most: float) -> Array | None:
+    def sample(self, key: int, least: float, most: float) -> Array | None:
         """A pose (3,) [m, m, rad] so many seconds from the goal, drawn; None if none was found."""
-        x, y, yaw = _drawn(self.words, self.cell, np.uint64(key), least, most)
+        x, y, yaw = _drawn(self.packed_states, self.cell, np.uint64(key), least, most)
         if math.isnan(x):
             return None
         return np.array([*to_world(np.array([x, y]), self.origin), yaw + self.origin[2]])
@@ -330,7 +342,7 @@ class PoseWays:
     def path(self, pose: ArrayLike) -> Array:
         """The poses (n, 3) [m, m, rad] on the way from a pose to the goal, empty if none leads."""
         local = np.empty((int(FAR), 3))
-        n = _traced(self.words, self.moves, self.cell, *self._local(pose), local)
+        n = _traced(self.packed_states, self.moves, self.cell, *self._local(pose), local)
         return np.column_stack(
             [to_world(local[:n, :2], self.origin), local[:n, 2] + self.origin[2]]
         )

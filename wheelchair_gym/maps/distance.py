@@ -21,7 +21,7 @@ Steps = NDArray[np.int16]
 
 
 @kernel
-def distance_to_squares(solid: Mask, most: float) -> Field:
+def distance_to_occupied(solid: Mask, most: float) -> Field:
     """Distance (rows, cols) [cells] from cell centres to the nearest solid cell's square.
 
     Exact below `most`; not less than `most` (or infinite) beyond. First the gap up and down each
@@ -65,7 +65,7 @@ def distance_to_squares(solid: Mask, most: float) -> Field:
 
 
 @borrowing_kernel
-def same(line: Cells, other: Cells) -> bool:
+def rows_equal(line: Cells, other: Cells) -> bool:
     """Whether two rows of cells are alike: most are, in buildings."""
     differ = np.int8(0)
     for k in range(min(len(line), len(other))):
@@ -80,7 +80,7 @@ def _lay(line: Cells, over: Cells) -> None:
 
 
 @kernel
-def near(solid: Cells, least: float) -> Cells:
+def within_distance(solid: Cells, least: float) -> Cells:
     """1 where a cell's centre is nearer [cells] than `least` to some solid cell's square, else 0.
 
     Each row of solid cells is widened step by step, and laid over the rows that lie near enough to
@@ -94,7 +94,7 @@ def near(solid: Cells, least: float) -> Cells:
     up = False  # whether the row below is another
     for row in range(rows):
         down = row == 0 or up
-        up = row == rows - 1 or not same(solid[row], solid[row + 1])
+        up = row == rows - 1 or not rows_equal(solid[row], solid[row + 1])
         if up or down:
             line = solid[row]
             for col in range(cols):
@@ -154,7 +154,7 @@ def _nearer(square: Steps, step: int, best: Steps, shift: Steps) -> None:
 
 
 @kernel
-def carried_on(length: Field, band: float) -> Field:
+def extend_field(length: Field, band: float) -> Field:
     """A field carried on into cells within `band` [cells] of finite ones: plus the way there.
 
     First the nearest finite cell up or down each column; then, along each row, the nearest of all.
@@ -193,7 +193,7 @@ PROBES = 2.0  # discs along the outline's middle, per half width of its length
 CORNERS = (0.55, 0.3, 0.15, 0.06)  # radii of discs in each corner, of the half width
 
 
-def outline_discs(footprint: Footprint, less: float = 0.0) -> Array:
+def footprint_discs(footprint: Footprint, less: float = 0.0) -> Array:
     """Discs (n, 3) that cover the outline, made smaller on all sides; the first is round it all.
 
     A row of discs along the middle, and in each corner ever smaller ones.
@@ -224,7 +224,7 @@ def _distance(field: Field, scale: float, x: float, y: float) -> float:
 
 
 @borrowing_kernel
-def outline_gap(
+def field_clearance(
     field: Field,
     scale: float,
     discs: Array,

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel, whole
-from wheelchair_gym.maps.distance import carried_on, same
+from wheelchair_gym.maps.distance import extend_field, rows_equal
 from wheelchair_gym.maps.grid import OccupancyGrid
 
 Index = NDArray[np.int32]
@@ -60,7 +60,7 @@ def terrain_of(free: Mask) -> Terrain:
     k = 0
     for row in range(rows):
         run[row] = k
-        alike[row] = row > 0 and same(cells[row], cells[row - 1])
+        alike[row] = row > 0 and rows_equal(cells[row], cells[row - 1])
         if alike[row]:
             for other in range(run[row - 1], run[row]):
                 runs[k].first, runs[k].last = runs[other].first, runs[other].last
@@ -519,13 +519,13 @@ def geodesic(grid: OccupancyGrid, goal: ArrayLike, radius: float) -> Geodesic:
     """
     target = np.array(goal, dtype=np.float64)[:2]
     key = (float(target[0]), float(target[1]), float(radius))
-    if key not in grid.ways:
+    if key not in grid.geodesic_cache:
         length, bends = _lengths(grid, target, radius)
-        extended = carried_on(length, _band(grid, radius))
+        extended = extend_field(length, _band(grid, radius))
         extended *= np.float32(grid.resolution)
-        grid.ways.clear()
-        grid.ways[key] = extended, bends
-    return Geodesic(grid, target, radius, *grid.ways[key])
+        grid.geodesic_cache.clear()
+        grid.geodesic_cache[key] = extended, bends
+    return Geodesic(grid, target, radius, *grid.geodesic_cache[key])
 
 
 def _band(grid: OccupancyGrid, radius: float) -> float:

@@ -15,7 +15,7 @@ from wheelchair_gym.config import FARTHEST, InputError
 from wheelchair_gym.files import check_cells
 from wheelchair_gym.geometry import to_frame
 from wheelchair_gym.geometry import to_world as placed
-from wheelchair_gym.maps.distance import distance_to_squares, near, same
+from wheelchair_gym.maps.distance import distance_to_occupied, rows_equal, within_distance
 
 Array = NDArray[np.float64]
 Cells = NDArray[np.int8]
@@ -83,7 +83,7 @@ def boundary(solid: Cells) -> Array:
     changed, lines = np.empty(rows + 1, np.int64), whole(0)
     for line in range(rows + 1):
         changed[lines] = line
-        lines += not same(padded[line], padded[line + 1])
+        lines += not rows_equal(padded[line], padded[line + 1])
     out = np.empty((1024, 4))
     count = _runs(padded, changed, lines, out)
     if count > len(out):
@@ -114,7 +114,7 @@ class OccupancyGrid:
     resolution: float  # m
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # lower-left corner: x, y [m], yaw [rad]
     # What `geodesic` worked out last, by goal and radius: it stays true as cells never change.
-    ways: dict[tuple[float, float, float], Any] = field(
+    geodesic_cache: dict[tuple[float, float, float], Any] = field(
         default_factory=dict, init=False, repr=False
     )
 
@@ -171,7 +171,7 @@ class OccupancyGrid:
         cell = self.to_cell(points)
         return np.asarray(((cell >= 0) & (cell < self.shape)).all(axis=-1))
 
-    def holding(self, points: ArrayLike, margin: float) -> OccupancyGrid:
+    def extended_to(self, points: ArrayLike, margin: float) -> OccupancyGrid:
         """This grid, or a larger one with unknown cells round it.
 
         Args:
@@ -211,11 +211,13 @@ class OccupancyGrid:
 
         Exact; 0 in solid cells, infinite where nothing is solid.
         """
-        spread = distance_to_squares(self.solid(unknown_is_solid), math.inf)
+        spread = distance_to_occupied(self.solid(unknown_is_solid), math.inf)
         return spread * np.float32(self.resolution)
 
     def traversable(self, radius: float) -> Mask:
         """Free cells (rows, cols) at whose centre a disc of this radius [m] meets nothing solid."""
         # A corridor exactly as wide as the disc is passable: the slack is float32's rounding.
         least = (radius - 1e-5) / self.resolution
-        return np.asarray((self.cells == FREE) & (near(self.solid().view(np.int8), least) == 0))
+        return np.asarray(
+            (self.cells == FREE) & (within_distance(self.solid().view(np.int8), least) == 0)
+        )

@@ -49,7 +49,7 @@ def bottleneck(grid: OccupancyGrid, start: ArrayLike, goal: ArrayLike) -> float:
     return low
 
 
-def outline_margin(
+def footprint_margin(
     walls: Array,
     discs: Array,
     start: ArrayLike,

@@ -14,14 +14,14 @@ from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
 Array = NDArray[np.float64]
 
 
-class Outline(NamedTuple):
+class PolygonWithHoles(NamedTuple):
     """A solid region: its outer polygon (k, 2) and the polygons of its holes."""
 
     outer: Array
     holes: tuple[Array, ...] = ()
 
 
-def binarise(image: NDArray[np.uint8], threshold: int = 128) -> OccupancyGrid:
+def grid_from_image(image: NDArray[np.uint8], threshold: int = 128) -> OccupancyGrid:
     """A drawn map as a grid of one unit a pixel: what is darker than the threshold is occupied.
 
     Args:
@@ -33,13 +33,13 @@ def binarise(image: NDArray[np.uint8], threshold: int = 128) -> OccupancyGrid:
     return OccupancyGrid(cells, 1.0)
 
 
-def polygons(
+def occupied_polygons(
     source: OccupancyGrid | NDArray[np.uint8],
     *,
     dilate: float = 0.0,
     epsilon: float = 0.0,
     unit: Literal["metre", "pixel"] = "metre",
-) -> list[Outline]:
+) -> list[PolygonWithHoles]:
     """Outlines of all that is occupied, grown and simplified.
 
     The outline follows cell edges, and cuts inner corners by half a cell: with epsilon 0 no solid
@@ -54,7 +54,7 @@ def polygons(
     Returns:
         outlines in the grid's frame [m], outer polygons counter-clockwise, holes clockwise.
     """
-    grid = source if isinstance(source, OccupancyGrid) else binarise(source)
+    grid = source if isinstance(source, OccupancyGrid) else grid_from_image(source)
     scale = 1.0 if unit == "pixel" else 1.0 / grid.resolution
     reach = max(0.0, dilate * scale)
     edge = math.ceil(reach) + 1  # room for growth beyond the grid
@@ -84,7 +84,7 @@ def polygons(
             hole = int(tree[0, hole, 0])
         outer = placed(k)
         if len(outer) > 2:
-            found.append(Outline(_turned(outer, 1), tuple(holes)))
+            found.append(PolygonWithHoles(_turned(outer, 1), tuple(holes)))
     return found
 
 

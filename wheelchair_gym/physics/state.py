@@ -215,7 +215,7 @@ def parameters(
     p["regeneration"], p["charge"] = battery.regeneration, battery.charge
     p["wheel_variance"] = errors * odometry.variance
     # What finds a chair by what it sees is told of its dead reckoning.
-    own = "odometry" if sensors.finds_itself else sensors.pose_source
+    own = "odometry" if sensors.localizes else sensors.pose_source
     p["pose_source"] = POSE_SOURCES.index(own)
     modelled = sensors.modelled
     p["pose_sigma"] = modelled.position, modelled.position, modelled.heading

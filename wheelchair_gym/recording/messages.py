@@ -29,7 +29,7 @@ _SPOKES = 9  # points on the arc of a cone
 _FAN = [corner for k in range(1, _SPOKES) for corner in (0, k, k + 1)]  # its triangles
 _LINE = 0.03  # m, thickness of what is drawn
 
-TYPED: Final[dict[str, Any]] = {
+TYPED_CHANNELS: Final[dict[str, Any]] = {
     "/map": channels.GridChannel,
     "/tf": channels.FrameTransformsChannel,
     "/tf_static": channels.FrameTransformsChannel,
@@ -64,7 +64,7 @@ _LIST, _THING = {"type": "array"}, {"type": "object"}
 _MAYBE = {"type": ["number", "null"]}  # null: unknown
 _NUMBERS = {"type": "array", "items": _NUMBER}
 
-PLAIN: Final[dict[str, Any]] = {
+JSON_SCHEMAS: Final[dict[str, Any]] = {
     "/episode": _schema(
         "episode", settings=_THING, map=_THING, start=_NUMBERS, goal=_NUMBERS, walls=_LIST,
         discs=_LIST, tolerance=_MAYBE, time_limit=_MAYBE, name=_TEXT,
@@ -308,7 +308,7 @@ def particles(now: int, poses: Array) -> Any:
     )  # fmt: skip
 
 
-def note(now: int, who: str, said: str, wrong: bool = False) -> Any:
+def log_message(now: int, who: str, said: str, wrong: bool = False) -> Any:
     """A line for people."""
     level = m.LogLevel.Warning if wrong else m.LogLevel.Info
     return m.Log(timestamp=_time(now), level=level, message=said, name=who)

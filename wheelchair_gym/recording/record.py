@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from wheelchair_gym.config import InputError, dump, setting, settings
-from wheelchair_gym.localization.localized_chair import bare
+from wheelchair_gym.localization.localized_chair import unwrapped
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import MOVER, shapes
-from wheelchair_gym.recording.sink import NANO, Outlet
-from wheelchair_gym.safety.stops import Stops, holds
+from wheelchair_gym.recording.sink import NANO, Sink
+from wheelchair_gym.safety.stops import StopMonitor, active_stops
 from wheelchair_gym.types import Belief
 
 if TYPE_CHECKING:
@@ -42,20 +42,20 @@ _LOG = logging.getLogger(__name__)
 
 
 @settings
-class Recording:
+class RecordingSettings:
     """How often what is sent, beside what comes with every reading."""
 
-    again: float = setting(
+    refresh_period: float = setting(
         default=1.0, unit="s", low=0.01,
         source="between two messages of what seldom changes: map, path, mounts, outline, trail",
     )  # fmt: skip
-    grain: float = setting(
+    trail_spacing: float = setting(
         default=0.05, unit="m", source="between two points of the trail", low=0.001
     )
-    images: float = setting(
+    image_rate: float = setting(
         default=0.0, unit="Hz", source="rendered pictures; 0: none", low=0.0, high=60.0
     )
-    quality: int = setting(default=80, source="of JPEG", low=1, high=100)
+    jpeg_quality: int = setting(default=80, source="of JPEG", low=1, high=100)
     when_full: Literal["go-on", "end"] = setting(
         default="go-on", source="the run, when the disk is full; the recording ends in any case"
     )
@@ -76,7 +76,7 @@ def packed_map(grid: OccupancyGrid) -> dict[str, Any]:
     }
 
 
-class Recorded(gym.Wrapper[Any, Any, Any, Any]):
+class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
     """An environment all of whose episodes are written to a file, shown live, or both.
 
     Args:
@@ -100,15 +100,15 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         env: gym.Env[Any, Any],
         file: str | Path | None = None,
         port: int | None = None,
-        recording: Recording | None = None,
+        recording: RecordingSettings | None = None,
     ) -> None:
         super().__init__(env)
-        self._out = Outlet(file, port)
+        self._out = Sink(file, port)
         self.file, self.port = self._out.file, self._out.port
         from wheelchair_gym.recording import messages
 
         self._m: Any = messages
-        self._own = recording or Recording()
+        self._own = recording or RecordingSettings()
         self._base = 0  # ns: episodes follow each other in time
         self._trail: list[Any] = []
 
@@ -121,9 +121,9 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         self._trail.clear()
         self._path: Any = None
         self._chart: OccupancyGrid = self._env.episode.map
-        self._note, self._stops = "", Stops()
+        self._note, self._stops = "", StopMonitor()
         self._log_episode()
-        if self._env.task.chart is None:
+        if self._env.task.built_map is None:
             self._log_map(self._chart)
         self._log_reading()
         self._see_to_disk()
@@ -140,14 +140,14 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         observation, reward, terminated, truncated, info = self.env.step(action)
         chosen = np.asarray(action, np.float64).tolist()
         twist = self._env.task.limits.twist(action).tolist()
-        self._out.tell(COMMAND, {"action": chosen, "v": twist[0], "w": twist[1]})
+        self._out.write(COMMAND, {"action": chosen, "v": twist[0], "w": twist[1]})
         if "shield" in info:
             told = info["shield"]
             plain = {name: told[name].tolist() for name in ("asked", "given")}
-            self._out.tell(SHIELD, told | plain)
+            self._out.write(SHIELD, told | plain)
         self._log_reading()
         ends = {"terminated": terminated, "truncated": truncated}
-        self._out.tell(VERDICT, {"reward": reward, "terms": info["reward_terms"], **ends})
+        self._out.write(VERDICT, {"reward": reward, "terms": info["reward_terms"], **ends})
         self._see_to_disk()
         return observation, float(reward), terminated, truncated, info
 
@@ -159,7 +159,7 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
             self._out.close()
 
     def _see_to_disk(self) -> None:
-        why = self._out.failed()
+        why = self._out.new_error()
         if why and self._own.when_full == "end":
             raise InputError(f"{why}, and the run, too")
         if why:
@@ -178,7 +178,7 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         told = {name: dump(getattr(env.settings, name)) for name in SETTINGS}
         if not env.task.guarded:  # a share of episodes may be driven without
             told["shield"] = None
-        self._out.tell(
+        self._out.write(
             EPISODE,
             {
                 "settings": told,
@@ -228,8 +228,8 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         real = truth._asdict()
         real |= {"pose": truth.pose.tolist(), "twist": truth.twist.tolist()}
         real["movers"] = packed(truth.movers, "<f8")  # NaN: not there
-        self._out.tell(READING, {**told, "truth": real})
-        self._out.tell("/battery", {"voltage": told["battery"]})
+        self._out.write(READING, {**told, "truth": real})
+        self._out.write("/battery", {"voltage": told["battery"]})
         self._send("/scan", "scan", sensors.laser, reading.laser)
         self._send("/ultrasonic", "cones", sensors.ultrasonic, reading.ultrasonic, reading.age)
         self._send("/tf", "frames", reading.pose, believed.odometry)
@@ -241,26 +241,26 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         ahead = env.points_ahead
         if ahead is not None:
             self._send("/lookahead", "poses_in_map", ahead)
-        report = getattr(bare(env.chair), "report", None)
+        report = getattr(unwrapped(env.chair), "report", None)
         if report is not None:
-            self._out.tell(BOARD, {"wall": time.time(), **report})
+            self._out.write(BOARD, {"wall": time.time(), **report})
         self._log_news(env.task.path, reading.stamp)
 
     def _log_seldom(self, reading: Any, believed: Belief) -> bool:
         """Trail, pictures and, for viewers that come late, what stays; whether the map changed."""
         own, trail, changed = self._own, self._trail, False
         place = reading.pose[:2]
-        if not trail or np.hypot(*(place - trail[-1])) >= own.grain:
+        if not trail or np.hypot(*(place - trail[-1])) >= own.trail_spacing:
             trail.append(place)
-        if own.images and _due(reading.stamp - self._image, 1.0 / own.images):
+        if own.image_rate and _due(reading.stamp - self._image, 1.0 / own.image_rate):
             self._image = reading.stamp
             picture = self._env.render()
             if picture is not None:
-                self._send("/image", "image", picture, own.quality)
-        if _due(reading.stamp - self._seldom, own.again):
+                self._send("/image", "image", picture, own.jpeg_quality)
+        if _due(reading.stamp - self._seldom, own.refresh_period):
             first, self._seldom = self._seldom < 0.0, reading.stamp
             self._send("/trail", "trail", trail)
-            chart = self._chart if believed.chart is None else believed.chart()
+            chart = self._chart if believed.built_map is None else believed.built_map()
             changed = chart is not self._chart
             if changed or (self.port is not None and not first):
                 self._log_map(chart)
@@ -274,10 +274,10 @@ class Recorded(gym.Wrapper[Any, Any, Any, Any]):
         note = self._env.task.note
         if note != self._note:
             self._note = note
-            self._send("/note", "note", "policy", note or "-", False)
+            self._send("/note", "log_message", "policy", note or "-", False)
         shield, reading = self._env.shield, self._env.task.reading
-        for line in self._stops.update(stamp, holds(reading.halted, shield)):
-            self._send("/note", "note", "chair", line, bool(self._stops.messages))
+        for line in self._stops.update(stamp, active_stops(reading.halted, shield)):
+            self._send("/note", "log_message", "chair", line, bool(self._stops.messages))
 
 
 def _due(since: float, period: float) -> bool:

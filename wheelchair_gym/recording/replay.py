@@ -16,7 +16,7 @@ from wheelchair_gym.envs.guidance import is_built_in
 from wheelchair_gym.errors import InputError, shown
 from wheelchair_gym.files import check_cells, is_coordinate, parse_json, read_bytes
 from wheelchair_gym.kinematics import odometric_step
-from wheelchair_gym.localization.logs import Log
+from wheelchair_gym.localization.logs import SensorLog
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import MOVER, Movers
 from wheelchair_gym.recording.decode import mcap_messages, number, numbers, packed_array, value_of
@@ -27,9 +27,23 @@ from wheelchair_gym.types import Belief, Episode, Reading, Truth
 Array = NDArray[np.float64]
 Record = dict[str, Any]
 _TOPICS: Final = (EPISODE, READING, COMMAND, VERDICT)
+# Settings that earlier releases recorded under another name: their path there -> their name now.
+RENAMED: Final = {
+    "shield.margin": "stop_margin",
+    "shield.headway": "time_headway",
+    "shield.reaction": "reaction_time",
+    "shield.crawl": "creep_speed",
+    "shield.memory": "memory_time",
+    "shield.lasting": "static_memory_time",
+    "shield.vacated": "vacated_time",
+    "shield.unseen": "unseen_speed",
+    "shield.pace": "person_speed",
+    "shield.spurt": "person_acceleration",
+    "shield.wary": "moving_memory_time",
+}
 
 
-class Moment(NamedTuple):
+class RecordedState(NamedTuple):
     """What a chair knew, how things were, and what its pose source went by."""
 
     reading: Reading
@@ -37,13 +51,13 @@ class Moment(NamedTuple):
     belief: Belief
 
 
-class Chapter(NamedTuple):
+class RecordedEpisode(NamedTuple):
     """One episode of a recording; entry k + 1 of the readings follows from action k."""
 
     settings: EnvSettings
     episode: Episode
     path: Any  # guidance (n, 2) [m], or what guides by ways of the outline, or None
-    readings: list[Moment]  # (n + 1,)
+    states: list[RecordedState]  # (n + 1,)
     actions: list[NDArray[Any]]  # (n,) of (2,), as they were given
     verdicts: list[Record]  # (n,) of reward, terms, terminated, truncated
 
@@ -55,7 +69,7 @@ class ReplayedChair:
         readings: the first of an episode, then one a control period.
     """
 
-    def __init__(self, readings: list[Moment]) -> None:
+    def __init__(self, readings: list[RecordedState]) -> None:
         self._readings = readings
         self._at = 0
 
@@ -80,9 +94,9 @@ class ReplayedChair:
         """How things were."""
         return self._readings[self._at].truth
 
-    def chart(self) -> OccupancyGrid:
+    def built_map(self) -> OccupancyGrid:
         """The map that the chair had drawn, as it was last recorded."""
-        told = self.belief.chart
+        told = self.belief.built_map
         assert told is not None  # each episode's first reading holds one
         return told()
 
@@ -95,14 +109,14 @@ class ReplayedChair:
         """Nothing is held."""
 
 
-def read_recording(file: str | Path) -> list[Chapter]:
+def read_recording(file: str | Path) -> list[RecordedEpisode]:
     """The episodes of a recording.
 
     Raises:
         InputError: the extra 'record' is not installed, or the file is no whole recording of ours.
     """
     content = read_bytes(file, "recording")
-    chapters: list[Chapter] = []
+    chapters: list[RecordedEpisode] = []
     try:
         for topic, text in mcap_messages(content, _TOPICS):
             _take(chapters, topic, parse_json(text, topic))
@@ -115,24 +129,24 @@ def read_recording(file: str | Path) -> list[Chapter]:
     if chapters:  # a full disk or an error may have cut the last step
         _cut(chapters)
     for chapter in chapters:
-        if not len(chapter.readings) - 1 == len(chapter.actions) == len(chapter.verdicts):
+        if not len(chapter.states) - 1 == len(chapter.actions) == len(chapter.verdicts):
             raise InputError(f"{file}: expected a reading after each command, and a verdict")
     if not chapters:
         raise InputError(f"{file}: expected a recording of a chair; there is no {EPISODE} in it")
     return chapters
 
 
-def _cut(chapters: list[Chapter]) -> None:
+def _cut(chapters: list[RecordedEpisode]) -> None:
     """Leave out what the last episode holds beyond its last whole step."""
     last = chapters[-1]
-    steps = min(len(last.readings) - 1, len(last.actions), len(last.verdicts))
+    steps = min(len(last.states) - 1, len(last.actions), len(last.verdicts))
     if steps < 0:
         chapters.pop()
         return
-    del last.readings[steps + 1 :], last.actions[steps:], last.verdicts[steps:]
+    del last.states[steps + 1 :], last.actions[steps:], last.verdicts[steps:]
 
 
-def _take(chapters: list[Chapter], topic: str, content: Record) -> None:
+def _take(chapters: list[RecordedEpisode], topic: str, content: Record) -> None:
     if not isinstance(content, dict):
         raise ValueError(f"{topic} holds no object")
     if topic == EPISODE:
@@ -140,7 +154,7 @@ def _take(chapters: list[Chapter], topic: str, content: Record) -> None:
     elif not chapters:
         raise ValueError(f"{topic} comes before the first {EPISODE}")
     elif topic == READING:
-        readings = chapters[-1].readings
+        readings = chapters[-1].states
         before = readings[-1] if readings else None
         readings.append(_moment(content, before, chapters[-1].settings.sensors))
     elif topic == COMMAND:
@@ -165,7 +179,7 @@ def _grid(content: Record) -> OccupancyGrid:
     return grid
 
 
-def _begun(content: Record) -> Chapter:
+def _begun(content: Record) -> RecordedEpisode:
     tolerance, time_limit = (
         None if content[name] is None else number(content, name)
         for name in ("tolerance", "time_limit")
@@ -191,11 +205,23 @@ def _begun(content: Record) -> Chapter:
     given = value_of(content, "settings", dict)
     if not set(given) <= set(SETTINGS):
         raise ValueError(f"settings has {shown(sorted(given))}; expected {', '.join(SETTINGS)}")
-    settings = load(EnvSettings, given, EPISODE)
-    return Chapter(settings, episode, path, [], [], [])
+    settings = load(EnvSettings, _renamed(given), EPISODE)
+    return RecordedEpisode(settings, episode, path, [], [], [])
 
 
-def _moment(content: Record, before: Moment | None, sensors: SensorSettings) -> Moment:
+def _renamed(settings: Record, path: str = "") -> Record:
+    """Recorded settings under the names that they have now."""
+    return {
+        RENAMED.get(path + key, key): (
+            _renamed(value, f"{path}{key}.") if isinstance(value, dict) else value
+        )
+        for key, value in settings.items()
+    }
+
+
+def _moment(
+    content: Record, before: RecordedState | None, sensors: SensorSettings
+) -> RecordedState:
     """A moment as it was recorded; what older recordings do not hold is as good as unknown."""
     told: Record = {"bumped": value_of(content, "bumped", bool), "stamp": number(content, "stamp")}
     told |= {"pose": numbers(content, "pose", (3,)), "twist": numbers(content, "twist", (2,))}
@@ -212,7 +238,7 @@ def _moment(content: Record, before: Moment | None, sensors: SensorSettings) -> 
     real |= {"pose": numbers(real, "pose", (3,)), "twist": numbers(real, "twist", (2,))}
     if "movers" in real:
         real["movers"] = packed_array(real, "movers", "<f8").reshape(-1, 3)
-    particles, chart = content.get("particles"), before.belief.chart if before else None
+    particles, chart = content.get("particles"), before.belief.built_map if before else None
     if "map" in content:
         grid = _grid(value_of(content, "map", dict))
         chart = lambda: grid  # noqa: E731
@@ -221,17 +247,19 @@ def _moment(content: Record, before: Moment | None, sensors: SensorSettings) -> 
         None if particles is None else packed_array(content, "particles", "<f4").reshape(-1, 3),
         chart,
     )
-    return Moment(Reading(**told, halted=str(content.get("halted", ""))), Truth(**real), belief)
+    return RecordedState(
+        Reading(**told, halted=str(content.get("halted", ""))), Truth(**real), belief
+    )
 
 
-def recorded_log(file: str | Path) -> tuple[Log, LaserSettings]:
+def sensor_log(file: str | Path) -> tuple[SensorLog, LaserSettings]:
     """What the wheels and the laser said in a recording's first episode, to build a map of.
 
     Raises:
         InputError: see `read_recording`.
     """
     chapter = read_recording(file)[0]
-    readings = [moment.reading for moment in chapter.readings]
+    readings = [moment.reading for moment in chapter.states]
     stamps = np.array([reading.stamp for reading in readings])
     ways = (
         np.array([reading.twist for reading in readings])
@@ -239,10 +267,10 @@ def recorded_log(file: str | Path) -> tuple[Log, LaserSettings]:
     )
     increments = np.array([odometric_step(0.0, 0.0, 0.0, way, turn) for way, turn in ways])
     ranges = np.stack([reading.laser for reading in readings])
-    return Log(stamps - stamps[0], increments, ranges, {}), chapter.settings.sensors.laser
+    return SensorLog(stamps - stamps[0], increments, ranges, {}), chapter.settings.sensors.laser
 
 
-def replayed(chapter: Chapter, render_mode: str | None = None) -> NavigationEnv:
+def replay_env(chapter: RecordedEpisode, render_mode: str | None = None) -> NavigationEnv:
     """An environment whose next `reset()` and steps repeat an episode, observed and judged anew."""
     sensors = chapter.settings.sensors
     if sensors.pose_source != "truth":  # the recorded pose is what it came to; nobody looks again
@@ -250,8 +278,8 @@ def replayed(chapter: Chapter, render_mode: str | None = None) -> NavigationEnv:
     path = chapter.path
     guidance = (lambda task: path) if isinstance(path, np.ndarray) else path
     settings = dataclasses.replace(chapter.settings, sensors=sensors, guidance=guidance)
-    chair = ReplayedChair(chapter.readings)
+    chair = ReplayedChair(chapter.states)
     env = NavigationEnv(config=settings, chair=chair, render_mode=render_mode)
     if chapter.settings.sensors.pose_source == "slam":
-        env.task.chart = chair.chart
+        env.task.built_map = chair.built_map
     return env

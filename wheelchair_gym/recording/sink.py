@@ -16,7 +16,7 @@ _CHUNK = 1 << 18  # bytes: a full disk costs no more of the recording
 _LOG = logging.getLogger(__name__)
 
 
-class Outlet:
+class Sink:
     """Topics, an instant, and whoever listens.
 
     Args:
@@ -57,21 +57,21 @@ class Outlet:
                 raise InputError(f"port {port}: nobody can join there ({error})") from None
         self.port: int | None = self._server.port if self._server else None
         self._channels: dict[str, Any] = {
-            topic: kind(topic, context=context) for topic, kind in messages.TYPED.items()
+            topic: kind(topic, context=context) for topic, kind in messages.TYPED_CHANNELS.items()
         }
-        for topic, schema in messages.PLAIN.items():
+        for topic, schema in messages.JSON_SCHEMAS.items():
             self._channels[topic] = foxglove.Channel(topic, schema=schema, context=context)
 
     def send(self, topic: str, message: Any) -> None:
         """Send a typed message, see `recording.messages.TYPED`."""
         self._channels[topic].log(message, log_time=self.now)
 
-    def tell(self, topic: str, content: dict[str, Any]) -> None:
+    def write(self, topic: str, content: dict[str, Any]) -> None:
         """Send what JSON can say, see `recording.messages.PLAIN`."""
         text = json.dumps(content, allow_nan=False)
         self._channels[topic].log(text.encode(), log_time=self.now)
 
-    def failed(self) -> str:
+    def new_error(self) -> str:
         """That the file has just ended before the run did; told once, then empty."""
         if self._told or self._disk is None or not self._disk.error:
             return ""
@@ -84,7 +84,7 @@ class Outlet:
             self._file.close()
         if self._disk:
             self._disk.close()
-        if why := self.failed():
+        if why := self.new_error():
             _LOG.warning("%s", why)
         if self._server:
             self._server.stop()

@@ -35,12 +35,12 @@ class Frame:
         placed: Array = p * (self.scale, -self.scale) + (self.left, self.bottom)
         return placed
 
-    def enlarged(self, factor: float) -> Frame:
+    def scaled(self, factor: float) -> Frame:
         """The frame of the same picture with `factor` times as many pixels a side."""
         return Frame(self.scale * factor, self.left * factor, self.bottom * factor)
 
 
-def fitted(bounds: ArrayLike, height: float, width: float) -> Frame:
+def fit_frame(bounds: ArrayLike, height: float, width: float) -> Frame:
     """The frame that centres bounds (xmin, ymin, xmax, ymax) [m] in height x width pixels."""
     x0, y0, x1, y1 = np.asarray(bounds, dtype=np.float64)
     scale = min(width / (x1 - x0), height / (y1 - y0))
@@ -57,21 +57,21 @@ class Canvas:
 
     image: Image
     frame: Frame
-    unit: float = 1.0
+    stroke_scale: float = 1.0
 
-    def enlarged(self, factor: int) -> Canvas:
+    def upsampled(self, factor: int) -> Canvas:
         """A copy with more pixels, to be drawn on and brought back by `shrunk`."""
         h, w = self.image.shape[:2]
         size = (w * factor, h * factor)
         image: Any = cv2.resize(self.image, size, interpolation=cv2.INTER_NEAREST)
-        return Canvas(image, self.frame.enlarged(factor), self.unit * factor)
+        return Canvas(image, self.frame.scaled(factor), self.stroke_scale * factor)
 
-    def shrunk(self, factor: int) -> Canvas:
+    def downsampled(self, factor: int) -> Canvas:
         """A copy with fewer pixels, each the mean of factor x factor."""
         h, w = self.image.shape[:2]
         size = (w // factor, h // factor)
         image: Any = cv2.resize(self.image, size, interpolation=cv2.INTER_AREA)
-        return Canvas(image, self.frame.enlarged(1 / factor), self.unit / factor)
+        return Canvas(image, self.frame.scaled(1 / factor), self.stroke_scale / factor)
 
     def _fixed(self, points: ArrayLike) -> NDArray[np.int32]:
         """Points (n, 2) [m] in OpenCV's fixed-point pixels, whose integers are pixel centres."""
@@ -81,7 +81,7 @@ class Canvas:
         return np.clip(fixed, -_FAR, _FAR, out=fixed).astype(np.int32)
 
     def _width(self, width: float) -> int:
-        return max(1, round(width * self.unit))
+        return max(1, round(width * self.stroke_scale))
 
     def _blend(self, outlines: Sequence[NDArray[np.int32]], colour: Colour, alpha: float) -> None:
         """Fill fixed-point outlines by the even-odd rule, only where they lie."""
@@ -115,7 +115,7 @@ class Canvas:
             return
         if len(p) > 50:  # a long trail: points closer than two pixels cost time and show nothing
             way = np.cumsum(np.hypot(*np.diff(p[:, :2], axis=0).T)) * self.frame.scale
-            kept = np.diff(np.floor(way / (2.0 * self.unit)), prepend=0.0) > 0.0
+            kept = np.diff(np.floor(way / (2.0 * self.stroke_scale)), prepend=0.0) > 0.0
             kept[-1] = True
             p = p[np.concatenate([[True], kept])]
         stroke = self._width(width)
@@ -136,7 +136,7 @@ class Canvas:
         if len(p) < 2:
             return
         way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(p, axis=0).T))])
-        step = dash * self.unit / self.frame.scale
+        step = dash * self.stroke_scale / self.frame.scale
         for a in np.arange(0.0, way[-1], 2.0 * step):
             b = min(a + step, way[-1])
             stops = np.concatenate([[a], way[(way > a) & (way < b)], [b]])
@@ -161,9 +161,9 @@ class Canvas:
 
     def dot(self, centre: ArrayLike, radius: float, colour: Colour) -> None:
         """Fill a disc whose radius is in pixels: a mark, whatever the scale."""
-        self._circle(centre, radius * self.unit, colour, -1)
+        self._circle(centre, radius * self.stroke_scale, colour, -1)
 
-    def specks(self, points: ArrayLike, colour: Colour, size: float = 2.0) -> None:
+    def points(self, points: ArrayLike, colour: Colour, size: float = 2.0) -> None:
         """Set a small square at each of many points (n, 2) [m], quickly."""
         side = self._width(size)
         corner = np.rint(self.frame.pixels(points) - 0.5 * side).astype(np.int64)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from wheelchair_gym.rendering import palette
-from wheelchair_gym.rendering.canvas import Canvas, fitted, text_width, write_text
+from wheelchair_gym.rendering.canvas import Canvas, fit_frame, text_width, write_text
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ _CAPITAL = 0.36  # height of a capital, as a share of the strip
 _SHRINK = 0.6  # a caption too long is written smaller, down to this; then it loses words
 
 
-def loops(walls: ArrayLike) -> list[Array]:
+def closed_loops(walls: ArrayLike) -> list[Array]:
     """Chain walls (n, 4) [m] into closed loops, each (k, 2), that the even-odd rule can fill.
 
     Where more than two walls meet, any way of chaining them fills the same points. A chain that
@@ -59,7 +59,7 @@ def loops(walls: ArrayLike) -> list[Array]:
     return found
 
 
-def grid_outline(grid: OccupancyGrid) -> Array:
+def known_area(grid: OccupancyGrid) -> Array:
     """Corners (4, 2) [m] of the smallest part of the grid that holds every known cell."""
     known = np.argwhere(grid.cells != UNKNOWN)
     low, high = np.zeros(2), np.array(grid.shape)
@@ -70,14 +70,14 @@ def grid_outline(grid: OccupancyGrid) -> Array:
     return placed
 
 
-def extent(points: ArrayLike, margin: float) -> Array:
+def bounding_box(points: ArrayLike, margin: float) -> Array:
     """Bounds (xmin, ymin, xmax, ymax) [m] of points (n, 2), with a margin on each side."""
     p = np.asarray(points, dtype=np.float64)
     p = p[np.isfinite(p).all(axis=-1)]
     return np.concatenate([p.min(axis=0) - margin, p.max(axis=0) + margin])
 
 
-def blank(bounds: ArrayLike, size: int | tuple[int, int]) -> Canvas:
+def new_canvas(bounds: ArrayLike, size: int | tuple[int, int]) -> Canvas:
     """An empty canvas for bounds [m], with a strip for the caption below the world.
 
     Args:
@@ -108,7 +108,7 @@ def blank(bounds: ArrayLike, size: int | tuple[int, int]) -> Canvas:
     long_side = max(height, width)
     room = height - strip_height(long_side)
     unit = max(min(1.0, long_side / _NO_STRIP), long_side / 640.0)
-    return Canvas(image, fitted(bounds, room, width), unit)
+    return Canvas(image, fit_frame(bounds, room, width), unit)
 
 
 def strip_height(long_side: int) -> int:
@@ -116,7 +116,7 @@ def strip_height(long_side: int) -> int:
     return 0 if long_side < _NO_STRIP else max(_STRIP_LEAST, round(_STRIP * long_side))
 
 
-def lay_grid(canvas: Canvas, grid: OccupancyGrid) -> None:
+def draw_grid(canvas: Canvas, grid: OccupancyGrid) -> None:
     """Colour each pixel as the map's cell under it: free, occupied or unknown."""
     cells = grid.cells
     shades = np.empty((*cells.shape, 3), dtype=np.uint8)
@@ -140,34 +140,34 @@ def lay_grid(canvas: Canvas, grid: OccupancyGrid) -> None:
     canvas.image[:] = laid
 
 
-def lay_solids(canvas: Canvas, walls: ArrayLike, discs: ArrayLike) -> None:
+def draw_obstacles(canvas: Canvas, walls: ArrayLike, discs: ArrayLike) -> None:
     """Fill what the walls (n, 4) enclose and the discs (m, 3) [m]."""
     segments = np.asarray(walls, dtype=np.float64).reshape(-1, 4)
-    canvas.fill(loops(segments), palette.SOLID)
+    canvas.fill(closed_loops(segments), palette.SOLID)
     canvas.segments(segments, palette.SOLID)
     for x, y, radius in np.asarray(discs, dtype=np.float64).reshape(-1, 3):
         canvas.disc((x, y), radius, palette.SOLID)
 
 
-def mark_goal(canvas: Canvas, goal: ArrayLike, tolerance: float) -> None:
+def draw_goal(canvas: Canvas, goal: ArrayLike, tolerance: float) -> None:
     """The goal, and within which circle it counts as reached."""
     canvas.disc(goal, tolerance, palette.GOAL, 0.22)
     canvas.ring(goal, tolerance, palette.GOAL, 2.0)
     canvas.dot(goal, 3.5, palette.GOAL)
 
 
-def mark_start(canvas: Canvas, start: ArrayLike) -> None:
+def draw_start(canvas: Canvas, start: ArrayLike) -> None:
     """The start: a hollow circle, with a tick towards the heading where there is one."""
     s = np.asarray(start, dtype=np.float64)
     if len(s) > 2:
-        tick = 14.0 * canvas.unit / canvas.frame.scale
+        tick = 14.0 * canvas.stroke_scale / canvas.frame.scale
         tip = s[:2] + tick * np.array([math.cos(s[2]), math.sin(s[2])])
         canvas.line([s[:2], tip], palette.START, 2.0)
     canvas.dot(s, 6.0, palette.START)
     canvas.dot(s, 3.5, palette.FREE)
 
 
-def rule_strip(canvas: Canvas) -> None:
+def draw_scale_bar(canvas: Canvas) -> None:
     """Clear the caption strip and put a scale bar at its right end."""
     h, w = canvas.image.shape[:2]
     strip = strip_height(max(h, w) // FINE) * FINE
@@ -175,11 +175,11 @@ def rule_strip(canvas: Canvas) -> None:
         return
     image = canvas.image[h - strip :]
     image[:] = palette.PAPER
-    image[: max(1, round(canvas.unit))] = palette.RULE
+    image[: max(1, round(canvas.stroke_scale))] = palette.RULE
     capital = _CAPITAL * strip
     label, start, left = _scale_bar(w, canvas.frame.scale, strip)
     right, middle = w - 0.5 * strip, round(0.5 * strip)
-    stroke = max(1, round(1.5 * canvas.unit))
+    stroke = max(1, round(1.5 * canvas.stroke_scale))
     image[middle : middle + stroke, left : round(right)] = palette.INK
     for end in (left, round(right) - stroke):
         image[

@@ -22,18 +22,18 @@ def draw_map(maps: Sequence[tuple[str, OccupancyGrid, ArrayLike]], size: int = 9
         maps: for each its caption (ASCII), the grid and poses (n, 2 or 3) [m, m, rad].
         size: long side of each [pixels].
     """
-    corners = np.concatenate([floor.grid_outline(grid) for _, grid, _ in maps])
-    bounds = floor.extent(corners, _MARGIN)
+    corners = np.concatenate([floor.known_area(grid) for _, grid, _ in maps])
+    bounds = floor.bounding_box(corners, _MARGIN)
     panels = []
     for caption, grid, trail in maps:
-        fine = floor.blank(bounds, size).enlarged(floor.FINE)
-        floor.lay_grid(fine, grid)
+        fine = floor.new_canvas(bounds, size).upsampled(floor.FINE)
+        floor.draw_grid(fine, grid)
         poses = np.asarray(trail, dtype=np.float64)
         fine.line(poses, palette.TRAIL, _TRAIL)
         if len(poses):
-            floor.mark_start(fine, poses[0])
-        floor.rule_strip(fine)
-        panel = fine.shrunk(floor.FINE)
+            floor.draw_start(fine, poses[0])
+        floor.draw_scale_bar(fine)
+        panel = fine.downsampled(floor.FINE)
         floor.write_caption(panel, caption)
         panels.append(panel.image)
     return np.hstack(panels)

@@ -38,7 +38,7 @@ FILLS = {
 RIMS = {EVERYBODY: palette.INK, NOBODY: palette.VERMILION}
 
 
-def draw_movers(canvas: Canvas, movers: Movers, poses: Array) -> None:
+def draw_actors(canvas: Canvas, movers: Movers, poses: Array) -> None:
     """Draw movers at their true shapes.
 
     Args:
@@ -99,24 +99,24 @@ class TopView:
         self.sensors = sensors or SensorSettings()
         if bounds is None:
             ends: list[Any] = [
-                floor.grid_outline(episode.map),
+                floor.known_area(episode.map),
                 [episode.start[:2], episode.goal[:2]],
             ]
             ends += [episode.walls.reshape(-1, 2), *_disc_corners(episode.discs)]
-            bounds = floor.extent(np.concatenate(ends), 0.1)
+            bounds = floor.bounding_box(np.concatenate(ends), 0.1)
         self.movers = episode.movers
         self._cones = _cones(self.sensors.ultrasonic)
         self._wheels = _wheels(self.footprint, self.drive)
         front, half = self.footprint.front, self.footprint.half_width
         self._mark = _HEADING * (front, half)
-        fine = floor.blank(bounds, size).enlarged(floor.FINE)
-        floor.lay_grid(fine, episode.map)
-        floor.lay_solids(fine, episode.walls, episode.discs)
+        fine = floor.new_canvas(bounds, size).upsampled(floor.FINE)
+        floor.draw_grid(fine, episode.map)
+        floor.draw_obstacles(fine, episode.walls, episode.discs)
         near = tolerance if episode.tolerance is None else episode.tolerance
-        floor.mark_goal(fine, episode.goal, near)
-        floor.mark_start(fine, episode.start)
-        floor.rule_strip(fine)
-        self.background = fine.shrunk(floor.FINE)
+        floor.draw_goal(fine, episode.goal, near)
+        floor.draw_start(fine, episode.start)
+        floor.draw_scale_bar(fine)
+        self.background = fine.downsampled(floor.FINE)
         self.frame = self.background.frame
 
     def draw(
@@ -140,7 +140,7 @@ class TopView:
             caption: one line below the picture, ASCII.
             movers: where the episode's movers are (k, 3) [m, m, rad]; NaN: not there.
         """
-        canvas = Canvas(self.background.image.copy(), self.frame, self.background.unit)
+        canvas = Canvas(self.background.image.copy(), self.frame, self.background.stroke_scale)
         at = np.asarray(pose, dtype=np.float64)
         if path is not None:
             canvas.line(path, palette.PATH, 2.5)
@@ -153,7 +153,7 @@ class TopView:
             if math.hypot(gap[0], gap[1]) > _DIFFERS[0] or abs(wrap_angle(gap[2])) > _DIFFERS[1]:
                 self._ghost(canvas, reading.pose)
         if movers is not None:
-            draw_movers(canvas, self.movers, movers)
+            draw_actors(canvas, self.movers, movers)
         self._chair(canvas, at)
         for point in np.asarray(look_ahead if look_ahead is not None else [], dtype=np.float64):
             canvas.dot(point, 4.5, palette.FREE)
@@ -178,7 +178,7 @@ class TopView:
         mount = (laser.x, laser.y)
         fan = to_world(np.vstack([[mount], mount + seen[:, None] * rays]), pose)
         canvas.fill([fan], palette.LASER, _LASER_ALPHA)
-        canvas.specks(fan[1:][np.isfinite(ranges)], palette.LASER)
+        canvas.points(fan[1:][np.isfinite(ranges)], palette.LASER)
 
     def _ultrasonics(self, canvas: Canvas, pose: Array, reading: Reading) -> None:
         mounts, sectors, colours = self._cones

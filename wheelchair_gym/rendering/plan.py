@@ -58,13 +58,13 @@ def draw_plan(
     """
     box = np.asarray(bounds, dtype=np.float64)
     margin = 0.01 * float((box[2:] - box[:2]).max())
-    canvas = floor.blank(box + np.array([-margin, -margin, margin, margin]), size)
-    fine = canvas.enlarged(floor.FINE)
+    canvas = floor.new_canvas(box + np.array([-margin, -margin, margin, margin]), size)
+    fine = canvas.upsampled(floor.FINE)
     x0, y0, x1, y1 = box
     fine.fill([[(x0, y0), (x1, y0), (x1, y1), (x0, y1)]], palette.FREE)
     segments = [no_walls() if walls is None else np.asarray(walls, dtype=np.float64)]
     segments += [polygon_edges(polygon) for polygon in polygons]
-    floor.lay_solids(fine, np.concatenate(segments), no_discs() if discs is None else discs)
+    floor.draw_obstacles(fine, np.concatenate(segments), no_discs() if discs is None else discs)
     if tree is not None:
         fine.segments(tree, palette.TREE, _TREE)
     for particle in swarm:
@@ -76,17 +76,17 @@ def draw_plan(
     if optimum is not None:
         fine.dashes(optimum, palette.OPTIMUM, _OPTIMUM)
     if tolerance > 0.0:
-        floor.mark_goal(fine, goal, tolerance)
+        floor.draw_goal(fine, goal, tolerance)
     else:
         _mark_goal(fine, goal)
-    floor.mark_start(fine, start)
-    floor.rule_strip(fine)
-    picture = fine.shrunk(floor.FINE)
+    floor.draw_start(fine, start)
+    floor.draw_scale_bar(fine)
+    picture = fine.downsampled(floor.FINE)
     floor.write_caption(picture, caption)
     if not legend:
         return picture.image
     entries: list[tuple[str, Callable[[Canvas, Array], None]]] = [
-        ("start", lambda on, at: floor.mark_start(on, at.mean(axis=0))),
+        ("start", lambda on, at: floor.draw_start(on, at.mean(axis=0))),
         ("goal", lambda on, at: _mark_goal(on, at.mean(axis=0))),
     ]
     if path is not None and len(np.asarray(path)):
@@ -121,9 +121,9 @@ def _legend(entries: Sequence[tuple[str, Callable[[Canvas, Array], None]]], belo
         x += needed + _GAP * capital
     # One metre is one pixel here, and y points up.
     image: Image = np.full((rows * row, width, 3), palette.PAPER, dtype=np.uint8)
-    canvas = Canvas(image, Frame(1.0, 0.0, 0.0), below.unit * floor.FINE)
+    canvas = Canvas(image, Frame(1.0, 0.0, 0.0), below.stroke_scale * floor.FINE)
     for (left, middle), (label, swatch) in zip(places, entries, strict=True):
         swatch(canvas, np.array([(left, -middle), (left + _SWATCH * capital, -middle)]))
         at = (left + (_SWATCH + 0.6) * capital, middle + 0.5 * capital)
         write_text(image, label, at, capital, palette.INK)
-    return canvas.shrunk(floor.FINE).image
+    return canvas.downsampled(floor.FINE).image

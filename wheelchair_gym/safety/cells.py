@@ -32,7 +32,7 @@ def laser_frame(g: Any, s: Any) -> tuple[float, float, float, float]:
 
 
 @borrowing_kernel
-def follow(s: Any) -> None:
+def recenter_grid(s: Any) -> None:
     """Let the grid follow the chair; what comes in was never looked at."""
     for axis in range(2):
         want = math.floor(s.pose[axis] / CELL) - CELLS // 2
@@ -68,7 +68,7 @@ def _find_beams(
 
 
 @borrowing_kernel
-def look_round(g: Any, s: Any, laser: Floats) -> None:
+def update_grid(g: Any, s: Any, laser: Floats) -> None:
     """Note which cells the scan has looked at, and which it has found empty.
 
     Every other column at a time, since it is half of a reading's work.
@@ -76,7 +76,7 @@ def look_round(g: Any, s: Any, laser: Floats) -> None:
     beams, now, step = laser.shape[0], _F(s.stamp), _F(CELL)
     lx, ly, cl, sl = laser_frame(g, s)
     c, sn = _F(math.cos(s.pose[2])), _F(math.sin(s.pose[2]))
-    vacated = _F(s.stamp - max(0.0, g.memory - g.vacated))
+    vacated = _F(s.stamp - max(0.0, g.memory_time - g.vacated_time))
     front, rear = _F(g.outline[0]) + _LOOKED, _F(-g.outline[1]) - _LOOKED
     half = _F(g.outline[2]) - _F(0.02)
     ey, by = (s.corner[1] + 0.5) * CELL - ly, (s.corner[1] + 0.5) * CELL - s.pose[1]
@@ -110,7 +110,7 @@ def look_round(g: Any, s: Any, laser: Floats) -> None:
 
 
 @borrowing_kernel
-def was_clear(s: Any, x: float, y: float) -> bool:
+def was_empty(s: Any, x: float, y: float) -> bool:
     """Whether nothing at all stood about a point (dead-reckoned) a moment ago."""
     i, j = math.floor(x / CELL) - s.corner[0], math.floor(y / CELL) - s.corner[1]
     if i < 1 or j < 1 or i >= CELLS - 1 or j >= CELLS - 1:

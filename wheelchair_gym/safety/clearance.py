@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 @kernel
-def points_gap(
+def clearance_to_points(
     x: float, y: float, yaw: float, footprint: Array, points: Array, interest: float
 ) -> float:
     """Distance [m] from the outline at a pose to the nearest point, at most `interest`; 0 inside.
@@ -44,7 +44,7 @@ def points_gap(
 
 
 @kernel
-def kept_clear(
+def required_clearance(
     least: float, headway: float, speed: float, turn: float, lever: float, crawl: float
 ) -> float:
     """Room [m] to be kept round the outline: `least`, and more the faster a part of it moves.
@@ -61,7 +61,7 @@ def kept_clear(
 
 
 @borrowing_kernel
-def signed_gap(px: float, py: float, outline: Array) -> float:
+def signed_clearance(px: float, py: float, outline: Array) -> float:
     """Distance [m] of a point in the chair's frame to the outline; below 0 inside of it."""
     dx = max(px - outline[0], -outline[1] - px)
     dy = abs(py) - outline[2]

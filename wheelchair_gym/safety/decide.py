@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import SOONER, approach, brake
 from wheelchair_gym.safety.state import FAR, NOTHING, STANDS
-from wheelchair_gym.safety.sweep import surprised, sweep
+from wheelchair_gym.safety.sweep import check_trajectory, needs_protective_stop
 
 Array = NDArray[np.float64]
 
@@ -24,13 +24,13 @@ def _share(g: Any, s: Any, v: float, w: float) -> tuple[float, int]:
     """How much of a twist may be driven, and why not more."""
     if v == 0.0 and w == 0.0 and s.set[0] == 0.0 and s.set[2] == 0.0:
         return 1.0, NOTHING
-    reason = sweep(g, s, v, w)
+    reason = check_trajectory(g, s, v, w)
     if reason == NOTHING:
         return 1.0, reason
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        if sweep(g, s, middle * v, middle * w) == NOTHING:
+        if check_trajectory(g, s, middle * v, middle * w) == NOTHING:
             low = middle
         else:
             high = middle
@@ -38,7 +38,7 @@ def _share(g: Any, s: Any, v: float, w: float) -> tuple[float, int]:
 
 
 @borrowing_kernel
-def slow_for_unseen(g: Any, s: Any, motion: Array, twists: Array) -> None:
+def limit_for_unseen_space(g: Any, s: Any, motion: Array, twists: Array) -> None:
     """Slow twists (n, 2) to what may be taken up and may last, by the rule of the unseen alone.
 
     Args:
@@ -58,11 +58,11 @@ def slow_for_unseen(g: Any, s: Any, motion: Array, twists: Array) -> None:
             for i in range(4):
                 s.set[i] = motion[i]
             s.late[0], s.late[1] = motion[0], motion[2]
-            good = sweep(g, s, share * v, share * w) == NOTHING
+            good = check_trajectory(g, s, share * v, share * w) == NOTHING
             if good:  # and once the chair drives like that
                 s.set[0], s.set[1], s.set[2], s.set[3] = share * v, 0.0, share * w, 0.0
                 s.late[0], s.late[1] = share * v, share * w
-                good = sweep(g, s, share * v, share * w) == NOTHING
+                good = check_trajectory(g, s, share * v, share * w) == NOTHING
             if good:
                 low = share
             else:
@@ -77,9 +77,9 @@ def slow_for_unseen(g: Any, s: Any, motion: Array, twists: Array) -> None:
 
 
 @borrowing_kernel
-def lag(g: Any, s: Any, dt: float) -> None:
+def delay_setpoint(g: Any, s: Any, dt: float) -> None:
     """What the wheels do follows what they are set to."""
-    share = dt / (g.reaction + dt)
+    share = dt / (g.reaction_time + dt)
     s.late[0] += share * (s.set[0] - s.late[0])
     s.late[1] += share * (s.set[2] - s.late[1])
 
@@ -101,19 +101,19 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
     if reason == NOTHING:
         share, reason = _share(g, s, v, w)
     v, w = share * v, share * w
-    s.protective = s.latched != NOTHING or (share == 0.0 and surprised(g, s))
+    s.protective = s.latched != NOTHING or (share == 0.0 and needs_protective_stop(g, s))
     s.reason, s.given[0], s.given[1] = reason, v, w
     if s.rearmed and abs(s.set[0]) + abs(s.set[2]) < STANDS:  # it stands a period more
         s.latched, s.rearmed = NOTHING, False
     if s.protective:
         s.set[0], s.set[2] = brake(s.set[0], s.set[2], SOONER * limits[5] * g.period, g.track)
         s.set[1], s.set[3] = 0.0, 0.0
-        lag(g, s, g.period)
+        delay_setpoint(g, s, g.period)
         return 0.0, 0.0, True
     n = max(1, round(g.period / _FINE))
     dt = g.period / n
     for _ in range(n):
         s.set[0], s.set[1] = approach(s.set[0], s.set[1], v, limits[3], limits[4], limits[7], dt)
         s.set[2], s.set[3] = approach(s.set[2], s.set[3], w, limits[6], limits[6], limits[8], dt)
-        lag(g, s, dt)
+        delay_setpoint(g, s, dt)
     return v, w, False

@@ -38,7 +38,7 @@ def _explained(g: Any, s: Any, k: int, x: float, y: float, yaw: float, r: float)
 
 
 @borrowing_kernel
-def hear(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
+def update_echoes(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
     """Take in echoes: one that no laser point explains, and that is heard twice, is an obstacle.
 
     It may stand anywhere on its arc. Twice, since a ghost is heard once.

@@ -43,7 +43,7 @@ _FAR = 1.0  # m: the same, of the laser's reach
 
 
 @borrowing_kernel
-def stir(value: float, salt: int) -> np.uint64:
+def hash_value(value: float, salt: int) -> np.uint64:
     """A word of the bits of a number: the same for the same bits, NaN and infinities among them."""
     # Whatever is invalid has a word of its own; the others are told apart to 2^-30 m.
     if value != value:
@@ -62,7 +62,7 @@ def hash_floats(values: Floats, begin: np.uint64) -> np.uint64:
     """A hash of float32 numbers (n,), on top of another."""
     h = begin
     for k in range(values.shape[0]):
-        word = stir(float(values[k]), k)
+        word = hash_value(float(values[k]), k)
         h += (word ^ (word >> np.uint64(29))) * _FACTOR
     return h
 
@@ -111,7 +111,7 @@ def expected_echoes(g: Any, s: Any) -> int:
 
 
 @borrowing_kernel
-def watch_echoes(g: Any, s: Any, laser: Floats, echoes: int, dt: float) -> bool:
+def laser_is_blind(g: Any, s: Any, laser: Floats, echoes: int, dt: float) -> bool:
     """Keep count of how long scans lack echoes against the evidence; whether for too long.
 
     Args:
@@ -144,7 +144,7 @@ def watch_echoes(g: Any, s: Any, laser: Floats, echoes: int, dt: float) -> bool:
 
 
 @borrowing_kernel
-def watch(
+def check_sensors(
     g: Any, s: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, age: Floats,
     bumped: bool, halted: bool, dt: float,
 ) -> bool:  # fmt: skip
@@ -174,7 +174,7 @@ def watch(
     now, echoes = hash_floats(laser, np.uint64(0)), count_echoes(laser)
     fresh = not s.begun or now != s.laser_hash or echoes == 0  # no noise tells empty scans apart
     valid = valid_share(laser) >= half
-    if valid and watch_echoes(g, s, laser, echoes, dt):
+    if valid and laser_is_blind(g, s, laser, echoes, dt):
         reason = LASER_BLIND
     if fresh:
         s.laser_frozen = 0.0

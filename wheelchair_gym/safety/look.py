@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import arc_step
-from wheelchair_gym.safety.cells import follow, look_round
-from wheelchair_gym.safety.clearance import signed_gap
-from wheelchair_gym.safety.echoes import hear
-from wheelchair_gym.safety.faults import watch
-from wheelchair_gym.safety.memory import remember
+from wheelchair_gym.safety.cells import recenter_grid, update_grid
+from wheelchair_gym.safety.clearance import signed_clearance
+from wheelchair_gym.safety.echoes import update_echoes
+from wheelchair_gym.safety.faults import check_sensors
+from wheelchair_gym.safety.memory import update_points
 from wheelchair_gym.safety.state import BINS, CLOSE, FAR, NOTHING, REACH
 
 Array = NDArray[np.float64]
@@ -22,7 +22,7 @@ Floats = NDArray[np.float32]
 
 
 @borrowing_kernel
-def forget(s: Any) -> None:
+def reset(s: Any) -> None:
     """Begin anew: nothing was seen, the chair stands."""
     s.begun, s.rearmed = False, False
     s.stamp, s.latched, s.reason = 0.0, 0, NOTHING
@@ -57,7 +57,7 @@ def _near(s: Any, outline: Array, margin: float, px: float, py: float, n: int) -
     far = math.sqrt(px * px + py * py)
     if far >= REACH:
         return n
-    gap = signed_gap(px, py, outline)
+    gap = signed_clearance(px, py, outline)
     s.gap = min(s.gap, max(0.0, gap))
     if gap < margin and s.n_close < CLOSE:
         s.close[s.n_close, 0], s.close[s.n_close, 1], s.close[s.n_close, 2] = px, py, gap
@@ -74,7 +74,7 @@ def gather(g: Any, s: Any) -> None:
     for b in range(BINS + 1):
         s.bins[b] = 0
     s.gap, s.n_close, n = FAR, 0, 0
-    outline, margin = g.outline[:], g.margin
+    outline, margin = g.outline[:], g.stop_margin
     c, sn = math.cos(s.pose[2]), math.sin(s.pose[2])
     x, y = s.pose[0], s.pose[1]
     for k in range(s.n_points):
@@ -104,7 +104,7 @@ def gather(g: Any, s: Any) -> None:
 
 
 @borrowing_kernel
-def look(
+def update(
     g: Any, s: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, age: Floats,
     bumped: bool, halted: bool, stamp: float,
 ) -> None:  # fmt: skip
@@ -134,16 +134,16 @@ def look(
         x, y, yaw = arc_step(s.pose[0], s.pose[1], s.pose[2], v, w, dt)
         s.pose[0], s.pose[1], s.pose[2] = x, y, yaw
     s.stamp = stamp
-    fresh = watch(g, s, pose, twist, laser, ultrasonic, age, bumped, halted, dt)
+    fresh = check_sensors(g, s, pose, twist, laser, ultrasonic, age, bumped, halted, dt)
     if halted:
         s.set[0], s.set[1], s.set[2], s.set[3] = v, 0.0, w, 0.0
         s.late[0], s.late[1] = v, w
-    follow(s)
+    recenter_grid(s)
     if fresh:
-        remember(g, s, laser, dt)
-        look_round(g, s, laser)
+        update_points(g, s, laser, dt)
+        update_grid(g, s, laser)
         if not s.begun:  # the other half of the columns, too
-            look_round(g, s, laser)
-    hear(g, s, ultrasonic, age)
+            update_grid(g, s, laser)
+    update_echoes(g, s, ultrasonic, age)
     gather(g, s)
     s.begun = True

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import floats_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.safety.cells import laser_frame, was_clear
+from wheelchair_gym.safety.cells import laser_frame, was_empty
 from wheelchair_gym.safety.state import FAR, FRESH, KEPT, LONE, MOVERS, STANDS
 from wheelchair_gym.sensors.echoes import bearing
 from wheelchair_gym.sensors.laser import middle
@@ -108,7 +108,7 @@ def _keep(g: Any, s: Any, laser: Floats, dt: float) -> None:
     """
     if abs(s.set[0]) + abs(s.set[2]) < STANDS:
         for k in range(s.n_points):
-            if s.points[k, 2] > s.stamp + g.memory:
+            if s.points[k, 2] > s.stamp + g.memory_time:
                 s.points[k, 2] += (1.0 - _AGEING) * dt
     old = _forget(g, s, laser, s.points[:], s.n_old, KEPT, 0.0, 0)
     fresh = s.points[s.n_old : s.n_points]
@@ -142,14 +142,14 @@ def _add(
     px, py = lx + c * x - sn * y, ly + sn * x + c * y
     s.points[n, 0], s.points[n, 1] = px, py
     s.n_points = n + 1
-    last = s.stamp if was_clear(s, px, py) else -math.inf
+    last = s.stamp if was_empty(s, px, py) else -math.inf
     for k in range(marks):
         dx, dy = s.marked[k, 0] - px, s.marked[k, 1] - py
         if s.marked[k, 2] > last and dx * dx + dy * dy < _BESIDE * _BESIDE:
             last = s.marked[k, 2]
-    moves = s.stamp - last <= g.wary
+    moves = s.stamp - last <= g.moving_memory_time
     lasts = not moves and x * x + y * y < _CLOSE_BY * _CLOSE_BY
-    s.points[n, 2] = s.stamp + (g.lasting if lasts else g.memory)
+    s.points[n, 2] = s.stamp + (g.static_memory_time if lasts else g.memory_time)
     if moves and s.n_marks < MOVERS:
         m = s.n_marks
         s.marks[m, 0], s.marks[m, 1], s.marks[m, 2] = px, py, last
@@ -193,7 +193,7 @@ def _keep_lone(g: Any, s: Any, laser: Floats) -> None:
         at = (bearing(_F(cl * dy - sl * dx), _F(cl * dx + sl * dy)) - g.first) * g.per_angle
         b = int(max(at, 0.0) + 0.5)
         passed = 1 <= b < beams - 1 and laser[b] >= far - _SAME
-        if s.stamp - s.lone[k, 2] > (_LONE_KEPT if passed else g.memory) or far > FAR:
+        if s.stamp - s.lone[k, 2] > (_LONE_KEPT if passed else g.memory_time) or far > FAR:
             continue
         for i in range(s.lone.shape[1]):
             s.lone[kept, i] = s.lone[k, i]
@@ -237,7 +237,7 @@ def _drop_passed(g: Any, s: Any, first: int) -> None:
 
 
 @borrowing_kernel
-def remember(g: Any, s: Any, laser: Floats, dt: float) -> None:
+def update_points(g: Any, s: Any, laser: Floats, dt: float) -> None:
     """Take in a scan, dt [s] after the last: arcs of beams that meet the same become a point each.
 
     A point is the mean of its arc's ranges, which averages noise, but where the arc ends in the
@@ -253,7 +253,7 @@ def remember(g: Any, s: Any, laser: Floats, dt: float) -> None:
             s.marked[k, i] = s.marks[k, i]
     edge = int(_EDGE * g.per_angle)
     _keep(g, s, laser, dt)
-    s.n_marks = _forget(g, s, laser, s.marks[:], s.n_marks, MOVERS // 2, g.wary, edge)
+    s.n_marks = _forget(g, s, laser, s.marks[:], s.n_marks, MOVERS // 2, g.moving_memory_time, edge)
     first = s.n_marks
     frame, far = laser_frame(g, s), _F(FAR)
     nearest, none = _F(g.nearest), _F(np.inf)

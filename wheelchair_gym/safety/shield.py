@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.address import Pointers, Target, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.physics.settings import ChairSettings
-from wheelchair_gym.safety.decide import decide, slow_for_unseen
-from wheelchair_gym.safety.look import forget, look
+from wheelchair_gym.safety.decide import decide, limit_for_unseen_space
+from wheelchair_gym.safety.look import reset, update
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.state import GUARD, REASONS, SHIELD, Guard
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
@@ -46,7 +46,7 @@ def look_alone(
     """`look` of a shield that is alone: alone (1,) of ALONE."""
     own = alone[0]
     g, s = _guards_at(own.guard, 1)[0], _shields_at(own.shield, 1)[0]
-    look(g, s, pose, twist, laser, ultrasonic, age, bumped, halted, stamp)
+    update(g, s, pose, twist, laser, ultrasonic, age, bumped, halted, stamp)
 
 
 @borrowing_kernel
@@ -61,7 +61,7 @@ def slow_alone(alone: Any, motion: Array, twists: Array) -> None:
     """`slow_for_unseen` of a shield that is alone."""
     own = alone[0]
     g, s = _guards_at(own.guard, 1)[0], _shields_at(own.shield, 1)[0]
-    slow_for_unseen(g, s, motion, twists)
+    limit_for_unseen_space(g, s, motion, twists)
 
 
 class Decision(NamedTuple):
@@ -125,11 +125,11 @@ class Shield:
             twist: what a policy asks for.
             reading: the latest; its stamps are the shield's only clock.
         """
-        self.look(reading)
+        self.update(reading)
         v, w, _ = decide_alone(self._alone, float(twist[0]), float(twist[1]))
         return np.array([v, w])
 
-    def look(self, reading: Reading) -> None:
+    def update(self, reading: Reading) -> None:
         """Take in a reading.
 
         Raises:
@@ -141,7 +141,7 @@ class Shield:
             reading.age, bool(reading.bumped), reading.halted != "", reading.stamp,
         )  # fmt: skip
 
-    def unhurried(self, twists: Array, motion: Array) -> Array:
+    def limit_for_unseen_space(self, twists: Array, motion: Array) -> Array:
         """Twists (n, 2) [m/s, rad/s], slowed to what may begin and last where nobody has seen.
 
         For who plans: nothing is decided, and no other rule is applied.
@@ -186,4 +186,4 @@ class Shield:
 @borrowing_kernel
 def forget_alone(alone: Any) -> None:
     """`forget` of a shield that is alone: alone (1,) of ALONE."""
-    forget(_shields_at(alone[0].shield, 1)[0])
+    reset(_shields_at(alone[0].shield, 1)[0])

@@ -48,8 +48,9 @@ ECHOES = 64  # beams of the last scan with echoes that are kept, to notice a las
 SAMPLES = 38  # points of the outline that may enter what nobody has seen
 
 NUMBERS = (  # of the settings, as kernels take them
-    "margin", "headway", "reaction", "crawl", "memory", "lasting", "vacated", "unseen", "pace",
-    "spurt", "wary",
+    "stop_margin", "time_headway", "reaction_time", "creep_speed", "memory_time",
+    "static_memory_time", "vacated_time", "unseen_speed", "person_speed", "person_acceleration",
+    "moving_memory_time",
 )  # fmt: skip
 
 GUARD = np.dtype(
@@ -196,7 +197,7 @@ class Guard:
         g["period"], g["track"] = period, chair.drive.track
         for name in NUMBERS:
             g[name] = getattr(own, name)
-        g["reaction"] += chair.lag
+        g["reaction_time"] += chair.lag
         for name in ("laser", "ultrasonic", "odometry"):
             g[f"stale_{name}"] = getattr(own.stale, name)
         g["beams"] = sensors.laser.beams

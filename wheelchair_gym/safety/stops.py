@@ -153,41 +153,41 @@ _BY_NAME = {stop.name: stop for stop in STOPS}
 SHIELD_FAULTS: Final = tuple(stop.name for stop in STOPS if stop.part == "shield")
 
 
-def of_shield(fault: str) -> str:
+def shield_message(fault: str) -> str:
     """What is said of a fault that the shield has latched; empty for none."""
     return _TOLD.format(fault) if fault else ""
 
 
-def stops_of(message: str) -> list[Stop]:
+def matching_stops(message: str) -> list[Stop]:
     """The rows of the table for what a part says: one, or one for each fault of a board."""
     found = [stop for stop in STOPS if re.match(stop.message, message)]
     faults = [stop for stop in found if stop.part == "drive board" and stop.name != "board fault"]
     return faults or found[:1]
 
 
-def advice_of(message: str) -> str:
+def advice_for(message: str) -> str:
     """What a person does about it, as a part of a sentence."""
-    rows = stops_of(message)
+    rows = matching_stops(message)
     return "; ".join(dict.fromkeys(stop.advice for stop in rows))
 
 
 def needs_person(message: str) -> bool:
     """Whether it lasts until a person re-arms the chair."""
-    return any(stop.ends in (Ends.REARM, Ends.NEW_RUN) for stop in stops_of(message))
+    return any(stop.ends in (Ends.REARM, Ends.NEW_RUN) for stop in matching_stops(message))
 
 
-def by_hand(message: str) -> bool:
+def is_manual(message: str) -> bool:
     """Whether it says that a person drives."""
-    return stops_of(message)[0].ends is Ends.PERSON
+    return matching_stops(message)[0].ends is Ends.PERSON
 
 
-def holds(halted: str, shield: Any) -> list[str]:
+def active_stops(halted: str, shield: Any) -> list[str]:
     """What keeps a chair from being driven: what it says (`Reading.halted`), and its shield."""
-    fault = "" if shield is None else of_shield(shield.latched)
+    fault = "" if shield is None else shield_message(shield.latched)
     return [why for why in (halted, fault) if why]
 
 
-class Stops:
+class StopMonitor:
     """What a chair stands for now, and since when.
 
     Attributes:
@@ -203,7 +203,7 @@ class Stops:
 
         It says `goes on` only when nothing holds it any longer.
         """
-        held = {stops_of(message)[0].name: message for message in messages if message}
+        held = {matching_stops(message)[0].name: message for message in messages if message}
         before, self.messages = self.messages, held
         lines = [
             f"stands: {message}; {_sentence(message)}"
@@ -215,7 +215,7 @@ class Stops:
             lines = ["goes on"]
         elif over:
             lines += [f"no longer: {'; '.join(over)}; still stands: {self.why}"]
-        hand = any(by_hand(message) for message in held.values())
+        hand = any(is_manual(message) for message in held.values())
         if not held or hand:
             self._waited = 0.0
         elif before:
@@ -235,8 +235,8 @@ class Stops:
 
 
 def _sentence(message: str) -> str:
-    first = stops_of(message)[0]
-    advice = advice_of(message)
+    first = matching_stops(message)[0]
+    advice = advice_for(message)
     return f"{first.ends.value}: {advice}" if needs_person(message) else advice
 
 

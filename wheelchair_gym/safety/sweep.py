@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import approach, brake, carried, odometric_step
 from wheelchair_gym.safety.cells import was_seen
-from wheelchair_gym.safety.clearance import kept_clear, points_gap, signed_gap
+from wheelchair_gym.safety.clearance import (
+    clearance_to_points,
+    required_clearance,
+    signed_clearance,
+)
 from wheelchair_gym.safety.state import (
     MOVING,
     NOTHING,
@@ -39,14 +43,14 @@ _WORSE = 1e-6  # m: what is inside the stop zone may not come nearer, beyond rou
 
 
 @borrowing_kernel
-def held(g: Any) -> int:
+def held_steps(g: Any) -> int:
     """Poses of a roll-out for which a twist is driven: as long as a period, or a little longer."""
     poses: int = math.ceil(g.period / STEP - _ROUND)
     return poses
 
 
 @borrowing_kernel
-def going_out(g: Any, k: int, v: float, v1: float, w: float, w1: float) -> float:
+def outward_speed(g: Any, k: int, v: float, v1: float, w: float, w1: float) -> float:
     """How fast [m/s] sample k of the outline goes outward at most, at a speed and a turn.
 
     That is along its side's normal; for a rear corner in a pivot, and in reverse, as fast as it
@@ -72,7 +76,7 @@ def going_out(g: Any, k: int, v: float, v1: float, w: float, w1: float) -> float
 
 
 @borrowing_kernel
-def may_meet(
+def may_reach_person(
     g: Any, x: float, y: float, yaw: float, v: float, w: float, moving: Array, t: float
 ) -> bool:
     """Whether who moves may get before a part of the outline that goes outward.
@@ -92,22 +96,22 @@ def may_meet(
         t: until the chair is there [s].
     """
     c, s = math.cos(yaw), math.sin(yaw)
-    walks = g.pace * t
-    starts = min(walks, 0.5 * g.spurt * t * t)
+    walks = g.person_speed * t
+    starts = min(walks, 0.5 * g.person_acceleration * t * t)
     for k in range(SAMPLES):
-        if going_out(g, k, v, v, w, w) <= g.crawl:
+        if outward_speed(g, k, v, v, w, w) <= g.creep_speed:
             continue
         ax, ay = g.samples[k, 0], g.samples[k, 1]
         px, py = x + c * ax - s * ay, y + s * ax + c * ay
         for i in range(moving.shape[0]):
-            room = g.margin + _BETWEEN + (starts if moving[i, 3] > _STOOD else walks)
+            room = g.stop_margin + _BETWEEN + (starts if moving[i, 3] > _STOOD else walks)
             if moving[i, 4] > 0.0:
                 if ax < _BLIND:
-                    room = g.margin + _BETWEEN + walks + g.pace * moving[i, 4]
+                    room = g.stop_margin + _BETWEEN + walks + g.person_speed * moving[i, 4]
                 elif moving[i, 0] < _BLIND:
                     continue  # they show themselves before they are where the laser looks
                 else:
-                    room = g.margin + _BETWEEN + walks
+                    room = g.stop_margin + _BETWEEN + walks
             dx, dy = moving[i, 0] - px, moving[i, 1] - py
             if dx * dx + dy * dy < room * room:
                 return True
@@ -115,7 +119,7 @@ def may_meet(
 
 
 @borrowing_kernel
-def between(speed: float, late: float, times: float) -> tuple[float, float]:
+def speed_interval(speed: float, late: float, times: float) -> tuple[float, float]:
     """The least and the greatest of a speed and of a late one, if that is farther from zero.
 
     Each is so many times as far from zero. A speed that rises is no danger for being late.
@@ -126,7 +130,7 @@ def between(speed: float, late: float, times: float) -> tuple[float, float]:
 
 
 @borrowing_kernel
-def enters_unseen(
+def enters_unseen_space(
     g: Any, s: Any, x: float, y: float, yaw: float, v: float, v1: float, w: float, w1: float,
     since: float, most: float,
 ) -> bool:  # fmt: skip
@@ -147,7 +151,7 @@ def enters_unseen(
     """
     c, sn = math.cos(yaw), math.sin(yaw)
     for k in range(SAMPLES):
-        if going_out(g, k, v, v1, w, w1) <= most:
+        if outward_speed(g, k, v, v1, w, w1) <= most:
             continue
         ax, ay = g.samples[k, 0], g.samples[k, 1]
         if not was_seen(s, x + c * ax - sn * ay, y + sn * ax + c * ay, since):
@@ -156,7 +160,7 @@ def enters_unseen(
 
 
 @borrowing_kernel
-def sweep(g: Any, s: Any, v: float, w: float) -> int:
+def check_trajectory(g: Any, s: Any, v: float, w: float) -> int:
     """Why a twist may not be driven for a period and then braked to rest; NOTHING if it may.
 
     That is just what the next decision does where it knows nothing better: before what stands it
@@ -168,12 +172,12 @@ def sweep(g: Any, s: Any, v: float, w: float) -> int:
         v: [m/s].
         w: [rad/s].
     """
-    reason = _sweep_still(g, s, v, w, g.margin, g.headway, g.unseen)
+    reason = _sweep_still(g, s, v, w, g.stop_margin, g.time_headway, g.unseen_speed)
     return _sweep_moving(g, s, v, w) if reason == NOTHING and s.n_moving > 0 else reason
 
 
 @borrowing_kernel
-def surprised(g: Any, s: Any) -> bool:
+def needs_protective_stop(g: Any, s: Any) -> bool:
     """Whether a stop in comfort, clear a moment ago, is so no longer, by more than noise.
 
     The faster it is, the more of its slow zone has to be left; and inside the stop zone it is to be
@@ -185,10 +189,10 @@ def surprised(g: Any, s: Any) -> bool:
         return True
     if s.n_close > 0:
         lever = 0.5 * math.sqrt(max(g.outline[0], g.outline[1]) ** 2 + g.outline[2] ** 2)
-        if abs(s.set[0]) + lever * abs(s.set[2]) <= _HASTE * g.crawl:
+        if abs(s.set[0]) + lever * abs(s.set[2]) <= _HASTE * g.creep_speed:
             return False
-    least, unseen = _CRAWLING * g.margin, _HASTE * g.unseen
-    return bool(_sweep_still(g, s, 0.0, 0.0, least, _LEFT * g.headway, unseen) != NOTHING)
+    least, unseen = _CRAWLING * g.stop_margin, _HASTE * g.unseen_speed
+    return bool(_sweep_still(g, s, 0.0, 0.0, least, _LEFT * g.time_headway, unseen) != NOTHING)
 
 
 @borrowing_kernel
@@ -198,9 +202,9 @@ def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
     near, moving = s.near[: s.n_near], s.moving[: s.n_moving]
     lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
     sv, av, sw, aw = s.set[0], s.set[1], s.set[2], s.set[3]
-    x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * g.reaction, sw * g.reaction)
-    t, hold = g.reaction, held(g)
-    least = _CRAWLING * g.margin
+    x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * g.reaction_time, sw * g.reaction_time)
+    t, hold = g.reaction_time, held_steps(g)
+    least = _CRAWLING * g.stop_margin
     bound, mbound = s.gap - (abs(sv) + lever * abs(sw)) * t, 0.0
     for k in range(_LONGEST):
         v0, w0 = sv, sw
@@ -212,18 +216,18 @@ def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
         x, y, yaw = odometric_step(x, y, yaw, 0.5 * (v0 + sv) * STEP, 0.5 * (w0 + sw) * STEP)
         t += STEP
         fastest = abs(sv) + lever * abs(sw)
-        if k >= hold and fastest <= g.crawl:
+        if k >= hold and fastest <= g.creep_speed:
             break
         bound -= fastest * STEP
         if bound < least and s.n_close == 0:
-            bound = points_gap(x, y, yaw, outline, near, least + 0.2)
+            bound = clearance_to_points(x, y, yaw, outline, near, least + 0.2)
             if bound < least:
                 return OBSTACLE
         mbound -= fastest * STEP
-        need = g.margin + g.pace * (t + s.hidden)
-        if fastest > g.crawl and mbound < need:
-            mbound = points_gap(x, y, yaw, outline, moving, need + 0.3)
-            if mbound < need and may_meet(g, x, y, yaw, _FAST * sv, _TURNS * sw, moving, t):
+        need = g.stop_margin + g.person_speed * (t + s.hidden)
+        if fastest > g.creep_speed and mbound < need:
+            mbound = clearance_to_points(x, y, yaw, outline, moving, need + 0.3)
+            if mbound < need and may_reach_person(g, x, y, yaw, _FAST * sv, _TURNS * sw, moving, t):
                 return MOVING
     return NOTHING
 
@@ -243,15 +247,15 @@ def _sweep_still(
     c0, s0 = math.cos(yaw0), math.sin(yaw0)
     bx, by, byaw = px, py, yaw0  # where it is if the wheels do at once what they are set to
     # What the wheels do now they do a moment longer.
-    x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * g.reaction, sw * g.reaction)
-    t = g.reaction
-    hold = held(g)
+    x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * g.reaction_time, sw * g.reaction_time)
+    t = g.reaction_time
+    hold = held_steps(g)
     # Along something inside the stop zone the chair may crawl on, as far as noise leaves room.
-    least = _CRAWLING * g.margin if s.n_close > 0 else margin
+    least = _CRAWLING * g.stop_margin if s.n_close > 0 else margin
     # Of the gap, from below: it is looked for anew only where it might matter.
     bound = s.gap - (abs(sv) + lever * abs(sw)) * t if s.n_close == 0 else 0.0
     lv, lw = s.late[0], s.late[1]
-    rises, late = True, STEP / (g.reaction + STEP)
+    rises, late = True, STEP / (g.reaction_time + STEP)
     for k in range(_LONGEST):
         if k == hold:
             v, w = 0.0, 0.0
@@ -263,33 +267,33 @@ def _sweep_still(
         speed, turn = abs(sv), abs(sw)
         fastest = speed + lever * turn
         bound -= fastest * STEP
-        need = kept_clear(least, headway, speed, turn, lever, g.crawl)
+        need = required_clearance(least, headway, speed, turn, lever, g.creep_speed)
         if bound < need:
-            bound = points_gap(x, y, yaw, outline, near, need + 0.2)
+            bound = clearance_to_points(x, y, yaw, outline, near, need + 0.2)
             if bound < need:
                 return OBSTACLE
         if s.n_close > 0:
-            if k >= hold and speed + 0.5 * lever * turn > g.crawl:
+            if k >= hold and speed + 0.5 * lever * turn > g.creep_speed:
                 return OBSTACLE
             c, sn = math.cos(yaw), math.sin(yaw)
             for i in range(s.n_close):
                 ex, ey = s.close[i, 0] - x, s.close[i, 1] - y
-                gap = signed_gap(c * ex + sn * ey, c * ey - sn * ex, outline)
+                gap = signed_clearance(c * ex + sn * ey, c * ey - sn * ex, outline)
                 if gap < s.close[i, 2] - _WORSE:
                     return OBSTACLE
         rises = rises and (k < hold or speed > abs(v0) or turn > abs(w0))
         lv, lw = lv + late * (sv - lv), lw + late * (sw - lw)
-        vl, vh = between(sv, lv, _FAST)
-        wl, wh = between(sw, lw, _TURNS)
+        vl, vh = speed_interval(sv, lv, _FAST)
+        wl, wh = speed_interval(sw, lw, _TURNS)
         if max(-vl, vh) + lever * max(-wl, wh) > unseen:
-            since = s.stamp - g.memory
+            since = s.stamp - g.memory_time
             # Until it brakes it may be farther back than a reaction ahead of its set point.
-            if rises and enters_unseen(
+            if rises and enters_unseen_space(
                 g, s, bx, by, byaw, vl, vh, wl, wh, since + k * STEP, unseen
             ):
                 return UNSEEN
             wx, wy, wyaw = px + c0 * x - s0 * y, py + s0 * x + c0 * y, yaw0 + yaw
-            if enters_unseen(g, s, wx, wy, wyaw, vl, vh, wl, wh, since + t, unseen):
+            if enters_unseen_space(g, s, wx, wy, wyaw, vl, vh, wl, wh, since + t, unseen):
                 return UNSEEN
         if rises:
             way, turned = 0.5 * (v0 + sv) * STEP, 0.5 * (w0 + sw) * STEP

@@ -134,11 +134,11 @@ class Barn:
         default="", source="JSON: [{world, start, goal, circles}, ...]; none: drawn anew"
     )
     world: int | None = setting(default=None, source="its number in the file; none: any of them")
-    clearance: float = setting(
+    passage_margin: float = setting(
         default=0.05, unit="m", low=0.0, high=0.5,
         source="beyond half the chair's width, of the narrowest spot of worlds that are drawn",
     )  # fmt: skip
-    margin: float = setting(
+    map_margin: float = setting(
         default=1.5, unit="m", source="of the map round cylinders, start and goal", low=0.5
     )
 
@@ -154,7 +154,7 @@ class Barn:
         if self.world is not None:
             raise InputError("Barn.world is a world of a file; Barn.path is not given")
         goal = np.array([*_GOAL, _START[2]])
-        radius = footprint.half_width + self.clearance
+        radius = footprint.half_width + self.passage_margin
         for _ in range(_TRIES):
             discs = _drawn(rng, math.ceil(radius / _CYLINDER))
             episode = self._episode(np.array(_START), goal, discs, "barn")
@@ -162,7 +162,7 @@ class Barn:
             if np.isfinite(ways.at(episode.start[:2])):
                 return episode
         raise InputError(
-            f"Barn: none of {_TRIES} worlds leaves {self.clearance} m beside {footprint}"
+            f"Barn: none of {_TRIES} worlds leaves {self.passage_margin} m beside {footprint}"
         )
 
     def _read(self, rng: np.random.Generator) -> Episode:
@@ -170,7 +170,7 @@ class Barn:
         worlds = _worlds(path, modified(path))
         index = int(rng.integers(len(worlds)))
         if self.world is not None:
-            named = numbers_in(path)
+            named = world_numbers(path)
             if self.world not in named:
                 raise InputError(f"{path}: has no world {self.world}; Barn.world must name one")
             index = named.index(self.world)
@@ -180,8 +180,8 @@ class Barn:
 
     def _episode(self, start: Array, goal: Array, discs: Array, name: str) -> Episode:
         points = np.vstack([discs[:, :2], start[:2], goal[:2]])
-        low = np.floor((points.min(axis=0) - self.margin) / CELL) * CELL
-        cols, rows = (to_cells(side) for side in points.max(axis=0) + self.margin - low)
+        low = np.floor((points.min(axis=0) - self.map_margin) / CELL) * CELL
+        cols, rows = (to_cells(side) for side in points.max(axis=0) + self.map_margin - low)
         check_cells(rows, cols, name)
         cells = np.zeros((rows, cols), dtype=np.int8)
         paint_discs(cells, discs, low[0], low[1], CELL, OCCUPIED)
@@ -189,7 +189,7 @@ class Barn:
         return Episode(grid, start, goal, discs=discs, tolerance=1.0, time_limit=100.0, name=name)
 
 
-def numbers_in(path: str | Path) -> list[Any]:
+def world_numbers(path: str | Path) -> list[Any]:
     """The worlds' numbers in a file.
 
     Raises:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import geodesic
-from wheelchair_gym.scenes.arena import arena, facing
+from wheelchair_gym.scenes.arena import make_arena, poses_along
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.types import Episode
 
@@ -39,10 +39,10 @@ class Clutter:
     radius: tuple[float, float] = setting(
         default=(0.075, 0.25), unit="m", source="from BARN's cylinders up", low=0.03, high=1.0
     )
-    gap: float = setting(
+    min_gap: float = setting(
         default=0.9, unit="m", source="between cylinders that do not overlap", low=0.0, high=3.0
     )
-    margin: float = setting(
+    passage_margin: float = setting(
         default=0.10, unit="m", source="beyond half the chair's width", low=0.0, high=0.5
     )
 
@@ -68,7 +68,7 @@ class Clutter:
                     x, y = rng.uniform(low, high), rng.uniform(0.0, self.width)
                 gaps = np.hypot(discs[:, 0] - x, discs[:, 1] - y) - discs[:, 2] - radius
                 gaps = np.append(gaps, [y - radius, self.width - y - radius])
-                if low <= x <= high and ((gaps <= 0.0) | (gaps >= self.gap)).all():
+                if low <= x <= high and ((gaps <= 0.0) | (gaps >= self.min_gap)).all():
                     discs = np.vstack([discs, (x, y, radius)])
                     break
         return discs
@@ -79,11 +79,11 @@ class Clutter:
         Raises:
             InputError: fifty could not.
         """
-        start, goal = facing((_ENDS, self.width / 2), (_ENDS + self.length, self.width / 2))
+        start, goal = poses_along((_ENDS, self.width / 2), (_ENDS + self.length, self.width / 2))
         for _ in range(_TRIES):
             discs = self._discs(rng)
-            ground = arena((0.0, 0.0, self.length + 2 * _ENDS, self.width), discs=discs)
-            ways = geodesic(ground.map, goal, footprint.half_width + self.margin)
+            ground = make_arena((0.0, 0.0, self.length + 2 * _ENDS, self.width), discs=discs)
+            ways = geodesic(ground.map, goal, footprint.half_width + self.passage_margin)
             if np.isfinite(ways.at(start[:2])):
                 return Episode(ground.map, start, goal, ground.walls, discs, name="clutter")
         raise InputError(

@@ -10,13 +10,13 @@ from wheelchair_gym.geometry import path_length
 from wheelchair_gym.maps import OCCUPIED, bottleneck, geodesic
 from wheelchair_gym.physics.actors.records import KINDS, NOBODY, PEOPLE, PERSON
 from wheelchair_gym.scenes import Crowd, Doorway, FloorPlan, Scene, Temporary
-from wheelchair_gym.scenes.layout import Layout
+from wheelchair_gym.scenes.layout import Building
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
-from wheelchair_gym.scenes.traffic import free_floor
+from wheelchair_gym.scenes.traffic import free_area
 from wheelchair_gym.types import Episode
 
 
-def measure(scene: Scene, seeds: Iterable[int]) -> dict[str, list[float]]:
+def scene_statistics(scene: Scene, seeds: Iterable[int]) -> dict[str, list[float]]:
     """Figures of the worlds drawn with these seeds, by name and unit.
 
     Doors and corridors are known of buildings only. The bottleneck is the narrowest spot of the
@@ -26,9 +26,9 @@ def measure(scene: Scene, seeds: Iterable[int]) -> dict[str, list[float]]:
     names = ("way [m]", "bottleneck margin [m]", "density", "walls", "discs", "start to goal [m]")
     table: dict[str, list[float]] = {name: [] for name in names}
     for seed in seeds:
-        layout: Layout | None = None
+        layout: Building | None = None
         if isinstance(scene, FloorPlan | Crowd | Temporary):
-            layout, episode = scene.storey(np.random.default_rng(seed))
+            layout, episode = scene.sample_building(np.random.default_rng(seed))
         else:
             episode = scene.sample(np.random.default_rng(seed))
         if layout is not None:
@@ -37,8 +37,8 @@ def measure(scene: Scene, seeds: Iterable[int]) -> dict[str, list[float]]:
             table.setdefault("corridor width [m]", []).extend(layout.corridor_widths)
             table.setdefault("rooms", []).append(len(layout.rooms))
         elif isinstance(scene, Doorway):
-            table.setdefault("door width [m]", []).append(scene.door)
-            table.setdefault("corridor width [m]", []).append(scene.corridor)
+            table.setdefault("door width [m]", []).append(scene.door_width)
+            table.setdefault("corridor width [m]", []).append(scene.corridor_width)
             table.setdefault("margin round the corner [m]", []).append(scene.margin)
         start, goal = episode.start[:2], episode.goal[:2]
         way = float(geodesic(episode.map, goal, passing_radius(FOOTPRINT)).at(start))
@@ -65,7 +65,7 @@ def _moving(episode: Episode) -> dict[str, list[float]]:
     heeds = people["heeds"]
     return {
         "people": [len(people)],
-        "people per free m2": [len(people) / free_floor(episode.map)],
+        "people per free m2": [len(people) / free_area(episode.map)],
         "people who pay no attention": [float((heeds == PEOPLE).sum())],
         "crossing cylinders": [float((heeds == NOBODY).sum())],
         "walking speed [m/s]": people["speed"].tolist(),

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.scenes.arena import arena
-from wheelchair_gym.scenes.poses import FOOTPRINT, stands
+from wheelchair_gym.scenes.arena import make_arena
+from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
 
@@ -30,10 +30,16 @@ class Doorway:
     The start is in the corridor, along it; the goal in the room.
     """
 
-    door: float = setting(default=0.90, unit="m", source="clear width", low=0.65, high=2.0)
-    corridor: float = setting(default=1.20, unit="m", source="clear width", low=0.75, high=4.0)
-    length: float = setting(default=7.0, unit="m", source="of the corridor", low=4.0, high=30.0)
-    room: float = setting(default=3.5, unit="m", source="depth of the room", low=2.0, high=10.0)
+    door_width: float = setting(default=0.90, unit="m", source="clear width", low=0.65, high=2.0)
+    corridor_width: float = setting(
+        default=1.20, unit="m", source="clear width", low=0.75, high=4.0
+    )
+    corridor_length: float = setting(
+        default=7.0, unit="m", source="of the corridor", low=4.0, high=30.0
+    )
+    room_depth: float = setting(
+        default=3.5, unit="m", source="depth of the room", low=2.0, high=10.0
+    )
 
     @property
     def margin(self) -> float:
@@ -41,17 +47,19 @@ class Doorway:
 
         No manoeuvre of a rigid outline has more; below 0 none exists.
         """
-        return self.margin_of(FOOTPRINT)
+        return self.margin_for(FOOTPRINT)
 
-    def margin_of(self, footprint: Footprint) -> float:
+    def margin_for(self, footprint: Footprint) -> float:
         """The same for a footprint; below -0.3 m it is -0.3 m or less."""
-        half = 0.5 * min(self.door, self.corridor) - footprint.half_width
+        half = 0.5 * min(self.door_width, self.corridor_width) - footprint.half_width
         if half <= -0.3:
             return half
-        return _last(lambda grown: _turns(self.door, self.corridor, grown, footprint), -0.3, half)
+        return _last(
+            lambda grown: _turns(self.door_width, self.corridor_width, grown, footprint), -0.3, half
+        )
 
     @staticmethod
-    def least(margin: float, corridor: float) -> float:
+    def narrowest_door(margin: float, corridor: float) -> float:
         """The narrowest door off a corridor [m] that leaves a margin [m] round the corner."""
         return -_last(lambda door: _turns(-door, corridor, margin, FOOTPRINT), -2.0, -0.5)
 
@@ -62,27 +70,34 @@ class Doorway:
             InputError: a chair of this footprint does not get round the corner, or does not stand
                 in the corridor.
         """
-        margin = self.margin_of(footprint)
+        margin = self.margin_for(footprint)
         if margin < 0.0:
             raise InputError(
-                f"Doorway: {footprint} does not turn from a corridor of {self.corridor} m into a "
-                f"door of {self.door} m: it is {-margin:.2f} m too large on every side"
+                f"Doorway: {footprint} does not turn from a corridor of {self.corridor_width} m "
+                f"into a door of {self.door_width} m: it is {-margin:.2f} m too large on every side"
             )
-        low = self.corridor + _WALL
+        low = self.corridor_width + _WALL
         for _ in range(_TRIES):
-            middle = rng.uniform(0.35, 0.65) * self.length
-            left = CELL * round((middle - 0.5 * self.door) / CELL)  # so that the width is exact
-            middle, right = left + 0.5 * self.door, left + self.door
-            walls = [(0.0, self.corridor, left, low), (right, self.corridor, self.length, low)]
-            ground = arena((0.0, 0.0, self.length, low + self.room), walls)
+            middle = rng.uniform(0.35, 0.65) * self.corridor_length
+            left = CELL * round(
+                (middle - 0.5 * self.door_width) / CELL
+            )  # so that the width is exact
+            middle, right = left + 0.5 * self.door_width, left + self.door_width
+            walls = [
+                (0.0, self.corridor_width, left, low),
+                (right, self.corridor_width, self.corridor_length, low),
+            ]
+            ground = make_arena((0.0, 0.0, self.corridor_length, low + self.room_depth), walls)
             side = rng.choice((-1.0, 1.0))
             away = rng.uniform(1.2, 1.8)
             start = np.array(
-                [middle - side * away, 0.5 * self.corridor, 0.0 if side > 0 else math.pi]
+                [middle - side * away, 0.5 * self.corridor_width, 0.0 if side > 0 else math.pi]
             )
-            goal = np.array([middle + rng.uniform(-0.5, 0.5), low + 0.6 * self.room, 0.5 * math.pi])
+            goal = np.array(
+                [middle + rng.uniform(-0.5, 0.5), low + 0.6 * self.room_depth, 0.5 * math.pi]
+            )
             solid = ground.walls, ground.discs
-            if all(stands(at, *solid, footprint, _CLEARANCE) for at in (start, goal)):
+            if all(is_free_pose(at, *solid, footprint, _CLEARANCE) for at in (start, goal)):
                 return Episode(ground.map, start, goal, ground.walls, ground.discs, name="doorway")
         raise InputError(f"Doorway: {_TRIES} draws left no start for {footprint} in {self}")
 

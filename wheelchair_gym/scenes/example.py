@@ -16,7 +16,7 @@ SEED: Final = 1
 SIZE: Final = (15.0, 12.0)  # m
 
 
-def draw() -> OccupancyGrid:
+def example_clinic() -> OccupancyGrid:
     """A small clinic of 15 m x 12 m, always the same, its lower-left corner at (0, 0)."""
     storey = FloorPlan(kind="clinic").building(np.random.default_rng(SEED), False, *SIZE)
     return OccupancyGrid(storey.cells, CELL)
@@ -24,7 +24,7 @@ def draw() -> OccupancyGrid:
 
 def main(path: Path | None = None) -> None:
     """Write the map where the package keeps it, or elsewhere."""
-    write_map(draw(), example_map() if path is None else path)
+    write_map(example_clinic(), example_map() if path is None else path)
 
 
 if __name__ == "__main__":

@@ -13,9 +13,9 @@ from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic, interpolate
 from wheelchair_gym.maps.grid import boundary
 from wheelchair_gym.scenes.furniture import Furniture, furnish
-from wheelchair_gym.scenes.layout import Layout, Plan, lay_out
-from wheelchair_gym.scenes.poses import FOOTPRINT, draw_pose, passing_radius
-from wheelchair_gym.scenes.random_stream import Stream, below, stream, uniform
+from wheelchair_gym.scenes.layout import Building, FloorLayout, generate_layout
+from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius, sample_pose
+from wheelchair_gym.scenes.random_stream import RandomStream, random_stream, uniform, uniform_int
 from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, paint_rects
 from wheelchair_gym.types import Episode
 
@@ -29,10 +29,10 @@ _GOALS = 3  # goals tried in each
 _STARTS = 12  # starts tried for each goal
 
 
-class Storey(NamedTuple):
+class FurnishedFloor(NamedTuple):
     """A storey furnished: its plan, the map, walls (n, 4) and discs (m, 3) [m]."""
 
-    plan: Plan
+    plan: FloorLayout
     cells: Cells
     walls: Array
     discs: Array
@@ -47,22 +47,22 @@ class FloorPlan:
     """
 
     kind: Literal["any", "home", "clinic"] = setting(default="any", source="a coin is thrown")
-    doors: tuple[float, float] = setting(
+    door_width: tuple[float, float] = setting(
         default=(1.0, 1.2), unit="m", source="clear width from, to", low=0.7, high=2.0
     )
-    corridors: tuple[float, float] = setting(
+    corridor_width: tuple[float, float] = setting(
         default=(1.2, 1.8), unit="m", source="clear width from, to", low=0.8, high=4.0
     )
-    size: tuple[float, float] = setting(
+    building_size: tuple[float, float] = setting(
         default=(10.0, 18.0), unit="m", source="sides of the building from, to", low=9.0, high=40.0
     )
-    furniture: float = setting(
+    furniture_density: float = setting(
         default=0.25, unit="1/m2", source="pieces tried per area of room", low=0.0, high=2.0
     )
-    passage: float = setting(
+    passage_width: float = setting(
         default=1.2, unit="m", source="clear width round furniture", low=0.7, high=3.0
     )
-    way: tuple[float, float] = setting(
+    path_length: tuple[float, float] = setting(
         default=(5.0, 30.0), unit="m", source="geodesic from start to goal: from, to", low=0.0
     )
     clearance: float = setting(
@@ -70,19 +70,23 @@ class FloorPlan:
     )
 
     def __post_init__(self) -> None:
-        for name in ("doors", "corridors", "size", "way"):
+        for name in ("door_width", "corridor_width", "building_size", "path_length"):
             low, high = getattr(self, name)
             if low > high:
                 raise InputError(f"FloorPlan.{name} is {low}, {high}; expected from, to")
 
-    def building(self, rng: np.random.Generator, home: bool, width: float, height: float) -> Storey:
+    def building(
+        self, rng: np.random.Generator, home: bool, width: float, height: float
+    ) -> FurnishedFloor:
         """One storey of a given kind and size [m]; which side is which is drawn."""
-        return self._furnished(stream(rng), home, width, height)
+        return self._furnished(random_stream(rng), home, width, height)
 
-    def _furnished(self, source: Stream, home: bool, width: float, height: float) -> Storey:
-        plan = lay_out(source, home, width, height, self.doors, self.corridors)
-        things = furnish(source, plan, home, self.furniture, self.passage)
-        return Storey(plan, *_build(plan, things), things.discs)
+    def _furnished(
+        self, source: RandomStream, home: bool, width: float, height: float
+    ) -> FurnishedFloor:
+        plan = generate_layout(source, home, width, height, self.door_width, self.corridor_width)
+        things = furnish(source, plan, home, self.furniture_density, self.passage_width)
+        return FurnishedFloor(plan, *_build(plan, things), things.discs)
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw storeys until one has a start and a goal for a chair of this footprint.
@@ -92,21 +96,21 @@ class FloorPlan:
         """
         return self._world(rng, footprint)[1]
 
-    def storey(
+    def sample_building(
         self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT
-    ) -> tuple[Layout, Episode]:
+    ) -> tuple[Building, Episode]:
         """The same, with the rooms, corridors and doors of the building.
 
         Raises:
             InputError: fifty storeys had none.
         """
         plan, episode = self._world(rng, footprint)
-        return Layout(plan), episode
+        return Building(plan), episode
 
-    def _world(self, rng: np.random.Generator, footprint: Footprint) -> tuple[Plan, Episode]:
-        source = stream(rng)
+    def _world(self, rng: np.random.Generator, footprint: Footprint) -> tuple[FloorLayout, Episode]:
+        source = random_stream(rng)
         start, goal = np.empty(3), np.empty(3)
-        least, most = self.size
+        least, most = self.building_size
         for _ in range(_TRIES):
             home = self.kind == "home" or (self.kind == "any" and uniform(source, 0.0, 1.0) < 0.5)
             width = uniform(source, least, most)
@@ -119,7 +123,7 @@ class FloorPlan:
                 if there < 0:
                     continue
                 ways = geodesic(grid, goal[:2], passing_radius(footprint))
-                if _draw_start(source, *ground, there, ways.extended, self.way, start):
+                if _draw_start(source, *ground, there, ways.extended, self.path_length, start):
                     episode = Episode(
                         grid, start, goal, storey.walls, storey.discs, name="floor_plan"
                     )
@@ -130,7 +134,7 @@ class FloorPlan:
 
 
 @kernel
-def _build(plan: Plan, things: Furniture) -> tuple[Cells, Array]:
+def _build(plan: FloorLayout, things: Furniture) -> tuple[Cells, Array]:
     """The map and the walls (n, 4) [m] of a storey and what stands in it."""
     cells = np.full((plan.height, plan.width), OCCUPIED, np.int8)
     paint_rects(cells, plan.rooms, whole(FREE))
@@ -156,7 +160,7 @@ def _build(plan: Plan, things: Furniture) -> tuple[Cells, Array]:
 
 @borrowing_kernel
 def _draw_goal(
-    source: Stream,
+    source: RandomStream,
     rooms: Index,
     walls: Array,
     discs: Array,
@@ -165,14 +169,14 @@ def _draw_goal(
     goal: Array,
 ) -> int:
     """Write a goal; the number of its room, or -1 where the draw was unlucky."""
-    there = below(source, len(rooms))
-    found = draw_pose(source, rooms[there], walls, discs, outline, clearance, whole(20), goal)
+    there = uniform_int(source, len(rooms))
+    found = sample_pose(source, rooms[there], walls, discs, outline, clearance, whole(20), goal)
     return there if found else -1
 
 
 @borrowing_kernel
 def _draw_start(
-    source: Stream,
+    source: RandomStream,
     rooms: Index,
     walls: Array,
     discs: Array,
@@ -185,8 +189,8 @@ def _draw_start(
 ) -> bool:
     """Whether a start in another room was found, a way of such a length off the goal."""
     for _ in range(_STARTS):
-        here = below(source, len(rooms))
-        if here != there and draw_pose(
+        here = uniform_int(source, len(rooms))
+        if here != there and sample_pose(
             source, rooms[here], walls, discs, outline, clearance, whole(5), start
         ):
             far = interpolate(ways, start[0] / CELL, start[1] / CELL)

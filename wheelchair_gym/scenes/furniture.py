@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, whole
-from wheelchair_gym.scenes.layout import Plan, put
-from wheelchair_gym.scenes.random_stream import Stream, below, uniform
-from wheelchair_gym.scenes.raster import CELL, cells_of
+from wheelchair_gym.scenes.layout import FloorLayout, put
+from wheelchair_gym.scenes.random_stream import RandomStream, uniform, uniform_int
+from wheelchair_gym.scenes.raster import CELL, cell_count
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -100,21 +100,21 @@ def _meet(a: Index, i: int, b: Index, j: int, apart: int) -> bool:
 
 
 @borrowing_kernel
-def _free(source: Stream, room: Index, half: int, gap: int, box: Index) -> bool:
+def _free(source: RandomStream, room: Index, half: int, gap: int, box: Index) -> bool:
     """A square of 2 x half cells somewhere in the room, a gap from its walls; if there is room."""
     apart = gap + half
     wide, high = room[0, 2] - room[0, 0] - 2 * apart, room[0, 3] - room[0, 1] - 2 * apart
     if wide < 1 or high < 1:
         return False
-    x = room[0, 0] + apart + below(source, wide)
-    y = room[0, 1] + apart + below(source, high)
+    x = room[0, 0] + apart + uniform_int(source, wide)
+    y = room[0, 1] + apart + uniform_int(source, high)
     put(box, whole(0), x - half, y - half, x + half, y + half)
     return True
 
 
 @borrowing_kernel
 def _against(
-    source: Stream,
+    source: RandomStream,
     room: Index,
     side: int,
     along: int,
@@ -130,13 +130,13 @@ def _against(
     deep_0, deep_1 = room[0, 1 - a], room[0, 3 - a]
     if deep + gap > deep_1 - deep_0 or along > floor_1 - floor_0:
         return False
-    choice = below(source, whole(4))
+    choice = uniform_int(source, whole(4))
     if neighbour >= 0:
         x = placed[neighbour, 2 + a] if choice % 2 else placed[neighbour, a] - along
     elif choice < 2:
         x = floor_0 if choice else floor_1 - along
     elif floor_1 - floor_0 >= along + 2 * gap:
-        x = floor_0 + gap + below(source, floor_1 - floor_0 - 2 * gap - along + 1)
+        x = floor_0 + gap + uniform_int(source, floor_1 - floor_0 - 2 * gap - along + 1)
     else:
         return False
     first, last = x, x + along  # with its neighbour
@@ -155,7 +155,9 @@ def _against(
     return True
 
 
-def furnish(source: Stream, plan: Plan, home: bool, density: float, passage: float) -> Furniture:
+def furnish(
+    source: RandomStream, plan: FloorLayout, home: bool, density: float, passage: float
+) -> Furniture:
     """Put furniture into every room; a piece that finds no place is left out.
 
     A piece stands against a wall or against its neighbour there, without a gap, or at least
@@ -181,8 +183,8 @@ def furnish(source: Stream, plan: Plan, home: bool, density: float, passage: flo
 
 @borrowing_kernel
 def _place(
-    source: Stream,
-    plan: Plan,
+    source: RandomStream,
+    plan: FloorLayout,
     home: bool,
     density: float,
     passage: float,
@@ -194,27 +196,27 @@ def _place(
     discs: Array,
 ) -> tuple[int, int, int]:
     """Write the pieces that find a place; how many there are of each shape."""
-    gap, nil, four = cells_of(passage), whole(0), whole(4)
+    gap, nil, four = cell_count(passage), whole(0), whole(4)
     n_rects, n_polygons, n_discs = nil, nil, nil
     for r in range(len(plan.rooms)):
         room = plan.rooms[r : r + 1]
         if r == 0 and plan.lobby:
             page = 0 if home else _LOBBY
         elif home:
-            page = _HOME_ROOMS + below(source, whole(_HOMES))
+            page = _HOME_ROOMS + uniform_int(source, whole(_HOMES))
         else:
-            page = _CLINIC_ROOMS + below(source, whole(_CLINICS))
+            page = _CLINIC_ROOMS + uniform_int(source, whole(_CLINICS))
         count = nil  # placed in this room
         for k in range(4):
             against[k] = -1  # the last piece on each side
         wide, high = room[0, 2] - room[0, 0], room[0, 3] - room[0, 1]
         for _ in range(int(np.rint(density * wide * high * CELL**2))):
-            piece = _BEGIN[page] + below(source, _BEGIN[page + 1] - _BEGIN[page])
-            along = cells_of(uniform(source, _EXTENT[piece, 0], _EXTENT[piece, 1]))
-            deep = cells_of(uniform(source, _EXTENT[piece, 2], _EXTENT[piece, 3]))
+            piece = _BEGIN[page] + uniform_int(source, _BEGIN[page + 1] - _BEGIN[page])
+            along = cell_count(uniform(source, _EXTENT[piece, 0], _EXTENT[piece, 1]))
+            deep = cell_count(uniform(source, _EXTENT[piece, 2], _EXTENT[piece, 3]))
             at_wall, is_round = _STANCE[piece] == 0, _STANCE[piece] == 2
             for _ in range(4):
-                side = below(source, four)
+                side = uniform_int(source, four)
                 neighbour = against[side] if at_wall else -1
                 if at_wall:
                     fits = _against(source, room, side, along, deep, gap, placed, neighbour, box)

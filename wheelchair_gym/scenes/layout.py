@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel, whole
-from wheelchair_gym.scenes.random_stream import Stream, below, uniform
-from wheelchair_gym.scenes.raster import CELL, Rect, cells_of, to_cells
+from wheelchair_gym.scenes.random_stream import RandomStream, uniform, uniform_int
+from wheelchair_gym.scenes.raster import CELL, Rect, cell_count, to_cells
 
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
@@ -42,7 +42,7 @@ class Door(NamedTuple):
         return (self.opening.width if self.along_x else self.opening.height) * CELL
 
 
-class Plan(NamedTuple):
+class FloorLayout(NamedTuple):
     """One storey before it is furnished; rectangles (n, 4) of cells: x0, y0, x1, y1."""
 
     width: int  # cells
@@ -56,10 +56,10 @@ class Plan(NamedTuple):
     zones: Index  # of openings: what furniture keeps clear of, on both sides
 
 
-class Layout:
+class Building:
     """The plan of a storey in words."""
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: FloorLayout) -> None:
         self.rooms = [Rect(*map(int, rect)) for rect in plan.rooms]  # the lobby is the first
         self.lobby = bool(plan.lobby)
         self.corridors = [Rect(*map(int, rect)) for rect in plan.halls]
@@ -77,7 +77,7 @@ class Layout:
 
 
 @kernel
-def _split(source: Stream, length: int, parts: int, least: int) -> Index:
+def _split(source: RandomStream, length: int, parts: int, least: int) -> Index:
     """Whole numbers that sum to length, uneven by up to a quarter, none below least if possible."""
     share, total = np.empty(parts), 0.0
     for k in range(parts):
@@ -116,14 +116,14 @@ def _mirror(rects: Index, width: int, height: int, swap: int, flip_x: int, flip_
 
 
 @kernel
-def lay_out(
-    source: Stream,
+def generate_layout(
+    source: RandomStream,
     home: bool,
     width: float,
     height: float,
     doors: tuple[float, float],
     corridors: tuple[float, float],
-) -> Plan:
+) -> FloorLayout:
     """Draw rooms, corridors and doors.
 
     Args:
@@ -134,10 +134,10 @@ def lay_out(
         doors: clear width from, to [m].
         corridors: clear width from, to [m].
     """
-    w, h = cells_of(width), cells_of(height)
+    w, h = cell_count(width), cell_count(height)
     outer = whole(OUTER)
     left, right = outer, w - outer
-    most = 1 + 3 * (w // cells_of(3.0) + 2)
+    most = 1 + 3 * (w // cell_count(3.0) + 2)
     rooms, halls = np.empty((most, 4), np.int64), np.empty((3, 4), np.int64)
     openings = np.empty((3 * most, 4), np.int64)
     along_x, leaf = np.zeros(3 * most, np.bool_), np.zeros(3 * most, np.bool_)
@@ -145,12 +145,12 @@ def lay_out(
     lobby = home or uniform(source, 0.0, 1.0) < 0.6
     if lobby:
         deep = uniform(source, 4.0, 5.5) if home else uniform(source, 3.0, 4.5)
-        n = put(rooms, n, left, outer, left + cells_of(deep), h - outer)
-        left += cells_of(deep) + INNER
+        n = put(rooms, n, left, outer, left + cell_count(deep), h - outer)
+        left += cell_count(deep) + INNER
     spines = 1 if home or h < _SECOND_CORRIDOR else 2
     depth = h - 2 * OUTER - 2 * spines * INNER
     for k in range(spines):
-        halls[k, 3] = cells_of(uniform(source, corridors[0], corridors[1]))
+        halls[k, 3] = cell_count(uniform(source, corridors[0], corridors[1]))
         depth -= halls[k, 3]
     rows = _split(source, depth, spines + 1, _ROOM_LEAST)
     y = outer
@@ -162,14 +162,14 @@ def lay_out(
             d = put(openings, d, left - INNER, halls[k, 1], left, halls[k, 3])
     corridor_count, end_1 = spines, right
     if spines == 2 and (not lobby or uniform(source, 0.0, 1.0) < 0.5):
-        across = right - cells_of(uniform(source, corridors[0], corridors[1]))
+        across = right - cell_count(uniform(source, corridors[0], corridors[1]))
         corridor_count = put(halls, two, across, halls[0, 3], right, halls[1, 1])
         end_1 = across - INNER
     y0 = outer
     for k in range(spines + 1):
         y1 = y0 + rows[k]
         end = end_1 if k == 1 else right
-        apart = cells_of(uniform(source, 3.0, 4.8))
+        apart = cell_count(uniform(source, 3.0, 4.8))
         parts = max(1, int(np.rint((end - left) / apart)))
         x = left
         sizes = _split(source, end - left - (parts - 1) * INNER, parts, _ROOM_LEAST)
@@ -179,19 +179,19 @@ def lay_out(
             # Towards the corridor below, the one above, or both.
             first, last = (0 if k > 0 else 1), (1 if k < spines else 0)
             if first < last and uniform(source, 0.0, 1.0) >= 0.3:
-                first = last = below(source, two)
+                first = last = uniform_int(source, two)
             for side in range(first, last + 1):
-                wide = cells_of(uniform(source, doors[0], doors[1]))
+                wide = cell_count(uniform(source, doors[0], doors[1]))
                 nook = not home and uniform(source, 0.0, 1.0) < 0.1
                 if nook:  # a waiting nook stands open
                     wide = max(wide, min(size - 2 * JAMB, _NOOK))
-                at = x + JAMB + below(source, size - 2 * JAMB - wide + 1)
+                at = x + JAMB + uniform_int(source, size - 2 * JAMB - wide + 1)
                 along_x[d], leaf[d] = True, not nook
                 wall = y1 if side else y0 - INNER
                 d = put(openings, d, at, wall, at + wide, wall + INNER)
             if (number > 0 or lobby) and uniform(source, 0.0, 1.0) < (0.25 if home else 0.08):
-                wide = cells_of(uniform(source, doors[0], doors[1]))  # from room to room
-                at = y0 + JAMB + below(source, y1 - y0 - 2 * JAMB - wide + 1)
+                wide = cell_count(uniform(source, doors[0], doors[1]))  # from room to room
+                at = y0 + JAMB + uniform_int(source, y1 - y0 - 2 * JAMB - wide + 1)
                 leaf[d] = True
                 d = put(openings, d, x - INNER, at, x, at + wide)
             x += size + INNER
@@ -207,7 +207,11 @@ def lay_out(
         else:
             wide = max(0, ZONE - (high - low) + 1) // 2
             put(zones, k, x0 - ZONE, low - wide, x1 + ZONE, high + wide)
-    swap, flip_x, flip_y = below(source, two), below(source, two), below(source, two)
+    swap, flip_x, flip_y = (
+        uniform_int(source, two),
+        uniform_int(source, two),
+        uniform_int(source, two),
+    )
     _mirror(rooms, w, h, swap, flip_x, flip_y)
     _mirror(halls, w, h, swap, flip_x, flip_y)
     _mirror(openings, w, h, swap, flip_x, flip_y)
@@ -216,4 +220,4 @@ def lay_out(
         w, h = h, w
         for k in range(d):
             along_x[k] = not along_x[k]
-    return Plan(w, h, lobby, rooms, halls, openings, along_x[:d], leaf[:d], zones)
+    return FloorLayout(w, h, lobby, rooms, halls, openings, along_x[:d], leaf[:d], zones)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.files import modified
 from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic, read_ground
-from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius, stands
+from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic, read_any_map
+from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose, passing_radius
 from wheelchair_gym.types import Episode, no_discs
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ def example_map() -> Path:
 @lru_cache(maxsize=8)
 def _ground(path: Path, stamp: int, unknown_is_solid: bool) -> tuple[OccupancyGrid, Array]:
     """Map and walls; the stamp makes an edited file be read again."""
-    return read_ground(path, unknown_is_solid)
+    return read_any_map(path, unknown_is_solid)
 
 
 @settings
@@ -43,7 +43,7 @@ class MapFile:
     path: str = setting(default="", source=_KINDS)
     start: Pose | None = setting(default=None, unit="m, m, rad", source="none: drawn at random")
     goal: Pose | None = setting(default=None, unit="m, m, rad", source="none: drawn at random")
-    apart: float = setting(
+    min_path_length: float = setting(
         default=3.0, unit="m", source="least way from a drawn start to a drawn goal", low=0.0
     )
     clearance: float = setting(
@@ -78,7 +78,7 @@ class MapFile:
             if self.goal is not None:
                 break
         raise InputError(
-            f"{path}: no start and goal with a way of {self.apart} m between them for {footprint}"
+            f"{path}: no start and goal for {footprint} with {self.min_path_length} m between them"
         )
 
     def _free(self, grid: OccupancyGrid, walls: Array, pose: Pose, footprint: Footprint) -> bool:
@@ -87,7 +87,7 @@ class MapFile:
         return (
             inside
             and grid.cells[row, col] == 0
-            and stands(np.array(pose), walls, no_discs(), footprint, 0.0)
+            and is_free_pose(np.array(pose), walls, no_discs(), footprint, 0.0)
         )
 
     def _begin(
@@ -101,7 +101,7 @@ class MapFile:
         """A start from which the goal can be reached."""
         if self.start is not None:
             return np.array(self.start) if np.isfinite(ways.at(self.start[:2])) else None
-        far = np.argwhere(np.isfinite(ways.field) & (ways.field >= self.apart))
+        far = np.argwhere(np.isfinite(ways.field) & (ways.field >= self.min_path_length))
         return self._draw(rng, grid, walls, far, footprint)
 
     def _draw(
@@ -116,6 +116,6 @@ class MapFile:
         for _ in range(_TRIES if len(cells) else 0):
             x, y = grid.to_world(cells[rng.integers(len(cells))])
             pose = np.array([x, y, rng.uniform(-math.pi, math.pi)])
-            if stands(pose, walls, no_discs(), footprint, self.clearance):
+            if is_free_pose(pose, walls, no_discs(), footprint, self.clearance):
                 return pose
         return None

@@ -19,14 +19,14 @@ class Mixture:
     scenes: tuple[Any, ...] = setting(
         default=("floor_plan", "clutter"), source="names, or mappings with a name"
     )
-    shares: tuple[float, ...] = setting(
+    weights: tuple[float, ...] = setting(
         default=(0.6, 0.4), source="of worlds; they need not sum to 1", low=0.0
     )
 
     def __post_init__(self) -> None:
-        if not self.scenes or len(self.scenes) != len(self.shares) or sum(self.shares) <= 0.0:
+        if not self.scenes or len(self.scenes) != len(self.weights) or sum(self.weights) <= 0.0:
             raise InputError(
-                f"Mixture.shares is {self.shares}; expected one for each of {len(self.scenes)} "
+                f"Mixture.weights is {self.weights}; expected one for each of {len(self.scenes)} "
                 "scenes (1 at least), not all 0"
             )
         from wheelchair_gym.scenes import make_scene
@@ -35,7 +35,7 @@ class Mixture:
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw a scene, and a world of it for a chair of this footprint."""
-        shares = np.array(self.shares)
+        shares = np.array(self.weights)
         which = int(rng.choice(len(shares), p=shares / shares.sum()))
         made: Any = vars(self)["_made"]
         episode: Episode = made[which].sample(rng, footprint)

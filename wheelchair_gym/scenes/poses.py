@@ -12,7 +12,7 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, footprint_clearance
 from wheelchair_gym.maps import bottleneck
-from wheelchair_gym.scenes.random_stream import Stream, uniform
+from wheelchair_gym.scenes.random_stream import RandomStream, uniform
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
 
@@ -28,7 +28,9 @@ def passing_radius(footprint: Footprint) -> float:
     return footprint.half_width + CELL
 
 
-def stands(pose: Array, walls: Array, discs: Array, footprint: Footprint, clearance: float) -> bool:
+def is_free_pose(
+    pose: Array, walls: Array, discs: Array, footprint: Footprint, clearance: float
+) -> bool:
     """Whether a footprint at a pose (3,) is at least `clearance` [m] from everything."""
     x, y, yaw = pose
     gap = footprint_clearance(x, y, yaw, footprint.array, walls, discs, clearance + 0.01)
@@ -41,7 +43,7 @@ def check_start(episode: Episode, footprint: Footprint) -> None:
     Raises:
         InputError: it cannot.
     """
-    if not stands(episode.start, episode.walls, episode.discs, footprint, 0.0):
+    if not is_free_pose(episode.start, episode.walls, episode.discs, footprint, 0.0):
         x, y, yaw = episode.start
         raise InputError(
             f"scene {episode.name}: {footprint} does not fit at the start "
@@ -49,7 +51,7 @@ def check_start(episode: Episode, footprint: Footprint) -> None:
         )
 
 
-def widest_way(episode: Episode, footprint: Footprint) -> float:
+def check_passable(episode: Episode, footprint: Footprint) -> float:
     """The greatest radius [m] of a disc that gets from an episode's start to its goal on the map.
 
     Raises:
@@ -65,8 +67,8 @@ def widest_way(episode: Episode, footprint: Footprint) -> float:
 
 
 @borrowing_kernel
-def draw_pose(
-    source: Stream,
+def sample_pose(
+    source: RandomStream,
     room: Index,
     walls: Array,
     discs: Array,

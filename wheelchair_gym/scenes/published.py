@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.scenes.arena import Arena, arena, facing
+from wheelchair_gym.scenes.arena import Arena, make_arena, poses_along
 from wheelchair_gym.scenes.poses import FOOTPRINT
-from wheelchair_gym.scenes.raster import turned_rectangle
+from wheelchair_gym.scenes.raster import rotated_rectangle
 from wheelchair_gym.types import Episode
 
 T = TypeVar("T")
@@ -120,8 +120,8 @@ class Lab:
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
         plan = LABS[self.number - 1]
-        ground = arena((0.0, 0.0, *LAB_SIZE), plan.walls)
-        start, goal = facing(plan.start, plan.goal)
+        ground = make_arena((0.0, 0.0, *LAB_SIZE), plan.walls)
+        start, goal = poses_along(plan.start, plan.goal)
         name = f"lab_{self.number}"
         return Episode(ground.map, start, goal, ground.walls, ground.discs, name=name)
 
@@ -134,8 +134,8 @@ class DesignLab:
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
-        ground = arena((0.0, 0.0, *DESIGN_LAB_SIZE), DESIGN_LAB)
-        start, goal = facing(*DESIGN_LAB_PATHS[self.path])
+        ground = make_arena((0.0, 0.0, *DESIGN_LAB_SIZE), DESIGN_LAB)
+        start, goal = poses_along(*DESIGN_LAB_PATHS[self.path])
         return Episode(ground.map, start, goal, ground.walls, ground.discs, name="design_lab")
 
 
@@ -172,8 +172,8 @@ class ChaoticPso:
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
-        ground = arena((0.0, 0.0, 10.0, 10.0), discs=CHAOTIC_PSO_DISCS)
-        start, goal = facing((1.0, 1.0), (9.0, 9.0))
+        ground = make_arena((0.0, 0.0, 10.0, 10.0), discs=CHAOTIC_PSO_DISCS)
+        start, goal = poses_along((1.0, 1.0), (9.0, 9.0))
         return Episode(ground.map, start, goal, ground.walls, ground.discs, name="chaotic_pso")
 
 
@@ -194,8 +194,8 @@ class GreyWolf:
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
         low, high = -self.margin, 25.0 + self.margin
-        ground = arena((low, low, high, high), discs=GREY_WOLF_DISCS)
-        start, goal = facing((0.0, 0.0), GREY_WOLF_GOALS[self.goal])
+        ground = make_arena((low, low, high, high), discs=GREY_WOLF_DISCS)
+        start, goal = poses_along((0.0, 0.0), GREY_WOLF_GOALS[self.goal])
         return Episode(ground.map, start, goal, ground.walls, ground.discs, name="grey_wolf")
 
 
@@ -224,29 +224,29 @@ def _pocket(x: float, low: float, high: float, deep: float) -> list[Box]:
 
 
 def _empty(gap: float, seed: int) -> Arena:
-    return arena((0.0, 0.0, WIDTH, HEIGHT))
+    return make_arena((0.0, 0.0, WIDTH, HEIGHT))
 
 
 def _unobtrusive(gap: float, seed: int) -> Arena:
     rects = [(5.0, 9.0, 7.5, 11.0), (13.5, 14.0, 15.0, 16.5), (21.0, 4.0, 24.0, 6.0)]
     turned = [
-        turned_rectangle(11.0, 3.0, 2.0, 1.2, 0.5),
-        turned_rectangle(8.0, 16.0, 2.5, 1.0, 2.4),
+        rotated_rectangle(11.0, 3.0, 2.0, 1.2, 0.5),
+        rotated_rectangle(8.0, 16.0, 2.5, 1.0, 2.4),
     ]
     discs = [(17.0, 5.0, 0.8), (21.0, 17.0, 0.7), (3.0, 14.5, 0.6), (26.5, 9.0, 0.7)]
-    return arena((0.0, 0.0, WIDTH, HEIGHT), rects, turned, discs)
+    return make_arena((0.0, 0.0, WIDTH, HEIGHT), rects, turned, discs)
 
 
 def _narrow(gap: float, seed: int) -> Arena:
     rects = _barrier(7.0, 6.0, gap) + _barrier(12.5, 11.0, gap)
     rects += _barrier(18.0, 6.5, gap) + _barrier(23.5, 14.0, gap)
-    return arena((0.0, 0.0, WIDTH, HEIGHT), rects)
+    return make_arena((0.0, 0.0, WIDTH, HEIGHT), rects)
 
 
 def _local_minima(gap: float, seed: int) -> Arena:
     rects = _pocket(9.0, 2.0, 9.5, 4.0) + _pocket(16.0, 8.0, 17.0, 5.0)
     rects += _pocket(24.0, 9.5, 17.5, 4.5) + _pocket(20.5, 1.5, 6.5, 3.0)
-    return arena((0.0, 0.0, WIDTH, HEIGHT), rects)
+    return make_arena((0.0, 0.0, WIDTH, HEIGHT), rects)
 
 
 def _clutter(gap: float, seed: int) -> Arena:
@@ -269,8 +269,8 @@ def _clutter(gap: float, seed: int) -> Arena:
         if disc:
             discs.append((x, y, reach))
         else:
-            turned.append(turned_rectangle(x, y, length, deep, rng.uniform(0.0, math.pi)))
-    return arena((0.0, 0.0, WIDTH, HEIGHT), rects, turned, discs)
+            turned.append(rotated_rectangle(x, y, length, deep, rng.uniform(0.0, math.pi)))
+    return make_arena((0.0, 0.0, WIDTH, HEIGHT), rects, turned, discs)
 
 
 _MAPS: Final[tuple[Callable[[float, int], Arena], ...]] = (
@@ -299,7 +299,7 @@ class ThesisMap:
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
         ground = _MAPS[self.number - 1](self.gap, self.seed)
-        start, goal = facing(START, GOAL)
+        start, goal = poses_along(START, GOAL)
         name = f"thesis_{self.number}"
         return Episode(ground.map, start, goal, ground.walls, ground.discs, name=name)
 

@@ -13,7 +13,7 @@ _BITS = 10
 _ENOUGH = 1 << _BITS  # a floor plan takes 260, 480 at most
 
 
-class Stream(NamedTuple):
+class RandomStream(NamedTuple):
     """Random bits drawn in advance, and how many are spent."""
 
     bits: NDArray[np.uint64]
@@ -21,28 +21,28 @@ class Stream(NamedTuple):
     half: NDArray[np.uint64]  # (2,): whether half a word is left over, and which
 
 
-def stream(rng: np.random.Generator) -> Stream:
+def random_stream(rng: np.random.Generator) -> RandomStream:
     """Bits of a generator; where they do not last, the same ones times 3, times 5, and so on."""
     bits = rng.integers(0, 2**64, _ENOUGH, dtype=np.uint64)
-    return Stream(bits, np.zeros(1, np.int64), np.zeros(2, np.uint64))
+    return RandomStream(bits, np.zeros(1, np.int64), np.zeros(2, np.uint64))
 
 
 @borrowing_kernel
-def _word(source: Stream) -> Any:
+def _word(source: RandomStream) -> Any:
     k = source.spent[0]
     source.spent[0] = k + 1
     return source.bits[k & (_ENOUGH - 1)] * np.uint64(2 * (k >> _BITS) + 1)
 
 
 @borrowing_kernel
-def uniform(source: Stream, low: float, high: float) -> float:
+def uniform(source: RandomStream, low: float, high: float) -> float:
     """As Generator.uniform draws it."""
     share = (_word(source) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
     return float(low + (high - low) * share)
 
 
 @borrowing_kernel
-def below(source: Stream, count: int) -> int:
+def uniform_int(source: RandomStream, count: int) -> int:
     """A whole number from 0 to count - 1, as Generator.integers draws it: Lemire's method."""
     if count <= 1:
         return 0

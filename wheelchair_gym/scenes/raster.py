@@ -34,7 +34,7 @@ class Rect(NamedTuple):
         """Along y [cells]."""
         return self.y1 - self.y0
 
-    def grown(self, by: int) -> Rect:
+    def inflated(self, by: int) -> Rect:
         """The rectangle with every side moved out."""
         return Rect(self.x0 - by, self.y0 - by, self.x1 + by, self.y1 + by)
 
@@ -59,12 +59,12 @@ def to_cells(metres: float) -> int:
 
 
 @borrowing_kernel
-def cells_of(metres: float) -> int:
+def cell_count(metres: float) -> int:
     """The same for kernels."""
     return int(np.rint(metres / CELL))
 
 
-def turned_rectangle(x: float, y: float, length: float, width: float, yaw: float) -> Array:
+def rotated_rectangle(x: float, y: float, length: float, width: float, yaw: float) -> Array:
     """Corners (4, 2) [m], counter-clockwise, of a rectangle about (x, y) turned by yaw [rad]."""
     along = np.array([math.cos(yaw), math.sin(yaw)]) * length / 2
     across = np.array([-math.sin(yaw), math.cos(yaw)]) * width / 2

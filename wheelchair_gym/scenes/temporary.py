@@ -12,7 +12,7 @@ from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import geodesic
 from wheelchair_gym.physics.actors.records import Mover, obstacle, together
 from wheelchair_gym.scenes.floor_plan import FloorPlan
-from wheelchair_gym.scenes.layout import Layout
+from wheelchair_gym.scenes.layout import Building
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.types import Episode
 
@@ -33,27 +33,30 @@ class Temporary:
     radius: tuple[float, float] = setting(
         default=(0.15, 0.35), unit="m", source="a bag to a trolley: from, to", low=0.05, high=1.0
     )
-    near: tuple[float, float] = setting(
+    trigger_distance: tuple[float, float] = setting(
         default=(1.5, 3.0), unit="m", source="it appears once the chair is so near: from, to",
         low=0.1,
     )  # fmt: skip
-    least: float = setting(
+    min_distance: float = setting(
         default=1.2, unit="m", source="never nearer: a stop from 0.8 m/s takes 0.88 m", low=0.9
     )
-    stay: tuple[float, float] = setting(
+    duration: tuple[float, float] = setting(
         default=(5.0, 20.0), unit="s", source="how long: from, to", low=0.1, high=600.0
     )
-    aside: float = setting(default=0.15, unit="m", source="off the way, at most", low=0.0, high=1.0)
-    plan: FloorPlan = FloorPlan()
+    lateral_offset: float = setting(
+        default=0.15, unit="m", source="off the way, at most", low=0.0, high=1.0
+    )
+    building: FloorPlan = FloorPlan()
 
     def __post_init__(self) -> None:
-        for name in ("count", "radius", "near", "stay"):
+        for name in ("count", "radius", "trigger_distance", "duration"):
             low, high = getattr(self, name)
             if low > high:
                 raise InputError(f"Temporary.{name} is {low}, {high}; expected from, to")
-        if self.near[0] <= self.least:
+        if self.trigger_distance[0] <= self.min_distance:
             raise InputError(
-                f"Temporary.near is {self.near}; expected more than least, {self.least} m"
+                f"Temporary.trigger_distance is {self.trigger_distance}; expected more than "
+                f"min_distance, {self.min_distance} m"
             )
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
@@ -62,13 +65,13 @@ class Temporary:
         Raises:
             InputError: the plan's settings leave no start and goal.
         """
-        return self.storey(rng, footprint)[1]
+        return self.sample_building(rng, footprint)[1]
 
-    def storey(
+    def sample_building(
         self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT
-    ) -> tuple[Layout, Episode]:
+    ) -> tuple[Building, Episode]:
         """The same, with the rooms, corridors and doors of the building."""
-        layout, episode = self.plan.storey(rng, footprint)
+        layout, episode = self.building.sample_building(rng, footprint)
         radius = passing_radius(footprint)
         path = geodesic(episode.map, episode.goal[:2], radius).path(episode.start[:2])
         way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
@@ -81,13 +84,13 @@ class Temporary:
                 things.append(
                     obstacle(
                         (
-                            x + rng.uniform(-self.aside, self.aside),
-                            y + rng.uniform(-self.aside, self.aside),
+                            x + rng.uniform(-self.lateral_offset, self.lateral_offset),
+                            y + rng.uniform(-self.lateral_offset, self.lateral_offset),
                         ),
                         float(rng.uniform(*self.radius)),
-                        near=float(rng.uniform(*self.near)),
-                        least=self.least,
-                        stay=float(rng.uniform(*self.stay)),
+                        near=float(rng.uniform(*self.trigger_distance)),
+                        least=self.min_distance,
+                        stay=float(rng.uniform(*self.duration)),
                     )
                 )
         return layout, dataclasses.replace(episode, movers=together(things), name="temporary")

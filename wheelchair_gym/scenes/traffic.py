@@ -21,12 +21,12 @@ from wheelchair_gym.physics.actors.records import (
     leaf_line,
     person,
 )
-from wheelchair_gym.scenes.layout import Layout
+from wheelchair_gym.scenes.layout import Building
 from wheelchair_gym.scenes.raster import CELL
 
 Array = NDArray[np.float64]
 
-ROUND = RADIUS + 0.10  # m: people's routes keep this from walls
+WALKING_RADIUS = RADIUS + 0.10  # m: people's routes keep this from walls
 _PLACES = 8  # where people are going to: each costs one geodesic
 _TRIES = 60  # starts drawn for one person before they stay away
 _LEAST_WAY = 3.0  # m: shorter routes are no routes
@@ -37,7 +37,7 @@ _PIECES = (((0.45, 0.45), 5.0), ((0.20, 0.0), 3.0), ((0.60, 0.40), 9.0), ((0.25,
 
 
 @settings
-class PeopleOfScene:
+class PeopleSettings:
     """Who walks about, and how many."""
 
     density: tuple[float, float] = setting(
@@ -50,40 +50,42 @@ class PeopleOfScene:
     speed: float = setting(
         default=SPEED, unit="m/s", source="mean of what is preferred: Weidmann 1993", low=0.1
     )
-    spread: float = setting(
+    speed_sigma: float = setting(
         default=0.26, unit="m/s", source="standard deviation: Weidmann 1993", low=0.0
     )
-    slowest: float = setting(default=0.4, unit="m/s", source="who walks with a frame", low=0.05)
-    blind: float = setting(default=0.1, source="share who pay no attention", low=0.0, high=1.0)
-    crossing: float = setting(
+    min_speed: float = setting(default=0.4, unit="m/s", source="who walks with a frame", low=0.05)
+    inattentive_share: float = setting(
+        default=0.1, source="share who pay no attention", low=0.0, high=1.0
+    )
+    crossing_share: float = setting(
         default=0.0, source="share of cylinders that heed nobody: DynaBARN", low=0.0, high=1.0
     )
     patience: float = setting(
         default=4.0, unit="s", source="without getting on, then they turn back", low=0.5
     )
-    apart: float = setting(
+    start_distance: float = setting(
         default=2.0, unit="m", source="from the chair's start, at the beginning", low=0.8
     )
 
     def __post_init__(self) -> None:
         if self.density[0] > self.density[1]:
-            raise InputError(f"PeopleOfScene.density is {self.density}; expected from, to")
+            raise InputError(f"PeopleSettings.density is {self.density}; expected from, to")
 
 
 @settings
-class DoorsOfScene:
+class DoorSettings:
     """Which doors have a leaf, and how it opens."""
 
-    share: float = setting(default=0.4, source="of doors with a leaf", low=0.0, high=1.0)
-    sliding: float = setting(
+    leaf_share: float = setting(default=0.4, source="of doors with a leaf", low=0.0, high=1.0)
+    sliding_share: float = setting(
         default=0.5, source="share that slides, where the wall has room", low=0.0, high=1.0
     )
-    near: float = setting(
+    trigger_distance: float = setting(
         default=2.0, unit="m", source="opens for whoever is so near: EN 16005's sensors", low=0.5
     )
 
 
-def free_floor(grid: OccupancyGrid) -> float:
+def free_area(grid: OccupancyGrid) -> float:
     """Area [m2] of the map that is free."""
     return float((grid.cells == FREE).sum()) * grid.resolution**2
 
@@ -95,11 +97,11 @@ def _draw_place(rng: np.random.Generator, grid: OccupancyGrid, places: NDArray[n
     return drawn
 
 
-def draw_people(
+def sample_people(
     rng: np.random.Generator,
     grid: OccupancyGrid,
     start: Array,
-    who: PeopleOfScene,
+    who: PeopleSettings,
     taken: list[Array],
     leaves: list[Mover],
 ) -> list[Mover]:
@@ -113,26 +115,26 @@ def draw_people(
         taken: places (x, y, reach) where something stands already; theirs are added.
         leaves: doors.
     """
-    count = round(rng.uniform(*who.density) * free_floor(grid))
+    count = round(rng.uniform(*who.density) * free_area(grid))
     own = _barred(grid, leaves)
-    places = np.argwhere(own.traversable(ROUND))
+    places = np.argwhere(own.traversable(WALKING_RADIUS))
     for leaf in leaves:
         hinge, length = leaf.row["pose"][0, :2], leaf.row["size"][0, 0]
-        far = np.hypot(*(own.to_world(places) - hinge).T) > length + ROUND
+        far = np.hypot(*(own.to_world(places) - hinge).T) > length + WALKING_RADIUS
         places = places[far | ~leaf.row["swings"]]
     if not count or not len(places):
         return []
     goals = [_draw_place(rng, own, places) for _ in range(min(_PLACES, count))]
-    ways = [geodesic(own, goal, ROUND) for goal in goals]
+    ways = [geodesic(own, goal, WALKING_RADIUS) for goal in goals]
     found = []
     for _ in range(count):
-        speed = max(who.slowest, rng.normal(who.speed, who.spread))
+        speed = max(who.min_speed, rng.normal(who.speed, who.speed_sigma))
         heeds = EVERYBODY
-        if rng.random() < who.crossing:
+        if rng.random() < who.crossing_share:
             heeds = NOBODY
-        elif rng.random() < who.blind:
+        elif rng.random() < who.inattentive_share:
             heeds = PEOPLE
-        route = _draw_route(rng, own, places, ways, heeds, start, who.apart, taken)
+        route = _draw_route(rng, own, places, ways, heeds, start, who.start_distance, taken)
         if route is not None:
             taken.append(np.array([*route[0], RADIUS]))
             found.append(person(route, speed, heeds=heeds, patience=who.patience))
@@ -190,11 +192,11 @@ def _clear(grid: OccupancyGrid, here: Array, there: Array) -> bool:
     """Whether a straight way keeps off everything on the map."""
     steps = np.linspace(0.0, 1.0, 2 + math.ceil(math.dist(here, there) / grid.resolution))
     cells = grid.to_cell(here + steps[:, None] * (there - here))
-    return bool(grid.traversable(ROUND)[cells[:, 0], cells[:, 1]].all())
+    return bool(grid.traversable(WALKING_RADIUS)[cells[:, 0], cells[:, 1]].all())
 
 
-def draw_leaves(
-    rng: np.random.Generator, grid: OccupancyGrid, layout: Layout, what: DoorsOfScene
+def sample_doors(
+    rng: np.random.Generator, grid: OccupancyGrid, layout: Building, what: DoorSettings
 ) -> list[Mover]:
     """Powered leaves in some of the doors: one slides where it vanishes in the wall, or swings.
 
@@ -202,7 +204,7 @@ def draw_leaves(
     """
     found = []
     for opening in layout.doors:
-        if not opening.leaf or rng.random() >= what.share:
+        if not opening.leaf or rng.random() >= what.leaf_share:
             continue
         x0, y0, x1, y1 = (CELL * value for value in opening.opening)
         flip, way = rng.random() < 0.5, rng.choice((-0.5 * math.pi, 0.5 * math.pi))
@@ -212,17 +214,17 @@ def draw_leaves(
         else:
             hinge, heading = ((x, y1), -0.5 * math.pi) if flip else ((x, y0), 0.5 * math.pi)
         width = opening.width
-        slides = rng.random() < what.sliding and _in_wall(grid, hinge, heading, width)
+        slides = rng.random() < what.sliding_share and _in_wall(grid, hinge, heading, width)
         ways = [turn for turn in (way, -way) if _in_room(layout, hinge, heading + turn, width)]
         if slides or ways:
             travel = -width if slides else float(ways[0])
             # Whom a leaf swings at has to find it open: it begins its own length sooner.
-            near = what.near if slides else what.near + width
+            near = what.trigger_distance if slides else what.trigger_distance + width
             found.append(door(hinge, heading, width, travel, swings=not slides, near=near))
     return found
 
 
-def _in_room(layout: Layout, hinge: tuple[float, float], heading: float, width: float) -> bool:
+def _in_room(layout: Building, hinge: tuple[float, float], heading: float, width: float) -> bool:
     """Whether the far end of an open leaf is in a room."""
     col = (hinge[0] + width * math.cos(heading)) / CELL
     row = (hinge[1] + width * math.sin(heading)) / CELL
@@ -239,13 +241,13 @@ def _in_wall(grid: OccupancyGrid, hinge: tuple[float, float], heading: float, wi
     return bool((grid.cells[cells[:, 0], cells[:, 1]] == OCCUPIED).all())
 
 
-def draw_light(
+def sample_furniture(
     rng: np.random.Generator, grid: OccupancyGrid, density: float, start: Array, taken: list[Array]
 ) -> list[Mover]:
     """Light furniture by the walls and in the way; `taken` as of `draw_people`."""
     places = np.argwhere(grid.traversable(_CLEAR))
     found: list[Mover] = []
-    for _ in range(round(density * free_floor(grid)) if len(places) else 0):
+    for _ in range(round(density * free_area(grid)) if len(places) else 0):
         size, mass = _PIECES[rng.integers(len(_PIECES))]
         x, y = _draw_place(rng, grid, places)
         yaw = rng.uniform(-math.pi, math.pi)

@@ -225,6 +225,6 @@ class SensorSettings:
     )
 
     @property
-    def finds_itself(self) -> bool:
+    def localizes(self) -> bool:
         """Whether the pose comes from what the chair sees, and not from the chair itself."""
         return self.pose_source in ("mcl", "slam")

@@ -21,7 +21,7 @@ from wheelchair_gym.compiled.address import (
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import FARTHEST
 from wheelchair_gym.maps import Geodesic
-from wheelchair_gym.maps.cost_to_go import PoseWays, time_to_go, to_local
+from wheelchair_gym.maps.cost_to_go import CostToGo, time_to_go, to_local
 from wheelchair_gym.maps.geodesic import interpolate
 from wheelchair_gym.physics.actors.records import MOVER
 from wheelchair_gym.task.observations import project
@@ -87,7 +87,7 @@ class Course:
     episode: Episode
     geodesic: Geodesic
     path: Array | None  # (n, 2) m
-    ways: PoseWays | None  # of the outline
+    ways: CostToGo | None  # of the outline
     pointers: Pointers  # of the record
 
     @property
@@ -110,7 +110,7 @@ class Course:
         geodesic: Geodesic,
         path: Array | None,
         tolerance: float,
-        ways: PoseWays | None = None,
+        ways: CostToGo | None = None,
     ) -> Course:
         """Lay out a course.
 
@@ -142,7 +142,10 @@ class Course:
         pointers.point("path", points)
         r["points"] = len(points)
         if ways is not None:
-            words, moves = np.ascontiguousarray(ways.words), np.ascontiguousarray(ways.moves)
+            words, moves = (
+                np.ascontiguousarray(ways.packed_states),
+                np.ascontiguousarray(ways.moves),
+            )
             pointers.point("words", words)
             pointers.point("moves", moves)
             r["word_rows"], r["word_cols"], r["headings"] = words.shape

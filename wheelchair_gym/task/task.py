@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.address import Pointers, Target, as_array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
-from wheelchair_gym.maps.cost_to_go import PoseWays
+from wheelchair_gym.maps.cost_to_go import CostToGo
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -31,7 +31,7 @@ Rows = NDArray[np.void]
 Observation = dict[str, Floats]
 # A path (n, 2) [m] from the start to the goal; or, if its attribute `poses` is true, the ways of
 # the chair's outline.
-Guidance = Callable[["Task"], Array | PoseWays]
+Guidance = Callable[["Task"], Array | CostToGo]
 
 TWIST_ROOM = 1.5  # a chair pushed or overshooting is seen up to this multiple of its limits
 
@@ -55,7 +55,7 @@ class Task:
 
     Attributes:
         map: what the chair knows of the world: what it was told, or what it has drawn itself.
-        chart: gives what it has drawn, if the world is unknown.
+        built_map: gives what it has drawn, if the world is unknown.
         start: where the episode begins (3,) [m, m, rad].
         goal: (3,) [m, m, rad].
         geodesic: the shortest ways to the goal.
@@ -110,7 +110,7 @@ class Task:
         self.tolerance = settings.tolerance
         self.time_limit = settings.time_base
         self.path: Array | None = None
-        self.chart: Callable[[], OccupancyGrid] | None = None
+        self.built_map: Callable[[], OccupancyGrid] | None = None
         self.note = ""
         rangers = sensors.ultrasonic
         self._reaches = np.array(
@@ -183,7 +183,7 @@ class Task:
     @property
     def map(self) -> OccupancyGrid:
         """What the chair knows of the world."""
-        return self._told if self.chart is None else self.chart()
+        return self._told if self.built_map is None else self.built_map()
 
     def prepare(self, episode: Episode, radius: float | None = None) -> Course:
         """What an episode is driven on: the ways to its goal, and the guidance.
@@ -203,7 +203,7 @@ class Task:
             self._take(episode, ways)
             self.tolerance = self.tolerance_of(episode)
             path = self.guidance(self)
-            if isinstance(path, PoseWays) != self.posed:
+            if isinstance(path, CostToGo) != self.posed:
                 expected = "ways of the outline" if self.posed else "a path (n, 2)"
                 raise ValueError(f"guidance gave {type(path).__name__}; expected {expected}")
         return self.lay_out(episode, ways, path)
@@ -212,9 +212,9 @@ class Task:
         """How near its goal counts [m]."""
         return self.settings.tolerance if episode.tolerance is None else episode.tolerance
 
-    def lay_out(self, episode: Episode, ways: Geodesic, guide: Array | PoseWays | None) -> Course:
+    def lay_out(self, episode: Episode, ways: Geodesic, guide: Array | CostToGo | None) -> Course:
         """The course of an episode whose ways and guidance are known."""
-        if isinstance(guide, PoseWays):
+        if isinstance(guide, CostToGo):
             path = guide.path(episode.start)[:, :2]
             if len(path) < 2:
                 path = np.stack([episode.start[:2], episode.goal[:2]])

@@ -14,7 +14,7 @@ from agents.cli import main
 from planners.swarm.peers import Mealpy
 from tests.conftest import ROOT
 from wheelchair_gym import InputError
-from wheelchair_gym.recording.sink import Outlet
+from wheelchair_gym.recording.sink import Sink
 from wheelchair_gym.rendering.video import write_video
 from wheelchair_gym.rendering.window import Window
 
@@ -35,7 +35,7 @@ NEEDED = {
         [*DEPLOY, "--chair", "ros://127.0.0.1:1", *CONFIG],
     ]),
     "mcap": ("mcap", [["replay", "there.mcap"]]),
-    "foxglove-sdk": ("foxglove", [lambda: Outlet("some.mcap")]),
+    "foxglove-sdk": ("foxglove", [lambda: Sink("some.mcap")]),
     "pygame-ce": ("pygame", [Window]),
     "moviepy": ("imageio_ffmpeg", [lambda: write_video("some.mp4", [PICTURE], 10.0)]),
     "ray": ("ray", [["compare", "--suite", "demo", "--engine", "ray", "--no-video"]]),

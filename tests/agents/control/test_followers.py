@@ -16,7 +16,7 @@ from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import Footprint, footprint_clearance
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.safety import Shield
-from wheelchair_gym.safety.clearance import points_gap
+from wheelchair_gym.safety.clearance import clearance_to_points
 
 PLANNER = "a_star"
 NOBODY = np.empty((0, 5))
@@ -91,7 +91,7 @@ def test_the_gap_of_points_is_the_exact_clearance():
         far = np.hypot(*points.T)
         order = np.argsort(far)
         pose = rng.uniform((-1, -1, -3), (1, 1, 3))
-        gap = points_gap(*pose, footprint, np.column_stack([points, far])[order], 0.5)
+        gap = clearance_to_points(*pose, footprint, np.column_stack([points, far])[order], 0.5)
         discs = np.column_stack([points, np.zeros(40)])
         exact = footprint_clearance(*pose, footprint, np.empty((0, 4)), discs, 0.5)
         assert gap == pytest.approx(exact, abs=1e-12)
@@ -171,7 +171,7 @@ def test_what_slips_out_of_sight_is_remembered():
     assert np.hypot(*(behind - (2.65, 0.5)).T).min() < 0.06
 
 
-@pytest.mark.parametrize("shield", [None, {"unseen": 0.3, "margin": 0.1}])
+@pytest.mark.parametrize("shield", [None, {"unseen_speed": 0.3, "stop_margin": 0.1}])
 @pytest.mark.parametrize(
     "chair",
     [
@@ -187,12 +187,12 @@ def test_a_policy_is_slowed_as_the_shield_of_its_own_chair_would(chair, shield):
     env.reset(seed=0)
     own, around = env.settings, Surroundings(env.task)
     same = Shield(own.shield, own.chair, own.sensors, 1.0 / own.rate)
-    same.look(env.task.reading)
+    same.update(env.task.reading)
     twists = np.array([(v, w) for v in (-0.3, -0.1, 0.0, 0.6) for w in (-0.9, 0.0, 0.4)])
     for v in (0.0, -0.2):
         motion = np.array([v, 0.0, 0.0, 0.0])
         slowed = around.unhurried(twists, motion)
-        np.testing.assert_array_equal(slowed, same.unhurried(twists, motion))
+        np.testing.assert_array_equal(slowed, same.limit_for_unseen_space(twists, motion))
         assert (slowed != twists).any()
 
 

@@ -268,7 +268,9 @@ def test_a_ladder_of_doors_is_drawn_with_its_physical_limit(monkeypatch):
         limit, spare = (line.get_data() for line in axes.lines)
         assert (limit[1] < spare[1]).all()
         for corridor, door in np.transpose(spare)[::10]:
-            assert Doorway(door=door, corridor=corridor).margin == pytest.approx(0.05, abs=1e-4)
+            assert Doorway(door_width=door, corridor_width=corridor).margin == pytest.approx(
+                0.05, abs=1e-4
+            )
 
 
 def test_no_mark_of_a_figure_is_cut_off_and_no_curve_is_left_out(monkeypatch):

@@ -92,6 +92,6 @@ class Reckoned:
         return self._pose[None]
 
     @property
-    def chart(self) -> Callable[[], OccupancyGrid] | None:
+    def built_map(self) -> Callable[[], OccupancyGrid] | None:
         """It draws no map."""
         return None

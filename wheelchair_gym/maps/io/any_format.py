@@ -12,19 +12,19 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.maps.grid import OccupancyGrid
 from wheelchair_gym.maps.io.house_expo import read_house
 from wheelchair_gym.maps.io.map_server import read_map
-from wheelchair_gym.maps.io.moving_ai import read_octile
+from wheelchair_gym.maps.io.moving_ai import read_moving_ai_map
 
 Array = NDArray[np.float64]
 
 
-class Ground(NamedTuple):
+class MapWithWalls(NamedTuple):
     """A map, and the closed loops of its walls, which may be finer than its cells."""
 
     grid: OccupancyGrid
     walls: Array  # (n, 4) m
 
 
-def read_ground(path: str | Path, unknown_is_solid: bool = False) -> Ground:
+def read_any_map(path: str | Path, unknown_is_solid: bool = False) -> MapWithWalls:
     """A map_server `.yaml`, a MovingAI `.map` or a HouseExpo `.json`.
 
     Raises:
@@ -34,12 +34,12 @@ def read_ground(path: str | Path, unknown_is_solid: bool = False) -> Ground:
     ending = path.suffix.lower()
     if ending == ".json":
         house = read_house(path)
-        return Ground(house.grid(), house.walls)
+        return MapWithWalls(house.grid(), house.walls)
     if ending == ".map":
-        grid = read_octile(path)
+        grid = read_moving_ai_map(path)
     elif ending in (".yaml", ".yml"):
         grid = read_map(path)
     else:
         expected = "expected .yaml (map_server), .map (MovingAI) or .json (HouseExpo)"
         raise InputError(f"{path}: not a known kind of map; {expected}")
-    return Ground(grid, grid.walls(unknown_is_solid))
+    return MapWithWalls(grid, grid.walls(unknown_is_solid))

@@ -25,7 +25,7 @@ PASSABLE: Final = ".GS"
 SOLID: Final = "@OTW"
 
 
-class Task(NamedTuple):
+class ScenarioTask(NamedTuple):
     """One line of a scenario, in the frame of the map it names."""
 
     map: str  # file name
@@ -42,7 +42,7 @@ def _size(line: str, key: str, where: str) -> int:
     return int(words[1])
 
 
-def read_octile(path: str | Path, resolution: float = 1.0) -> OccupancyGrid:
+def read_moving_ai_map(path: str | Path, resolution: float = 1.0) -> OccupancyGrid:
     """The grid of a `.map` file; its lower-left corner is (0, 0).
 
     Args:
@@ -81,7 +81,7 @@ def read_octile(path: str | Path, resolution: float = 1.0) -> OccupancyGrid:
     return OccupancyGrid(cells, resolution)
 
 
-def read_scenario(path: str | Path, resolution: float = 1.0) -> list[Task]:
+def read_moving_ai_scenario(path: str | Path, resolution: float = 1.0) -> list[ScenarioTask]:
     """The tasks of a `.scen` file.
 
     Args:
@@ -115,5 +115,5 @@ def read_scenario(path: str | Path, resolution: float = 1.0) -> list[Task]:
         start, goal = (
             resolution * np.array([x + 0.5, height - 0.5 - y]) for x, y in ((x0, y0), (x1, y1))
         )
-        tasks.append(Task(name, start, goal, resolution * length, bucket))
+        tasks.append(ScenarioTask(name, start, goal, resolution * length, bucket))
     return tasks
