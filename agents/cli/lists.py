@@ -51,8 +51,8 @@ def scenes(given: argparse.Namespace) -> int:
 
 def _measure(given: argparse.Namespace) -> int:
     rows: list[dict[str, Any]] = []
-    found = scene_statistics(make_scene(spec(given.name)), range(given.samples))
-    for name, values in found.items():
+    drawn = scene_statistics(make_scene(spec(given.name)), range(given.samples))
+    for name, values in drawn.items():
         found = np.quantile(values, tuple(QUANTILES.values())).tolist()
         rows.append({"figure": name, "n": len(values), **dict(zip(QUANTILES, found, strict=True))})
     columns = ("n", *QUANTILES)

@@ -441,7 +441,7 @@ def test_a_place_that_cannot_be_written_is_one_line(tmp_path):
 
 def test_movers_are_recorded_and_replayed_where_they_were(tmp_path):
     """Doors, people and what comes and goes; the picture of a replay is that of the run."""
-    scene = {"name": "crowd", "people": {"density": (0.06, 0.08)}, "light": 0.05}
+    scene = {"name": "crowd", "people": {"density": (0.06, 0.08)}, "furniture_density": 0.05}
     env = RecordEpisodes(
         gym.make("wheelchair_gym/Navigation-v0", scene=scene, render_mode="rgb_array"),
         tmp_path / "run.mcap",
