@@ -20,6 +20,7 @@ from wheelchair_gym.config import dump
 from wheelchair_gym.envs.guidance import is_built_in
 from wheelchair_gym.errors import InputError, shown
 from wheelchair_gym.files import LIMITS, parse_json, read_bytes, whole
+from wheelchair_gym.migration import migrated
 from wheelchair_gym.task.observation_layout import KEYS
 
 Floats = NDArray[np.float32]
@@ -180,6 +181,7 @@ def load_weights(path: str | Path) -> Weights:
         readable = weights.card.get("format") == FORMAT
         if readable:
             check_card(weights.card)
+            weights.card["env"] = migrated(weights.card["env"])
             _check_arrays(weights)
     except Exception as error:  # readers document no errors for damaged bytes
         why = " ".join(str(error).split()) or type(error).__name__

@@ -21,6 +21,7 @@ from wheelchair_gym.config import InputError, load, setting, settings
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.files import modified, read_bytes
+from wheelchair_gym.migration import migrated
 from wheelchair_gym.task.prepared_episode import Course
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Episode
@@ -103,7 +104,7 @@ class LearnedDriver:
     ) -> None:
         self.network: Any = network
         self.remembers = remembers
-        self._env = load(EnvSettings, card["env"], "weights: env")
+        self._env = load(EnvSettings, migrated(card["env"]), "weights: env")
         self.layout = Layout.of_card(card)
         self.card = card
 

@@ -291,10 +291,10 @@ def test_a_chair_that_slides_into_a_wall_has_caused_it(friction):
 
 def test_a_standing_chair_never_causes_a_collision():
     """Most are cylinders that heed nobody; many go into it, and none of it is its doing."""
-    blind = {"density": (0.08, 0.12), "blind": 0.5, "crossing": 0.7}
+    blind = {"density": (0.08, 0.12), "inattentive_share": 0.5, "crossing_share": 0.7}
     contacts = bumps = 0
     for chair, _ in crowds(
-        range(12), place="hall", hall=(6.0, 8.0), people=blind, furniture_density=0.03
+        range(12), place="hall", hall_size=(6.0, 8.0), people=blind, furniture_density=0.03
     ):
         for _ in range(300):
             reading = chair.drive(STILL)
@@ -310,7 +310,7 @@ def test_a_standing_chair_never_causes_a_collision():
 def test_people_walk_round_a_chair_that_stands(blind):
     """In dense halls; those who pay no attention see it late, but see it."""
     contacts = steps = 0
-    seeing = {"density": (0.08, 0.1), "blind": blind}
+    seeing = {"density": (0.08, 0.1), "inattentive_share": blind}
     for chair, _ in crowds(range(6), place="hall", people=seeing, furniture_density=0.0):
         for _ in range(300):
             chair.drive(STILL)

@@ -18,6 +18,7 @@ from wheelchair_gym.files import check_cells, is_coordinate, parse_json, read_by
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.localization.logs import SensorLog
 from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.migration import migrated
 from wheelchair_gym.physics.actors.records import MOVER, Movers
 from wheelchair_gym.recording.decode import mcap_messages, number, numbers, packed_array, value_of
 from wheelchair_gym.recording.record import COMMAND, EPISODE, FLOATS, READING, SETTINGS, VERDICT
@@ -27,20 +28,6 @@ from wheelchair_gym.types import Belief, Episode, Reading, Truth
 Array = NDArray[np.float64]
 Record = dict[str, Any]
 _TOPICS: Final = (EPISODE, READING, COMMAND, VERDICT)
-# Settings that earlier releases recorded under another name: their path there -> their name now.
-RENAMED: Final = {
-    "shield.margin": "stop_margin",
-    "shield.headway": "time_headway",
-    "shield.reaction": "reaction_time",
-    "shield.crawl": "creep_speed",
-    "shield.memory": "memory_time",
-    "shield.lasting": "static_memory_time",
-    "shield.vacated": "vacated_time",
-    "shield.unseen": "unseen_speed",
-    "shield.pace": "person_speed",
-    "shield.spurt": "person_acceleration",
-    "shield.wary": "moving_memory_time",
-}
 
 
 class RecordedState(NamedTuple):
@@ -205,18 +192,8 @@ def _begun(content: Record) -> RecordedEpisode:
     given = value_of(content, "settings", dict)
     if not set(given) <= set(SETTINGS):
         raise ValueError(f"settings has {shown(sorted(given))}; expected {', '.join(SETTINGS)}")
-    settings = load(EnvSettings, _renamed(given), EPISODE)
+    settings = load(EnvSettings, migrated(given), EPISODE)
     return RecordedEpisode(settings, episode, path, [], [], [])
-
-
-def _renamed(settings: Record, path: str = "") -> Record:
-    """Recorded settings under the names that they have now."""
-    return {
-        RENAMED.get(path + key, key): (
-            _renamed(value, f"{path}{key}.") if isinstance(value, dict) else value
-        )
-        for key, value in settings.items()
-    }
 
 
 def _moment(
