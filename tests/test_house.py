@@ -27,7 +27,18 @@ ARROW = {
     "agents": {"wheelchair_gym", "planners"},
 }
 # What planners may know of the chair: words, settings, geometry and maps, and how to compile.
-FOR_PLANNERS = {"types", "geometry", "kinematics", "maps", "config", "compiled", "errors", "files"}
+FOR_PLANNERS = {
+    "types",
+    "geometry",
+    "kinematics",
+    "maps",
+    "config",
+    "compiled",
+    "errors",
+    "files",
+    "registry",
+    "random",
+}
 # Third-party packages that live in one room each.
 ROOMS = {
     "pymunk": ("wheelchair_gym/physics/",),

@@ -82,7 +82,7 @@ def with_iterations(planner: Any, iterations: int) -> Any:
         value = getattr(planner, field.name)
         if field.name == "iterations" and isinstance(value, int):
             changes[field.name] = iterations
-        elif type(value) in PLANNERS.values():
+        elif PLANNERS.name_of(value) is not None:
             changes[field.name] = with_iterations(value, iterations)
     return replace(planner, **changes) if changes else planner
 

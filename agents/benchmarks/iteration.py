@@ -14,7 +14,7 @@ from agents.peers import PEERS
 from agents.peers.swarms import FIRST, WEIGHTS, Cost, Mealpy, Niapy, scatter, subdivide
 from planners import make_planner
 from planners.random_stream import stream
-from planners.swarm.whale_path import shorten
+from planners.swarm.search import shorten_path
 from planners.swarm.woa import WhaleSettings
 
 POPULATION, WAY_POINTS = 10, 20
@@ -56,10 +56,10 @@ def iteration_rows(cases: Sequence[Case], peers: Sequence[str]) -> list[Row]:
     start = scatter(path, POPULATION, np.random.default_rng(0))
 
     def ours(count: int) -> object:
-        return shorten(
+        return shorten_path(
             arrays,
             path,
-            WhaleSettings(population=POPULATION, iterations=count).values,
+            WhaleSettings(population=POPULATION, iterations=count).parameters,
             WEIGHTS.shortness_weight,
             WEIGHTS.collision_free_weight,
             WEIGHTS.width_bound,

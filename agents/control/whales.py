@@ -16,7 +16,7 @@ from agents.control.local_map import Surroundings
 from agents.control.reference import Reference
 from agents.control.rollout import Body, Motion, Near, Weights, begin, cheapest, cost_of
 from planners.random_stream import Stream, stream
-from planners.swarm.woa import Whales, WhaleSettings, move
+from planners.swarm.woa import WhaleParameters, WhaleSettings, move_whales
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
 
@@ -48,7 +48,7 @@ class WhaleFollower:
 @kernel
 def search(
     first: Array, lower: Array, upper: Array, body: Body, near: Near, margin: float,
-    weights: Weights, swarm: Whales, state: Stream,
+    weights: Weights, swarm: WhaleParameters, state: Stream,
 ) -> tuple[Array, Array]:  # fmt: skip
     """All particles (n, SIZE) that were tried and their costs (n,), the last one the best.
 
@@ -80,7 +80,9 @@ def search(
             n += 1
         if t < swarm.iterations:
             a = swarm.a * (1.0 - t / swarm.iterations)
-            move(population, best, a, swarm.b, swarm.mu, swarm.lam, span, lower, upper, state)
+            move_whales(
+                population, best, a, swarm.b, swarm.mu, swarm.lam, span, lower, upper, state
+            )
     tried[n], costs[n] = best, least
     return tried, costs
 
@@ -96,7 +98,7 @@ class RecedingWhales:
     def twist(self, around: Surroundings, reference: Reference, chair: Motion) -> Array | None:
         """See `Follower.twist`."""
         own, near = self.own, near_of(around, reference)
-        swarm, weights = own.whales.values, own.objective.weights
+        swarm, weights = own.whales.parameters, own.objective.weights
 
         def pick(margin: float, slow: bool) -> Array | None:
             lower, upper = self._bounds(around, chair, slow)

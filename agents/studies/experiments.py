@@ -181,7 +181,7 @@ def smoothing(job: Job, seed: int) -> Record:
     """P1: one optimiser from the start population that all rivals share."""
     from dataclasses import replace
 
-    from planners.swarm.rrt_woa import RrtWoa
+    from planners.trees.variants import RrtWoa
 
     problem = problem_of(job["scene"], clearance=job["clearance"])
     swarm = replace(RrtWoa().swarm, optimizer=job["optimizer"])
@@ -193,21 +193,21 @@ def smoothing(job: Job, seed: int) -> Record:
     begun = process_time()
     found = swarm.search(start, np.random.default_rng([seed, 1]))
     seconds = process_time() - begun
-    whole = np.vstack([start.task.start, start.task.anchors + start.population[0].reshape(-1, 2),
-                       start.task.goal])  # fmt: skip
+    asked = start.path_problem
+    whole = np.vstack([asked.start, asked.anchors + start.population[0].reshape(-1, 2), asked.goal])
     before, after = turning(whole), turning(found.way_points)
     valid = len(found.line) > 0
     return {
         "solved": valid,
         "status": "solved" if valid else "exhausted",
         "time_s": seconds,
-        "cost": found.least,
+        "cost": found.best_cost,
         "smoothness": after,
         "smoothness_before": before,
         "improvement": 100.0 * (before - after) / before if before > 0.0 else 0.0,
         "printed_turning": printed_turning(found.way_points),
         "length_m": path_length(found.line) if valid else None,
-        "least_is_valid": valid and found.cost <= found.least + 1e-9,
+        "least_is_valid": valid and found.cost <= found.best_cost + 1e-9,
     }
 
 
@@ -246,7 +246,7 @@ def among_discs(job: Job, seed: int) -> Record:
         "valid": bool(free),
         "length_m": length,
         "near": bool(free) and length is not None and length <= job["near"],
-        "loss": float(found.least),
+        "loss": float(found.best_cost),
         "found": 1 + int(np.argmin(costs)),
         "settled": 1 + int(np.argmax(costs <= SETTLED * final)),
         "time_s": seconds,
@@ -260,26 +260,31 @@ def among_discs(job: Job, seed: int) -> Record:
 def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[Any, Array]:
     """A swarm's search, and the least cost after each move (n,)."""
     from planners.random_stream import stream
-    from planners.swarm.objectives import make_objective
-    from planners.swarm.optimizers import make_optimizer
-    from planners.swarm.path_cost import new_room
-    from planners.swarm.search import Search, Valid, search
-    from planners.swarm.state import begin
+    from planners.registries import make_objective, make_optimizer
+    from planners.swarm.path_cost import new_workspace
+    from planners.swarm.search import BestValid, SearchResult, iterate
+    from planners.swarm.state import new_swarm
 
     start = planner.start(problem, None, rng)
-    task, swarm = start.task, begin(start.population, start.lower, start.upper)
-    room = new_room(len(task.anchors), task.pieces)
-    valid = Valid(np.empty_like(room.line), np.full(1, np.inf), np.zeros(1, np.int64))
-    worth, moves = make_objective(planner.objective).worth, make_optimizer(planner.optimizer).moves
+    task, swarm = start.path_problem, new_swarm(start.population, start.lower, start.upper)
+    room = new_workspace(len(task.anchors), task.pieces)
+    valid = BestValid(np.empty_like(room.line), np.full(1, np.inf), np.zeros(1, np.int64))
+    path_cost = make_objective(planner.objective).path_cost
+    parameters = make_optimizer(planner.optimizer).parameters
     state, costs = stream(rng), np.empty(planner.iterations)
     for t in range(planner.iterations):  # one move a call: the same as all in one
-        search(task, worth, moves, swarm, valid, t, t + 1, planner.cycle, room, state)
-        costs[t] = swarm.now["least"][0]
+        iterate(task, path_cost, parameters, swarm, valid, t, t + 1, planner.cycle, room, state)
+        costs[t] = swarm.record["best_cost"][0]
     line = valid.line if valid.cost[0] < np.inf else np.empty((0, 2))
-    found = Search(
-        line, float(valid.cost[0]), int(valid.found[0]), room.line, float(costs[-1]), room.points,
+    found = SearchResult(
+        line,
+        float(valid.cost[0]),
+        int(valid.iteration[0]),
+        room.line,
+        float(costs[-1]),
+        room.points,
         planner.iterations,
-    )  # fmt: skip
+    )
     return found, costs
 
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from planners.controls.maneuver import Aims, Leg, bridge
 from planners.controls.rollout import INTEREST, World, brake, drive, look, motion_at, rollout
 from planners.random_stream import Stream, stream
-from planners.swarm.woa import Whales, WhaleSettings
+from planners.swarm.woa import WhaleParameters, WhaleSettings
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
@@ -71,7 +71,7 @@ def follow(
     roam: float,
     to_rest: bool,
     aims: Aims,
-    swarm: Whales,
+    swarm: WhaleParameters,
     state: Stream,
 ) -> tuple[Array, int, bool]:
     """Commands (k, 3) through targets (n, 2) [m]; the targets reached, and whether all was free.
@@ -260,7 +260,7 @@ class ControlGenerator:
             comfortable=self.comfortable,
         )
         commands, reached, free = follow(
-            targets, start, world, self.roam, to_rest, aims, self.whales.values, stream(rng)
+            targets, start, world, self.roam, to_rest, aims, self.whales.parameters, stream(rng)
         )
         poses, twists, times = rollout(commands, pose, twist, world.limits)
         gaps = np.hypot(*(poses[:, :2] - targets[-1]).T)

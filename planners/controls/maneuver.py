@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from planners.controls.rollout import MOTION, STEP, Motion, World, brake, drive, time_to_cover
 from planners.random_stream import Stream, uniform
-from planners.swarm.woa import Whales, move
+from planners.swarm.woa import WhaleParameters, move_whales
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
 
@@ -172,7 +172,7 @@ def seed(kind: int, now: Any, leg: Leg, limits: Array, particle: Array) -> None:
 
 @kernel
 def bridge(
-    now: Motion, leg: Leg, world: World, aims: Aims, swarm: Whales, state: Stream
+    now: Motion, leg: Leg, world: World, aims: Aims, swarm: WhaleParameters, state: Stream
 ) -> tuple[Array, bool]:
     """The commands (k, 3) for one segment, and whether they touch nothing.
 
@@ -213,6 +213,8 @@ def bridge(
                 best[:] = population[i]
         if t < swarm.iterations:
             a = swarm.a * (1.0 - t / swarm.iterations)
-            move(population, best, a, swarm.b, swarm.mu, swarm.lam, span, lower, upper, state)
+            move_whales(
+                population, best, a, swarm.b, swarm.mu, swarm.lam, span, lower, upper, state
+            )
     count = int(best[_SIZE - 1])
     return best[: 3 * count].copy().reshape(count, 3), least < _COLLISION

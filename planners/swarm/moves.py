@@ -8,12 +8,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.random_stream import Stream, stream
-from planners.swarm.evolution import Difference, Genes, breed, differ
-from planners.swarm.foragers import Bees, Fireflies, forage, glow
-from planners.swarm.gwo import hunt
-from planners.swarm.pso import Flight, fly, inertia_of
-from planners.swarm.state import FEWEST, Swarm, begin, keep_within, remember, rival
-from planners.swarm.woa import move as circle
+from planners.swarm.state import MIN_POPULATION, Swarm, clip_to_bounds, competitor, new_swarm, store
+from planners.swarm.update_rules import (
+    BeeParameters,
+    DifferenceParameters,
+    FireflyParameters,
+    GeneticParameters,
+    ParticleParameters,
+    move_bees,
+    move_differential,
+    move_fireflies,
+    move_genetic,
+    move_particles,
+    move_wolves,
+    next_inertia,
+)
+from planners.swarm.woa import move_whales as circle
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import InputError
 
@@ -22,7 +32,7 @@ Array = NDArray[np.float64]
 WHALES, PARTICLES, WOLVES, PARTICLES_THEN_WOLVES, BEES, FIREFLIES, GENES, DIFFERENCE = range(8)
 
 
-class Moves(NamedTuple):
+class MoveParameters(NamedTuple):
     """An optimiser as kernels take it: its kind, and the numbers of all kinds."""
 
     kind: int
@@ -30,26 +40,30 @@ class Moves(NamedTuple):
     b: float = 1.0
     mu: float = 0.5
     lam: float = 1.0
-    span: float = 2.0  # of the whales' factor C; where occupancy counts, that of a free way point
+    c_range: float = (
+        2.0  # of the whales' factor C; where occupancy counts, that of a free way point
+    )
     by_occupancy: bool = False  # C is 0 for way points of the best that are not free
-    share: float = 0.5  # of a run that particles fly before wolves hunt
-    flight: Flight = Flight(0, 1.0, 1.0, 1.0, 2.0, 2.0, 0.1, 0.3, 4.0, 0, False)
-    bees: Bees = Bees(1.0, 0.6)
-    fireflies: Fireflies = Fireflies(2.0, 1.0, 0.2, 0.98, 0.05)
-    genes: Genes = Genes(0.7, 0.4, 0.1, 0.1, 8.0)
-    difference: Difference = Difference(0.2, 0.8, 0.2)
+    particle_share: float = 0.5  # of a run that particles fly before wolves hunt
+    particles: ParticleParameters = ParticleParameters(
+        0, 1.0, 1.0, 1.0, 2.0, 2.0, 0.1, 0.3, 4.0, 0, False
+    )
+    bees: BeeParameters = BeeParameters(1.0, 0.6)
+    fireflies: FireflyParameters = FireflyParameters(2.0, 1.0, 0.2, 0.98, 0.05)
+    genes: GeneticParameters = GeneticParameters(0.7, 0.4, 0.1, 0.1, 8.0)
+    difference: DifferenceParameters = DifferenceParameters(0.2, 0.8, 0.2)
 
 
 @borrowing_kernel
-def flying(moves: Moves, progress: float) -> bool:
+def is_particle_move(moves: MoveParameters, progress: float) -> bool:
     """Whether the next move is one of particles."""
     return moves.kind == PARTICLES or (
-        moves.kind == PARTICLES_THEN_WOLVES and progress < moves.share
+        moves.kind == PARTICLES_THEN_WOLVES and progress < moves.particle_share
     )
 
 
 @borrowing_kernel
-def advance(swarm: Swarm, moves: Moves, progress: float, state: Stream) -> float:
+def move_swarm(swarm: Swarm, moves: MoveParameters, progress: float, state: Stream) -> float:
     """Move a swarm once, in place; returns the inertia, where particles flew.
 
     Args:
@@ -60,8 +74,8 @@ def advance(swarm: Swarm, moves: Moves, progress: float, state: Stream) -> float
     """
     inertia, kind = 0.0, moves.kind
     if kind == WHALES:
-        if not swarm.span[0] >= 0.0:
-            swarm.span[:] = moves.span
+        if not swarm.c_range[0] >= 0.0:
+            swarm.c_range[:] = moves.c_range
         circle(
             swarm.positions,
             swarm.best,
@@ -69,50 +83,50 @@ def advance(swarm: Swarm, moves: Moves, progress: float, state: Stream) -> float
             moves.b,
             moves.mu,
             moves.lam,
-            swarm.span,
+            swarm.c_range,
             swarm.lower,
             swarm.upper,
             state,
         )
-    elif flying(moves, progress):
-        flown = progress / moves.share if kind == PARTICLES_THEN_WOLVES else progress
-        inertia = inertia_of(swarm, moves.flight, flown)
-        fly(swarm, moves.flight, inertia, state)
+    elif is_particle_move(moves, progress):
+        flown = progress / moves.particle_share if kind == PARTICLES_THEN_WOLVES else progress
+        inertia = next_inertia(swarm, moves.particles, flown)
+        move_particles(swarm, moves.particles, inertia, state)
     elif kind == WOLVES:
-        hunt(swarm, moves.a * (1.0 - progress), state)
+        move_wolves(swarm, moves.a * (1.0 - progress), state)
     elif kind == PARTICLES_THEN_WOLVES:
-        hunt(swarm, moves.a * (1.0 - progress) / (1.0 - moves.share), state)
+        move_wolves(swarm, moves.a * (1.0 - progress) / (1.0 - moves.particle_share), state)
     elif kind == BEES:
-        forage(swarm, moves.bees, state)
+        move_bees(swarm, moves.bees, state)
     elif kind == FIREFLIES:
-        glow(swarm, moves.fireflies, state)
+        move_fireflies(swarm, moves.fireflies, state)
     elif kind == GENES:
-        breed(swarm, moves.genes, state)
+        move_genetic(swarm, moves.genes, state)
     else:
-        differ(swarm, moves.difference, state)
+        move_differential(swarm, moves.difference, state)
     if kind != WHALES:  # they keep within by themselves
-        keep_within(swarm)
-    swarm.now[0].moves += 1
+        clip_to_bounds(swarm)
+    swarm.record[0].move_count += 1
     return inertia
 
 
 @kernel
-def told(swarm: Swarm, moves: Moves, progress: float, state: Stream) -> None:
+def store_and_move(swarm: Swarm, moves: MoveParameters, progress: float, state: Stream) -> None:
     """Take the costs of a swarm's positions for good, and move it."""
     for i in range(swarm.positions.shape[0]):
-        j = rival(swarm, i)
-        if swarm.costs[i] < swarm.own_costs[j]:
-            remember(swarm, i, j)
+        j = competitor(swarm, i)
+        if swarm.costs[i] < swarm.personal_best_costs[j]:
+            store(swarm, i, j)
         else:
             swarm.trials[j] += 1
-    advance(swarm, moves, progress, state)
+    move_swarm(swarm, moves, progress, state)
 
 
 class Optimizer(Protocol):
     """Settings that say how a swarm moves."""
 
     @property
-    def moves(self) -> Moves:
+    def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
         ...
 
@@ -131,7 +145,7 @@ class Optimizer(Protocol):
 
 class _Moving(Protocol):
     @property
-    def moves(self) -> Moves: ...
+    def parameters(self) -> MoveParameters: ...
 
 
 def move(
@@ -160,13 +174,13 @@ def move(
     """
     swarm = memory
     if swarm is None:
-        swarm = begin(population, -np.inf, np.inf)
+        swarm = new_swarm(population, -np.inf, np.inf)
         swarm.best[:] = best
-        swarm.now["least"] = -np.inf
+        swarm.record["best_cost"] = -np.inf
     k = len(swarm.positions)
-    if k < FEWEST and self.moves.kind != WHALES:
-        raise InputError(f"population has {k} positions; expected at least {FEWEST}")
+    if k < MIN_POPULATION and self.parameters.kind != WHALES:
+        raise InputError(f"population has {k} positions; expected at least {MIN_POPULATION}")
     swarm.positions[:] = population
     swarm.costs[:] = costs
-    told(swarm, self.moves, progress, stream(rng))
+    store_and_move(swarm, self.parameters, progress, stream(rng))
     return swarm.positions.copy()

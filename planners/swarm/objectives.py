@@ -5,34 +5,31 @@ Each stands with exact edge tests; `faithful` keeps its source's own tests, soun
 
 from __future__ import annotations
 
-from typing import Any, Final
-
 from planners.collision.solids import DISC_SIDES
 from planners.swarm import path_cost as terms
-from planners.swarm.optimizers import named
-from planners.swarm.path_cost import Worth
-from wheelchair_gym.config import load, setting, settings
+from planners.swarm.path_cost import PathCost
+from wheelchair_gym.config import setting, settings
 
 _FAITHFUL = "exact tests; true: the source's own"
-_PLAIN = Worth(
-    size=terms.LENGTH,
+_PLAIN = PathCost(
+    length_measure=terms.LENGTH,
     weight=1.0,
     turning=terms.NO_TURNING,
-    reach=0.0,
-    sampled=False,
+    violation_range=0.0,
+    points_only=False,
     violation=0.0,
-    tested=terms.EDGES,
-    blocked=0.0,
-    each_blocked=0.0,
+    collision_test=terms.EDGES,
+    blocked_factor=0.0,
+    blocked_edge_cost=0.0,
     push=terms.NO_PUSH,
     slack=0.0,
 )
 _EACH = "an edge inside weighs more than all lengths on a map"
 
 
-def length_free(shortness: float, collision_free: float) -> Worth:
+def length_free(shortness: float, collision_free: float) -> PathCost:
     """The thesis's cost: its weights of length [1/m] and of edges that are not free."""
-    return _PLAIN._replace(weight=shortness, each_blocked=collision_free)
+    return _PLAIN._replace(weight=shortness, blocked_edge_cost=collision_free)
 
 
 @settings
@@ -45,7 +42,7 @@ class LengthFree:
     collision_free_weight: float = setting(default=1e4, source=_EACH + "; thesis: 1", low=0.0)
 
     @property
-    def worth(self) -> Worth:
+    def path_cost(self) -> PathCost:
         """The terms as kernels take them."""
         return length_free(self.shortness_weight, self.collision_free_weight)
 
@@ -63,12 +60,12 @@ class Smooth:
     faithful: bool = setting(default=False, source=_FAITHFUL)
 
     @property
-    def worth(self) -> Worth:
+    def path_cost(self) -> PathCost:
         """The terms as kernels take them."""
         return _PLAIN._replace(
             turning=terms.PRINTED_TURNING if self.faithful else terms.MEAN_TURNING,
-            tested=terms.WAY_POINTS if self.faithful else terms.EDGES,
-            blocked=self.penalty,
+            collision_test=terms.WAY_POINTS if self.faithful else terms.EDGES,
+            blocked_factor=self.penalty,
         )
 
 
@@ -81,19 +78,19 @@ class Violation:
     """
 
     penalty: float = setting(default=100.0, source="Yarpiz, whose program P2 follows", low=0.0)
-    reach: float = setting(default=1.2, source="P2 (20)", low=0.0)
+    violation_range: float = setting(default=1.2, source="P2 (20)", low=0.0)
     blocked_cost: float = setting(default=100.0, unit="m", source=_EACH, low=0.0)
     faithful: bool = setting(default=False, source=_FAITHFUL)
 
     @property
-    def worth(self) -> Worth:
+    def path_cost(self) -> PathCost:
         """The terms as kernels take them."""
         return _PLAIN._replace(
-            reach=self.reach,
-            sampled=self.faithful,
+            violation_range=self.violation_range,
+            points_only=self.faithful,
             violation=self.penalty,
-            tested=terms.NOTHING if self.faithful else terms.EDGES,
-            each_blocked=0.0 if self.faithful else self.blocked_cost,
+            collision_test=terms.NOTHING if self.faithful else terms.EDGES,
+            blocked_edge_cost=0.0 if self.faithful else self.blocked_cost,
         )
 
 
@@ -107,7 +104,7 @@ class WayPoints:
     """
 
     penalty: float = setting(default=100.0, source="as P2's", low=0.0)
-    reach: float = setting(
+    violation_range: float = setting(
         default=1.0 + 5.0 / DISC_SIDES**2,
         source="beyond the corners, pi^2 / 2 n^2, of the polygon that a disc is on a map",
         low=0.0,
@@ -117,39 +114,18 @@ class WayPoints:
     faithful: bool = setting(default=False, source=_FAITHFUL)
 
     @property
-    def worth(self) -> Worth:
+    def path_cost(self) -> PathCost:
         """The terms as kernels take them."""
         if self.faithful:
             return _PLAIN._replace(
-                size=terms.PRINTED_ENERGY,
-                tested=terms.NOTHING,
+                length_measure=terms.PRINTED_ENERGY,
+                collision_test=terms.NOTHING,
                 push=terms.DOUBLED,
                 slack=self.slack,
             )
         return _PLAIN._replace(
-            size=terms.ENERGY,
-            reach=self.reach,
+            length_measure=terms.ENERGY,
+            violation_range=self.violation_range,
             violation=self.penalty,
-            each_blocked=self.blocked_cost,
+            blocked_edge_cost=self.blocked_cost,
         )
-
-
-OBJECTIVES: Final[dict[str, type[Any]]] = {
-    "length_free": LengthFree,
-    "smooth": Smooth,
-    "violation": Violation,
-    "way_points": WayPoints,
-}
-
-
-def make_objective(spec: Any) -> Any:
-    """An objective by name, or by a mapping with its name and settings; an objective is itself.
-
-    Raises:
-        InputError: the name is unknown, or a setting is not one of the objective's.
-    """
-    if type(spec) in OBJECTIVES.values():
-        return spec
-    values = named(spec, OBJECTIVES, "objective")
-    name = values.pop("name")
-    return load(OBJECTIVES[name], values, f"objective {name}")

@@ -1,9 +1,8 @@
-"""The optimisers as settings: `OPTIMIZERS` names them.
+"""The swarm optimizers as settings; `planners.registries.OPTIMIZERS` names them.
 
-Each says how a swarm moves; how many move and for how long is said by who uses it. `begin` makes
-what a swarm remembers, and one record serves all of them:
+`new_swarm` makes the memory of a swarm, the same record for all optimizers:
 
-    memory = begin(population, lower, upper)
+    memory = new_swarm(population, lower, upper)
     for t in range(iterations):
         population = optimizer.move(memory.positions, costs_of(memory.positions), memory.best,
                                     t / iterations, rng, memory)
@@ -11,38 +10,75 @@ what a swarm remembers, and one record serves all of them:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from planners.swarm import moves as kinds
-from planners.swarm.evolution import Difference, Genes
-from planners.swarm.foragers import Bees, Fireflies
-from planners.swarm.moves import Moves, Optimizer, move
-from planners.swarm.particles import Pso, PsoAdaptive, PsoChaotic, PsoVariable
-from planners.swarm.state import Swarm, begin
+from planners.swarm.moves import MoveParameters, Optimizer, move
+from planners.swarm.update_rules import (
+    ADAPTIVE,
+    CHAOTIC,
+    DAMPED,
+    VARIABLE,
+    BeeParameters,
+    DifferenceParameters,
+    FireflyParameters,
+    GeneticParameters,
+    ParticleParameters,
+)
 from planners.swarm.woa import WhaleSettings
-from wheelchair_gym.config import InputError, dump, load, setting, settings
+from wheelchair_gym.config import setting, settings
 
-__all__ = ["OPTIMIZERS", "Moves", "Optimizer", "Swarm", "begin", "make_optimizer"]
-
-_WHALES = "as WhaleSettings"
-_YARPIZ = "Yarpiz"
+_WHALES = "Mirjalili and Lewis 2016"
+_YARPIZ = "Yarpiz (program library)"
+_P2 = "P2: Al-Nayar, Dagher and Hadi, results"
+_NOT_GIVEN = "usual value, not given in R1"
 _R1 = "R1: project report on PSO and GWO, section 5.4"
+
+
+_NEIGHBOURS: Final = setting(
+    default=0,
+    doc="Neighbours on each side whose best a particle knows; 0 for the whole swarm.",
+    source="design choice",
+    low=0,
+)
+_INERTIA_RAMP: Final = setting(
+    default=False,
+    doc="Whether the inertia of way point j counts min(1, sqrt(j) / 4).",
+    source="R1, section 5.7",
+)
 
 
 @settings
 class Woa:
     """Whales (Mirjalili and Lewis 2016), with the thesis's thresholds mu and lambda."""
 
-    a: float = setting(default=WhaleSettings.a, source=_WHALES, low=0.0)
-    b: float = setting(default=WhaleSettings.b, source=_WHALES)
-    mu: float = setting(default=WhaleSettings.mu, source=_WHALES, low=0.0, high=1.0)
-    lam: float = setting(default=WhaleSettings.lam, source=_WHALES, low=0.0)
+    a: float = setting(
+        default=WhaleSettings.a,
+        doc="Initial bound of the factor A; it falls to 0 over a run.",
+        source=_WHALES,
+        low=0.0,
+    )
+    b: float = setting(
+        default=WhaleSettings.b, doc="Shape of the logarithmic spiral.", source=_WHALES
+    )
+    mu: float = setting(
+        default=WhaleSettings.mu,
+        doc="Probability of a move other than the spiral.",
+        source=_WHALES,
+        low=0.0,
+        high=1.0,
+    )
+    lam: float = setting(
+        default=WhaleSettings.lam,
+        doc="Bound of |A| below which a whale encircles the best.",
+        source=_WHALES,
+        low=0.0,
+    )
 
     @property
-    def moves(self) -> Moves:
+    def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
-        return Moves(kinds.WHALES, a=self.a, b=self.b, mu=self.mu, lam=self.lam)
+        return MoveParameters(kinds.WHALES, a=self.a, b=self.b, mu=self.mu, lam=self.lam)
 
     move = move
 
@@ -55,12 +91,174 @@ class WoaModified:
     a map of free and solid has no third case.
     """
 
-    whales: Woa = setting(default=Woa(), source="P1: as WOA")
+    whales: Woa = setting(
+        default=Woa(), doc="The whales, but for the factor C.", source="P1: as WOA"
+    )
 
     @property
-    def moves(self) -> Moves:
+    def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
-        return self.whales.moves._replace(span=1.0, by_occupancy=True)
+        return self.whales.parameters._replace(c_range=1.0, by_occupancy=True)
+
+    move = move
+
+
+@settings
+class Pso:
+    """Particles whose inertia is damped: P2's PSO, or a fixed inertia at damping 1."""
+
+    inertia: float = setting(
+        default=1.0, doc="Initial inertia.", source=_P2 + ", its listing", low=0.0
+    )
+    damping: float = setting(
+        default=0.98, doc="Factor of the inertia per move.", source=_P2, low=0.0, high=1.0
+    )
+    c1: float = setting(
+        default=2.0,
+        doc="Acceleration towards the personal best (c1).",
+        source=_P2 + "; its listing has 1.5",
+        low=0.0,
+    )
+    c2: float = setting(
+        default=2.0,
+        doc="Acceleration towards the best of the swarm (c2).",
+        source=_P2 + "; its listing has 1.5",
+        low=0.0,
+    )
+    max_step: float = setting(
+        default=0.1,
+        doc="Longest step of a coordinate, as a share of the width of its bounds.",
+        source=_YARPIZ,
+        low=0.0,
+    )
+    neighbours: int = _NEIGHBOURS
+    inertia_ramp: bool = _INERTIA_RAMP
+
+    @property
+    def parameters(self) -> MoveParameters:
+        """The settings as kernels take them."""
+        inertia = self.inertia, self.inertia, self.damping
+        pulls = self.c1, self.c2, self.max_step
+        return MoveParameters(
+            kinds.PARTICLES,
+            particles=ParticleParameters(
+                DAMPED, *inertia, *pulls, 0.0, 0.0, self.neighbours, self.inertia_ramp
+            ),
+        )
+
+    move = move
+
+
+@settings
+class PsoChaotic:
+    """Particles whose falling inertia is multiplied by a logistic map: P2 (13)-(17)."""
+
+    inertia: float = setting(default=0.9, doc="Initial inertia.", source=_P2, low=0.0)
+    min_inertia: float = setting(default=0.3, doc="Final inertia.", source=_P2, low=0.0)
+    chaos: float = setting(
+        default=0.3,
+        doc="Initial state of the logistic map.",
+        source="P2 prints 3, outside the domain of the map",
+        low=0.0,
+        high=1.0,
+    )
+    mu: float = setting(
+        default=4.0, doc="Parameter of the logistic map.", source=_P2, low=0.0, high=4.0
+    )
+    c1: float = setting(
+        default=2.0, doc="Acceleration towards the personal best (c1).", source=_P2, low=0.0
+    )
+    c2: float = setting(
+        default=2.0, doc="Acceleration towards the best of the swarm (c2).", source=_P2, low=0.0
+    )
+    max_step: float = setting(
+        default=0.1,
+        doc="Longest step of a coordinate, as a share of the width of its bounds.",
+        source=_YARPIZ,
+        low=0.0,
+    )
+
+    @property
+    def parameters(self) -> MoveParameters:
+        """The settings as kernels take them."""
+        inertia = self.inertia, self.min_inertia, 1.0
+        pulls = self.c1, self.c2, self.max_step
+        return MoveParameters(
+            kinds.PARTICLES,
+            particles=ParticleParameters(CHAOTIC, *inertia, *pulls, self.chaos, self.mu, 0, False),
+        )
+
+    move = move
+
+
+@settings
+class PsoVariable:
+    """Particles whose inertia falls by a constant factor; c1 and c2 follow it: R1 (2.1)-(2.4)."""
+
+    inertia: float = setting(default=0.9, doc="Initial inertia.", source=_NOT_GIVEN, low=1e-3)
+    min_inertia: float = setting(default=0.4, doc="Final inertia.", source=_NOT_GIVEN, low=1e-3)
+    max_step: float = setting(
+        default=0.16,
+        doc="Longest step of a coordinate, as a share of the width of its bounds.",
+        source=_R1 + ": 4 m of 25 m",
+        low=0.0,
+    )
+    neighbours: int = _NEIGHBOURS
+    inertia_ramp: bool = _INERTIA_RAMP
+
+    @property
+    def parameters(self) -> MoveParameters:
+        """The settings as kernels take them."""
+        particles = ParticleParameters(
+            VARIABLE,
+            self.inertia,
+            self.min_inertia,
+            1.0,
+            0.0,
+            0.0,
+            self.max_step,
+            0.0,
+            0.0,
+            self.neighbours,
+            self.inertia_ramp,
+        )
+        return MoveParameters(kinds.PARTICLES, particles=particles)
+
+    move = move
+
+
+@settings
+class PsoAdaptive:
+    """Particles whose inertia follows the gain of the last move: R1 (2.5)-(2.6)."""
+
+    inertia: float = setting(default=0.9, doc="Initial inertia.", source=_NOT_GIVEN, low=0.0)
+    min_inertia: float = setting(default=0.4, doc="Final inertia.", source=_NOT_GIVEN, low=0.0)
+    c1: float = setting(
+        default=2.05, doc="Acceleration towards the personal best (c1).", source=_R1, low=0.0
+    )
+    c2: float = setting(
+        default=2.05, doc="Acceleration towards the best of the swarm (c2).", source=_R1, low=0.0
+    )
+    max_step: float = setting(
+        default=0.16,
+        doc="Longest step of a coordinate, as a share of the width of its bounds.",
+        source=_R1 + ": 4 m of 25 m",
+        low=0.0,
+    )
+    neighbours: int = _NEIGHBOURS
+    inertia_ramp: bool = _INERTIA_RAMP
+
+    @property
+    def parameters(self) -> MoveParameters:
+        """The settings as kernels take them."""
+        inertia = self.inertia, self.min_inertia, 1.0
+        pulls = self.c1, self.c2, self.max_step
+        return MoveParameters(
+            kinds.PARTICLES,
+            particles=ParticleParameters(
+                ADAPTIVE, *inertia, *pulls, 0.0, 0.0, self.neighbours, self.inertia_ramp
+            ),
+        )
 
     move = move
 
@@ -69,12 +267,17 @@ class WoaModified:
 class Gwo:
     """Grey wolves (Mirjalili, Mirjalili and Lewis 2014)."""
 
-    a: float = setting(default=2.0, source="Mirjalili et al. 2014: falls from 2 to 0", low=0.0)
+    a: float = setting(
+        default=2.0,
+        doc="Initial bound of the factor A; it falls to 0 over a run.",
+        source="Mirjalili et al. 2014",
+        low=0.0,
+    )
 
     @property
-    def moves(self) -> Moves:
+    def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
-        return Moves(kinds.WOLVES, a=self.a)
+        return MoveParameters(kinds.WOLVES, a=self.a)
 
     move = move
 
@@ -84,29 +287,41 @@ class PsoGwo:
     """Particles fly, then wolves hunt from where these ended (R1)."""
 
     inertia: Literal["fixed", "variable", "adaptive"] = setting(
-        default="adaptive", source="R1's best"
+        default="adaptive", doc="How the inertia of the particles changes.", source="R1's best"
     )
     fixed: Pso = setting(
-        default=Pso(inertia=0.9, damping=1.0, own=2.05, best=2.05, speed=0.16), source=_R1
+        default=Pso(inertia=0.9, damping=1.0, c1=2.05, c2=2.05, max_step=0.16),
+        doc="Particles of a fixed inertia.",
+        source=_R1,
     )
-    variable: PsoVariable = setting(default=PsoVariable(), source=_R1)
-    adaptive: PsoAdaptive = setting(default=PsoAdaptive(), source=_R1)
-    wolves: Gwo = setting(default=Gwo(), source=_R1)
-    share: float = setting(default=0.5, source=_R1 + ": 150 iterations each", low=0.01, high=0.99)
+    variable: PsoVariable = setting(
+        default=PsoVariable(), doc="Particles of a variable inertia.", source=_R1
+    )
+    adaptive: PsoAdaptive = setting(
+        default=PsoAdaptive(), doc="Particles of an adaptive inertia.", source=_R1
+    )
+    wolves: Gwo = setting(default=Gwo(), doc="The wolves.", source=_R1)
+    particle_share: float = setting(
+        default=0.5,
+        doc="Share of a run in which particles move; then wolves follow.",
+        source="R1, section 5.4: 150 of 300 iterations",
+        low=0.01,
+        high=0.99,
+    )
 
     @property
-    def moves(self) -> Moves:
+    def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
         particles: dict[str, Optimizer] = {
             "fixed": self.fixed,
             "variable": self.variable,
             "adaptive": self.adaptive,
         }
-        return Moves(
+        return MoveParameters(
             kinds.PARTICLES_THEN_WOLVES,
             a=self.wolves.a,
-            share=self.share,
-            flight=particles[self.inertia].moves.flight,
+            particle_share=self.particle_share,
+            particles=particles[self.inertia].parameters.particles,
         )
 
     move = move
@@ -116,15 +331,20 @@ class PsoGwo:
 class Abc:
     """An artificial bee colony (Karaboga 2005); two moves are one cycle of it."""
 
-    reach: float = setting(default=1.0, source=_YARPIZ + ": acceleration", low=0.0)
-    patience: float = setting(
-        default=0.6, source=_YARPIZ + ": vain trials per coordinate and bee", low=0.0
+    acceleration: float = setting(
+        default=1.0, doc="Bound of a step, in differences of two sources.", source=_YARPIZ, low=0.0
+    )
+    trial_limit: float = setting(
+        default=0.6,
+        doc="Failed trials per coordinate and bee after which a source is left.",
+        source=_YARPIZ,
+        low=0.0,
     )
 
     @property
-    def moves(self) -> Moves:
+    def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
-        return Moves(kinds.BEES, bees=Bees(self.reach, self.patience))
+        return MoveParameters(kinds.BEES, bees=BeeParameters(self.acceleration, self.trial_limit))
 
     move = move
 
@@ -133,17 +353,33 @@ class Abc:
 class Firefly:
     """Fireflies that fly towards all brighter ones (Yang 2009), the best of old and new kept."""
 
-    attraction: float = setting(default=2.0, source=_YARPIZ + ": beta0", low=0.0)
-    absorption: float = setting(default=1.0, source=_YARPIZ + ": gamma", low=0.0)
-    randomness: float = setting(default=0.2, source=_YARPIZ + ": alpha", low=0.0)
-    damping: float = setting(default=0.98, source=_YARPIZ, low=0.0, high=1.0)
-    step: float = setting(default=0.05, source=_YARPIZ + ": of the bounds' width", low=0.0)
+    attraction: float = setting(
+        default=2.0, doc="Attraction beta at distance 0.", source=_YARPIZ, low=0.0
+    )
+    absorption: float = setting(
+        default=1.0,
+        doc="Light absorption gamma, per square of the distance in diagonals of the bounds.",
+        source=_YARPIZ,
+        low=0.0,
+    )
+    randomness: float = setting(
+        default=0.2, doc="Initial factor alpha of the random step.", source=_YARPIZ, low=0.0
+    )
+    damping: float = setting(
+        default=0.98, doc="Factor of the random step per move.", source=_YARPIZ, low=0.0, high=1.0
+    )
+    step: float = setting(
+        default=0.05,
+        doc="Random step, as a share of the width of the bounds.",
+        source=_YARPIZ,
+        low=0.0,
+    )
 
     @property
-    def moves(self) -> Moves:
+    def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
         values = self.attraction, self.absorption, self.randomness, self.damping, self.step
-        return Moves(kinds.FIREFLIES, fireflies=Fireflies(*values))
+        return MoveParameters(kinds.FIREFLIES, fireflies=FireflyParameters(*values))
 
     move = move
 
@@ -152,19 +388,47 @@ class Firefly:
 class Ga:
     """A real-coded genetic algorithm with roulette, the best of parents and children kept."""
 
-    crossed: float = setting(
-        default=0.73, source=_YARPIZ + ": 0.8 n by crossover, 0.3 n mutants", low=0.0, high=1.0
+    crossover_share: float = setting(
+        default=0.73,
+        doc="Share of the children that have two parents; the others are mutants.",
+        source="Yarpiz: 0.8 n by crossover, 0.3 n mutants",
+        low=0.0,
+        high=1.0,
     )
-    extension: float = setting(default=0.4, source=_YARPIZ + ": gamma", low=0.0)
-    mutated: float = setting(default=0.1, source=_YARPIZ + ": mu", low=0.0, high=1.0)
-    step: float = setting(default=0.1, source=_YARPIZ + ": sigma", low=0.0)
-    pressure: float = setting(default=8.0, source=_YARPIZ + ": beta", low=0.0)
+    extension: float = setting(
+        default=0.4,
+        doc="How far beyond its parents a child may lie, as a share of their distance (gamma).",
+        source=_YARPIZ,
+        low=0.0,
+    )
+    mutation_rate: float = setting(
+        default=0.1,
+        doc="Probability that a coordinate of a mutant changes (mu).",
+        source=_YARPIZ,
+        low=0.0,
+        high=1.0,
+    )
+    mutation_step: float = setting(
+        default=0.1,
+        doc="Standard deviation of a mutation, as a share of the width of the bounds (sigma).",
+        source=_YARPIZ,
+        low=0.0,
+    )
+    selection_pressure: float = setting(
+        default=8.0, doc="Exponent beta of the roulette selection.", source=_YARPIZ, low=0.0
+    )
 
     @property
-    def moves(self) -> Moves:
+    def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
-        values = self.crossed, self.extension, self.mutated, self.step, self.pressure
-        return Moves(kinds.GENES, genes=Genes(*values))
+        values = (
+            self.crossover_share,
+            self.extension,
+            self.mutation_rate,
+            self.mutation_step,
+            self.selection_pressure,
+        )
+        return MoveParameters(kinds.GENES, genes=GeneticParameters(*values))
 
     move = move
 
@@ -173,60 +437,26 @@ class Ga:
 class De:
     """Differential evolution, DE/rand/1/bin (Storn and Price 1997)."""
 
-    least: float = setting(default=0.2, source=_YARPIZ + ": least F", low=0.0)
-    most: float = setting(default=0.8, source=_YARPIZ + ": greatest F", low=0.0)
-    crossed: float = setting(default=0.2, source=_YARPIZ + ": CR", low=0.0, high=1.0)
+    min_factor: float = setting(
+        default=0.2, doc="Least differential weight F.", source=_YARPIZ, low=0.0
+    )
+    max_factor: float = setting(
+        default=0.8, doc="Greatest differential weight F.", source=_YARPIZ, low=0.0
+    )
+    crossover_rate: float = setting(
+        default=0.2,
+        doc="Probability of a coordinate to come from the mutant (CR).",
+        source=_YARPIZ,
+        low=0.0,
+        high=1.0,
+    )
 
     @property
-    def moves(self) -> Moves:
+    def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
-        return Moves(kinds.DIFFERENCE, difference=Difference(self.least, self.most, self.crossed))
+        return MoveParameters(
+            kinds.DIFFERENCE,
+            difference=DifferenceParameters(self.min_factor, self.max_factor, self.crossover_rate),
+        )
 
     move = move
-
-
-OPTIMIZERS: Final[dict[str, type[Any]]] = {
-    "abc": Abc,
-    "de": De,
-    "firefly": Firefly,
-    "ga": Ga,
-    "gwo": Gwo,
-    "pso": Pso,
-    "pso_adaptive": PsoAdaptive,
-    "pso_chaotic": PsoChaotic,
-    "pso_gwo": PsoGwo,
-    "pso_variable": PsoVariable,
-    "woa": Woa,
-    "woa_modified": WoaModified,
-}
-
-
-def named(spec: Any, registry: Mapping[str, type[Any]], what: str) -> dict[str, Any]:
-    """A name, or an object with a name and settings, or such settings themselves, as an object.
-
-    Raises:
-        InputError: it is none of these, or the name is unknown.
-    """
-    names = {cls: name for name, cls in registry.items()}
-    if type(spec) in names:
-        return {"name": names[type(spec)], **dump(spec)}
-    if not isinstance(spec, str | Mapping):
-        raise InputError(f"{what} is {spec!r}; expected a name or an object with a name")
-    values = {"name": spec} if isinstance(spec, str) else dict(spec)
-    if values.get("name") not in registry:
-        known = ", ".join(sorted(registry))
-        raise InputError(f"{what} {values.get('name')!r} is unknown; there are {known}")
-    return values
-
-
-def make_optimizer(spec: Any) -> Any:
-    """An optimiser by name, or by a mapping with its name and settings; an optimiser is itself.
-
-    Raises:
-        InputError: the name is unknown, or a setting is not one of the optimiser's.
-    """
-    if type(spec) in OPTIMIZERS.values():
-        return spec
-    values = named(spec, OPTIMIZERS, "optimizer")
-    name = values.pop("name")
-    return load(OPTIMIZERS[name], values, f"optimizer {name}")

@@ -1,4 +1,4 @@
-"""What a path is worth: one compiled cost with the terms of all objectives, exactly tested."""
+"""What a path is terms: one compiled cost with the terms of all objectives, exactly tested."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NO_PUSH, TO_RIM, DOUBLED = range(3)  # how way points leave discs
 _TINY = 1e-12  # m: keeps a leg without length from dividing by zero
 
 
-class Task(NamedTuple):
+class PathProblem(NamedTuple):
     """A problem as a swarm of paths sees it."""
 
     space: SpaceArrays  # what is free for a point
@@ -36,30 +36,32 @@ class Task(NamedTuple):
     pieces: int  # straight pieces of each leg
 
 
-class Worth(NamedTuple):
+class PathCost(NamedTuple):
     """The terms of a cost.
 
     cost = turning + weight x size x (1 + violation x mean intrusion + blocked x [any edge blocked])
     + each_blocked x blocked edges
     """
 
-    size: int  # LENGTH [m] of the curve; of the way points: ENERGY sqrt(legs x sum of squares) [m],
+    length_measure: (
+        int  # LENGTH [m] of the curve; of the way points: ENERGY sqrt(legs x sum of squares) [m],
+    )
     # which is the length where all legs are as long; PRINTED_ENERGY sqrt(sum of squares)
     weight: float  # cost per metre of size
     turning: (
         int  # NO_TURNING; MEAN_TURNING: mean absolute angle [rad] between legs; PRINTED: P1 (5)
     )
-    reach: float  # discs' radii count times this in intrusions; 0: none are looked for
-    sampled: bool  # intrusions at the curve's points alone, not along its pieces
+    violation_range: float  # discs' radii count times this in intrusions; 0: none are looked for
+    points_only: bool  # intrusions at the curve's points alone, not along its pieces
     violation: float  # factor of the mean intrusion, as a part of the radius
-    tested: int  # EDGES, WAY_POINTS or NOTHING
-    blocked: float  # part of the size that being blocked costs
-    each_blocked: float  # cost of each blocked edge
+    collision_test: int  # EDGES, WAY_POINTS or NOTHING
+    blocked_factor: float  # part of the size that being blocked costs
+    blocked_edge_cost: float  # cost of each blocked edge
     push: int  # NO_PUSH, TO_RIM, DOUBLED: way points are pushed out of discs before they are valued
     slack: float  # m^2 that are added to a disc's radius squared there
 
 
-class Room(NamedTuple):
+class Workspace(NamedTuple):
     """Room to value a path."""
 
     points: Array  # (n + 2, 2) way points and both ends
@@ -67,26 +69,26 @@ class Room(NamedTuple):
     line: Array  # pieces of the curve
 
 
-def new_room(way_points: int, pieces: int) -> Room:
+def new_workspace(way_points: int, pieces: int) -> Workspace:
     """Room for paths of so many way points."""
     n = way_points + 2
-    return Room(np.empty((n, 2)), new_curve_room(n), np.empty(((n - 1) * pieces + 1, 2)))
+    return Workspace(np.empty((n, 2)), new_curve_room(n), np.empty(((n - 1) * pieces + 1, 2)))
 
 
 @borrowing_kernel
-def place(task: Task, position: Array, points: Array) -> int:
+def write_way_points(problem: PathProblem, position: Array, points: Array) -> int:
     """Write start, way points and goal (n + 2, 2) of a position (2 n,); returns how many."""
-    n = task.anchors.shape[0]
-    points[0, 0], points[0, 1] = task.start[0], task.start[1]
+    n = problem.anchors.shape[0]
+    points[0, 0], points[0, 1] = problem.start[0], problem.start[1]
     for i in range(n):
-        points[i + 1, 0] = task.anchors[i, 0] + position[2 * i]
-        points[i + 1, 1] = task.anchors[i, 1] + position[2 * i + 1]
-    points[n + 1, 0], points[n + 1, 1] = task.goal[0], task.goal[1]
+        points[i + 1, 0] = problem.anchors[i, 0] + position[2 * i]
+        points[i + 1, 1] = problem.anchors[i, 1] + position[2 * i + 1]
+    points[n + 1, 0], points[n + 1, 1] = problem.goal[0], problem.goal[1]
     return int(n) + 2
 
 
 @borrowing_kernel
-def length_of(points: Array, n: int) -> float:
+def polyline_length(points: Array, n: int) -> float:
     """Length [m] of a polyline of n points."""
     length = 0.0
     for i in range(n - 1):
@@ -95,7 +97,7 @@ def length_of(points: Array, n: int) -> float:
 
 
 @borrowing_kernel
-def energy_of(points: Array, n: int) -> float:
+def root_sum_of_squares(points: Array, n: int) -> float:
     """Root of the sum of squared legs [m]: R1's loss."""
     total = 0.0
     for i in range(n - 1):
@@ -154,8 +156,13 @@ def intrusion(discs: Array, line: Array, n: int, reach: float, sampled: bool) ->
 
 
 @borrowing_kernel
-def value(
-    task: Task, worth: Worth, position: Array, limit: float, valid_limit: float, room: Room
+def evaluate(
+    problem: PathProblem,
+    terms: PathCost,
+    position: Array,
+    limit: float,
+    valid_limit: float,
+    workspace: Workspace,
 ) -> tuple[float, float]:
     """What a position costs, and what it costs if its path is exactly valid (infinity if not).
 
@@ -163,72 +170,85 @@ def value(
     then the costs returned are bounds that are not below the limits.
 
     Args:
-        task: the problem.
-        worth: the terms of the cost.
+        problem: the problem.
+        terms: the terms of the cost.
         position: way points (2 n,).
         limit: costs above this need not be exact.
         valid_limit: the least cost of a valid path so far.
-        room: for the path; its line is the position's afterwards.
+        workspace: for the path; its line is the position's afterwards.
     """
-    points, line = room.points, room.line
-    n = place(task, position, points)
-    m = trace(task.curve, task.chordal, points, n, task.pieces, room.curve, line)
-    if worth.size == LENGTH:
-        size = length_of(line, m)
+    points, line = workspace.points, workspace.line
+    n = write_way_points(problem, position, points)
+    m = trace(
+        problem.curve,
+        problem.chordal,
+        points,
+        n,
+        problem.pieces,
+        workspace.curve,
+        line,
+    )
+    if terms.length_measure == LENGTH:
+        size = polyline_length(line, m)
     else:
-        size = energy_of(points, n)
-        if worth.size == ENERGY:
+        size = root_sum_of_squares(points, n)
+        if terms.length_measure == ENERGY:
             size *= math.sqrt(n - 1.0)
-    size *= worth.weight
+    size *= terms.weight
     cost = size
-    if worth.turning == MEAN_TURNING:
+    if terms.turning == MEAN_TURNING:
         cost += mean_turning(points, n)
-    elif worth.turning == PRINTED_TURNING:
+    elif terms.turning == PRINTED_TURNING:
         cost += printed_turning(points, n)
     plain = cost
     if cost >= limit and plain >= valid_limit:
         return cost, math.inf
     valid = True
-    if worth.reach > 0.0:
-        deep = intrusion(task.discs, line, m, worth.reach, worth.sampled)
-        cost += size * worth.violation * deep
+    if terms.violation_range > 0.0:
+        deep = intrusion(problem.discs, line, m, terms.violation_range, terms.points_only)
+        cost += size * terms.violation * deep
         valid = deep == 0.0
-    if worth.tested == WAY_POINTS:
+    if terms.collision_test == WAY_POINTS:
         for i in range(1, n - 1):
-            if not point_free(task.space, points[i, 0], points[i, 1]):
-                cost += worth.each_blocked + size * worth.blocked
+            if not point_free(problem.space, points[i, 0], points[i, 1]):
+                cost += terms.blocked_edge_cost + size * terms.blocked_factor
                 valid = False
                 break
     blocked = 0
-    counted = worth.tested == EDGES
+    counted = terms.collision_test == EDGES
     for j in range(m - 1):
         if (cost >= limit or not counted) and (plain >= valid_limit or blocked > 0 or not valid):
             return cost, math.inf
-        if not edge_free(task.space, line[j, 0], line[j, 1], line[j + 1, 0], line[j + 1, 1]):
+        if not edge_free(problem.space, line[j, 0], line[j, 1], line[j + 1, 0], line[j + 1, 1]):
             if counted:
-                cost += worth.each_blocked
+                cost += terms.blocked_edge_cost
                 if blocked == 0:
-                    cost += size * worth.blocked
+                    cost += size * terms.blocked_factor
             blocked += 1
     return cost, plain if valid and blocked == 0 else math.inf
 
 
 @borrowing_kernel
-def push_out(task: Task, worth: Worth, position: Array, held: NDArray[np.bool_]) -> int:
+def push_out_of_discs(
+    problem: PathProblem, terms: PathCost, position: Array, held: NDArray[np.bool_]
+) -> int:
     """Push way points out of discs, and hold (2 n,) the others; returns how many were inside.
 
     As printed in R1, the vector from a centre is added, which doubles it; ours ends on the rim.
     """
     inside = 0
-    for i in range(task.anchors.shape[0]):
-        x, y = task.anchors[i, 0] + position[2 * i], task.anchors[i, 1] + position[2 * i + 1]
+    for i in range(problem.anchors.shape[0]):
+        x, y = (
+            problem.anchors[i, 0] + position[2 * i],
+            problem.anchors[i, 1] + position[2 * i + 1],
+        )
         dx, dy = 0.0, 0.0
-        for k in range(task.discs.shape[0]):
-            ux, uy = x - task.discs[k, 0], y - task.discs[k, 1]
-            square = task.discs[k, 2] ** 2 + worth.slack
+        for k in range(problem.discs.shape[0]):
+            ux, uy = x - problem.discs[k, 0], y - problem.discs[k, 1]
+            square = problem.discs[k, 2] ** 2 + terms.slack
             if ux * ux + uy * uy <= square:
                 share = 1.0
-                if worth.push == TO_RIM:
+                if terms.push == TO_RIM:
                     share = math.sqrt(square) / max(_TINY, math.hypot(ux, uy)) - 1.0
                 dx += share * ux
                 dy += share * uy

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.swarm.path_cost import Worth, new_room, value
-from planners.swarm.search import Search, Start
+from planners.swarm.path_cost import PathCost, evaluate, new_workspace
+from planners.swarm.search import InitialSwarm, SearchResult
 from wheelchair_gym.config import InputError, setting, settings
 
 Array = NDArray[np.float64]
@@ -26,17 +26,17 @@ class Mealpy:
 
     def search(
         self,
-        start: Start,
-        worth: Worth,
+        start: InitialSwarm,
+        path_cost: PathCost,
         iterations: int,
         rng: np.random.Generator,
         deadline: float | None = None,
-    ) -> Search:
+    ) -> SearchResult:
         """Let it search from a start.
 
         Args:
-            start: the task and the population.
-            worth: what paths are worth.
+            start: the path_problem and the population.
+            path_cost: what paths are path_cost.
             iterations: most epochs, at least one is made.
             rng: seeds the run.
             deadline: seconds of wall time from now; None for none.
@@ -56,13 +56,15 @@ class Mealpy:
             )
         except Exception as error:  # whatever it raises, it is about what was asked for
             raise InputError(f"optimizer mealpy: {self.algorithm}: {error}") from None
-        room = new_room(len(start.task.anchors), start.task.pieces)
+        workspace = new_workspace(len(start.path_problem.anchors), start.path_problem.pieces)
         found: list[Any] = [np.inf, np.empty((0, 2))]
 
         def cost_of(position: Array) -> float:
-            cost, plain = value(start.task, worth, np.asarray(position), np.inf, found[0], room)
+            cost, plain = evaluate(
+                start.path_problem, path_cost, np.asarray(position), np.inf, found[0], workspace
+            )
             if plain < found[0]:
-                found[:] = plain, room.line.copy()
+                found[:] = plain, workspace.line.copy()
             return float(cost)
 
         bounds = mealpy.FloatVar(lb=start.lower, ub=start.upper)
@@ -73,14 +75,16 @@ class Mealpy:
             termination=None if deadline is None else {"max_time": max(deadline, LEAST_TIME)},
         )
         costs = np.array([agent.target.fitness for agent in model.history.list_global_best])
-        value(start.task, worth, np.asarray(best.solution), np.inf, np.inf, room)
+        evaluate(
+            start.path_problem, path_cost, np.asarray(best.solution), np.inf, np.inf, workspace
+        )
         least = float(best.target.fitness)
-        return Search(
+        return SearchResult(
             found[1],
             float(found[0]),
             int((costs > least).sum()),
-            room.line,
+            workspace.line,
             least,
-            room.points,
+            workspace.points,
             len(costs) - 1,
         )

@@ -11,29 +11,28 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.graphs.grid import AStar
-from planners.problem import Plan, Planner, Problem, Status, begin, trivial
+from planners.problem import Plan, Problem, Status, begin, trivial
 from planners.random_stream import stream
+from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
 from planners.smoothing.curves import POLYLINE, curve, curve_kind
-from planners.swarm.objectives import OBJECTIVES, make_objective
-from planners.swarm.optimizers import OPTIMIZERS, make_optimizer, named
-from planners.swarm.path_cost import Task
+from planners.swarm.path_cost import PathProblem
 from planners.swarm.peers import Mealpy
-from planners.swarm.search import Search, Start, along, blocked_legs, bowed, halved, in_discs, run
-from planners.swarm.state import FEWEST
-from planners.swarm.state import begin as begin_swarm
-from planners.trees.variants import Rrt, RrtConnect, RrtStar
-from wheelchair_gym.config import InputError, load, setting, settings
+from planners.swarm.search import (
+    InitialSwarm,
+    SearchResult,
+    blocked_legs,
+    sample_along,
+    scatter_bowed,
+    scatter_in_ellipses,
+    search,
+    split_legs,
+)
+from planners.swarm.state import MIN_POPULATION
+from planners.swarm.state import new_swarm as begin_swarm
+from wheelchair_gym.config import InputError, setting, settings
 
 Array = NDArray[np.float64]
 
-FIRST: Final[dict[str, type[Any]]] = {
-    "a_star": AStar,
-    "rrt": Rrt,
-    "rrt_connect": RrtConnect,
-    "rrt_star": RrtStar,
-}
-_MOVERS: Final[dict[str, type[Any]]] = {**OPTIMIZERS, "mealpy": Mealpy}
 # Times that the legs of a first path are halved until a curve through it is free.
 _HALVINGS: Final = 8
 _AMONG: Final = 100  # points along the first path from which others are drawn: P1
@@ -59,7 +58,7 @@ class SwarmPlanner:
         default=None, source="of each leg: 1 of a polyline, 20 of a curve", low=1
     )
     way_points: int = setting(default=0, source="at least; a first path's own count", low=0)
-    population: int = setting(default=30, source="rrt_star_woa_global", low=FEWEST)
+    population: int = setting(default=30, source="rrt_star_woa_global", low=MIN_POPULATION)
     iterations: int = setting(default=100, source="rrt_star_woa_global", low=0)
     cycle: int = setting(
         default=100, source="iterations until ranges that fell begin anew; as iterations", low=1
@@ -74,14 +73,14 @@ class SwarmPlanner:
     def __post_init__(self) -> None:
         """Look at names and settings of the parts now, and keep them as plain objects."""
         specs = {
-            "optimizer": named(self.optimizer, _MOVERS, "optimizer"),
-            "objective": named(self.objective, OBJECTIVES, "objective"),
+            "optimizer": SWARM_OPTIMIZERS.spec(self.optimizer),
+            "objective": OBJECTIVES.spec(self.objective),
         }
-        _optimizer(specs["optimizer"])
-        make_objective(specs["objective"])
+        SWARM_OPTIMIZERS.make(specs["optimizer"])
+        OBJECTIVES.make(specs["objective"])
         if self.first not in (None, "line"):
-            specs["first"] = named(self.first, FIRST, "first")
-            _planner(specs["first"])
+            specs["first"] = FIRST_PLANNERS.spec(self.first)
+            FIRST_PLANNERS.make(specs["first"])
         elif self.way_points < 1:
             raise InputError("way_points is 0; without a first path it must be at least 1")
         elif self.first is None and self.scatter != "uniform":
@@ -92,8 +91,8 @@ class SwarmPlanner:
             plain = spec["name"] if len(spec) == 1 else spec
             object.__setattr__(self, key, plain)
 
-    def start(self, problem: Problem, path: Array | None, rng: np.random.Generator) -> Start:
-        """The task and the population that a search begins with.
+    def start(self, problem: Problem, path: Array | None, rng: np.random.Generator) -> InitialSwarm:
+        """The path_problem and the population that a search begins with.
 
         Args:
             problem: what is asked.
@@ -109,7 +108,7 @@ class SwarmPlanner:
             path = np.stack([start, goal])
         while len(path) - 2 < self.way_points:
             longest = np.hypot(*np.diff(path, axis=0).T).argmax()
-            path = halved(path, np.arange(len(path) - 1) == longest)
+            path = split_legs(path, np.arange(len(path) - 1) == longest)
         if isinstance(self.first, str | Mapping) and self.first != "line" and kind != POLYLINE:
             for _ in range(_HALVINGS):
                 line = curve(path, self.curve, pieces, self.chordal)
@@ -119,7 +118,7 @@ class SwarmPlanner:
                 # Neighbours, too: it is from them that a leg has its slopes.
                 blocked[1:] |= blocked[:-1].copy()
                 blocked[:-1] |= blocked[1:].copy()
-                path = halved(path, blocked)
+                path = split_legs(path, blocked)
         inner = path[1:-1]
         n = len(inner)
         low, high = np.array(free.bounds).reshape(2, 2)
@@ -128,40 +127,43 @@ class SwarmPlanner:
             lower, upper = -box, box
             size = self.population, n, self.width_bound, self.height_bound
             if self.scatter == "disc":
-                population = in_discs(*size, stream(rng))
+                population = scatter_in_ellipses(*size, stream(rng))
             else:
-                population = bowed(*size, _MODES, rng)
+                population = scatter_bowed(*size, _MODES, rng)
         else:
             anchors, lower, upper = np.zeros((n, 2)), np.tile(low, n), np.tile(high, n)
             if self.scatter == "along":
-                drawn = [along(path, n, _AMONG, rng).ravel() for _ in range(self.population - 1)]
+                drawn = [
+                    sample_along(path, n, _AMONG, rng).ravel() for _ in range(self.population - 1)
+                ]
                 population = np.vstack([inner.ravel(), *drawn])
             else:
                 population = rng.uniform(lower, upper, (self.population, 2 * n))
                 if self.first is not None:
                     population[0] = inner.ravel()
-        task = Task(
+        path_problem = PathProblem(
             free.arrays, free.discs, start, goal, anchors.copy(), kind, self.chordal, pieces
         )
-        return Start(task, population, lower, upper)
+        return InitialSwarm(path_problem, population, lower, upper)
 
     def search(
-        self, start: Start, rng: np.random.Generator, deadline: float | None = None
-    ) -> Search:
+        self, start: InitialSwarm, rng: np.random.Generator, deadline: float | None = None
+    ) -> SearchResult:
         """Let the swarm search from a start, which is left as it is.
 
         Args:
-            start: the task and the population.
+            start: the path_problem and the population.
             rng: draws the moves.
             deadline: seconds of wall time from now; None for none.
         """
-        optimizer, worth = _optimizer(self.optimizer), make_objective(self.objective).worth
+        optimizer = SWARM_OPTIMIZERS.make(self.optimizer)
+        path_cost = OBJECTIVES.make(self.objective).path_cost
         if isinstance(optimizer, Mealpy):
-            return optimizer.search(start, worth, self.iterations, rng, deadline)
-        return run(
-            start.task,
-            worth,
-            optimizer.moves,
+            return optimizer.search(start, path_cost, self.iterations, rng, deadline)
+        return search(
+            start.path_problem,
+            path_cost,
+            optimizer.parameters,
             begin_swarm(start.population, start.lower, start.upper),
             self.iterations,
             self.cycle,
@@ -184,7 +186,7 @@ class SwarmPlanner:
         path: Array | None = None
         first = Plan(Status.EXHAUSTED)
         if self.first not in (None, "line"):
-            first = _planner(self.first).plan(problem, rng, _left(end))
+            first = FIRST_PLANNERS.make(self.first).plan(problem, rng, remaining(end))
         counters = {"nodes": first.counters.get("nodes", 0), "iterations": 0}
         if "iterations" in first.counters:
             counters["first_iterations"] = first.counters["iterations"]
@@ -194,9 +196,9 @@ class SwarmPlanner:
             path = first.path[:, :2]
         first_s = perf_counter() - began
         start = self.start(problem, path, rng)
-        if len(start.task.anchors) > 0:
-            found = self.search(start, rng, _left(end))
-            counters |= {"iterations": found.iterations, "found_iterations": found.found}
+        if len(start.path_problem.anchors) > 0:
+            found = self.search(start, rng, remaining(end))
+            counters |= {"iterations": found.iterations, "found_iterations": found.found_iteration}
             if len(found.line):
                 path = found.line
         timings = {"first_s": first_s, "time_s": perf_counter() - began}
@@ -206,19 +208,6 @@ class SwarmPlanner:
         return Plan(Status.SOLVED, path[apart], first.tree, counters, timings)
 
 
-def _left(end: float) -> float | None:
+def remaining(end: float) -> float | None:
     """Seconds until the clock shows `end`; None without a deadline."""
     return max(0.0, end - perf_counter()) if end < math.inf else None
-
-
-def _optimizer(spec: str | Mapping[str, Any]) -> Any:
-    if isinstance(spec, Mapping) and spec["name"] == "mealpy":
-        return load(Mealpy, {k: v for k, v in spec.items() if k != "name"}, "optimizer mealpy")
-    return Mealpy() if spec == "mealpy" else make_optimizer(spec)
-
-
-def _planner(spec: str | Mapping[str, Any]) -> Planner:
-    values = {"name": spec} if isinstance(spec, str) else dict(spec)
-    name = values.pop("name")
-    planner: Planner = load(FIRST[name], values, f"first {name}")
-    return planner

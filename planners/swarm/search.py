@@ -1,6 +1,7 @@
-"""The one loop in which a swarm of paths searches, and where it begins.
+"""The search of a swarm of paths, and its initial populations.
 
-Populations begin round a path, along it or anywhere; any optimizer moves them, any cost rates them.
+A population begins around a path, along it or anywhere. Any optimizer moves it, and any path cost
+rates it.
 """
 
 from __future__ import annotations
@@ -16,27 +17,38 @@ from numpy.typing import NDArray
 from planners.collision.polygon_tests import SpaceArrays, edge_free, point_free
 from planners.problem import begin
 from planners.random_stream import Stream, in_disc
-from planners.smoothing.curves import trace
-from planners.swarm.moves import WHALES, Moves, advance, flying
-from planners.swarm.path_cost import NO_PUSH, Room, Task, Worth, new_room, place, push_out, value
-from planners.swarm.pso import fly
-from planners.swarm.state import Swarm, keep_within, remember, rival
+from planners.smoothing.curves import POLYLINE, trace
+from planners.swarm.moves import WHALES, MoveParameters, is_particle_move, move_swarm
+from planners.swarm.objectives import length_free
+from planners.swarm.path_cost import (
+    NO_PUSH,
+    PathCost,
+    PathProblem,
+    Workspace,
+    evaluate,
+    new_workspace,
+    push_out_of_discs,
+    write_way_points,
+)
+from planners.swarm.state import Swarm, clip_to_bounds, competitor, new_swarm, store
+from planners.swarm.update_rules import move_particles
+from planners.swarm.woa import WhaleParameters
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
 
 
-class Start(NamedTuple):
-    """A task and a population: the same for every optimiser of a fair race."""
+class InitialSwarm(NamedTuple):
+    """A problem and a population: the same for every optimiser of a fair race."""
 
-    task: Task
+    path_problem: PathProblem
     population: Array  # (k, d)
     lower: Array  # (d,) bounds of the positions
     upper: Array  # (d,)
 
 
 @kernel
-def in_discs(k: int, n: int, width: float, height: float, state: Stream) -> Array:
+def scatter_in_ellipses(k: int, n: int, width: float, height: float, state: Stream) -> Array:
     """Shifts (k, 2 n) [m] of n way points: none of the first path's, the others' in ellipses."""
     population = np.zeros((k, 2 * n))
     for j in range(n):
@@ -47,7 +59,7 @@ def in_discs(k: int, n: int, width: float, height: float, state: Stream) -> Arra
     return population
 
 
-def bowed(
+def scatter_bowed(
     k: int, n: int, width: float, height: float, modes: int, rng: np.random.Generator
 ) -> Array:
     """Shifts (k, 2 n) [m] of n way points that bend a path as a whole; none of the first one's.
@@ -63,7 +75,7 @@ def bowed(
     return np.ascontiguousarray(shifts.transpose(0, 2, 1).reshape(k, 2 * n))
 
 
-def along(path: Array, count: int, among: int, rng: np.random.Generator) -> Array:
+def sample_along(path: Array, count: int, among: int, rng: np.random.Generator) -> Array:
     """Way points (count, 2) drawn, in order, from `among` points evenly along a path: P1."""
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     at = np.linspace(0.0, way[-1], among)
@@ -71,7 +83,7 @@ def along(path: Array, count: int, among: int, rng: np.random.Generator) -> Arra
     return np.stack([np.interp(drawn, way, path[:, 0]), np.interp(drawn, way, path[:, 1])], axis=1)
 
 
-def halved(path: Array, legs: NDArray[np.bool_]) -> Array:
+def split_legs(path: Array, legs: NDArray[np.bool_]) -> Array:
     """A path (n, 2) with a point in the middle of some legs (n - 1,)."""
     middles = 0.5 * (path[:-1] + path[1:])
     return np.insert(path, np.flatnonzero(legs) + 1, middles[legs], axis=0)
@@ -84,122 +96,140 @@ def blocked_legs(arrays: SpaceArrays, line: Array, legs: int) -> NDArray[np.bool
 
 
 # Between two looks at the clock pass about this many seconds.
-_LOOK: Final = 2e-3
+_CLOCK_PERIOD: Final = 2e-3
 # Redraws of way points that fell into discs, in one move of a swarm that pushes them out.
-_REDRAWS: Final = 20
+_MAX_PUSHES: Final = 20
 
 
-class Valid(NamedTuple):
+class BestValid(NamedTuple):
     """The best exactly valid path so far."""
 
     line: Array  # (m, 2) m
     cost: Array  # (1,) without penalties; infinite before there is one
-    found: NDArray[np.int64]  # (1,) after so many iterations
+    iteration: NDArray[np.int64]  # (1,) after so many iterations
 
 
 @borrowing_kernel
-def appraise(
-    task: Task, worth: Worth, moves: Moves, swarm: Swarm, valid: Valid, iteration: int, room: Room
+def evaluate_swarm(
+    problem: PathProblem,
+    path_cost: PathCost,
+    moves: MoveParameters,
+    swarm: Swarm,
+    valid: BestValid,
+    iteration: int,
+    workspace: Workspace,
 ) -> None:
-    """Value every position, keep what is worth it, and the best valid path."""
+    """Value every position, keep what is path_cost it, and the best valid path."""
     for i in range(swarm.positions.shape[0]):
         # Whales know the best alone: of what is worse nothing is kept.
-        j = 0 if moves.kind == WHALES else rival(swarm, i)
-        limit = swarm.now[0].least if moves.kind == WHALES else swarm.own_costs[j]
-        cost, plain = value(task, worth, swarm.positions[i], limit, valid.cost[0], room)
+        j = 0 if moves.kind == WHALES else competitor(swarm, i)
+        limit = swarm.record[0].best_cost if moves.kind == WHALES else swarm.personal_best_costs[j]
+        cost, plain = evaluate(
+            problem, path_cost, swarm.positions[i], limit, valid.cost[0], workspace
+        )
         swarm.costs[i] = cost
         if plain < valid.cost[0]:
-            valid.cost[0], valid.found[0] = plain, iteration
-            for k in range(room.line.shape[0]):
-                valid.line[k, 0], valid.line[k, 1] = room.line[k, 0], room.line[k, 1]
+            valid.cost[0], valid.iteration[0] = plain, iteration
+            for k in range(workspace.line.shape[0]):
+                valid.line[k, 0], valid.line[k, 1] = workspace.line[k, 0], workspace.line[k, 1]
         if cost < limit:
-            remember(swarm, i, j)
+            store(swarm, i, j)
         else:
             swarm.trials[j] += 1
 
 
 @borrowing_kernel
-def search(
-    task: Task,
-    worth: Worth,
-    moves: Moves,
+def iterate(
+    problem: PathProblem,
+    path_cost: PathCost,
+    moves: MoveParameters,
     swarm: Swarm,
-    valid: Valid,
+    valid: BestValid,
     first: int,
     last: int,
     cycle: int,
-    room: Room,
+    workspace: Workspace,
     state: Stream,
 ) -> None:
     """Run iterations `first` to `last`, that one excluded; the very first values the start, too.
 
     Args:
-        task: the problem.
-        worth: what paths are worth.
+        problem: the problem.
+        path_cost: what paths are path_cost.
         moves: how the swarm moves.
         swarm: positions, and all that is remembered.
         valid: the best valid path, kept.
         first: iterations made before.
         last: iterations made after.
         cycle: iterations over which inertia and ranges fall; then they begin again.
-        room: for one path; the best one's afterwards.
+        workspace: for one path; the best one's afterwards.
         state: stream of random numbers.
     """
     if first == 0:
-        appraise(task, worth, moves, swarm, valid, 0, room)
+        evaluate_swarm(problem, path_cost, moves, swarm, valid, 0, workspace)
     for t in range(first, last):
         progress = (t % cycle) / cycle
         if moves.by_occupancy:  # P1 (17)-(19)
-            place(task, swarm.best, room.points)
-            for i in range(task.anchors.shape[0]):
-                x, y = room.points[i + 1, 0], room.points[i + 1, 1]
-                w = moves.span if point_free(task.space, x, y) else 0.0
-                swarm.span[2 * i], swarm.span[2 * i + 1] = w, w
-        inertia = advance(swarm, moves, progress, state)
-        if worth.push != NO_PUSH:
-            flew = flying(moves, progress)
-            for k in range(_REDRAWS):
+            write_way_points(problem, swarm.best, workspace.points)
+            for i in range(problem.anchors.shape[0]):
+                x, y = workspace.points[i + 1, 0], workspace.points[i + 1, 1]
+                w = moves.c_range if point_free(problem.space, x, y) else 0.0
+                swarm.c_range[2 * i], swarm.c_range[2 * i + 1] = w, w
+        inertia = move_swarm(swarm, moves, progress, state)
+        if path_cost.push != NO_PUSH:
+            flew = is_particle_move(moves, progress)
+            for k in range(_MAX_PUSHES):
                 inside = 0
                 for i in range(swarm.positions.shape[0]):
-                    inside += push_out(task, worth, swarm.positions[i], swarm.held[i])
-                if inside == 0 or not flew or k == _REDRAWS - 1:
+                    inside += push_out_of_discs(
+                        problem, path_cost, swarm.positions[i], swarm.fixed[i]
+                    )
+                if inside == 0 or not flew or k == _MAX_PUSHES - 1:
                     break
-                fly(swarm, moves.flight, inertia, state)
-                keep_within(swarm)
-            swarm.held[:] = False
-        appraise(task, worth, moves, swarm, valid, t + 1, room)
-    n = place(task, swarm.best, room.points)
-    trace(task.curve, task.chordal, room.points, n, task.pieces, room.curve, room.line)
+                move_particles(swarm, moves.particles, inertia, state)
+                clip_to_bounds(swarm)
+            swarm.fixed[:] = False
+        evaluate_swarm(problem, path_cost, moves, swarm, valid, t + 1, workspace)
+    n = write_way_points(problem, swarm.best, workspace.points)
+    trace(
+        problem.curve,
+        problem.chordal,
+        workspace.points,
+        n,
+        problem.pieces,
+        workspace.curve,
+        workspace.line,
+    )
 
 
 @dataclass(frozen=True)
-class Search:
+class SearchResult:
     """How a search ended."""
 
     line: Array  # (m, 2) m: the best exactly valid path; (0, 2) if there was none
     cost: float  # of it, without penalties
-    found: int  # iterations after which it was found
+    found_iteration: int  # iterations after which it was found
     best: Array  # (m, 2) m: the path of least cost, valid or not
-    least: float  # its cost
+    best_cost: float  # its cost
     way_points: Array  # (n + 2, 2) m of it
     iterations: int
 
 
-def run(
-    task: Task,
-    worth: Worth,
-    moves: Moves,
+def search(
+    problem: PathProblem,
+    path_cost: PathCost,
+    moves: MoveParameters,
     swarm: Swarm,
     iterations: int,
     cycle: int,
     state: Stream,
     deadline: float | None = None,
-) -> Search:
+) -> SearchResult:
     """Let a swarm search for so many iterations, or until a deadline.
 
     Args:
-        task: the problem.
-        worth: what paths are worth.
+        problem: the problem.
+        path_cost: what paths are path_cost.
         moves: how the swarm moves.
         swarm: where it begins; changed in place.
         iterations: most moves.
@@ -208,12 +238,23 @@ def run(
         deadline: seconds of wall time from now; None for none.
     """
     _, end = begin(deadline)
-    room = new_room(len(task.anchors), task.pieces)
-    valid = Valid(np.empty_like(room.line), np.full(1, np.inf), np.zeros(1, np.int64))
+    workspace = new_workspace(len(problem.anchors), problem.pieces)
+    valid = BestValid(np.empty_like(workspace.line), np.full(1, np.inf), np.zeros(1, np.int64))
     made, chunk = 0, iterations if deadline is None else min(1, iterations)
     while True:
         before = perf_counter()
-        search(task, worth, moves, swarm, valid, made, made + chunk, cycle, room, state)
+        iterate(
+            problem,
+            path_cost,
+            moves,
+            swarm,
+            valid,
+            made,
+            made + chunk,
+            cycle,
+            workspace,
+            state,
+        )
         made += chunk
         if made >= iterations:
             break
@@ -223,16 +264,60 @@ def run(
             break
         spent = (now - before) / max(chunk, 1)
         # The first call valued a population, too, and may have been compiled.
-        chunk = max(1, min(2 * chunk, int(min(_LOOK, left) / max(spent, 1e-9))))
+        chunk = max(1, min(2 * chunk, int(min(_CLOCK_PERIOD, left) / max(spent, 1e-9))))
         chunk = min(chunk, iterations - made)
     solved = valid.cost[0] < np.inf
     line = valid.line if solved else np.empty((0, 2))
-    return Search(
+    return SearchResult(
         line,
         float(valid.cost[0]),
-        int(valid.found[0]),
-        room.line,
-        float(swarm.now["least"][0]),
-        room.points,
+        int(valid.iteration[0]),
+        workspace.line,
+        float(swarm.record["best_cost"][0]),
+        workspace.points,
         made,
     )
+
+
+def shorten_path(
+    space: SpaceArrays,
+    path: Array,
+    swarm: WhaleParameters,
+    shortness: float,
+    collision_free: float,
+    width: float,
+    height: float,
+    state: Stream,
+) -> Array:
+    """The shortest free path that a swarm finds near a free path; never a longer one.
+
+    A particle is the shifts of the inner points; the first is the path itself. The cost is
+    shortness x length + collision_free x edges that are not free. Where the weights let a path
+    through a wall lead the swarm, the best free path is still the one returned.
+
+    Args:
+        space: what is free.
+        path: points (n, 2) [m], all edges free.
+        swarm: how many whales, how long, how they move.
+        shortness: cost per metre of length.
+        collision_free: cost of an edge that is not free.
+        width: the points move at most this far in x [m], and start in the disc within.
+        height: at most this far in y [m].
+        state: stream of random numbers.
+    """
+    n = len(path) - 2
+    if n < 1:
+        return path
+    box = np.tile([width, height], n)
+    anchors = np.ascontiguousarray(path[1:-1])
+    problem = PathProblem(space, np.empty((0, 3)), path[0], path[-1], anchors, POLYLINE, False, 1)
+    found = search(
+        problem,
+        length_free(shortness, collision_free),
+        MoveParameters(WHALES, a=swarm.a, b=swarm.b, mu=swarm.mu, lam=swarm.lam),
+        new_swarm(scatter_in_ellipses(swarm.population, n, width, height, state), -box, box),
+        swarm.iterations,
+        max(1, swarm.iterations),
+        state,
+    )
+    return found.line if len(found.line) else path

@@ -1,8 +1,7 @@
-"""The whale optimisation algorithm: its equations stand here once, for every swarm of ours.
+"""The whale optimization algorithm of Mirjalili and Lewis 2016, used by all our whale swarms.
 
-Mirjalili and Lewis 2016, with the two thresholds mu and lambda that the thesis adds (its section
-2.6 and its studies). The point steering, the path optimisation and the control generator differ in
-what a particle means and what it costs, never in how it moves.
+It has the two thresholds mu and lambda that the thesis adds (section 2.6). Steering, path
+optimization and control generation differ only in what a position means and costs.
 """
 
 from __future__ import annotations
@@ -20,8 +19,8 @@ from wheelchair_gym.config import setting, settings
 Array = NDArray[np.float64]
 
 
-class Whales(NamedTuple):
-    """The numbers of a swarm, as kernels take them."""
+class WhaleParameters(NamedTuple):
+    """Parameters of a whale swarm, as kernels take them."""
 
     population: int
     iterations: int
@@ -32,33 +31,33 @@ class Whales(NamedTuple):
 
 
 @borrowing_kernel
-def move(
+def move_whales(
     population: Array,
     best: Array,
     a: float,
     b: float,
     mu: float,
     lam: float,
-    span: Array,
+    c_range: Array,
     lower: Array,
     upper: Array,
     state: Stream,
 ) -> None:
-    """Move every whale once, in place: equations (2.1)-(2.8), then the boundary check.
+    """Move every whale once, in place: equations (2.1)-(2.8), then clip to the bounds.
 
-    A whale draws one A and one p, which choose its manoeuvre, and a C for each coordinate. A and C
-    come from independent draws, as in the original paper.
+    A whale draws one A and one p, which choose its move, and one C per coordinate. A and C are
+    independent draws, as in the original paper.
 
     Args:
         population: positions X (k, d).
         best: the best position found so far X* (d,).
         a: bound of A at this iteration; it falls to 0 over a run.
         b: shape of the logarithmic spiral.
-        mu: a whale with p below this encircles or searches; the others follow the spiral.
+        mu: a whale with p below this encircles or searches; the others take the spiral.
         lam: a whale with |A| below this encircles the best; the others search.
-        span: C lies in [0, span]: (d,), 2 in (2.4); another paper weighs it by occupancy.
+        c_range: C lies in [0, c_range]: (d,), 2 in (2.4); P1 weights it by occupancy.
         lower: bounds of the positions (d,).
-        upper: see lower.
+        upper: the same (d,).
         state: stream of random numbers.
     """
     k, d = population.shape
@@ -71,7 +70,7 @@ def move(
             if abs(A) >= lam:
                 towards = population[int(uniform(state) * k)]
             for j in range(d):
-                C = span[j] * uniform(state)  # (2.4)
+                C = c_range[j] * uniform(state)  # (2.4)
                 D = abs(C * towards[j] - X[j])  # (2.1), (2.7)
                 X[j] = towards[j] - A * D  # (2.2), (2.8)
         else:
@@ -85,18 +84,40 @@ def move(
 
 @settings
 class WhaleSettings:
-    """How many whales, how long, and when each manoeuvre is chosen."""
+    """Size and duration of a whale swarm, and the choice of its moves."""
 
-    population: int = setting(default=10, source="thesis, figure 3.1", low=1)
-    iterations: int = setting(default=10, source="thesis, figure 3.1", low=0)
-    a: float = setting(default=2.0, source="Mirjalili and Lewis 2016: falls from 2 to 0", low=0.0)
-    b: float = setting(default=1.0, source="Mirjalili and Lewis 2016; thesis, figure 3.1")
-    mu: float = setting(
-        default=0.5, source="Mirjalili and Lewis 2016; 1 never spirals", low=0.0, high=1.0
+    population: int = setting(
+        default=10, doc="Number of whales.", source="thesis, figure 3.1", low=1
     )
-    lam: float = setting(default=1.0, source="Mirjalili and Lewis 2016; 0 always searches", low=0.0)
+    iterations: int = setting(
+        default=10, doc="Moves of the swarm.", source="thesis, figure 3.1", low=0
+    )
+    a: float = setting(
+        default=2.0,
+        doc="Initial bound of the factor A; it falls to 0 over a run.",
+        source="Mirjalili and Lewis 2016",
+        low=0.0,
+    )
+    b: float = setting(
+        default=1.0,
+        doc="Shape of the logarithmic spiral.",
+        source="Mirjalili and Lewis 2016; thesis, figure 3.1",
+    )
+    mu: float = setting(
+        default=0.5,
+        doc="Probability of a move other than the spiral; 1 never spirals.",
+        source="Mirjalili and Lewis 2016",
+        low=0.0,
+        high=1.0,
+    )
+    lam: float = setting(
+        default=1.0,
+        doc="Bound of |A| below which a whale encircles the best; 0 always searches.",
+        source="Mirjalili and Lewis 2016",
+        low=0.0,
+    )
 
     @property
-    def values(self) -> Whales:
+    def parameters(self) -> WhaleParameters:
         """The settings as kernels take them."""
-        return Whales(self.population, self.iterations, self.a, self.b, self.mu, self.lam)
+        return WhaleParameters(self.population, self.iterations, self.a, self.b, self.mu, self.lam)

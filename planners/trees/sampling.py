@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, blocker, point_free, stops
 from planners.random_stream import Stream, in_disc, uniform
-from planners.swarm.woa import Whales, move
+from planners.swarm.woa import WhaleParameters, move_whales
 from planners.trees.tree import NONE, Growth, Tree, Workspace, write_ancestors
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 
@@ -148,7 +148,7 @@ class SteeringCost(NamedTuple):
     goal_hidden: float  # cost if an obstacle hides the goal
 
 
-def new_buffers(swarm: Whales, steering: SteeringCost) -> SwarmBuffers:
+def new_buffers(swarm: WhaleParameters, steering: SteeringCost) -> SwarmBuffers:
     """Arrays for a swarm of whales, with its bounds."""
     upper = np.array([steering.width, steering.height])
     positions = np.empty((swarm.population, 2))
@@ -172,7 +172,7 @@ def steering_target(
     y: float,
     goal_x: float,
     goal_y: float,
-    swarm: Whales,
+    swarm: WhaleParameters,
     steering: SteeringCost,
     buffers: SwarmBuffers,
     state: Stream,
@@ -210,7 +210,7 @@ def steering_target(
                 best[0], best[1] = u, v
         if t < swarm.iterations:
             a = swarm.a * (1.0 - t / swarm.iterations)
-            move(
+            move_whales(
                 population,
                 best,
                 a,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from planners.collision.polygon_tests import SpaceArrays, point_free
 from planners.problem import Plan, Problem, Status, begin, trivial
 from planners.random_stream import Stream, stream, uniform
-from planners.swarm.woa import Whales
+from planners.swarm.woa import WhaleParameters
 from planners.trees.sampling import SteeringCost, SwarmBuffers, new_buffers, sample, steering_target
 from planners.trees.tree import (
     MIN_GAIN,
@@ -265,7 +265,7 @@ def extend(
     start: Array,
     goal: Array,
     growth: Growth,
-    swarm: Whales,
+    swarm: WhaleParameters,
     steering: SteeringCost,
     buffers: SwarmBuffers,
     workspace: Workspace,
@@ -330,7 +330,7 @@ def grow(
     start: Array,
     goal: Array,
     growth: Growth,
-    swarm: Whales,
+    swarm: WhaleParameters,
     steering: SteeringCost,
     buffers: SwarmBuffers,
     workspace: Workspace,
@@ -391,7 +391,7 @@ _FIRST_CHUNK, _MAX_CHUNK = 16, 4096
 # Target duration of a chunk: a share of the deadline, and at most so many seconds.
 _CHUNK_SHARE, _CHUNK_SECONDS = 0.02, 2e-3
 _NO_COST = SteeringCost(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-_NO_WHALES = Whales(1, 0, 0.0, 0.0, 0.0, 0.0)
+_NO_WHALES = WhaleParameters(1, 0, 0.0, 0.0, 0.0, 0.0)
 
 
 class TreeSearch(NamedTuple):
@@ -403,14 +403,17 @@ class TreeSearch(NamedTuple):
     start: Array  # (2,) m
     goal: Array  # (2,) m
     growth: Growth
-    swarm: Whales
+    swarm: WhaleParameters
     steering: SteeringCost
     buffers: SwarmBuffers
     workspace: Workspace
 
 
 def new_search(
-    problem: Problem, growth: Growth, swarm: Whales = _NO_WHALES, steering: SteeringCost = _NO_COST
+    problem: Problem,
+    growth: Growth,
+    swarm: WhaleParameters = _NO_WHALES,
+    steering: SteeringCost = _NO_COST,
 ) -> TreeSearch:
     """A search with small empty trees, which are enlarged when needed."""
     arrays = problem.free.arrays
@@ -505,7 +508,7 @@ def search(
     deadline: float | None,
     growth: Growth,
     iterations: int,
-    swarm: Whales = _NO_WHALES,
+    swarm: WhaleParameters = _NO_WHALES,
     steering: SteeringCost = _NO_COST,
 ) -> Plan:
     """The plan found in so many iterations, or before a deadline [s]."""

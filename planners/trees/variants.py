@@ -1,7 +1,8 @@
-"""The tree planners, as settings.
+"""The tree planners as settings.
 
 RRT, RRT-Connect and RRT*; variants of RRT* from the literature (informed, smart, fixed nodes,
-limited); and the two whale variants of the thesis, local steering and global shortening.
+limited); the two whale variants of the thesis, local steering and global shortening; and P1's
+RRT with whales.
 """
 
 from __future__ import annotations
@@ -15,7 +16,11 @@ import numpy as np
 
 from planners.problem import Plan, Problem, Status
 from planners.random_stream import stream
-from planners.swarm.whale_path import shorten
+from planners.swarm.objectives import Smooth
+from planners.swarm.optimizers import WoaModified
+from planners.swarm.planner import SwarmPlanner
+from planners.swarm.search import shorten_path
+from planners.swarm.state import MIN_POPULATION
 from planners.swarm.woa import WhaleSettings
 from planners.trees.sampling import SteeringCost
 from planners.trees.tree import Growth
@@ -285,7 +290,7 @@ class RrtStarWoaLocal:
             goal_hidden=self.goal_hidden_cost,
         )
         growth = self.tree.growth._replace(steer_by_swarm=True)
-        swarm = self.whales.values
+        swarm = self.whales.parameters
         return search(problem, rng, deadline, growth, self.tree.iterations, swarm, steering)
 
 
@@ -319,10 +324,10 @@ class RrtStarWoaGlobal:
         if plan.status != Status.SOLVED:
             return plan
         tree_s = perf_counter() - began
-        path = shorten(
+        path = shorten_path(
             problem.free.arrays,
             plan.path,
-            self.whales.values,
+            self.whales.parameters,
             self.shortness_weight,
             self.collision_free_weight,
             self.width_bound,
@@ -331,3 +336,41 @@ class RrtStarWoaGlobal:
         )
         timings: Mapping[str, float] = {"tree_s": tree_s, "time_s": perf_counter() - began}
         return replace(plan, path=path, timings=timings)
+
+
+_P1 = "P1: Saleh, Borhan and Rahiman 2024"
+
+
+@settings
+class RrtWoa:
+    """RRT, then whales whose C counts where the best path is free (P1).
+
+    The first whale is the RRT's path, the others are points drawn from 100 along it, in order.
+    """
+
+    tree: Rrt = setting(default=Rrt(), source=_P1)
+    whales: WoaModified = setting(default=WoaModified(), source=_P1 + " (17)-(19)")
+    objective: Smooth = setting(default=Smooth(), source=_P1 + " (1)-(8)")
+    population: int = setting(default=30, source="not given in P1; as swarm", low=MIN_POPULATION)
+    iterations: int = setting(default=20, source=_P1, low=0)
+    cycle: int = setting(default=20, source="as iterations: see swarm", low=1)
+
+    @property
+    def swarm(self) -> SwarmPlanner:
+        """The same as settings of `swarm`: in a race only its optimizer differs."""
+        return SwarmPlanner(
+            optimizer=self.whales,
+            objective=self.objective,
+            curve="pchip",
+            population=self.population,
+            iterations=self.iterations,
+            cycle=self.cycle,
+            first=self.tree,
+            scatter="along",
+        )
+
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Answer a problem with the valid curve that costs least of all that the whales tried."""
+        return self.swarm.plan(problem, rng, deadline)

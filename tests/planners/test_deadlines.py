@@ -13,7 +13,8 @@ import pytest
 from agents.benchmarks.entrants import with_iterations
 from planners import PLANNERS, make_planner
 from planners.problem import Status
-from planners.swarm.planner import FIRST, SwarmPlanner
+from planners.registries import FIRST_PLANNERS
+from planners.swarm.planner import SwarmPlanner
 from tests.conftest import ROOT
 from tests.planners.swarm_worlds import among_blocks
 
@@ -51,7 +52,7 @@ def with_first(name):
 
 UNLIMITED = {
     **{name: with_iterations(make_planner(name), MANY) for name in sorted(PLANNERS)},
-    **{f"swarm after {name}": with_first(name) for name in sorted(FIRST)},
+    **{f"swarm after {name}": with_first(name) for name in sorted(FIRST_PLANNERS)},
 }
 
 

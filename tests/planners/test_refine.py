@@ -10,8 +10,8 @@ import pytest
 from planners import Plan, Status, make_planner
 from planners.judge import faults
 from planners.problem_files import read_problems
+from planners.registries import REFINERS
 from planners.smoothing.comfort import path_cost
-from planners.smoothing.refine import REFINERS
 from tests.planners.test_planners import on
 from wheelchair_gym.config import dump, load
 

@@ -11,16 +11,15 @@ import pytest
 from planners import OPTIMIZERS, Problem, Space, Status, make_optimizer, make_planner
 from planners.judge import faults
 from planners.random_stream import stream
+from planners.registries import OBJECTIVES, make_objective
 from planners.smoothing.curves import CURVES
-from planners.swarm.gwo import hunt
-from planners.swarm.moves import told
-from planners.swarm.objectives import OBJECTIVES, make_objective
-from planners.swarm.path_cost import new_room, value
+from planners.swarm.moves import store_and_move
+from planners.swarm.path_cost import evaluate, new_workspace
 from planners.swarm.planner import SwarmPlanner
-from planners.swarm.pso import inertia_of
-from planners.swarm.rrt_woa import RrtWoa
-from planners.swarm.search import along, run
-from planners.swarm.state import begin
+from planners.swarm.search import sample_along, search
+from planners.swarm.state import new_swarm
+from planners.swarm.update_rules import move_wolves, next_inertia
+from planners.trees.variants import RrtWoa
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import path_length
@@ -36,7 +35,7 @@ def bowl(positions):
 @pytest.mark.parametrize("name", OPTIMIZERS)
 def test_optimisers_find_the_minimum_of_a_bowl_within_bounds(name):
     optimizer, rng = make_optimizer(name), np.random.default_rng(3)
-    memory = begin(rng.uniform(-5, 5, (30, D)), -5.0, 5.0)
+    memory = new_swarm(rng.uniform(-5, 5, (30, D)), -5.0, 5.0)
     begun, least = bowl(memory.positions).min(), np.inf
     for t in range(200):
         costs = bowl(memory.positions)
@@ -45,7 +44,7 @@ def test_optimisers_find_the_minimum_of_a_bowl_within_bounds(name):
         np.testing.assert_array_equal(population, memory.positions)
         assert bowl(memory.best[None])[0] == least
         assert (abs(population) <= 5.0).all()
-        assert memory.now["least"] == least
+        assert memory.record["best_cost"] == least
     assert least < 0.02 * begun
 
 
@@ -69,41 +68,43 @@ def test_the_compiled_loop_is_ask_and_tell(name):
     """Costs cut short change nothing; modified whales look at the map, which ask and tell lacks."""
     planner = SwarmPlanner(population=12, way_points=3, first="line", optimizer=name)
     start = planner.start(among_blocks(), None, np.random.default_rng(2))
-    worth, moves = make_objective("length_free").worth, make_optimizer(name).moves
-    fused, asked = (begin(start.population, start.lower, start.upper) for _ in range(2))
-    run(start.task, worth, moves, fused, 15, 20, stream(np.random.default_rng(4)))
-    state, room = stream(np.random.default_rng(4)), new_room(3, 1)
+    worth, moves = make_objective("length_free").path_cost, make_optimizer(name).parameters
+    fused, asked = (new_swarm(start.population, start.lower, start.upper) for _ in range(2))
+    search(start.path_problem, worth, moves, fused, 15, 20, stream(np.random.default_rng(4)))
+    state, room = stream(np.random.default_rng(4)), new_workspace(3, 1)
     for t in range(16):
         for i, position in enumerate(asked.positions):
-            asked.costs[i] = value(start.task, worth, position, np.inf, np.inf, room)[0]
-        told(asked, moves, t / 20, state)
+            asked.costs[i] = evaluate(start.path_problem, worth, position, np.inf, np.inf, room)[0]
+        store_and_move(asked, moves, t / 20, state)
     np.testing.assert_array_equal(fused.best, asked.best)
-    assert fused.now["least"] == asked.now["least"]
+    assert fused.record["best_cost"] == asked.record["best_cost"]
 
 
 def test_inertia_follows_its_equations():
-    swarm = begin(np.zeros((4, D)), -1.0, 1.0)
-    flight = make_optimizer("pso_chaotic").moves.flight
+    swarm = new_swarm(np.zeros((4, D)), -1.0, 1.0)
+    flight = make_optimizer("pso_chaotic").parameters.particles
     beta = 0.3
     for k in range(5):
         beta = 4.0 * beta * (1.0 - beta)
-        assert inertia_of(swarm, flight, k / 10) == pytest.approx((0.9 - 0.6 * k / 10) * beta)
-        swarm.now["moves"] += 1
-    assert inertia_of(swarm, make_optimizer("pso").moves.flight, 0.0) == pytest.approx(0.98**5)
-    flight = make_optimizer("pso_variable").moves.flight
+        assert next_inertia(swarm, flight, k / 10) == pytest.approx((0.9 - 0.6 * k / 10) * beta)
+        swarm.record["move_count"] += 1
+    assert next_inertia(swarm, make_optimizer("pso").parameters.particles, 0.0) == pytest.approx(
+        0.98**5
+    )
+    flight = make_optimizer("pso_variable").parameters.particles
     for p in (0.0, 0.5, 1.0):
-        assert inertia_of(swarm, flight, p) == pytest.approx(0.9 * (0.4 / 0.9) ** p)
-    flight = make_optimizer("pso_adaptive").moves.flight
-    swarm.now["before"], swarm.now["least"] = 8.0, 6.0
-    assert inertia_of(swarm, flight, 0.2) == pytest.approx(1.3 * 0.75 - 0.9 * 0.2)
-    assert inertia_of(swarm, flight, 0.2) == pytest.approx(1.3 - 0.9 * 0.2)
+        assert next_inertia(swarm, flight, p) == pytest.approx(0.9 * (0.4 / 0.9) ** p)
+    flight = make_optimizer("pso_adaptive").parameters.particles
+    swarm.record["previous_best_cost"], swarm.record["best_cost"] = 8.0, 6.0
+    assert next_inertia(swarm, flight, 0.2) == pytest.approx(1.3 * 0.75 - 0.9 * 0.2)
+    assert next_inertia(swarm, flight, 0.2) == pytest.approx(1.3 - 0.9 * 0.2)
 
 
 def test_wolves_gather_between_their_leaders_once_a_is_zero():
-    swarm = begin(np.random.default_rng(0).normal(size=(9, D)), -9.0, 9.0)
-    swarm.own_costs[:] = np.random.default_rng(1).permutation(9)
-    hunt(swarm, 0.0, stream(np.random.default_rng(0)))
-    middle = swarm.own[np.argsort(swarm.own_costs)[:3]].mean(axis=0)
+    swarm = new_swarm(np.random.default_rng(0).normal(size=(9, D)), -9.0, 9.0)
+    swarm.personal_best_costs[:] = np.random.default_rng(1).permutation(9)
+    move_wolves(swarm, 0.0, stream(np.random.default_rng(0)))
+    middle = swarm.personal_best[np.argsort(swarm.personal_best_costs)[:3]].mean(axis=0)
     np.testing.assert_allclose(swarm.positions, np.tile(middle, (9, 1)))
 
 
@@ -173,15 +174,15 @@ def test_the_first_population_is_that_of_the_paper():
     planner = RrtWoa().swarm
     path = np.array([(1.0, 1.0), (1.0, 6.0), (4.0, 8.5), (9.0, 9.0)])
     start = planner.start(among_blocks(), path, np.random.default_rng(0))
-    n = len(start.task.anchors)
-    assert (start.task.anchors == 0).all()
+    n = len(start.path_problem.anchors)
+    assert (start.path_problem.anchors == 0).all()
     first = start.population[0].reshape(n, 2)
     assert {tuple(p) for p in path[1:-1]} <= {tuple(p) for p in first}
     way = path_length(path)
     for position in start.population[1:]:
         points = np.vstack([path[0], position.reshape(n, 2), path[-1]])
         assert path_length(points) <= way + 1e-9  # on the path, in order
-    drawn = along(path, 5, 100, np.random.default_rng(1))
+    drawn = sample_along(path, 5, 100, np.random.default_rng(1))
     assert len(np.unique(drawn, axis=0)) == 5
     same = planner.start(among_blocks(), path, np.random.default_rng(0))
     np.testing.assert_array_equal(start.population, same.population)
@@ -212,9 +213,9 @@ def test_wrong_settings_are_input_errors():
     with pytest.raises(InputError, match="expected at least 4"):
         make_optimizer("de").move(np.zeros((3, 2)), np.zeros(3), np.zeros(2), 0, None)
     with pytest.raises(InputError, match="lower <= upper"):
-        begin(np.zeros((4, 2)), 1.0, 0.0)
-    planner = SwarmPlanner(optimizer=make_optimizer({"name": "pso", "ring": 2}))
-    assert planner.optimizer["ring"] == 2
+        new_swarm(np.zeros((4, 2)), 1.0, 0.0)
+    planner = SwarmPlanner(optimizer=make_optimizer({"name": "pso", "neighbours": 2}))
+    assert planner.optimizer["neighbours"] == 2
 
 
 def test_any_optimiser_of_mealpy_takes_part():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners.random_stream import stream, uniform
-from planners.swarm.woa import move
+from planners.swarm.woa import move_whales
 
 # Written for compiled integers, which wrap without a word.
 pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
@@ -19,7 +19,7 @@ def moved(population, best, a, mu, lam, seed=0):
     """A population moved once, and the numbers that were drawn for the first whale."""
     rng, again = np.random.default_rng(seed), np.random.default_rng(seed)
     after = population.copy()
-    move(after, best, a, 1.0, mu, lam, TWICE, -WIDE, WIDE, stream(rng))
+    move_whales(after, best, a, 1.0, mu, lam, TWICE, -WIDE, WIDE, stream(rng))
     state = stream(again)
     return after, [uniform.py_func(state) for _ in range(2 + D + 1)]
 
@@ -65,7 +65,7 @@ def test_positions_stay_within_bounds(population):
     low, high = np.full(D, -0.1), np.full(D, 0.2)
     for seed in range(20):
         state = stream(np.random.default_rng(seed))
-        move(population, population[0].copy(), 4.0, 1.0, 0.5, 1.0, TWICE, low, high, state)
+        move_whales(population, population[0].copy(), 4.0, 1.0, 0.5, 1.0, TWICE, low, high, state)
         assert (population >= low).all()
         assert (population <= high).all()
 

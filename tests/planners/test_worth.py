@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from planners.judge import faults
-from planners.swarm.objectives import make_objective
-from planners.swarm.path_cost import new_room, push_out, value
+from planners.registries import make_objective
+from planners.swarm.path_cost import evaluate, new_workspace, push_out_of_discs
 from planners.swarm.planner import SwarmPlanner
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
 from wheelchair_gym.geometry import path_length
@@ -21,9 +21,9 @@ def terms(objective, position, problem, **settings):
         objective=objective, way_points=len(way_points), scatter="uniform", first=None, **settings
     )
     start = planner.start(problem, None, np.random.default_rng(0))
-    room = new_room(len(way_points), start.task.pieces)
-    worth = make_objective(objective).worth
-    cost, plain = value(start.task, worth, way_points.ravel(), np.inf, np.inf, room)
+    room = new_workspace(len(way_points), start.path_problem.pieces)
+    worth = make_objective(objective).path_cost
+    cost, plain = evaluate(start.path_problem, worth, way_points.ravel(), np.inf, np.inf, room)
     return cost, plain, room.line
 
 
@@ -75,10 +75,10 @@ def test_way_points_leave_discs_by_their_rim_or_as_printed():
     start = SwarmPlanner(way_points=2, first="line", scatter="uniform").start(
         problem, None, np.random.default_rng(0)
     )
-    worth = make_objective({"name": "way_points", "faithful": True, "slack": 0.0}).worth
+    worth = make_objective({"name": "way_points", "faithful": True, "slack": 0.0}).path_cost
     inside = np.array([9.3, 4.4, 5.0, 5.0])
     for push, expected in ((2, (9.6, 4.8)), (1, (9.0 + 0.6 * 0.82, 4.0 + 0.8 * 0.82))):
         position, held = inside.copy(), np.zeros(4, np.bool_)
-        assert push_out(start.task, worth._replace(push=push), position, held) == 1
+        assert push_out_of_discs(start.path_problem, worth._replace(push=push), position, held) == 1
         np.testing.assert_allclose(position, [*expected, 5.0, 5.0])
         np.testing.assert_array_equal(held, [False, False, True, True])

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from time import perf_counter
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ from planners.random_stream import stream
 from planners.smoothing.comfort import dense, path_cost, pushed
 from planners.smoothing.shortcut import shortcut
 from planners.smoothing.smooth import blocked_edges, pchip, smoothed, spline
-from planners.swarm.whale_path import shorten
+from planners.swarm.search import shorten_path
 from planners.swarm.woa import WhaleSettings
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import path_length
@@ -61,8 +61,21 @@ def _refined(
 class Shortcut:
     """The cheapest way over the path's own points; never dearer."""
 
-    weight: float = setting(default=0.0, source="length alone", low=0.0, high=1000.0)
-    comfort: float = setting(default=0.5, unit="m", source="half a door", low=0.01, high=100.0)
+    weight: float = setting(
+        default=0.0,
+        doc="Extra cost of a metre at an obstacle, in metres in the open; 0 for length alone.",
+        source="design choice: length alone",
+        low=0.0,
+        high=1000.0,
+    )
+    comfort: float = setting(
+        default=0.5,
+        doc="Clearance from which on a metre costs no more.",
+        unit="m",
+        source="half the width of a door",
+        low=0.01,
+        high=100.0,
+    )
 
     def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
         """Straighten; the generator is not used."""
@@ -75,12 +88,27 @@ class Shortcut:
 
 
 _TOLERANCE: Final = setting(
-    default=0.005, unit="m", source="from the curve to its polyline", low=1e-6, high=1.0
+    default=0.005,
+    doc="Largest distance from the curve to its polyline.",
+    unit="m",
+    source="design choice",
+    low=1e-6,
+    high=1.0,
 )
 _SPACING: Final = setting(
-    default=2.0, unit="m", source="knots at first: rooms and doors of buildings", low=1e-2
+    default=2.0,
+    doc="Largest distance of knots at first.",
+    unit="m",
+    source="design choice: rooms and doors of buildings",
+    low=1e-2,
 )
-_ROUNDS: Final = setting(default=16, source="2 m halved to 30 um", low=0, high=40)
+_ROUNDS: Final = setting(
+    default=16,
+    doc="How often knots are added where the curve is blocked.",
+    source="design choice: 2 m halved to 30 um",
+    low=0,
+    high=40,
+)
 
 
 @settings
@@ -121,22 +149,43 @@ class Spline:
 class Woa:
     """A swarm of paths near the path, as in the thesis's global variant; never longer."""
 
-    whales: WhaleSettings = setting(default=WhaleSettings(population=30, iterations=100))
-    shortness_weight: float = setting(default=10.0, unit="1/m", source="thesis, figure 3.1", low=0)
-    collision_free_weight: float = setting(
-        default=1e4, source="above all lengths on a map, so that free paths lead", low=0.0
+    whales: WhaleSettings = setting(
+        default=WhaleSettings(population=30, iterations=100),
+        doc="The swarm.",
+        source="design choice",
     )
-    width_bound: float = setting(default=2.5, unit="m", source="thesis, figure 3.1", low=0.0)
-    height_bound: float = setting(default=2.5, unit="m", source="thesis, figure 3.1", low=0.0)
+    shortness_weight: float = setting(
+        default=10.0, doc="Cost of length.", unit="1/m", source="thesis, figure 3.1", low=0
+    )
+    collision_free_weight: float = setting(
+        default=1e4,
+        doc="Cost of each blocked edge.",
+        source="design choice: above the length of any path, so that free paths lead",
+        low=0.0,
+    )
+    width_bound: float = setting(
+        default=2.5,
+        doc="Largest shift of a point in x.",
+        unit="m",
+        source="thesis, figure 3.1",
+        low=0.0,
+    )
+    height_bound: float = setting(
+        default=2.5,
+        doc="Largest shift of a point in y.",
+        unit="m",
+        source="thesis, figure 3.1",
+        low=0.0,
+    )
 
     def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
         """Shorten."""
 
         def better(arrays: SpaceArrays, path: Array) -> Array | str:
-            shorter = shorten(
+            shorter = shorten_path(
                 arrays,
                 path,
-                self.whales.values,
+                self.whales.parameters,
                 self.shortness_weight,
                 self.collision_free_weight,
                 self.width_bound,
@@ -155,15 +204,32 @@ class Clearance:
 
     weight: float = setting(
         default=10.0,
-        source="how much more a metre costs at an obstacle than in the open",
+        doc="Extra cost of a metre at an obstacle, in metres in the open.",
+        source="design choice",
         low=0.0,
         high=1000.0,
     )
     comfort: float = setting(
-        default=0.5, unit="m", source="clearance that costs no more", low=0.01, high=100.0
+        default=0.5,
+        doc="Clearance from which on a metre costs no more.",
+        unit="m",
+        source="half the width of a door",
+        low=0.01,
+        high=100.0,
     )
-    spacing: float = setting(default=0.5, unit="m", source="of points that move", low=0.01)
-    sweeps: int = setting(default=20, source="measured: 0.5 % dearer than with 80", low=1)
+    spacing: float = setting(
+        default=0.5,
+        doc="Distance of the points that are moved.",
+        unit="m",
+        source="design choice",
+        low=0.01,
+    )
+    sweeps: int = setting(
+        default=20,
+        doc="Passes over all points.",
+        source="measurement: cost within 0.5 % of that after 80",
+        low=1,
+    )
 
     def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
         """Push; the generator is not used."""
@@ -182,12 +248,3 @@ class Clearance:
             return points if after < before else "there is no cheaper path near it"
 
         return _refined(plan, problem, better)
-
-
-REFINERS: Final[dict[str, type[Any]]] = {
-    "clearance": Clearance,
-    "pchip": Pchip,
-    "shortcut": Shortcut,
-    "spline": Spline,
-    "woa": Woa,
-}
