@@ -1,4 +1,4 @@
-"""A disc's shortest path, driven with the outline; where that does not fit, the lattice."""
+"""The shortest path of a disc if the chair's rectangle can follow it; otherwise the lattice."""
 
 from __future__ import annotations
 
@@ -11,25 +11,24 @@ from numpy.typing import NDArray
 
 from planners.collision.footprint import path_gap
 from planners.graphs.visibility import Visibility
-from planners.lattice.lattice import POINTS, TOUCH, Lattice
+from planners.lattice.lattice import MIN_GAP, POSE_SPACING, Lattice
 from planners.problem import Plan, Problem, Status, begin
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import wrap
 
 Array = NDArray[np.float64]
 
-FILLETS = (1.0, 0.5, 0.0)  # m: from so far before a corner it is rounded; 0: a pivot
+FILLETS = (1.0, 0.5, 0.0)  # m: tried in this order; 0 is a pivot
 
 
-def driven(path: Array, start: Array, goal: Array, fillet: float) -> Array:
-    """Poses (n, 3) of a chair that drives a path (k, 2): arcs at corners, pivots at its ends.
+def drive_path(path: Array, start: Array, goal: Array, fillet: float) -> Array:
+    """Poses (n, 3) along a path (k, 2): arcs at corners, pivots at the ends.
 
     Args:
         path: corners [m], the first one at the start.
         start: (3,).
         goal: (2,) or (3,).
-        fillet: how far before and behind a corner its arc begins and ends [m], at most half of
-            the way to the next.
+        fillet: distance of an arc's ends from its corner [m], at most half an edge.
     """
     poses = [start]
     path = path[np.append(True, np.hypot(*np.diff(path, axis=0).T) > 0.0)]
@@ -41,7 +40,7 @@ def driven(path: Array, start: Array, goal: Array, fillet: float) -> Array:
         back = cut * np.array([math.cos(poses[-1][2]), math.sin(poses[-1][2]), 0.0])
         begin = np.array([*corner, poses[-1][2]]) - back
         poses.append(begin)
-        parts = max(1, math.ceil(abs(turn) / (2.0 * POINTS)))
+        parts = max(1, math.ceil(abs(turn) / (2.0 * POSE_SPACING)))
         bend = math.tan(0.5 * turn) / cut if cut > 0.0 else 0.0  # 1/m
         for part in range(1, parts + 1):
             angle = turn * part / parts
@@ -52,32 +51,38 @@ def driven(path: Array, start: Array, goal: Array, fillet: float) -> Array:
     poses.append(np.array([*path[-1], poses[-1][2]]))
     if len(goal) == 3:
         turn = float(wrap(goal[2] - poses[-1][2]))
-        parts = max(1, math.ceil(abs(turn) / (2.0 * POINTS)))
+        parts = max(1, math.ceil(abs(turn) / (2.0 * POSE_SPACING)))
         poses.extend(poses[-1] + [0.0, 0.0, turn * k / parts] for k in range(1, parts + 1))
     return np.array(poses)
 
 
 @settings
 class DiscThenLattice:
-    """The shortest path of a disc as wide as the chair, if the outline can drive it; or a lattice.
+    """The shortest path of a disc as wide as the chair, if the rectangle fits; or the lattice's.
 
-    Quicker than the lattice in a map that was planned in before; in a new one slower, for what is
-    solid must first be grown for the disc. It drives forward only, unless the lattice is asked.
+    It is faster than the lattice on a map that was planned in before, and slower on a new map,
+    whose obstacles must be inflated first. The disc's path is driven forward only.
     """
 
     lattice: Lattice = Lattice()
-    play: float = setting(
-        default=0.10, unit="m", source="beside the disc: corners are cut in arcs", low=0.0
+    lateral_margin: float = setting(
+        default=0.10,
+        doc="Extra radius of the disc, because arcs cut corners.",
+        unit="m",
+        source="design choice",
+        low=0.0,
     )
 
     def plan(
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
-        """See `Planner.plan`; nothing is drawn. `tight` counts whether the lattice was asked."""
+        """Plan without random numbers; the counter `tight` is 1 where the lattice answered."""
         begun, end = begin(deadline)
         footprint = self.lattice.footprint
-        margin = max(TOUCH, problem.clearance - footprint.half_width)
-        wide = replace(problem, clearance=max(problem.clearance, footprint.half_width) + self.play)
+        margin = max(MIN_GAP, problem.clearance - footprint.half_width)
+        wide = replace(
+            problem, clearance=max(problem.clearance, footprint.half_width) + self.lateral_margin
+        )
         disc = Visibility().plan(wide, rng, deadline)
         start = np.zeros(3)
         start[: len(problem.start)] = problem.start
@@ -85,7 +90,7 @@ class DiscThenLattice:
         path, solved = disc.path, False
         if disc.status is Status.SOLVED:
             for fillet in FILLETS:
-                path = driven(disc.path, start, goal, fillet)
+                path = drive_path(disc.path, start, goal, fillet)
                 solved = self._free(problem, path, margin)
                 if solved:
                     break
@@ -99,6 +104,6 @@ class DiscThenLattice:
         return Plan(status, path, counters=counters, timings=spent)
 
     def _free(self, problem: Problem, path: Array, margin: float) -> bool:
-        """Whether the outline keeps the margin along a path; the start is on the map."""
+        """Whether the rectangle keeps the margin along a path."""
         footprint, space = self.lattice.footprint, problem.space
         return path_gap(path, space, footprint, 2.0 * margin) >= margin

@@ -1,7 +1,7 @@
 """How long it is to the goal for the axle alone: what guides a search over poses.
 
 The disc about the axle that fits into the outline must pass wherever the outline passes. Over a
-grid of its places, Dijkstra's algorithm from the goal counts the seconds, dearer near walls, no
+grid of its places, Dijkstra's algorithm from the goal counts the duration, dearer near walls, no
 farther than it is asked to.
 """
 
@@ -23,9 +23,9 @@ Field = NDArray[np.float32]
 
 SPACING = 0.05  # m: of the grid of places
 ROUNDING = SPACING / math.sqrt(2.0)  # m: a place is at most this far from its grid point
-AHEAD = 12  # grid points: the way is aimed at so far ahead
-NO_AIM = 0.2  # m: what is nearer gives no direction
-SEED = 0.15  # m: grid points this near to where ways end are free, whatever stands there
+LOOKAHEAD = 12  # grid points: the way is aimed at so far ahead
+MIN_AIM = 0.2  # m: what is nearer gives no direction
+SEED_RADIUS = 0.15  # m: grid points this near to where ways end are free, whatever stands there
 
 
 class Guide(NamedTuple):
@@ -40,13 +40,15 @@ class Guide(NamedTuple):
     items: NDArray[np.int64]
     size: NDArray[np.int64]  # (1,): of the heap
     radius: float  # m: of the disc about the axle
-    wish: float  # m: gap beyond which more is worth nothing
-    dear: float  # how many times dearer a metre is at no gap
+    desired_clearance: float  # m: a larger gap costs no less
+    obstacle_weight: float  # extra cost factor of a metre at no gap
     speed: float  # m/s
 
 
 @borrowing_kernel
-def _paint(segments: Array, origin: Array, gaps: Field, nearest: NDArray[np.int32]) -> None:
+def _rasterize_segments(
+    segments: Array, origin: Array, gaps: Field, nearest: NDArray[np.int32]
+) -> None:
     """Write the nearest segment, and its distance, where it passes within two grid points."""
     rows, columns = gaps.shape
     most = 2.0 * SPACING
@@ -65,7 +67,9 @@ def _paint(segments: Array, origin: Array, gaps: Field, nearest: NDArray[np.int3
 
 
 @borrowing_kernel
-def _spread(segments: Array, origin: Array, gaps: Field, nearest: NDArray[np.int32]) -> None:
+def _propagate_nearest(
+    segments: Array, origin: Array, gaps: Field, nearest: NDArray[np.int32]
+) -> None:
     """Hand the nearest segments on from point to point, there and back (Danielsson 1980)."""
     rows, columns = gaps.shape
     for turn in range(2):
@@ -97,7 +101,7 @@ def _spread(segments: Array, origin: Array, gaps: Field, nearest: NDArray[np.int
                             gaps[i, j], nearest[i, j] = gap, k
 
 
-def gaps_of(space: Space, most: float) -> Field:
+def distance_field(space: Space, most: float) -> Field:
     """Distance (rows, columns) [m] from grid points to what is not free, at most `most`.
 
     Where three segments are about as near the one found may not be the nearest, by little.
@@ -107,29 +111,35 @@ def gaps_of(space: Space, most: float) -> Field:
     columns, rows = (int(n) for n in np.ceil(np.maximum(high - low, 0.0) / SPACING) + 1)
     gaps = np.full((rows, columns), most, dtype=np.float32)
     nearest = np.full((rows, columns), -1, dtype=np.int32)
-    _paint(arrays.segments, low, gaps, nearest)
-    _spread(arrays.segments, low, gaps, nearest)
+    _rasterize_segments(arrays.segments, low, gaps, nearest)
+    _propagate_nearest(arrays.segments, low, gaps, nearest)
     return gaps
 
 
-def guide_to(
-    seeds: Array, gaps: Field, origin: Array, radius: float, wish: float, dear: float, speed: float
+def new_guide(
+    seeds: Array,
+    gaps: Field,
+    origin: Array,
+    radius: float,
+    desired_clearance: float,
+    obstacle_weight: float,
+    speed: float,
 ) -> Guide:
-    """A guide to where seeds (k, 3) are: x, y [m], and the seconds left from there."""
-    n, room = gaps.size, len(seeds) * (2 * int(SEED / SPACING) + 3) ** 2
+    """A guide to where seeds (k, 3) are: x, y [m], and the duration left from there."""
+    n, more = gaps.size, len(seeds) * (2 * int(SEED_RADIUS / SPACING) + 3) ** 2
     guide = Guide(
         gaps, origin, np.full(gaps.shape, np.inf, np.float32), np.zeros(gaps.shape, np.bool_),
-        np.empty(gaps.shape, np.int32), np.empty(8 * n + room), np.empty(8 * n + room, np.int64),
-        np.zeros(1, np.int64), radius, wish, dear, speed,
+        np.empty(gaps.shape, np.int32), np.empty(8 * n + more), np.empty(8 * n + more, np.int64),
+        np.zeros(1, np.int64), radius, desired_clearance, obstacle_weight, speed,
     )  # fmt: skip
-    _sow(guide, seeds)
+    _seed(guide, seeds)
     return guide
 
 
 @borrowing_kernel
-def _sow(guide: Guide, seeds: Array) -> None:
+def _seed(guide: Guide, seeds: Array) -> None:
     rows, columns = guide.gaps.shape
-    reach = int(SEED / SPACING) + 1
+    reach = int(SEED_RADIUS / SPACING) + 1
     for k in range(seeds.shape[0]):
         row = int((seeds[k, 1] - guide.origin[1]) / SPACING + 0.5)
         column = int((seeds[k, 0] - guide.origin[0]) / SPACING + 0.5)
@@ -139,7 +149,7 @@ def _sow(guide: Guide, seeds: Array) -> None:
                 dy = guide.origin[1] + i * SPACING - seeds[k, 1]
                 far = math.hypot(dx, dy)
                 key = np.float32(seeds[k, 2] + far / guide.speed)
-                if far <= SEED and key < guide.left[i, j]:
+                if far <= SEED_RADIUS and key < guide.left[i, j]:
                     guide.left[i, j] = key
                     guide.onward[i, j] = i * columns + j
                     push(guide.keys, guide.items, guide.size[0], float(key), i * columns + j)
@@ -147,7 +157,7 @@ def _sow(guide: Guide, seeds: Array) -> None:
 
 
 @borrowing_kernel
-def seconds_left(guide: Guide, x: float, y: float) -> float:
+def cost_to_go(guide: Guide, x: float, y: float) -> float:
     """Seconds [s] from a place to the goal, infinite where the disc does not pass."""
     rows, columns = guide.gaps.shape
     row = int((y - guide.origin[1]) / SPACING + 0.5)
@@ -177,9 +187,11 @@ def seconds_left(guide: Guide, x: float, y: float) -> float:
                 gap = float(guide.gaps[r, c])
                 if gap < least:
                     continue
-                short = min(1.0, max(0.0, 1.0 - (gap - guide.radius) / guide.wish))
+                short = min(1.0, max(0.0, 1.0 - (gap - guide.radius) / guide.desired_clearance))
                 way = SPACING * (math.sqrt(2.0) if di != 0 and dj != 0 else 1.0)
-                key = np.float32(here + way / guide.speed * (1.0 + guide.dear * short * short))
+                key = np.float32(
+                    here + way / guide.speed * (1.0 + guide.obstacle_weight * short * short)
+                )
                 if key < left[r, c]:
                     left[r, c] = key
                     guide.onward[r, c] = item
@@ -190,19 +202,19 @@ def seconds_left(guide: Guide, x: float, y: float) -> float:
 
 
 @borrowing_kernel
-def turn_left(guide: Guide, x: float, y: float, yaw: float) -> float:
+def heading_error(guide: Guide, x: float, y: float, yaw: float) -> float:
     """By how much [rad] a heading differs from the way to the goal, a little ahead of a place.
 
-    The seconds left from there must be known. Near the goal 0.
+    The duration left from there must be known. Near the goal 0.
     """
     columns = guide.gaps.shape[1]
     row = int((y - guide.origin[1]) / SPACING + 0.5)
     column = int((x - guide.origin[0]) / SPACING + 0.5)
-    for _ in range(AHEAD):
+    for _ in range(LOOKAHEAD):
         item = guide.onward[row, column]
         row, column = item // columns, item % columns
     dx = guide.origin[0] + column * SPACING - x
     dy = guide.origin[1] + row * SPACING - y
-    if dx * dx + dy * dy < NO_AIM * NO_AIM:
+    if dx * dx + dy * dy < MIN_AIM * MIN_AIM:
         return 0.0
     return abs(wrap(math.atan2(dy, dx) - yaw))

@@ -1,8 +1,9 @@
-"""A lattice of manoeuvres: A* over x, y and yaw with the exact outline of a differential drive.
+"""State lattice: A* over x, y and yaw with the exact rectangle of a differential drive.
 
-The disc round a wheelchair passes no ordinary door; its rectangle does. Moves are short arcs ahead
-and back and pivots, in seconds at the chair's limits, dearer near walls; what each sweeps is tested
-exactly. Poses in line with narrow places, and the goal, are reached exactly.
+The disc around a wheelchair fits through no ordinary door, but its rectangle does. Moves are short
+arcs forward and backward, and pivots. They cost their duration at the chair's limits, and more near
+obstacles; the area that each sweeps is tested exactly. Poses in line with narrow passages, and the
+goal, are reached exactly.
 """
 
 from __future__ import annotations
@@ -20,18 +21,18 @@ from planners.collision.footprint import Sweeps, sweep, sweeps
 from planners.collision.nearby import Nearby, nearby
 from planners.collision.polygon_tests import clearance
 from planners.collision.space import Space
-from planners.lattice.heuristic import Field, gaps_of, guide_to
-from planners.lattice.narrow_passages import gaps_at, lines_of, narrow_places
+from planners.lattice.heuristic import Field, distance_field, new_guide
+from planners.lattice.narrow_passages import gaps_at, make_lines, narrow_places
 from planners.lattice.pose_search import (
     COUNT,
     EXPANDED,
     GOAL,
     PIECE,
     Grid,
-    Manner,
+    MotionCost,
     Tree,
-    grow,
-    traced,
+    expand,
+    trace_path,
 )
 from planners.problem import Plan, Problem, Status, begin, check
 from wheelchair_gym.config import setting, settings
@@ -40,120 +41,193 @@ from wheelchair_gym.kinematics import Limits
 
 Array = NDArray[np.float64]
 
-CHUNK = 256  # expansions between two looks at the clock
-TOUCH = 2e-6  # m: the outline keeps at least this gap, more than rounding and tiny turns are
-NARROW = 0.15  # m beyond the half width on each side: wider places are passed without lines
-YAWS = 360  # headings tried of a goal that has none
-LEAVE = 0.98  # of the gap at a start that is nearer to a wall than the margin, to be kept
-ROOM = 4096  # nodes of a tree at first
-POINTS = 0.05  # m, and rad of a pivot times 2: between poses of the path
+CHUNK = 256  # expansions between two readings of the clock
+MIN_GAP = 2e-6  # m: least gap of the outline, above rounding errors and those of tiny turns
+NARROW = 0.15  # m beyond the half width on each side: wider passages need no exact poses
+YAWS = 360  # headings tried at a goal without heading
+START_GAP_SHARE = (
+    0.98  # share of the gap to keep at a start that is nearer to a wall than the margin
+)
+INITIAL_NODES = 4096  # initial capacity of a tree
+POSE_SPACING = 0.05  # m, and rad of a pivot times 2: between poses of the path
 
 
-class Ground(NamedTuple):
-    """What depends on map and outline alone."""
+class MapData(NamedTuple):
+    """Data of a map and an outline, reused by all problems on the map."""
 
     near: Nearby
     gaps: Field
     narrows: Array  # (n, 3)
 
 
-_GROUNDS: WeakKeyDictionary[Space, dict[tuple[float, ...], Ground]] = WeakKeyDictionary()
+_MAP_DATA: WeakKeyDictionary[Space, dict[tuple[float, ...], MapData]] = WeakKeyDictionary()
 
 
-def ground_of(space: Space, footprint: Footprint, reach: float, wish: float) -> Ground:
-    """What a search needs of a map, made once: what lies near, distances, narrow places."""
+def prepare_map(
+    space: Space, footprint: Footprint, reach: float, desired_clearance: float
+) -> MapData:
+    """The data of a map, computed once: nearby segments, distances, narrow passages."""
     radius = min(footprint.front, footprint.rear, footprint.half_width)
-    key = (*footprint.array, reach, wish)
-    grounds = _GROUNDS.setdefault(space, {})
-    if key not in grounds:
-        near = nearby(space, footprint.reach + reach + wish)
-        gaps = gaps_of(space, radius + wish)
+    key = (*footprint.array, reach, desired_clearance)
+    prepared = _MAP_DATA.setdefault(space, {})
+    if key not in prepared:
+        near = nearby(space, footprint.reach + reach + desired_clearance)
+        gaps = distance_field(space, radius + desired_clearance)
         places = narrow_places(near, gaps, footprint.half_width, footprint.half_width + NARROW)
-        grounds[key] = Ground(near, gaps, places)
-    return grounds[key]
+        prepared[key] = MapData(near, gaps, places)
+    return prepared[key]
 
 
 @settings
 class Lattice:
-    """Manoeuvres for the chair's own outline; the path (n, 3) has headings, and may back up.
+    """A path (n, 3) with headings for the chair's rectangle; it may drive backwards.
 
-    The outline keeps the problem's clearance less half its width. The start's heading is 0 where it
-    has none; the goal's counts where it has one. Failure is `exhausted`: a lattice proves nothing.
+    The rectangle keeps the problem's clearance less half its width. A start without heading has
+    heading 0; a goal without heading allows any. Failure is `exhausted`: it proves nothing.
     """
 
     footprint: Footprint = Footprint()
     limits: Limits = Limits()
-    stride: float = setting(
-        default=0.2, unit="m", source="a fifth of the chair", low=0.02, high=1.0
+    move_length: float = setting(
+        default=0.2,
+        doc="Length of a move.",
+        unit="m",
+        source="design choice: a fifth of the chair",
+        low=0.02,
+        high=1.0,
     )
-    pivot: float = setting(default=0.2, unit="rad", source="as an arc's turn", low=0.02, high=1.5)
-    bends: tuple[float, ...] = setting(
+    pivot_angle: float = setting(
+        default=0.2,
+        doc="Angle of a pivot.",
+        unit="rad",
+        source="design choice: as the turn of an arc",
+        low=0.02,
+        high=1.5,
+    )
+    curvatures: tuple[float, ...] = setting(
         default=(0.8, 1.6),
+        doc="Curvatures of the arcs, to both sides.",
         unit="1/m",
-        source="a wide turn, and one in a corridor of 1.2 m",
+        source="design choice: a wide turn, and one in a corridor of 1.2 m",
         low=0.0,
     )
-    headings: int = setting(default=32, source="11 deg, below every move's turn", low=8, high=360)
-    cell: float = setting(default=0.10, unit="m", source="half a move", low=0.02)
+    headings: int = setting(
+        default=32,
+        doc="Number of heading cells; 11 deg is below the turn of every move.",
+        source="design choice",
+        low=8,
+        high=360,
+    )
+    cell_size: float = setting(
+        default=0.10,
+        doc="Size of a position cell.",
+        unit="m",
+        source="design choice: half a move",
+        low=0.02,
+    )
     refinements: int = setting(
-        default=1, source="times moves and cells are halved where nothing is found", low=0, high=4
+        default=1,
+        doc="How often moves and cells are halved where no path is found.",
+        source="design choice",
+        low=0,
+        high=4,
     )
-    wish: float = setting(
-        default=0.25, unit="m", source="play beside the chair in a 1.1 m door", low=0.01
+    desired_clearance: float = setting(
+        default=0.25,
+        doc="Gap beyond which more clearance costs no less.",
+        unit="m",
+        source="free space beside the chair in a door of 1.1 m",
+        low=0.01,
     )
-    dear: float = setting(default=3.0, source="tuned on training floor plans", low=0.0)
-    lateral: float = setting(
-        default=0.35, unit="m/s2", source="comfort, as a follower's in curves", low=0.01
+    obstacle_weight: float = setting(
+        default=3.0,
+        doc="Extra cost factor of a move at no gap.",
+        source="tuned on training seeds",
+        low=0.0,
     )
-    spin: float = setting(
+    lateral_acceleration: float = setting(
+        default=0.35,
+        doc="Lateral acceleration that bounds the speed in curves.",
+        unit="m/s2",
+        source="comfort, as in the followers",
+        low=0.01,
+    )
+    pivot_speed_ratio: float = setting(
         default=0.6,
-        source="of the turn limit: what followers turn in place with",
+        doc="Angular velocity of a pivot, as a share of the limit.",
+        source="speed of the followers turning in place",
         low=0.05,
         high=1.0,
     )
-    back: float = setting(
-        default=2.0, source="times a way back is dearer: nothing looks back", low=1.0
+    reverse_cost: float = setting(
+        default=2.0,
+        doc="Cost factor of reverse motion.",
+        source="design choice: no sensor looks back",
+        low=1.0,
     )
-    steer: float = setting(
-        default=0.03, unit="s m", source="of a change of curvature; against wobble", low=0.0
+    curvature_weight: float = setting(
+        default=0.03,
+        doc="Cost of a change of curvature, against oscillation.",
+        unit="s m",
+        source="design choice",
+        low=0.0,
     )
-    greed: float = setting(
-        default=1.6, source="more is faster and less good; tuned", low=1.0, high=10.0
+    heuristic_weight: float = setting(
+        default=1.6,
+        doc="Factor of the heuristic: higher is faster and less optimal.",
+        source="tuned on training seeds",
+        low=1.0,
+        high=10.0,
     )
-    content: float = setting(
+    stop_ratio: float = setting(
         default=0.8,
-        source="share of a way's cost that none hopes to undercut; tuned",
+        doc="Stop when no path can cost less than this share of the best path.",
+        source="tuned on training seeds",
         low=0.1,
         high=1.0,
     )
-    askew: float = setting(
-        default=0.5, source="of the time to turn to the way ahead, in what is left; tuned", low=0.0
+    heading_weight: float = setting(
+        default=0.5,
+        doc="Share of the time to turn to the path ahead that the heuristic counts.",
+        source="tuned on training seeds",
+        low=0.0,
     )
-    join: float = setting(
-        default=1.5, unit="m", source="how far from the goal it is led to exactly", low=0.1
+    goal_connection_distance: float = setting(
+        default=1.5,
+        doc="Distance from which exact connections to the goal are tried.",
+        unit="m",
+        source="design choice",
+        low=0.1,
     )
-    iterations: int = setting(default=200_000, source="poses expanded: some 200 MB", low=0)
+    iterations: int = setting(
+        default=200_000,
+        doc="Largest number of expanded poses.",
+        source="design choice: 200 MB of memory",
+        low=0,
+    )
 
     def plan(
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
-        """See `Planner.plan`; nothing is drawn. The iterations counted are poses expanded."""
+        """Search without random numbers; the counted iterations are expanded poses."""
         begun, end = begin(deadline)
-        # Points may come as near as they like; what is no number stays none.
+        # The rectangle is tested below; here, 0 or NaN.
         status = check(replace(problem, clearance=0.0 * problem.clearance))
         if status is not None:
             return Plan(status)
         start, goal = np.zeros(3), np.array(problem.goal, dtype=np.float64)
         start[: len(problem.start)] = problem.start
-        ground = ground_of(problem.space, self.footprint, self.reach, self.wish)
-        manner = self.manner(max(TOUCH, problem.clearance - self.footprint.half_width))
-        status, manner = self._ends(problem, ground, manner, start, goal)
+        map_data = prepare_map(problem.space, self.footprint, self.reach, self.desired_clearance)
+        motion = self.motion(max(MIN_GAP, problem.clearance - self.footprint.half_width))
+        status, motion = self._ends(problem, map_data, motion, start, goal)
         if status is not None:
             return Plan(status)
         iterations, nodes, path, level = 0, 0, np.empty((0, 3)), 0
         for level in range(self.refinements + 1):
             most = self.iterations - iterations
-            path, expanded, made, over = self._search(ground, manner, start, goal, level, most, end)
+            path, expanded, made, over = self._search(
+                map_data, motion, start, goal, level, most, end
+            )
             iterations, nodes = iterations + expanded, nodes + made
             if len(path) or not over:
                 break
@@ -166,27 +240,28 @@ class Lattice:
 
     @property
     def reach(self) -> float:
-        """How far [m] from its pose a move, or a piece of a longer stretch, leads."""
-        return max(self.stride, PIECE)
+        """Longest distance [m] that a move, or a piece of a longer stretch, covers."""
+        return max(self.move_length, PIECE)
 
-    def manner(self, margin: float) -> Manner:
-        """How the chair drives at a margin [m]."""
+    def motion(self, margin: float) -> MotionCost:
+        """The cost of the chair's motion at a margin [m]."""
         limits = self.limits
-        # Going to full speed costs half the time it takes; so does stopping, which is quicker.
+        # Accelerating to full speed costs half its duration; so does stopping.
         switch = 0.5 * limits.forward / limits.acceleration
-        return Manner(
-            self.footprint.array, margin, self.wish, self.dear, limits.forward,
-            limits.backward / self.back, limits.turn, self.spin * limits.turn, self.lateral,
-            switch, self.steer,
+        return MotionCost(
+            self.footprint.array, margin, self.desired_clearance, self.obstacle_weight,
+            limits.forward, limits.backward / self.reverse_cost, limits.turn,
+            self.pivot_speed_ratio * limits.turn, self.lateral_acceleration,
+            switch, self.curvature_weight,
         )  # fmt: skip
 
     def moves(self, level: int) -> Sweeps:
-        """All moves, halved so many times."""
+        """All moves, halved `level` times."""
         part = 0.5**level
-        way, pivot = self.stride * part, self.pivot * part
-        turns = [0.0, *(sign * bend * way for bend in self.bends for sign in (1, -1))]
+        way, pivot = self.move_length * part, self.pivot_angle * part
+        turns = [0.0, *(sign * bend * way for bend in self.curvatures for sign in (1, -1))]
         ahead = [(way, turn) for turn in turns]
-        sharpest = turns[:1] + turns[-2:] if self.bends else turns
+        sharpest = turns[:1] + turns[-2:] if self.curvatures else turns
         back = [(-way, turn) for turn in sharpest] if self.limits.backward > 0.0 else []
         every = [*ahead, (0.0, pivot), (0.0, -pivot), *back]
         moves = sweeps(len(every))
@@ -195,86 +270,107 @@ class Lattice:
         return moves
 
     def _ends(
-        self, problem: Problem, ground: Ground, manner: Manner, start: Array, goal: Array
-    ) -> tuple[Status | None, Manner]:
-        """Why the outline cannot stand at an end, if so; and the manner, its margin as it can."""
-        near, room = ground.near, sweeps(1)
-        if clearance(problem.space.arrays, *start[:2]) < manner.margin:
-            return Status.START_OCCUPIED, manner  # of its axle alone
-        gap = float(gaps_at(near, manner._replace(margin=TOUCH), start[None], room)[0])
-        if gap < TOUCH:
-            return Status.START_OCCUPIED, manner
-        if gap < manner.margin:  # it may leave at the gap that it has
-            manner = manner._replace(margin=LEAVE * gap)
-        poses, smaller = goal[None], manner
-        if len(goal) == 2:  # of headings; where not even a smaller outline fits, none between does
+        self,
+        problem: Problem,
+        map_data: MapData,
+        motion: MotionCost,
+        start: Array,
+        goal: Array,
+    ) -> tuple[Status | None, MotionCost]:
+        """Why the outline does not fit at an end, or None; and the cost with a margin that fits."""
+        near, workspace = map_data.near, sweeps(1)
+        if clearance(problem.space.arrays, *start[:2]) < motion.margin:
+            return Status.START_OCCUPIED, motion  # at the axle already
+        gap = float(gaps_at(near, motion._replace(margin=MIN_GAP), start[None], workspace)[0])
+        if gap < MIN_GAP:
+            return Status.START_OCCUPIED, motion
+        if gap < motion.margin:  # it may leave with the gap that it has
+            motion = motion._replace(margin=START_GAP_SHARE * gap)
+        poses, smaller = goal[None], motion
+        if len(goal) == 2:  # a smaller outline covers the headings between those tried
             yaws = np.arange(YAWS) * (2.0 * math.pi / YAWS)
             poses = np.column_stack([np.tile(goal, (YAWS, 1)), yaws])
             less = 2.0 * self.footprint.reach * math.sin(0.5 * math.pi / YAWS)
-            smaller = manner._replace(outline=manner.outline - less)
-        if (gaps_at(near, smaller, poses, room) < manner.margin).all():
-            return Status.GOAL_OCCUPIED, manner
-        return None, manner
+            smaller = motion._replace(outline=motion.outline - less)
+        if (gaps_at(near, smaller, poses, workspace) < motion.margin).all():
+            return Status.GOAL_OCCUPIED, motion
+        return None, motion
 
     def _search(
         self,
-        ground: Ground,
-        manner: Manner,
+        map_data: MapData,
+        motion: MotionCost,
         start: Array,
         goal: Array,
         level: int,
         most: int,
         end: float,
     ) -> tuple[Array, int, int, bool]:
-        """The path (n, 3) or none, poses expanded, nodes made, and whether all was searched."""
-        near, part = ground.near, 0.5**level
+        """The path (n, 3) or none, expanded poses, nodes, and whether the search is complete."""
+        near, part = map_data.near, 0.5**level
         radius = min(self.footprint.front, self.footprint.rear, self.footprint.half_width)
         low = near.box[:2].copy()
-        lines, seeds = lines_of(near, manner, ground.narrows, goal, self.stride * part, self.join)
-        guide = guide_to(seeds, ground.gaps, low, radius, self.wish, self.dear, self.limits.forward)
+        lines, seeds = make_lines(
+            near,
+            motion,
+            map_data.narrows,
+            goal,
+            self.move_length * part,
+            self.goal_connection_distance,
+        )
+        guide = new_guide(
+            seeds,
+            map_data.gaps,
+            low,
+            radius,
+            self.desired_clearance,
+            self.obstacle_weight,
+            self.limits.forward,
+        )
         moves = self.moves(level)
         hull = np.concatenate([moves.box[:, :2].min(axis=0), moves.box[:, 2:].max(axis=0)])
-        cell, headings = self.cell * part, self.headings * 2**level
+        cell, headings = self.cell_size * part, self.headings * 2**level
         columns, rows = (int(n) + 1 for n in (near.box[2:] - low) / cell)
         grid = Grid(
-            low, cell, columns, headings, moves, hull, self.greed, self.content,
-            self.askew / self.limits.turn,
+            low, cell, columns, headings, moves, hull, self.heuristic_weight, self.stop_ratio,
+            self.heading_weight / self.limits.turn,
         )  # fmt: skip
         slots = np.zeros(rows * columns * headings, np.float32)
-        tree = _rooted(start, slots, len(lines.poses))
-        aim = np.array([goal[0], goal[1], self.join])
-        room, seen, out = sweeps(1), np.empty_like(near.segments), np.empty((3, 2))
+        tree = _new_tree(start, slots, len(lines.poses))
+        aim = np.array([goal[0], goal[1], self.goal_connection_distance])
+        workspace, seen, out = sweeps(1), np.empty_like(near.segments), np.empty((3, 2))
         over = False
         most_made = len(moves.way) + 3 * (len(lines.poses) + 1)  # of one expansion
         while not over and tree.state[EXPANDED] < most:
             if time.perf_counter() >= end:
                 break
             if tree.state[COUNT] + most_made > len(tree.cost):
-                tree = _roomier(tree, most_made)
+                tree = _enlarged(tree, most_made)
             until = min(most, int(tree.state[EXPANDED]) + CHUNK)
-            over = grow(near, manner, guide, lines, grid, aim, tree, until, room, seen, out)
+            over = expand(near, motion, guide, lines, grid, aim, tree, until, workspace, seen, out)
         node = int(tree.state[GOAL])
-        path = traced(tree, node, POINTS) if node >= 0 else np.empty((0, 3))
+        path = trace_path(tree, node, POSE_SPACING) if node >= 0 else np.empty((0, 3))
         return path, int(tree.state[EXPANDED]), int(tree.state[COUNT]), over
 
 
-def _rooted(start: Array, slots: NDArray[np.float32], anchors: int) -> Tree:
-    """A tree of the start alone, open."""
-    pose, numbers, none = np.empty((ROOM, 3)), np.zeros((4, ROOM)), np.full((2, ROOM), -1)
+def _new_tree(start: Array, slots: NDArray[np.float32], anchors: int) -> Tree:
+    """A tree of the start alone, in the open list."""
+    n = INITIAL_NODES
+    pose, numbers, none = np.empty((n, 3)), np.zeros((4, n)), np.full((2, n), -1)
     pose[0] = start
     return Tree(
         pose, numbers[0], none[0], numbers[1], numbers[2], none[1], numbers[3],
-        np.zeros(ROOM, np.int64), slots, np.full(anchors, -1.0), np.full(anchors + 1, np.inf),
+        np.zeros(n, np.int64), slots, np.full(anchors, -1.0), np.full(anchors + 1, np.inf),
         np.array([1, 1, 0, -1]),
     )  # fmt: skip
 
 
-def _roomier(tree: Tree, more: int) -> Tree:
-    """The tree with room for twice as many nodes, and so many more."""
-    room, need = len(tree.cost), 2 * len(tree.cost) + more
+def _enlarged(tree: Tree, more: int) -> Tree:
+    """The tree with workspace for twice as many nodes, and so many more."""
+    workspace, need = len(tree.cost), 2 * len(tree.cost) + more
     arrays = {}
     for name in ("pose", "cost", "parent", "way", "turn", "anchor", "keys", "items"):
         old = getattr(tree, name)
         arrays[name] = np.empty((need, *old.shape[1:]), old.dtype)
-        arrays[name][:room] = old
+        arrays[name][:workspace] = old
     return tree._replace(**arrays)

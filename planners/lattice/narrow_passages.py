@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from planners.collision.footprint import Sweeps, sweeps
 from planners.collision.nearby import CELL, Nearby
 from planners.lattice.heuristic import SPACING, Field
-from planners.lattice.pose_search import Lines, Manner, free_gap, seconds
+from planners.lattice.pose_search import Lines, MotionCost, duration, free_gap
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import point_segment_distance
 
@@ -63,8 +63,8 @@ def _known(places: Array, count: int, x: float, y: float, yaw: float) -> bool:
     for k in range(count):
         dx, dy = places[k, 0] - x, places[k, 1] - y
         aside = abs(math.cos(yaw) * dy - math.sin(yaw) * dx)
-        askew = abs(math.sin(places[k, 2] - yaw))
-        if aside < 0.2 * SPACING and askew < ALIGNED and math.hypot(dx, dy) < APART:
+        misaligned = abs(math.sin(places[k, 2] - yaw))
+        if aside < 0.2 * SPACING and misaligned < ALIGNED and math.hypot(dx, dy) < APART:
             return True
     return False
 
@@ -122,18 +122,18 @@ ASKEW = 0.8  # rad: by how much the heading may differ there
 
 
 @kernel
-def gaps_at(near: Nearby, manner: Manner, poses: Array, room: Sweeps) -> Array:
-    """Gaps (n,) [m] of the outline at poses (n, 3), at most the wish; below the margin any."""
+def gaps_at(near: Nearby, motion: MotionCost, poses: Array, workspace: Sweeps) -> Array:
+    """Gaps (n,) [m] of the outline at poses (n, 3), at most the desired clearance."""
     seen, gaps = np.empty_like(near.segments), np.empty(poses.shape[0])
     for k in range(poses.shape[0]):
         x, y, yaw = poses[k]
-        gaps[k] = free_gap(near, manner, x, y, yaw, 0.0, 0.0, room, seen)
+        gaps[k] = free_gap(near, motion, x, y, yaw, 0.0, 0.0, workspace, seen)
     return gaps
 
 
 @kernel
 def entries(
-    near: Nearby, manner: Manner, goals: Array, step: float, room: Sweeps
+    near: Nearby, motion: MotionCost, goals: Array, step: float, workspace: Sweeps
 ) -> tuple[Array, Array]:
     """Where the straight last stretch to each of some goal poses (n, 3) begins.
 
@@ -141,7 +141,7 @@ def entries(
     if there is none, the farthest from which it is free.
 
     Returns:
-        Places (k, 3): x, y and the seconds left; and how far [m] the farther is from each goal.
+        Places (k, 3): x, y and the duration left; and how far [m] the farther is from each goal.
     """
     n = goals.shape[0]
     seen = np.empty_like(near.segments)
@@ -156,23 +156,26 @@ def entries(
             turns = True
             for turn in (TURNS, -TURNS):
                 if turns:
-                    gap = free_gap(near, manner, px, py, yaw, 0.0, turn, room, seen)
-                    turns = gap >= manner.margin
+                    gap = free_gap(near, motion, px, py, yaw, 0.0, turn, workspace, seen)
+                    turns = gap >= motion.margin
             if turns:
                 roomy[k] = True
                 break
             qx, qy = px - sign * step * math.cos(yaw), py - sign * step * math.sin(yaw)
-            if free_gap(near, manner, qx, qy, yaw, sign * step, 0.0, room, seen) < manner.margin:
+            if (
+                free_gap(near, motion, qx, qy, yaw, sign * step, 0.0, workspace, seen)
+                < motion.margin
+            ):
                 break
             d += step
         places[k, 0], places[k, 1] = x - sign * d * math.cos(yaw), y - sign * d * math.sin(yaw)
-        places[k, 2] = seconds(manner, sign * d, 0.0)
+        places[k, 2] = duration(motion, sign * d, 0.0)
         far[k // 2] = max(far[k // 2], d)
     return (places[roomy] if roomy.any() else places), far
 
 
-def lines_of(
-    near: Nearby, manner: Manner, narrows: Array, goal: Array, stride: float, join: float
+def make_lines(
+    near: Nearby, motion: MotionCost, narrows: Array, goal: Array, stride: float, join: float
 ) -> tuple[Lines, Array]:
     """The lines through narrow places, both ways; and where the goal is reached.
 
@@ -181,26 +184,26 @@ def lines_of(
 
     Args:
         near: what lies where.
-        manner: the chair.
+        motion: the chair.
         narrows: middles and directions (n, 3) of narrow places.
         goal: (2,) or (3,).
         stride: way [m] from pose to pose.
         join: from how far [m] the goal is tried.
 
     Returns:
-        The lines; and places (k, 3) where ways to the goal end, with the seconds left from there.
+        The lines; and places (k, 3) where ways to the goal end, with the duration left from there.
     """
     headed = len(goal) == 3
     at_goal = goal[None]
     if not headed:
         yaws = np.arange(YAWS) * (2.0 * math.pi / YAWS)
         at_goal = np.column_stack([np.tile(goal, (YAWS, 1)), yaws])
-        free = gaps_at(near, manner, at_goal, sweeps(1)) >= manner.margin
+        free = gaps_at(near, motion, at_goal, sweeps(1)) >= motion.margin
         at_goal = at_goal[free & (not free.all())]
     seeds, reach = np.array([[goal[0], goal[1], 0.0]]), np.zeros(0)
     if len(at_goal):
-        seeds, reach = entries(near, manner, at_goal, stride, sweeps(1))
-    count = math.ceil(float(manner.outline[0]) / stride) + 1
+        seeds, reach = entries(near, motion, at_goal, stride, sweeps(1))
+    count = math.ceil(float(motion.outline[0]) / stride) + 1
     middles = np.vstack([narrows, narrows + np.array([0.0, 0.0, math.pi])])
     if headed:
         middles = np.vstack([goal, middles])
@@ -208,7 +211,7 @@ def lines_of(
     poses = np.repeat(middles[:, None], len(along), axis=1)  # (lines, along, 3)
     poses[..., 0] += along * np.cos(middles[:, 2:])
     poses[..., 1] += along * np.sin(middles[:, 2:])
-    standing = gaps_at(near, manner, poses.reshape(-1, 3), sweeps(1)) >= manner.margin
+    standing = gaps_at(near, motion, poses.reshape(-1, 3), sweeps(1)) >= motion.margin
     free = standing.reshape(poses.shape[:2])
     # Anchors: where the goal is reached, then the rest; the goal's own place in its line is first.
     index = np.full((len(middles), len(along) + 2), -1)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from planners.collision.footprint import Sweeps, stretch_gap, sweep
 from planners.collision.nearby import Nearby, seen_from
 from planners.graphs.heap import pop, push
-from planners.lattice.heuristic import Guide, seconds_left, turn_left
+from planners.lattice.heuristic import Guide, cost_to_go, heading_error
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
@@ -28,31 +28,31 @@ PIECE = 0.3  # m: longer stretches are looked at in pieces, each from its own be
 STILL = 1e-9  # m, rad: less is no motion
 
 
-class Manner(NamedTuple):
-    """How the chair drives, and what it likes."""
+class MotionCost(NamedTuple):
+    """How the chair drives, and what its motion costs."""
 
     outline: Array  # (3,) m: front, rear, half width
     margin: float  # m: least gap
-    wish: float  # m: gap beyond which more is worth nothing
-    dear: float  # how many times dearer a move is at no gap
+    desired_clearance: float  # m: a larger gap costs no less
+    obstacle_weight: float  # extra cost factor of a move at no gap
     forward: float  # m/s
-    backward: float  # m/s that a way back is counted at
+    backward: float  # m/s, speed that reverse motion is rated with
     turn: float  # rad/s
-    spin: float  # rad/s of a pivot
-    lateral: float  # m/s2
-    switch: float  # s: to stop, and to start in another way
-    steer: float  # s per 1/m of a change of curvature
+    pivot_speed: float  # rad/s of a pivot
+    lateral_acceleration: float  # m/s2
+    switch_time: float  # s: to stop and start in another direction
+    curvature_weight: float  # s per 1/m of a change of curvature
 
 
 @borrowing_kernel
-def seconds(manner: Manner, way: float, turn: float) -> float:
+def duration(motion: MotionCost, way: float, turn: float) -> float:
     """Time [s] that a stretch takes at the speed it allows."""
     if abs(way) < STILL:
-        return abs(turn) / manner.spin
+        return abs(turn) / motion.pivot_speed
     bend = abs(turn / way)
-    speed = manner.forward if way > 0.0 else manner.backward
+    speed = motion.forward if way > 0.0 else motion.backward
     if bend > 0.0:
-        speed = min(speed, min(manner.turn / bend, math.sqrt(manner.lateral / bend)))
+        speed = min(speed, min(motion.turn / bend, math.sqrt(motion.lateral_acceleration / bend)))
     return abs(way) / speed
 
 
@@ -65,44 +65,44 @@ def kind_of(way: float, turn: float) -> int:
 
 
 @borrowing_kernel
-def priced(manner: Manner, way: float, turn: float, gap: float) -> float:
-    """Cost [s] of a stretch: its time, dearer the nearer it comes to anything."""
-    short = (manner.wish - gap) / manner.wish
-    return seconds(manner, way, turn) * (1.0 + manner.dear * short * short)
+def stretch_cost(motion: MotionCost, way: float, turn: float, gap: float) -> float:
+    """Cost [s] of a stretch: its duration, increased near obstacles."""
+    short = (motion.desired_clearance - gap) / motion.desired_clearance
+    return duration(motion, way, turn) * (1.0 + motion.obstacle_weight * short * short)
 
 
 @borrowing_kernel
 def free_gap(
-    near: Nearby, manner: Manner, x: float, y: float, yaw: float, way: float, turn: float,
-    room: Sweeps, seen: Array,
+    near: Nearby, motion: MotionCost, x: float, y: float, yaw: float, way: float, turn: float,
+    workspace: Sweeps, seen: Array,
 ) -> float:  # fmt: skip
-    """Least gap [m] of a stretch of any length, at most the wish; below the margin any."""
+    """Least gap [m] of a stretch, at most the desired clearance; exact only above the margin."""
     pieces = max(1, math.ceil(abs(way) / PIECE))
-    gap = manner.wish
+    gap = motion.desired_clearance
     part, bend = way / pieces, turn / pieces
-    sweep(room, 0, part, bend, manner.outline)
+    sweep(workspace, 0, part, bend, motion.outline)
     for k in range(pieces):
         ax, ay, ayaw = arc_step(x, y, yaw, way, turn, k / pieces)
         if not (near.box[0] <= ax <= near.box[2] and near.box[1] <= ay <= near.box[3]):
             return 0.0
-        count = seen_from(near, ax, ay, ayaw, room.box[0], gap, seen)
-        gap = stretch_gap(room, 0, manner.outline, seen, count, gap, manner.margin)
-        if gap < manner.margin:
+        count = seen_from(near, ax, ay, ayaw, workspace.box[0], gap, seen)
+        gap = stretch_gap(workspace, 0, motion.outline, seen, count, gap, motion.margin)
+        if gap < motion.margin:
             break
     return gap
 
 
 @borrowing_kernel
 def connect(
-    near: Nearby, manner: Manner, x: float, y: float, yaw: float, kind: int,
-    tx: float, ty: float, tyaw: float, budget: float, room: Sweeps, seen: Array, out: Array,
+    near: Nearby, motion: MotionCost, x: float, y: float, yaw: float, kind: int,
+    tx: float, ty: float, tyaw: float, budget: float, workspace: Sweeps, seen: Array, out: Array,
 ) -> float:  # fmt: skip
-    """The cheapest of a few ways to a target pose; its heading is free if it is NaN.
+    """The cheapest of four connections to a target pose, whose heading is free if it is NaN.
 
-    Writes ways and turns (3, 2) to `out`.
+    Writes distances and turns (3, 2) to `out`.
 
     Returns:
-        The cost [s], infinite where no way is free or below the budget.
+        The cost [s], infinite where no connection is free and below the budget.
     """
     dx, dy = tx - x, ty - y
     far, towards = math.hypot(dx, dy), wrap(math.atan2(dy, dx) - yaw)
@@ -159,9 +159,9 @@ def connect(
             way, turn = (a, b, 0.0)[part], (s, t, u)[part]
             now = kind_of(way, turn)
             if now != 0:
-                cost += seconds(manner, way, turn)
+                cost += duration(motion, way, turn)
                 if before != 0 and before != now:
-                    cost += manner.switch
+                    cost += motion.switch_time
                 before = now
         if cost >= best:
             continue
@@ -170,11 +170,11 @@ def connect(
             way, turn = (a, b, 0.0)[part], (s, t, u)[part]
             if kind_of(way, turn) == 0:
                 continue
-            gap = free_gap(near, manner, px, py, pyaw, way, turn, room, seen)
-            if gap < manner.margin:
+            gap = free_gap(near, motion, px, py, pyaw, way, turn, workspace, seen)
+            if gap < motion.margin:
                 cost = math.inf
                 break
-            cost += priced(manner, way, turn, gap) - seconds(manner, way, turn)
+            cost += stretch_cost(motion, way, turn, gap) - duration(motion, way, turn)
             if cost >= best:
                 break
             px, py, pyaw = arc_step(px, py, pyaw, way, turn, 1.0)
@@ -188,12 +188,12 @@ def connect(
 Whole = NDArray[np.int64]
 
 AT_GOAL = -2  # the anchor of a node at the goal
-ON_THE_WAY = 0.4  # rad: less is turned in passing
+FREE_HEADING_ERROR = 0.4  # rad: smaller errors cost nothing
 COUNT, SIZE, EXPANDED, GOAL = range(4)  # of `Tree.state`
 
 
 class Lines(NamedTuple):
-    """Poses to reach exactly; those of one line follow each other at a move's way."""
+    """Poses to reach exactly; those of one line are one straight move apart."""
 
     poses: Array  # (n, 3)
     ahead: Whole  # (n,) the anchor one straight move ahead, or -1
@@ -205,21 +205,21 @@ class Lines(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """What is one state: cells of position and sectors of heading; and the moves."""
+    """The discretization of states into cells and headings, and the moves."""
 
     origin: Array  # (2,) m
-    cell: float  # m
+    cell_size: float  # m
     columns: int
     headings: int
     moves: Sweeps
     hull: Array  # (4,) m: what bounds all
-    greed: float  # multiple of the time left that is believed
-    content: float  # a way is taken if no other is hoped to cost less than this share of it
-    askew: float  # s/rad of the heading's difference from the way ahead, in the time left
+    heuristic_weight: float  # factor of the heuristic (weighted A*)
+    stop_ratio: float  # stop when no path can cost less than this share of the best one
+    heading_weight: float  # s/rad of the heading error, in the heuristic
 
 
 class Tree(NamedTuple):
-    """Nodes: poses reached, how, and at what cost; and which are open."""
+    """Nodes: poses reached, how, and at what cost; and the open list."""
 
     pose: Array  # (n, 3)
     cost: Array  # (n,) s
@@ -254,24 +254,24 @@ def _open(tree: Tree, node: int, key: float) -> None:
 
 
 @borrowing_kernel
-def _time_left(guide: Guide, grid: Grid, x: float, y: float, yaw: float) -> float:
-    """Seconds to the goal, as far as they are believed."""
-    left = seconds_left(guide, x, y)
+def _estimate(guide: Guide, grid: Grid, x: float, y: float, yaw: float) -> float:
+    """Estimated cost to the goal [s]: the heuristic."""
+    left = cost_to_go(guide, x, y)
     if not left < math.inf:
         return left
-    askew = max(0.0, turn_left(guide, x, y, yaw) - ON_THE_WAY)
-    return grid.greed * (left + grid.askew * askew)
+    error = max(0.0, heading_error(guide, x, y, yaw) - FREE_HEADING_ERROR)
+    return grid.heuristic_weight * (left + grid.heading_weight * error)
 
 
 @borrowing_kernel
-def _join(
-    near: Nearby, manner: Manner, guide: Guide, lines: Lines, grid: Grid, goal: Array, tree: Tree,
-    node: int, room: Sweeps, seen: Array, out: Array,
+def _connect_anchors(
+    near: Nearby, motion: MotionCost, guide: Guide, lines: Lines, grid: Grid, goal: Array,
+    tree: Tree, node: int, workspace: Sweeps, seen: Array, out: Array,
 ) -> None:  # fmt: skip
-    """Lead from a node to every anchor in its reach that it reaches at less than any other."""
+    """Connect a node to every anchor in range that it reaches at least cost."""
     x, y, yaw = tree.pose[node, 0], tree.pose[node, 1], tree.pose[node, 2]
     kind = kind_of(tree.way[node], tree.turn[node])
-    many, here = lines.poses.shape[0], _time_left(guide, grid, x, y, yaw)
+    many, here = lines.poses.shape[0], _estimate(guide, grid, x, y, yaw)
     for a in range(many + 1):
         free_heading = a == many
         if free_heading:
@@ -282,7 +282,7 @@ def _join(
             far = math.hypot(dx, dy)
             if far > goal[2]:
                 continue
-            least = far / manner.forward
+            least = far / motion.forward
         else:
             tx, ty, tyaw = lines.poses[a, 0], lines.poses[a, 1], lines.poses[a, 2]
             dx, dy = tx - x, ty - y
@@ -293,7 +293,7 @@ def _join(
             turn = abs(wrap(tyaw - yaw))
             if far > reach or turn > lines.turn[a]:
                 continue
-            least = max(far / manner.forward, turn / manner.turn)
+            least = max(far / motion.forward, turn / motion.turn)
         at_goal = free_heading or a < lines.goals
         entry = many if at_goal else a
         budget = tree.best_anchor[entry] - tree.cost[node]
@@ -302,11 +302,11 @@ def _join(
         left = 0.0
         if not at_goal:
             if tree.left_anchor[a] < 0.0:
-                tree.left_anchor[a] = _time_left(guide, grid, tx, ty, tyaw)
+                tree.left_anchor[a] = _estimate(guide, grid, tx, ty, tyaw)
             left = tree.left_anchor[a]
             if not left < here:
                 continue
-        more = connect(near, manner, x, y, yaw, kind, tx, ty, tyaw, budget, room, seen, out)
+        more = connect(near, motion, x, y, yaw, kind, tx, ty, tyaw, budget, workspace, seen, out)
         if not more < budget:
             continue
         cost = tree.cost[node] + more
@@ -324,25 +324,24 @@ def _join(
             tree.pose[last, 2] = tyaw
         if at_goal:
             tree.state[GOAL] = last
-            _open(tree, last, cost * grid.content)
+            _open(tree, last, cost * grid.stop_ratio)
         else:
             _open(tree, last, cost + left)
 
 
 @borrowing_kernel
-def grow(
-    near: Nearby, manner: Manner, guide: Guide, lines: Lines, grid: Grid, goal: Array, tree: Tree,
-    most: int, room: Sweeps, seen: Array, out: Array,
+def expand(
+    near: Nearby, motion: MotionCost, guide: Guide, lines: Lines, grid: Grid, goal: Array,
+    tree: Tree, most: int, workspace: Sweeps, seen: Array, out: Array,
 ) -> bool:  # fmt: skip
-    """Expand nodes until the goal's turn comes or none is open; is it over?
+    """Expand nodes until the goal is taken from the open list or the list is empty: True.
 
-    It ends before when `most` were expanded in all, or where the tree has no room for what another
-    may lead to.
+    False when `most` nodes are expanded in all, or when the tree may be too small for another.
     """
     slots = tree.best.shape[0]
-    room_left = tree.cost.shape[0] - grid.moves.way.shape[0] - 3 * (lines.poses.shape[0] + 1)
+    capacity = tree.cost.shape[0] - grid.moves.way.shape[0] - 3 * (lines.poses.shape[0] + 1)
     while tree.state[SIZE] > 0:
-        if tree.state[EXPANDED] >= most or tree.state[COUNT] > room_left:
+        if tree.state[EXPANDED] >= most or tree.state[COUNT] > capacity:
             return False
         node = pop(tree.keys, tree.items, tree.state[SIZE])
         tree.state[SIZE] -= 1
@@ -360,18 +359,18 @@ def grow(
             if slot < slots and tree.cost[node] > tree.best[slot] * (1.0 + 1e-6):
                 continue
         tree.state[EXPANDED] += 1
-        _join(near, manner, guide, lines, grid, goal, tree, node, room, seen, out)
+        _connect_anchors(near, motion, guide, lines, grid, goal, tree, node, workspace, seen, out)
         kind = kind_of(tree.way[node], tree.turn[node])
         bend = tree.turn[node] / tree.way[node] if abs(kind) == 1 else 0.0
-        count = seen_from(near, x, y, yaw, grid.hull, manner.wish, seen)
+        count = seen_from(near, x, y, yaw, grid.hull, motion.desired_clearance, seen)
         for m in range(grid.moves.way.shape[0]):
             way, turn = grid.moves.way[m], grid.moves.turn[m]
             now = kind_of(way, turn)
-            cost = tree.cost[node] + seconds(manner, way, turn)
+            cost = tree.cost[node] + duration(motion, way, turn)
             if kind != 0 and kind != now:
-                cost += manner.switch
+                cost += motion.switch_time
             if kind == now and now != 2:
-                cost += manner.steer * abs(bend - turn / way)
+                cost += motion.curvature_weight * abs(bend - turn / way)
             ax, ay, ayaw = arc_step(x, y, yaw, way, turn, 1.0)
             onto = -1
             if anchor >= 0 and turn == 0.0:
@@ -385,15 +384,21 @@ def grow(
                     continue
             elif tree.best[slot] > 0.0 and cost >= tree.best[slot]:
                 continue
-            left = _time_left(guide, grid, ax, ay, ayaw)
+            left = _estimate(guide, grid, ax, ay, ayaw)
             if not left < math.inf:
                 continue
             gap = stretch_gap(
-                grid.moves, m, manner.outline, seen, count, manner.wish, manner.margin
+                grid.moves,
+                m,
+                motion.outline,
+                seen,
+                count,
+                motion.desired_clearance,
+                motion.margin,
             )
-            if gap < manner.margin:
+            if gap < motion.margin:
                 continue
-            cost += priced(manner, way, turn, gap) - seconds(manner, way, turn)
+            cost += stretch_cost(motion, way, turn, gap) - duration(motion, way, turn)
             if onto >= 0:
                 if cost >= tree.best_anchor[entry]:
                     continue
@@ -409,24 +414,24 @@ def grow(
                 if onto < lines.goals:
                     tree.anchor[new] = AT_GOAL
                     tree.state[GOAL] = new
-                    left = (grid.content - 1.0) * cost
+                    left = (grid.stop_ratio - 1.0) * cost
             _open(tree, new, cost + left)
     return True
 
 
 @borrowing_kernel
 def _slot(grid: Grid, x: float, y: float, yaw: float) -> int:
-    i, j = int((y - grid.origin[1]) / grid.cell), int((x - grid.origin[0]) / grid.cell)
+    i, j = int((y - grid.origin[1]) / grid.cell_size), int((x - grid.origin[0]) / grid.cell_size)
     sector = math.floor(yaw / (2.0 * math.pi) * grid.headings + 0.5) % grid.headings
     return (i * grid.columns + j) * grid.headings + int(sector)
 
 
 @kernel
-def traced(tree: Tree, node: int, spacing: float) -> Array:
-    """The poses (n, 3) from the root to a node, at most so far apart [m, and half a rad]."""
+def trace_path(tree: Tree, node: int, spacing: float) -> Array:
+    """The poses (n, 3) from the root to a node, at most `spacing` [m, rad / 2] apart."""
     count, last = 1, node
     while tree.parent[last] >= 0:
-        count += _parts(tree.way[last], tree.turn[last], spacing)
+        count += _part_count(tree.way[last], tree.turn[last], spacing)
         last = tree.parent[last]
     path = np.empty((count, 3))
     path[count - 1] = tree.pose[node]
@@ -435,7 +440,7 @@ def traced(tree: Tree, node: int, spacing: float) -> Array:
         way, turn = tree.way[node], tree.turn[node]
         node = tree.parent[node]
         x, y, yaw = tree.pose[node, 0], tree.pose[node, 1], tree.pose[node, 2]
-        parts = _parts(way, turn, spacing)
+        parts = _part_count(way, turn, spacing)
         for part in range(parts - 1, -1, -1):
             k -= 1
             path[k, 0], path[k, 1], path[k, 2] = arc_step(x, y, yaw, way, turn, part / parts)
@@ -445,5 +450,5 @@ def traced(tree: Tree, node: int, spacing: float) -> Array:
 
 
 @borrowing_kernel
-def _parts(way: float, turn: float, spacing: float) -> int:
+def _part_count(way: float, turn: float, spacing: float) -> int:
     return int(max(1, math.ceil(max(abs(way), 0.5 * abs(turn)) / spacing)))
