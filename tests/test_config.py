@@ -100,7 +100,7 @@ def test_any_mapping_is_taken_or_refused_in_one_line(data):
 
 # Folders whose settings have no `doc` yet.
 WITHOUT_DOC = (
-    "agents/", "agents/control", "agents/peers", "agents/policies",
+    "agents/", "agents/control", "agents/policies",
     "planners/controls", "planners/graphs", "planners/reactive",
     "planners/smoothing", "planners/swarm", "planners/trees",
     "wheelchair_gym/", "wheelchair_gym/envs", "wheelchair_gym/hardware",

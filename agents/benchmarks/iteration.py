@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.benchmarks.cases import Case
 from agents.peers import PEERS
-from agents.peers.swarms import FIRST, WEIGHTS, Cost, Mealpy, Niapy, scatter, subdivide
+from agents.peers.swarms import FIRST, WEIGHTS, Cost, PathSwarm, scatter, subdivide
 from planners import make_planner
 from planners.random_stream import stream
 from planners.swarm.search import shorten_path
@@ -67,12 +67,12 @@ def iteration_rows(cases: Sequence[Case], peers: Sequence[str]) -> list[Row]:
             stream(np.random.default_rng(0)),
         )
 
-    def of(swarm: Mealpy | Niapy) -> Callable[[int], object]:
+    def of(swarm: PathSwarm) -> Callable[[int], object]:
         return lambda count: swarm.search(Cost(problem, path), start, count, 0)
 
     runs: dict[str, Callable[[int], object]] = {"whales (ours)": ours}
     for name in peers:
-        if isinstance(PEERS[name].settings, Mealpy | Niapy):
+        if isinstance(PEERS[name].settings, PathSwarm):
             runs[name] = of(PEERS[name].settings)
     facts = {"problem": case.name, "population": POPULATION, "way_points": len(path) - 2}
     return [{"swarm": name, "us": _microseconds(run), **facts} for name, run in runs.items()]

@@ -1,8 +1,7 @@
-"""Other simulators and planners in the same worlds, for comparison; they are an extra (`peers`).
+"""Simulators and planners of other packages in the same worlds (extra `peers`).
 
-A peer among planners is a settings object like ours whose `at(case)` prepares it for one map,
-untimed; what that gives has our planners' `plan(problem, rng, deadline)`, or is None where the map
-is not one that the peer can take.
+A planner is a settings object whose `prepare(case)` returns an object for one map, untimed, with
+`plan(problem, rng, deadline)` as our planners have it; or None if it cannot take the map.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from typing import Any, Final, NamedTuple
 
 from agents.peers.ompl import Ompl
 from agents.peers.pathplanning import LazyThetaStar, Tree
-from agents.peers.swarms import Mealpy, Niapy
+from agents.peers.swarms import PathSwarm
 
 
 class Peer(NamedTuple):
@@ -20,7 +19,7 @@ class Peer(NamedTuple):
 
     package: str
     settings: Any
-    timed: bool = True  # whether it keeps a deadline
+    timed: bool = True  # whether it takes a deadline
 
 
 PEERS: Final[dict[str, Peer]] = {
@@ -34,9 +33,9 @@ PEERS: Final[dict[str, Peer]] = {
     "pathplanning_rrt_star_5": Peer("pathplanning", Tree("rrt_star")),
     "pathplanning_rrt_star_1": Peer("pathplanning", Tree("rrt_star", step=1.0)),
     "pathplanning_lazy_theta_star": Peer("pathplanning", LazyThetaStar(), timed=False),
-    "mealpy_woa": Peer("mealpy", Mealpy("WOA")),
-    "mealpy_pso": Peer("mealpy", Mealpy("PSO")),
-    "niapy_pso": Peer("niapy", Niapy()),
+    "mealpy_woa": Peer("mealpy", PathSwarm("mealpy", "WOA")),
+    "mealpy_pso": Peer("mealpy", PathSwarm("mealpy", "PSO")),
+    "niapy_pso": Peer("niapy", PathSwarm("niapy", "PSO")),
 }
 
 

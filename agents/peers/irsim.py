@@ -1,4 +1,4 @@
-"""Other simulators in the same world, for comparison; they are an extra (`peers`)."""
+"""IR-SIM in the same world, for comparison (extra `peers`)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wheelchair_gym.types import Episode
 
 
 def wall_loops(walls: np.ndarray[Any, Any]) -> list[list[list[float]]]:
-    """Walls (n, 4) as outlines of vertices, as long as they can be."""
+    """Walls (n, 4) as the longest possible polylines."""
     merged = shapely.line_merge(
         shapely.MultiLineString(np.asarray(walls).reshape(-1, 2, 2).tolist())
     )
@@ -76,7 +76,7 @@ def irsim_rate(settings: EnvSettings, episode: Episode, seconds: float) -> float
     Args:
         settings: of our environment.
         episode: its world.
-        seconds: to measure for.
+        seconds: duration of the measurement.
 
     Raises:
         ImportError: it is not installed.

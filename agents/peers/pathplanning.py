@@ -21,30 +21,43 @@ UNLIMITED = 1_000_000_000  # iterations, where time is what ends a run
 
 @settings
 class Tree:
-    """Its trees among axis-aligned boxes, whose edges it tests exactly.
-
-    Boxes are closed sets to it: a path may not touch them.
-    """
+    """Trees among axis-aligned boxes, with exact tests of edges; a path may not touch a box."""
 
     planner: Literal["rrt_connect", "rrt_star"]
-    step: float = setting(default=5.0, unit="m", source="measured: its best on maps of 50 m")
-    gamma: float = setting(default=70.0, source="measured; its default of 2 never improves")
+    step: float = setting(
+        default=5.0,
+        doc="Length of an extension.",
+        unit="m",
+        source="measured: the best on maps of 50 m",
+    )
+    gamma: float = setting(
+        default=70.0,
+        doc="Factor of the radius of rewiring.",
+        source="measured; the default of 2 never improves a path",
+    )
     iterations: int = setting(
-        default=10_000, source="its own default; of rrt_star without a deadline", low=1
+        default=10_000,
+        doc="Iterations of rrt_star without a deadline.",
+        low=1,
+        source="default of pathplanning",
     )
     limit: float = setting(
-        default=10.0, unit="s", source="of rrt_connect without a deadline", low=0.0
+        default=10.0,
+        doc="Time limit of rrt_connect without a deadline.",
+        unit="s",
+        low=0.0,
+        source="design choice",
     )
 
     def prepare(self, case: Any) -> TreeOnMap | None:
-        """Prepare for a map of rectangles; None for any other."""
+        """The planner for a map of rectangles; None for any other map."""
         if case.rectangles is None or case.problem.clearance > 0.0:
             return None
         return TreeOnMap(self, case.problem, case.rectangles)
 
 
 class TreeOnMap:
-    """Its description of one map, made once."""
+    """The package's description of one map."""
 
     def __init__(self, own: Tree, problem: Problem, rectangles: Array) -> None:
         model = importlib.import_module("pathplanning.native.continuous_model")
@@ -56,13 +69,13 @@ class TreeOnMap:
         self.dimension, self.distance_metric = 2, "euclidean"
 
     def to_native_model(self) -> Any:
-        """What its native code needs of a space."""
+        """The map for the native code."""
         return self._model
 
     def plan(
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
-        """Answer with the first path, or the best at the deadline or of so many iterations."""
+        """The first path, or the best one at the deadline or after all iterations."""
         api = importlib.import_module("pathplanning.api")
         contracts = importlib.import_module("pathplanning.core.contracts")
         params = importlib.import_module("pathplanning.core.params")
@@ -87,17 +100,19 @@ class TreeOnMap:
 
 @settings
 class LazyThetaStar:
-    """Its any-angle search on a grid of cells; a cell that meets anything solid is blocked."""
+    """Any-angle search on a grid, in which a cell that meets an obstacle is blocked."""
 
-    resolution: float = setting(default=0.1, unit="m", source="as our a_star", low=0.01)
+    resolution: float = setting(
+        default=0.1, doc="Size of a cell.", unit="m", low=0.01, source="as our a_star"
+    )
 
     def prepare(self, case: Any) -> ThetaOnMap:
-        """Prepare for a map."""
+        """The planner for a map."""
         return ThetaOnMap(self, case.problem)
 
 
 class ThetaOnMap:
-    """The cells of one map, made once."""
+    """The grid of one map."""
 
     def __init__(self, own: LazyThetaStar, problem: Problem) -> None:
         grid = importlib.import_module("pathplanning.spaces.grid2d")
@@ -121,7 +136,7 @@ class ThetaOnMap:
         return int(column), int(row)
 
     def _joined(self, start: Array, way: list[Array], goal: Array) -> list[Array]:
-        """The way with its ends, without the middles of their cells where that is free."""
+        """The path with its ends, without the centres of the ends' cells where that is free."""
         arrays = self._arrays
         if len(way) > 1 and edge_free(arrays, *start, *way[1]):
             del way[0]
@@ -132,14 +147,14 @@ class ThetaOnMap:
     def plan(
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
-        """Answer with its one path; it knows no deadline."""
+        """The one path; there is no deadline."""
         api = importlib.import_module("pathplanning.api")
         contracts = importlib.import_module("pathplanning.core.contracts")
         begun = perf_counter()
         start, goal = (np.array(end[:2]) for end in (problem.start, problem.goal))
         ends = self._cell(start), self._cell(goal)
         if not all(map(self.space.is_valid_node, ends)):
-            return Plan(Status.EXHAUSTED)  # in a cell that is partly solid
+            return Plan(Status.EXHAUSTED)  # an end lies in a blocked cell
         found = api.plan_discrete(
             contracts.DiscreteProblem(self.space, *ends), planner="lazy_theta_star", rng=rng
         )
@@ -151,7 +166,7 @@ class ThetaOnMap:
 
 
 def _plan(path: Any, found: Any, begun: float) -> Plan:
-    """A plan of ours for an answer of theirs."""
+    """Our plan for an answer of the package."""
     counters = {"nodes": int(found.nodes), "iterations": int(found.iters)}
     timings = {"time_s": perf_counter() - begun}
     if path is None:
