@@ -24,19 +24,19 @@ from wheelchair_gym.scenes import SCENES, make_scene
 Array = NDArray[np.float64]
 
 MARGIN = 0.05  # m between the chair's side and obstacles, in problems made from scenes
-SEED = 0  # of the scene that a problem is made from
-OPTIMUM = "visibility"  # whose plan is the optimum where none is stored
+SEED = 0  # of the episode from which a problem is made
+OPTIMUM = "visibility"  # the planner of the optimum where none is stored
 
 
 @dataclass(frozen=True)
 class Case:
-    """A problem, and what is known of it.
+    """A problem with its optimum.
 
     Attributes:
-        problem: what is asked.
-        optimum: length of the shortest path [m]; None: not known.
+        problem: map, start, goal and clearance.
+        optimum: length of the shortest path [m]; None if unknown.
         known_from: `file`, the planner that proved it, or `nobody`.
-        rectangles: what is solid as rectangles (n, 4) [m], where the map is made of them.
+        rectangles: obstacles (n, 4) [m], where all are rectangles.
     """
 
     problem: Problem
@@ -51,7 +51,7 @@ class Case:
 
     @cached_property
     def digest(self) -> str:
-        """What makes two problems the same."""
+        """A hash of the problem."""
         space, ends = self.problem.space, (self.problem.start, self.problem.goal)
         parts = [shapely.to_wkb(space.solid), repr(space.bounds).encode()]
         parts += [np.asarray(end, dtype=np.float64).tobytes() for end in ends]
@@ -60,11 +60,11 @@ class Case:
 
     @cached_property
     def judge(self) -> Judge:
-        """Who says whether a path is valid."""
+        """The independent judge of paths."""
         return Judge.of(self.problem)
 
     def fresh_problem(self) -> Problem:
-        """The same problem on a map that no planner has seen, ready for exact tests."""
+        """The same problem on a new map, ready for exact tests."""
         space = Space(self.problem.space.solid, self.problem.space.bounds)
         problem = replace(self.problem, space=space)
         _ = problem.free.arrays
@@ -83,7 +83,7 @@ def _case(problem: Problem, optimum: float | None = None, rectangles: Array | No
 
 
 def stored_cases(path: str | Path, only: Sequence[str] = ()) -> list[Case]:
-    """The problems of a file, all or those named.
+    """The problems of a file, all or the named ones.
 
     Raises:
         InputError: the file is wrong, or has no problem of a name.
@@ -101,7 +101,7 @@ def stored_cases(path: str | Path, only: Sequence[str] = ()) -> list[Case]:
 
 
 def scene_cases(only: Sequence[str] = ()) -> list[Case]:
-    """One problem of each scene that needs no file, for a disc as wide as the chair and a margin.
+    """One problem of each scene that needs no file, for a disc with the chair's width and a margin.
 
     Raises:
         InputError: a name is no scene's, or a scene needs a file.
@@ -119,7 +119,7 @@ def scene_cases(only: Sequence[str] = ()) -> list[Case]:
 
 
 def scene_case(scene: Spec, seed: int = SEED) -> Case:
-    """A problem of a scene, for a disc as wide as the chair and a margin.
+    """A problem of a scene, for a disc with the chair's width and a margin.
 
     Raises:
         InputError: there is no such scene, or it needs a file.
@@ -138,7 +138,7 @@ def _wanted(names: Sequence[str], only: Sequence[str], where: str) -> list[str]:
 
 
 def description(case: Case) -> dict[str, Any]:
-    """A case as results tell it."""
+    """The case in the results file."""
     return {
         "name": case.name,
         "clearance_m": case.problem.clearance,

@@ -1,4 +1,4 @@
-"""The picture of a planner benchmark: success, and length, against time."""
+"""The plot of a planner benchmark: success and length over time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from agents.benchmarks.race import FREE, Record
+from agents.benchmarks.runs import FREE, Record
 from agents.benchmarks.summary import LATE_FACTOR, entrant_title, first_path_time, is_valid
 from agents.evaluation.figures import COLOURS, DASHES, LOOK, MARKS
 from wheelchair_gym.config import InputError
@@ -35,7 +35,7 @@ def draw(
     """Write a PNG with two panels a problem.
 
     Args:
-        rows: the summary, whose contenders are drawn.
+        rows: of the summary.
         records: the runs.
         optima: length [m] of each problem's shortest path, or None.
         deadlines: seconds.
@@ -46,7 +46,7 @@ def draw(
     """
     path = Path(path)
     if path.suffix.lower() != ".png":
-        raise InputError(f"{path}: a plot is a .png")
+        raise InputError(f"{path}: expected a name that ends with .png")
     names = list(dict.fromkeys(row["planner"] for row in rows))
     looks: dict[str, dict[str, Any]] = {
         name: {

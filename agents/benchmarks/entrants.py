@@ -1,4 +1,4 @@
-"""Who takes part in a planner benchmark: every registered planner, and peers that are installed."""
+"""The entrants of a planner benchmark: all registered planners, and installed peers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from planners import PLANNERS, Plan, Problem, Space, make_planner
 from wheelchair_gym.config import InputError, dump
 
 EXTRA = "wheelchair_gym[peers]"
-UNLIMITED = 1_000_000_000  # iterations under a deadline: time alone is to end a run
+UNLIMITED = 1_000_000_000  # iterations under a deadline, so that time alone ends a run
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class Entrant:
 
     Attributes:
         name: in results.
-        own: its settings.
-        lifted: its settings under a deadline, with no limit on iterations.
-        package: the package and version that a peer is from; None for ours.
-        timed: whether it takes a deadline; otherwise its answers count from when they come.
-        calls: the planners that it calls, which makes it a hybrid.
+        config: its settings.
+        unlimited: its settings under a deadline, without a limit of iterations.
+        package: package and version of a peer; None for ours.
+        timed: whether it takes a deadline; otherwise an answer counts from the time it comes.
+        calls: the planners that it calls, if it is a hybrid.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Entrant:
     calls: tuple[str, ...] = ()
 
     def prepare(self, case: Case) -> tuple[Any, Any] | None:
-        """What plans on a map, without and with a deadline; None if the map is none for it."""
+        """The planners for a map, without and with a deadline; None if it cannot take the map."""
         if self.package is None:
             return self.config, self.unlimited
         ready = self.config.at(case)
@@ -51,7 +51,7 @@ class Entrant:
 
     @property
     def description(self) -> dict[str, Any]:
-        """The contender as results tell it."""
+        """The entrant in the results file."""
         return {
             "name": self.name,
             "package": self.package,
@@ -62,7 +62,7 @@ class Entrant:
 
 
 def make_plan(planner: Any, problem: Problem, seed: int, deadline: float | None = None) -> Plan:
-    """The plan for a seed; a deadline is given on only where there is one."""
+    """The plan for a seed."""
     rng = np.random.default_rng(seed)
     plan: Plan = (
         planner.plan(problem, rng) if deadline is None else planner.plan(problem, rng, deadline)
@@ -76,7 +76,7 @@ def takes_deadline(planner: Any) -> bool:
 
 
 def with_iterations(planner: Any, iterations: int) -> Any:
-    """A planner of so many iterations, its own and those of planners in its settings."""
+    """A planner with this limit of iterations, also of the planners in its settings."""
     changes: dict[str, Any] = {}
     for field in dataclasses.fields(planner):
         value = getattr(planner, field.name)
@@ -88,7 +88,7 @@ def with_iterations(planner: Any, iterations: int) -> Any:
 
 
 def named_planners(values: Any) -> Iterator[str]:
-    """The planners that settings name, such as the one for a first path."""
+    """The planners named in settings, such as the one for a first path."""
     if isinstance(values, str) and values in PLANNERS:
         yield values
     elif isinstance(values, Mapping):
@@ -100,9 +100,9 @@ def named_planners(values: Any) -> Iterator[str]:
 
 
 def called_planners(planner: Any) -> tuple[str, ...]:
-    """The planners that one calls, seen while it solves a small problem, or names in its settings.
+    """The planners that a planner calls on a small problem, or names in its settings.
 
-    A part that only lends its settings, such as the tree of a variant of RRT*, is not called.
+    A planner in its settings that is not called, such as the tree of RRT*-WOA, is left out.
     """
     kinds: dict[str, Any] = dict(PLANNERS)
     code = {kind.plan.__code__: name for name, kind in kinds.items()}
@@ -123,17 +123,17 @@ def called_planners(planner: Any) -> tuple[str, ...]:
 
 
 def small_problem() -> Problem:
-    """A block in a hall, which no straight line passes: to compile on."""
+    """A hall with a block between start and goal, to compile on."""
     space = Space.from_rectangles([(2.0, 1.5, 3.0, 2.5)], (0.0, 0.0, 5.0, 4.0))
     return Problem(space, np.array([1.0, 2.0]), np.array([4.0, 2.0]), name="small")
 
 
 def make_entrants(specs: Sequence[Any], peers: Sequence[str]) -> list[Entrant]:
-    """Who takes part, compiled and ready.
+    """The entrants, compiled.
 
     Args:
-        specs: planners of ours by name, or mappings with `name`, settings and perhaps `label`.
-        peers: names of `PEERS`; their packages are installed.
+        specs: our planners by name, or mappings with `name`, settings and an optional `label`.
+        peers: names of `PEERS` whose packages are installed.
 
     Raises:
         InputError: a planner or a peer is unknown, or a setting is wrong.
@@ -158,10 +158,10 @@ def make_entrants(specs: Sequence[Any], peers: Sequence[str]) -> list[Entrant]:
 
 
 def select_peers(wanted: Sequence[str] | None) -> tuple[list[str], list[str]]:
-    """The names of peers to run, and a line for each package that is missing.
+    """The names of peers to run, and a line for each missing package.
 
     Args:
-        wanted: names of `PEERS`; None: all that are installed.
+        wanted: names of `PEERS`; None for all installed ones.
 
     Raises:
         InputError: a name is unknown, or its package is not installed.

@@ -1,4 +1,4 @@
-"""How fast environments step on this machine, beside a peer in the same run."""
+"""The speed of environments on this machine, and of a peer in the same run."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Row = dict[str, Any]
 
 
 def bench_settings(beams: int, bank: int) -> EnvSettings:
-    """Floor plans, 10 Hz, ten physics steps, noise on, a laser of so many beams."""
+    """Floor plans, 10 Hz, ten physics steps, noise, and a laser with this number of beams."""
     return env_settings(
         {
             "scene": "floor_plan",
@@ -40,7 +40,7 @@ def bench_settings(beams: int, bank: int) -> EnvSettings:
 
 
 def measure_bank(worlds: Worlds, size: int) -> tuple[float, float]:
-    """Make every world of a fresh bank; milliseconds and bytes of each."""
+    """Make all worlds of a new bank; milliseconds and bytes per world."""
     before, begun = resident_bytes(), time.perf_counter()
     known = len(worlds)
     seed = 0
@@ -53,7 +53,7 @@ def measure_bank(worlds: Worlds, size: int) -> tuple[float, float]:
 
 
 def resident_bytes() -> int:
-    """Bytes of this process that lie in memory; 0 where the system does not tell."""
+    """Resident memory of this process [bytes]; 0 where the system does not report it."""
     statm = Path("/proc/self/statm")
     if not statm.exists():
         return 0
@@ -61,11 +61,11 @@ def resident_bytes() -> int:
 
 
 def measure_rate(step: Callable[[int], int], seconds: float) -> float:
-    """Steps per second, the median of three spells that together last so long.
+    """Steps per second, the median of three parts of a measurement.
 
     Args:
-        step: takes a step's number, gives how many steps it made.
-        seconds: to measure for.
+        step: takes the number of a call, returns how many steps it made.
+        seconds: duration of the measurement.
     """
     rates, k = [], 0
     for _ in range(3):
@@ -79,7 +79,7 @@ def measure_rate(step: Callable[[int], int], seconds: float) -> float:
 
 
 def single_env_rate(settings: EnvSettings, worlds: Worlds, seconds: float) -> float:
-    """Steps per second of one Gymnasium environment, resets included."""
+    """Steps per second of one Gymnasium environment with resets."""
     env = gym.make(ENV, config=settings, disable_env_checker=True)
     own: Any = env.unwrapped
     own.worlds = worlds
@@ -102,7 +102,7 @@ def single_env_rate(settings: EnvSettings, worlds: Worlds, seconds: float) -> fl
 def vector_env_rate(
     settings: EnvSettings, worlds: Worlds, n: int, threads: int, seconds: float
 ) -> tuple[float, NavigationVectorEnv]:
-    """Steps per second of a batch, resets included, and the batch."""
+    """Steps per second of a vector environment with resets, and the environment."""
     env = NavigationVectorEnv(n, settings, num_threads=threads)
     env.worlds = worlds
     rng = np.random.default_rng(0)
@@ -119,7 +119,7 @@ def vector_env_rate(
 
 
 def startup_times() -> tuple[float, float]:
-    """Seconds of `gymnasium.make` and `reset` in a fresh process: first ever, and after that."""
+    """Seconds of `gymnasium.make` and `reset` in a new process, without and with compiled code."""
     code = (
         "import time; t = time.perf_counter(); import gymnasium, wheelchair_gym; "
         f"gymnasium.make({ENV!r}).reset(seed=0); print(time.perf_counter() - t)"
@@ -152,16 +152,16 @@ def measure(
     peer: bool,
     start: bool,
 ) -> Iterator[Row]:
-    """Rows of figures, each as soon as it is known.
+    """Rows of figures, one after another.
 
     Args:
         beams: of the laser.
-        envs: sizes of batches.
-        threads: that a batch uses.
-        bank: worlds that episodes draw from.
+        envs: sizes of vector environments.
+        threads: of a vector environment.
+        bank: number of worlds.
         seconds: of each measurement.
-        peer: measure IR-SIM beside it, if it is installed.
-        start: measure how long it takes to start.
+        peer: measure IR-SIM, too.
+        start: measure the start of a process.
     """
     if start:
         first, second = startup_times()
@@ -190,7 +190,7 @@ def measure(
                 found, env = vector_env_rate(settings, worlds, n, used, seconds)
                 yield _row("batch", count, n, used, found, theirs)
                 if n == max(envs) and used == min(threads):
-                    # Later batches live in what the first ones gave back: only they tell.
+                    # Later ones reuse memory that the first ones freed.
                     yield from _batch_facts(env, n, before, count == beams[0])
                 env.close()
 
@@ -213,7 +213,7 @@ def _batch_facts(env: NavigationVectorEnv, n: int, before: int, first: bool) -> 
 
 
 def provenance(**settings: Any) -> Row:
-    """What a result depends on."""
+    """The provenance of a result."""
     load = os.getloadavg()[0]
     return {
         "settings": settings,

@@ -1,4 +1,4 @@
-"""What one iteration of a swarm costs: ours beside those of other packages, one objective."""
+"""The time of an iteration of our swarm and of other packages' with one objective."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Row = dict[str, Any]
 
 
 def _microseconds(run: Callable[[int], object]) -> float:
-    """Computing time of one iteration: what a run takes more than one of a single iteration."""
+    """CPU time of one iteration: a long run less a run of a single iteration."""
     run(2)
     times = []
     for _ in range(REPEATS):
@@ -38,11 +38,10 @@ def _microseconds(run: Callable[[int], object]) -> float:
 
 
 def iteration_rows(cases: Sequence[Case], peers: Sequence[str]) -> list[Row]:
-    """Microseconds of an iteration of ours and of each peer's, on the first case that bends.
+    """Microseconds of an iteration of ours and of each peer, on the first path with a corner.
 
-    Population 10, 20 way points, cost: weighed length and blocked edges (thesis, section 2.8),
-    the median of five. Ours leaves out tests of edges that can no longer matter; the others call
-    the same compiled cost for each particle.
+    Population 10, 20 way points, objective `length_free` (thesis, section 2.8), median of five.
+    Ours skips tests of edges that cannot change the result; the others call the same compiled cost.
     """
     for case in cases:
         problem = case.problem

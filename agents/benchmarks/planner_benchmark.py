@@ -1,4 +1,4 @@
-"""A planner benchmark as a whole: who, on what, under which conditions, and its results file."""
+"""A planner benchmark: its entrants, problems, conditions and results file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agents.benchmarks.cases import MARGIN, SEED, description, scene_cases, stor
 from agents.benchmarks.entrants import UNLIMITED, make_entrants
 from agents.benchmarks.environments import provenance
 from agents.benchmarks.iteration import iteration_rows
-from agents.benchmarks.race import FORMAT, BenchmarkRuns, Record
+from agents.benchmarks.runs import FORMAT, BenchmarkRuns, Record
 from agents.benchmarks.summary import (
     LATE_FACTOR,
     as_csv,
@@ -25,7 +25,7 @@ from agents.benchmarks.summary import (
 from agents.evaluation.provenance import command_line, write_json, write_text
 from agents.interrupt import by_hand
 
-LOG_PAUSE = 10.0  # s between two lines of progress where they are kept, as in a log
+LOG_INTERVAL = 10.0  # s between two lines of progress in a log
 
 TERMS = (
     "The arrays of a map for exact tests are made before the clock starts, and so is each peer's "
@@ -43,7 +43,7 @@ TERMS = (
 
 
 class PlannerBenchmark:
-    """Everything of one benchmark.
+    """A benchmark of planners: its entrants, problems, runs and results.
 
     Args:
         ours: planners by name, or mappings with their settings.
@@ -53,7 +53,7 @@ class PlannerBenchmark:
         seeds: of the runs.
         deadlines: seconds.
         known: records of earlier runs, by key.
-        core: which all runs use.
+        core: that all runs use.
 
     Raises:
         InputError: a name, a setting or the file is wrong.
@@ -73,40 +73,40 @@ class PlannerBenchmark:
         self.peers = list(peers)
         self.cases = stored_cases(problems, only) if problems else scene_cases(only)
         self.entrants = make_entrants(ours, peers)
-        self.race = BenchmarkRuns(self.entrants, self.cases, list(seeds), deadlines, known)
+        self.runs = BenchmarkRuns(self.entrants, self.cases, list(seeds), deadlines, known)
         self._iterations: list[dict[str, Any]] = []
         self._settings = {
             "problems": str(problems) if problems else f"scenes, seed {SEED}, margin {MARGIN} m",
             "seeds": list(seeds),
-            "deadlines_s": self.race.deadlines,
+            "deadlines_s": self.runs.deadlines,
             "core": core,
             "terms": list(TERMS),
-            "contenders": [runner.description for runner in self.entrants],
+            "entrants": [entrant.description for entrant in self.entrants],
         }
 
     @property
     def progress(self) -> tuple[int, int]:
-        """Runs made, and runs wanted."""
-        return len(self.race.records), len(self.race.wanted)
+        """Finished runs, and all runs."""
+        return len(self.runs.records), len(self.runs.wanted)
 
     def run(self, file: str | Path, bar: bool = True, pause: float = 30.0) -> bool:
-        """Make the runs that are missing; whether all were made, or a person stopped it.
+        """Make the missing runs; False if Ctrl-C stopped them.
 
         Args:
-            file: results are written there now and then, and at the end.
+            file: that results are written to at intervals, and at the end.
             bar: show progress on standard error.
-            pause: seconds between two times of writing.
+            pause: interval of writing [s].
         """
         from tqdm import tqdm
 
-        often = 0.1 if sys.stderr.isatty() else LOG_PAUSE
+        often = 0.1 if sys.stderr.isatty() else LOG_INTERVAL
         made, wanted = self.progress
         written, done = time.perf_counter(), True
-        write_json(file, self.result())  # what cannot be written is known before hours have gone
+        write_json(file, self.result())  # fails now where the file cannot be written
         try:
             self._iterations = iteration_rows(self.cases, self.peers)
             for _ in tqdm(
-                self.race.run_missing(), total=wanted, initial=made, unit="run", mininterval=often,
+                self.runs.run_missing(), total=wanted, initial=made, unit="run", mininterval=often,
                 maxinterval=often, disable=not bar,
             ):  # fmt: skip
                 if time.perf_counter() - written > pause:
@@ -121,11 +121,11 @@ class PlannerBenchmark:
 
     def rows(self) -> list[dict[str, Any]]:
         """The figures so far."""
-        records = list(self.race.records.values())
-        return summarise(self.entrants, self.cases, records, self.race.deadlines)
+        records = list(self.runs.records.values())
+        return summarise(self.entrants, self.cases, records, self.runs.deadlines)
 
     def result(self) -> dict[str, Any]:
-        """Everything, as the results file has it."""
+        """The content of the results file."""
         rows = self.rows()
         return {
             "format": FORMAT,
@@ -138,16 +138,16 @@ class PlannerBenchmark:
             "rows": rows,
             "anytime": {
                 deadline_key(deadline): [row["planner"] for row in ranking(rows, deadline)]
-                for deadline in self.race.deadlines
+                for deadline in self.runs.deadlines
             },
             "iterations": self._iterations,
-            "records": self.race.stored_records,
-            "others": self.race.others,
+            "records": self.runs.stored_records,
+            "others": self.runs.others,
         }
 
     def text(self) -> str:
         """The figures as Markdown."""
-        lines = [markdown(self.rows(), self.race.deadlines)]
+        lines = [markdown(self.rows(), self.runs.deadlines)]
         if self._iterations:
             first = self._iterations[0]
             lines.append(
@@ -159,7 +159,7 @@ class PlannerBenchmark:
         return "\n".join(lines)
 
     def write(self, table: str | None, plot: str | None) -> None:
-        """Write the figures as CSV, and draw them, where that is asked for.
+        """Write the figures as CSV, and plot them, where a file is given.
 
         Raises:
             InputError: a file cannot be written.
@@ -170,5 +170,5 @@ class PlannerBenchmark:
             from agents.benchmarks.curves import draw
 
             optima = {case.name: case.optimum for case in self.cases}
-            records = list(self.race.records.values())
-            draw(self.rows(), records, optima, self.race.deadlines, plot)
+            records = list(self.runs.records.values())
+            draw(self.rows(), records, optima, self.runs.deadlines, plot)

@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.benchmarks.cases import Case
 from agents.benchmarks.entrants import Entrant
-from agents.benchmarks.race import COLD, FREE, Record
+from agents.benchmarks.runs import COLD, FREE, Record
 from agents.evaluation.metrics import wilson
 from agents.evaluation.tables import Column, bounds_written, heading, written
 
@@ -22,19 +22,19 @@ LATE_FACTOR = 1.25  # of a deadline that a planner was given: an answer that cam
 
 
 def deadline_key(deadline: float) -> str:
-    """How keys call a deadline."""
+    """The part of a key for a deadline."""
     return f"{deadline:g}s"
 
 
 def is_valid(record: Record) -> bool:
-    """Whether a run ended with a path that the judge found valid."""
+    """Whether a run ended with a path without faults."""
     return record.get("length_m") is not None and record["faults"] == 0
 
 
 def first_path_time(record: Record) -> float:
-    """When the first path was there [s]; the whole run's time where the planner does not tell."""
-    told = record.get("first_path_s")
-    return float(record["wall_s"] if told is None else told)
+    """Time of the first path [s]; of the whole run where the planner does not report it."""
+    reported = record.get("first_path_s")
+    return float(record["wall_s"] if reported is None else reported)
 
 
 def _median(values: Iterable[float | None]) -> float | None:
@@ -58,16 +58,16 @@ def _ratio(optima: Mapping[str, float | None]) -> Callable[[Record], float | Non
 
 
 def summary_row(
-    runner: Entrant,
+    entrant: Entrant,
     problem: str,
     records: Sequence[Record],
     optima: Mapping[str, float | None],
     deadlines: Sequence[float],
 ) -> Row:
-    """The figures of one contender on one problem, or on all of them.
+    """The figures of one entrant on one problem, or on all.
 
-    Medians of time and of what paths are like are those of runs without a deadline that ended with
-    a valid path. A planner without deadlines answers one with its run without, if that was over.
+    Medians of times and path measures are over runs without a deadline that ended with a valid
+    path. For a planner without deadlines a run counts at a deadline if it had ended by then.
     """
     ratio = _ratio(optima)
     free = [record for record in records if record["budget"] == FREE]
@@ -76,9 +76,9 @@ def summary_row(
     invalid = [record for record in paths if record["faults"]]
     crashed = [record for record in records if record["status"] == "crashed"]
     row: Row = {
-        "planner": runner.name,
-        "package": runner.package,
-        "calls": list(runner.calls),
+        "planner": entrant.name,
+        "package": entrant.package,
+        "calls": list(entrant.calls),
         "problem": problem,
         "runs": len(free),
         "paths": len(paths),
@@ -96,8 +96,8 @@ def summary_row(
     for key in ("turning_rad", "printed_turning", "clearance_min_m", "clearance_mean_m"):
         row[key] = _median(record[key] for record in good)
     for deadline in deadlines:
-        tried = [r for r in records if r["budget"] == (deadline if runner.timed else FREE)]
-        limit = deadline * (LATE_FACTOR if runner.timed else 1.0)
+        tried = [r for r in records if r["budget"] == (deadline if entrant.timed else FREE)]
+        limit = deadline * (LATE_FACTOR if entrant.timed else 1.0)
         late = [record for record in tried if record["wall_s"] > limit]
         done = [record for record in tried if is_valid(record) and record["wall_s"] <= limit]
         row |= _share(len(done), len(tried), f"success_{deadline_key(deadline)}")
@@ -107,32 +107,32 @@ def summary_row(
 
 
 def summarise(
-    runners: Sequence[Entrant],
+    entrants: Sequence[Entrant],
     cases: Sequence[Case],
     records: Sequence[Record],
     deadlines: Sequence[float],
 ) -> list[Row]:
-    """A row for each contender on each problem, and on all problems that it can take."""
+    """A row for each entrant on each problem, and on all problems that it can take."""
     optima = {case.name: case.optimum for case in cases}
     rows = []
     for problem in [ALL, *optima] if len(cases) > 1 else optima:
-        for runner in runners:
+        for entrant in entrants:
             of = [
                 record
                 for record in records
-                if record["planner"] == runner.name
+                if record["planner"] == entrant.name
                 and problem in (ALL, record["problem"])
                 and record["status"] != "not_for_this_map"
             ]
             if any(record["budget"] == FREE for record in of):
-                rows.append(summary_row(runner, problem, of, optima, deadlines))
+                rows.append(summary_row(entrant, problem, of, optima, deadlines))
     return rows
 
 
 def ranking(rows: Sequence[Row], deadline: float) -> list[Row]:
-    """Who has the shortest paths at a deadline: most problems solved first, then shortest.
+    """The planners at a deadline, ranked by problems solved, then by length.
 
-    Planners that call another one are hybrids and left out; so are those with an invalid path.
+    Hybrids, which call another planner, and planners with an invalid path are left out.
     """
     place = rows[0]["problem"] if rows else ALL
     fit = [
@@ -180,7 +180,7 @@ def columns(deadlines: Sequence[float]) -> list[Column]:
 
 
 def entrant_title(row: Row) -> str:
-    """A contender's name with what must be known of it."""
+    """An entrant's name with remarks."""
     marks = []
     if row["calls"]:
         marks.append("hybrid: calls " + ", ".join(row["calls"]))
@@ -213,7 +213,7 @@ def markdown(rows: Sequence[Row], deadlines: Sequence[float]) -> str:
             f"{row['planner']} {row[f'ratio_{deadline_key(deadline)}']:.4f}"
             for row in ranking(rows, deadline)
         ]
-        lines.append(f"Anytime ranking at {deadline_key(deadline)}: {', '.join(names) or 'nobody'}")
+        lines.append(f"Anytime ranking at {deadline_key(deadline)}: {', '.join(names) or 'none'}")
     return "\n".join(lines) + "\n"
 
 

@@ -48,7 +48,7 @@ def planners(given: argparse.Namespace) -> int:
     """Run what is missing, write results as they grow, print tables."""
     from agents.benchmarks.entrants import select_peers
     from agents.benchmarks.planner_benchmark import PlannerBenchmark
-    from agents.benchmarks.race import one_core, read_records
+    from agents.benchmarks.runs import one_core, read_records
     from agents.peers import PEERS
     from planners import PLANNERS
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from agents import cli
-from agents.benchmarks import entrants, planner_benchmark, race
+from agents.benchmarks import entrants, planner_benchmark, runs
 from agents.benchmarks.cases import MARGIN, Case, scene_cases, stored_cases
 from agents.benchmarks.entrants import UNLIMITED, Entrant, called_planners, with_iterations
-from agents.benchmarks.race import COLD, FREE
+from agents.benchmarks.runs import COLD, FREE
 from agents.benchmarks.summary import ranking, summarise
 from agents.evaluation.path_metrics import path_figures, printed_turning, turning
 from agents.peers import PEERS, Peer, installed
@@ -138,8 +138,8 @@ def test_ctrl_c_keeps_what_is_done(problems, ghost, tmp_path, capsys, monkeypatc
         made.append(original(*arguments))
         return made[-1]
 
-    original = race.run_once
-    monkeypatch.setattr(race, "run", stopping)
+    original = runs.run_once
+    monkeypatch.setattr(runs, "run_once", stopping)
     bench("--problems", problems, out=tmp_path, code=130)
     assert "stopped; 3 of " in capsys.readouterr().err
     assert len(json.loads((tmp_path / "planners.json").read_text())["records"]) == 3
@@ -148,7 +148,7 @@ def test_ctrl_c_keeps_what_is_done(problems, ghost, tmp_path, capsys, monkeypatc
 def test_the_time_of_a_first_path_is_that_of_a_run_that_ends_with_it(problems):
     (case,) = stored_cases(problems, ["hall"])
     planner = make_planner({"name": "rrt_star", "iterations": 3_000})
-    record = race.run_once(planner, case, 0, FREE)
+    record = runs.run_once(planner, case, 0, FREE)
     assert 0.0 < record["first_path_s"] < 0.5 * record["wall_s"]
     cut = make_planner({"name": "rrt_star", "return_on_first_path": True})
     plan = cut.plan(case.problem, np.random.default_rng(0))
@@ -294,4 +294,4 @@ def test_figures_of_a_path_are_those_of_the_drawing_board():
 
 
 def test_the_terms_stand_in_the_results():
-    assert any("favourable" in term for term in planner_benchmark.TERMS)
+    assert any("our exact edge test" in term for term in planner_benchmark.TERMS)

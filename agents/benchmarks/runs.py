@@ -1,4 +1,4 @@
-"""Planners on problems, run by run on one core: records that can be kept and continued."""
+"""The runs of a planner benchmark on one core: records that can be stored and continued."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ from agents.interrupt import by_hand
 from planners import Plan
 from wheelchair_gym.config import InputError, dump, read_json
 
-COLD, FREE = "cold", "free"  # runs without a deadline: the first on a map, and the others
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # of what is yet to load
-FORMAT = "wheelchair bench planners 1"  # what a results file says it is
+# Budgets without a deadline: the first call on a map, and the others.
+COLD, FREE = "cold", "free"
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+FORMAT = "wheelchair bench planners 1"  # of a results file
 
 Record = dict[str, Any]
 Budget = str | float  # COLD, FREE, or a deadline [s]
@@ -31,7 +32,7 @@ Budget = str | float  # COLD, FREE, or a deadline [s]
 
 @contextlib.contextmanager
 def one_core() -> Iterator[int | None]:
-    """Let this process and its threads use one core; its number, None where systems refuse."""
+    """Pin this process to one core; its number, None where the system cannot."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
@@ -51,7 +52,7 @@ def one_core() -> Iterator[int | None]:
 
 
 def key_of(entrant: Entrant, case: Case, seed: int, budget: Budget) -> str:
-    """What makes two runs the same: code, machine, settings, problem, seed and time allowed."""
+    """The key of a run: code, machine, settings, problem, seed and budget."""
     parts = [
         source_digest(), machine()["cpu"], entrant.name, entrant.package, dump(entrant.config),
         case.digest, seed, budget,
@@ -60,13 +61,13 @@ def key_of(entrant: Entrant, case: Case, seed: int, budget: Budget) -> str:
 
 
 def run_once(planner: Any, case: Case, seed: int, budget: Budget) -> Record:
-    """One run: what came of it, when, and what the judge says.
+    """The record of one run, with the faults that the judge finds.
 
     Args:
-        planner: of this map.
+        planner: prepared for the map.
         case: the problem.
         seed: of the random numbers.
-        budget: COLD: on a map that it has never seen; FREE: without a deadline; else seconds.
+        budget: COLD for a map that it has not seen, FREE for no deadline, or a deadline [s].
     """
     problem = case.fresh_problem() if budget == COLD else case.problem
     deadline = None if isinstance(budget, str) else budget
@@ -75,7 +76,7 @@ def run_once(planner: Any, case: Case, seed: int, budget: Budget) -> Record:
     begun, cpu = perf_counter(), process_time()
     try:
         plan = make_plan(planner, problem, seed, deadline)
-    except Exception as raised:  # a benchmark of hours does not end with one planner's mistake
+    except Exception as raised:  # an error of one planner does not end a benchmark of hours
         if by_hand(raised):
             raise
         error, plan = raised, None
@@ -100,7 +101,7 @@ def run_once(planner: Any, case: Case, seed: int, budget: Budget) -> Record:
 
 
 def _first_path_by_replay(planner: Any, case: Case, seed: int, plan: Plan) -> Record:
-    """When the first path was there, from a run cut off with it, where its iteration is told."""
+    """Time of the first path, by a run that ends at its iteration, where that is reported."""
     first = plan.counters.get("first_path_iterations")
     if first is None or not dataclasses.is_dataclass(planner):
         return {}
@@ -114,13 +115,13 @@ def _first_path_by_replay(planner: Any, case: Case, seed: int, plan: Plan) -> Re
 
 
 class BenchmarkRuns:
-    """All the runs of a benchmark: those known, and those still to be made.
+    """All runs of a benchmark, finished and missing.
 
-    Seeds are the outermost loop of a problem, so that what else happens on the machine falls on
-    all alike, and so that a benchmark that is stopped early has judged all alike.
+    Seeds are the outer loop of a problem: other load on the machine then affects all planners
+    alike, and a benchmark that is stopped early has as many runs of each.
 
     Args:
-        runners: who takes part.
+        entrants: the planners that take part.
         cases: the problems.
         seeds: of the runs.
         deadlines: seconds.
@@ -135,36 +136,36 @@ class BenchmarkRuns:
         deadlines: Sequence[float],
         known: Mapping[str, Record] | None = None,
     ) -> None:
-        self.runners, self.cases, self.seeds = entrants, cases, seeds
+        self.entrants, self.cases, self.seeds = entrants, cases, seeds
         self.deadlines = sorted(deadlines)
         self.wanted = {
-            key_of(runner, case, seed, budget): (runner, case, seed, budget)
+            key_of(entrant, case, seed, budget): (entrant, case, seed, budget)
             for case in cases
             for seed in seeds
-            for runner in entrants
-            for budget in self.budgets(runner, seed)
+            for entrant in entrants
+            for budget in self.budgets(entrant, seed)
         }
         known = known or {}
         self.records = {key: value for key, value in known.items() if key in self.wanted}
         self._others = {key: value for key, value in known.items() if key not in self.wanted}
 
-    def budgets(self, runner: Entrant, seed: int) -> list[Budget]:
-        """The runs of one entrant for one seed."""
+    def budgets(self, entrant: Entrant, seed: int) -> list[Budget]:
+        """The budgets of one entrant for one seed."""
         cold: list[Budget] = [COLD] if seed == self.seeds[0] else []
-        return [*cold, FREE, *(self.deadlines if runner.timed else ())]
+        return [*cold, FREE, *(self.deadlines if entrant.timed else ())]
 
     def run_missing(self) -> Iterator[Record]:
-        """Make the runs that are missing; each is kept before it is given."""
+        """Make the missing runs; each is stored before it is yielded."""
         ready: dict[tuple[str, str], Any] = {}
-        for key, (runner, case, seed, budget) in self.wanted.items():
+        for key, (entrant, case, seed, budget) in self.wanted.items():
             if key in self.records:
                 continue
-            place = runner.name, case.name
+            place = entrant.name, case.name
             if place not in ready:
                 ready = {k: v for k, v in ready.items() if k[1] == case.name}
-                ready[place] = runner.prepare(case)
+                ready[place] = entrant.prepare(case)
             planners = ready[place]
-            record: Record = {"planner": runner.name, "problem": case.name}
+            record: Record = {"planner": entrant.name, "problem": case.name}
             if planners is None:
                 record |= {"seed": seed, "budget": budget, "status": "not_for_this_map"}
             else:
@@ -174,12 +175,12 @@ class BenchmarkRuns:
 
     @property
     def stored_records(self) -> list[Record]:
-        """The records so far, each with its key, in the order of the benchmark."""
+        """The records so far with their keys, in the order of the benchmark."""
         return [{"key": key, **self.records[key]} for key in self.wanted if key in self.records]
 
     @property
     def others(self) -> list[Record]:
-        """Records known from before that this benchmark does not ask for; they are not lost."""
+        """Earlier records that are not part of this benchmark, which are kept in the file."""
         return [{"key": key, **record} for key, record in self._others.items()]
 
 
