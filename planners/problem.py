@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from time import perf_counter
 from typing import TYPE_CHECKING, Protocol
@@ -95,6 +96,34 @@ class Planner(Protocol):
             InputError: the deadline is negative or NaN, or the problem is not made of numbers.
         """
         ...
+
+
+class PlannerBase(ABC):
+    """The skeleton of a planner: the deadline, trivial problems and the time; `solve` searches."""
+
+    def plan(
+        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+    ) -> Plan:
+        """Answer a problem; see `Planner.plan`."""
+        began, end = begin(deadline)
+        plan = self.trivial(problem)
+        if plan is None:
+            plan = self.solve(problem, rng, end)
+            plan = replace(plan, timings={**plan.timings, "time_s": perf_counter() - began})
+        return plan
+
+    def trivial(self, problem: Problem) -> Plan | None:
+        """The plan of a problem that needs no search, or None."""
+        return trivial(problem)
+
+    @abstractmethod
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """Search a path until `perf_counter` shows `end` [s], which may be infinite."""
+
+
+def remaining(end: float) -> float | None:
+    """Seconds until `perf_counter` shows `end`; None if that is infinite."""
+    return max(0.0, end - perf_counter()) if end < math.inf else None
 
 
 def begin(deadline: float | None) -> tuple[float, float]:

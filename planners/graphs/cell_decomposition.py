@@ -7,8 +7,6 @@ meet on such a line, if only in one point.
 
 from __future__ import annotations
 
-from time import perf_counter
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
@@ -17,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from planners.collision.orient2d import side
 from planners.collision.polygon_tests import SpaceArrays
 from planners.graphs.roadmap import shortest
-from planners.problem import Plan, Problem, Status, begin, trivial
+from planners.problem import Plan, PlannerBase, Problem, Status
 from planners.smoothing.shortcut import shortcut
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
@@ -237,7 +235,7 @@ def cut(arrays: SpaceArrays) -> tuple[Pairs, Array, Pairs, Array]:
 
 
 @settings
-class CellDecomposition:
+class CellDecomposition(PlannerBase):
     """Vertical cell decomposition (Chazelle 1987; Latombe 1991): complete, and soon done.
 
     It proves it where there is no path. The path is the shortest through the middles and the ends
@@ -246,14 +244,8 @@ class CellDecomposition:
 
     shortcut: bool = setting(default=True, source="straighten the path, which is never longer then")
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Find a path, within a deadline [s] if there is one; the generator is not used."""
-        began, end = begin(deadline)
-        plan = trivial(problem)
-        if plan is not None:
-            return plan
         arrays = problem.free.arrays
         ends = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
         walls, spans, sides, windows = cut(arrays)
@@ -278,6 +270,5 @@ class CellDecomposition:
             status,
             path,
             counters={"cells": cells, "windows": len(sides), "edges_tested": way.tested},
-            timings={"time_s": perf_counter() - began},
             note=note,
         )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from planners.collision.boundary_walk import blockers
 from planners.collision.polygon_tests import edge_free
 from planners.collision.space import Space
-from planners.problem import Plan, Problem, Status, begin, trivial
+from planners.problem import Plan, PlannerBase, Problem, Status
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ def _turn(space: Space, obstacles: Obstacles, a: Point, b: Point) -> Point | Non
 
 
 @settings
-class Geometric:
+class Geometric(PlannerBase):
     """The geometric method of a thesis (its section 3.3), with exact edges.
 
     Where things block the straight line, perpendiculars are drawn to it from their corners; of the
@@ -71,14 +71,8 @@ class Geometric:
 
     turns: int = setting(default=200, source="of a path across 50 m of clutter: some 20", low=0)
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Find a path, or say why the method ends; the generator is not used."""
-        began, end = begin(deadline)
-        plan = trivial(problem)
-        if plan is not None:
-            return plan
         space = problem.free
         obstacles = _obstacles(space)
         start: Point = (float(problem.start[0]), float(problem.start[1]))
@@ -107,6 +101,5 @@ class Geometric:
             Status.EXHAUSTED if note else Status.SOLVED,
             np.empty((0, 2)) if note else np.array(path),
             counters={"turns": len(asked)},
-            timings={"time_s": perf_counter() - began},
             note=note,
         )

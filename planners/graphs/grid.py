@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free, fill_buckets
 from planners.graphs.heap import pop, push
-from planners.problem import Plan, Problem, Status, begin, trivial
+from planners.problem import Plan, PlannerBase, Problem, Status
 from planners.smoothing.shortcut import shortcut, way_cost
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
@@ -263,13 +263,9 @@ def _planned(
     refinements: int,
     order: Order,
     straighten: bool,
-    deadline: float | None,
+    end: float,
 ) -> Plan:
     """The plan of a search in some order, on finer and finer grids."""
-    began, end = begin(deadline)
-    plan = trivial(problem)
-    if plan is not None:
-        return plan
     arrays = problem.free.arrays
     ends = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
     xmin, ymin, xmax, ymax = problem.free.bounds
@@ -297,13 +293,12 @@ def _planned(
         Status.SOLVED if len(path) else Status.EXHAUSTED,
         path,
         counters={"nodes": total, "halvings": halvings},
-        timings={"time_s": perf_counter() - began},
         note="" if len(path) else note,
     )
 
 
 @settings
-class AStar:
+class AStar(PlannerBase):
     """The cheapest path over the grid (Hart, Nilsson and Raphael 1968), straightened.
 
     With a weight it keeps a comfortable distance where there is room.
@@ -316,16 +311,14 @@ class AStar:
     weight: float = WEIGHT
     comfort: float = COMFORT
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
-        """Find a path, within a deadline [s] if there is one; the generator is not used."""
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """The path over the grid; the generator is not used."""
         order = Order(LENGTH, 1.0, self.connectivity == 8, False, self.weight, self.comfort)
-        return _planned(problem, self.resolution, self.refinements, order, self.shortcut, deadline)
+        return _planned(problem, self.resolution, self.refinements, order, self.shortcut, end)
 
 
 @settings
-class Dijkstra:
+class Dijkstra(PlannerBase):
     """As A*, without looking towards the goal: the same cost, more nodes (Dijkstra 1959)."""
 
     resolution: float = RESOLUTION
@@ -335,16 +328,14 @@ class Dijkstra:
     weight: float = WEIGHT
     comfort: float = COMFORT
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
-        """Find a path, within a deadline [s] if there is one; the generator is not used."""
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """The path over the grid; the generator is not used."""
         order = Order(LENGTH, 0.0, self.connectivity == 8, False, self.weight, self.comfort)
-        return _planned(problem, self.resolution, self.refinements, order, self.shortcut, deadline)
+        return _planned(problem, self.resolution, self.refinements, order, self.shortcut, end)
 
 
 @settings
-class Bfs:
+class Bfs(PlannerBase):
     """Breadth first: the grid path of fewest edges (Moore 1959), straightened."""
 
     resolution: float = RESOLUTION
@@ -352,16 +343,14 @@ class Bfs:
     refinements: int = REFINEMENTS
     shortcut: bool = SHORTCUT
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
-        """Find a path, within a deadline [s] if there is one; the generator is not used."""
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """The path over the grid; the generator is not used."""
         order = Order(EDGES, 0.0, self.connectivity == 8, False, 0.0, 1.0)
-        return _planned(problem, self.resolution, self.refinements, order, self.shortcut, deadline)
+        return _planned(problem, self.resolution, self.refinements, order, self.shortcut, end)
 
 
 @settings
-class Dfs:
+class Dfs(PlannerBase):
     """Depth first: some grid path, as long as it may be (Tarjan 1972), straightened."""
 
     resolution: float = RESOLUTION
@@ -369,16 +358,14 @@ class Dfs:
     refinements: int = REFINEMENTS
     shortcut: bool = SHORTCUT
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
-        """Find a path, within a deadline [s] if there is one; the generator is not used."""
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """The path over the grid; the generator is not used."""
         order = Order(DEPTH, 0.0, self.connectivity == 8, False, 0.0, 1.0)
-        return _planned(problem, self.resolution, self.refinements, order, self.shortcut, deadline)
+        return _planned(problem, self.resolution, self.refinements, order, self.shortcut, end)
 
 
 @settings
-class ThetaStar:
+class ThetaStar(PlannerBase):
     """Lazy Theta* (Nash, Koenig and Tovey 2010): grid points joined by edges of any angle.
 
     Short, but not always the shortest way over the grid's points.
@@ -388,9 +375,7 @@ class ThetaStar:
     refinements: int = REFINEMENTS
     shortcut: bool = SHORTCUT
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
-        """Find a path, within a deadline [s] if there is one; the generator is not used."""
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """The path over the grid; the generator is not used."""
         order = Order(LENGTH, 1.0, True, True, 0.0, 1.0)
-        return _planned(problem, self.resolution, self.refinements, order, self.shortcut, deadline)
+        return _planned(problem, self.resolution, self.refinements, order, self.shortcut, end)

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from planners.collision.polygon_tests import SpaceArrays, edge_free, point_free
 from planners.graphs.heap import pop, push
-from planners.problem import Plan, Problem, Status, begin, trivial
+from planners.problem import Plan, PlannerBase, Problem, Status
 from planners.random_stream import Stream, stream, uniform
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
@@ -138,7 +138,7 @@ def _free_samples(arrays: SpaceArrays, count: int, state: Stream) -> Array:
 
 
 @settings
-class Prm:
+class Prm(PlannerBase):
     """A roadmap over random points (Kavraki et al. 1996), joined within the radius of PRM*.
 
     The radius gamma sqrt(log n / n) shrinks as n nodes fill the map; gamma is `radius_factor` times
@@ -150,17 +150,11 @@ class Prm:
     first: int = setting(default=500, source="points of the first roadmap", low=1)
     radius_factor: float = setting(default=1.1, source="above 1, so that it converges", low=0.1)
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer with the shortest way over the first roadmap that joins start and goal.
 
         A roadmap proves nothing, so failure is `exhausted`.
         """
-        began, end = begin(deadline)
-        plan = trivial(problem)
-        if plan is not None:
-            return plan
         arrays, state = problem.free.arrays, stream(rng)
         least = 2.0 * math.sqrt(1.5 * problem.free.free.area / math.pi)  # d = 2
         nodes = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
@@ -181,6 +175,5 @@ class Prm:
             path,
             np.hstack([nodes[pairs[:, 0]], nodes[pairs[:, 1]]]) if len(path) else np.empty((0, 4)),
             counters={"nodes": len(nodes), "iterations": drawn, "edges_tested": tested},
-            timings={"time_s": perf_counter() - began},
             note="" if len(path) else f"{drawn} points do not join start and goal",
         )

@@ -20,7 +20,7 @@ from planners.collision.boundary import NONE, Corners, side_of
 from planners.collision.inflation import ARC, SHIFT
 from planners.collision.triangulation import Mesh
 from planners.graphs.heap import pop, push
-from planners.problem import Plan, Problem, Status, begin, trivial
+from planners.problem import Plan, PlannerBase, Problem, Status
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
 from wheelchair_gym.config import settings
 
@@ -350,31 +350,25 @@ FIRST, MORE = (
 
 
 @settings
-class Visibility:
+class Visibility(PlannerBase):
     """Shortest paths, exactly; it proves it where there is none.
 
     With a clearance the optimum is that among obstacles whose grown corners are polygons; see
     `optima` for how near that is.
     """
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Find the shortest path; the generator is not used.
 
         A search that would outlast the deadline [s] begins anew with more cones while there is
         time, and ends `exhausted`; what a map needs once (arrays, triangles) is not cut short.
         """
-        began, ends = begin(deadline)
-        plan = trivial(problem)
-        if plan is not None:
-            return plan
         mesh, corners = problem.free.mesh, problem.free.corners
         start, goal = (np.array(p[:2], dtype=np.float64) for p in (problem.start, problem.goal))
-        most = ALL if deadline is None else FIRST
+        most = ALL if end == math.inf else FIRST
         while True:
             path, proven, settled, cones = shortest(mesh, corners, start, goal, most)
-            if proven or time.perf_counter() >= ends:
+            if proven or time.perf_counter() >= end:
                 break
             most *= MORE
         failed = Status.NO_PATH if proven else Status.EXHAUSTED
@@ -382,7 +376,6 @@ class Visibility:
             Status.SOLVED if len(path) else failed,
             path,
             counters={"nodes": settled, "corners": len(corners.place), "cones": cones},
-            timings={"time_s": time.perf_counter() - began},
         )
 
 

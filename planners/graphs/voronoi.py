@@ -11,7 +11,7 @@ from scipy.spatial import Voronoi as Diagram
 
 from planners.collision.polygon_tests import SpaceArrays
 from planners.graphs.roadmap import shortest
-from planners.problem import Plan, Problem, Status, begin, trivial
+from planners.problem import Plan, PlannerBase, Problem, Status
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ def _axis(samples: Array, ends: Array) -> tuple[Array, Pairs]:
 
 
 @settings
-class Voronoi:
+class Voronoi(PlannerBase):
     """The shortest way along the medial axis, from the Voronoi diagram of boundary samples.
 
     Aurenhammer 1991; O'Dunlaing and Yap 1985. A passage is found once samples lie about as close as
@@ -61,14 +61,8 @@ class Voronoi:
         default=4, source="times the spacing is halved where no path is found", low=0, high=8
     )
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Find a path; samples prove nothing, so failure is `exhausted`. No use of `rng`."""
-        began, end = begin(deadline)
-        plan = trivial(problem)
-        if plan is not None:
-            return plan
         arrays = problem.free.arrays
         ends = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
         path, tested, halvings, note = np.empty((0, 2)), 0, 0, "no way along the finest axis"
@@ -94,6 +88,5 @@ class Voronoi:
             Status.SOLVED if len(path) else Status.EXHAUSTED,
             path,
             counters={"nodes": count, "halvings": halvings, "edges_tested": tested},
-            timings={"time_s": perf_counter() - began},
             note="" if len(path) else note,
         )

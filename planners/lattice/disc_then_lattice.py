@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from planners.collision.footprint import path_gap
 from planners.graphs.visibility import Visibility
 from planners.lattice.lattice import MIN_GAP, POSE_SPACING, Lattice
-from planners.problem import Plan, Problem, Status, begin
+from planners.problem import Plan, PlannerBase, Problem, Status, remaining
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import wrap
 
@@ -57,7 +56,7 @@ def drive_path(path: Array, start: Array, goal: Array, fillet: float) -> Array:
 
 
 @settings
-class DiscThenLattice:
+class DiscThenLattice(PlannerBase):
     """The shortest path of a disc as wide as the chair, if the rectangle fits; or the lattice's.
 
     It is faster than the lattice on a map that was planned in before, and slower on a new map,
@@ -73,17 +72,18 @@ class DiscThenLattice:
         low=0.0,
     )
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def trivial(self, problem: Problem) -> Plan | None:
+        """Nothing: the planners that this one asks know trivial problems."""
+        return None
+
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Plan without random numbers; the counter `tight` is 1 where the lattice answered."""
-        begun, end = begin(deadline)
         footprint = self.lattice.footprint
         margin = max(MIN_GAP, problem.clearance - footprint.half_width)
         wide = replace(
             problem, clearance=max(problem.clearance, footprint.half_width) + self.lateral_margin
         )
-        disc = Visibility().plan(wide, rng, deadline)
+        disc = Visibility().plan(wide, rng, remaining(end))
         start = np.zeros(3)
         start[: len(problem.start)] = problem.start
         goal = np.asarray(problem.goal, dtype=np.float64)
@@ -97,11 +97,9 @@ class DiscThenLattice:
         if solved:
             status, counters = disc.status, {**disc.counters, "iterations": 0, "tight": 0}
         else:
-            left = max(0.0, end - time.perf_counter())
-            plan = self.lattice.plan(problem, rng, None if deadline is None else left)
+            plan = self.lattice.plan(problem, rng, remaining(end))
             status, path, counters = plan.status, plan.path, {**plan.counters, "tight": 1}
-        spent = {"time_s": time.perf_counter() - begun}
-        return Plan(status, path, counters=counters, timings=spent)
+        return Plan(status, path, counters=counters)
 
     def _free(self, problem: Problem, path: Array, margin: float) -> bool:
         """Whether the rectangle keeps the margin along a path."""

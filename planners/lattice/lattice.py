@@ -34,7 +34,7 @@ from planners.lattice.pose_search import (
     expand,
     trace_path,
 )
-from planners.problem import Plan, Problem, Status, begin, check
+from planners.problem import Plan, PlannerBase, Problem, Status, check
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kinematics import Limits
@@ -79,7 +79,7 @@ def prepare_map(
 
 
 @settings
-class Lattice:
+class Lattice(PlannerBase):
     """A path (n, 3) with headings for the chair's rectangle; it may drive backwards.
 
     The rectangle keeps the problem's clearance less half its width. A start without heading has
@@ -206,15 +206,13 @@ class Lattice:
         low=0,
     )
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def trivial(self, problem: Problem) -> Plan | None:
+        """The plan where the axle cannot stand at an end; the rectangle is tested later."""
+        status = check(replace(problem, clearance=0.0 * problem.clearance))  # NaN stays NaN
+        return None if status is None else Plan(status)
+
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Search without random numbers; the counted iterations are expanded poses."""
-        begun, end = begin(deadline)
-        # The rectangle is tested below; here, 0 or NaN.
-        status = check(replace(problem, clearance=0.0 * problem.clearance))
-        if status is not None:
-            return Plan(status)
         start, goal = np.zeros(3), np.array(problem.goal, dtype=np.float64)
         start[: len(problem.start)] = problem.start
         map_data = prepare_map(problem.space, self.footprint, self.reach, self.desired_clearance)
@@ -235,7 +233,6 @@ class Lattice:
             Status.SOLVED if len(path) else Status.EXHAUSTED,
             path,
             counters={"iterations": iterations, "nodes": nodes, "halvings": level},
-            timings={"time_s": time.perf_counter() - begun},
         )
 
     @property

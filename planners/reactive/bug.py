@@ -26,7 +26,7 @@ from planners.collision.boundary_walk import (
 )
 from planners.collision.orient2d import side
 from planners.collision.polygon_tests import SpaceArrays, edge_free
-from planners.problem import Plan, Problem, Status, begin, trivial
+from planners.problem import Plan, PlannerBase, Problem, Status
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import path_length
@@ -180,12 +180,8 @@ def round_to_the_line(
     return _reached(solids, np.vstack([hit.point, ends]), np.array([x, y]), goal)
 
 
-def _walked(problem: Problem, deadline: float | None, detour: Detour) -> Plan:
+def _walked(problem: Problem, end: float, detour: Detour) -> Plan:
     """The plan of a bug that goes round things in its own way."""
-    began, end = begin(deadline)
-    plan = trivial(problem)
-    if plan is not None:
-        return plan
     solids = Solids(problem.free.arrays, *pairing(problem.free.arrays))
     goal = np.array(problem.goal[:2], dtype=np.float64)
     path, hits = [np.array([problem.start[:2]], dtype=np.float64)], 0
@@ -215,27 +211,24 @@ def _walked(problem: Problem, deadline: float | None, detour: Detour) -> Plan:
         status,
         walk[moved] if status == Status.SOLVED else np.empty((0, 2)),
         counters={"hits": hits},
-        timings={"time_s": perf_counter() - began},
         note=note,
     )
 
 
 @settings
-class Bug1:
+class Bug1(PlannerBase):
     """Bug1 (Lumelsky and Stepanov 1987): once round each thing, then on from its nearest point.
 
     Complete: it proves it where there is no path. At most 1.5 times round each thing it meets.
     """
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Walk to the goal, circuits and all; the generator is not used."""
-        return _walked(problem, deadline, round_and_back)
+        return _walked(problem, end, round_and_back)
 
 
 @settings
-class Bug2:
+class Bug2(PlannerBase):
     """Bug2 (Lumelsky and Stepanov 1987): round each thing until the straight line goes on.
 
     Complete: it proves it where there is no path.
@@ -243,12 +236,10 @@ class Bug2:
 
     turn: Literal["left", "right"] = setting(default="left", source="Lumelsky and Stepanov 1987")
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Walk to the goal; the generator is not used."""
 
         def detour(solids: Solids, hit: Hit, goal: Array) -> Array | None:
             return round_to_the_line(solids, hit, goal, self.turn)
 
-        return _walked(problem, deadline, detour)
+        return _walked(problem, end, detour)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free
-from planners.problem import Plan, Problem, Status, begin, trivial
+from planners.problem import Plan, PlannerBase, Problem, Status
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
 
@@ -83,7 +83,7 @@ def descend(
 
 
 @settings
-class PotentialField:
+class PotentialField(PlannerBase):
     """An artificial potential field (Khatib 1986), followed downwards in free steps.
 
     It may be held in a local minimum, and says so: `stuck`; the tree shows how far it came.
@@ -100,14 +100,8 @@ class PotentialField:
         default=0.05, unit="m^3", source="as strong as the goal at 0.33 m", low=0.0
     )
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Walk down to the goal, or until nothing leads down; the generator is not used."""
-        began, end = begin(deadline)
-        plan = trivial(problem)
-        if plan is not None:
-            return plan
         x, y = (float(v) for v in problem.goal[:2])
         field = Field(x, y, self.strength, self.reach, self.step, self.headings)
         walk = np.empty((self.iterations + 2, 2))
@@ -128,6 +122,5 @@ class PotentialField:
             walk.copy() if how == ARRIVED else np.empty((0, 2)),
             np.hstack([walk[:-1], walk[1:]]),
             {"iterations": count - 1},
-            {"time_s": perf_counter() - began},
-            note,
+            note=note,
         )

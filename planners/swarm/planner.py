@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
@@ -11,7 +10,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.problem import Plan, Problem, Status, begin, trivial
+from planners.problem import Plan, PlannerBase, Problem, Status, remaining
 from planners.random_stream import stream
 from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
 from planners.smoothing.curves import POLYLINE, curve, curve_kind
@@ -41,7 +40,7 @@ _CURVED: Final = 20  # pieces of a curve's leg, where none are asked for
 
 
 @settings
-class SwarmPlanner:
+class SwarmPlanner(PlannerBase):
     """A swarm of paths: a particle is way points, its cost that of a curve through them.
 
     With a planner for the first path this is a hybrid, which cannot fail where that one succeeds;
@@ -171,18 +170,13 @@ class SwarmPlanner:
             deadline,
         )
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the valid path that costs least of all that the swarm tried.
 
         The planner of the first path has the whole deadline: one that never stops by itself leaves
         the swarm one iteration. `first_iterations` counts its own, which replay a plan with it.
         """
-        began, end = begin(deadline)
-        answer = trivial(problem)
-        if answer is not None:
-            return answer
+        began = perf_counter()
         path: Array | None = None
         first = Plan(Status.EXHAUSTED)
         if self.first not in (None, "line"):
@@ -201,13 +195,8 @@ class SwarmPlanner:
             counters |= {"iterations": found.iterations, "found_iterations": found.found_iteration}
             if len(found.line):
                 path = found.line
-        timings = {"first_s": first_s, "time_s": perf_counter() - began}
+        timings = {"first_s": first_s}
         if path is None:
             return Plan(Status.EXHAUSTED, counters=counters, timings=timings)
         apart = np.append(True, (np.diff(path, axis=0) != 0.0).any(axis=1))
         return Plan(Status.SOLVED, path[apart], first.tree, counters, timings)
-
-
-def remaining(end: float) -> float | None:
-    """Seconds until the clock shows `end`; None without a deadline."""
-    return max(0.0, end - perf_counter()) if end < math.inf else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,7 @@ def replan(
         InputError: as a planner's.
     """
     planner = planner or InformedRrtStar()
-    began, ends = begin(deadline)
+    began, end = begin(deadline)
     plan = trivial(problem)
     if plan is not None:
         return plan
@@ -84,8 +85,9 @@ def replan(
         )
         _reuse_trees(trees, previous.tree, rest, free, free_at_goal)
         kept = int(trees.start_tree.grid["count"][0] + trees.goal_tree.grid["count"][0]) - 2
-    plan = to_plan(grow_until(trees, planner.iterations, ends, stream(rng)), began)
-    return replace(plan, counters={**plan.counters, "kept": kept})
+    plan = to_plan(grow_until(trees, planner.iterations, end, stream(rng)))
+    timings = {"time_s": perf_counter() - began}
+    return replace(plan, counters={**plan.counters, "kept": kept}, timings=timings)
 
 
 def _reuse_trees(trees: TreeSearch, tree: Array, rest: Array, free: int, free_at_goal: int) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, way_free
-from planners.problem import Plan, Problem, Status
+from planners.problem import Plan, PlannerBase, Problem, Status
 from planners.trees.variants import InformedRrtStar
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.config import setting, settings
@@ -142,7 +142,7 @@ def smooth(
 
 
 @settings
-class SplineRrtStar:
+class SplineRrtStar(PlannerBase):
     """Spline-RRT*: an RRT* path that is executed as a spline (Yu et al. 2018, with other splines).
 
     Each edge of the tree's path becomes a cubic Hermite curve whose direction at a vertex bisects
@@ -156,12 +156,10 @@ class SplineRrtStar:
     halvings: int = setting(default=8, source="tangents of 1/256 of a edge bend unseen", low=0)
     tolerance: float = setting(default=1e-3, unit="m", source="below any sensor's noise", low=1e-9)
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with a smooth free path; a deadline is the tree's."""
         began = perf_counter()
-        plan = self.tree.plan(problem, rng, deadline)
+        plan = self.tree.solve(problem, rng, end)
         if plan.status != Status.SOLVED or plan.length == 0.0:
             return plan
         tree_s = perf_counter() - began
@@ -169,5 +167,4 @@ class SplineRrtStar:
             problem.free.arrays, plan.path, self.tangent_scale, self.halvings, self.tolerance
         )
         counters = {**plan.counters, "straight_legs": straight}
-        timings = {"tree_s": tree_s, "time_s": perf_counter() - began}
-        return replace(plan, path=path, counters=counters, timings=timings)
+        return replace(plan, path=path, counters=counters, timings={"tree_s": tree_s})

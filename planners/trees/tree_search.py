@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, point_free
-from planners.problem import Plan, Problem, Status, begin, trivial
+from planners.problem import Plan, Problem, Status
 from planners.random_stream import Stream, stream, uniform
 from planners.swarm.woa import WhaleParameters
 from planners.trees.sampling import SteeringCost, SwarmBuffers, new_buffers, sample, steering_target
@@ -445,14 +445,14 @@ def with_capacity(trees: TreeSearch, capacity: int) -> TreeSearch:
     )
 
 
-def grow_until(trees: TreeSearch, iterations: int, ends: float, state: Stream) -> TreeSearch:
-    """The search after so many iterations, or at the time `ends` [s], or when it is done.
+def grow_until(trees: TreeSearch, iterations: int, end: float, state: Stream) -> TreeSearch:
+    """The search after so many iterations, or at the time `end` [s], or when it is done.
 
     At least one chunk of iterations runs.
     """
     run = trees.workspace.run
-    chunk, before = iterations if ends == math.inf else _FIRST_CHUNK, perf_counter()
-    aim = min(_CHUNK_SHARE * max(ends - before, 0.0), _CHUNK_SECONDS)
+    chunk, before = iterations if end == math.inf else _FIRST_CHUNK, perf_counter()
+    aim = min(_CHUNK_SHARE * max(end - before, 0.0), _CHUNK_SECONDS)
     while True:
         made = int(run["iteration"][0])
         grow(*trees, min(iterations, made + chunk), state)
@@ -461,17 +461,17 @@ def grow_until(trees: TreeSearch, iterations: int, ends: float, state: Stream) -
             return trees
         if new < made + chunk:
             trees = with_capacity(trees, _CAPACITY_FACTOR * len(trees.start_tree.nodes))
-        if ends < math.inf:
+        if end < math.inf:
             now = perf_counter()
-            if now >= ends:
+            if now >= end:
                 return trees
             if new > made:
-                chunk = int(min(aim, ends - now) * (new - made) / max(now - before, 1e-9))
+                chunk = int(min(aim, end - now) * (new - made) / max(now - before, 1e-9))
                 chunk = min(max(chunk, 1), _MAX_CHUNK)
             before = now
 
 
-def to_plan(trees: TreeSearch, began: float) -> Plan:
+def to_plan(trees: TreeSearch) -> Plan:
     """The plan of a finished search."""
     run, start_tree = trees.workspace.run[0], trees.start_tree
     # Informed searches have tried each edge to the goal already.
@@ -498,23 +498,18 @@ def to_plan(trees: TreeSearch, began: float) -> Plan:
         path,
         tree,
         counters,
-        {"time_s": perf_counter() - began},
     )
 
 
 def search(
     problem: Problem,
     rng: np.random.Generator,
-    deadline: float | None,
+    end: float,
     growth: Growth,
     iterations: int,
     swarm: WhaleParameters = _NO_WHALES,
     steering: SteeringCost = _NO_COST,
 ) -> Plan:
-    """The plan found in so many iterations, or before a deadline [s]."""
-    began, ends = begin(deadline)
-    plan = trivial(problem)
-    if plan is not None:
-        return plan
+    """The plan found in so many iterations, or at the time `end` [s]."""
     trees = new_search(problem, growth, swarm, steering)
-    return to_plan(grow_until(trees, iterations, ends, stream(rng)), began)
+    return to_plan(grow_until(trees, iterations, end, stream(rng)))

@@ -8,13 +8,12 @@ RRT with whales.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 
-from planners.problem import Plan, Problem, Status
+from planners.problem import Plan, PlannerBase, Problem, Status
 from planners.random_stream import stream
 from planners.swarm.objectives import Smooth
 from planners.swarm.optimizers import WoaModified
@@ -33,7 +32,7 @@ MIN_GAMMA = 2.0 * math.sqrt(1.5 / math.pi)
 
 
 @settings
-class Rrt:
+class Rrt(PlannerBase):
     """A rapidly exploring random tree (LaValle 1998); it ends with its first path."""
 
     iterations: int = setting(default=20_000, source="doors of 1 m on maps of 50 m", low=1)
@@ -42,16 +41,14 @@ class Rrt:
     goal_bias: float = setting(default=0.05, source="LaValle and Kuffner 2001", low=0.0, high=1.0)
     goal_reach: float = setting(default=2.0, unit="m", source="as the step", low=0.0)
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the first path found."""
         growth = Growth(self.step, self.goal_reach, self.nodes, goal_bias=self.goal_bias)
-        return search(problem, rng, deadline, growth, self.iterations)
+        return search(problem, rng, end, growth, self.iterations)
 
 
 @settings
-class RrtConnect:
+class RrtConnect(PlannerBase):
     """Two trees that reach for each other (Kuffner and LaValle 2000): quick, not short.
 
     A share of the samples falls near corners of what is solid (Amato et al. 1998), where doors are.
@@ -65,9 +62,7 @@ class RrtConnect:
         default=1.0, unit="m", source="about the width of doors", low=0.0
     )
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the first path found; the straight line is tried before all."""
         growth = Growth(
             self.step,
@@ -77,11 +72,11 @@ class RrtConnect:
             corner_share=self.corner_share,
             corner_radius=self.corner_radius,
         )
-        return search(problem, rng, deadline, growth, self.iterations)
+        return search(problem, rng, end, growth, self.iterations)
 
 
 @settings
-class RrtStar:
+class RrtStar(PlannerBase):
     """RRT* (Karaman and Frazzoli 2011): the best parent is chosen, and neighbours are rewired.
 
     Neighbours lie within `search_radius`, or, where that is null, within the radius
@@ -123,15 +118,13 @@ class RrtStar:
             gamma=self.radius_factor * MIN_GAMMA,
         )
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the best path of all samples, or with the first."""
-        return search(problem, rng, deadline, self.growth, self.iterations)
+        return search(problem, rng, end, self.growth, self.iterations)
 
 
 @settings
-class InformedRrtStar:
+class InformedRrtStar(PlannerBase):
     """Informed RRT* (Gammell, Srinivasa and Barfoot 2014), made quick: a labelled hybrid.
 
     The first path is RRT-Connect's (Kuffner and LaValle 2000). From then on samples fall where they
@@ -178,15 +171,13 @@ class InformedRrtStar:
             corner_radius=self.corner_radius,
         )
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the best path of all samples."""
-        return search(problem, rng, deadline, self.growth, self.iterations)
+        return search(problem, rng, end, self.growth, self.iterations)
 
 
 @settings
-class RrtStarSmart:
+class RrtStarSmart(PlannerBase):
     """RRT*-Smart (Nasir et al. 2013): path optimisation and intelligent sampling.
 
     Once there is a path, its vertices that see each other are joined, by the triangle inequality;
@@ -201,18 +192,16 @@ class RrtStarSmart:
         default=1.0, unit="m", source="about the width of doors", low=1e-6
     )
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the best path of all samples, or with the first."""
         growth = self.tree.growth._replace(
             shortcut_path=True, beacon_share=self.beacon_share, beacon_radius=self.beacon_radius
         )
-        return search(problem, rng, deadline, growth, self.tree.iterations)
+        return search(problem, rng, end, growth, self.tree.iterations)
 
 
 @settings
-class RrtStarFn:
+class RrtStarFn(PlannerBase):
     """RRT*FN (Adiyatov and Varol 2013): RRT* in a fixed number of nodes.
 
     At that number each new node replaces a random leaf other than the goal, so that memory is
@@ -221,16 +210,14 @@ class RrtStarFn:
 
     tree: RrtStar = setting(default=RrtStar(nodes=1_000))
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the best path of all samples, or with the first."""
         growth = self.tree.growth._replace(replace_leaves=True)
-        return search(problem, rng, deadline, growth, self.tree.iterations)
+        return search(problem, rng, end, growth, self.tree.iterations)
 
 
 @settings
-class RrtStarLimited:
+class RrtStarLimited(PlannerBase):
     """Limited tree expansion (a thesis of 2024, section 3.2): RRT* between start and goal in x.
 
     Samples fall between the x of the start and of the goal, whatever their y; each extension that
@@ -244,19 +231,17 @@ class RrtStarLimited:
         default=0.1, unit="m", source="on each side, for each blocked edge; not given", low=0.0
     )
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the first path, or the best of all samples, as `tree` says."""
         growth = self.tree.growth._replace(in_strip=True, widening=self.widening)
-        return search(problem, rng, deadline, growth, self.tree.iterations)
+        return search(problem, rng, end, growth, self.tree.iterations)
 
 
 _FIGURE = "thesis, figure 3.1"
 
 
 @settings
-class RrtStarWoaLocal:
+class RrtStarWoaLocal(PlannerBase):
     """RRT* whose steering is a swarm of points (thesis, section 2.7 and algorithm 4).
 
     Round each random sample whales look for the point to extend towards: near the sample and the
@@ -277,9 +262,7 @@ class RrtStarWoaLocal:
         """The settings of the thesis's figure 3.1; the four weights are not given there."""
         return cls(tree=RrtStar.thesis(), whales=WhaleSettings(a=4.0))
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the first path, or the best of all samples, as `tree` says."""
         steering = SteeringCost(
             width=self.width_bound,
@@ -291,11 +274,11 @@ class RrtStarWoaLocal:
         )
         growth = self.tree.growth._replace(steer_by_swarm=True)
         swarm = self.whales.parameters
-        return search(problem, rng, deadline, growth, self.tree.iterations, swarm, steering)
+        return search(problem, rng, end, growth, self.tree.iterations, swarm, steering)
 
 
 @settings
-class RrtStarWoaGlobal:
+class RrtStarWoaGlobal(PlannerBase):
     """RRT* whose path a swarm of paths then shortens (thesis, section 2.8 and algorithm 5)."""
 
     tree: RrtStar = setting(default=RrtStar(return_on_first_path=True))
@@ -312,15 +295,13 @@ class RrtStarWoaGlobal:
         """The settings of the thesis's figure 3.1."""
         return cls(tree=RrtStar.thesis(), whales=WhaleSettings(a=4.0), collision_free_weight=1.0)
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with a free path, never longer than the tree's own.
 
         A deadline is the tree's; the swarm's run after it, of some ms, is one piece of work.
         """
         began = perf_counter()
-        plan = self.tree.plan(problem, rng, deadline)
+        plan = self.tree.solve(problem, rng, end)
         if plan.status != Status.SOLVED:
             return plan
         tree_s = perf_counter() - began
@@ -334,15 +315,14 @@ class RrtStarWoaGlobal:
             self.height_bound,
             stream(rng),
         )
-        timings: Mapping[str, float] = {"tree_s": tree_s, "time_s": perf_counter() - began}
-        return replace(plan, path=path, timings=timings)
+        return replace(plan, path=path, timings={"tree_s": tree_s})
 
 
 _P1 = "P1: Saleh, Borhan and Rahiman 2024"
 
 
 @settings
-class RrtWoa:
+class RrtWoa(PlannerBase):
     """RRT, then whales whose C counts where the best path is free (P1).
 
     The first whale is the RRT's path, the others are points drawn from 100 along it, in order.
@@ -369,8 +349,6 @@ class RrtWoa:
             scatter="along",
         )
 
-    def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
-    ) -> Plan:
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the valid curve that costs least of all that the whales tried."""
-        return self.swarm.plan(problem, rng, deadline)
+        return self.swarm.solve(problem, rng, end)
