@@ -6,7 +6,7 @@ import logging
 import signal
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.localization.localized_chair import unwrapped
 from wheelchair_gym.safety.stops import StopMonitor, active_stops, advice_for, shield_message
-from wheelchair_gym.types import Episode
+from wheelchair_gym.types import Command, Episode, Mission, Reading
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -71,24 +71,23 @@ class Capped:
         self.policy, self.own, self.cap = policy, own, own.first
         self._latched = latched
 
-    def reset(self, task: Any) -> None:
+    def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
-        self._task, self.cap = task, self.own.first
-        self.policy.reset(task)
+        self._limits, self._period, self.cap = mission.limits, mission.period, self.own.first
+        self.policy.reset(mission)
 
-    def act(self, observation: Mapping[str, NDArray[np.float32]]) -> Array:
+    def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
-        action, task, own = self.policy.act(observation), self._task, self.own
-        if task.reading.halted or self._latched():
+        command, limits, own = self.policy.act(reading), self._limits, self.own
+        if reading.halted or self._latched():
             self.cap = own.first
         else:
-            self.cap = min(self.cap + own.rise * task.period, own.most, task.limits.forward)
-        twist = task.limits.twist(action)
+            self.cap = min(self.cap + own.rise * self._period, own.most, limits.forward)
+        twist = limits.twist(command.as_action(limits))
         fast = abs(float(twist[0]))
         if fast <= self.cap:
-            return action
-        slowed: Array = task.limits.action(twist * (self.cap / fast))
-        return slowed
+            return command
+        return command._replace(twist=twist * (self.cap / fast), action=None)
 
 
 class Journal:

@@ -16,7 +16,12 @@ from wheelchair_gym.physics.actors.records import Movers, checked, no_movers
 from wheelchair_gym.sensors.settings import RANGERS
 
 if TYPE_CHECKING:
+    from wheelchair_gym.geometry import Footprint
+    from wheelchair_gym.kinematics import Limits
     from wheelchair_gym.maps import OccupancyGrid
+    from wheelchair_gym.physics.settings import ChairSettings
+    from wheelchair_gym.safety.settings import ShieldSettings
+    from wheelchair_gym.sensors.settings import SensorSettings
 
 Array = NDArray[np.float64]
 
@@ -36,6 +41,10 @@ class Reading(NamedTuple):
     battery: float  # V
     stamp: float  # s since reset
     halted: str = ""  # why the chair stands whatever it is told; empty: it does as it is told
+    # The environment fills these in for a policy (`NavigationEnv.reading`).
+    action: tuple[float, float] = (0.0, 0.0)  # the last one asked of the chair, in [-1, 1]
+    withheld: tuple[float, float] = (0.0, 0.0)  # m/s, rad/s: what the shield took from its twist
+    map: OccupancyGrid | None = None  # drawn so far, where the chair draws its own map
 
 
 def check_reading(reading: Reading, beams: int) -> None:
@@ -139,6 +148,76 @@ class Episode:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Episode:
         return self
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """What a policy may know before it drives. Policies may share one; none changes it."""
+
+    map: OccupancyGrid | None  # of the world; None: the chair draws its own (`Reading.map`)
+    reading: Reading  # the first, taken at the start
+    goal: Array  # (3,) m, m, rad
+    tolerance: float  # m: how near the goal counts
+    time_limit: float  # s
+    period: float  # s: of control
+    chair: ChairSettings
+    sensors: SensorSettings
+    shield: ShieldSettings | None  # of what filters the commands; None: nothing does
+    guarded: bool  # the shield filters this episode's commands
+    key: int  # of the episode; seeds what a policy draws
+
+    @property
+    def start(self) -> Array:
+        """Where the chair believes that it starts (3,) [m, m, rad]."""
+        return self.reading.pose
+
+    @property
+    def footprint(self) -> Footprint:
+        """The chair's outline."""
+        return self.chair.footprint
+
+    @property
+    def limits(self) -> Limits:
+        """The chair's limits of speed and acceleration."""
+        return self.chair.limits
+
+    def map_at(self, reading: Reading) -> OccupancyGrid:
+        """The map of the world; where the chair draws its own, the one drawn by a reading."""
+        known = reading.map if self.map is None else self.map
+        assert known is not None  # a chair without a map draws one
+        return known
+
+
+class Shown(NamedTuple):
+    """What a policy wants people to see in pictures, recordings and logs."""
+
+    path: Array | None = None  # (n, 2) m: it follows this; None: the guidance is shown
+    status: str = ""  # what it is doing
+    plans: int = 0  # made in this episode
+
+
+_NOTHING = Shown()
+
+
+class Command(NamedTuple):
+    """A policy's answer to a reading."""
+
+    twist: Array  # (2,) m/s, rad/s
+    shown: Shown = _NOTHING
+    # (2,) in [-1, 1]: what the twist was computed from, if the policy's own output is an action.
+    action: Array | None = None
+    done: bool = False  # the policy has nothing left to do
+
+    @classmethod
+    def from_action(
+        cls, action: Array, limits: Limits, shown: Shown = _NOTHING, done: bool = False
+    ) -> Command:
+        """The command that an action (2,) in [-1, 1] stands for."""
+        return cls(limits.twist(action), shown, action, done)
+
+    def as_action(self, limits: Limits) -> Array:
+        """The action (2,) in [-1, 1] that asks for the twist, clipped to the limits."""
+        return limits.action(self.twist) if self.action is None else self.action
 
 
 class Uncopied:

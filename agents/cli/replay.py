@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.cli.arguments import report, spec, watch
-from agents.policies import make_policy
+from agents.policies import GymPolicy, make_policy
 from agents.watch import Each, Watch
 from wheelchair_gym.config import InputError
 from wheelchair_gym.recording.replay import RecordedEpisode, read_recording, replay_env
@@ -74,9 +74,9 @@ def _again(
     """Judge an episode again; with a policy, compare its action at every step."""
     env = stage.set(chapter)
     observation, _ = env.reset(seed=0, options={"episode": chapter.episode})
-    policy = make_policy(spec(given.policy)) if given.policy else None
+    policy = GymPolicy(make_policy(spec(given.policy)), env) if given.policy else None
     if policy is not None:
-        policy.reset(env.unwrapped.task)
+        policy.reset()
     rewards, same, differences = 0.0, True, []
     for action, verdict in zip(chapter.actions, chapter.verdicts, strict=True):
         if policy is not None:

@@ -7,7 +7,6 @@ drives by. Wheel counts carry that memory, and they steady a pose estimate whose
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.safety.clearance import clearance_to_points
-from wheelchair_gym.types import Reading
+from wheelchair_gym.types import Mission, Reading
 
 Array = NDArray[np.float64]
 
@@ -73,15 +72,16 @@ class Surroundings:
         blind: nobody has seen what is behind the chair, so that it must not back.
     """
 
-    def __init__(self, task: Any) -> None:
-        reading: Reading = task.reading
+    def __init__(self, mission: Mission) -> None:
+        reading = mission.reading
+        known = mission.map_at(reading)
         self.blind = False
-        self._laser = task.sensors.laser
-        self._outline = task.footprint.array
-        self.chart(task.map)
+        self._laser = mission.sensors.laser
+        self._outline = mission.footprint.array
+        self.chart(known)
         # A map that the chair draws shows what moves as well: nothing would stand out against it.
-        self._tracks = Tracks(task.map, self._laser) if task.built_map is None else None
-        self.standing = Standing(task.map)
+        self._tracks = None if mission.map is None else Tracks(known, self._laser)
+        self.standing = Standing(known)
         self._beams = self._laser.directions
         self._counted = np.zeros(3)  # dead reckoning, the frame of the memory
         self._memory = np.empty((0, 3))  # x, y, stamp
@@ -91,7 +91,7 @@ class Surroundings:
         self.points: Array = np.empty((0, 3))
         self.movers: Array = np.empty((0, 5))
         # Also where nothing filters commands: then a shield's defaults say what is too fast.
-        self._sight = Shield(task.shield, task.chair, task.sensors, task.period)
+        self._sight = Shield(mission.shield, mission.chair, mission.sensors, mission.period)
         self._look(reading)
 
     def chart(self, known: OccupancyGrid) -> None:

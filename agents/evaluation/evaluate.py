@@ -13,7 +13,7 @@ from typing import Any
 
 from agents.evaluation.metrics import Record, Trace, measure
 from agents.evaluation.runs import check, compute, run_key, source_digest
-from agents.policies import make_policy, spec_of
+from agents.policies import GymPolicy, Policy, make_policy, spec_of
 from agents.policies.learned import weights_digest
 from agents.watch import Watch
 from wheelchair_gym.config import InputError, load, read_json
@@ -105,7 +105,7 @@ def make_env(scene: Spec, env: Mapping[str, Any], render_mode: str | None = "rgb
 
 
 def drive_episode(
-    env: Any, policy: Any, seed: int, frames: Any = None, episode: Episode | None = None
+    env: Any, policy: Policy, seed: int, frames: Any = None, episode: Episode | None = None
 ) -> Record:
     """Drive one episode to its end.
 
@@ -131,20 +131,22 @@ def drive_episode(
     trace = Trace(task.period, margin, task.limits.forward, world.reference)
     trace.add(info)
     begun = time.perf_counter()
-    policy.reset(task)
+    driver = GymPolicy(policy, env)
+    driver.reset()
     trace.plan_s = time.perf_counter() - begun
     ended = truncated = False
     while not (ended or truncated):
         if frames is not None and frames(env):
             return measure(trace, info, truncated)
         begun = time.perf_counter()
-        action = policy.act(observation)
+        action = driver.act(observation)
         trace.acts_s.append(time.perf_counter() - begun)
         observation, _, ended, truncated, info = env.step(action)
         trace.add(info)
     if frames is not None:
         frames(env)
-    trace.replans = max(0, getattr(policy, "plans", 0) - 1)
+    assert driver.command is not None
+    trace.replans = max(0, driver.command.shown.plans - 1)
     return measure(trace, info, truncated)
 
 
@@ -152,8 +154,8 @@ def warm(policy: Spec, scene: Spec, env: Mapping[str, Any]) -> None:
     """Compile (or load from the cache) all that an episode needs, outside its timings."""
     world = make_env(scene, env)
     observation, _ = world.reset(seed=0)
-    driver = make_policy(plain(policy))
-    driver.reset(world.unwrapped.task)
+    driver = GymPolicy(make_policy(plain(policy)), world)
+    driver.reset()
     for _ in range(3):
         observation, _, ended, truncated, _ = world.step(driver.act(observation))
         if ended or truncated:

@@ -11,6 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from agents.interrupt import by_hand
+from agents.policies import GymPolicy, Policy
 from planners.collision.space import Space
 from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, geodesic
@@ -102,7 +103,7 @@ class Chart:
 
 def chart(
     env: Any,
-    policy: Any,
+    policy: Policy,
     seed: int,
     seconds: float,
     each: Callable[[Any], object] = lambda env: None,
@@ -115,7 +116,7 @@ def chart(
 
     Args:
         env: with the pose source `slam`.
-        policy: which may have a `state`; "done" ends the drive.
+        policy: ends the drive with a command that says it is done.
         seed: of the episode.
         seconds: at most so long.
         each: called with the environment at each step.
@@ -131,13 +132,15 @@ def chart(
     believed, true = [info["pose_estimate"]], [info["pose"]]
     over, ended = False, "time"
     try:
-        policy.reset(task)
+        driver = GymPolicy(policy, env)
+        driver.reset()
         while not over:
             each(env)
-            if getattr(policy, "state", "") == "done":
+            action = driver.act(observation)
+            if driver.command is not None and driver.command.done:
                 ended = "done"
                 break
-            observation, _, bumped, late, info = env.step(policy.act(observation))
+            observation, _, bumped, late, info = env.step(action)
             believed.append(info["pose_estimate"])
             true.append(info["pose"])
             over = bumped or late

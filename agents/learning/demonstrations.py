@@ -22,7 +22,7 @@ from agents.learning.features import Layout
 from agents.learning.networks import FeaturesExtractor, mlp
 from agents.learning.settings import Imitation, training_env_settings
 from agents.learning.weights import Floats, Network, Weights, make_card, save_weights
-from agents.policies import make_policy
+from agents.policies import GymPolicy, make_policy
 from wheelchair_gym.config import load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.settings import StartSettings
@@ -32,11 +32,11 @@ Demonstration = tuple[Floats, Floats, bool]  # observations (n, size), actions (
 
 
 def _demonstrate(
-    env: NavigationEnv, expert: Any, student: Network | None, seed: int
+    env: NavigationEnv, expert: GymPolicy, student: Network | None, seed: int
 ) -> Demonstration:
     """One episode, labelled with the expert's actions; the student drives it, if there is one."""
     observation, info = env.reset(seed=seed)
-    expert.reset(env.task)
+    expert.reset()
     if student is not None:
         student.reset(1)
     observations, actions, over = [], [], False
@@ -54,7 +54,8 @@ def _demonstrate(
 def _episodes(
     settings: EnvSettings, expert: Any, student: Weights | None, seeds: list[int]
 ) -> list[Demonstration]:
-    env, policy = NavigationEnv(config=settings), make_policy(expert)
+    env = NavigationEnv(config=settings)
+    policy = GymPolicy(make_policy(expert), env)
     network = None if student is None else Network(student)
     try:
         return [_demonstrate(env, policy, network, seed) for seed in seeds]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, dump, load
+from wheelchair_gym.types import Command, Mission, Reading
 
 Array = NDArray[np.float64]
 
@@ -23,15 +24,49 @@ DRIVING: dict[str, dict[str, Any]] = {
 
 
 class Policy(Protocol):
-    """Something that drives: it knows its task and its observations, never the truth."""
+    """Something that drives. It knows a mission and readings, never the truth or the environment.
 
-    def reset(self, task: Any) -> None:
-        """Begin an episode; the task (map, start, goal, limits, latest reading) stays alive."""
+    It changes neither of them; all that it has to say is in its commands.
+    """
+
+    def reset(self, mission: Mission) -> None:
+        """Begin an episode: forget the last one, and plan where that takes time."""
         ...
+
+    def act(self, reading: Reading) -> Command:
+        """The command for the next control period; the first reading is the mission's."""
+        ...
+
+
+class GymPolicy:
+    """A policy in a Gymnasium loop: its `act` takes an observation and gives an action.
+
+    The policy is asked with the reading that the environment made the observation from. What it
+    wants shown, the environment shows.
+
+    Args:
+        policy: any.
+        env: `NavigationEnv`, in any wrappers.
+
+    Attributes:
+        command: the policy's last; None before it has acted in this episode.
+    """
+
+    def __init__(self, policy: Policy, env: Any) -> None:
+        self.policy, self._env = policy, env.unwrapped
+        self.command: Command | None = None
+
+    def reset(self) -> None:
+        """Begin the episode that the environment was reset to."""
+        self.command, mission = None, self._env.mission
+        self._limits = mission.limits
+        self.policy.reset(mission)
 
     def act(self, observation: Mapping[str, NDArray[np.float32]]) -> Array:
-        """The next action (2,) in [-1, 1]^2."""
-        ...
+        """The next action (2,) in [-1, 1]."""
+        self.command = command = self.policy.act(self._env.reading)
+        self._env.show(command.shown)
+        return command.as_action(self._limits)
 
 
 def policy_settings() -> dict[str, type]:

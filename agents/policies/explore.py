@@ -14,11 +14,11 @@ from agents.policies.planned import Planned
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.localization.frontiers import Frontier, find_frontiers
 from wheelchair_gym.maps import UNKNOWN, geodesic
+from wheelchair_gym.types import Command, Mission, Reading
 
 Array = NDArray[np.float64]
 SAME = 1.0  # m: a frontier that recedes is the same one so far away
 MORE = 1.02  # times as many cells known: worth another try
-Observation = Mapping[str, NDArray[np.float32]]
 
 
 @settings
@@ -71,37 +71,39 @@ class Explorer:
     def __init__(self, own: Explore) -> None:
         self.own = own
 
-    def reset(self, task: Any) -> None:
+    def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
-        self._task = task
+        self._mission = mission
         self._given_up: list[Array] = []  # places (2,) that could not be reached, or told nothing
         self._spent = self._since = 0.0  # s on this frontier, and since the last look
         self._seen = 0  # cells known when frontiers were given up for good
         self.state = "explore"
         self._driver = self.own.planned().make()
-        self._driver.reset(task)
-        self._choose()
+        self._driver.reset(mission)
+        self._choose(mission.reading)
 
-    def act(self, observation: Observation) -> Array:
-        """See `Policy.act`."""
-        period = self._task.period
+    def act(self, reading: Reading) -> Command:
+        """See `Policy.act`; done one period after nothing was left to see."""
+        if self.state == "done":
+            return Command(np.zeros(2), self._driver.shown, done=True)
+        period = self._mission.period
         self._since += period
         self._spent += period
         if self.state == "explore" and (self._since >= self.own.look or self._driver.ended):
-            self._choose()
+            self._choose(reading)
         if self.state == "done":
-            return np.zeros(2)
-        return self._driver.act(observation)
+            return Command(np.zeros(2), self._driver.shown)
+        return self._driver.act(reading)
 
-    def _choose(self) -> None:
+    def _choose(self, reading: Reading) -> None:
         """Aim at the goal if its way is known, or else at the frontier that is worth most."""
-        own, task = self.own, self._task
-        pose, goal = task.reading.pose, task.goal[:2]
-        known = standing(task.map, pose, task.footprint)
+        own, mission = self.own, self._mission
+        pose, goal = reading.pose, mission.goal[:2]
+        known = standing(mission.map_at(reading), pose, mission.footprint)
         self._since = 0.0
         if own.seek and np.isfinite(geodesic(known, goal, own.clearance).at(pose[:2])):
             self.state = "drive"
-            self._driver.aim(task.goal)
+            self._driver.aim(mission.goal, reading)
             return
         aim = self._driver.goal[:2]
         over = self._driver.ended or not self._driver.solved or self._spent > own.patience
@@ -114,7 +116,7 @@ class Explorer:
                 continue
             if np.hypot(*(one.place - aim)) < SAME and not over:
                 return  # on the way there
-            self._driver.aim(one.place)
+            self._driver.aim(one.place, reading)
             self._spent = 0.0
             if self._driver.solved:
                 return
@@ -125,9 +127,9 @@ class Explorer:
             self._given_up.clear()
             return
         self.state = "drive" if own.seek else "done"
-        self._driver.aim(task.goal if own.seek else pose)
+        self._driver.aim(mission.goal if own.seek else pose, reading)
 
     def _cost(self, one: Frontier) -> float:
         """What a frontier costs [m]: the way there and on to the goal, less what it may show."""
-        rest = self.own.towards * float(np.hypot(*(one.place - self._task.goal[:2])))
+        rest = self.own.towards * float(np.hypot(*(one.place - self._mission.goal[:2])))
         return one.path_length + (rest if self.own.seek else 0.0) - self.own.gain * one.length

@@ -24,9 +24,8 @@ from wheelchair_gym.files import modified, read_bytes
 from wheelchair_gym.migration import migrated
 from wheelchair_gym.task.prepared_episode import Course
 from wheelchair_gym.task.task import Task
-from wheelchair_gym.types import Episode
+from wheelchair_gym.types import Command, Episode, Mission, Reading, Shown
 
-Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 RELOOK = 1.0  # s between two looks at a map that grows
@@ -94,7 +93,7 @@ def weights_digest(spec: Any) -> str | None:
 
 
 class LearnedDriver:
-    """Sees as in training, by the same task and guidance, and acts as often.
+    """Observes as in training, by the same task and guidance, and acts as often.
 
     `told` is the flat observation (room,) that its last action is for.
     """
@@ -108,64 +107,64 @@ class LearnedDriver:
         self.layout = Layout.of_card(card)
         self.card = card
 
-    def reset(self, task: Any) -> None:
+    def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
         env = self._env
         period = 1.0 / env.rate
-        self._hold = max(1, round(period / task.period))
-        if not math.isclose(self._hold * task.period, period, rel_tol=1e-6):
+        self._hold = max(1, round(period / mission.period))
+        if not math.isclose(self._hold * mission.period, period, rel_tol=1e-6):
             raise InputError(
-                f"the policy acts at {env.rate:g} Hz; a control period of {task.period:g} s is no "
-                "whole part of that"
+                f"the policy acts at {env.rate:g} Hz; a control period of {mission.period:g} s is "
+                "no whole part of that"
             )
-        if len(task.sensors.ultrasonic.mounted) != dict(self.layout.sizes)["ultrasonic"]:
+        if len(mission.sensors.ultrasonic.mounted) != dict(self.layout.sizes)["ultrasonic"]:
             raise InputError("the policy was trained with other ultrasonics than this chair has")
         shown = "path" in dict(self.layout.sizes)
         own = dataclasses.replace(env.task, privileged=False, aim="goal")
-        self._task = task
+        self._mission = mission
         # The chair that drives is this one; what is seen of it is as in training.
         spec = env.guidance
         if self.layout.path_has_heading:
-            slack = None if task.built_map is None else SLACK
+            slack = SLACK if mission.map is None else None
             spec = {"call": "poses", "ways": _ways(env), "slack": slack}
         guidance = make_guidance(spec) if shown else None
-        self._eye = Task(own, task.chair, task.sensors, self._hold * task.period, guidance)
+        period = self._hold * mission.period
+        self._eye = Task(own, mission.chair, mission.sensors, period, guidance)
         self.network.reset(1)
-        self._action, self._withheld = np.zeros(2), np.zeros(2)
+        self._withheld = np.zeros(2)
         self._steps, self._looked = 0, 0.0
-        self._grows = task.built_map is not None and guidance is not None
-        self._eye.begin(self._look(), task.reading, task.key, task.guarded)
+        self._grows = mission.map is None and guidance is not None
+        first = mission.reading
+        self._eye.begin(self._look(first), first, mission.key, mission.guarded)
 
-    def _look(self) -> Course:
+    def _look(self, reading: Reading) -> Course:
         """The course from where the chair is, on the map as it is now."""
-        task = self._task
-        pose = task.reading.pose
+        mission, pose = self._mission, reading.pose
         goal = np.zeros(3)
-        goal[: len(task.goal)] = task.goal
-        known = task.map
-        if task.built_map is not None:  # the way may lead beyond what is drawn
+        goal[: len(mission.goal)] = mission.goal
+        known = mission.map_at(reading)
+        if mission.map is None:  # the way may lead beyond what is drawn
             known = known.extended_to(np.stack([pose[:2], goal[:2]]), BEYOND)
-        episode = Episode(known, pose, goal, tolerance=task.tolerance)
-        course = self._eye.prepare(episode)
-        task.path = course.path
-        return course
+        episode = Episode(known, pose, goal, tolerance=mission.tolerance)
+        return self._eye.prepare(episode)
 
-    def act(self, observation: Mapping[str, Floats]) -> Array:
+    def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
-        self._withheld += np.divide(self._task.withheld, self._hold)
+        self._withheld += np.divide(reading.withheld, self._hold)
         if self._steps % self._hold == 0:
-            reading = self._task.reading
             if self._grows and reading.stamp - self._looked >= RELOOK:
                 self._looked = reading.stamp
-                self._eye.redirect(self._look())
+                self._eye.redirect(self._look(reading))
             # What was driven may be less than what was asked for: `deploy` begins slowly.
-            driven, less = self._task.action, (float(self._withheld[0]), float(self._withheld[1]))
+            less = float(self._withheld[0]), float(self._withheld[1])
             self._withheld[:] = 0.0
-            seen = self._eye.assess(reading, driven, less)
+            seen = self._eye.assess(reading, np.array(reading.action), less)
             self.told = np.concatenate([seen[key] for key, _ in self.layout.sizes if key in seen])
-            self._action = self.network(self.told[None])[0].astype(np.float64)
+            action = self.network(self.told[None])[0].astype(np.float64)
+            shown = Shown(self._eye.path)
+            self._command = Command.from_action(action, self._mission.limits, shown)
         self._steps += 1
-        return self._action.copy()
+        return self._command
 
 
 def _ways(env: EnvSettings) -> dict[str, Any]:

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
-
-Array = NDArray[np.float64]
+from wheelchair_gym.types import Command, Mission, Reading
 
 
 @settings
@@ -35,7 +30,7 @@ class Driver:
     def __init__(self, own: Manual) -> None:
         self.own = own
 
-    def reset(self, task: Any) -> None:
+    def reset(self, mission: Mission) -> None:
         """See `Policy.reset`.
 
         Raises:
@@ -49,20 +44,15 @@ class Driver:
             ) from None
         if not pygame.display.get_init():
             raise InputError("policy manual: expected a window (--window), whose keys it reads")
-        self._pygame = pygame
+        self._pygame, self._limits = pygame, mission.limits
         pygame.joystick.init()
         self._sticks = [pygame.joystick.Joystick(k) for k in range(pygame.joystick.get_count())]
 
-    @property
-    def state(self) -> str:
-        """`drive`, or `done` once the window is closed."""
-        return "drive" if self._pygame.display.get_init() else "done"
-
-    def act(self, observation: Mapping[str, NDArray[np.float32]]) -> Array:
-        """See `Policy.act`; at rest once the window is closed."""
+    def act(self, reading: Reading) -> Command:
+        """See `Policy.act`; at rest, and done, once the window is closed."""
         pygame, own = self._pygame, self.own
-        if self.state == "done":
-            return np.zeros(2)
+        if not pygame.display.get_init():
+            return Command(np.zeros(2), done=True)
         keys = pygame.key.get_pressed()
 
         def held(*names: int) -> float:
@@ -76,4 +66,4 @@ class Driver:
             if stick.get_numaxes() >= 2 and not action.any():
                 tilt = -np.array([stick.get_axis(1), stick.get_axis(0)])  # ahead, to the left
                 action = np.where(np.abs(tilt) > own.idle, tilt, 0.0)
-        return np.clip(action, -1.0, 1.0)
+        return Command.from_action(np.clip(action, -1.0, 1.0), self._limits)

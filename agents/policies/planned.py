@@ -1,6 +1,6 @@
 """Any planner with any follower: how a chair behaves on its way (T1 3.2.2).
 
-One policy with named states, shown by pictures and logs as the task's note:
+One policy with named states, shown in pictures and logs as the status of its commands:
 
     follows      along its path; static obstacles are on the map, and planned round
     goes round   a temporary obstacle stands on the way: a whole new plan from where the chair is
@@ -40,11 +40,12 @@ from agents.policies.recoveries import (
     crawled,
     widest_plan,
 )
-from agents.policies.scripted import Observation, episode_rng
+from agents.policies.scripted import episode_rng
 from planners import make_planner
 from planners.problem import Plan, Status
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.types import Command, Mission, Reading, Shown
 
 Array = NDArray[np.float64]
 
@@ -101,12 +102,12 @@ class PlannedDriver:
             bold = replace(objective, clearance=0.0)
             self._boldly = replace(self._follower_settings, objective=bold)
 
-    def reset(self, task: Any) -> None:
+    def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
-        self._task = task
-        self._rng = episode_rng(task, self.own.seed)
-        self._around = Surroundings(task)
-        self._chair = Motion(task.limits, task.footprint, task.period)
+        self._mission = mission
+        self._rng = episode_rng(mission, self.own.seed)
+        self._around = Surroundings(mission)
+        self._chair = Motion(mission.limits, mission.footprint, mission.period)
         self._backing = 0.0  # s left to back out
         self._retreats = Retreats()
         self._headway, self._detours = Headway(self.own.patience), Detours()
@@ -117,13 +118,20 @@ class PlannedDriver:
         self.plans = 0  # made
         self._clearance = self.own.clearance  # m: asked for by the last plan
         self._reference: Reference | None = None
-        self._telling = Telling(task)
-        self.aim(task.goal)
+        self._draws = mission.map is None  # the chair draws its own map
+        self._telling = Telling(mission.footprint)
+        self.aim(mission.goal, mission.reading)
 
-    def aim(self, goal: Array) -> None:
+    def aim(self, goal: Array, reading: Reading) -> None:
         """Drive to a goal (2 or 3,) [m, m, rad] from now on; without a heading any will do."""
         self.goal = np.asarray(goal, dtype=np.float64)
+        self._map = self._mission.map_at(reading)
         self._replan()
+
+    @property
+    def shown(self) -> Shown:
+        """The path that the chair follows, and what it is about."""
+        return Shown(self._path, self._telling.status, self.plans)
 
     @property
     def state(self) -> str:
@@ -148,9 +156,9 @@ class PlannedDriver:
         for known in maps:
             if self._plan(known, start, goal):
                 break
-        if self._task.built_map is not None:  # the follower never backs where nothing was seen
+        if self._draws:  # the follower never backs where nothing was seen
             self._around.chart(known if known is not maps[-1] else maps[-2])
-            if known is maps[-1] and blind_behind(self._task.map, start, self._task.footprint):
+            if known is maps[-1] and blind_behind(self._map, start, self._mission.footprint):
                 self._look.begin(start, goal)
         assert self.plan is not None
         path = self.plan.path
@@ -169,7 +177,7 @@ class PlannedDriver:
 
     def _take(self, path: Array, start: Array) -> None:
         """Follow a path (n, 2 or 3) [m] from now on."""
-        self._task.path = path[:, :2]
+        self._path = path[:, :2]
         self._reference = Reference(np.asarray(path, dtype=np.float64), start)
         self._follow()
         self._headway.begin()
@@ -205,11 +213,11 @@ class PlannedDriver:
 
     def _maps(self, start: Array, goal: Array) -> list[OccupancyGrid]:
         """Maps to plan in, the next one if the last leads nowhere."""
-        known = self._task.map
-        if self._task.built_map is None:
+        known = self._map
+        if not self._draws:
             return [self._around.standing.painted(), known] if self._temporary else [known]
         known = known.extended_to(np.stack([start[:2], goal[:2]]), self.own.beyond)
-        return assumed(known, start, self._task.footprint)
+        return assumed(known, start, self._mission.footprint)
 
     def _plan(self, known: OccupancyGrid, start: Array, goal: Array) -> bool:
         """Plan in a map at the widest clearance that leads to the goal."""
@@ -219,30 +227,30 @@ class PlannedDriver:
         )
         return self.solved
 
-    def act(self, observation: Observation) -> Array:
+    def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
-        unseen = self._take_in()
+        unseen = self._take_in(reading)
         self._decide(unseen)
         twist = self._steer()
         if twist is None or (twist[0] < 0.0 and self._around.blind):
             twist = np.zeros(2)
         elif self._peopled and twist[0] < 0.0:
-            twist = crawled(twist, self._task.footprint)
+            twist = crawled(twist, self._mission.footprint)
         elif unseen and twist[0] < -CREEP:
             twist = twist * (-CREEP / twist[0])
         twist = self._around.unhurried(twist[None], self._chair.state)[0]
         self._chair.command(twist)
-        action: Array = self._task.limits.action(twist)
-        return action
+        return Command(twist, self.shown)
 
-    def _take_in(self) -> bool:
+    def _take_in(self, reading: Reading) -> bool:
         """Take in a reading; whether what is behind the chair is not to be trusted."""
-        task, around = self._task, self._around
-        around.update(task.reading)
-        self._chair.measured(task.reading.twist)
+        around = self._around
+        self._map = self._mission.map_at(reading)
+        around.update(reading)
+        self._chair.measured(reading.twist)
         self._peopled |= len(around.movers) > 0
-        if task.built_map is not None:
-            unseen = blind_behind(task.map, around.pose, task.footprint)
+        if self._draws:
+            unseen = blind_behind(self._map, around.pose, self._mission.footprint)
         else:  # somebody is so near that they may be behind the chair the next moment
             unseen = bool((np.hypot(around.movers[:, 0], around.movers[:, 1]) < BEHIND).any())
         around.blind = unseen and not self._headway.tries
@@ -250,7 +258,7 @@ class PlannedDriver:
 
     def _decide(self, unseen: bool) -> None:
         """Go on as before, or begin something else."""
-        period = self._task.period
+        period = self._mission.period
         assert self._reference is not None  # reset made one
         off, bold = self._reference.advance(self._around.pose), self._headway.bold
         if self._headway.come(self._reference.way):
@@ -267,7 +275,7 @@ class PlannedDriver:
                 self._look.end()
                 self._replan()
             elif redrawn:
-                known = assumed(self._task.map, self._around.pose, self._task.footprint)
+                known = assumed(self._map, self._around.pose, self._mission.footprint)
                 self._around.chart(known[-2])
         elif self._backing > 0.0:
             self._backing -= period * (CRAWL / BACK if self._peopled else 1.0)
@@ -286,7 +294,7 @@ class PlannedDriver:
         twist: Array | None = None
         way = self._around, self._reference, self._chair
         if self._look.on:
-            twist = self._look.twist(*way, self._task.period)
+            twist = self._look.twist(*way, self._mission.period)
         elif self._backing > 0.0:
             twist = back_out(*way)
         if twist is not None:
@@ -315,7 +323,7 @@ class PlannedDriver:
     @property
     def _temporary(self) -> bool:
         """Whether something stands that is not on the map that the chair was given."""
-        return self._task.built_map is None and len(self._around.standing.stood) > 0
+        return not self._draws and len(self._around.standing.stood) > 0
 
     def _anew(self) -> None:
         """A new plan; where something temporary stands, if that is not a long way round."""
@@ -326,8 +334,8 @@ class PlannedDriver:
 
     def _barred(self) -> bool:
         """Whether a temporary obstacle stands on the next metres of the way."""
-        due = self._detours.due(self._task.period, self.own.redraw)
-        if not due or self._task.built_map is not None:
+        due = self._detours.due(self._mission.period, self.own.redraw)
+        if not due or self._draws:
             return False
         assert self._reference is not None
         return barred(self._around.standing, self._reference, self._clearance)
@@ -338,8 +346,8 @@ class PlannedDriver:
 
     def _redrawn(self) -> bool:
         """Whether it is time to look at a map that grows."""
-        self._mapped += self._task.period
-        if self._task.built_map is None or self._mapped < self.own.redraw:
+        self._mapped += self._mission.period
+        if not self._draws or self._mapped < self.own.redraw:
             return False
         self._mapped = 0.0
         return True
@@ -350,4 +358,4 @@ class PlannedDriver:
             return False
         assert self._reference is not None
         ahead = self._reference.rows[self._reference.at :]
-        return walled(self._task.map, ahead, self._clearance)
+        return walled(self._map, ahead, self._clearance)

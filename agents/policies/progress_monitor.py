@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.follower import CREEP
+from wheelchair_gym.geometry import Footprint
 
 GAIN = 0.1  # m of way that count as headway
 HURRY = 0.4  # share of the patience at the path's end, where the goal is near but not reached
@@ -68,12 +67,13 @@ class Telling:
 
     Attributes:
         state: the last that was said.
+        status: the same, and why: a line for people.
     """
 
-    def __init__(self, task: Any) -> None:
-        self._task = task
+    def __init__(self, outline: Footprint) -> None:
+        self._outline = outline
         self._shown = 0.0  # s for which the state is shown still
-        self.state = "follows"
+        self.state, self.status = "follows", ""
 
     def tick(self, period: float) -> None:
         """Time goes by [s]."""
@@ -82,13 +82,13 @@ class Telling:
     def say(self, state: str, more: str = "", shown: float | None = None) -> None:
         """Name a state; while it is shown [s], following its path is not worth a word."""
         self.state = state
-        self._task.note = ": ".join(filter(None, (state, more)))
+        self.status = ": ".join(filter(None, (state, more)))
         self._shown = self._shown if shown is None else shown
 
     def follow(self, twist: Array | None, movers: Array, more: str) -> None:
         """Name the state that a follower's twist (2,) means, among movers (m, 5)."""
         gap = np.hypot(movers[:, 0], movers[:, 1]).min(initial=np.inf)
-        near = gap < CLOSE + self._task.footprint.reach
+        near = gap < CLOSE + self._outline.reach
         v = 0.0 if twist is None else twist[0]
         if near and v < 0.0:
             self.say("gives way")

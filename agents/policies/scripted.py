@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wheelchair_gym.config import setting, settings
-
-Array = NDArray[np.float64]
-Observation = Mapping[str, NDArray[np.float32]]
+from wheelchair_gym.types import Command, Mission, Reading
 
 
-def episode_rng(task: Any, seed: int) -> np.random.Generator:
+def episode_rng(mission: Mission, seed: int) -> np.random.Generator:
     """Random draws of an episode: the same for the same episode and seed."""
-    return np.random.default_rng([seed, task.key])
+    return np.random.default_rng([seed, mission.key])
 
 
 @settings
@@ -38,18 +33,18 @@ class RandomDriver:
     def __init__(self, own: RandomPolicy) -> None:
         self.own = own
 
-    def reset(self, task: Any) -> None:
+    def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
-        self._rng = episode_rng(task, self.own.seed)
-        self._held = max(1, round(self.own.hold / task.period))
+        self._limits, self._rng = mission.limits, episode_rng(mission, self.own.seed)
+        self._held = max(1, round(self.own.hold / mission.period))
         self._count = 0
 
-    def act(self, observation: Observation) -> Array:
+    def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
         if self._count % self._held == 0:
-            self._action: Array = self._rng.uniform(-1.0, 1.0, 2)
+            self._command = Command.from_action(self._rng.uniform(-1.0, 1.0, 2), self._limits)
         self._count += 1
-        return self._action
+        return self._command
 
 
 @settings
@@ -70,15 +65,13 @@ class StraightDriver:
     def __init__(self, own: StraightPolicy) -> None:
         self.own = own
 
-    def reset(self, task: Any) -> None:
+    def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
-        self._task = task
+        self._goal, self._limits = mission.goal, mission.limits
 
-    def act(self, observation: Observation) -> Array:
+    def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
-        x, y, yaw = self._task.reading.pose
-        goal = self._task.goal
+        (x, y, yaw), goal = reading.pose, self._goal
         error = math.remainder(math.atan2(goal[1] - y, goal[0] - x) - yaw, 2 * math.pi)
-        v = self._task.limits.forward * max(0.0, 1.0 - abs(error) / self.own.pivot)
-        action: Array = self._task.limits.action(np.array([v, self.own.gain * error]))
-        return action
+        v = self._limits.forward * max(0.0, 1.0 - abs(error) / self.own.pivot)
+        return Command(np.array([v, self.own.gain * error]))

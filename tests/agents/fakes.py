@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 
-from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.kinematics import Limits, approach, arc_step
+from wheelchair_gym.kinematics import approach, arc_step
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
-from wheelchair_gym.types import Reading
+from wheelchair_gym.types import Mission, Reading
 
 BEAMS = 181
 
@@ -42,43 +39,47 @@ def scan(pose, walls, laser):
 
 
 class PaperWorld:
-    """A task whose readings follow the actions of a policy."""
+    """A mission, and readings that follow the actions of a policy; `seen` is the latest."""
 
     def __init__(self, grid, start, goal, period=0.1):
-        self.task = SimpleNamespace(
-            built_map=None,
-            map=grid, start=np.array(start, float), goal=np.array(goal, float), period=period,
-            footprint=Footprint(), limits=Limits(), chair=ChairSettings(), shield=None,
-            sensors=SensorSettings(laser=LaserSettings(beams=BEAMS)),
-            path=None, tolerance=0.3, time_limit=60.0, key=7,
-        )  # fmt: skip
+        self.sensors = SensorSettings(laser=LaserSettings(beams=BEAMS))
         self.walls = grid.walls()
         self.pose, self.state, self.time = np.array(start, float), np.zeros(4), 0.0
-        self.task.reading = self.reading()
+        self.seen = self.reading()
+        self.mission = Mission(
+            map=grid, reading=self.seen, goal=np.array(goal, float), tolerance=0.3,
+            time_limit=60.0, period=period, chair=ChairSettings(), sensors=self.sensors,
+            shield=None, guarded=False, key=7,
+        )  # fmt: skip
 
     def reading(self):
         return Reading(
             self.pose.copy(), self.state[[0, 2]].copy(),
-            scan(self.pose, self.walls, self.task.sensors.laser), np.full(8, np.inf, np.float32),
+            scan(self.pose, self.walls, self.sensors.laser), np.full(8, np.inf, np.float32),
             np.zeros(8, np.float32), False, 36.0, self.time,
         )  # fmt: skip
 
     def drive(self, action):
-        v, w = self.task.limits.twist(action)
-        a, s, dt = self.task.limits.array, self.state, self.task.period
+        v, w = self.mission.limits.twist(action)
+        a, s, dt = self.mission.limits.array, self.state, self.mission.period
         s[:2] = approach(s[0], s[1], v, a[3], a[4], a[7], dt)
         s[2:] = approach(s[2], s[3], w, a[6], a[6], a[8], dt)
         self.pose = np.array(arc_step(*self.pose, s[0], s[2], dt))
         self.time += dt
-        self.task.reading = self.reading()
+        self.seen = self.reading()
+
+    def step(self, policy):
+        """Drive as a policy asks for; its command."""
+        command = policy.act(self.seen)
+        self.drive(command.as_action(self.mission.limits))
+        return command
 
     def run(self, policy, seconds):
         """Poses (n, 3) and actions (n, 2) until the goal or for so long."""
-        policy.reset(self.task)
+        policy.reset(self.mission)
         poses, actions = [], []
-        while self.time < seconds and np.hypot(*(self.pose - self.task.goal)[:2]) > 0.2:
-            action = policy.act({})
-            self.drive(action)
+        while self.time < seconds and np.hypot(*(self.pose - self.mission.goal)[:2]) > 0.2:
+            command = self.step(policy)
             poses.append(self.pose)
-            actions.append(action)
+            actions.append(command.as_action(self.mission.limits))
         return np.array(poses), np.array(actions)

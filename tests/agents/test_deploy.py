@@ -18,6 +18,7 @@ from mcap.reader import make_reader
 from agents.cli import main
 from agents.deploy import Capped, Deployment, deploy, hear_person, rearm
 from agents.policies import make_policy
+from tests.agents.fakes import PaperWorld, corridor
 from tests.conftest import ROOT
 from tests.hardware.hosted import Hosted
 from tests.hardware.realtime import EPISODE, X, Y, serving
@@ -27,8 +28,8 @@ from wheelchair_gym.hardware.boards.messages import Switch
 from wheelchair_gym.hardware.joystick import Joystick, JoystickSettings
 from wheelchair_gym.hardware.registry import placed
 from wheelchair_gym.hardware.twin.stick import Stick
-from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.maps import write_map
+from wheelchair_gym.types import Command
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
@@ -36,37 +37,28 @@ NOOK = "0.1,2"  # free, and nearer to a wall than any side of the chair
 SLOW = Deployment(first=0.2, rise=0.1)
 
 
-class Task:
-    """As much of a task as a cap looks at."""
-
-    limits, period = Limits(), 0.1
-
-    def __init__(self):
-        self.reading = type("Reading", (), {"halted": ""})
-
-
 class Hasty:
     """Asks for full speed in a bend."""
 
-    def reset(self, task):
-        pass
+    def reset(self, mission):
+        self.limits = mission.limits
 
-    def act(self, observation):
-        return np.array([1.0, 0.5])
+    def act(self, reading):
+        return Command.from_action(np.array([1.0, 0.5]), self.limits)
 
 
 def test_a_cap_begins_low_rises_while_it_drives_and_keeps_the_arc():
-    task, capped = Task(), Capped(Hasty(), Deployment(first=0.2, rise=0.5, most=0.6))
-    capped.reset(task)
-    twists = [task.limits.twist(capped.act({})) for _ in range(20)]
+    world = PaperWorld(corridor(), (1.0, 0.0, 0.0), (6.0, 0.0, 0.0))
+    capped = Capped(Hasty(), Deployment(first=0.2, rise=0.5, most=0.6))
+    capped.reset(world.mission)
+    twists = [capped.act(world.seen).twist for _ in range(20)]
     speeds = [float(v) for v, _ in twists]
     assert speeds[0] == pytest.approx(0.25)
     assert speeds == sorted(speeds)
     assert speeds[-1] == pytest.approx(0.6)
     for v, w in twists:
         assert w / v == pytest.approx(0.5 / 0.8)
-    task.reading.halted = "a reason"
-    assert task.limits.twist(capped.act({}))[0] == pytest.approx(0.2)
+    assert capped.act(world.seen._replace(halted="a reason")).twist[0] == pytest.approx(0.2)
     with pytest.raises(InputError, match="falls"):
         Deployment(first=0.5, most=0.3)
 

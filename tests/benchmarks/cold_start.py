@@ -29,9 +29,9 @@ env = gym.make("wheelchair_gym/Navigation-v0", scene="floor_plan", pose_source="
 observation, _ = env.reset(seed=0)
 {}
 """
-_POLICY = """from agents.policies import make_policy
-policy = make_policy("lattice+window")
-policy.reset(env.unwrapped.task)
+_POLICY = """from agents.policies import GymPolicy, make_policy
+policy = GymPolicy(make_policy("lattice+window"), env)
+policy.reset()
 env.step(policy.act(observation))"""
 _VECTOR = """
 import numpy as np

@@ -18,7 +18,7 @@ import numpy as np
 from agents.evaluation.compare import BEST
 from agents.evaluation.evaluate import make_env
 from agents.evaluation.map_building import chart
-from agents.policies import make_policy
+from agents.policies import GymPolicy, make_policy
 from wheelchair_gym.geometry import wrap_angle
 from wheelchair_gym.localization.slam import SlamSettings
 
@@ -30,8 +30,8 @@ def drive(source: str, seed: int, scene: Any, grid: Any = None) -> tuple[np.ndar
     episode = env.unwrapped.episode
     given = episode if grid is None else replace(episode, map=grid)
     observation, info = env.reset(seed=seed, options={"episode": given})
-    policy, errors, over = make_policy(BEST), [], False
-    policy.reset(env.unwrapped.task)
+    policy, errors, over = GymPolicy(make_policy(BEST), env), [], False
+    policy.reset()
     while not over:
         errors.append(np.subtract(info["pose_estimate"], info["pose"]))
         observation, _, ended, late, info = env.step(policy.act(observation))

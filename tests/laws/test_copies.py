@@ -15,7 +15,7 @@ import pytest
 from agents.control import FOLLOWERS
 from agents.learning.sb3 import SB3VecEnv
 from agents.learning.weights import shipped
-from agents.policies import make_policy, policy_settings
+from agents.policies import GymPolicy, make_policy, policy_settings
 from planners import PLANNERS, Problem, Space, make_planner
 from tests.conftest import ROOT
 from tests.copies import COPIERS, by_pickle, differences, drive_copies
@@ -182,7 +182,7 @@ def step_policy(driven, rng):
 def begin_policy(driven):
     env, policy, seen = driven
     seen[:] = [env.reset()[0]]
-    policy.reset(env.task)
+    policy.reset()
     return seen
 
 
@@ -191,7 +191,9 @@ def drive_policy(name, copies):
     own = {"pose_source": "slam"} if name == "explore" else {}
     env = NavigationEnv(scene, bank=BANK, **own)
     env.reset(seed=1)
-    drive_copies(begin_policy, step_policy, (env, make_policy(name), [None]), copies, seed=1)
+    drive_copies(
+        begin_policy, step_policy, (env, GymPolicy(make_policy(name), env), [None]), copies, seed=1
+    )
 
 
 DRIVERS = [name for name in policy_settings() if name not in ("manual", "learned", "planned")]

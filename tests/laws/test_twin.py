@@ -22,7 +22,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents.policies import make_policy
+from agents.policies import GymPolicy, make_policy
 from tests.conftest import ROOT
 from tests.hardware.hosted import Hosted
 from wheelchair_gym.envs.settings import env_settings
@@ -76,7 +76,8 @@ class Both:
 
     def run(self, seed, seconds):
         """Drive from an episode's start for so long, or to its end; the seconds driven."""
-        sim, real, policy = self.sim, self.real, make_policy("visibility+window")
+        sim, real = self.sim, self.real
+        policy = GymPolicy(make_policy("visibility+window"), sim)
         seen, _ = sim.reset(seed=seed)
         self.hosted.chair.reset(None, 0)  # at rest before it is carried to the start
         # A start from brakes that a stop closed at once waits 0.15 s until the motors have taken
@@ -88,7 +89,7 @@ class Both:
         assert {name: value.shape for name, value in told.items()} == {
             name: value.shape for name, value in seen.items()
         }
-        policy.reset(sim.task)
+        policy.reset()
         done, ways, turning = False, self.ways(), 0.0
         while not done and sim.task.reading.stamp < seconds - 1e-6:
             action = policy.act(seen)

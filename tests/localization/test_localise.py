@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents.policies import make_policy
+from agents.policies import GymPolicy, make_policy
 from wheelchair_gym import InputError
 from wheelchair_gym.geometry import to_world, wrap, wrap_angle
 from wheelchair_gym.localization.likelihood_field import log_likelihood, make_likelihood_field
@@ -31,8 +31,8 @@ def navigation(**settings):
 
 def drive(env, each, steps=10_000):
     """Drive from where the environment stands with what it believes; call `each` every step."""
-    policy = make_policy("visibility+window")
-    policy.reset(env.unwrapped.task)
+    policy = GymPolicy(make_policy("visibility+window"), env)
+    policy.reset()
     observation, ended = env.unwrapped.task.observation, False
     while not ended and steps > 0:
         observation, _, terminated, truncated, info = env.step(policy.act(observation))
@@ -103,11 +103,12 @@ def test_what_no_map_shows_leads_nobody_astray(home):
     cells = np.argwhere(home.map.traversable(0.9))
     rng = np.random.default_rng(1)
     discs = [(*home.map.to_world(cells[k]), 0.2) for k in rng.permutation(len(cells))]
-    path = make_policy("visibility+window")
     env = navigation(pose_source="mcl")
     env.reset(options={"episode": home})
-    path.reset(env.unwrapped.task)
-    way = np.asarray(env.unwrapped.task.path)[:, :2]
+    path = GymPolicy(make_policy("visibility+window"), env)
+    path.reset()
+    path.act(env.unwrapped.task.observation)
+    way = env.unwrapped.shown.path
     ends = [np.linspace(a, b, 50) for a, b in pairwise(way)]
     aside = [d for d in discs if np.hypot(*(np.vstack(ends) - d[:2]).T).min() > 1.1]
     env.reset(seed=0, options={"episode": replace(home, discs=np.array(aside[:12]))})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agents.evaluation.evaluate import env_settings, make_env
-from agents.policies import make_policy
+from agents.policies import GymPolicy, make_policy
 from tests.localization.rooms import LASER, away, ranges, tour
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import between, compose
@@ -66,8 +66,8 @@ def test_scans_that_are_not_to_be_learned_leave_the_map():
 def test_slam_beats_odometry_in_a_floor_plan_with_all_noise():
     env = make_env("floor_plan", env_settings(pose_source="odometry", config=None))
     observation, info = env.reset(seed=5)
-    task, policy = env.unwrapped.task, make_policy("a_star+window")
-    policy.reset(task)
+    task, policy = env.unwrapped.task, GymPolicy(make_policy("a_star+window"), env)
+    policy.reset()
     reading = task.reading
     slam = Slam(LaserSettings(), SlamSettings(particles=4), 0, reading.pose)
     poses = [slam.update(np.zeros(3), reading.laser)]

@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from agents.cli import main
-from agents.policies import make_policy
+from agents.policies import GymPolicy, make_policy
 from wheelchair_gym import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import compose
@@ -48,14 +48,12 @@ def run(request, tmp_path_factory):
     name, pose_source = request.param
     file = tmp_path_factory.mktemp("runs") / f"{name.partition('/')[2]}-{pose_source}.mcap"
     env = gym.make(name, pose_source=pose_source, render_mode="rgb_array", shield=True)
-    env, policy = (
-        RecordEpisodes(env, file, recording=RecordingSettings(image_rate=2.0)),
-        make_policy(POLICY),
-    )
+    env = RecordEpisodes(env, file, recording=RecordingSettings(image_rate=2.0))
+    policy = GymPolicy(make_policy(POLICY), env)
     seen = []
     for seed in range(2):
         observation, _ = env.reset(seed=seed)
-        policy.reset(env.unwrapped.task)
+        policy.reset()
         chapter = [(observation, None, None)]
         for _ in range(STEPS):
             action = policy.act(observation)

@@ -40,9 +40,12 @@ class Drawing:
         self._trail.append(pose)
 
     def picture(
-        self, episode: Episode, truth: Truth, task: Task, ahead: Array | None
+        self, episode: Episode, truth: Truth, task: Task, path: Array | None, ahead: Array | None
     ) -> NDArray[np.uint8]:
-        """An RGB picture of the size that is set, with points (n, 2) [m] of the guidance."""
+        """An RGB picture of the size that is set.
+
+        It shows a path (n, 2) [m] and, ahead of the chair, points (n, 2) [m] of the guidance.
+        """
         if self._view is None:
             from wheelchair_gym.rendering.picture import TopView
 
@@ -57,7 +60,7 @@ class Drawing:
             truth.pose,
             reading=task.reading,
             trail=np.array(self._trail)[:, :2],
-            path=task.path,
+            path=path,
             look_ahead=ahead,
             caption=f"{stamp:6.1f} s   {v:5.2f} m/s  {w:5.2f} rad/s   {rest:5.1f} m to go",
             movers=truth.movers if len(truth.movers) else None,

@@ -26,7 +26,7 @@ from wheelchair_gym.safety.shield import Shield
 from wheelchair_gym.task.prepared_episode import Course
 from wheelchair_gym.task.rewards import TERMS
 from wheelchair_gym.task.task import Observation, Task
-from wheelchair_gym.types import Chair, Episode, check_reading
+from wheelchair_gym.types import Chair, Episode, Mission, Reading, Shown, check_reading
 
 Array = NDArray[np.float64]
 
@@ -192,6 +192,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._count = 0  # episodes of the present seed
         self._running = False
         self._drawing = Drawing(s)
+        self.shown = Shown()  # what the policy shows; before it drives, the guidance
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -232,6 +233,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         observation = self.task.begin(self._course, reading, key, guarded)
         self._running = True
         self._drawing.begin()
+        self.show(Shown())
         info = self._info()
         if self.render_mode == "human":
             self.render()
@@ -305,11 +307,41 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if self.episode is None:
             raise gym.error.ResetNeeded("call reset() before render()")
         truth, ahead = self.chair.truth, self.points_ahead
-        frame = self._drawing.picture(self.episode, truth, self.task, ahead)
+        frame = self._drawing.picture(self.episode, truth, self.task, self.shown.path, ahead)
         if self.render_mode == "rgb_array":
             return frame
         self._drawing.show(frame)
         return None
+
+    @property
+    def mission(self) -> Mission:
+        """What a policy may know before it drives the present episode; call it after reset()."""
+        task = self.task
+        return Mission(
+            map=task.map if task.built_map is None else None,
+            reading=self.reading,
+            goal=task.goal,
+            tolerance=task.tolerance,
+            time_limit=task.time_limit,
+            period=task.period,
+            chair=task.chair,
+            sensors=task.sensors,
+            shield=task.shield,
+            guarded=task.guarded,
+            key=task.key,
+        )
+
+    @property
+    def reading(self) -> Reading:
+        """The latest reading as a policy gets it, with the last action and the map drawn so far."""
+        task = self.task
+        v, w = task.action.tolist()
+        drawn = None if task.built_map is None else task.built_map()
+        return task.reading._replace(action=(v, w), withheld=task.withheld, map=drawn)
+
+    def show(self, shown: Shown) -> None:
+        """Show people what a policy wants shown, until the next call or reset()."""
+        self.shown = shown if shown.path is not None else shown._replace(path=self.task.path)
 
     @property
     def points_ahead(self) -> Array | None:

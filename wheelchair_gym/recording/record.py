@@ -244,7 +244,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         report = getattr(unwrapped(env.chair), "report", None)
         if report is not None:
             self._out.write(BOARD, {"wall": time.time(), **report})
-        self._log_news(env.task.path, reading.stamp)
+        self._log_news(env.shown.path, reading.stamp)
 
     def _log_seldom(self, reading: Any, believed: Belief) -> bool:
         """Trail, pictures and, for viewers that come late, what stays; whether the map changed."""
@@ -271,7 +271,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         if path is not None and path is not self._path:
             self._send("/path", "poses_in_map", path)
         self._path = path
-        note = self._env.task.note
+        note = self._env.shown.status
         if note != self._note:
             self._note = note
             self._send("/note", "log_message", "policy", note or "-", False)

@@ -1,4 +1,4 @@
-"""The live task: what a policy may know while it drives; how its steps are seen and judged."""
+"""The live task of an environment: how its steps are observed and judged."""
 
 from __future__ import annotations
 
@@ -70,8 +70,7 @@ class Task:
         guarded: a shield filters what the chair is told.
         action: the last one (2,), of a policy or of what stands between it and the task.
         withheld: what the shield took from the twist that it asked for [m/s, rad/s].
-        path: guidance (n, 2) [m], or None; a policy may set it, so that it is drawn.
-        note: what a policy says it is about, for people; a policy may set it.
+        path: of the guidance (n, 2) [m], or None.
         key: of the episode's randomness; seeds whatever a policy draws.
         boxes: the space of each key of an observation, in the order in which kernels write them.
         room: numbers in an observation.
@@ -111,7 +110,6 @@ class Task:
         self.time_limit = settings.time_base
         self.path: Array | None = None
         self.built_map: Callable[[], OccupancyGrid] | None = None
-        self.note = ""
         rangers = sensors.ultrasonic
         self._reaches = np.array(
             [
@@ -235,7 +233,6 @@ class Task:
     ) -> Observation:
         """Take up a new episode with its first reading, behind a shield if it is guarded."""
         self.redirect(course)
-        self.note = ""
         self.reading, self.key, self.guarded = reading, key, guarded
         self.action, self.withheld = np.zeros(2), (0.0, 0.0)
         out, verdict = np.empty(self.room, np.float32), self._judged

@@ -33,7 +33,7 @@ def test_followers_keep_to_the_middle_of_a_corridor(follower):
     grid = corridor()
     world = PaperWorld(grid, (1.0, 0.0, 0.2), (6.5, 0.0, 0.0))
     poses, actions = world.run(make_policy(f"{PLANNER}+{follower}"), 40.0)
-    assert np.hypot(*(poses[-1] - world.task.goal)[:2]) <= 0.2
+    assert np.hypot(*(poses[-1] - world.mission.goal)[:2]) <= 0.2
     assert np.abs(poses[:, 1]).max() < 0.15
     assert np.abs(actions).max() <= 1.0
     gaps = [
@@ -47,7 +47,7 @@ def test_followers_keep_to_the_middle_of_a_corridor(follower):
 def test_followers_turn_round_where_there_is_room(follower):
     world = PaperWorld(corridor(width=3.0), (4.0, 0.0, 3.0), (6.8, 0.0, 0.0))
     poses, _ = world.run(make_policy(f"{PLANNER}+{follower}"), 50.0)
-    assert np.hypot(*(poses[-1] - world.task.goal)[:2]) <= 0.2
+    assert np.hypot(*(poses[-1] - world.mission.goal)[:2]) <= 0.2
 
 
 @pytest.mark.parametrize(
@@ -163,10 +163,10 @@ def test_what_slips_out_of_sight_is_remembered():
     world = PaperWorld(corridor(width=2.0), (1.0, 0.0, 0.0), (7.0, 0.0, 0.0))
     post = np.array([[2.6, 0.5, 2.7, 0.5], [2.7, 0.5, 2.7, 0.6]])
     world.walls = np.concatenate([world.walls, post])
-    around = Surroundings(world.task)
+    around = Surroundings(world.mission)
     while world.pose[0] < 2.9:
         world.drive(np.array([0.8, 0.0]))
-        around.update(world.task.reading)
+        around.update(world.seen)
     behind = around.points[:, :2] + world.pose[:2]
     assert np.hypot(*(behind - (2.65, 0.5)).T).min() < 0.06
 
@@ -185,7 +185,7 @@ def test_a_policy_is_slowed_as_the_shield_of_its_own_chair_would(chair, shield):
     """Where nobody has looked: backwards, and turning, at the start."""
     env = NavigationEnv("empty", {"chair": chair}, shield=shield)
     env.reset(seed=0)
-    own, around = env.settings, Surroundings(env.task)
+    own, around = env.settings, Surroundings(env.mission)
     same = Shield(own.shield, own.chair, own.sensors, 1.0 / own.rate)
     same.update(env.task.reading)
     twists = np.array([(v, w) for v in (-0.3, -0.1, 0.0, 0.6) for w in (-0.9, 0.0, 0.4)])

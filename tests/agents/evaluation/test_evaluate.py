@@ -16,6 +16,7 @@ from agents.policies.planned import Planned
 from agents.policies.scripted import StraightPolicy
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.scenes.map_file import example_map
+from wheelchair_gym.types import Command
 
 SHORT = {"config": {"task": {"time_base": 2.0, "time_factor": 0.0}}, "beams": 45}
 WHAT = (["random", "straight"], ["floor_plan"], [0, 1])
@@ -113,21 +114,21 @@ class Turning:
     def make(self):
         return self
 
-    def reset(self, task):
-        pass
+    def reset(self, mission):
+        self.limits = mission.limits
 
-    def act(self, observation):
-        return np.array([0.0, self.turn])
+    def act(self, reading):
+        return Command.from_action(np.array([0.0, self.turn]), self.limits)
 
 
 class Bare:
     """A policy without settings that make it."""
 
-    def reset(self, task):
+    def reset(self, mission):
         pass
 
-    def act(self, observation):
-        return np.zeros(2)
+    def act(self, reading):
+        return Command(np.zeros(2))
 
 
 def test_policies_may_be_objects(tmp_path):

@@ -17,7 +17,7 @@ from agents.learning.occlusion import beam_sensitivity, key_sensitivity
 from agents.learning.publish import model_card
 from agents.learning.run import BEST, POLICY, Run, train
 from agents.learning.weights import Network, load_weights, save_weights, shipped
-from agents.policies import make_policy
+from agents.policies import GymPolicy, make_policy
 from agents.policies.learned import file_digest
 from tests.agents.learning.tiny_runs import ENV, random_weights, tiny, trained_run
 from tests.conftest import ROOT
@@ -47,8 +47,9 @@ def test_a_driver_sees_and_acts_as_in_training(trained):
     settings = {**ENV, "sensors": {**ENV["sensors"], "pose_source": "truth"}}
     env = NavigationEnv(config=settings)
     observation, _ = env.reset(seed=4)
-    policy, network = make_policy(str(folder / POLICY)), Network(load_weights(folder / POLICY))
-    policy.reset(env.task)
+    policy = GymPolicy(make_policy(str(folder / POLICY)), env)
+    network = Network(load_weights(folder / POLICY))
+    policy.reset()
     for _ in range(6):
         flat = np.concatenate([observation[key] for key in env.task.boxes])
         action = policy.act(observation)
@@ -62,13 +63,14 @@ def test_a_driver_sees_what_was_driven_and_what_a_shield_withheld(trained):
     _, folder = trained
     settings = {**ENV, "sensors": {**ENV["sensors"], "pose_source": "truth"}, "shield": {},
                 "unshielded": 0.5, "task": {**ENV["task"], "time_base": 20.0}}  # fmt: skip
-    env, policy = NavigationEnv(config=settings), make_policy(str(folder / POLICY))
+    env = NavigationEnv(config=settings)
+    policy = make_policy(str(folder / POLICY))
     most = {True: 0.0, False: 0.0}
     for seed in range(8):
         observation, _ = env.reset(seed=seed)
-        policy.reset(env.task)
+        policy.reset(env.mission)
         for _ in range(40):
-            policy.act(observation)
+            policy.act(env.reading)
             flat = np.concatenate([observation[key] for key in env.task.boxes])
             assert policy.told == pytest.approx(flat, abs=1e-6)
             most[env.task.guarded] = max(most[env.task.guarded], abs(observation["shield"][1]))
@@ -81,20 +83,21 @@ def test_a_driver_sees_what_was_driven_and_what_a_shield_withheld(trained):
 
 def test_a_driver_is_told_what_was_withheld_in_all_the_time_since_it_acted(trained):
     _, folder = trained
-    env, policy = NavigationEnv("clutter", shield=True), make_policy(str(folder / POLICY))
+    env = NavigationEnv("clutter", shield=True)
+    policy = make_policy(str(folder / POLICY))
     most = 0.0
     for seed in range(4):
-        observation, _ = env.reset(seed=seed)
-        policy.reset(env.task)
+        env.reset(seed=seed)
+        policy.reset(env.mission)
         withheld = [np.zeros(2), np.zeros(2)]
         for k in range(60):
-            policy.act(observation)
+            policy.act(env.reading)
             if k and k % 2 == 0:
                 seen = policy.told[policy.layout.slice_of("shield")]
                 mean = np.mean(withheld[-2:], axis=0) / (0.8, 1.0)
                 assert seen == pytest.approx([1.0, *mean], abs=1e-6)
                 most = max(most, abs(withheld[-1][0] - withheld[-2][0]))
-            observation, _, terminated, truncated, _ = env.step(np.array([1.0, 0.0]))
+            _, _, terminated, truncated, _ = env.step(np.array([1.0, 0.0]))
             withheld.append(np.array(env.task.withheld))
             if terminated or truncated:
                 break
@@ -105,8 +108,8 @@ def test_a_driver_holds_its_action_where_control_is_faster(trained):
     _, folder = trained
     env = NavigationEnv("clutter", rate=10.0)
     observation, _ = env.reset(seed=0)
-    policy = make_policy({"name": str(folder / POLICY)})
-    policy.reset(env.task)
+    policy = GymPolicy(make_policy({"name": str(folder / POLICY)}), env)
+    policy.reset()
     actions = []
     for _ in range(8):
         actions.append(policy.act(observation))
@@ -117,7 +120,7 @@ def test_a_driver_holds_its_action_where_control_is_faster(trained):
     env = NavigationEnv("clutter", rate=4.0)
     env.reset(seed=0)
     with pytest.raises(InputError, match=r"the policy acts at 5 Hz; a control period of 0.25 s"):
-        policy.reset(env.task)
+        policy.policy.reset(env.mission)
 
 
 def test_on_a_map_that_grows_the_way_leads_beyond_what_is_drawn():
@@ -126,19 +129,22 @@ def test_on_a_map_that_grows_the_way_leads_beyond_what_is_drawn():
     x0, y0, x1, y1 = env.task.map.bounds
     gx, gy = env.task.goal[:2]
     assert not (x0 < gx < x1 and y0 < gy < y1)
-    make_policy("ppo_guided").reset(env.task)
-    assert len(env.task.path) > 2  # where no way is known, it is one straight line
-    assert np.hypot(*(env.task.path[-1] - (gx, gy))) < env.task.tolerance
+    policy = make_policy("ppo_guided")
+    policy.reset(env.mission)
+    path = policy.act(env.reading).shown.path
+    assert len(path) > 2  # where no way is known, it is one straight line
+    assert np.hypot(*(path[-1] - (gx, gy))) < env.task.tolerance
 
 
 def test_on_a_map_that_grows_a_policy_remembers_where_it_has_been():
     env = NavigationEnv({"name": "floor_plan", "kind": "home"}, pose_source="slam")
     observation, _ = env.reset(seed=1)
     policy = make_policy("ppo_goal")
-    policy.reset(env.task)
+    driver = GymPolicy(policy, env)
+    driver.reset()
     been = []
     for _ in range(50):
-        observation, *_ = env.step(policy.act(observation))
+        observation, *_ = env.step(driver.act(observation))
         been.append(np.hypot(*policy._eye.observation["trail"][-2:]))
     assert been[-1] > 0.1  # of 15 s ago: the start, from soon after it on
     assert (np.diff(been) > -0.15).all()  # never forgotten
@@ -279,8 +285,8 @@ def test_an_exported_policy_drives_as_its_weights_do(trained, tmp_path, capsys):
     for name in (str(folder / POLICY), str(file)):
         env = NavigationEnv(config={**ENV, "sensors": {"laser": {"beams": 48}}})
         observation, _ = env.reset(seed=0)
-        policy = make_policy(name)
-        policy.reset(env.task)
+        policy = GymPolicy(make_policy(name), env)
+        policy.reset()
         actions[name] = []
         for _ in range(5):
             actions[name].append(policy.act(observation))
@@ -297,9 +303,9 @@ def test_learned_policies_drive_without_torch(trained):
     _, folder = trained
     code = (
         "import sys; from agents.evaluation.evaluate import make_env; "
-        "from agents.policies import make_policy; "
+        "from agents.policies import GymPolicy, make_policy; "
         f"env = make_env('clutter', {{}}); seen, _ = env.reset(seed=0); "
-        f"policy = make_policy({str(folder / POLICY)!r}); policy.reset(env.unwrapped.task); "
+        f"policy = GymPolicy(make_policy({str(folder / POLICY)!r}), env); policy.reset(); "
         "policy.act(seen); print([m for m in ('torch', 'stable_baselines3') if m in sys.modules])"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

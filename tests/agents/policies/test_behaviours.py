@@ -43,10 +43,10 @@ class Peopled(PaperWorld):
 def watched(place, seconds, v=0.0):
     """The surroundings of a chair that watches something for a while."""
     world = Peopled(place, corridor(12.0, 4.0), (1.0, 0.0, 0.0), (11.0, 0.0, 0.0))
-    around = Surroundings(world.task)
-    for _ in range(round(seconds / world.task.period)):
+    around = Surroundings(world.mission)
+    for _ in range(round(seconds / world.mission.period)):
         world.drive(np.array([v, 0.0]))
-        around.update(world.task.reading)
+        around.update(world.seen)
     return world, around
 
 
@@ -77,7 +77,7 @@ def test_what_stands_is_temporary_and_the_map_static(v):
     stood = around.standing.stood
     assert len(stood)
     assert np.hypot(*(stood - (4.5, 0.3)).T).max() < 0.45
-    changed = around.standing.painted().cells != world.task.map.cells
+    changed = around.standing.painted().cells != world.mission.map.cells
     assert 0 < changed.sum() < 60
 
 
@@ -92,19 +92,18 @@ def states(place, goal=(9.0, 0.0, 0.0), seconds=30.0, width=3.2):
     """States shown on a drive down a corridor, its poses, and the world."""
     world = Peopled(place, corridor(10.0, width), (1.0, 0.0, 0.0), goal)
     policy, said = make_policy("a_star+window"), []
-    policy.reset(world.task)
+    policy.reset(world.mission)
     poses = []
-    while world.time < seconds and np.hypot(*(world.pose - world.task.goal)[:2]) > 0.3:
-        world.drive(policy.act({}))
+    while world.time < seconds and np.hypot(*(world.pose - world.mission.goal)[:2]) > 0.3:
+        said.append(world.step(policy).shown.status.partition(":")[0])
         poses.append(world.pose)
-        said.append(world.task.note.partition(":")[0])
     return said, np.array(poses), world
 
 
 def test_a_temporary_obstacle_is_planned_round():
     said, poses, world = states(lambda t: (5.0, 0.0))
     assert "goes round" in said
-    assert np.hypot(*(poses[-1] - world.task.goal)[:2]) <= 0.3
+    assert np.hypot(*(poses[-1] - world.mission.goal)[:2]) <= 0.3
     assert np.hypot(*(poses[:, :2] - (5.0, 0.0)).T).min() > 0.5
 
 
@@ -117,7 +116,7 @@ def test_a_chair_halts_for_who_comes_and_goes_on():
     said, poses, world = states(lambda t: place(t) if t < 9.0 else None, width=1.5)
     assert {"halts", "gives way"} & set(said)
     assert said[-1] == "follows"
-    assert np.hypot(*(poses[-1] - world.task.goal)[:2]) <= 0.3
+    assert np.hypot(*(poses[-1] - world.mission.goal)[:2]) <= 0.3
     gaps = [
         place(0.1 * (k + 1))[0] - 0.25 - (pose[0] + 0.70) for k, pose in enumerate(poses) if k < 89
     ]
@@ -141,12 +140,12 @@ def test_no_part_backs_so_fast_among_people_that_it_harms_whom_it_hits(peopled, 
     monkeypatch.setattr("agents.policies.planned.back_out", lambda *_: np.array([-0.15, 0.3]))
     policy = make_policy("a_star+window")
     world = Peopled(lambda t: None, corridor(10.0, 3.2), (5.0, 0.0, 0.0), (9.0, 0.0, 0.0))
-    policy.reset(world.task)
-    policy._peopled, policy._backing, corner = peopled, 2.5, policy._task.footprint.corners
+    policy.reset(world.mission)
+    policy._peopled, policy._backing, corner = peopled, 2.5, policy._mission.footprint.corners
     fastest = []
     for _ in range(12):
-        world.drive(policy.act({}))
-        v, w = world.task.reading.twist
+        world.step(policy)
+        v, w = world.seen.twist
         fastest.append(np.hypot(v - w * corner[:, 1], w * corner[:, 0])[corner[:, 0] < 0].max())
     assert 0.5 * most < max(fastest) <= most
 
@@ -155,7 +154,7 @@ def test_no_part_backs_so_fast_among_people_that_it_harms_whom_it_hits(peopled, 
 def test_no_long_way_round_is_taken_for_want_of_progress_before_it_has_backed_out(longer, backs):
     policy, start = make_policy("a_star+window"), np.array([1.0, 0.0, 0.0])
     world = Peopled(lambda t: None, corridor(10.0, 3.2), tuple(start), (9.0, 0.0, 0.0))
-    policy.reset(world.task)
+    policy.reset(world.mission)
     way = np.array([(1.0, 0.0), (1.0 + policy._reference.left + longer, 0.0)])
     policy._replan = lambda: policy._take(way, start)  # what a new plan comes to
     policy._stalled()
@@ -168,10 +167,10 @@ def test_where_nothing_is_left_to_go_round_the_straight_way_is_planned_again():
         lambda t: (5.0, 0.3) if t < 5.0 else None, corridor(10.0, 3.2),
         (1.0, 0.0, 0.0), (9.0, 0.0, 0.0),
     )  # fmt: skip
-    policy.reset(world.task)
+    policy.reset(world.mission)
     longer = []  # than straight on
     for _ in range(80):
-        world.drive(policy.act({}))
+        world.step(policy)
         x, y = policy._reference.rows[:, 0], policy._reference.rows[:, 1]
         straight = math.hypot(x[-1] - x[0], y[-1] - y[0])
         longer.append(np.hypot(np.diff(x), np.diff(y)).sum() / straight - 1.0)
@@ -182,7 +181,7 @@ def test_where_nothing_is_left_to_go_round_the_straight_way_is_planned_again():
 def test_a_plan_that_led_nowhere_is_tried_again_now_and_then(monkeypatch):
     policy = make_policy("a_star+window")
     world = Peopled(lambda t: None, corridor(10.0, 4.0), (1.0, -1.2, 0.0), (9.0, -1.2, 0.0))
-    policy.reset(world.task)
+    policy.reset(world.mission)
     before, planned = policy._reference, []
 
     def nowhere(*_):
@@ -192,9 +191,9 @@ def test_a_plan_that_led_nowhere_is_tried_again_now_and_then(monkeypatch):
     monkeypatch.setattr("agents.policies.planned.widest_plan", nowhere)
     world.pose[1] = 1.2  # beside its path, farther than it may stray
     for _ in range(60):
-        policy.act({})
-        world.time += world.task.period  # and there it stays
-        world.task.reading = world.reading()
+        policy.act(world.seen)
+        world.time += world.mission.period  # and there it stays
+        world.seen = world.reading()
     assert 2 <= len(planned) <= 3
     assert min(np.diff(planned)) > 0.9 * AGAIN
     assert policy._reference is before
@@ -203,12 +202,12 @@ def test_a_plan_that_led_nowhere_is_tried_again_now_and_then(monkeypatch):
 def test_for_a_metre_after_no_progress_room_costs_nothing():
     policy = make_policy("lattice+window")
     world = Peopled(lambda t: None, corridor(10.0, 3.2), (1.0, 0.0, 0.0), (9.0, 0.0, 0.0))
-    policy.reset(world.task)
+    policy.reset(world.mission)
     places, costs = [], []
     for k in range(90):
         if k == 15:
             policy._stalled()
-        world.drive(policy.act({}))
+        world.step(policy)
         places.append(world.pose[0])
         costs.append(policy._follower.own.objective.clearance)
     bold = np.flatnonzero(np.array(costs) == 0.0)
@@ -222,7 +221,7 @@ def test_a_way_in_reverse_is_planned_once_more_with_less_clearance():
     env = make_env("barn", env_settings(pose_source="truth"))
     env.reset(seed=1_000_002)
     policy = make_policy("lattice+window")
-    policy.reset(env.unwrapped.task)
+    policy.reset(env.unwrapped.mission)
     assert policy.solved
     assert backing(policy.plan.path) < 0.3
     env.close()

@@ -13,9 +13,10 @@ from agents.cli import main
 from agents.control.unknown_space import assumed, standing, walled
 from agents.evaluation.evaluate import ENV, make_env
 from agents.evaluation.map_building import chart, fidelity
-from agents.policies import make_policy
+from agents.policies import GymPolicy, make_policy
 from agents.policies.manual import Manual
 from wheelchair_gym.config import InputError
+from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
@@ -30,8 +31,8 @@ def drive(env, policy, seed, episode=None, steps=10_000):
     """Poses (n, 3) that the chair believes, and the last info."""
     options = {} if episode is None else {"episode": episode}
     observation, info = env.reset(seed=seed, options=options)
-    driver, poses, over = make_policy(policy), [], False
-    driver.reset(env.unwrapped.task)
+    driver, poses, over = GymPolicy(make_policy(policy), env), [], False
+    driver.reset()
     while not over and len(poses) < steps:
         poses.append(info["pose_estimate"])
         observation, _, ended, late, info = env.step(driver.act(observation))
@@ -131,27 +132,29 @@ class Keys(set):
 def test_a_person_drives_with_keys(monkeypatch):
     import pygame
 
-    held = set()
+    env, held = NavigationEnv("empty"), set()
+    env.reset(seed=0)
+    mission, reading = env.mission, env.reading
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     pygame.display.init()
     try:
         monkeypatch.setattr(pygame.key, "get_pressed", lambda: Keys(held))
         driver = Manual().make()
-        driver.reset(None)
-        assert not driver.act({}).any()
+        driver.reset(mission)
+        assert not driver.act(reading).twist.any()
         held |= {pygame.K_UP, pygame.K_LEFT}
-        fast = driver.act({})
+        fast = driver.act(reading).twist
         assert (fast > 0.0).all()
         held |= {pygame.K_LSHIFT}
-        assert (np.abs(driver.act({})) < fast).all()
+        assert (np.abs(driver.act(reading).twist) < fast).all()
         held -= {pygame.K_UP, pygame.K_LEFT}
         held |= {pygame.K_s, pygame.K_d}
-        assert (driver.act({}) < 0.0).all()
+        assert (driver.act(reading).twist < 0.0).all()
     finally:
         pygame.display.quit()
-    assert driver.state == "done"
     held.add(pygame.K_UP)
-    assert not driver.act({}).any()
+    assert driver.act(reading).done
+    assert not driver.act(reading).twist.any()
 
 
 def test_maps_from_a_drive_and_from_its_recording(tmp_path, capsys):
