@@ -39,7 +39,7 @@ def numbers(value: Any) -> list[float]:
         kept = (
             item
             for key, item in value.items()
-            if not (key.endswith("_s") or key.endswith("_ms") or key in PROVENANCE)
+            if not (key.endswith("_s") or "_ms" in key or key in PROVENANCE)
         )
         return [number for item in kept for number in numbers(item)]
     if isinstance(value, list):
