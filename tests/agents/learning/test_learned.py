@@ -387,7 +387,7 @@ def test_what_a_policy_looks_at_is_what_its_action_hangs_on(tmp_path, capsys):
     weights.card.update(env={**ENV, "sensors": {}, "task": {**ENV["task"], "beams": 64}})
     save_weights(file, weights)
     picture = tmp_path / "occlusion.png"
-    drawn = ["inspect", str(file), "--scene", "clutter", "--out", str(picture), "--at", "0.3"]
+    drawn = ["inspect", str(file), "--scene", "clutter", "--out", str(picture), "--moment", "0.3"]
     assert main(drawn) == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
     with pytest.raises(SystemExit, match="2"):

@@ -63,7 +63,7 @@ def test_no_map_is_looked_at_where_the_world_is_unknown():
 
 
 def test_exploring_draws_a_true_map_and_comes_to_an_end():
-    env = unknown({"name": "floor_plan", "kind": "home", "size": (9.0, 9.0)})
+    env = unknown({"name": "floor_plan", "kind": "home", "building_size": (9.0, 9.0)})
     made = chart(env, make_policy({"name": "explore", "seek": False}), 6, 600.0)
     assert made.ended == "done"
     of = made.figures
