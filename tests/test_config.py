@@ -101,8 +101,6 @@ def test_any_mapping_is_taken_or_refused_in_one_line(data):
 # Folders whose settings have no `doc` yet.
 WITHOUT_DOC = (
     "agents/", "agents/control", "agents/policies",
-    "planners/controls", "planners/graphs", "planners/reactive",
-    "planners/smoothing", "planners/swarm", "planners/trees",
     "wheelchair_gym/", "wheelchair_gym/envs", "wheelchair_gym/hardware",
     "wheelchair_gym/localization", "wheelchair_gym/maps", "wheelchair_gym/physics",
     "wheelchair_gym/recording", "wheelchair_gym/safety", "wheelchair_gym/scenes",

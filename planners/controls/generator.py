@@ -174,24 +174,83 @@ def ahead(path: Array, position: Array, horizon: float | None) -> tuple[Array, b
 class ControlGenerator:
     """How commands are searched, and what they are worth."""
 
-    whales: WhaleSettings = setting(default=WhaleSettings(population=12, iterations=10))
-    horizon: float | None = setting(default=None, unit="m", source="the whole path", low=0.1)
-    tolerance: float = setting(default=0.05, unit="m", source="path points left out", low=0.0)
-    stride: float = setting(default=1.5, unit="m", source="longest segment", low=0.1)
-    shortest: float = setting(default=0.25, unit="m", source="first segment", low=0.0)
-    roam: float = setting(default=1.0, unit="m", source="how far off a segment", low=0.0)
-    margin: float = setting(default=0.02, unit="m", source="step between looks", low=0.0)
-    comfortable: float = setting(default=0.15, unit="m", source="clearance", low=1e-3, high=0.5)
-    end_weight: float = setting(default=10.0, unit="s/m", source="5 cm are half a second", low=0.0)
+    whales: WhaleSettings = setting(
+        default=WhaleSettings(population=12, iterations=10),
+        doc="The swarm that searches the commands of a segment.",
+        source="design choice",
+    )
+    horizon: float | None = setting(
+        default=None,
+        doc="Length of the path to follow; null for the whole path.",
+        unit="m",
+        low=0.1,
+        source="design choice",
+    )
+    tolerance: float = setting(
+        default=0.05,
+        doc="Distance from the simplified path up to which points are left out.",
+        unit="m",
+        low=0.0,
+        source="design choice",
+    )
+    stride: float = setting(
+        default=1.5, doc="Longest segment.", unit="m", low=0.1, source="design choice"
+    )
+    shortest: float = setting(
+        default=0.25, doc="Shortest first segment.", unit="m", low=0.0, source="design choice"
+    )
+    roam: float = setting(
+        default=1.0,
+        doc="How far the commands of a segment may lead off it.",
+        unit="m",
+        low=0.0,
+        source="design choice",
+    )
+    margin: float = setting(
+        default=0.02, doc="Least gap to obstacles.", unit="m", low=0.0, source="design choice"
+    )
+    comfortable: float = setting(
+        default=0.15,
+        doc="Clearance from which on more costs no less.",
+        unit="m",
+        low=1e-3,
+        high=0.5,
+        source="design choice",
+    )
+    end_weight: float = setting(
+        default=10.0,
+        doc="Cost of the distance from the end of a segment.",
+        unit="s/m",
+        low=0.0,
+        source="design choice: 5 cm cost 0.5 s",
+    )
     arrival_weight: float = setting(
-        default=50.0, unit="s/m", source="2 cm from the goal are a second", low=0.0
+        default=50.0,
+        doc="Cost of the distance from the goal.",
+        unit="s/m",
+        low=0.0,
+        source="design choice: 2 cm cost 1 s",
     )
     heading_weight: float = setting(
-        default=1.5, unit="s/rad", source="turning in place, with its ramps", low=0.0
+        default=1.5,
+        doc="Cost of the heading error at the end of a segment.",
+        unit="s/rad",
+        low=0.0,
+        source="duration of a turn in place, with its ramps",
     )
-    time_weight: float = setting(default=1.0, source="the unit of the other weights", low=0.0)
-    clearance_weight: float = setting(default=2.0, unit="s", source="a slow detour", low=0.0)
-    arrival: float = setting(default=0.10, unit="m", source="well within the judge's 0.30", low=0.0)
+    time_weight: float = setting(
+        default=1.0, doc="Cost of time.", low=0.0, source="unit of the other weights"
+    )
+    clearance_weight: float = setting(
+        default=2.0, doc="Cost of a lack of clearance.", unit="s", low=0.0, source="design choice"
+    )
+    arrival: float = setting(
+        default=0.10,
+        doc="Distance from the goal that counts as arrived.",
+        unit="m",
+        low=0.0,
+        source="design choice: below the 0.30 m of the task",
+    )
 
     def targets(self, path: Array, start: Array) -> tuple[Array, bool]:
         """Ends (n, 2) of the segments to drive from a start (3,); is the last the path's end?"""

@@ -69,7 +69,12 @@ class Geometric(PlannerBase):
     halves. It is short and quick among few things, may fail among many, and proves nothing.
     """
 
-    turns: int = setting(default=200, source="of a path across 50 m of clutter: some 20", low=0)
+    turns: int = setting(
+        default=200,
+        doc="Largest number of corners to go around.",
+        low=0,
+        source="design choice: 20 are common on 50 m of clutter",
+    )
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Find a path, or say why the method ends; the generator is not used."""

@@ -202,21 +202,42 @@ MOST_NODES = 8_000_000  # of one grid: some 300 MB
 CHUNK = 20_000  # nodes expanded between two looks at the clock: some 5 ms
 
 RESOLUTION: Final = setting(
-    default=0.1, unit="m", source="a tenth of a door's width", low=0.005, high=10.0
+    default=0.1,
+    doc="Spacing of the grid points at first.",
+    unit="m",
+    low=0.005,
+    high=10.0,
+    source="design choice: a tenth of the width of a door",
 )
-CONNECTIVITY: Final = setting(default=8, source="fewer turns than with 4")
+CONNECTIVITY: Final = setting(
+    default=8, doc="Neighbours of a grid point.", source="design choice: fewer turns than with 4"
+)
 REFINEMENTS: Final = setting(
-    default=2, source="times the resolution is halved where no path is found", low=0, high=6
+    default=2,
+    doc="How often the resolution is halved where no path is found.",
+    low=0,
+    high=6,
+    source="design choice",
 )
-SHORTCUT: Final = setting(default=True, source="straighten the grid path, at no higher cost")
+SHORTCUT: Final = setting(
+    default=True,
+    doc="Whether the path is straightened, at no higher cost.",
+    source="straighten the grid path, at no higher cost",
+)
 WEIGHT: Final = setting(
     default=0.0,
-    source="how much more a metre costs at an obstacle than in the open; 0: length alone",
+    doc="Extra cost of a metre at an obstacle, in metres in the open; 0 for length alone.",
     low=0.0,
     high=1000.0,
+    source="design choice: length alone",
 )
 COMFORT: Final = setting(
-    default=0.5, unit="m", source="clearance that costs no more", low=0.01, high=100.0
+    default=0.5,
+    doc="Clearance from which on a metre costs no more.",
+    unit="m",
+    low=0.01,
+    high=100.0,
+    source="design choice: half the width of a door",
 )
 
 

@@ -146,9 +146,21 @@ class Prm(PlannerBase):
     the points do not join start and goal, there will be twice as many.
     """
 
-    iterations: int = setting(default=40_000, source="points drawn: doors of 1 m", low=1)
-    first: int = setting(default=500, source="points of the first roadmap", low=1)
-    radius_factor: float = setting(default=1.1, source="above 1, so that it converges", low=0.1)
+    iterations: int = setting(
+        default=40_000,
+        doc="Largest number of samples.",
+        low=1,
+        source="design choice: enough for doors of 1 m",
+    )
+    first: int = setting(
+        default=500, doc="Samples of the first roadmap.", low=1, source="design choice"
+    )
+    radius_factor: float = setting(
+        default=1.1,
+        doc="Connection radius, in multiples of the least radius that converges.",
+        low=0.1,
+        source="Karaman and Frazzoli 2011: above 1",
+    )
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer with the shortest way over the first roadmap that joins start and goal.

@@ -55,10 +55,19 @@ class Voronoi(PlannerBase):
     """
 
     spacing: float = setting(
-        default=0.4, unit="m", source="half a door's width", low=0.005, high=100.0
+        default=0.4,
+        doc="Distance of the boundary samples at first.",
+        unit="m",
+        low=0.005,
+        high=100.0,
+        source="design choice: half the width of a door",
     )
     refinements: int = setting(
-        default=4, source="times the spacing is halved where no path is found", low=0, high=8
+        default=4,
+        doc="How often the spacing is halved where no path is found.",
+        low=0,
+        high=8,
+        source="design choice",
     )
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:

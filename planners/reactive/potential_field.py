@@ -89,15 +89,39 @@ class PotentialField(PlannerBase):
     It may be held in a local minimum, and says so: `stuck`; the tree shows how far it came.
     """
 
-    iterations: int = setting(default=20_000, source="2 km of steps", low=1)
-    step: float = setting(default=0.1, unit="m", source="a tenth of a door", low=1e-3)
-    least_step: float = setting(
-        default=1e-3, unit="m", source="far below a chair's error", low=1e-9
+    iterations: int = setting(
+        default=20_000, doc="Largest number of steps.", low=1, source="design choice: 2 km"
     )
-    headings: int = setting(default=32, source="11 degrees apart", low=3)
-    reach: float = setting(default=1.0, unit="m", source="a door's width", low=1e-3)
+    step: float = setting(
+        default=0.1,
+        doc="Length of a step.",
+        unit="m",
+        low=1e-3,
+        source="design choice: a tenth of the width of a door",
+    )
+    least_step: float = setting(
+        default=1e-3,
+        doc="Shortest step that is tried before a local minimum is reported.",
+        unit="m",
+        low=1e-9,
+        source="design choice: far below the errors of a chair",
+    )
+    headings: int = setting(
+        default=32, doc="Headings tried at each step.", low=3, source="design choice: 11 deg"
+    )
+    reach: float = setting(
+        default=1.0,
+        doc="Distance from which on obstacles do not repel.",
+        unit="m",
+        low=1e-3,
+        source="design choice: the width of a door",
+    )
     strength: float = setting(
-        default=0.05, unit="m^3", source="as strong as the goal at 0.33 m", low=0.0
+        default=0.05,
+        doc="Weight of the repulsive potential.",
+        unit="m^3",
+        low=0.0,
+        source="design choice: equals the goal at 0.33 m",
     )
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:

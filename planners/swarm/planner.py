@@ -47,27 +47,80 @@ class SwarmPlanner(PlannerBase):
     from a straight line or from nothing a swarm may find no valid path: Status.EXHAUSTED.
     """
 
-    optimizer: Any = setting(default="pso", source="measured: see the benchmark")
-    objective: Any = setting(default="length_free", source="thesis, section 2.8")
+    optimizer: Any = setting(
+        default="pso",
+        doc="How the swarm moves: a name or an object with a name.",
+        source="measured with the planner benchmark",
+    )
+    objective: Any = setting(
+        default="length_free",
+        doc="The path cost: a name or an object with a name.",
+        source="thesis, section 2.8",
+    )
     curve: Literal["polyline", "pchip", "spline", "natural"] = setting(
-        default="polyline", source="exact edges, nothing sampled"
+        default="polyline",
+        doc="The curve through the way points.",
+        source="design choice: exact edges",
     )
-    chordal: bool = setting(default=True, source="knots as far apart as way points; papers: 0, 1")
+    chordal: bool = setting(
+        default=True,
+        doc="Whether knots are spaced by the distance of the way points.",
+        source="design choice; the papers space them evenly",
+    )
     pieces: int | None = setting(
-        default=None, source="of each leg: 1 of a polyline, 20 of a curve", low=1
+        default=None,
+        doc="Straight pieces of each leg; null for 1 of a polyline and 20 of a curve.",
+        low=1,
+        source="design choice",
     )
-    way_points: int = setting(default=0, source="at least; a first path's own count", low=0)
-    population: int = setting(default=30, source="rrt_star_woa_global", low=MIN_POPULATION)
-    iterations: int = setting(default=100, source="rrt_star_woa_global", low=0)
+    way_points: int = setting(
+        default=0,
+        doc="Least number of way points; a first path may have more.",
+        low=0,
+        source="design choice",
+    )
+    population: int = setting(
+        default=30,
+        doc="Number of paths.",
+        low=MIN_POPULATION,
+        source="design choice: as rrt_star_woa_global",
+    )
+    iterations: int = setting(
+        default=100,
+        doc="Largest number of moves.",
+        low=0,
+        source="design choice: as rrt_star_woa_global",
+    )
     cycle: int = setting(
-        default=100, source="iterations until ranges that fell begin anew; as iterations", low=1
+        default=100,
+        doc="Moves after which the decreasing factors start again.",
+        low=1,
+        source="design choice: as iterations",
     )
-    first: Any = setting(default="rrt_connect", source="or 'line', or null for none")
+    first: Any = setting(
+        default="rrt_connect",
+        doc="Planner of the first path, 'line' for the straight line, or null for none.",
+        source="design choice",
+    )
     scatter: Literal["disc", "bow", "along", "uniform"] = setting(
-        default="disc", source="thesis: disc round the first path; P1: along it; P2, R1: uniform"
+        default="disc",
+        doc="How the population is drawn around the first path.",
+        source="thesis: disc; P1: along; P2 and R1: uniform",
     )
-    width_bound: float = setting(default=2.5, unit="m", source="thesis, figure 3.1", low=0.0)
-    height_bound: float = setting(default=2.5, unit="m", source="thesis, figure 3.1", low=0.0)
+    width_bound: float = setting(
+        default=2.5,
+        doc="Largest shift of a way point in x.",
+        unit="m",
+        low=0.0,
+        source="thesis, figure 3.1",
+    )
+    height_bound: float = setting(
+        default=2.5,
+        doc="Largest shift of a way point in y.",
+        unit="m",
+        low=0.0,
+        source="thesis, figure 3.1",
+    )
 
     def __post_init__(self) -> None:
         """Look at names and settings of the parts now, and keep them as plain objects."""

@@ -151,10 +151,29 @@ class SplineRrtStar(PlannerBase):
     The path is the curve's polyline, within `tolerance`, and every edge of it is tested exactly.
     """
 
-    tree: InformedRrtStar = setting(default=InformedRrtStar(iterations=2_000))
-    tangent_scale: float = setting(default=1.0, source="Catmull and Rom 1974", low=0.0, high=3.0)
-    halvings: int = setting(default=8, source="tangents of 1/256 of a edge bend unseen", low=0)
-    tolerance: float = setting(default=1e-3, unit="m", source="below any sensor's noise", low=1e-9)
+    tree: InformedRrtStar = setting(
+        default=InformedRrtStar(iterations=2_000), doc="The tree search.", source="design choice"
+    )
+    tangent_scale: float = setting(
+        default=1.0,
+        doc="Length of the tangents, in lengths of the edge.",
+        low=0.0,
+        high=3.0,
+        source="Catmull and Rom 1974",
+    )
+    halvings: int = setting(
+        default=8,
+        doc="How often blocked curves halve their tangents before they are straight.",
+        low=0,
+        source="design choice: tangents of 1/256 bend invisibly",
+    )
+    tolerance: float = setting(
+        default=1e-3,
+        doc="Largest distance of the polyline from the curve.",
+        unit="m",
+        low=1e-9,
+        source="design choice: below the noise of sensors",
+    )
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with a smooth free path; a deadline is the tree's."""

@@ -35,11 +35,36 @@ MIN_GAMMA = 2.0 * math.sqrt(1.5 / math.pi)
 class Rrt(PlannerBase):
     """A rapidly exploring random tree (LaValle 1998); it ends with its first path."""
 
-    iterations: int = setting(default=20_000, source="doors of 1 m on maps of 50 m", low=1)
-    nodes: int = setting(default=20_000, source="as the iterations", low=2)
-    step: float = setting(default=2.0, unit="m", source=_ROOM, low=1e-3)
-    goal_bias: float = setting(default=0.05, source="LaValle and Kuffner 2001", low=0.0, high=1.0)
-    goal_reach: float = setting(default=2.0, unit="m", source="as the step", low=0.0)
+    iterations: int = setting(
+        default=20_000,
+        doc="Largest number of samples.",
+        low=1,
+        source="design choice: enough for doors of 1 m on maps of 50 m",
+    )
+    nodes: int = setting(
+        default=20_000, doc="Largest number of nodes of a tree.", low=2, source="design choice"
+    )
+    step: float = setting(
+        default=2.0,
+        doc="Longest edge towards a sample.",
+        unit="m",
+        low=1e-3,
+        source="design choice: rooms and doors of buildings",
+    )
+    goal_bias: float = setting(
+        default=0.05,
+        doc="Share of the samples that are the goal.",
+        low=0.0,
+        high=1.0,
+        source="LaValle and Kuffner 2001",
+    )
+    goal_reach: float = setting(
+        default=2.0,
+        doc="Distance from which a node is connected to the goal.",
+        unit="m",
+        low=0.0,
+        source="design choice: as the step",
+    )
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the first path found."""
@@ -54,12 +79,35 @@ class RrtConnect(PlannerBase):
     A share of the samples falls near corners of what is solid (Amato et al. 1998), where doors are.
     """
 
-    iterations: int = setting(default=100_000, source="mazes take some thousands", low=1)
-    nodes: int = setting(default=20_000, source="of each tree", low=2)
-    step: float = setting(default=4.0, unit="m", source=_ROOM, low=1e-3)
-    corner_share: float = setting(default=0.5, source="measured", low=0.0, high=1.0)
+    iterations: int = setting(
+        default=100_000,
+        doc="Largest number of samples.",
+        low=1,
+        source="design choice: mazes take some thousands",
+    )
+    nodes: int = setting(
+        default=20_000, doc="Largest number of nodes of a tree.", low=2, source="design choice"
+    )
+    step: float = setting(
+        default=4.0,
+        doc="Longest edge towards a sample.",
+        unit="m",
+        low=1e-3,
+        source="design choice: rooms and doors of buildings",
+    )
+    corner_share: float = setting(
+        default=0.5,
+        doc="Share of the samples near the corners of obstacles.",
+        low=0.0,
+        high=1.0,
+        source="measured with the planner benchmark",
+    )
     corner_radius: float = setting(
-        default=1.0, unit="m", source="about the width of doors", low=0.0
+        default=1.0,
+        doc="Largest distance of such a sample from its corner.",
+        unit="m",
+        low=0.0,
+        source="design choice: about the width of a door",
     )
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
@@ -84,14 +132,50 @@ class RrtStar(PlannerBase):
     `radius_factor` times the least value that makes the paths converge to the shortest.
     """
 
-    iterations: int = setting(default=10_000, source="thesis, figure 3.1; about 20 ms", low=1)
-    nodes: int = setting(default=100_000, source="more than the iterations", low=2)
-    step: float = setting(default=4.0, unit="m", source=_ROOM, low=1e-3)
-    search_radius: float | None = setting(default=None, unit="m", low=1e-3)
-    radius_factor: float = setting(default=1.2, source="measured: see the benchmark", low=0.1)
-    goal_bias: float = setting(default=0.05, source="LaValle and Kuffner 2001", low=0.0, high=1.0)
-    goal_reach: float = setting(default=4.0, unit="m", source="as the step", low=0.0)
-    return_on_first_path: bool = setting(default=False, source="more samples, shorter paths")
+    iterations: int = setting(
+        default=10_000, doc="Number of samples.", low=1, source="thesis, figure 3.1"
+    )
+    nodes: int = setting(
+        default=100_000, doc="Largest number of nodes of a tree.", low=2, source="design choice"
+    )
+    step: float = setting(
+        default=4.0,
+        doc="Longest edge towards a sample.",
+        unit="m",
+        low=1e-3,
+        source="design choice: rooms and doors of buildings",
+    )
+    search_radius: float | None = setting(
+        default=None,
+        doc="Radius of the neighbourhood; null for the shrinking radius.",
+        unit="m",
+        low=1e-3,
+    )
+    radius_factor: float = setting(
+        default=1.2,
+        doc="Shrinking radius, in multiples of the least that converges.",
+        low=0.1,
+        source="measured with the planner benchmark",
+    )
+    goal_bias: float = setting(
+        default=0.05,
+        doc="Share of the samples that are the goal.",
+        low=0.0,
+        high=1.0,
+        source="LaValle and Kuffner 2001",
+    )
+    goal_reach: float = setting(
+        default=4.0,
+        doc="Distance from which a node is connected to the goal.",
+        unit="m",
+        low=0.0,
+        source="design choice: as the step",
+    )
+    return_on_first_path: bool = setting(
+        default=False,
+        doc="Whether the search stops at the first path.",
+        source="more samples, shorter paths",
+    )
 
     @classmethod
     def thesis(cls) -> RrtStar:
@@ -136,17 +220,60 @@ class InformedRrtStar(PlannerBase):
     path is the straight line.
     """
 
-    iterations: int = setting(default=10_000, source="as rrt_star; about 60 ms", low=1)
-    nodes: int = setting(default=100_000, source="of each tree; memory for 20 MB", low=2)
-    step: float = setting(default=4.0, unit="m", source="rooms and doors of buildings", low=1e-3)
-    radius_factor: float = setting(default=1.0, source="the least that converges", low=0.1)
-    beacon_share: float = setting(default=0.3, source="measured", low=0.0, high=1.0)
-    beacon_radius: float = setting(default=4.0, unit="m", source="as the step", low=0.0)
-    beacon_min_scale: float = setting(default=1e-5, source="of the radius", low=1e-12, high=1.0)
+    iterations: int = setting(
+        default=10_000, doc="Largest number of samples.", low=1, source="design choice: as rrt_star"
+    )
+    nodes: int = setting(
+        default=100_000, doc="Largest number of nodes of a tree.", low=2, source="design choice"
+    )
+    step: float = setting(
+        default=4.0,
+        doc="Longest edge towards a sample.",
+        unit="m",
+        low=1e-3,
+        source="design choice: rooms and doors of buildings",
+    )
+    radius_factor: float = setting(
+        default=1.0,
+        doc="Shrinking radius, in multiples of the least that converges.",
+        low=0.1,
+        source="Karaman and Frazzoli 2011: the least",
+    )
+    beacon_share: float = setting(
+        default=0.3,
+        doc="Share of the samples near the best path's vertices.",
+        low=0.0,
+        high=1.0,
+        source="measured with the planner benchmark",
+    )
+    beacon_radius: float = setting(
+        default=4.0,
+        doc="Largest distance of such a sample from its vertex.",
+        unit="m",
+        low=0.0,
+        source="design choice: as the step",
+    )
+    beacon_min_scale: float = setting(
+        default=1e-5,
+        doc="Least factor of that distance, drawn log-uniformly.",
+        low=1e-12,
+        high=1.0,
+        source="design choice",
+    )
 
-    corner_share: float = setting(default=0.5, source="measured", low=0.0, high=1.0)
+    corner_share: float = setting(
+        default=0.5,
+        doc="Share of the samples near the corners of obstacles.",
+        low=0.0,
+        high=1.0,
+        source="measured with the planner benchmark",
+    )
     corner_radius: float = setting(
-        default=1.0, unit="m", source="about the width of doors", low=0.0
+        default=1.0,
+        doc="Largest distance of such a sample from its corner.",
+        unit="m",
+        low=0.0,
+        source="design choice: about the width of a door",
     )
 
     @property
@@ -184,12 +311,20 @@ class RrtStarSmart(PlannerBase):
     those that stay are beacons, round which a share of the samples falls.
     """
 
-    tree: RrtStar = setting(default=RrtStar())
+    tree: RrtStar = setting(default=RrtStar(), doc="The tree search.", source="design choice")
     beacon_share: float = setting(
-        default=0.5, source="every second sample, of the paper's biasing ratio", low=0.0, high=1.0
+        default=0.5,
+        doc="Share of the samples near the best path's vertices.",
+        low=0.0,
+        high=1.0,
+        source="Nasir et al. 2013: biasing ratio 2",
     )
     beacon_radius: float = setting(
-        default=1.0, unit="m", source="about the width of doors", low=1e-6
+        default=1.0,
+        doc="Largest distance of such a sample from its vertex.",
+        unit="m",
+        low=1e-6,
+        source="design choice: about the width of a door",
     )
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
@@ -208,7 +343,9 @@ class RrtStarFn(PlannerBase):
     bounded and paths still improve.
     """
 
-    tree: RrtStar = setting(default=RrtStar(nodes=1_000))
+    tree: RrtStar = setting(
+        default=RrtStar(nodes=1_000), doc="The tree search.", source="design choice"
+    )
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the best path of all samples, or with the first."""
@@ -226,9 +363,17 @@ class RrtStarLimited(PlannerBase):
     `walls_cut` says how many of the `blocked` ones that test would have let through.
     """
 
-    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True))
+    tree: RrtStar = setting(
+        default=RrtStar(return_on_first_path=True),
+        doc="The tree search.",
+        source="thesis, section 3.2",
+    )
     widening: float = setting(
-        default=0.1, unit="m", source="on each side, for each blocked edge; not given", low=0.0
+        default=0.1,
+        doc="By how much each blocked edge widens the strip on each side.",
+        unit="m",
+        low=0.0,
+        source="design choice; the thesis gives no value",
     )
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
@@ -248,14 +393,50 @@ class RrtStarWoaLocal(PlannerBase):
     goal, seen from the node to extend, and, what counts less, with the goal in sight.
     """
 
-    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True))
-    whales: WhaleSettings = setting(default=WhaleSettings())
-    width_bound: float = setting(default=2.5, unit="m", source=_FIGURE, low=0.0)
-    height_bound: float = setting(default=2.5, unit="m", source=_FIGURE, low=0.0)
-    sample_weight: float = setting(default=1.0, unit="1/m", source="as the goal's", low=0.0)
-    goal_weight: float = setting(default=1.0, unit="1/m", source="as the sample's", low=0.0)
-    node_hidden_cost: float = setting(default=1000.0, source="above all lengths on a map", low=0.0)
-    goal_hidden_cost: float = setting(default=10.0, source="below near_hidden", low=0.0)
+    tree: RrtStar = setting(
+        default=RrtStar(return_on_first_path=True),
+        doc="The tree search.",
+        source="thesis, figure 3.1",
+    )
+    whales: WhaleSettings = setting(
+        default=WhaleSettings(), doc="The swarm.", source="thesis, figure 3.1"
+    )
+    width_bound: float = setting(
+        default=2.5,
+        doc="Half the width of the search box around a point.",
+        unit="m",
+        low=0.0,
+        source=_FIGURE,
+    )
+    height_bound: float = setting(
+        default=2.5, doc="Half the height of that box.", unit="m", low=0.0, source=_FIGURE
+    )
+    sample_weight: float = setting(
+        default=1.0,
+        doc="Cost of the distance from the random sample.",
+        unit="1/m",
+        low=0.0,
+        source="design choice",
+    )
+    goal_weight: float = setting(
+        default=1.0,
+        doc="Cost of the distance from the goal.",
+        unit="1/m",
+        low=0.0,
+        source="design choice",
+    )
+    node_hidden_cost: float = setting(
+        default=1000.0,
+        doc="Cost if an obstacle hides the node to extend.",
+        low=0.0,
+        source="design choice: above the length of any path",
+    )
+    goal_hidden_cost: float = setting(
+        default=10.0,
+        doc="Cost if an obstacle hides the goal.",
+        low=0.0,
+        source="design choice: below node_hidden_cost",
+    )
 
     @classmethod
     def thesis(cls) -> RrtStarWoaLocal:
@@ -281,14 +462,35 @@ class RrtStarWoaLocal(PlannerBase):
 class RrtStarWoaGlobal(PlannerBase):
     """RRT* whose path a swarm of paths then shortens (thesis, section 2.8 and algorithm 5)."""
 
-    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True))
-    whales: WhaleSettings = setting(default=WhaleSettings(population=30, iterations=100))
-    shortness_weight: float = setting(default=10.0, unit="1/m", source=_FIGURE, low=0.0)
-    collision_free_weight: float = setting(
-        default=1e4, source="above all lengths on a map, so that free paths lead", low=0.0
+    tree: RrtStar = setting(
+        default=RrtStar(return_on_first_path=True),
+        doc="The tree search.",
+        source="thesis, figure 3.1",
     )
-    width_bound: float = setting(default=2.5, unit="m", source=_FIGURE, low=0.0)
-    height_bound: float = setting(default=2.5, unit="m", source=_FIGURE, low=0.0)
+    whales: WhaleSettings = setting(
+        default=WhaleSettings(population=30, iterations=100),
+        doc="The swarm.",
+        source="thesis, figure 3.1",
+    )
+    shortness_weight: float = setting(
+        default=10.0, doc="Cost of length.", unit="1/m", low=0.0, source=_FIGURE
+    )
+    collision_free_weight: float = setting(
+        default=1e4,
+        doc="Cost of each blocked edge.",
+        low=0.0,
+        source="design choice: above the length of any path, so that free paths lead",
+    )
+    width_bound: float = setting(
+        default=2.5,
+        doc="Half the width of the search box around a point.",
+        unit="m",
+        low=0.0,
+        source=_FIGURE,
+    )
+    height_bound: float = setting(
+        default=2.5, doc="Half the height of that box.", unit="m", low=0.0, source=_FIGURE
+    )
 
     @classmethod
     def thesis(cls) -> RrtStarWoaGlobal:
@@ -328,12 +530,24 @@ class RrtWoa(PlannerBase):
     The first whale is the RRT's path, the others are points drawn from 100 along it, in order.
     """
 
-    tree: Rrt = setting(default=Rrt(), source=_P1)
-    whales: WoaModified = setting(default=WoaModified(), source=_P1 + " (17)-(19)")
-    objective: Smooth = setting(default=Smooth(), source=_P1 + " (1)-(8)")
-    population: int = setting(default=30, source="not given in P1; as swarm", low=MIN_POPULATION)
-    iterations: int = setting(default=20, source=_P1, low=0)
-    cycle: int = setting(default=20, source="as iterations: see swarm", low=1)
+    tree: Rrt = setting(default=Rrt(), doc="The tree search.", source=_P1)
+    whales: WoaModified = setting(
+        default=WoaModified(), doc="The whales.", source=_P1 + " (17)-(19)"
+    )
+    objective: Smooth = setting(default=Smooth(), doc="The path cost.", source=_P1 + " (1)-(8)")
+    population: int = setting(
+        default=30,
+        doc="Number of whales.",
+        low=MIN_POPULATION,
+        source="design choice: as swarm; not given in P1",
+    )
+    iterations: int = setting(default=20, doc="Moves of the swarm.", low=0, source=_P1)
+    cycle: int = setting(
+        default=20,
+        doc="Moves after which the decreasing factors start again.",
+        low=1,
+        source="design choice: as iterations",
+    )
 
     @property
     def swarm(self) -> SwarmPlanner:
