@@ -1,10 +1,9 @@
-"""What runs say about a claim: effects with intervals, and p-values for it and against it.
+"""Statistical tests of claims: effects with intervals, and p-values for and against a claim.
 
-Samples come by stratum (a map, a goal): {stratum: values (n,)}. Strata are the places that there
-are and not a draw of them, so means are over strata of equal weight, and only runs are random.
-A claim is judged by two tests, one that could confirm it and one that could refute it; where
-neither does, it cannot be told. A claim of 'no effect' is confirmed by equivalence: the effect
-lies within a stated margin (two one-sided tests, Schuirmann 1987).
+A sample has strata (a map, a goal): {stratum: values (n,)}. Strata are fixed and runs are random:
+means are over strata with equal weights. A claim is tested twice, for confirmation and for
+refutation; if neither test is significant, it cannot be told. A claim of 'no effect' is confirmed
+by equivalence: the effect lies within a margin (two one-sided tests, Schuirmann 1987).
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ class Estimate:
         gap = self.value - least
         if not math.isfinite(gap):
             return 1.0
-        if self.error == 0.0:  # a method without chance
+        if self.error == 0.0:  # a deterministic method
             return 0.0 if gap > 0.0 else 1.0
         return float(stats.t.sf(gap / self.error, self.freedom))
 
@@ -77,7 +76,7 @@ LEVEL = 0.05  # of all claims together
 
 
 class Verdict(StrEnum):
-    """What may be text of a claim."""
+    """The result of the tests of a claim."""
 
     HOLDS = "holds"
     FAILS = "does not hold"
@@ -86,7 +85,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Evidence:
-    """An effect with its 95 % interval, and how the data speak for a claim and against it."""
+    """An effect with its 95 % interval, and the p-values for and against a claim."""
 
     p_for: float
     p_against: float
@@ -95,10 +94,10 @@ class Evidence:
     high: float
     unit: str
     test: str
-    text: str = ""  # what the effect is
+    text: str = ""  # what is compared
 
     def verdict(self, claims: int) -> Verdict:
-        """The verdict where so many claims are judged together (Bonferroni)."""
+        """The verdict among this number of claims (Bonferroni)."""
         if claims * self.p_for < LEVEL:
             return Verdict.HOLDS
         if claims * self.p_against < LEVEL:
@@ -107,33 +106,33 @@ class Evidence:
 
 
 def no_evidence(why: str) -> Evidence:
-    """No evidence either way."""
+    """Evidence neither for nor against a claim."""
     return Evidence(1.0, 1.0, math.nan, math.nan, math.nan, "", why)
 
 
 def common_strata(samples: Sequence[Sample]) -> list[Sample]:
-    """The samples in those strata in which all have at least two values."""
+    """The samples, restricted to strata in which each has at least two values."""
     common = [s for s in samples[0] if all(s in other and len(other[s]) > 1 for other in samples)]
     return [{s: sample[s] for s in common} for sample in samples]
 
 
 @dataclass(frozen=True)
 class Effect:
-    """A difference of means as a part of another mean."""
+    """A difference of means relative to another mean."""
 
     samples: Sequence[Sample]
     change: Sequence[float]  # weights of the difference
-    level: Sequence[float]  # weights of what it is a part of
+    level: Sequence[float]  # weights of the reference
 
     def beyond(self, part: float) -> Estimate:
-        """The difference, less a part of the level: exact tests of ratios."""
+        """The difference less a multiple of the reference, for exact tests of ratios."""
         return estimate(
             self.samples, [c - part * m for c, m in zip(self.change, self.level, strict=True)]
         )
 
     @property
     def relative(self) -> tuple[float, float, float]:
-        """The effect as a part of the level, and its interval."""
+        """The effect relative to the reference, and its interval."""
         difference, level = self.beyond(0.0), estimate(self.samples, self.level).value
         low, high = difference.interval
         return difference.value / level, low / level, high / level
@@ -143,7 +142,7 @@ class Effect:
         return max(self.beyond(low).p_above(), self.beyond(high).p_below())
 
     def p_outside(self, low: float, high: float) -> float:
-        """P-value of 'it does not'."""
+        """P-value of 'the effect lies outside'."""
         return min(1.0, 2.0 * min(self.beyond(low).p_below(), self.beyond(high).p_above()))
 
     def evidence(self, p_for: float, p_against: float, test: str, text: str) -> Evidence:
@@ -153,7 +152,7 @@ class Effect:
 
 
 def difference(a: Sample, b: Sample) -> Effect | None:
-    """How a differs from b, as a part of b; None where no stratum has both."""
+    """The difference of a from b relative to b; None without a common stratum."""
     samples = common_strata([a, b])
     return Effect(samples, (1.0, -1.0), (0.0, 1.0)) if samples[0] else None
 
@@ -164,7 +163,7 @@ def below(a: Sample, b: Sample, negligible: float, text: str) -> Evidence:
     Args:
         a: samples.
         b: samples.
-        negligible: a difference within this part of b counts as none.
+        negligible: relative difference that counts as none.
         text: what is compared.
     """
     return _ordered(a, b, negligible, text, -1.0)
@@ -186,7 +185,7 @@ def _ordered(a: Sample, b: Sample, negligible: float, text: str, sign: float) ->
 
 
 def _directional_p(right: bool, p: float, none: float) -> tuple[float, float]:
-    """For and against a direction: p of a difference, on its right side or not, and of none."""
+    """P-values for and against a direction, from those of a difference and of equivalence."""
     return (p, none) if right else (1.0, min(p, none))
 
 
@@ -200,7 +199,7 @@ def between(a: Sample, b: Sample, low: float, high: float, text: str) -> Evidenc
 
 
 def _slope(samples: Sequence[Sample], x: Sequence[float]) -> Effect | None:
-    """The straight line's change from the first x to the last, as a part of the mean."""
+    """The change of the regression line from the first x to the last, relative to the mean."""
     ours = common_strata(samples)
     if not ours[0]:
         return None
@@ -255,9 +254,9 @@ def level(samples: Sequence[Sample], x: Sequence[float], margin: float, text: st
 
 
 def paired_below(a: Array, b: Array, negligible: float, text: str) -> Evidence:
-    """Evidence for 'a is below b' of runs that began alike: Wilcoxon's signed ranks.
+    """Evidence for 'a is below b' of paired runs: Wilcoxon's signed-rank test.
 
-    The effect is the median of the differences, as a part of the median of b.
+    The effect is the median difference relative to the median of b.
     """
     if len(a) < 2:
         return no_evidence("no runs to compare")
@@ -299,7 +298,7 @@ def share_above(successes: int, trials: int, least: float, text: str) -> Evidenc
 
 
 def all_of(parts: Sequence[Evidence], text: str) -> Evidence:
-    """Evidence for 'all of these hold'; the effect shown is the least certain one's."""
+    """Evidence for 'all of these hold'; its effect is that of the least certain one."""
     worst: Any = max(parts, key=lambda part: (part.p_for, -part.p_against))
     return Evidence(
         max(part.p_for for part in parts),

@@ -1,4 +1,4 @@
-"""The worlds and runs of the studies: a job in, a record out; `EXPERIMENTS` names the kinds of run.
+"""The worlds and runs of the studies: each kind of run maps a job to a record.
 
 Times are CPU seconds of the process, measured after compilation: other work on the machine does not
 count. Keys that end in `_s` are times, the only ones in which equal runs differ.
@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 @lru_cache(maxsize=64)
 def episode_of(scene: str, seed: int) -> Episode:
-    """The episode that a seed draws of a scene, given as JSON."""
+    """The episode of a seed in a scene, which is given as JSON."""
     return make_scene(json.loads(scene)).sample(np.random.default_rng(seed))
 
 
@@ -43,33 +43,33 @@ def _space(scene: str, seed: int) -> Space:
 
 
 def problem_of(scene: Any, seed: int = 0, clearance: float = 0.0) -> Problem:
-    """The problem of a scene; one seed has one."""
+    """The problem of a seed in a scene."""
     spec = json.dumps(scene)
     episode = episode_of(spec, seed)
     return Problem(_space(spec, seed), episode.start[:2], episode.goal[:2], clearance)
 
 
 def room_problem(boxes: Array, start: Any, goal: Any) -> Problem:
-    """A room of T2's kind: separate upright boxes (n, 4) [m], and no wall round it."""
+    """A room as in T2: separate axis-aligned boxes (n, 4) [m], without outer walls."""
     walls = np.concatenate([polygon_edges(box_corners(box)) for box in boxes])
     space = Space.from_walls(walls, np.empty((0, 3)), (0.0, 0.0, *LAB_SIZE))
     return Problem(space, np.array(start, dtype=float), np.array(goal, dtype=float))
 
 
 def box_corners(box: Any) -> Array:
-    """Corners (4, 2) of an upright box xmin, ymin, xmax, ymax, counter-clockwise."""
+    """Corners (4, 2) of a box xmin, ymin, xmax, ymax, counter-clockwise."""
     x0, y0, x1, y1 = box
     return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], dtype=float)
 
 
 @lru_cache(maxsize=64)
 def lab_problem(number: int) -> Problem:
-    """A lab of T2 as it had them: boxes only."""
+    """A lab of T2, of boxes only."""
     plan = LABS[number - 1]
     return room_problem(np.array(plan.walls, dtype=float), plan.start, plan.goal)
 
 
-MAX_DRAWS: Final = 100  # rooms drawn until one can be crossed
+MAX_DRAWS: Final = 100  # rooms drawn until one has a path
 _APART: Final = 0.3  # m from boxes to start and goal
 _ENDS: Final = ((0.5, 0.5), (6.5, 4.5))
 _LONG: Final = (0.5, 2.0)  # m, as T2's screens and benches
@@ -77,10 +77,10 @@ _THIN: Final = (0.1, 0.4)  # m
 
 
 def random_room_problem(count: int, seed: int) -> tuple[Problem, float]:
-    """A room with so many boxes at random that can be crossed, and the shortest way [m].
+    """A random room with this number of boxes, and its shortest path [m].
 
     Raises:
-        InputError: no room drawn can be.
+        InputError: no room that was drawn has a path.
     """
     rng = np.random.default_rng([seed, count])
     for _ in range(MAX_DRAWS):
@@ -97,12 +97,12 @@ def random_room_problem(count: int, seed: int) -> tuple[Problem, float]:
         shortest = make_planner("visibility").plan(problem, rng).length
         if math.isfinite(shortest):
             return problem, shortest
-    raise InputError(f"none of {MAX_DRAWS} rooms with {count} boxes can be crossed")
+    raise InputError(f"none of {MAX_DRAWS} rooms with {count} boxes has a path")
 
 
 @lru_cache(maxsize=16)
 def disc_problem(size: float, discs: Any, start: Any, goal: Any) -> Problem:
-    """A square of free ground with discs."""
+    """A free square with discs."""
     space = Space.from_walls(np.empty((0, 4)), discs, (0.0, 0.0, size, size))
     return Problem(space, np.array(start, dtype=float), np.array(goal, dtype=float))
 
@@ -113,10 +113,10 @@ SETTLED = 1.001  # a swarm has settled once its cost is within this factor of it
 
 
 def measure(job: Job) -> Record:
-    """Run a job: its `kind` names how, its `seed` draws the numbers."""
+    """The record of a job; `kind` names the experiment, `seed` is that of its random numbers."""
     run = EXPERIMENTS[str(job["kind"])]
     needed = kernel_key(job)
-    if needed not in _warmed:  # compiled or loaded, and what runs share is made, before any clock
+    if needed not in _warmed:  # compile and cache before times are measured
         run(job, 0)
         _warmed.add(needed)
     record = run(job, int(job["seed"]))
@@ -127,7 +127,7 @@ _warmed: set[str] = set()
 
 
 def kernel_key(job: Job) -> str:
-    """Jobs of one sort need the same kernels, and the same map."""
+    """A key that is equal for jobs with the same kernels and the same map."""
     planner = job.get("planner", {})
     optimizer = job.get("optimizer") or planner.get("optimizer", "")
     name = optimizer if isinstance(optimizer, str) else optimizer.get("name")
@@ -137,7 +137,7 @@ def kernel_key(job: Job) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """JSON knows no infinity."""
+    """A value for JSON, which has no infinity."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -166,10 +166,10 @@ def plan(job: Job, seed: int) -> Record:
 
 
 def plan_drawn(job: Job, seed: int) -> Record:
-    """A planner in a room that the seed draws."""
+    """A planner in a random room of the seed."""
     problem, shortest = random_room_problem(job["boxes"], seed)
     planner = make_planner(job["planner"])
-    problem.free.arrays  # noqa: B018  what is kept with the map is ready before the clock starts
+    problem.free.arrays  # noqa: B018  cached before the time is measured
     rng = np.random.default_rng(seed)
     begun = process_time()
     found = planner.plan(problem, rng)
@@ -178,7 +178,7 @@ def plan_drawn(job: Job, seed: int) -> Record:
 
 
 def smoothing(job: Job, seed: int) -> Record:
-    """P1: one optimiser from the start population that all rivals share."""
+    """P1: one optimizer, from the initial population that all optimizers share."""
     from dataclasses import replace
 
     from planners.trees.variants import RrtWoa
@@ -212,7 +212,7 @@ def smoothing(job: Job, seed: int) -> Record:
 
 
 def min_clearance_ratio(line: Array, discs: Any) -> float:
-    """How near a line's pieces (n, 2) come to centres of discs, as a part of the radius."""
+    """Least distance of a polyline (n, 2) from the centres of discs, relative to their radii."""
     a, b = line[:-1, None], line[1:, None]  # (n, 1, 2)
     centres, radii = np.array(discs)[:, :2], np.array(discs)[:, 2]
     along, square = b - a, np.maximum(((b - a) ** 2).sum(axis=2), 1e-300)
@@ -223,7 +223,7 @@ def min_clearance_ratio(line: Array, discs: Any) -> float:
 
 
 def among_discs(job: Job, seed: int) -> Record:
-    """A swarm on a square with discs; valid if its line stays `reach` radii from their centres."""
+    """A swarm among discs; valid if its path stays `reach` radii from their centres."""
     discs = tuple(map(tuple, job["discs"]))
     problem = disc_problem(job["size"], discs, tuple(job["start"]), tuple(job["goal"]))
     planner = make_planner(job["planner"])
@@ -231,7 +231,7 @@ def among_discs(job: Job, seed: int) -> Record:
     begun = process_time()
     found, costs = _search(planner, problem, rng)
     seconds = process_time() - begun
-    # As published the answer is what costs least; ours is the best valid path of all tried.
+    # The published answer is the path of least cost; ours is the best valid path of all.
     line = found.best if job["faithful"] else found.line
     points = found.way_points if job["by_legs"] else line
     free = len(line) > 0
@@ -258,7 +258,7 @@ def among_discs(job: Job, seed: int) -> Record:
 
 
 def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[Any, Array]:
-    """A swarm's search, and the least cost after each move (n,)."""
+    """A swarm's search, and the least cost after each iteration (n,)."""
     from planners.random_stream import stream
     from planners.registries import make_objective, make_optimizer
     from planners.swarm.path_cost import new_workspace
@@ -272,7 +272,7 @@ def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[A
     path_cost = make_objective(planner.objective).path_cost
     parameters = make_optimizer(planner.optimizer).parameters
     state, costs = stream(rng), np.empty(planner.iterations)
-    for t in range(planner.iterations):  # one move a call: the same as all in one
+    for t in range(planner.iterations):  # equal to one call for all iterations
         iterate(task, path_cost, parameters, swarm, valid, t, t + 1, planner.cycle, room, state)
         costs[t] = swarm.record["best_cost"][0]
     line = valid.line if valid.cost[0] < np.inf else np.empty((0, 2))
@@ -319,7 +319,7 @@ def controls(job: Job, seed: int) -> Record:
          *shapely.buffer(shapely.points(episode.discs[:, :2]), episode.discs[:, 2])]
     )  # fmt: skip
     shapely.prepare(solid)
-    # An independent look at every pose of the roll-out; the generator's own tests are swept.
+    # An independent test of each pose; the generator tests the swept footprint.
     touched = bool(shapely.intersects(solid, shapely.polygons(outline)).any())
     off = shapely.distance(shapely.linestrings(found.path[:, :2]), shapely.points(poses[:, :2]))
     gap = float(np.hypot(*(poses[-1, :2] - episode.goal[:2])))

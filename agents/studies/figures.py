@@ -35,14 +35,14 @@ def mean_interval(r: Results, row: str, metric: Metric) -> tuple[float, float, f
 
 
 def stacked_panels(count: int, height: float = 2.0) -> tuple[Figure, list[Axes]]:
-    """A figure of panels, one below the other."""
+    """A figure of stacked panels."""
     figure = Figure(figsize=(WIDTH, height * count), layout="constrained")
     return figure, list(np.atleast_1d(figure.subplots(count, 1, sharex=False)))
 
 
 def error_bars(axes: Axes, x: Sequence[float], found: Sequence[tuple[float, float, float]], k: int,
           label: str) -> None:  # fmt: skip
-    """Means with their intervals, as one line of a figure."""
+    """Draw means with their intervals as one line."""
     mean, low, high = (np.array(v) for v in zip(*found, strict=True))
     error = np.nan_to_num([np.maximum(mean - low, 0.0), np.maximum(high - mean, 0.0)])
     axes.errorbar(x, mean, yerr=error, fmt=MARKS[k % 8] + DASHES[0], color=COLOURS[k % 8],
@@ -50,7 +50,7 @@ def error_bars(axes: Axes, x: Sequence[float], found: Sequence[tuple[float, floa
 
 
 def trend_figures(r: Results, what: str, metrics: Sequence[Metric]) -> Figures:
-    """Each metric over what is varied: ours with intervals, the published scaled to begin alike."""
+    """Each metric over the varied quantity: our means, and the published ones, scaled."""
     series = list(dict.fromkeys(row.series for row in r.study.rows))
     figure, panels = stacked_panels(len(metrics))
     for axes, metric in zip(panels, metrics, strict=True):
@@ -100,7 +100,7 @@ def box_figures(r: Results, rows: Sequence[str], metrics: Sequence[Metric]) -> F
     return {
         "boxes": ("Quartiles of all runs; whiskers reach 1.5 quartile ranges, outliers are left "
                   "out. As the paper's figures 9 to 11.", figure),
-        "ranks": ("Mean rank among rivals that began alike, by metric: the paper's radar chart, "
+        "ranks": ("Mean rank among optimizers from equal starts, by metric: the radar chart of "
                   "figure 12, as lines.", table),
     }  # fmt: skip
 
@@ -159,7 +159,7 @@ SAMPLING = 0.1  # s: P2
 
 
 def _floor(axes: Axes, scene: Any) -> Any:
-    """Draw the solid things of a scene; its episode."""
+    """Draw the obstacles of a scene; its episode."""
     from wheelchair_gym.scenes import make_scene
 
     episode = make_scene(scene).sample(np.random.default_rng(0))
@@ -333,7 +333,7 @@ def disc_figures(r: Results) -> Figures:
 
 
 def rollout_figures(r: Results) -> Figures:
-    """T1, figure 2.27: the planned path and the roll-out of its controls."""
+    """T1, figure 2.27: the planned path and the rollout of its controls."""
     found: Figures = {}
     figure = Figure(figsize=(WIDTH, 5.2), layout="constrained")
     shown = [row for row in r.study.rows if row.label in ("thesis_3", "thesis_5")]

@@ -1,4 +1,4 @@
-"""What a study is: rows of runs, the figures that were published for them, and claims."""
+"""The types of a study: rows of runs with their published figures, and claims."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
     from agents.studies.evidence import Evidence
 
-SEED_STRIDE = 1_000_000  # seeds from one row's first to another's
+SEED_STRIDE = 1_000_000  # between the first seeds of two rows
 
 Array = NDArray[np.float64]
 Job = Mapping[str, Any]
 
 
 class Metric(NamedTuple):
-    """One figure of a run: its key in the records, its name and unit, and how it is written."""
+    """A figure of a run: its key in records, name, unit and number of digits."""
 
     key: str
     name: str
@@ -43,12 +43,12 @@ NODES = Metric("nodes", "nodes", "", 1)
 
 @dataclass(frozen=True)
 class Row:
-    """Runs that differ by their seed and stratum only: one line of a table."""
+    """A line of a table: runs that differ by seed and stratum only."""
 
     label: str
-    jobs: Mapping[str, Job]  # by stratum, such as a map: what its runs do
-    x: float = float("nan")  # what is varied
-    series: str = ""  # the line of the figure that it belongs to
+    jobs: Mapping[str, Job]  # by stratum, such as a map
+    x: float = float("nan")  # the varied quantity
+    series: str = ""  # the line in the figure
     published: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -64,7 +64,7 @@ class Results:
             self.runs[row, stratum].append(record)
 
     def sample(self, row: str, metric: Metric | str) -> dict[str, Array]:
-        """Values by stratum; of a metric, only those of runs that count."""
+        """Values by stratum; for a metric with `only_solved`, of solved runs."""
         key, solved = (
             (metric, False) if isinstance(metric, str) else (metric.key, metric.only_solved)
         )
@@ -76,7 +76,7 @@ class Results:
         return found
 
     def pooled(self, row: str, metric: Metric | str) -> Array:
-        """The same values of all strata together."""
+        """The values of all strata in one array."""
         return np.concatenate([*self.sample(row, metric).values(), np.empty(0)])
 
     def samples(self, rows: Sequence[Row], metric: Metric | str) -> list[dict[str, Array]]:
@@ -84,14 +84,14 @@ class Results:
         return [self.sample(row.label, metric) for row in rows]
 
     def solved(self, row: str) -> tuple[int, int]:
-        """Runs that found a path, and all runs."""
+        """Number of runs that found a path, and of all runs."""
         of = [r for (label, _), records in self.runs.items() if label == row for r in records]
         return sum(bool(r["solved"]) for r in of), len(of)
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A sentence of a source, in our words, and how runs judge it."""
+    """A claim of a source in our words, and its test."""
 
     text: str
     source: str
@@ -100,23 +100,23 @@ class Claim:
 
 @dataclass(frozen=True)
 class Study:
-    """One table or section of a source, to be measured again."""
+    """The repetition of a table or section of a source."""
 
     name: str
     title: str
     source: str
-    settings: str  # what ours ran with, and why
+    settings: str  # of our runs, with reasons
     metrics: tuple[Metric, ...]
     rows: tuple[Row, ...]
     claims: tuple[Claim, ...]
     figures: Callable[[Results], Mapping[str, tuple[str, Figure]]]
-    paired: bool = False  # all rows with the same seeds; else each with its own
-    runs: int = 400  # the thesis's 100 leave most trends open
+    paired: bool = False  # all rows have the same seeds
+    runs: int = 400  # the 100 of the thesis leave most trends undecided
     quick_runs: int = 10
     notes: tuple[str, ...] = ()
 
     def seeds(self, row: Row, runs: int) -> range:
-        """Seeds of a row's runs: rows are independent draws unless they are paired."""
+        """Seeds of a row's runs; rows are independent unless they are paired."""
         place = 0 if self.paired else crc32(f"{self.name} {row.label}".encode())
         return range(place * SEED_STRIDE, place * SEED_STRIDE + runs)
 

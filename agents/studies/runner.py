@@ -36,8 +36,7 @@ _MODULES = (thesis_tables, smoothing_paper, disc_swarms, lab_methods, control_fi
 STUDIES: Final[dict[str, Study]] = {
     study.name: study for module in _MODULES for study in module.STUDIES
 }
-# Verdicts are corrected for all claims, whichever studies were asked for: they do not change
-# with the company that they are in.
+# Verdicts are corrected for all claims, so that they do not depend on which studies run.
 CLAIMS: Final = sum(len(study.claims) for study in STUDIES.values())
 
 
@@ -45,7 +44,7 @@ def find_studies(name: str) -> list[Study]:
     """One study by name, or `all`.
 
     Raises:
-        InputError: there is none of that name.
+        InputError: the name is unknown.
     """
     if name == "all":
         return list(STUDIES.values())
