@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import wrap
-from wheelchair_gym.localization.global_localization import hill_climb
 from wheelchair_gym.localization.likelihood_field import (
     LikelihoodField,
+    hill_climb,
     log_likelihood,
     make_likelihood_field,
 )

@@ -37,7 +37,7 @@ from agents.learning.weights import shipped
 from agents.policies import kind_of, make_policy
 from agents.watch import Watch
 from wheelchair_gym.config import InputError, dump
-from wheelchair_gym.scenes.doorway import Doorway
+from wheelchair_gym.scenes.arena import Doorway
 
 Evaluation = dict[str, Any]
 BEST = "lattice+window"  # chosen on training seeds; test seeds are 0 to n-1

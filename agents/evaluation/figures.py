@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from agents.evaluation.tables import known
 from wheelchair_gym.rendering import palette
-from wheelchair_gym.scenes.doorway import Doorway
+from wheelchair_gym.scenes.arena import Doorway
 
 Record = Mapping[str, Any]
 

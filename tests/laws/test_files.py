@@ -48,7 +48,7 @@ OWN = {
     "hardware.twin.protocol_twin.open": "the twin's own lines",
     "hardware.boards.ports._lockers": "of the kernel",
     "hardware.boards.ports._program": "of the kernel",
-    "recording.mcap_file.__init__": "opened to be written",
+    "recording.sink.__init__": "opened to be written",
     "rendering.video.webp": "a picture that was just written",
     "evaluation.report._video": "a video that was just written",
     "studies.model.published": "comes with the package",

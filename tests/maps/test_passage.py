@@ -9,7 +9,7 @@ import pytest
 
 from wheelchair_gym.geometry import Footprint, roomiest
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, bottleneck, footprint_margin
-from wheelchair_gym.scenes.doorway import Doorway
+from wheelchair_gym.scenes.arena import Doorway
 
 OUTLINE = Footprint()
 BOX = np.array([(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 0, 4), (0, 4, 0, 0)], dtype=float)

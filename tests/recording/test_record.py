@@ -22,9 +22,9 @@ from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import compose
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.recording.mcap_file import McapFile
 from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 from wheelchair_gym.recording.replay import read_recording, replay_env
+from wheelchair_gym.recording.sink import McapFile
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Belief
 

@@ -16,7 +16,7 @@ from wheelchair_gym.physics.actors.records import NOBODY, door, person, together
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.settings import BodySettings, ChairSettings
 from wheelchair_gym.safety import Shield, ShieldSettings
-from wheelchair_gym.safety.memory import last_rows
+from wheelchair_gym.safety.perception import last_rows
 from wheelchair_gym.safety.state import KEPT, REASONS
 from wheelchair_gym.sensors.settings import FaultSettings, SensorSettings
 from wheelchair_gym.types import Reading

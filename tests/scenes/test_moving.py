@@ -25,11 +25,11 @@ from wheelchair_gym.physics.actors.records import (
     shapes,
 )
 from wheelchair_gym.scenes import make_scene
+from wheelchair_gym.scenes.arena import Doorway
+from wheelchair_gym.scenes.crowd import WALKING_RADIUS, free_area
 from wheelchair_gym.scenes.describe import scene_statistics
-from wheelchair_gym.scenes.doorway import Doorway
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL
-from wheelchair_gym.scenes.traffic import WALKING_RADIUS, free_area
 
 RADIUS = passing_radius(FOOTPRINT)
 

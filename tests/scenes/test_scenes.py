@@ -14,8 +14,7 @@ from wheelchair_gym.geometry import footprint_clearance
 from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, geodesic, read_map
 from wheelchair_gym.scenes import SCENES, make_scene
 from wheelchair_gym.scenes.describe import scene_statistics
-from wheelchair_gym.scenes.example import example_clinic
-from wheelchair_gym.scenes.map_file import example_map
+from wheelchair_gym.scenes.map_file import example_clinic, example_map
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.published import DESIGN_LAB_INFLATION, GREY_WOLF_GOALS
 from wheelchair_gym.scenes.random_stream import random_stream, uniform, uniform_int

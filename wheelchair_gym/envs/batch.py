@@ -12,8 +12,8 @@ from wheelchair_gym.kinematics import asked_twist
 from wheelchair_gym.physics.step import advance, begin
 from wheelchair_gym.physics.world import take_ground
 from wheelchair_gym.random import SHIELDS, uniform
-from wheelchair_gym.safety.decide import decide
-from wheelchair_gym.safety.look import reset, update
+from wheelchair_gym.safety.decision import decide
+from wheelchair_gym.safety.perception import reset, update
 from wheelchair_gym.safety.state import NOTHING
 from wheelchair_gym.task.assessment import assess, start_task
 from wheelchair_gym.task.rewards import reached

@@ -20,10 +20,10 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel, whole
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import odometric_step
-from wheelchair_gym.localization.global_localization import global_localization
 from wheelchair_gym.localization.likelihood_field import (
     LikelihoodField,
     find_informative_beams,
+    global_localization,
     log_likelihood,
     make_likelihood_field,
 )
@@ -100,17 +100,7 @@ def weigh(
     astray: float,
     trust: float,
 ) -> float:
-    """Multiply weights by the scan's likelihood; the effective number of particles, 1 / sum w^2.
-
-    Args:
-        own: particles; weights change.
-        n: how many.
-        field: of the map.
-        ends: of beams (k, 2) [m] in the chair's frame.
-        sigma: see `log_likelihood`.
-        astray: see `log_likelihood`.
-        trust: for how many beams that err independently the scan counts.
-    """
+    """Multiply weights by the scan's likelihood; the effective number of particles, 1 / sum w^2."""
     most = -np.inf
     for i in range(n):
         pose = own.poses[i]
@@ -130,14 +120,7 @@ def weigh(
 
 @borrowing_kernel
 def count_bins(own: Particles, n: int, side: float, sector: float) -> tuple[int, int]:
-    """How many bins of place and heading hold particles, and a particle of the heaviest bin.
-
-    Args:
-        own: particles.
-        n: how many.
-        side: of a bin [m].
-        sector: of headings [rad].
-    """
+    """How many bins of place and heading hold particles, and a particle of the heaviest bin."""
     names, loads = own.names, own.loads
     for place in range(names.shape[0]):
         names[place], loads[place] = 0, 0.0

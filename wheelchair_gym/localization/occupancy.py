@@ -48,14 +48,6 @@ class LogOdds(NamedTuple):
 def cells_passed(x0: float, y0: float, x1: float, y1: float, cols: int, path: Index) -> int:
     """Cells that a segment passes, in order, its ends' cells included (Amanatides and Woo 1987).
 
-    Args:
-        x0: the segment's ends [cells].
-        y0: see x0.
-        x1: see x0.
-        y1: see x0.
-        cols: columns of the grid; all of the segment lies on it.
-        path: (rows + cols,) or more, to be filled with row * cols + col.
-
     Returns:
         How many there are.
     """
@@ -158,20 +150,6 @@ def add_scan(
 
     A cell hit by one beam is not freed by another of the same scan: those that graze a wall would
     rub it out. All of `points` must lie on the map.
-
-    Args:
-        odds: log-odds (rows, cols).
-        field: (rows, cols), kept in step.
-        mean: (rows, cols, 2) x and y of the mean of a cell's hits, from 0 to 1 in the cell.
-        tally: (rows, cols, 2) see HITS and PART.
-        struck: scratch (rows, cols): number of the last scan that hit a cell.
-        mark: number of this scan, never used before.
-        points: (n + 1, 2) [cells], in the chair's frame: where beams begin, then where they end.
-        hits: (n,) whether a beam ends at an echo.
-        pose: x, y [cells], yaw [rad].
-        law: log-odds.
-        weights: of the field (PARTS * PARTS, n, n), by the part of the cell with the surface.
-        path: scratch (rows + cols,).
     """
     rows, cols = odds.shape
     c, s = math.cos(pose[2]), math.sin(pose[2])

@@ -130,16 +130,6 @@ def refine(
 ) -> tuple[float, Six]:  # fmt: skip
     """Gauss-Newton from a guess to the pose of least cost.
 
-    Args:
-        field: (rows, cols).
-        points: (n, 2) [cells] in the chair's frame.
-        guess: (3,) x, y [cells], yaw [rad].
-        prior: (3,) mean of the prior.
-        told: information of the prior.
-        spread: of one point.
-        most: iterations.
-        out: (3,) the pose found.
-
     Returns:
         Its cost, and the information of the posterior there (Laplace).
     """
@@ -204,18 +194,6 @@ def search(
     window: int, turns: int, step: float, wide: Floats, out: Array,
 ) -> float:  # fmt: skip
     """The pose of least cost among whole cells and turns within a window about a guess.
-
-    Args:
-        field: (rows, cols).
-        points: (n, 2) [cells] in the chair's frame.
-        guess: (3,) x, y [cells], yaw [rad]; the mean of the prior.
-        told: information of the prior.
-        spread: of one point.
-        window: cells to each side.
-        turns: steps of yaw to each side.
-        step: of yaw [rad].
-        wide: scratch (rows, cols).
-        out: (3,) the pose found.
 
     Returns:
         Its cost, with the field as it stands in whole cells.

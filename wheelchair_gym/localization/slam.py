@@ -126,30 +126,7 @@ def update_particles(
     ends: Array, hits: Mask, how: Matcher, law: LogOdds, smear: Floats, key: np.uint64, step: int,
     learn: bool,
 ) -> None:  # fmt: skip
-    """Move, match, weigh and map every particle.
-
-    Args:
-        odds: log-odds (particles, rows, cols).
-        field: likewise.
-        mean: (particles, rows, cols, 2), see `add_scan`.
-        tally: likewise.
-        struck: scratch (rows, cols).
-        wide: scratch (rows, cols).
-        path: scratch of `add_scan`.
-        mark: number of the first particle's scan.
-        poses: (particles, 3) x, y [cells], yaw; replaced.
-        weights: (particles,) logarithms; added to.
-        moved: what the odometry says.
-        points: (m, 2) [cells] to match.
-        ends: (n + 1, 2) [cells] to map.
-        hits: (n,).
-        how: settings of the matcher.
-        law: of the map.
-        smear: of the field.
-        key: of the run.
-        step: number of this update.
-        learn: add the scan to the maps.
-    """
+    """Move, match, weigh and map every particle."""
     prior, best, other = np.empty(3), np.empty(3), np.empty(3)
     count = len(poses)
     for i in range(count):

@@ -88,24 +88,6 @@ def _spread(
     """A search from the goal backwards, with a bucket for each tick of time.
 
     Dijkstra's algorithm for the ways from everywhere; A* (Hart et al. 1968) for those from a start.
-
-    Args:
-        field: distances (rows, cols) [m] on the map's raster.
-        scale: cells of it per metre.
-        shape: rows and columns of the lattice.
-        cell: side of its cells [m].
-        discs: (n, 3) of the outline.
-        moves: (moves, headings, 3).
-        cost: (moves,) s.
-        kind: (moves,) 1 ahead, -1 back, 2 a pivot.
-        seeds: (n, 2) x and y [units], at the goal.
-        switch: s to change from one kind to another.
-        wish: gap [m] beyond which more is worth nothing.
-        dear: how many times dearer a move is at no gap.
-        margin: least gap [m].
-        start: row, column and heading that ways are sought from.
-        ease: ticks that a cell on the way to it takes at least; 0 for ways from everywhere.
-        slack: ticks that the search goes on when it is there.
     """
     rows, cols = shape
     headings = moves.shape[1]
@@ -438,16 +420,6 @@ def poses_ahead(
     out: Any,
 ) -> float:
     """Poses on the way from a pose at rising plan times, in the lattice's frame.
-
-    Args:
-        words: of the lattice.
-        moves: of the lattice.
-        cell: its side [m].
-        x: of the pose [m].
-        y: of the pose [m].
-        yaw: of the pose [rad].
-        times: (k,) [s]; beyond the goal the goal itself.
-        out: (4 k,) x, y [m], yaw [rad] and room, of each; untouched where no way is known.
 
     Returns:
         Seconds to go, NaN where no way is known.

@@ -308,15 +308,7 @@ def _shine(
 
 @kernel
 def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tuple[Field, Records]:
-    """Lengths (rows, cols) [cells] of the shortest ways to the goal, and where they bend.
-
-    Args:
-        free: cells (rows, cols) that may be entered.
-        goal_x: the goal, in the free cell (row, col) or beside it.
-        goal_y: see goal_x.
-        row: the free cell by which the goal is entered.
-        col: see row.
-    """
+    """Lengths (rows, cols) [cells] of the shortest ways to the goal, and where they bend."""
     length = np.full(free.shape, np.inf, np.float32)
     terrain = terrain_of(free)
     gates, runs = terrain.gates, terrain.runs

@@ -69,9 +69,6 @@ def _runs(solid: Cells, changed: Index, lines: int, out: Array) -> int:
 def boundary(solid: Cells) -> Array:
     """Edges between solid cells (rows, cols) and the rest, merged as far as they run straight.
 
-    Args:
-        solid: a number or, where free, 0.
-
     Returns:
         (n, 4) [cells], x0, y0, x1, y1 from the lower-left corner; solid cells on the left.
     """

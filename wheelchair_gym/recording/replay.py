@@ -1,31 +1,130 @@
-"""Replay: a recording read back as a chair that was driven before, judged by the same loop."""
+"""Replay: a recording is read as a chair that was driven before, judged by the same loop.
+
+Files are unpacked within limits; what is damaged is refused with the file's name.
+"""
 
 from __future__ import annotations
 
+import base64
 import dataclasses
+import io
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from wheelchair_gym.config import load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.guidance import is_built_in
 from wheelchair_gym.errors import InputError, shown
-from wheelchair_gym.files import check_cells, is_coordinate, parse_json, read_bytes
+from wheelchair_gym.files import LIMITS, check_cells, is_coordinate, parse_json, read_bytes
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.localization.logs import SensorLog
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.migration import migrated
 from wheelchair_gym.physics.actors.records import MOVER, Movers
-from wheelchair_gym.recording.decode import mcap_messages, number, numbers, packed_array, value_of
 from wheelchair_gym.recording.record import COMMAND, EPISODE, FLOATS, READING, SETTINGS, VERDICT
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
 
 Array = NDArray[np.float64]
+
+
+def mcap_messages(content: bytes, topics: Sequence[str]) -> list[tuple[str, bytes]]:
+    """Topics and texts of messages on these topics, in the order of their time.
+
+    Raises:
+        ImportError: the extra 'record' is not installed.
+        ValueError, McapError: the file is damaged, or beyond a limit.
+    """
+    from mcap.records import Channel, Chunk, Message
+    from mcap.stream_reader import StreamReader, breakup_chunk
+
+    names: dict[int, str] = {}
+    found: list[tuple[int, str, bytes]] = []
+    unpacked = 0
+    for record in StreamReader(io.BytesIO(content), emit_chunks=True, validate_crcs=True).records:
+        records: list[Any] = [record]
+        if isinstance(record, Chunk):
+            record.data = _decompressed(record.compression, record.data)
+            record.compression = ""
+            unpacked += len(record.data)
+            if unpacked > LIMITS["unpacked"].most:
+                raise ValueError(f"more than {LIMITS['unpacked'].most:,} bytes unpacked")
+            records = breakup_chunk(record, validate_crc=True)
+        for inner in records:
+            if isinstance(inner, Channel):
+                names[inner.id] = inner.topic
+            elif isinstance(inner, Message) and names[inner.channel_id] in topics:
+                found.append((inner.log_time, names[inner.channel_id], inner.data))
+    found.sort(key=lambda message: message[0])  # stable: equal times stay in the file's order
+    return [(topic, data) for _, topic, data in found]
+
+
+def _decompressed(compression: str, data: bytes) -> bytes:
+    """The content of a chunk, no longer than the limit whatever its header says."""
+    most = LIMITS["chunk"].most
+    if compression == "":
+        content = data
+    elif compression == "zstd":
+        import zstandard
+
+        with zstandard.ZstdDecompressor(max_window_size=most).stream_reader(data) as stream:
+            content = stream.read(most + 1)
+    elif compression == "lz4":
+        import lz4.frame
+
+        content = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most + 1)
+    else:
+        raise ValueError(f"compression {shown(compression)} is unknown")
+    if len(content) > most:
+        raise ValueError(f"a chunk of more than {most:,} bytes")
+    return content
+
+
+def value_of(content: Mapping[str, Any], name: str, kind: type) -> Any:
+    """The value of a key, of this type."""
+    value = content[name]
+    if type(value) is not kind:
+        raise ValueError(f"{name} is {shown(value)}")
+    return value
+
+
+def number(content: Mapping[str, Any], name: str) -> float:
+    """The value of a key, a number as large as a coordinate may be."""
+    if not is_coordinate(content[name]):
+        raise ValueError(f"{name} is {shown(content[name])}")
+    return float(content[name])
+
+
+def numbers(content: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Array:
+    """The value of a key, such numbers as an array (*shape), where -1 is any length."""
+    values = np.array(value_of(content, name, list), dtype=np.float64)
+    if values.size == 0 and -1 in shape:
+        values = np.empty([max(0, side) for side in shape])
+    fits = values.ndim == len(shape) and all(
+        wanted in (-1, side) for side, wanted in zip(values.shape, shape, strict=True)
+    )
+    if not fits or not (np.abs(values) <= LIMITS["coordinate"].most).all():
+        raise ValueError(f"{name} is {shown(content[name])}")
+    return values
+
+
+def packed_array(
+    content: Mapping[str, Any], name: str, kind: DTypeLike, size: int = -1
+) -> NDArray[Any]:
+    """The value of a key, an array (size,) as `recording.record.packed` wrote it; -1: any size."""
+    # Of bytes that may be written to: for read-only arrays, kernels would be compiled once more.
+    data = bytearray(base64.b64decode(value_of(content, name, str), validate=True))
+    values = np.frombuffer(data, kind)
+    if size not in (-1, len(values)):
+        raise ValueError(f"{name} has {len(values)} values; expected {size}")
+    return values
+
+
 Record = dict[str, Any]
 _TOPICS: Final = (EPISODE, READING, COMMAND, VERDICT)
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from wheelchair_gym.rendering.map_picture import draw_map
-from wheelchair_gym.rendering.picture import TopView
+from wheelchair_gym.rendering.picture import TopView, draw_map
 from wheelchair_gym.rendering.plan import draw_plan
 from wheelchair_gym.rendering.video import contact_sheet, video_suffix, webp, write_png, write_video
 from wheelchair_gym.rendering.window import Window

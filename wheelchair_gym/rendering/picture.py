@@ -1,8 +1,9 @@
-"""Top views: a chair in its world and all that moves there, frame by frame."""
+"""Top views: a chair in its world and all that moves there; maps side by side."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.geometry import Footprint, to_world, wrap_angle
 from wheelchair_gym.kinematics import DriveGeometry
+from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import (
     DOOR,
     EVERYBODY,
@@ -25,6 +27,34 @@ from wheelchair_gym.rendering import floor, palette
 from wheelchair_gym.rendering.canvas import Canvas, Image
 from wheelchair_gym.sensors.settings import SensorSettings, UltrasonicSettings
 from wheelchair_gym.types import Episode, Reading
+
+_MARGIN = 0.3  # m round what is known
+_TRAIL = 1.5  # pixels
+
+
+def draw_map(maps: Sequence[tuple[str, OccupancyGrid, ArrayLike]], size: int = 900) -> Image:
+    """A picture (h, w, 3) RGB of maps at one scale, each with its trail and where that began.
+
+    Args:
+        maps: for each its caption (ASCII), the grid and poses (n, 2 or 3) [m, m, rad].
+        size: long side of each [pixels].
+    """
+    corners = np.concatenate([floor.known_area(grid) for _, grid, _ in maps])
+    bounds = floor.bounding_box(corners, _MARGIN)
+    panels = []
+    for caption, grid, trail in maps:
+        fine = floor.new_canvas(bounds, size).upsampled(floor.FINE)
+        floor.draw_grid(fine, grid)
+        poses = np.asarray(trail, dtype=np.float64)
+        fine.line(poses, palette.TRAIL, _TRAIL)
+        if len(poses):
+            floor.draw_start(fine, poses[0])
+        floor.draw_scale_bar(fine)
+        panel = fine.downsampled(floor.FINE)
+        floor.write_caption(panel, caption)
+        panels.append(panel.image)
+    return np.hstack(panels)
+
 
 Array = NDArray[np.float64]
 

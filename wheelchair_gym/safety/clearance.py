@@ -16,15 +16,9 @@ Array = NDArray[np.float64]
 def clearance_to_points(
     x: float, y: float, yaw: float, footprint: Array, points: Array, interest: float
 ) -> float:
-    """Distance [m] from the outline at a pose to the nearest point, at most `interest`; 0 inside.
+    """Distance [m] from the outline at a pose to the nearest of points, at most `interest`.
 
-    Args:
-        x: the pose's x [m]; then y [m] and yaw [rad].
-        y: see x.
-        yaw: see x.
-        footprint: `Footprint.array`.
-        points: (k, 3) x, y and no more than the distance from the origin [m], which rises.
-        interest: farther points are not looked for [m].
+    Points (k, 3) hold x, y and a lower bound of the distance from the origin, which rises.
     """
     c, s = math.cos(yaw), math.sin(yaw)
     middle = 0.5 * (footprint[0] - footprint[1])
@@ -47,16 +41,7 @@ def clearance_to_points(
 def required_clearance(
     least: float, headway: float, speed: float, turn: float, lever: float, crawl: float
 ) -> float:
-    """Room [m] to be kept round the outline: `least`, and more the faster a part of it moves.
-
-    Args:
-        least: at a crawl [m].
-        headway: of speed beyond that [s].
-        speed: forward or backward, at least 0 [m/s].
-        turn: at least 0 [rad/s].
-        lever: of the outline's farthest corner [m]; half of it counts.
-        crawl: the speed from which on it grows [m/s].
-    """
+    """Room [m] to be kept round the outline: `least`, and more the faster a part of it moves."""
     return least + headway * max(0.0, speed + 0.5 * lever * turn - crawl)
 
 

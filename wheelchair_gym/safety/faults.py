@@ -112,15 +112,7 @@ def expected_echoes(g: Any, s: Any) -> int:
 
 @borrowing_kernel
 def laser_is_blind(g: Any, s: Any, laser: Floats, echoes: int, dt: float) -> bool:
-    """Keep count of how long scans lack echoes against the evidence; whether for too long.
-
-    Args:
-        g: record of GUARD.
-        s: record of SHIELD, its pose that of the scan.
-        laser: (beams,) [m].
-        echoes: of its beams.
-        dt: since the reading before [s].
-    """
+    """Keep count of how long scans lack echoes against the evidence; whether for too long."""
     beams, should, heard = laser.shape[0], 0, 0
     if echoes < _FEW * beams:
         should = expected_echoes(g, s)
@@ -148,20 +140,7 @@ def check_sensors(
     g: Any, s: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, age: Floats,
     bumped: bool, halted: bool, dt: float,
 ) -> bool:  # fmt: skip
-    """Keep count of what is silent, frozen or blind, and latch; whether a new scan is believed.
-
-    Args:
-        g: record of GUARD.
-        s: record of SHIELD.
-        pose: (3,) of the reading.
-        twist: (2,) of the reading.
-        laser: (beams,).
-        ultrasonic: (rangers,).
-        age: (rangers,) s.
-        bumped: a bumper strip is pressed.
-        halted: the chair stands whatever it is told.
-        dt: since the reading before [s]; 0 for the first.
-    """
+    """Keep count of what is silent, frozen or blind, and latch; whether a new scan is believed."""
     reason = 0
     finite = math.isfinite(twist[0] + twist[1])
     moves = not finite or abs(twist[0]) * dt > _STIRRED or abs(twist[1]) * dt > _STIRRED

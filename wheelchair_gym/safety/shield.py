@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.address import Pointers, Target, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.physics.settings import ChairSettings
-from wheelchair_gym.safety.decide import decide, limit_for_unseen_space
-from wheelchair_gym.safety.look import reset, update
+from wheelchair_gym.safety.decision import decide, limit_for_unseen_space
+from wheelchair_gym.safety.perception import reset, update
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.state import GUARD, REASONS, SHIELD, Guard
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings

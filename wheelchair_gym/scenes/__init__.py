@@ -10,17 +10,14 @@ import numpy as np
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.errors import shown
 from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.scenes.arena import EmptyRoom
+from wheelchair_gym.scenes.arena import Clutter, Doorway, EmptyRoom
 from wheelchair_gym.scenes.barn import Barn
-from wheelchair_gym.scenes.clutter import Clutter
-from wheelchair_gym.scenes.crowd import Crowd
-from wheelchair_gym.scenes.doorway import Doorway
+from wheelchair_gym.scenes.crowd import Crowd, Temporary
 from wheelchair_gym.scenes.floor_plan import FloorPlan
 from wheelchair_gym.scenes.map_file import MapFile
 from wheelchair_gym.scenes.mixture import Mixture
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.scenes.published import LAB_MAPS, THESIS_MAPS, ChaoticPso, DesignLab, GreyWolf
-from wheelchair_gym.scenes.temporary import Temporary
 from wheelchair_gym.types import Episode
 
 __all__ = [

@@ -1,12 +1,12 @@
-"""A closed arena with drawn obstacles, and the empty room.
+"""Arenas: closed grounds with obstacles.
 
-It is the ground of every scene that is not a building.
+The empty room, a corridor of random cylinders (as in BARN), and a door in the side of a corridor.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.files import check_cells
 from wheelchair_gym.geometry import Footprint, polygon_edges
-from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
+from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose
 from wheelchair_gym.scenes.raster import CELL, Rect, paint_discs, paint_polygon, to_cells
 from wheelchair_gym.types import Episode
@@ -125,3 +125,191 @@ class EmptyRoom:
         raise InputError(
             f"EmptyRoom: {_TRIES} draws found no start and goal for {footprint} in {self}"
         )
+
+
+_CLUTTER_TRIES = 50  # corridors drawn before the settings are called impossible
+_PLACES = 10  # drawn for one cylinder before it is left out
+_CLUSTERED = 0.4  # share of cylinders beside another: clusters block more than single ones
+_OVERLAP = 0.9  # of the sum of radii: how far apart cylinders of a cluster stand
+_RUN = 1.4  # m, without cylinders, ahead of the start and before the goal
+_ENDS = 1.2  # m, from start and goal to the end walls
+
+
+@settings
+class Clutter:
+    """Random cylinders between two walls; the goal lies straight ahead, as in BARN's worlds.
+
+    Solvable for a disc of the chair's inscribed radius and a margin.
+    """
+
+    length: float = setting(
+        default=10.0, unit="m", source="start to goal: BARN", low=4.0, high=50.0
+    )
+    width: float = setting(default=4.5, unit="m", source="BARN's corridor", low=1.5, high=30.0)
+    density: float = setting(default=0.4, unit="1/m2", source="cylinders", low=0.0, high=5.0)
+    radius: tuple[float, float] = setting(
+        default=(0.075, 0.25), unit="m", source="from BARN's cylinders up", low=0.03, high=1.0
+    )
+    min_gap: float = setting(
+        default=0.9, unit="m", source="between cylinders that do not overlap", low=0.0, high=3.0
+    )
+    passage_margin: float = setting(
+        default=0.10, unit="m", source="beyond half the chair's width", low=0.0, high=0.5
+    )
+
+    def __post_init__(self) -> None:
+        if self.radius[0] > self.radius[1]:
+            raise InputError(f"Clutter.radius is {self.radius}; expected from, to")
+
+    def _discs(self, rng: np.random.Generator) -> Array:
+        """Cylinders (m, 3), each alone or overlapping others, with gaps as set."""
+        low, high = _ENDS + _RUN, _ENDS + self.length - _RUN
+        discs = np.empty((0, 3))
+        for _ in range(round(self.density * (high - low) * self.width)):
+            for _ in range(_PLACES):
+                radius = rng.uniform(*self.radius)
+                if len(discs) and rng.random() < _CLUSTERED:
+                    x, y, r = discs[rng.integers(len(discs))]
+                    angle = rng.uniform(-math.pi, math.pi)
+                    x, y = (
+                        x + _OVERLAP * (r + radius) * math.cos(angle),
+                        y + _OVERLAP * (r + radius) * math.sin(angle),
+                    )
+                else:
+                    x, y = rng.uniform(low, high), rng.uniform(0.0, self.width)
+                gaps = np.hypot(discs[:, 0] - x, discs[:, 1] - y) - discs[:, 2] - radius
+                gaps = np.append(gaps, [y - radius, self.width - y - radius])
+                if low <= x <= high and ((gaps <= 0.0) | (gaps >= self.min_gap)).all():
+                    discs = np.vstack([discs, (x, y, radius)])
+                    break
+        return discs
+
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """Draw corridors until one can be passed by a chair of this footprint.
+
+        Raises:
+            InputError: fifty could not.
+        """
+        start, goal = poses_along((_ENDS, self.width / 2), (_ENDS + self.length, self.width / 2))
+        for _ in range(_CLUTTER_TRIES):
+            discs = self._discs(rng)
+            ground = make_arena((0.0, 0.0, self.length + 2 * _ENDS, self.width), discs=discs)
+            ways = geodesic(ground.map, goal, footprint.half_width + self.passage_margin)
+            if np.isfinite(ways.at(start[:2])):
+                return Episode(ground.map, start, goal, ground.walls, discs, name="clutter")
+        raise InputError(
+            f"Clutter: none of {_CLUTTER_TRIES} corridors lets {footprint} pass with {self}"
+        )
+
+
+_WALL = 0.10  # m
+_DOORWAY_TRIES = 500
+_TURN = np.linspace(0.0, 0.5 * math.pi, 4002)[1:-1]  # rad
+_DOORWAY_CLEARANCE = 0.06  # m round the footprint: a corridor of 0.90 m leaves 0.14 m
+
+
+@settings
+class Doorway:
+    """A corridor, and a room behind a door in its side: a turn of 90 degrees into the door.
+
+    The start is in the corridor, along it; the goal in the room.
+    """
+
+    door_width: float = setting(default=0.90, unit="m", source="clear width", low=0.65, high=2.0)
+    corridor_width: float = setting(
+        default=1.20, unit="m", source="clear width", low=0.75, high=4.0
+    )
+    corridor_length: float = setting(
+        default=7.0, unit="m", source="of the corridor", low=4.0, high=30.0
+    )
+    room_depth: float = setting(
+        default=3.5, unit="m", source="depth of the room", low=2.0, high=10.0
+    )
+
+    @property
+    def margin(self) -> float:
+        """What the default chair might grow by on every side and still get round the corner [m].
+
+        No manoeuvre of a rigid outline has more; below 0 none exists.
+        """
+        return self.margin_for(FOOTPRINT)
+
+    def margin_for(self, footprint: Footprint) -> float:
+        """The same for a footprint; below -0.3 m it is -0.3 m or less."""
+        half = 0.5 * min(self.door_width, self.corridor_width) - footprint.half_width
+        if half <= -0.3:
+            return half
+        return _last(
+            lambda grown: _turns(self.door_width, self.corridor_width, grown, footprint), -0.3, half
+        )
+
+    @staticmethod
+    def narrowest_door(margin: float, corridor: float) -> float:
+        """The narrowest door off a corridor [m] that leaves a margin [m] round the corner."""
+        return -_last(lambda door: _turns(-door, corridor, margin, FOOTPRINT), -2.0, -0.5)
+
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """Draw where the door is, which way round, and where the chair starts.
+
+        Raises:
+            InputError: a chair of this footprint does not get round the corner, or does not stand
+                in the corridor.
+        """
+        margin = self.margin_for(footprint)
+        if margin < 0.0:
+            raise InputError(
+                f"Doorway: {footprint} does not turn from a corridor of {self.corridor_width} m "
+                f"into a door of {self.door_width} m: it is {-margin:.2f} m too large on every side"
+            )
+        low = self.corridor_width + _WALL
+        for _ in range(_DOORWAY_TRIES):
+            middle = rng.uniform(0.35, 0.65) * self.corridor_length
+            left = CELL * round(
+                (middle - 0.5 * self.door_width) / CELL
+            )  # so that the width is exact
+            middle, right = left + 0.5 * self.door_width, left + self.door_width
+            walls = [
+                (0.0, self.corridor_width, left, low),
+                (right, self.corridor_width, self.corridor_length, low),
+            ]
+            ground = make_arena((0.0, 0.0, self.corridor_length, low + self.room_depth), walls)
+            side = rng.choice((-1.0, 1.0))
+            away = rng.uniform(1.2, 1.8)
+            start = np.array(
+                [middle - side * away, 0.5 * self.corridor_width, 0.0 if side > 0 else math.pi]
+            )
+            goal = np.array(
+                [middle + rng.uniform(-0.5, 0.5), low + 0.6 * self.room_depth, 0.5 * math.pi]
+            )
+            solid = ground.walls, ground.discs
+            if all(is_free_pose(at, *solid, footprint, _DOORWAY_CLEARANCE) for at in (start, goal)):
+                return Episode(ground.map, start, goal, ground.walls, ground.discs, name="doorway")
+        raise InputError(f"Doorway: {_DOORWAY_TRIES} draws left no start for {footprint} in {self}")
+
+
+def _last(holds: Callable[[float], bool], low: float, high: float) -> float:
+    """The last number of an interval for which something holds that holds up to it."""
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
+
+
+def _turns(door: float, corridor: float, grown: float, footprint: Footprint) -> bool:
+    """Whether the outline, grown on every side [m], turns from a corridor into a door in its side.
+
+    At an angle t from the corridor, one long side rests on the door's near post and a rear corner
+    slides along the far wall. Its front may reach to the other post's face, or beside it, until the
+    slab between both posts is as wide as the outline: from there on it goes in at any length. The
+    least over t is the limit: a ladder round a corner, with a width, over a wall with a thickness.
+    """
+    length = footprint.front + footprint.rear + 2.0 * grown
+    width = 2.0 * (footprint.half_width + grown)
+    if width > min(door, corridor):
+        return False
+    s, c = np.sin(_TURN), np.cos(_TURN)
+    rests = corridor * c - width  # of its right side, from the near post's lower edge
+    face = door * c + corridor * s + rests * c / s
+    beside = door / c + rests / (s * c)
+    held = door * s - _WALL * c < width
+    return bool(np.maximum(face, beside)[held].min(initial=math.inf) >= length)

@@ -10,9 +10,9 @@ from wheelchair_gym.geometry import path_length
 from wheelchair_gym.maps import OCCUPIED, bottleneck, geodesic
 from wheelchair_gym.physics.actors.records import KINDS, NOBODY, PEOPLE, PERSON
 from wheelchair_gym.scenes import Crowd, Doorway, FloorPlan, Scene, Temporary
+from wheelchair_gym.scenes.crowd import free_area
 from wheelchair_gym.scenes.layout import Building
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
-from wheelchair_gym.scenes.traffic import free_area
 from wheelchair_gym.types import Episode
 
 

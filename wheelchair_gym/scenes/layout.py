@@ -124,16 +124,7 @@ def generate_layout(
     doors: tuple[float, float],
     corridors: tuple[float, float],
 ) -> FloorLayout:
-    """Draw rooms, corridors and doors.
-
-    Args:
-        source: every draw comes from it.
-        home: a living room and one corridor; else a clinic.
-        width: of the building along its corridors [m].
-        height: across them [m].
-        doors: clear width from, to [m].
-        corridors: clear width from, to [m].
-    """
+    """Draw rooms, corridors and doors."""
     w, h = cell_count(width), cell_count(height)
     outer = whole(OUTER)
     left, right = outer, w - outer

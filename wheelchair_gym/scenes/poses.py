@@ -77,18 +77,7 @@ def sample_pose(
     tries: int,
     pose: Array,
 ) -> bool:
-    """Whether a pose was found where the chair stands free.
-
-    Args:
-        source: draws places and headings.
-        room: (4,) [cells] in which to stand.
-        walls: (n, 4) [m].
-        discs: (m, 3) [m].
-        outline: of the chair, `Footprint.array`.
-        clearance: from the footprint to everything [m].
-        tries: so many are made.
-        pose: (3,) receives it.
-    """
+    """Whether a pose was found where the chair stands free."""
     for _ in range(tries):
         pose[0] = uniform(source, room[0] * CELL + _INSET, room[2] * CELL - _INSET)
         pose[1] = uniform(source, room[1] * CELL + _INSET, room[3] * CELL - _INSET)

@@ -75,16 +75,7 @@ def rotated_rectangle(x: float, y: float, length: float, width: float, yaw: floa
 
 @borrowing_kernel
 def paint_discs(cells: Cells, discs: Array, x0: float, y0: float, size: float, value: int) -> None:
-    """Set each cell whose square a disc reaches.
-
-    Args:
-        cells: (rows, cols), changed in place.
-        discs: (m, 3) [m]: x, y, radius.
-        x0: the lower-left corner of cell (0, 0) [m].
-        y0: see x0.
-        size: of a cell [m].
-        value: to set.
-    """
+    """Set each cell whose square a disc reaches."""
     rows, cols = cells.shape
     for k in range(discs.shape[0]):
         x, y, radius = (discs[k, 0] - x0) / size, (discs[k, 1] - y0) / size, discs[k, 2] / size

@@ -16,7 +16,7 @@ from agents.evaluation.report import write_report
 from agents.evaluation.tables import COLUMNS, markdown, overall
 from agents.policies import kind_of
 from wheelchair_gym.rendering import webp, write_png
-from wheelchair_gym.scenes.doorway import Doorway
+from wheelchair_gym.scenes.arena import Doorway
 
 VOID = {"meta", "link", "img", "br", "wbr", "hr", "input"}
 POLICIES, SCENES = ["dwa", "a|b <i>&"], ["clutter", "office"]
