@@ -102,8 +102,7 @@ def test_any_mapping_is_taken_or_refused_in_one_line(data):
 WITHOUT_DOC = (
     "agents/", "agents/control", "agents/policies",
     "wheelchair_gym/", "wheelchair_gym/envs", "wheelchair_gym/hardware",
-    "wheelchair_gym/localization", "wheelchair_gym/maps", "wheelchair_gym/physics",
-    "wheelchair_gym/recording", "wheelchair_gym/safety", "wheelchair_gym/scenes",
+    "wheelchair_gym/physics",
     "wheelchair_gym/sensors", "wheelchair_gym/task",
 )  # fmt: skip
 ROOT = Path(__file__).parents[1]

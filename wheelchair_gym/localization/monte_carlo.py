@@ -211,66 +211,118 @@ class LocalizationSettings:
     """Settings of Monte Carlo localisation."""
 
     max_beams: int = setting(
-        default=60, source="of a scan, evenly; neighbours tell the same", low=4
-    )
+        default=60, low=4, doc="Beams of a scan that are used, evenly chosen.",
+        source="neighbouring beams carry the same information",
+    )  # fmt: skip
     sigma: float = setting(
-        default=0.06, unit="m", source="laser's noise and a map of 5 cm cells", low=0.001
-    )
+        default=0.06, unit="m", low=0.001,
+        doc="Standard deviation of the gap between a beam's end and the surface.",
+        source="the laser's noise and a map of 5 cm cells",
+    )  # fmt: skip
     outlier_share: float = setting(
-        default=0.1, source="share of beams that meet what no map shows", low=1e-6, high=0.9
-    )
+        default=0.1, low=1e-6, high=0.9, doc="Share of beams that hit what the map does not show.",
+        source="design choice",
+    )  # fmt: skip
     independent_beams: float = setting(
-        default=12.0, source="beams that err independently, of those looked at", low=0.1
+        default=12.0, low=0.1,
+        doc="Number of beams with independent errors for which a scan counts.",
+        source="design choice",
+    )  # fmt: skip
+    min_particles: int = setting(
+        default=300, low=10, high=16_000, doc="Least number of particles.", source="design choice"
     )
-    min_particles: int = setting(default=300, source="particles", low=10, high=16_000)
-    max_particles: int = setting(default=5000, source="particles", low=10, high=16_000)
+    max_particles: int = setting(
+        default=5000, low=10, high=16_000, doc="Greatest number of particles.",
+        source="design choice",
+    )  # fmt: skip
     kld_error: float = setting(
-        default=0.05, source="Fox 2001: of the distribution, with probability 0.99", low=1e-3
-    )
-    bin_size: float = setting(default=0.25, unit="m", source="bins that are counted", low=0.01)
-    bin_angle: float = setting(default=math.radians(10.0), unit="rad", source="same", low=0.01)
+        default=0.05, low=1e-3,
+        doc="Error of the particles' distribution, kept with probability 0.99.", source="Fox 2001",
+    )  # fmt: skip
+    bin_size: float = setting(
+        default=0.25, unit="m", low=0.01, doc="Side of the bins by which particles are counted.",
+        source="design choice",
+    )  # fmt: skip
+    bin_angle: float = setting(
+        default=math.radians(10.0), unit="rad", low=0.01, doc="Heading range of these bins.",
+        source="design choice",
+    )  # fmt: skip
     translation_by_translation: float = setting(
-        default=0.03, unit="m/m", source="deviation of odometry", low=0.0
-    )
-    translation_by_rotation: float = setting(default=0.01, unit="m/rad", source="same", low=0.0)
-    rotation_by_translation: float = setting(default=0.04, unit="rad/m", source="same", low=0.0)
-    rotation_by_rotation: float = setting(default=0.05, unit="rad/rad", source="same", low=0.0)
-    lateral_slip: float = setting(default=0.03, unit="m/m", source="slide sideways", low=0.0)
+        default=0.03, unit="m/m", low=0.0,
+        doc="Standard deviation of translation per translation.", source="design choice",
+    )  # fmt: skip
+    translation_by_rotation: float = setting(
+        default=0.01, unit="m/rad", low=0.0, doc="Standard deviation of translation per rotation.",
+        source="design choice",
+    )  # fmt: skip
+    rotation_by_translation: float = setting(
+        default=0.04, unit="rad/m", low=0.0, doc="Standard deviation of rotation per translation.",
+        source="design choice",
+    )  # fmt: skip
+    rotation_by_rotation: float = setting(
+        default=0.05, unit="rad/rad", low=0.0, doc="Standard deviation of rotation per rotation.",
+        source="design choice",
+    )  # fmt: skip
+    lateral_slip: float = setting(
+        default=0.03, unit="m/m", low=0.0,
+        doc="Standard deviation of lateral slip per translation.", source="design choice",
+    )  # fmt: skip
     initial_position_sigma: float = setting(
-        default=0.05, unit="m", source="deviation of where an episode starts", low=0.0
-    )
+        default=0.05, unit="m", low=0.0, doc="Standard deviation of the initial position.",
+        source="design choice",
+    )  # fmt: skip
     initial_heading_sigma: float = setting(
-        default=math.radians(2.0), unit="rad", source="same", low=0.0
-    )
+        default=math.radians(2.0), unit="rad", low=0.0,
+        doc="Standard deviation of the initial heading.", source="design choice",
+    )  # fmt: skip
     update_distance: float = setting(
-        default=0.01, unit="m", source="no scan is weighed before: standing tells nothing", low=0.0
-    )
-    update_angle: float = setting(default=0.01, unit="rad", source="same", low=0.0)
+        default=0.01, unit="m", low=0.0, doc="Distance driven before a scan is weighed.",
+        source="a standing chair gains no information",
+    )  # fmt: skip
+    update_angle: float = setting(
+        default=0.01, unit="rad", low=0.0, doc="Angle turned before a scan is weighed.",
+        source="as update_distance",
+    )  # fmt: skip
     alpha_fast: float = setting(
-        default=0.2, source="per scan: how well scans fit now", low=0.0, high=1.0
-    )
+        default=0.2, low=0.0, high=1.0, doc="Rate of the short-term average of the scan's fit.",
+        source="Thrun, Burgard and Fox 2005, table 8.3",
+    )  # fmt: skip
     alpha_slow: float = setting(
-        default=0.005, source="per scan: how well they used to fit", low=0.0, high=1.0
-    )
+        default=0.005, low=0.0, high=1.0, doc="Rate of the long-term average of the scan's fit.",
+        source="Thrun, Burgard and Fox 2005, table 8.3",
+    )  # fmt: skip
     lost_ratio: float = setting(
-        default=0.7, source="of the usual fit: below, particles are placed anywhere", low=0.0
-    )
+        default=0.7, low=0.0,
+        doc="Ratio of the two averages below which the chair counts as lost.",
+        source="design choice",
+    )  # fmt: skip
     recovered_ratio: float = setting(
-        default=0.9, source="of the usual fit: a lost chair looks on until it is reached", low=0.0
-    )
+        default=0.9, low=0.0,
+        doc="Ratio of the two averages from which a lost chair counts as found.",
+        source="design choice",
+    )  # fmt: skip
     initial_fit: float = setting(
-        default=0.9, source="how well scans fit at first, as far as is known", low=0.0, high=1.0
-    )
+        default=0.9, low=0.0, high=1.0, doc="Both averages at the beginning.",
+        source="design choice",
+    )  # fmt: skip
     min_informative_beams: int = setting(
-        default=8, source="beams at a surface or behind one; fewer tell nothing of the fit", low=1
-    )
+        default=8, low=1,
+        doc="Least number of beams at or behind a surface for a scan to be judged.",
+        source="design choice",
+    )  # fmt: skip
     global_samples: int = setting(
-        default=2000, source="places that a lost chair looks at, per scan", low=1, high=16_000
-    )
-    global_candidates: int = setting(default=10, source="of these, which are looked into", low=1)
+        default=2000, low=1, high=16_000, doc="Random poses per scan that a lost chair tries.",
+        source="design choice",
+    )  # fmt: skip
+    global_candidates: int = setting(
+        default=10, low=1, doc="Best of these poses, each of which is refined.",
+        source="design choice",
+    )  # fmt: skip
     estimate_radius: float = setting(
-        default=1.0, unit="m", source="particles whose mean is the answer lie within", low=0.01
-    )
+        default=1.0, unit="m", low=0.01,
+        doc="Radius about the best particle within which poses are averaged.",
+        source="design choice",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         if self.max_particles < self.min_particles:

@@ -207,33 +207,45 @@ class MappingSettings:
     """How beams become a map."""
 
     resolution: float = setting(
-        default=0.04, unit="m", source="gmapping's 0.05 errs a quarter more", low=0.005, high=1.0
-    )
+        default=0.04, unit="m", low=0.005, high=1.0, doc="Side of a cell.",
+        source="measured: gmapping's 0.05 errs a quarter more",
+    )  # fmt: skip
     p_hit: float = setting(
-        default=0.7, source="p(occupied | echo), Hornung et al. 2013", low=0.51, high=0.99
-    )
+        default=0.7, low=0.51, high=0.99, doc="Probability that a cell with an echo is occupied.",
+        source="Hornung et al. 2013",
+    )  # fmt: skip
     p_miss: float = setting(
-        default=0.4, source="p(occupied | passed), Hornung et al. 2013", low=0.01, high=0.49
-    )
-    p_min: float = setting(default=0.12, source="clamp, Hornung et al. 2013", low=1e-4, high=0.49)
-    p_max: float = setting(default=0.97, source="clamp, Hornung et al. 2013", low=0.51, high=0.9999)
+        default=0.4, low=0.01, high=0.49,
+        doc="Probability that a cell that a beam passed is occupied.",
+        source="Hornung et al. 2013",
+    )  # fmt: skip
+    p_min: float = setting(
+        default=0.12, low=1e-4, high=0.49, doc="Least probability that a cell can reach.",
+        source="Hornung et al. 2013",
+    )  # fmt: skip
+    p_max: float = setting(
+        default=0.97, low=0.51, high=0.9999, doc="Greatest probability that a cell can reach.",
+        source="Hornung et al. 2013",
+    )  # fmt: skip
     occupied_threshold: float = setting(
-        default=0.65, source="from this a cell is occupied: map_server", low=0.51, high=0.99
-    )
+        default=0.65, low=0.51, high=0.99,
+        doc="Probability from which a cell is occupied on the map.", source="map_server",
+    )  # fmt: skip
     free_threshold: float = setting(
-        default=0.41,
-        source="up to this a cell is free: one beam is enough, as in gmapping",
-        low=0.01,
-        high=0.49,
-    )
+        default=0.41, low=0.01, high=0.49,
+        doc="Probability up to which a cell is free on the map.",
+        source="gmapping: one beam is enough",
+    )  # fmt: skip
     free_range: float = setting(
         default=3.0, unit="m", low=0.0, high=100.0,
-        source="a beam without echo frees so far; black or slanted walls give none, either",
+        doc="Range up to which a beam without echo frees cells.",
+        source="black and slanted walls give no echo, either",
     )  # fmt: skip
     surface_sigma: float = setting(
         default=0.02, unit="m", low=0.001, high=1.0,
-        source="standard deviation of the field round a wall: a scanner's and a little; wider "
-        "ones pull matches towards walls already mapped",
+        doc="Standard deviation of the field round a wall.",
+        source="measured: a scanner's noise and a little; wider fields bias matches towards "
+        "mapped walls",
     )  # fmt: skip
 
     def __post_init__(self) -> None:

@@ -257,28 +257,40 @@ class MatchSettings:
     """How scans are laid onto maps."""
 
     search_window: float = setting(
-        default=0.20, unit="m", source="searched to each side of the guess", low=0.0, high=5.0
-    )
-    search_angle: float = setting(
-        default=0.12, unit="rad", source="searched to each side of the guess", low=0.0, high=3.2
-    )
-    angle_step: float = setting(
-        default=0.015, unit="rad", source="a cell at 3.3 m", low=0.001, high=0.5
-    )
-    point_spacing: float = setting(
-        default=0.03, unit="m", source="points of a scan nearer to each other tell the same twice",
-        low=0.001, high=1.0,
+        default=0.20, unit="m", low=0.0, high=5.0,
+        doc="Distance searched on each side of the guess.", source="design choice",
     )  # fmt: skip
-    max_points: int = setting(default=300, source="at most, evenly thinned", low=10, high=20000)
+    search_angle: float = setting(
+        default=0.12, unit="rad", low=0.0, high=3.2,
+        doc="Angle searched on each side of the guess.", source="design choice",
+    )  # fmt: skip
+    angle_step: float = setting(
+        default=0.015, unit="rad", low=0.001, high=0.5, doc="Angle step of the search.",
+        source="a cell at 3.3 m",
+    )  # fmt: skip
+    point_spacing: float = setting(
+        default=0.03, unit="m", low=0.001, high=1.0,
+        doc="Least spacing of a scan's points across its beams.",
+        source="nearer points carry the same information",
+    )  # fmt: skip
+    max_points: int = setting(
+        default=300, low=10, high=20000, doc="Greatest number of points, evenly thinned.",
+        source="design choice",
+    )  # fmt: skip
     residual_sigma: float = setting(
         default=0.25, low=0.01, high=100.0,
-        source="deviation of 1 - M of one point, widened since neighbours err alike",
+        doc="Standard deviation of 1 - M at one point, M being the field.",
+        source="widened, as neighbouring points have correlated errors",
     )  # fmt: skip
     search_threshold: float = setting(
         default=0.5, low=0.0, high=1.0,
-        source="mean (1 - M)^2 above which a match found by descent alone is searched for",
+        doc="Mean (1 - M)^2 above which a match by descent alone is followed by a search.",
+        source="design choice",
     )  # fmt: skip
-    iterations: int = setting(default=10, source="of Gauss-Newton, at most", low=0, high=1000)
+    iterations: int = setting(
+        default=10, low=0, high=1000, doc="Greatest number of Gauss-Newton iterations.",
+        source="design choice",
+    )  # fmt: skip
 
 
 class Match(NamedTuple):

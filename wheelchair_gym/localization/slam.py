@@ -168,52 +168,50 @@ class SlamSettings:
     """Particles, when they look, and what is thought of the odometry."""
 
     particles: int = setting(
-        default=8,
-        low=1,
-        high=10000,
-        source="gmapping: 30, which in 24 floor plans is no better; 1 is plain scan matching",
-    )
+        default=8, low=1, high=10000, doc="Number of particles; 1 is plain scan matching.",
+        source="measured: gmapping's 30 are no better in 24 floor plans",
+    )  # fmt: skip
     update_distance: float = setting(
-        default=0.4,
-        unit="m",
-        low=0.0,
-        high=10.0,
-        source="driven before the next scan is used: each adds its own error to the map; twice as "
-        "often drifts a quarter more, and half as often finds itself worse",
-    )
+        default=0.4, unit="m", low=0.0, high=10.0,
+        doc="Distance driven before the next scan is used.",
+        source="measured: half as far drifts a quarter more, twice as far localizes worse",
+    )  # fmt: skip
     update_angle: float = setting(
-        default=0.5,
-        unit="rad",
-        source="turned before the next scan is used: gmapping",
-        low=0.0,
-        high=7.0,
-    )
+        default=0.5, unit="rad", low=0.0, high=7.0,
+        doc="Angle turned before the next scan is used.", source="gmapping",
+    )  # fmt: skip
     resample_threshold: float = setting(
-        default=0.5, source="below this share of effective particles; Grisetti et al. 2007",
-        low=0.0, high=1.0,
+        default=0.5, low=0.0, high=1.0,
+        doc="Share of effective particles below which particles are resampled.",
+        source="Grisetti et al. 2007",
     )  # fmt: skip
     likelihood_smoothing: float = setting(
         default=3.0, low=0.01, high=1000.0,
-        source="gmapping's ogain: weights are their product's root of this times the particles, "
-        "for beams err alike, and particles are soon all of one kind",
+        doc="Root of the likelihood taken per particle, since beams have correlated errors.",
+        source="gmapping's ogain",
     )  # fmt: skip
     translation_error: float = setting(
-        default=0.05, source="gmapping's srr is 0.1 for worse wheels", low=0.0, high=1.0
-    )
-    rotation_error: float = setting(default=0.05, source="gmapping: stt is 0.2", low=0.0, high=1.0)
+        default=0.05, low=0.0, high=1.0, doc="Standard deviation of translation per translation.",
+        source="gmapping's srr is 0.1 for worse wheels",
+    )  # fmt: skip
+    rotation_error: float = setting(
+        default=0.05, low=0.0, high=1.0, doc="Standard deviation of rotation per rotation.",
+        source="gmapping's stt is 0.2",
+    )  # fmt: skip
     rotation_per_translation: float = setting(
-        default=0.05, unit="rad/m", source="gmapping: srt is 0.1", low=0.0, high=10.0
-    )
+        default=0.05, unit="rad/m", low=0.0, high=10.0,
+        doc="Standard deviation of rotation per translation.", source="gmapping's srt is 0.1",
+    )  # fmt: skip
     translation_floor: float = setting(
-        default=0.010,
-        unit="m",
-        source="an encoder's quanta and a scan's motion",
-        low=1e-4,
-        high=1.0,
-    )
+        default=0.010, unit="m", low=1e-4, high=1.0,
+        doc="Standard deviation of translation without motion.",
+        source="an encoder's quanta and the motion during a scan",
+    )  # fmt: skip
     rotation_floor: float = setting(
-        default=0.010, unit="rad", source="likewise, at 0.5 m of track", low=1e-4, high=1.0
-    )
+        default=0.010, unit="rad", low=1e-4, high=1.0,
+        doc="Standard deviation of rotation without motion.",
+        source="an encoder's quanta at 0.5 m of track",
+    )  # fmt: skip
     mapping: MappingSettings = MappingSettings()
     matching: MatchSettings = MatchSettings()
 

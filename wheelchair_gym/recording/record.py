@@ -47,18 +47,24 @@ class RecordingSettings:
 
     refresh_period: float = setting(
         default=1.0, unit="s", low=0.01,
-        source="between two messages of what seldom changes: map, path, mounts, outline, trail",
+        doc="Period of what changes seldom: map, path, mounts, outline and trail.",
+        source="design choice",
     )  # fmt: skip
     trail_spacing: float = setting(
-        default=0.05, unit="m", source="between two points of the trail", low=0.001
-    )
+        default=0.05, unit="m", low=0.001, doc="Spacing of the trail's points.",
+        source="design choice",
+    )  # fmt: skip
     image_rate: float = setting(
-        default=0.0, unit="Hz", source="rendered pictures; 0: none", low=0.0, high=60.0
+        default=0.0, unit="Hz", low=0.0, high=60.0,
+        doc="Rate of rendered pictures; 0 records none.", source="design choice",
+    )  # fmt: skip
+    jpeg_quality: int = setting(
+        default=80, low=1, high=100, doc="JPEG quality of the pictures.", source="design choice"
     )
-    jpeg_quality: int = setting(default=80, source="of JPEG", low=1, high=100)
     when_full: Literal["go-on", "end"] = setting(
-        default="go-on", source="the run, when the disk is full; the recording ends in any case"
-    )
+        default="go-on",
+        doc="Whether the run goes on when the disk is full; the recording ends in any case.",
+    )  # fmt: skip
 
 
 def packed(values: ArrayLike, kind: DTypeLike) -> str:

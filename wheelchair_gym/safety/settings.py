@@ -9,12 +9,19 @@ from wheelchair_gym.config import setting, settings
 class StaleSettings:
     """How old what the chair is driven by may be; silent, invalid and frozen count alike."""
 
-    laser: float = setting(default=0.2, unit="s", source="eight scans at 40 Hz", low=0.01)
-    ultrasonic: float = setting(
-        default=1.0, unit="s", source="two rounds of eight rangers; never heard: not mounted",
-        low=0.01,
+    laser: float = setting(
+        default=0.2, unit="s", low=0.01, doc="Longest time without a valid, new scan.",
+        source="eight scans at 40 Hz",
     )  # fmt: skip
-    odometry: float = setting(default=0.1, unit="s", source="five messages at 50 Hz", low=0.01)
+    ultrasonic: float = setting(
+        default=1.0, unit="s", low=0.01,
+        doc="Longest time without a valid echo of a ranger that has been heard before.",
+        source="two rounds of eight rangers",
+    )  # fmt: skip
+    odometry: float = setting(
+        default=0.1, unit="s", low=0.01, doc="Longest time without valid, new odometry.",
+        source="five messages at 50 Hz",
+    )  # fmt: skip
 
 
 @settings
@@ -22,43 +29,53 @@ class ShieldSettings:
     """What may really be driven: slower or not at all, along what was asked for."""
 
     stop_margin: float = setting(
-        default=0.03, unit="m",
-        source="stop zone: a laser's means err by 5 mm, edges and a stop by 10 mm each", low=0.0,
+        default=0.03, unit="m", low=0.0,
+        doc="Width of the stop zone: clearance that the outline always keeps.",
+        source="measured: means of the laser err by 5 mm, edges and a stop by 10 mm each",
     )  # fmt: skip
     time_headway: float = setting(
-        default=0.08, unit="s",
-        source="slow zone: so much of its own speed the outline keeps clear beside it", low=0.0,
+        default=0.08, unit="s", low=0.0,
+        doc="Slow zone: clearance beside the outline per speed of the outline.",
+        source="design choice",
     )  # fmt: skip
     reaction_time: float = setting(
-        default=0.05, unit="s", source="from a reading to what wheels do of it: links and motors",
-        low=0.0, high=2.0,
+        default=0.05, unit="s", low=0.0, high=2.0,
+        doc="Delay from a reading to the motion that answers it.", source="links and motors",
     )  # fmt: skip
     creep_speed: float = setting(
-        default=0.05, unit="m/s", source="inside the stop zone: slower is no collision", low=0.0
-    )
+        default=0.05, unit="m/s", low=0.0,
+        doc="Speed up to which the chair may move inside the stop zone.", source="design choice",
+    )  # fmt: skip
     memory_time: float = setting(
-        default=3.0, unit="s", source="for which free space and what may move are remembered",
-        low=0.1, high=60.0,
+        default=3.0, unit="s", low=0.1, high=60.0,
+        doc="How long free space and objects that may move are remembered.",
+        source="design choice",
     )  # fmt: skip
     static_memory_time: float = setting(
-        default=60.0, unit="s", source="for which what stood, and nobody has looked at since, is",
-        low=0.1, high=3600.0,
+        default=60.0, unit="s", low=0.1, high=3600.0,
+        doc="How long an unobserved static obstacle is remembered.", source="design choice",
     )  # fmt: skip
     vacated_time: float = setting(
-        default=1.5, unit="s",
-        source="for which space that the chair left is free: a door falls to behind it",
-        low=0.1, high=60.0,
+        default=1.5, unit="s", low=0.1, high=60.0,
+        doc="How long space that the chair has left counts as free.",
+        source="a door may fall shut behind it",
     )  # fmt: skip
     unseen_speed: float = setting(
-        default=0.1, unit="m/s", source="walking-stick speed into what nobody has seen", low=0.0
-    )
+        default=0.1, unit="m/s", low=0.0,
+        doc="Greatest speed of the outline into space that no sensor has seen.",
+        source="design choice",
+    )  # fmt: skip
     person_speed: float = setting(
-        default=1.5, unit="m/s", source="that whoever moves may take up in any direction", low=0.0
-    )
+        default=1.5, unit="m/s", low=0.0,
+        doc="Greatest speed that a person is expected to reach in any direction.",
+        source="design choice",
+    )  # fmt: skip
     person_acceleration: float = setting(
-        default=2.7, unit="m/s2", source="whoever moves: 0 to 1.34 m/s in 0.5 s", low=0.0
-    )
+        default=2.7, unit="m/s2", low=0.0, doc="Acceleration expected of a person who stands.",
+        source="0 to 1.34 m/s in 0.5 s",
+    )  # fmt: skip
     moving_memory_time: float = setting(
-        default=3.0, unit="s", source="whoever moved may move again", low=0.0, high=60.0
-    )
+        default=3.0, unit="s", low=0.0, high=60.0,
+        doc="How long an object that moved is expected to move again.", source="design choice",
+    )  # fmt: skip
     stale: StaleSettings = StaleSettings()

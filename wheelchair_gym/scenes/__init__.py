@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from wheelchair_gym.config import InputError, load
+from wheelchair_gym.config import InputError, load, setting, settings
 from wheelchair_gym.errors import shown
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.scenes.arena import Clutter, Doorway, EmptyRoom
@@ -15,7 +15,6 @@ from wheelchair_gym.scenes.barn import Barn
 from wheelchair_gym.scenes.crowd import Crowd, Temporary
 from wheelchair_gym.scenes.floor_plan import FloorPlan
 from wheelchair_gym.scenes.map_file import MapFile
-from wheelchair_gym.scenes.mixture import Mixture
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.scenes.published import LAB_MAPS, THESIS_MAPS, ChaoticPso, DesignLab, GreyWolf
 from wheelchair_gym.types import Episode
@@ -49,6 +48,38 @@ class Scene(Protocol):
             InputError: the settings leave no world that fits it.
         """
         ...
+
+
+@settings
+class Mixture:
+    """Worlds of several scenes, each drawn with its share."""
+
+    scenes: tuple[Any, ...] = setting(
+        default=("floor_plan", "clutter"),
+        doc="Scenes, as names or as objects with a name.",
+        source="design choice",
+    )
+    weights: tuple[float, ...] = setting(
+        default=(0.6, 0.4), low=0.0,
+        doc="Relative frequency of each scene; their sum is not restricted.",
+        source="design choice",
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        if not self.scenes or len(self.scenes) != len(self.weights) or sum(self.weights) <= 0.0:
+            raise InputError(
+                f"Mixture.weights is {self.weights}; expected one for each of {len(self.scenes)} "
+                "scenes (1 at least), not all 0"
+            )
+        object.__setattr__(self, "_made", tuple(make_scene(scene) for scene in self.scenes))
+
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """Draw a scene, and a world of it for a chair of this footprint."""
+        weights = np.array(self.weights)
+        which = int(rng.choice(len(weights), p=weights / weights.sum()))
+        made: Any = vars(self)["_made"]
+        episode: Episode = made[which].sample(rng, footprint)
+        return episode
 
 
 SCENES: Final[dict[str, type[Scene]]] = {

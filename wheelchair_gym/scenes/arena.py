@@ -83,10 +83,20 @@ _CLEARANCE = 0.15  # m round the footprint where drawn, as in the other scenes
 class EmptyRoom:
     """An empty rectangular room, its lower-left corner at (0, 0): for first steps and physics."""
 
-    size: tuple[float, float] = setting(default=(8.0, 6.0), unit="m", low=2.0, high=200.0)
-    start: Pose | None = setting(default=None, unit="m, m, rad", source="none: drawn at random")
-    goal: Pose | None = setting(default=None, unit="m, m, rad", source="none: drawn at random")
-    min_distance: float = setting(default=2.0, unit="m", source="least from start to goal", low=0.0)
+    size: tuple[float, float] = setting(
+        default=(8.0, 6.0), unit="m", low=2.0, high=200.0, doc="Length along x and y of the room.",
+        source="design choice",
+    )  # fmt: skip
+    start: Pose | None = setting(
+        default=None, unit="m, m, rad", doc="Start pose; null draws it at random."
+    )
+    goal: Pose | None = setting(
+        default=None, unit="m, m, rad", doc="Goal pose; null draws it at random."
+    )
+    min_distance: float = setting(
+        default=2.0, unit="m", low=0.0, doc="Least distance from start to goal.",
+        source="design choice",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         if self.min_distance > 0.4 * math.hypot(*self.size):
@@ -143,19 +153,30 @@ class Clutter:
     """
 
     length: float = setting(
-        default=10.0, unit="m", source="start to goal: BARN", low=4.0, high=50.0
-    )
-    width: float = setting(default=4.5, unit="m", source="BARN's corridor", low=1.5, high=30.0)
-    density: float = setting(default=0.4, unit="1/m2", source="cylinders", low=0.0, high=5.0)
+        default=10.0, unit="m", low=4.0, high=50.0, doc="Distance from start to goal.",
+        source="BARN benchmark (Perille et al. 2020)",
+    )  # fmt: skip
+    width: float = setting(
+        default=4.5, unit="m", low=1.5, high=30.0, doc="Width of the corridor.",
+        source="BARN benchmark (Perille et al. 2020)",
+    )  # fmt: skip
+    density: float = setting(
+        default=0.4, unit="1/m2", low=0.0, high=5.0, doc="Cylinders per area.",
+        source="design choice",
+    )  # fmt: skip
     radius: tuple[float, float] = setting(
-        default=(0.075, 0.25), unit="m", source="from BARN's cylinders up", low=0.03, high=1.0
-    )
+        default=(0.075, 0.25), unit="m", low=0.03, high=1.0,
+        doc="Smallest and largest radius of a cylinder.", source="BARN's cylinders upwards",
+    )  # fmt: skip
     min_gap: float = setting(
-        default=0.9, unit="m", source="between cylinders that do not overlap", low=0.0, high=3.0
-    )
+        default=0.9, unit="m", low=0.0, high=3.0,
+        doc="Least gap between cylinders that do not overlap.", source="design choice",
+    )  # fmt: skip
     passage_margin: float = setting(
-        default=0.10, unit="m", source="beyond half the chair's width", low=0.0, high=0.5
-    )
+        default=0.10, unit="m", low=0.0, high=0.5,
+        doc="Clearance on each side of the chair that a solvable corridor leaves.",
+        source="design choice",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         if self.radius[0] > self.radius[1]:
@@ -215,16 +236,22 @@ class Doorway:
     The start is in the corridor, along it; the goal in the room.
     """
 
-    door_width: float = setting(default=0.90, unit="m", source="clear width", low=0.65, high=2.0)
+    door_width: float = setting(
+        default=0.90, unit="m", low=0.65, high=2.0, doc="Clear width of the door.",
+        source="design choice",
+    )  # fmt: skip
     corridor_width: float = setting(
-        default=1.20, unit="m", source="clear width", low=0.75, high=4.0
-    )
+        default=1.20, unit="m", low=0.75, high=4.0, doc="Clear width of the corridor.",
+        source="design choice",
+    )  # fmt: skip
     corridor_length: float = setting(
-        default=7.0, unit="m", source="of the corridor", low=4.0, high=30.0
-    )
+        default=7.0, unit="m", low=4.0, high=30.0, doc="Length of the corridor.",
+        source="design choice",
+    )  # fmt: skip
     room_depth: float = setting(
-        default=3.5, unit="m", source="depth of the room", low=2.0, high=10.0
-    )
+        default=3.5, unit="m", low=2.0, high=10.0, doc="Depth of the room behind the door.",
+        source="design choice",
+    )  # fmt: skip
 
     @property
     def margin(self) -> float:

@@ -131,16 +131,22 @@ class Barn:
     """
 
     path: str = setting(
-        default="", source="JSON: [{world, start, goal, circles}, ...]; none: drawn anew"
+        default="",
+        doc="JSON file of worlds, [{world, start, goal, circles}, ...]; empty draws new worlds.",
+    )  # fmt: skip
+    world: int | None = setting(
+        default=None, doc="Number of one world of the file; null draws any of them."
     )
-    world: int | None = setting(default=None, source="its number in the file; none: any of them")
     passage_margin: float = setting(
         default=0.05, unit="m", low=0.0, high=0.5,
-        source="beyond half the chair's width, of the narrowest spot of worlds that are drawn",
+        doc="Clearance on each side of the chair at the narrowest spot of drawn worlds.",
+        source="design choice",
     )  # fmt: skip
     map_margin: float = setting(
-        default=1.5, unit="m", source="of the map round cylinders, start and goal", low=0.5
-    )
+        default=1.5, unit="m", low=0.5,
+        doc="Distance from cylinders, start and goal to the border of the map.",
+        source="design choice",
+    )  # fmt: skip
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The world asked for, or any that a chair of this footprint can pass.

@@ -50,31 +50,37 @@ class PeopleSettings:
     """Who walks about, and how many."""
 
     density: tuple[float, float] = setting(
-        default=(0.03, 0.08),
-        unit="1/m2",
-        source="people per free floor: from, to",
-        low=0.0,
-        high=1.0,
-    )
+        default=(0.03, 0.08), unit="1/m2", low=0.0, high=1.0,
+        doc="Least and greatest number of people per free area.", source="design choice",
+    )  # fmt: skip
     speed: float = setting(
-        default=SPEED, unit="m/s", source="mean of what is preferred: Weidmann 1993", low=0.1
-    )
+        default=SPEED, unit="m/s", low=0.1, doc="Mean preferred walking speed.",
+        source="Weidmann 1993",
+    )  # fmt: skip
     speed_sigma: float = setting(
-        default=0.26, unit="m/s", source="standard deviation: Weidmann 1993", low=0.0
-    )
-    min_speed: float = setting(default=0.4, unit="m/s", source="who walks with a frame", low=0.05)
+        default=0.26, unit="m/s", low=0.0,
+        doc="Standard deviation of the preferred walking speed.", source="Weidmann 1993",
+    )  # fmt: skip
+    min_speed: float = setting(
+        default=0.4, unit="m/s", low=0.05, doc="Least preferred walking speed.",
+        source="a person with a walking frame",
+    )  # fmt: skip
     inattentive_share: float = setting(
-        default=0.1, source="share who pay no attention", low=0.0, high=1.0
-    )
+        default=0.1, low=0.0, high=1.0, doc="Share of people who do not see the chair.",
+        source="design choice",
+    )  # fmt: skip
     crossing_share: float = setting(
-        default=0.0, source="share of cylinders that heed nobody: DynaBARN", low=0.0, high=1.0
-    )
+        default=0.0, low=0.0, high=1.0, doc="Share of moving cylinders that avoid nobody.",
+        source="DynaBARN",
+    )  # fmt: skip
     patience: float = setting(
-        default=4.0, unit="s", source="without getting on, then they turn back", low=0.5
-    )
+        default=4.0, unit="s", low=0.5,
+        doc="Time without progress after which a person turns back.", source="design choice",
+    )  # fmt: skip
     start_distance: float = setting(
-        default=2.0, unit="m", source="from the chair's start, at the beginning", low=0.8
-    )
+        default=2.0, unit="m", low=0.8, doc="Least distance of people from the chair's start.",
+        source="design choice",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         if self.density[0] > self.density[1]:
@@ -85,13 +91,19 @@ class PeopleSettings:
 class DoorSettings:
     """Which doors have a leaf, and how it opens."""
 
-    leaf_share: float = setting(default=0.4, source="of doors with a leaf", low=0.0, high=1.0)
+    leaf_share: float = setting(
+        default=0.4, low=0.0, high=1.0, doc="Share of doors that have a powered leaf.",
+        source="design choice",
+    )  # fmt: skip
     sliding_share: float = setting(
-        default=0.5, source="share that slides, where the wall has room", low=0.0, high=1.0
-    )
+        default=0.5, low=0.0, high=1.0,
+        doc="Share of leaves that slide where the wall has room; the others swing.",
+        source="design choice",
+    )  # fmt: skip
     trigger_distance: float = setting(
-        default=2.0, unit="m", source="opens for whoever is so near: EN 16005's sensors", low=0.5
-    )
+        default=2.0, unit="m", low=0.5, doc="Distance at which a leaf opens for somebody.",
+        source="EN 16005, sensors of powered doors",
+    )  # fmt: skip
 
 
 def free_area(grid: OccupancyGrid) -> float:
@@ -278,16 +290,20 @@ _COLUMNS = 0.02  # 1/m2 of a hall
 class Crowd:
     """People who walk through a building or a hall, with powered doors and light furniture."""
 
-    place: Literal["any", "building", "hall"] = setting(default="any", source="a coin is thrown")
+    place: Literal["any", "building", "hall"] = setting(
+        default="any", doc="Where people walk; any draws one of the two.", source="design choice"
+    )
     people: PeopleSettings = PeopleSettings()
-    doors: DoorSettings = setting(default=DoorSettings(), source="of buildings")
+    doors: DoorSettings = DoorSettings()
     furniture_density: float = setting(
-        default=0.01, unit="1/m2", source="pieces that can be pushed", low=0.0, high=1.0
-    )
-    building: FloorPlan = setting(default=FloorPlan(), source="of buildings")
+        default=0.01, unit="1/m2", low=0.0, high=1.0,
+        doc="Movable pieces of furniture per free area.", source="design choice",
+    )  # fmt: skip
+    building: FloorPlan = FloorPlan()
     hall_size: tuple[float, float] = setting(
-        default=(9.0, 14.0), unit="m", source="sides of a hall: from, to", low=5.0, high=60.0
-    )
+        default=(9.0, 14.0), unit="m", low=5.0, high=60.0,
+        doc="Least and greatest side of a hall.", source="design choice",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         if self.hall_size[0] > self.hall_size[1]:
@@ -359,23 +375,32 @@ class Temporary:
     waits until they are gone.
     """
 
-    count: tuple[int, int] = setting(default=(1, 3), source="obstacles: from, to", low=0, high=20)
+    count: tuple[int, int] = setting(
+        default=(1, 3), low=0, high=20, doc="Least and greatest number of obstacles.",
+        source="design choice",
+    )  # fmt: skip
     radius: tuple[float, float] = setting(
-        default=(0.15, 0.35), unit="m", source="a bag to a trolley: from, to", low=0.05, high=1.0
-    )
+        default=(0.15, 0.35), unit="m", low=0.05, high=1.0,
+        doc="Least and greatest radius of an obstacle.", source="from a bag to a trolley",
+    )  # fmt: skip
     trigger_distance: tuple[float, float] = setting(
-        default=(1.5, 3.0), unit="m", source="it appears once the chair is so near: from, to",
-        low=0.1,
+        default=(1.5, 3.0), unit="m", low=0.1,
+        doc="Least and greatest distance of the chair at which an obstacle appears.",
+        source="design choice",
     )  # fmt: skip
     min_distance: float = setting(
-        default=1.2, unit="m", source="never nearer: a stop from 0.8 m/s takes 0.88 m", low=0.9
-    )
+        default=1.2, unit="m", low=0.9,
+        doc="Distance of the chair below which no obstacle appears.",
+        source="a stop from 0.8 m/s takes 0.88 m",
+    )  # fmt: skip
     duration: tuple[float, float] = setting(
-        default=(5.0, 20.0), unit="s", source="how long: from, to", low=0.1, high=600.0
-    )
+        default=(5.0, 20.0), unit="s", low=0.1, high=600.0,
+        doc="Shortest and longest time for which an obstacle stays.", source="design choice",
+    )  # fmt: skip
     lateral_offset: float = setting(
-        default=0.15, unit="m", source="off the way, at most", low=0.0, high=1.0
-    )
+        default=0.15, unit="m", low=0.0, high=1.0,
+        doc="Largest offset of an obstacle from the path, along x and y.", source="design choice",
+    )  # fmt: skip
     building: FloorPlan = FloorPlan()
 
     def __post_init__(self) -> None:

@@ -46,28 +46,38 @@ class FloorPlan:
     are kept clear on both sides) and is checked.
     """
 
-    kind: Literal["any", "home", "clinic"] = setting(default="any", source="a coin is thrown")
+    kind: Literal["any", "home", "clinic"] = setting(
+        default="any", doc="Kind of building; any draws one of the two.", source="design choice"
+    )
     door_width: tuple[float, float] = setting(
-        default=(1.0, 1.2), unit="m", source="clear width from, to", low=0.7, high=2.0
-    )
+        default=(1.0, 1.2), unit="m", low=0.7, high=2.0,
+        doc="Least and greatest clear width of doors.", source="design choice",
+    )  # fmt: skip
     corridor_width: tuple[float, float] = setting(
-        default=(1.2, 1.8), unit="m", source="clear width from, to", low=0.8, high=4.0
-    )
+        default=(1.2, 1.8), unit="m", low=0.8, high=4.0,
+        doc="Least and greatest clear width of corridors.", source="design choice",
+    )  # fmt: skip
     building_size: tuple[float, float] = setting(
-        default=(10.0, 18.0), unit="m", source="sides of the building from, to", low=9.0, high=40.0
-    )
+        default=(10.0, 18.0), unit="m", low=9.0, high=40.0,
+        doc="Least and greatest side of the building.", source="design choice",
+    )  # fmt: skip
     furniture_density: float = setting(
-        default=0.25, unit="1/m2", source="pieces tried per area of room", low=0.0, high=2.0
-    )
+        default=0.25, unit="1/m2", low=0.0, high=2.0,
+        doc="Pieces of furniture that are tried per area of a room.", source="design choice",
+    )  # fmt: skip
     passage_width: float = setting(
-        default=1.2, unit="m", source="clear width round furniture", low=0.7, high=3.0
-    )
+        default=1.2, unit="m", low=0.7, high=3.0, doc="Clear width that furniture leaves.",
+        source="design choice",
+    )  # fmt: skip
     path_length: tuple[float, float] = setting(
-        default=(5.0, 30.0), unit="m", source="geodesic from start to goal: from, to", low=0.0
-    )
+        default=(5.0, 30.0), unit="m", low=0.0,
+        doc="Least and greatest length of the shortest path from start to goal.",
+        source="design choice",
+    )  # fmt: skip
     clearance: float = setting(
-        default=0.15, unit="m", source="round the footprint at start and goal", low=0.0, high=0.5
-    )
+        default=0.15, unit="m", low=0.0, high=0.5,
+        doc="Clearance of the footprint at start and goal.", source="design choice",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         for name in ("door_width", "corridor_width", "building_size", "path_length"):

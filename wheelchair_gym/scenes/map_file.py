@@ -46,16 +46,28 @@ def _ground(path: Path, stamp: int, unknown_is_solid: bool) -> tuple[OccupancyGr
 class MapFile:
     """A map file; start and goal are given, or drawn from where the chair can stand."""
 
-    path: str = setting(default="", source=_KINDS)
-    start: Pose | None = setting(default=None, unit="m, m, rad", source="none: drawn at random")
-    goal: Pose | None = setting(default=None, unit="m, m, rad", source="none: drawn at random")
+    path: str = setting(
+        default="",
+        doc="Map file: map_server's YAML, MovingAI's .map or HouseExpo's JSON; empty takes the "
+        "clinic of the package.",
+    )  # fmt: skip
+    start: Pose | None = setting(
+        default=None, unit="m, m, rad", doc="Start pose; null draws it at random."
+    )
+    goal: Pose | None = setting(
+        default=None, unit="m, m, rad", doc="Goal pose; null draws it at random."
+    )
     min_path_length: float = setting(
-        default=3.0, unit="m", source="least way from a drawn start to a drawn goal", low=0.0
-    )
+        default=3.0, unit="m", low=0.0,
+        doc="Least length of the path from a drawn start to a drawn goal.", source="design choice",
+    )  # fmt: skip
     clearance: float = setting(
-        default=0.15, unit="m", source="round the footprint where drawn", low=0.0, high=0.5
+        default=0.15, unit="m", low=0.0, high=0.5,
+        doc="Clearance of the footprint at drawn poses.", source="design choice",
+    )  # fmt: skip
+    unknown_is_solid: bool = setting(
+        default=False, doc="Whether walls are put round unknown cells, too."
     )
-    unknown_is_solid: bool = setting(default=False, source="walls also round unknown cells")
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw what is not given, for a chair of this footprint.

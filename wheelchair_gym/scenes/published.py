@@ -55,7 +55,7 @@ def _fixed(scene: type[T], name: str, number: int, what: str) -> type[T]:
         "__doc__": f"{what} {number}.",
         "__post_init__": check,
         "__module__": scene.__module__,
-        "number": setting(default=number, source="of the map", low=number, high=number),
+        "number": setting(default=number, low=number, high=number, doc="Number of the map."),
     }
     made: type[T] = settings(type(f"{scene.__name__}{number}", (scene,), namespace))
     # A pickle names a class by its module and its name there.
@@ -115,7 +115,9 @@ DESIGN_LAB_INFLATION: Final = 0.4  # m: the paper's
 class Lab:
     """A laboratory of the thesis on limited tree expansion; upright walls, 7 m x 5 m."""
 
-    number: int = setting(default=1, source="which of the three", low=1, high=3)
+    number: int = setting(
+        default=1, low=1, high=3, doc="Which of the three laboratories.", source="the first one"
+    )
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
@@ -130,7 +132,9 @@ class Lab:
 class DesignLab:
     """An engineering design lab with the two ways of the paper on RRT smoothed by whales."""
 
-    path: Literal[1, 2] = setting(default=1, source="the paper's start and goal")
+    path: Literal[1, 2] = setting(
+        default=1, doc="Which of the paper's two pairs of start and goal.", source="the first one"
+    )
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
@@ -185,11 +189,12 @@ class GreyWolf:
     """
 
     goal: Literal["5,20", "15,5", "12,12", "15,22", "20,20", "10,2.5"] = setting(
-        default="20,20", source="of the report's six, beyond all obstacles"
+        default="20,20", doc="Which of the report's six goals.", source="beyond all obstacles"
     )
     margin: float = setting(
-        default=2.0, unit="m", source="ground beyond 0 and 25, room for the chair", low=1.0
-    )
+        default=2.0, unit="m", low=1.0, doc="Width of the ground beyond the report's square.",
+        source="room for the chair at the start",
+    )  # fmt: skip
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
@@ -286,15 +291,16 @@ _MAPS: Final[tuple[Callable[[float, int], Arena], ...]] = (
 class ThesisMap:
     """One of the five maps; the same world for every generator."""
 
-    number: int = setting(default=1, source="which map of the five", low=1, high=5)
-    gap: float = setting(
-        default=1.2,
-        unit="m",
-        source="narrow passages, wide enough for the chair",
-        low=0.7,
-        high=3.0,
+    number: int = setting(
+        default=1, low=1, high=5, doc="Which of the five maps.", source="the first one"
     )
-    seed: int = setting(default=5, source="of the clutter in map 5", low=0)
+    gap: float = setting(
+        default=1.2, unit="m", low=0.7, high=3.0, doc="Width of the narrow passages.",
+        source="wide enough for the chair",
+    )  # fmt: skip
+    seed: int = setting(
+        default=5, low=0, doc="Seed of the clutter of map 5.", source="design choice"
+    )
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
