@@ -7,35 +7,32 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from wheelchair_gym.config import InputError, load, setting, settings
-from wheelchair_gym.errors import shown
+from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.scenes.arena import Clutter, Doorway, EmptyRoom
-from wheelchair_gym.scenes.barn import Barn
-from wheelchair_gym.scenes.crowd import Crowd, Temporary
-from wheelchair_gym.scenes.floor_plan import FloorPlan
-from wheelchair_gym.scenes.map_file import MapFile
+from wheelchair_gym.registry import Registry
 from wheelchair_gym.scenes.poses import FOOTPRINT
-from wheelchair_gym.scenes.published import LAB_MAPS, THESIS_MAPS, ChaoticPso, DesignLab, GreyWolf
 from wheelchair_gym.types import Episode
 
-__all__ = [
-    "SCENES",
-    "Barn",
-    "ChaoticPso",
-    "Clutter",
-    "Crowd",
-    "DesignLab",
-    "Doorway",
-    "EmptyRoom",
-    "FloorPlan",
-    "GreyWolf",
-    "MapFile",
-    "Mixture",
-    "Scene",
-    "Temporary",
-    "make_scene",
-]
+_PLACE = "wheelchair_gym.scenes"
+SCENES: Final = Registry(
+    "scene",
+    {
+        "floor_plan": f"{_PLACE}.floor_plan:FloorPlan",
+        "clutter": f"{_PLACE}.arena:Clutter",
+        "crowd": f"{_PLACE}.crowd:Crowd",
+        "temporary": f"{_PLACE}.crowd:Temporary",
+        "doorway": f"{_PLACE}.arena:Doorway",
+        "empty": f"{_PLACE}.arena:EmptyRoom",
+        "mixture": f"{_PLACE}:Mixture",
+        "map_file": f"{_PLACE}.map_file:MapFile",
+        "barn": f"{_PLACE}.barn:Barn",
+        "chaotic_pso": f"{_PLACE}.published:ChaoticPso",
+        "grey_wolf": f"{_PLACE}.published:GreyWolf",
+        "design_lab": f"{_PLACE}.published:DesignLab",
+        **{f"lab_{k}": f"{_PLACE}.published:Lab{k}" for k in range(1, 4)},
+        **{f"thesis_{k}": f"{_PLACE}.published:ThesisMap{k}" for k in range(1, 6)},
+    },
+)
 
 
 class Scene(Protocol):
@@ -82,40 +79,13 @@ class Mixture:
         return episode
 
 
-SCENES: Final[dict[str, type[Scene]]] = {
-    "floor_plan": FloorPlan,
-    "clutter": Clutter,
-    "crowd": Crowd,
-    "temporary": Temporary,
-    "doorway": Doorway,
-    "empty": EmptyRoom,
-    "mixture": Mixture,
-    "map_file": MapFile,
-    "barn": Barn,
-    "chaotic_pso": ChaoticPso,
-    "grey_wolf": GreyWolf,
-    "design_lab": DesignLab,
-    **LAB_MAPS,
-    **THESIS_MAPS,
-}
-
-
 def make_scene(spec: str | Mapping[str, Any] | Scene) -> Scene:
     """A scene from its name, from a mapping {"name": ..., settings}, or as it is.
 
     Raises:
-        InputError: the name is unknown, or a setting is not what it should be.
+        InputError: the name is unknown, or a setting is wrong.
     """
-    if isinstance(spec, str):
-        spec = {"name": spec}
-    if not isinstance(spec, Mapping):
-        if not hasattr(spec, "sample"):
-            raise InputError(
-                f"scene is {shown(spec)}; expected a name, an object with a name or a scene"
-            )
+    if hasattr(spec, "sample"):
         return spec
-    name = spec.get("name")
-    if not isinstance(name, str) or name not in SCENES:
-        raise InputError(f"scene.name is {shown(name)}; it must be one of {', '.join(SCENES)}")
-    given = {key: value for key, value in spec.items() if key != "name"}
-    return load(SCENES[name], given, f"scene {name}")
+    scene: Scene = SCENES.make(spec)
+    return scene

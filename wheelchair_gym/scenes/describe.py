@@ -9,8 +9,10 @@ import numpy as np
 from wheelchair_gym.geometry import path_length
 from wheelchair_gym.maps import OCCUPIED, bottleneck, geodesic
 from wheelchair_gym.physics.actors.records import KINDS, NOBODY, PEOPLE, PERSON
-from wheelchair_gym.scenes import Crowd, Doorway, FloorPlan, Scene, Temporary
-from wheelchair_gym.scenes.crowd import free_area
+from wheelchair_gym.scenes import Scene
+from wheelchair_gym.scenes.arena import Doorway
+from wheelchair_gym.scenes.crowd import Crowd, Temporary, free_area
+from wheelchair_gym.scenes.floor_plan import FloorPlan
 from wheelchair_gym.scenes.layout import Building
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.types import Episode

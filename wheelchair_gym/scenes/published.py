@@ -14,53 +14,34 @@ obstacles inflated by 0.4 m. Verdicts on these maps can be on orders only, never
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
-from typing import Any, Final, Literal, NamedTuple, TypeVar
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.scenes.arena import Arena, make_arena, poses_along
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.scenes.raster import rotated_rectangle
 from wheelchair_gym.types import Episode
 
-T = TypeVar("T")
 
+def _define_maps(scene: type[Any], count: int, doc: str) -> None:
+    """Define a class for each map of a scene, such as Lab1, whose number is fixed.
 
-def numbered(scene: type[T], name: str, count: int, what: str) -> dict[str, type[T]]:
-    """Scenes `name_1` to `name_count` of a class whose `number` says which map it is.
-
-    Args:
-        scene: a settings class with the field `number`.
-        name: of the scenes, without the number.
-        count: of the maps.
-        what: the docstring of each, before its number.
+    They are attributes of this module, where the registry and pickles find them.
     """
-    return {f"{name}_{k}": _fixed(scene, f"{name}_{k}", k, what) for k in range(1, count + 1)}
-
-
-def _fixed(scene: type[T], name: str, number: int, what: str) -> type[T]:
-    """The settings class of one map: the number cannot be set to another."""
-
-    def check(self: Any) -> None:
-        if self.number != number:
-            raise InputError(f"{name}.number is {self.number}; expected {number}")
-
-    namespace = {
-        "__annotations__": {"number": int},
-        "__doc__": f"{what} {number}.",
-        "__post_init__": check,
-        "__module__": scene.__module__,
-        "number": setting(default=number, low=number, high=number, doc="Number of the map."),
-    }
-    made: type[T] = settings(type(f"{scene.__name__}{number}", (scene,), namespace))
-    # A pickle names a class by its module and its name there.
-    setattr(sys.modules[scene.__module__], made.__name__, made)
-    return made
+    for k in range(1, count + 1):
+        name = f"{scene.__name__}{k}"
+        fields = {
+            "__annotations__": {"number": int},
+            "__doc__": f"{doc} {k}.",
+            "__module__": __name__,
+            "number": setting(default=k, low=k, high=k, doc="Number of the map."),
+        }
+        globals()[name] = settings(type(name, (scene,), fields))
 
 
 Box = tuple[float, float, float, float]
@@ -143,7 +124,7 @@ class DesignLab:
         return Episode(ground.map, start, goal, ground.walls, ground.discs, name="design_lab")
 
 
-LAB_MAPS: Final = numbered(Lab, "lab", 3, "Laboratory of the thesis on limited tree expansion, no.")
+_define_maps(Lab, 3, "Laboratory of the thesis on limited tree expansion, no.")
 
 
 CHAOTIC_PSO_DISCS: Final = (
@@ -310,4 +291,4 @@ class ThesisMap:
         return Episode(ground.map, start, goal, ground.walls, ground.discs, name=name)
 
 
-THESIS_MAPS: Final = numbered(ThesisMap, "thesis", 5, "Map of the thesis, no.")
+_define_maps(ThesisMap, 5, "Map of the thesis, no.")
