@@ -1,4 +1,4 @@
-"""The shield between any policy and any chair."""
+"""The shield between any policy and any chair, and the table of reasons for which a chair stops."""
 
 from __future__ import annotations
 

@@ -38,14 +38,14 @@ _WORSE = 1e-6  # m: what is inside the stop zone may not come nearer, beyond rou
 
 @borrowing_kernel
 def held_steps(g: Any) -> int:
-    """Poses of a roll-out for which a twist is driven: as long as a period, or a little longer."""
+    """Number of steps of a predicted trajectory that cover one control period."""
     poses: int = math.ceil(g.period / STEP - _ROUND)
     return poses
 
 
 @borrowing_kernel
 def outward_speed(g: Any, k: int, v: float, v1: float, w: float, w1: float) -> float:
-    """How fast [m/s] sample k of the outline goes outward at most, at a speed and a turn.
+    """Greatest outward speed [m/s] of outline sample k, for intervals of speed and turn rate.
 
     That is along its side's normal; for a rear corner in a pivot, and in reverse, as fast as it
     moves. Ahead, it follows its own side.
@@ -65,10 +65,10 @@ def outward_speed(g: Any, k: int, v: float, v1: float, w: float, w1: float) -> f
 def may_reach_person(
     g: Any, x: float, y: float, yaw: float, v: float, w: float, moving: Array, t: float
 ) -> bool:
-    """Whether who moves may get before a part of the outline that goes outward.
+    """Whether a moving object may reach a part of the outline that moves outward.
 
-    What comes up to a part that does not go outward is not met by the chair: it meets the chair,
-    and would if the chair stood.
+    A part that does not move outward is left out: contact there would happen to a standing chair,
+    too.
     """
     c, s = math.cos(yaw), math.sin(yaw)
     walks = g.person_speed * t
@@ -95,7 +95,7 @@ def may_reach_person(
 
 @borrowing_kernel
 def speed_interval(speed: float, late: float, times: float) -> tuple[float, float]:
-    """The least and the greatest of a speed and of a late one, if that is farther from zero.
+    """Interval between a speed and its delayed value, where that is farther from zero.
 
     Each is so many times as far from zero. A speed that rises is no danger for being late.
     """
@@ -109,7 +109,7 @@ def enters_unseen_space(
     g: Any, s: Any, x: float, y: float, yaw: float, v: float, v1: float, w: float, w1: float,
     since: float, most: float,
 ) -> bool:  # fmt: skip
-    """Whether a point of the outline enters what nobody has seen, faster than it may."""
+    """Whether a point of the outline enters unseen space faster than `most` [m/s]."""
     c, sn = math.cos(yaw), math.sin(yaw)
     for k in range(SAMPLES):
         if outward_speed(g, k, v, v1, w, w1) <= most:
@@ -122,10 +122,10 @@ def enters_unseen_space(
 
 @borrowing_kernel
 def check_trajectory(g: Any, s: Any, v: float, w: float) -> int:
-    """Why a twist may not be driven for a period and then braked to rest; NOTHING if it may.
+    """The reason why a twist may not be driven for one period and then braked; NOTHING if it may.
 
-    That is just what the next decision does where it knows nothing better: before what stands it
-    brakes within the limits of comfort, before who moves as hard as it can.
+    Without a better option the next decision brakes in the same way: within the comfort limits
+    before static obstacles, at the protective limit before moving ones.
     """
     reason = _sweep_still(g, s, v, w, g.stop_margin, g.time_headway, g.unseen_speed)
     return _sweep_moving(g, s, v, w) if reason == NOTHING and s.n_moving > 0 else reason
@@ -133,10 +133,9 @@ def check_trajectory(g: Any, s: Any, v: float, w: float) -> int:
 
 @borrowing_kernel
 def needs_protective_stop(g: Any, s: Any) -> bool:
-    """Whether a stop in comfort, clear a moment ago, is so no longer, by more than noise.
+    """Whether a comfort stop is no longer clear, by more than noise.
 
-    The faster it is, the more of its slow zone has to be left; and inside the stop zone it is to be
-    slow.
+    Part of the slow zone has to be left, and inside the stop zone the chair has to be slow.
     """
     if s.set[0] == 0.0 and s.set[2] == 0.0:
         return False
@@ -152,7 +151,7 @@ def needs_protective_stop(g: Any, s: Any) -> bool:
 
 @borrowing_kernel
 def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
-    """`sweep` for who moves: a period, then a protective stop, which touches nothing else."""
+    """Check one period and a protective stop against moving objects and all other points."""
     limits, outline = g.limits[:], g.outline[:]
     near, moving = s.near[: s.n_near], s.moving[: s.n_moving]
     lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
@@ -191,9 +190,9 @@ def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
 def _sweep_still(
     g: Any, s: Any, v: float, w: float, margin: float, headway: float, unseen: float
 ) -> int:
-    """`sweep` for what stands, at a margin [m] and a headway [s], and for what nobody has seen.
+    """Check one period and a comfort stop against static obstacles and unseen space.
 
-    That it enters no faster than at `unseen` m/s.
+    It keeps a margin [m] and a time headway [s], and enters unseen space no faster than `unseen`.
     """
     limits, outline, near = g.limits[:], g.outline[:], s.near[: s.n_near]
     sv, av, sw, aw = s.set[0], s.set[1], s.set[2], s.set[3]
@@ -269,7 +268,7 @@ _FINE = 0.01  # s: step of the set point's model, as boards run it at 100 Hz
 
 @borrowing_kernel
 def _share(g: Any, s: Any, v: float, w: float) -> tuple[float, int]:
-    """How much of a twist may be driven, and why not more."""
+    """The share of a twist that may be driven, and the reason that limits it."""
     if v == 0.0 and w == 0.0 and s.set[0] == 0.0 and s.set[2] == 0.0:
         return 1.0, NOTHING
     reason = check_trajectory(g, s, v, w)
@@ -287,7 +286,7 @@ def _share(g: Any, s: Any, v: float, w: float) -> tuple[float, int]:
 
 @borrowing_kernel
 def limit_for_unseen_space(g: Any, s: Any, motion: Array, twists: Array) -> None:
-    """Slow twists (n, 2) to what may be taken up and may last, by the rule of the unseen alone."""
+    """Scale twists (n, 2) in place to what the rule of unseen space allows to begin and to last."""
     known = s.n_near, s.n_moving, s.n_close, s.gap
     a, b, c, d = s.set[0], s.set[1], s.set[2], s.set[3]
     late_v, late_w = s.late[0], s.late[1]
@@ -319,7 +318,7 @@ def limit_for_unseen_space(g: Any, s: Any, motion: Array, twists: Array) -> None
 
 @borrowing_kernel
 def delay_setpoint(g: Any, s: Any, dt: float) -> None:
-    """What the wheels do follows what they are set to."""
+    """Let the delayed set point follow the set point, as the wheels do."""
     share = dt / (g.reaction_time + dt)
     s.late[0] += share * (s.set[0] - s.late[0])
     s.late[1] += share * (s.set[2] - s.late[1])
@@ -327,11 +326,11 @@ def delay_setpoint(g: Any, s: Any, dt: float) -> None:
 
 @borrowing_kernel
 def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
-    """What may be driven of a twist (v, w) [m/s, rad/s] during the coming period.
+    """The part of a twist (v, w) [m/s, rad/s] that may be driven during the next period.
 
     Returns:
-        The twist, and whether the chair is to make a protective stop instead: it does for a fault,
-        and where it may no longer brake in comfort.
+        The twist, and whether the chair makes a protective stop instead: after a fault, and where
+        a comfort stop is no longer enough.
     """
     limits = g.limits[:]
     v = min(limits[0], max(-limits[1], v))

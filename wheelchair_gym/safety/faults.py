@@ -1,8 +1,7 @@
-"""Whom the shield does not trust: sensors that fall silent, repeat their bytes, or go blind.
+"""Detects sensor faults: sensors that are silent, repeat their data, or are blind.
 
-A scan without an echo is believed only where nothing speaks against it. The scan before tells what
-should still be in view, and ultrasonics may hear what the laser does not see. In an empty world
-there is no such evidence.
+A scan without echoes is accepted only without evidence against it: the previous scan predicts what
+is still in view, and ultrasonics may measure what the laser misses.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ _FAR = 1.0  # m: the same, of the laser's reach
 
 @borrowing_kernel
 def hash_value(value: float, salt: int) -> np.uint64:
-    """A word of the bits of a number: the same for the same bits, NaN and infinities among them."""
+    """A hash of a number, also of NaN and infinities."""
     # Whatever is invalid has a word of its own; the others are told apart to 2^-30 m.
     if value != value:
         word = np.uint64(1)
@@ -59,7 +58,7 @@ def hash_value(value: float, salt: int) -> np.uint64:
 
 @borrowing_kernel
 def hash_floats(values: Floats, begin: np.uint64) -> np.uint64:
-    """A hash of float32 numbers (n,), on top of another."""
+    """A hash of float32 numbers (n,), continued from another hash."""
     h = begin
     for k in range(values.shape[0]):
         word = hash_value(float(values[k]), k)
@@ -78,7 +77,7 @@ def valid_share(laser: Floats) -> float:
 
 @borrowing_kernel
 def count_echoes(laser: Floats) -> int:
-    """Beams (beams,) that met something, too near to measure it or not."""
+    """Number of beams with an echo, those that are too near to be measured included."""
     echoes = 0
     for k in range(laser.shape[0]):
         echoes += laser[k] < math.inf
@@ -87,7 +86,7 @@ def count_echoes(laser: Floats) -> int:
 
 @borrowing_kernel
 def expected_echoes(g: Any, s: Any) -> int:
-    """How many of the echoes kept of an earlier scan should still be in view from the pose now."""
+    """Number of an earlier scan's echoes that should be in view from the present pose."""
     half = -g.first - _EDGE
     cosine, sine = math.cos(s.pose[2]), math.sin(s.pose[2])
     x = s.pose[0] + cosine * g.mount[0] - sine * g.mount[1]
@@ -112,7 +111,7 @@ def expected_echoes(g: Any, s: Any) -> int:
 
 @borrowing_kernel
 def laser_is_blind(g: Any, s: Any, laser: Floats, echoes: int, dt: float) -> bool:
-    """Keep count of how long scans lack echoes against the evidence; whether for too long."""
+    """Whether scans have lacked echoes, against the evidence, for too long."""
     beams, should, heard = laser.shape[0], 0, 0
     if echoes < _FEW * beams:
         should = expected_echoes(g, s)
@@ -140,7 +139,7 @@ def check_sensors(
     g: Any, s: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, age: Floats,
     bumped: bool, halted: bool, dt: float,
 ) -> bool:  # fmt: skip
-    """Keep count of what is silent, frozen or blind, and latch; whether a new scan is believed."""
+    """Detect faults and latch them; returns whether the scan is new and trusted."""
     reason = 0
     finite = math.isfinite(twist[0] + twist[1])
     moves = not finite or abs(twist[0]) * dt > _STIRRED or abs(twist[1]) * dt > _STIRRED

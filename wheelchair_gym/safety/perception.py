@@ -56,7 +56,7 @@ def laser_frame(g: Any, s: Any) -> tuple[float, float, float, float]:
 
 @borrowing_kernel
 def recenter_grid(s: Any) -> None:
-    """Let the grid follow the chair; what comes in was never looked at."""
+    """Move the grid with the chair; cells that come in have never been seen."""
     for axis in range(2):
         want = math.floor(s.pose[axis] / CELL) - CELLS // 2
         shift = want - s.corner[axis]
@@ -83,7 +83,7 @@ def _find_beams(
     ex: np.float32, ey: np.float32, step: np.float32, c: np.float32, s: np.float32,
     first: np.float32, per: np.float32, beam: Numbers, far: Floats,
 ) -> None:  # fmt: skip
-    """Which beam looks at each cell of a column, and how far its centre is [m]; it vectorises."""
+    """The beam that covers each cell of a column, and the distance [m] of the cell's centre."""
     for j in range(np.uint64(CELLS)):
         y = ey + _F(np.int32(j)) * step
         beam[j] = np.int32((bearing(c * y - s * ex, c * ex + s * y) - first) * per + _F(1.5)) - 1
@@ -92,9 +92,9 @@ def _find_beams(
 
 @borrowing_kernel
 def update_grid(g: Any, s: Any, laser: Floats) -> None:
-    """Note which cells the scan has looked at, and which it has found empty.
+    """Store which cells the scan has seen, and which it has found empty.
 
-    Every other column at a time, since it is half of a reading's work.
+    Each call updates every other column, since this is half of a reading's work.
     """
     beams, now, step = laser.shape[0], _F(s.stamp), _F(CELL)
     lx, ly, cl, sl = laser_frame(g, s)
@@ -134,7 +134,7 @@ def update_grid(g: Any, s: Any, laser: Floats) -> None:
 
 @borrowing_kernel
 def was_empty(s: Any, x: float, y: float) -> bool:
-    """Whether nothing at all stood about a point (dead-reckoned) a moment ago."""
+    """Whether all cells about a point (dead-reckoned) were empty a moment ago."""
     i, j = math.floor(x / CELL) - s.corner[0], math.floor(y / CELL) - s.corner[1]
     if i < 1 or j < 1 or i >= CELLS - 1 or j >= CELLS - 1:
         return False
@@ -148,7 +148,7 @@ def was_empty(s: Any, x: float, y: float) -> bool:
 
 @borrowing_kernel
 def was_seen(s: Any, x: float, y: float, since: float) -> bool:
-    """Whether the cell of a point (dead-reckoned) was looked at since a stamp [s]."""
+    """Whether the cell of a point (dead-reckoned) has been seen since a stamp [s]."""
     i, j = math.floor(x / CELL) - s.corner[0], math.floor(y / CELL) - s.corner[1]
     if i < 0 or j < 0 or i >= CELLS or j >= CELLS:
         return False
@@ -176,13 +176,13 @@ _ALIKE = 0.015  # m: points so near each other are one
 
 @inlined
 def _nearer(own: np.float32, r: np.float32) -> np.float32:
-    """A beam's own range where it is a little nearer than the median: that cuts edges off."""
+    """A beam's range where it is slightly nearer than the median, which cuts off edges."""
     return own if r - _JUMP < own < r else r
 
 
 @borrowing_kernel
 def _arc_of(r: float) -> float:
-    """How long an arc [m] is one point, at a range [m]."""
+    """Length [m] of the arc that one point represents at a range [m]."""
     return _FINE if r < _NEARBY else 2.0 * _FINE if r < 2.0 * _NEARBY else 4.0 * _FINE
 
 
@@ -190,7 +190,7 @@ def _arc_of(r: float) -> float:
 def _forget(
     g: Any, s: Any, laser: Floats, rows: Array, n: int, most: int, age: float, edge: int
 ) -> int:
-    """Drop rows (n, 3 or more) x, y, stamp that are too old, far off, or were looked at anew.
+    """Drop rows (n, 3 or more) x, y, stamp that are too old, too far, or seen again.
 
     If more than `most` are left, the last ones are.
 
@@ -218,7 +218,7 @@ def _forget(
 
 @borrowing_kernel
 def last_rows(rows: Array, n: int, most: int) -> int:
-    """Keep the last rows of n, at most so many; returns how many."""
+    """Keep at most `most` of n rows, the last ones; returns their number."""
     over = max(0, n - most)
     if over > 0:
         for k in range(most):
@@ -229,10 +229,9 @@ def last_rows(rows: Array, n: int, most: int) -> int:
 
 @borrowing_kernel
 def _keep(g: Any, s: Any, laser: Floats, dt: float) -> None:
-    """Keep of all points those that the scan does not look at anew; seen twice, they are one.
+    """Keep the points that the scan does not see again, and merge points that are seen twice.
 
-    A chair that stands sees the edges of what is hidden anew with each scan, and its dead reckoning
-    does not err: what stood is forgotten later for it.
+    At rest, dead reckoning has no error: points age more slowly.
     """
     if abs(s.set[0]) + abs(s.set[2]) < STANDS:
         for k in range(s.n_points):
@@ -262,7 +261,7 @@ def _keep(g: Any, s: Any, laser: Floats, dt: float) -> None:
 def _add(
     g: Any, s: Any, marks: int, frame: tuple[float, float, float, float], x: float, y: float
 ) -> None:
-    """Add a point in the laser's frame; it may move if others beside it did lately."""
+    """Add a point in the laser's frame; it counts as moving if points beside it moved recently."""
     n = s.n_points
     if n >= FRESH + KEPT:
         return
@@ -287,9 +286,9 @@ def _add(
 
 @borrowing_kernel
 def _add_lone(g: Any, s: Any, frame: tuple[float, float, float, float], x: float, y: float) -> None:
-    """Take in what one beam alone hit, in the laser's frame: the same as in a scan before, or new.
+    """Store what a single beam hit, in the laser's frame, or match it to a hit of an earlier scan.
 
-    A ghost is nowhere twice. What is thin is: beams meet it again, if not in every scan.
+    Ghost echoes do not repeat at one place; thin objects do, though not in every scan.
     """
     lx, ly, c, sn = frame
     px, py = lx + c * x - sn * y, ly + sn * x + c * y
@@ -309,9 +308,9 @@ def _add_lone(g: Any, s: Any, frame: tuple[float, float, float, float], x: float
 
 @borrowing_kernel
 def _keep_lone(g: Any, s: Any, laser: Floats) -> None:
-    """Drop what one beam hit once it is too old; what was hit in two scans is an obstacle.
+    """Drop old hits of single beams; a hit that repeats in a second scan is an obstacle.
 
-    Where beams look past it, it is too old sooner than where none does.
+    A hit that beams pass is dropped sooner.
     """
     n, kept, beams = s.n_points, 0, laser.shape[0]
     lx, ly, cl, sl = laser_frame(g, s)
@@ -335,7 +334,7 @@ def _keep_lone(g: Any, s: Any, laser: Floats) -> None:
 
 @borrowing_kernel
 def _drop_passed(g: Any, s: Any, first: int) -> None:
-    """Drop marks that were not seen anew beside one that was: there that body was before.
+    """Drop moving points not seen again near one that was: they are a body's earlier position.
 
     One at the edge of the view does not tell: its body may reach beyond.
     """
@@ -361,7 +360,7 @@ def _drop_passed(g: Any, s: Any, first: int) -> None:
 
 @borrowing_kernel
 def update_points(g: Any, s: Any, laser: Floats, dt: float) -> None:
-    """Take in a scan, dt [s] after the last: arcs of beams that meet the same become a point each.
+    """Add a scan, dt [s] after the last one: neighbouring beams on one surface become one point.
 
     A point is the mean of its arc's ranges, which averages noise, but where the arc ends in the
     open: an edge seen aslant is nearer. The median of three beams keeps lost echoes out, and what
@@ -428,7 +427,7 @@ _FIRING = 5e-3  # s: stamps of two firings differ by more
 
 @borrowing_kernel
 def _explained(g: Any, s: Any, k: int, x: float, y: float, yaw: float, r: float) -> bool:
-    """Whether a point inside ranger k's cone, as near as its echo, is what answered."""
+    """Whether a laser point inside ranger k's cone explains its echo."""
     half = g.ranger_half[k] + _ASIDE
     c, sn = math.cos(yaw), math.sin(yaw)
     slope = math.tan(half)
@@ -443,7 +442,7 @@ def _explained(g: Any, s: Any, k: int, x: float, y: float, yaw: float, r: float)
 
 @borrowing_kernel
 def update_echoes(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
-    """Take in echoes: one that no laser point explains, and that is heard twice, is an obstacle.
+    """Add echoes: one that no laser point explains and that repeats is an obstacle.
 
     It may stand anywhere on its arc. Twice, since a ghost is heard once.
     """
@@ -487,7 +486,7 @@ def update_echoes(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
 
 @borrowing_kernel
 def reset(s: Any) -> None:
-    """Begin anew: nothing was seen, the chair stands."""
+    """Reset the state: nothing has been seen, the chair stands."""
     s.begun, s.rearmed = False, False
     s.stamp, s.latched, s.reason = 0.0, 0, NOTHING
     s.laser_hash, s.sonar_hash = np.uint64(0), np.uint64(0)
@@ -517,7 +516,7 @@ def reset(s: Any) -> None:
 
 @borrowing_kernel
 def _near(s: Any, outline: Array, margin: float, px: float, py: float, n: int) -> int:
-    """Note a point in the chair's frame among those inside the margin, or those near."""
+    """Store a point in the chair's frame, either as inside the stop zone or as near."""
     far = math.sqrt(px * px + py * py)
     if far >= REACH:
         return n
@@ -534,7 +533,7 @@ def _near(s: Any, outline: Array, margin: float, px: float, py: float, n: int) -
 
 @borrowing_kernel
 def gather(g: Any, s: Any) -> None:
-    """Bring points and echoes into the chair's frame, in the order of bins of distance."""
+    """Transform points and echoes into the chair's frame, sorted by bins of distance."""
     for b in range(BINS + 1):
         s.bins[b] = 0
     s.gap, s.n_close, n = FAR, 0, 0
@@ -572,7 +571,7 @@ def update(
     g: Any, s: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, age: Floats,
     bumped: bool, halted: bool, stamp: float,
 ) -> None:  # fmt: skip
-    """Take in a reading; the same one again only counts as time without any."""
+    """Update the state by a reading; a repeated reading counts as time without one."""
     dt = stamp - s.stamp if s.begun else 0.0
     if s.begun and dt <= 0.0:
         dt = g.period

@@ -1,4 +1,4 @@
-"""Settings of the shield: what it keeps clear of, how it remembers, whom it does not trust."""
+"""Settings of the shield: clearances, memory, expected motion of people, stale data."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from wheelchair_gym.config import setting, settings
 
 @settings
 class StaleSettings:
-    """How old what the chair is driven by may be; silent, invalid and frozen count alike."""
+    """Greatest age of sensor data; silent, invalid and frozen data count alike."""
 
     laser: float = setting(
         default=0.2, unit="s", low=0.01, doc="Longest time without a valid, new scan.",
@@ -26,7 +26,7 @@ class StaleSettings:
 
 @settings
 class ShieldSettings:
-    """What may really be driven: slower or not at all, along what was asked for."""
+    """How the shield limits the requested twist."""
 
     stop_margin: float = setting(
         default=0.03, unit="m", low=0.0,

@@ -1,14 +1,13 @@
-"""The shield: what may really be driven of what a policy asks for.
+"""The shield: limits the twist that a policy requests to what is safe to drive.
 
     reading ──▶ watch: silent, frozen? ──▶ remember: points, cells, echoes ──▶ sweep ──▶ twist
 
-It is between any policy and any chair, and knows Readings alone. It scales a twist and keeps its
-curvature: the fastest share of it that, driven for a period and braked at the chair's own limits,
-keeps clear of all that was seen in the last seconds, and enters nowhere that nobody has seen
-faster than a walking stick; and that, ended by a protective stop, keeps clear of wherever those
-who move may be by then. While nothing better is known it brakes along a way that was found clear
-before. (After nav2's collision monitor: stop zone, slow zone, approach; silent sensors are
-obstacles.)
+The shield stands between any policy and any chair and reads nothing but Readings. It scales a twist
+and keeps its curvature. The share that it allows is the greatest one for which the chair, driven
+for one period and braked at its own limits, stays clear of everything seen in the last seconds,
+and enters unseen space at walking-stick speed at most; ended by a protective stop, it also stays
+clear of every place that moving objects may reach by then. (After nav2's collision monitor: stop
+zone, slow zone, approach; silent sensors count as obstacles.)
 """
 
 from __future__ import annotations
@@ -65,7 +64,7 @@ def slow_alone(alone: Any, motion: Array, twists: Array) -> None:
 
 
 class Decision(NamedTuple):
-    """What became of a twist."""
+    """How the shield changed a twist, and why."""
 
     reason: str  # one of REASONS; empty: nothing was changed
     asked: Array  # (2,) m/s, rad/s
@@ -74,7 +73,7 @@ class Decision(NamedTuple):
 
 
 class Shield:
-    """Between a policy and a chair; state of one run.
+    """Limits the twists of one run to what is safe.
 
     Args:
         own: settings.
@@ -107,19 +106,19 @@ class Shield:
         self.reset()
 
     def _warm(self) -> None:
-        """Compile all that a decision needs now, and not while a chair drives."""
+        """Compile everything that a decision needs before a chair drives."""
         beams = int(self._guard.record["beams"][0])
         dark, deaf = np.full(beams, np.nan, np.float32), np.full(RANGERS, np.nan, np.float32)
         blank = Reading(np.zeros(3), np.zeros(2), dark, deaf, deaf, False, math.nan, 0.0)
         self.filter(np.zeros(2), blank)
 
     def reset(self) -> None:
-        """Begin anew: nothing was seen, the chair stands, nothing is latched."""
+        """Forget all readings and faults; the chair stands."""
         self._asked = False
         forget_alone(self._alone)
 
     def filter(self, twist: Array, reading: Reading) -> Array:
-        """What may be driven (2,) [m/s, rad/s] of a twist (2,) until the next reading.
+        """The twist (2,) [m/s, rad/s] that may be driven until the next reading.
 
         Args:
             twist: what a policy asks for.
@@ -130,7 +129,7 @@ class Shield:
         return np.array([v, w])
 
     def update(self, reading: Reading) -> None:
-        """Take in a reading.
+        """Update the state by a reading.
 
         Raises:
             ValueError: an array has another shape; its laser is not the one in the settings.
@@ -142,12 +141,12 @@ class Shield:
         )  # fmt: skip
 
     def limit_for_unseen_space(self, twists: Array, motion: Array) -> Array:
-        """Twists (n, 2) [m/s, rad/s], slowed to what may begin and last where nobody has seen.
+        """Twists (n, 2) [m/s, rad/s], scaled to what is allowed in unseen space.
 
-        For who plans: nothing is decided, and no other rule is applied.
+        For planning: no decision is made, and no other rule applies.
 
         Args:
-            twists: that might be driven from now on.
+            twists: candidates from now on.
             motion: speed, its slope, turn, its slope (4,) of the chair now.
         """
         slowed = np.array(twists, np.float64)
@@ -155,16 +154,16 @@ class Shield:
         return slowed
 
     def rearm(self) -> None:
-        """A person has seen to a fault: it goes on once the chair has stood for a period.
+        """Clear a fault once the chair has stood for one period; only a person may ask for this.
 
-        Only ever a person's own act; while the fault's cause stands it changes nothing. In
-        simulation nobody does this: such an episode stands until its time limit ends it.
+        It has no effect while the cause of the fault lasts. In simulation nobody calls it: such an
+        episode stands until its time limit.
         """
         self.state["rearmed"] = True
         self._asked = True
 
     def refused(self) -> str:
-        """The fault that a person has just tried to re-arm and whose cause stands; empty: none."""
+        """The fault whose re-arm was refused because its cause lasts; empty: none."""
         if not self._asked or self.state["rearmed"][0]:
             return ""
         self._asked = False
@@ -172,12 +171,12 @@ class Shield:
 
     @property
     def latched(self) -> str:
-        """The fault that it stands for until `rearm`; empty: none."""
+        """The fault that stops the chair until `rearm`; empty: none."""
         return REASONS[int(self.state["latched"][0])]
 
     @property
     def decision(self) -> Decision:
-        """What became of the last twist."""
+        """How the last twist was changed."""
         s: Any = self.state[0]
         why = REASONS[int(s["reason"])]
         return Decision(why, s["asked"].copy(), s["given"].copy(), bool(s["protective"]))

@@ -1,8 +1,8 @@
-"""What the shield knows: of its chair (GUARD) and of the last seconds (SHIELD), as two records.
+"""The shield's records: constants of the chair (GUARD) and the state of the last seconds (SHIELD).
 
-Its memory is bounded: a ring of points that lasers saw, echoes that only ultrasonics heard, and a
-grid that follows the chair and holds when each cell was last looked at. All lie in the frame of
-dead reckoning, which nobody corrects, so that what is near keeps its place.
+The memory is bounded: points that the laser hit, echoes that only ultrasonics measured, and a grid
+that moves with the chair and holds when each cell was last seen. All coordinates are in the frame
+of uncorrected dead reckoning, so that near objects keep their place.
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ SHIELD = np.dtype(
 
 
 def check(chair: ChairSettings, period: float) -> None:
-    """Refuse a chair that cannot brake as its limits say, and a period at which no law was shown.
+    """Refuse a chair that cannot brake at its limits, and a control rate outside the tested range.
 
     Raises:
         InputError: tyres or motors hold less than the limits ask for; the period is out of bounds.
@@ -174,9 +174,9 @@ def check(chair: ChairSettings, period: float) -> None:
 
 
 class Guard:
-    """What does not change: settings, outline, limits, mounts; `record` (1,) points to it.
+    """Constants of a shield: settings, outline, limits and mounts, as the record `record` (1,).
 
-    A copy in this process is itself, one in another process is made anew.
+    A copy in this process is the object itself; another process makes a new one.
 
     Raises:
         InputError: see `check`.
@@ -220,7 +220,7 @@ class Guard:
 
 
 def _samples(front: float, rear: float, half: float) -> NDArray[np.float64]:
-    """Points of the outline with their normals, no farther apart than a cell or a little more."""
+    """Points of the outline with their normals, about one cell apart."""
     rows = [(-rear, side * half, 0.0, 0.0) for side in (-1, 1)]
     rows += [(front, y, 1.0, 0.0) for y in np.linspace(-half, half, 7)]
     rows += [(-rear, y, -1.0, 0.0) for y in np.linspace(-half, half, 7)]

@@ -1,4 +1,4 @@
-"""Why a chair stands, whether that ends by itself, and what a person does to go on: one table.
+"""Why a chair stops, how the stop ends, and what a person does to go on: one table.
 
     drive board, link, chair, shield ──▶ messages ──▶ Stops ──▶ lines of a log, time that it stands
 
@@ -28,8 +28,8 @@ class Stop(NamedTuple):
     """A reason for which a chair stands."""
 
     name: str
-    part: str  # that tells it
-    message: str  # regular expression that finds it among what the parts say
+    part: str  # that reports it
+    message: str  # regular expression that matches its messages
     meaning: str
     ends: Ends
     advice: str  # what a person does, or what the chair waits for
@@ -154,44 +154,44 @@ SHIELD_FAULTS: Final = tuple(stop.name for stop in STOPS if stop.part == "shield
 
 
 def shield_message(fault: str) -> str:
-    """What is said of a fault that the shield has latched; empty for none."""
+    """The message of a fault that the shield has latched; empty for none."""
     return _TOLD.format(fault) if fault else ""
 
 
 def matching_stops(message: str) -> list[Stop]:
-    """The rows of the table for what a part says: one, or one for each fault of a board."""
+    """The rows of the table that match a message: one, or one for each fault of a board."""
     found = [stop for stop in STOPS if re.match(stop.message, message)]
     faults = [stop for stop in found if stop.part == "drive board" and stop.name != "board fault"]
     return faults or found[:1]
 
 
 def advice_for(message: str) -> str:
-    """What a person does about it, as a part of a sentence."""
+    """What a person does about a message, as a part of a sentence."""
     rows = matching_stops(message)
     return "; ".join(dict.fromkeys(stop.advice for stop in rows))
 
 
 def needs_person(message: str) -> bool:
-    """Whether it lasts until a person re-arms the chair."""
+    """Whether a stop lasts until a person re-arms the chair."""
     return any(stop.ends in (Ends.REARM, Ends.NEW_RUN) for stop in matching_stops(message))
 
 
 def is_manual(message: str) -> bool:
-    """Whether it says that a person drives."""
+    """Whether a message says that a person drives."""
     return matching_stops(message)[0].ends is Ends.PERSON
 
 
 def active_stops(halted: str, shield: Any) -> list[str]:
-    """What keeps a chair from being driven: what it says (`Reading.halted`), and its shield."""
+    """Messages of all stops that are active: of the chair (`Reading.halted`) and of its shield."""
     fault = "" if shield is None else shield_message(shield.latched)
     return [why for why in (halted, fault) if why]
 
 
 class StopMonitor:
-    """What a chair stands for now, and since when.
+    """The stops that are active now, and for how long they have lasted.
 
     Attributes:
-        messages: all that holds it, by the name of the row; empty: it drives.
+        messages: of active stops, by the name of the row; empty: the chair drives.
     """
 
     def __init__(self) -> None:
@@ -199,9 +199,9 @@ class StopMonitor:
         self._waited, self._at = 0.0, 0.0
 
     def update(self, now: float, messages: Iterable[str]) -> list[str]:
-        """Take in all that holds it at a time [s], empty strings left out; lines of what changed.
+        """Set the active messages at a time [s]; returns log lines of what changed.
 
-        It says `goes on` only when nothing holds it any longer.
+        Empty messages are ignored. `goes on` is logged when no stop is left.
         """
         held = {matching_stops(message)[0].name: message for message in messages if message}
         before, self.messages = self.messages, held
@@ -225,12 +225,12 @@ class StopMonitor:
 
     @property
     def why(self) -> str:
-        """All that holds it, as a line."""
+        """All active messages as one line."""
         return "; ".join(self.messages.values())
 
     @property
     def waited(self) -> float:
-        """Seconds for which something else than a person's hand has held it."""
+        """Seconds for which the chair has been stopped, manual driving left out."""
         return self._waited
 
 
