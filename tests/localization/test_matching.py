@@ -74,7 +74,7 @@ def test_which_echoes_are_kept_is_not_for_noise_to_choose():
 def test_the_search_finds_the_best_of_its_whole_lattice(known):
     """Blocks are ruled out by a bound: nothing they hold may be better."""
     rng = np.random.default_rng(4)
-    field, wide = known.field[0], known.wide
+    field, wide = known.field[0], known.pooled
     window, turns, step, spread = 3, 2, 0.05, 0.5
     told = (0.02, 0.0, 0.0, 0.02, 0.0, 30.0)
     for _ in range(5):

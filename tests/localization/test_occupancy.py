@@ -77,7 +77,7 @@ def test_scans_from_known_poses_give_the_room(known):
 
 
 def test_the_field_is_what_the_occupied_cells_say(known):
-    solid = known.odds[0] >= known.law.occupied
+    solid = known.odds[0] >= known.log_odds.occupied
     reach = known.weights.shape[1] // 2
     wanted = np.zeros(known.field[0].shape)
     for r, c in np.argwhere(solid):

@@ -59,7 +59,7 @@ def test_worlds_are_made_for_the_chair_or_refused(scene, name):
 
 
 def test_a_start_in_a_wall_and_a_way_through_one_are_refused():
-    tight = {"name": "doorway", "door": 0.8, "corridor": 0.9}
+    tight = {"name": "doorway", "door_width": 0.8, "corridor_width": 0.9}
     with pytest.raises(InputError, match="does not turn from a corridor"):
         worlds(tight, Footprint(0.7, 0.3, 0.39)).course(0, 0)
     with pytest.raises(

@@ -63,7 +63,7 @@ def test_a_crowd_begins_apart_from_the_chair_and_from_everything():
 
 
 def test_people_walk_ways_that_keep_off_walls():
-    for episode in drawn(name="crowd", people={"crossing": 0.3}):
+    for episode in drawn(name="crowd", people={"crossing_share": 0.3}):
         rows = episode.movers.rows
         free = episode.map.distance()
         for k in np.flatnonzero(rows["kind"] == PERSON):
@@ -115,7 +115,7 @@ def test_numbers_of_people_follow_their_density():
             expected = density[0] * free_area(episode.map)
             kinds = episode.movers.rows["kind"]
             assert (kinds == PERSON).sum() == pytest.approx(expected, abs=0.2 * expected + 0.5)
-    for episode in drawn(3, name="crowd", place="hall", people={"crossing": 1.0}):
+    for episode in drawn(3, name="crowd", place="hall", people={"crossing_share": 1.0}):
         rows = episode.movers.rows
         assert (rows["heeds"][rows["kind"] == PERSON] == NOBODY).all()
 

@@ -1,1 +1,1 @@
-"""Mapping and localisation: what a chair learns of a place, and where in it the chair is."""
+"""Mapping, SLAM, Monte Carlo localization and frontiers."""

@@ -1,4 +1,4 @@
-"""Frontiers: where what is known to be free meets the unknown (Yamauchi 1997)."""
+"""Frontiers: free space beside unknown space (Yamauchi 1997)."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def find_informative_beams(
     near: float,
     told: NDArray[np.bool_],
 ) -> None:
-    """Which beams tell whether a pose is right: those that end at a surface, or behind one.
+    """Which beams are informative about a pose: those that end at a surface or behind one.
 
     A beam that ends in the open may have met a person (Fox, Burgard and Thrun 1999, section 4:
     filters for what a map does not show).
@@ -196,7 +196,7 @@ def global_localization(
     found: Array,
     worth: Array,
 ) -> None:
-    """The best of many places where a scan may have been taken, each climbed to its summit."""
+    """The best of many random poses for a scan, each refined by hill climbing."""
     for k in range(worth.shape[0]):
         worth[k] = -np.inf
     for k in range(tries):

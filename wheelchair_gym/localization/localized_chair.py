@@ -1,4 +1,4 @@
-"""Any chair, with its pose from what it sees instead of from dead reckoning."""
+"""A chair whose pose comes from a localizer instead of dead reckoning."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Array = NDArray[np.float64]
 
 
 class Localizer(Protocol):
-    """What finds a chair: localisation on a map that is known, or SLAM on the map it draws."""
+    """Estimates the pose of a chair: localization on a known map, or SLAM."""
 
     def begin(self, episode: Episode, key: int) -> None:
         """Start where an episode does; the key seeds every draw until the next one begins."""
         ...
 
     def update(self, increment: Array, ranges: NDArray[np.float32]) -> Array:
-        """Move on by what the odometry says (3,) [m, m, rad], look, and tell the pose (3,)."""
+        """The pose (3,) after an odometry increment (3,) [m, m, rad] and a scan."""
         ...
 
     @property
@@ -33,12 +33,12 @@ class Localizer(Protocol):
 
     @property
     def built_map(self) -> Callable[[], OccupancyGrid] | None:
-        """Gives the map so far, where the finder draws it itself."""
+        """A function that returns the map built so far; None where the map is given."""
         ...
 
 
 class LocalizedChair:
-    """A chair that finds itself, from where the episode says that it starts.
+    """A chair that localizes, beginning at the episode's start.
 
     Args:
         chair: whose readings hold dead-reckoned poses, in any frame.
@@ -86,7 +86,7 @@ class LocalizedChair:
 
 
 def unwrapped(chair: Chair) -> Chair:
-    """The chair itself, without what finds it."""
+    """The chair without its localizers."""
     while isinstance(chair, LocalizedChair):
         chair = chair.chair
     return chair

@@ -65,7 +65,7 @@ class LogFormat:
 
 
 class SensorLog(NamedTuple):
-    """What a robot recorded, and what of it could not be used."""
+    """Odometry and scans that a robot recorded, and the lines that were skipped."""
 
     stamps: Array  # (n,) s since the first line
     increments: Array  # (n, 3) m, m, rad: driven since the line before, in the frame there
@@ -85,7 +85,7 @@ class SensorLog(NamedTuple):
 
 
 def _numbers(line: str, columns: int) -> Array | str:
-    """The values of a line, or what is wrong with it."""
+    """The values of a line, or the reason why it is skipped."""
     words = line.split()
     if len(words) < columns:
         return "truncated"

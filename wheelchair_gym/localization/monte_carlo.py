@@ -1,8 +1,8 @@
 """Monte Carlo localization: where a chair is on a known map, from its odometry and its laser.
 
 Thrun, Burgard and Fox (2005), chapter 8: a likelihood field; the number of particles by the bins
-that they fill (Fox 2001); new particles anywhere while scans fit worse than they used to, so that
-a chair that was carried away is found again (augmented MCL).
+that they fill (Fox 2001); random particles while scans fit worse than before, so that
+a chair that was carried away recovers (augmented MCL).
 
 Every draw is by counter (`wheelchair_gym.random`): an estimate depends on its key and on what the
 chair measured, on nothing else.
@@ -59,7 +59,7 @@ class OdometryNoise(NamedTuple):
 
 
 def new_particles(most: int) -> Particles:
-    """Room for so many."""
+    """Buffers for `most` particles."""
     bins = 2 ** math.ceil(math.log2(4 * most))
     return Particles(
         np.zeros((most, 3)),
@@ -75,7 +75,7 @@ def new_particles(most: int) -> Particles:
 def predict(
     poses: Array, n: int, way: float, turn: float, drift: OdometryNoise, key: np.uint64, step: int
 ) -> None:
-    """Move n particles by what the odometry says, each with errors of its own."""
+    """Move n particles by the odometry, each with its own random error (motion model)."""
     way_sigma = math.hypot(
         drift.translation_by_translation * way, drift.translation_by_rotation * turn
     )
@@ -143,7 +143,7 @@ def count_bins(own: Particles, n: int, side: float, sector: float) -> tuple[int,
 
 @borrowing_kernel
 def resample(own: Particles, n: int, count: int, key: np.uint64, step: int) -> None:
-    """Draw so many anew in proportion to their weights, with one random number (systematic)."""
+    """Resample `count` particles by their weights with one random number (systematic)."""
     offset, total, i = uniform(key, step, DRAWS, 0), own.weights[0], 0
     for k in range(count):
         while total < (k + offset) / count and i < n - 1:
@@ -375,7 +375,7 @@ class MonteCarloLocalizer:
         return np.array(self._particles.poses[: self.count])
 
     def begin(self, episode: Episode, key: int) -> None:
-        """Start on an episode's map, near where it says that the chair stands."""
+        """Start on an episode's map, near the episode's start."""
         self.start(episode.map, episode.start, key)
 
     def start(self, map_: OccupancyGrid, pose: Array | None, key: int) -> Array:
@@ -466,9 +466,9 @@ class MonteCarloLocalizer:
             scatter(own.poses, begin, end, pose, position, heading, self._key, self._step)
 
     def _judge(self, ends: Array) -> None:
-        """How well a scan fits where the chair is said to be, and whether that is too bad.
+        """Update the fit of scans at the estimated pose, and whether the chair is lost.
 
-        Beams that people may have stopped tell nothing: a crowd is no sign of being lost.
+        Beams that people may have blocked are left out: a crowd is no sign of being lost.
         """
         s, (x, y, yaw) = self.settings, self.pose
         telling = np.empty(len(ends), dtype=np.bool_)

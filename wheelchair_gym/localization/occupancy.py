@@ -1,4 +1,4 @@
-"""Log-odds occupancy mapping: exact rays, cell by cell, and a field of what is near walls.
+"""Log-odds occupancy mapping: exact rays, cell by cell, and a field of closeness to walls.
 
 A map grows where a scan leaves it. Several layers may share one frame, one for each particle of a
 SLAM. Beside its log-odds each layer keeps a field to match scans with: 1 at the surface in each
@@ -117,7 +117,7 @@ def _renew(
     weights: Floats,
     limit: float,
 ) -> None:
-    """Make the field anew round a cell that is no longer occupied, or whose surface moved."""
+    """Recompute the field round a cell that is no longer occupied, or whose surface moved."""
     rows, cols = odds.shape
     reach = weights.shape[1] // 2
     box = (max(row - reach, 0), min(row + reach + 1, rows),
@@ -349,7 +349,7 @@ class OccupancyMap:
         self._mark = 0
 
     def next_marks(self, count: int) -> int:
-        """Numbers for so many scans: the first of them."""
+        """Reserve `count` scan numbers; returns the first."""
         self._mark += count
         return self._mark - count + 1
 

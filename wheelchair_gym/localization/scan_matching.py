@@ -168,7 +168,7 @@ _BLOCK = 3  # cells: side of the blocks of the coarse search
 
 @borrowing_kernel
 def _raise(line: Floats, over: Floats) -> None:
-    """Raise a row to another; a select, for numba's `max` heeds NaN and is not vectorised."""
+    """Element-wise maximum of two rows; numba's `max` handles NaN and does not vectorize."""
     for k in range(min(len(line), len(over))):
         over[k] = line[k] if line[k] > over[k] else over[k]
 
@@ -193,7 +193,7 @@ def search(
     field: Floats, points: Array, guess: Array, told: Six, spread: float,
     window: int, turns: int, step: float, wide: Floats, out: Array,
 ) -> float:  # fmt: skip
-    """The pose of least cost among whole cells and turns within a window about a guess.
+    """The pose of least cost on the lattice of cells and angle steps about a guess.
 
     Returns:
         Its cost, with the field as it stands in whole cells.

@@ -165,7 +165,7 @@ _LUCK = 60_000  # index of the draw that resampling takes; those below are the p
 
 @settings
 class SlamSettings:
-    """Particles, when they look, and what is thought of the odometry."""
+    """Number of particles, update rule and odometry noise of SLAM."""
 
     particles: int = setting(
         default=8, low=1, high=10000, doc="Number of particles; 1 is plain scan matching.",
@@ -331,7 +331,7 @@ class Slam:
         self._parents.append(self._resample())
 
     def _resample(self) -> NDArray[np.int64]:
-        """Keep the likely particles, if too few count: the systematic draw; whose copies stay."""
+        """Resample systematically if too few particles are effective; returns the parents."""
         count = len(self._weights)
         share = np.exp(self._weights - self._weights.max())
         share /= share.sum()
@@ -352,7 +352,7 @@ class Slam:
 
     @property
     def best(self) -> int:
-        """The particle whose whole past explains the scans best."""
+        """The index of the particle with the greatest likelihood over its whole history."""
         return int(np.argmax(self._worth))
 
     @property
@@ -387,7 +387,7 @@ class Slam:
 
     @property
     def trajectory(self) -> Array:
-        """Poses (updates, 3) [m, m, rad] of the best particle, as it sees its past now."""
+        """Poses (updates, 3) [m, m, rad] of the best particle, smoothed by its latest history."""
         line = np.empty((len(self._poses_then) + 1, 3))
         particle = self.best
         for k in range(len(self._poses_then) - 1, -1, -1):

@@ -36,7 +36,7 @@ _UNSEEN, _SETTLED = -1, -2  # of states that wait in no bucket
 
 @settings
 class CostToGoSettings:
-    """How ways of the chair's outline are found."""
+    """How the cost-to-go of the outline is computed."""
 
     cell: float = setting(
         default=0.1, unit="m", low=0.02, high=0.5, doc="Side of a lattice cell.",
@@ -247,7 +247,7 @@ def cost_to_go(
     own: CostToGoSettings | None = None,
     slack: float | None = None,
 ) -> CostToGo:
-    """Quickest ways to a goal from every pose, or from about one start.
+    """The time to a goal and the quickest path, from every pose or from about one start.
 
     Args:
         grid: the map; what is not known to be solid may be driven on, what lies beyond may not.
@@ -334,7 +334,7 @@ class CostToGo:
         return np.array(found).reshape(every.shape[:-1])
 
     def sample(self, key: int, least: float, most: float) -> Array | None:
-        """A pose (3,) [m, m, rad] so many seconds from the goal, drawn; None if none was found."""
+        """A random pose (3,) [m, m, rad] with a time to goal in [least, most] [s], or None."""
         x, y, yaw = _drawn(self.packed_states, self.cell, np.uint64(key), least, most)
         if math.isnan(x):
             return None
@@ -370,10 +370,10 @@ def _time_of(word: int) -> int:
 def nearest_state(
     words: Words, cell: float, x: float, y: float, yaw: float
 ) -> tuple[int, int, int, float]:
-    """The state by which a pose is soonest at the goal: row, column, heading, and seconds to go.
+    """The best lattice state near a pose: row, column, heading, and time to the goal [s].
 
-    Only states near the pose are looked at; to change over costs the time of driving across at a
-    walking pace, so that the seconds change smoothly with the pose. NaN where none is known.
+    Reaching the state costs the time of driving to it, so that the result is smooth in the pose.
+    NaN where no state near the pose is known.
     """
     rows, cols, headings = words.shape
     step = 2.0 * math.pi / headings

@@ -116,7 +116,7 @@ def within_distance(solid: Cells, least: float) -> Cells:
 
 @borrowing_kernel
 def _widen(line: Cells, width: int, square: float, wide: Cells) -> int:
-    """Widen what is solid in a line from a width to the most within a square of it."""
+    """Widen the solid cells of a line up to a squared distance; returns the width."""
     while width < len(line) - 1 and (width + 0.5) ** 2 < square:
         width += 1
         _lay(line[width:], wide)
@@ -211,7 +211,7 @@ def footprint_discs(footprint: Footprint, less: float = 0.0) -> Array:
 
 @borrowing_kernel
 def _distance(field: Field, scale: float, x: float, y: float) -> float:
-    """Distance [m] from a point [m] to what is solid, between cell centres bilinear."""
+    """Distance [m] from a point [m] to solid cells, bilinear between cell centres."""
     rows, cols = field.shape
     u, v = x * scale - 0.5, y * scale - 0.5
     if not (-0.5 <= u <= cols - 0.5 and -0.5 <= v <= rows - 0.5):

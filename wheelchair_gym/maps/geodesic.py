@@ -186,7 +186,7 @@ def no_bends() -> Records:
 
 
 class Beam(NamedTuple):
-    """What a bend sees on one side of its row, and how much of that is news."""
+    """The part of the map that a bend illuminates on one side of its row."""
 
     north: int  # 1 towards higher rows, -1 towards lower ones
     low: float  # slopes between which it shines [columns per row]
@@ -389,7 +389,7 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
 
 @kernel
 def nearest_bend(free: Mask, bends: Records, x: float, y: float) -> int:
-    """The bend by which the way from a point is the shortest, of those that it sees; or -1."""
+    """The visible bend with the shortest path from a point; or -1."""
     best, least = -1, math.inf
     for k in range(len(bends)):
         dx, dy = bends[k].x - x, bends[k].y - y

@@ -1,4 +1,4 @@
-"""The occupancy grid: what is known of a place, cell by cell, and its outline as exact segments."""
+"""The occupancy grid: cells, coordinate transforms, and exact walls of occupied cells."""
 
 from __future__ import annotations
 
@@ -195,7 +195,7 @@ class OccupancyGrid:
         return solid
 
     def walls(self, unknown_is_solid: bool = False) -> Array:
-        """The exact outline of what is solid, as longest straight segments (n, 4) [m].
+        """The exact outline of solid cells, as longest straight segments (n, 4) [m].
 
         The segments form closed loops that touch at most at corners; what is solid lies on their
         left. What lies off the grid is not solid.
@@ -212,7 +212,7 @@ class OccupancyGrid:
         return spread * np.float32(self.resolution)
 
     def traversable(self, radius: float) -> Mask:
-        """Free cells (rows, cols) at whose centre a disc of this radius [m] meets nothing solid."""
+        """Free cells (rows, cols) where a disc of this radius [m] touches no solid cell."""
         # A corridor exactly as wide as the disc is passable: the slack is float32's rounding.
         least = (radius - 1e-5) / self.resolution
         return np.asarray(

@@ -1,4 +1,4 @@
-"""How tight a place is: the widest way between two points, and its narrowest spot."""
+"""Passage width: the greatest disc, and the greatest footprint, that gets from start to goal."""
 
 from __future__ import annotations
 

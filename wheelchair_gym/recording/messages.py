@@ -1,4 +1,4 @@
-"""What viewers are told: Foxglove's typed messages of a chair, its sensors and its map.
+"""Foxglove's typed messages of a chair, its sensors and its map, for viewers.
 
 Frames follow REP-105: map -> odom -> base_link -> laser, ultrasonic_0, ...; the first is what the
 pose source corrects, the second what dead reckoning says, and the mounts stand still.

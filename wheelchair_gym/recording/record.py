@@ -1,4 +1,4 @@
-"""Recording: what a chair was told, did and was judged by: an MCAP file, or live, for viewers.
+"""Records commands, readings and verdicts of episodes to an MCAP file, or live for viewers.
 
 Typed messages (`recording.messages`) are for viewers. The topics READING, COMMAND and VERDICT hold
 the same once more to the last bit, so that a run can be driven and judged again
@@ -43,7 +43,7 @@ _LOG = logging.getLogger(__name__)
 
 @settings
 class RecordingSettings:
-    """How often what is sent, beside what comes with every reading."""
+    """Rates of messages that are not sent with every reading."""
 
     refresh_period: float = setting(
         default=1.0, unit="s", low=0.01,
@@ -83,7 +83,7 @@ def packed_map(grid: OccupancyGrid) -> dict[str, Any]:
 
 
 class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
-    """An environment all of whose episodes are written to a file, shown live, or both.
+    """A Gymnasium wrapper that writes all episodes to a file, shows them live, or both.
 
     Args:
         env: a `NavigationEnv`, wrapped or not.
@@ -253,7 +253,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         self._log_news(env.shown.path, reading.stamp)
 
     def _log_seldom(self, reading: Any, believed: Belief) -> bool:
-        """Trail, pictures and, for viewers that come late, what stays; whether the map changed."""
+        """Send trail, pictures and static content at their rates; whether the map changed."""
         own, trail, changed = self._own, self._trail, False
         place = reading.pose[:2]
         if not trail or np.hypot(*(place - trail[-1])) >= own.trail_spacing:
@@ -273,7 +273,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         return changed
 
     def _log_news(self, path: Any, stamp: float) -> None:
-        """What is told when it changes."""
+        """Send path and notes when they change."""
         if path is not None and path is not self._path:
             self._send("/path", "poses_in_map", path)
         self._path = path

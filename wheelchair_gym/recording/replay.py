@@ -101,7 +101,7 @@ def number(content: Mapping[str, Any], name: str) -> float:
 
 
 def numbers(content: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Array:
-    """The value of a key, such numbers as an array (*shape), where -1 is any length."""
+    """The value of a key, an array (*shape) of coordinates; -1 is any length."""
     values = np.array(value_of(content, name, list), dtype=np.float64)
     if values.size == 0 and -1 in shape:
         values = np.empty([max(0, side) for side in shape])
@@ -130,7 +130,7 @@ _TOPICS: Final = (EPISODE, READING, COMMAND, VERDICT)
 
 
 class RecordedState(NamedTuple):
-    """What a chair knew, how things were, and what its pose source went by."""
+    """Reading, truth and belief of one recorded instant."""
 
     reading: Reading
     truth: Truth
@@ -149,7 +149,7 @@ class RecordedEpisode(NamedTuple):
 
 
 class ReplayedChair:
-    """A chair that was driven before: it says again what it said, whatever it is asked to do.
+    """A chair that returns recorded readings, whatever the command.
 
     Args:
         readings: the first of an episode, then one a control period.
@@ -223,7 +223,7 @@ def read_recording(file: str | Path) -> list[RecordedEpisode]:
 
 
 def _cut(chapters: list[RecordedEpisode]) -> None:
-    """Leave out what the last episode holds beyond its last whole step."""
+    """Cut the last episode after its last complete step."""
     last = chapters[-1]
     steps = min(len(last.states) - 1, len(last.actions), len(last.verdicts))
     if steps < 0:
@@ -298,7 +298,7 @@ def _begun(content: Record) -> RecordedEpisode:
 def _moment(
     content: Record, before: RecordedState | None, sensors: SensorSettings
 ) -> RecordedState:
-    """A moment as it was recorded; what older recordings do not hold is as good as unknown."""
+    """A recorded instant; fields missing in older recordings count as unknown."""
     told: Record = {"bumped": value_of(content, "bumped", bool), "stamp": number(content, "stamp")}
     told |= {"pose": numbers(content, "pose", (3,)), "twist": numbers(content, "twist", (2,))}
     rangers = len(sensors.ultrasonic.mounted)
@@ -329,7 +329,7 @@ def _moment(
 
 
 def sensor_log(file: str | Path) -> tuple[SensorLog, LaserSettings]:
-    """What the wheels and the laser said in a recording's first episode, to build a map of.
+    """Odometry and scans of a recording's first episode, for mapping.
 
     Raises:
         InputError: see `read_recording`.
@@ -347,7 +347,7 @@ def sensor_log(file: str | Path) -> tuple[SensorLog, LaserSettings]:
 
 
 def replay_env(chapter: RecordedEpisode, render_mode: str | None = None) -> NavigationEnv:
-    """An environment whose next `reset()` and steps repeat an episode, observed and judged anew."""
+    """An environment whose next `reset()` and steps replay an episode and judge it again."""
     sensors = chapter.settings.sensors
     if sensors.pose_source != "truth":  # the recorded pose is what it came to; nobody looks again
         sensors = dataclasses.replace(sensors, pose_source="odometry")

@@ -108,7 +108,7 @@ class McapFile:
         self._file.close()
 
     def _mend(self) -> None:
-        """End the file after its last whole record; without room for that, after an earlier one."""
+        """End the file after its last complete record, or an earlier one if space is short."""
         ends = self._ends()
         while ends:
             end = ends.pop()
@@ -141,7 +141,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class Sink:
-    """Topics, an instant, and whoever listens.
+    """Sends messages of all topics to a file and to live viewers.
 
     Args:
         file: MCAP to write; a number is added to its name where it exists. It is whole after
@@ -187,16 +187,16 @@ class Sink:
             self._channels[topic] = foxglove.Channel(topic, schema=schema, context=context)
 
     def send(self, topic: str, message: Any) -> None:
-        """Send a typed message, see `recording.messages.TYPED`."""
+        """Send a typed message, see `recording.messages.TYPED_CHANNELS`."""
         self._channels[topic].log(message, log_time=self.now)
 
     def write(self, topic: str, content: dict[str, Any]) -> None:
-        """Send what JSON can say, see `recording.messages.PLAIN`."""
+        """Send JSON content, see `recording.messages.JSON_SCHEMAS`."""
         text = json.dumps(content, allow_nan=False)
         self._channels[topic].log(text.encode(), log_time=self.now)
 
     def new_error(self) -> str:
-        """That the file has just ended before the run did; told once, then empty."""
+        """The error that has ended the file early; reported once, then empty."""
         if self._told or self._disk is None or not self._disk.error:
             return ""
         self._told = True

@@ -53,7 +53,7 @@ def fit_frame(bounds: ArrayLike, height: float, width: float) -> Frame:
 
 @dataclass(frozen=True)
 class Canvas:
-    """An image (h, w, 3) that is drawn on in place; strokes are `unit` times as wide as said."""
+    """An image (h, w, 3) that is drawn on in place; `stroke_scale` multiplies stroke widths."""
 
     image: Image
     frame: Frame

@@ -39,7 +39,7 @@ def make_arena(
     polygons: Sequence[ArrayLike] = (),
     discs: ArrayLike = (),
 ) -> Arena:
-    """An arena whose wall stands outside its bounds.
+    """An arena enclosed by a wall outside its bounds.
 
     Args:
         bounds: free ground [m]: xmin, ymin, xmax, ymax; sides are rounded to the raster.
@@ -105,7 +105,7 @@ class EmptyRoom:
             )
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
-        """Draw what is not given, for a chair of this footprint.
+        """Draw the poses that are not given.
 
         Raises:
             InputError: the given start or goal does not fit into the room, or nothing drawn does.

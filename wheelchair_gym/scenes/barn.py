@@ -47,7 +47,7 @@ def _smoothed(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _open(square: NDArray[np.bool_], width: int) -> None:
-    """Clear a lane of so many cells from what is reached from below to what is from above."""
+    """Clear a lane of `width` cells between the regions reached from below and from above."""
     room = ~sliding_window_view(square, (width, width)).any(axis=(2, 3))
     part, _ = label(room)
     below, above = (np.bincount(part[row][part[row] > 0], minlength=1) for row in (0, -1))

@@ -47,7 +47,7 @@ _PIECES = (((0.45, 0.45), 5.0), ((0.20, 0.0), 3.0), ((0.60, 0.40), 9.0), ((0.25,
 
 @settings
 class PeopleSettings:
-    """Who walks about, and how many."""
+    """Number and behaviour of people."""
 
     density: tuple[float, float] = setting(
         default=(0.03, 0.08), unit="1/m2", low=0.0, high=1.0,
@@ -89,7 +89,7 @@ class PeopleSettings:
 
 @settings
 class DoorSettings:
-    """Which doors have a leaf, and how it opens."""
+    """Powered leaves of doors."""
 
     leaf_share: float = setting(
         default=0.4, low=0.0, high=1.0, doc="Share of doors that have a powered leaf.",
@@ -265,7 +265,7 @@ def _in_wall(grid: OccupancyGrid, hinge: tuple[float, float], heading: float, wi
 def sample_furniture(
     rng: np.random.Generator, grid: OccupancyGrid, density: float, start: Array, taken: list[Array]
 ) -> list[Mover]:
-    """Light furniture by the walls and in the way; `taken` as of `draw_people`."""
+    """Movable furniture; `taken` as in `sample_people`."""
     places = np.argwhere(grid.traversable(_CLEAR))
     found: list[Mover] = []
     for _ in range(round(density * free_area(grid)) if len(places) else 0):
@@ -310,7 +310,7 @@ class Crowd:
             raise InputError(f"Crowd.hall_size is {self.hall_size}; expected from, to")
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
-        """Draw a place for a chair of this footprint, then who and what moves in it.
+        """Draw a building or hall that the footprint fits, then everything that moves in it.
 
         Raises:
             InputError: the settings leave no start and goal.
@@ -369,10 +369,9 @@ _ENDS = 2.0  # m of the way at start and goal where nothing appears
 
 @settings
 class Temporary:
-    """A floor plan; round things appear on the shortest way ahead of the chair, for a while.
+    """A floor plan in which discs appear for a while on the shortest path ahead of the chair.
 
-    T1's temporary obstacles: a plan from where the chair is must lead round them, or the chair
-    waits until they are gone.
+    The chair plans a new path round them or waits until they are gone (docs/sources.md, T1).
     """
 
     count: tuple[int, int] = setting(
@@ -415,7 +414,7 @@ class Temporary:
             )
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
-        """Draw a floor plan, and what appears on the way through it.
+        """Draw a floor plan, and obstacles that appear on the shortest path.
 
         Raises:
             InputError: the plan's settings leave no start and goal.

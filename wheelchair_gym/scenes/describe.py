@@ -1,4 +1,4 @@
-"""What a generator draws: the figures without which no success rate means anything."""
+"""Statistics of the worlds that a scene draws: doors, corridors, density, bottlenecks."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def scene_statistics(scene: Scene, seeds: Iterable[int]) -> dict[str, list[float
 
 
 def _moving(episode: Episode) -> dict[str, list[float]]:
-    """Figures of what moves in one world, by name and unit."""
+    """Statistics of people, doors and obstacles of one world, by name and unit."""
     rows = episode.movers.rows
     of = {name: rows[rows["kind"] == kind] for kind, name in enumerate(KINDS)}
     people = of["person"]

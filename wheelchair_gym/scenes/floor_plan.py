@@ -145,7 +145,7 @@ class FloorPlan:
 
 @kernel
 def _build(plan: FloorLayout, things: Furniture) -> tuple[Cells, Array]:
-    """The map and the walls (n, 4) [m] of a storey and what stands in it."""
+    """The map and the walls (n, 4) [m] of a furnished floor."""
     cells = np.full((plan.height, plan.width), OCCUPIED, np.int8)
     paint_rects(cells, plan.rooms, whole(FREE))
     paint_rects(cells, plan.halls, whole(FREE))
@@ -197,7 +197,7 @@ def _draw_start(
     way: tuple[float, float],
     start: Array,
 ) -> bool:
-    """Whether a start in another room was found, a way of such a length off the goal."""
+    """Whether a start in another room was found, with a path of the required length."""
     for _ in range(_STARTS):
         here = uniform_int(source, len(rooms))
         if here != there and sample_pose(

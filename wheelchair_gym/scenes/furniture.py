@@ -1,4 +1,4 @@
-"""Furniture: what stands where in a room, so that a chair still gets round everything."""
+"""Places furniture in rooms so that the chair can still pass."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Index = NDArray[np.int64]
 
 
 class Piece(NamedTuple):
-    """A kind of furniture: its extent along the wall and away from it [m], and how it stands."""
+    """A kind of furniture: its extent along the wall and away from it [m], and its stance."""
 
     name: str
     along: tuple[float, float]  # m, from, to; of a round piece its diameter
@@ -81,7 +81,7 @@ _HOMES, _CLINICS = len(HOME_ROOMS), len(CLINIC_ROOMS)
 
 
 class Furniture(NamedTuple):
-    """What stands in one storey."""
+    """The furniture of one floor."""
 
     rects: Index  # (k, 4) upright, whole cells: x0, y0, x1, y1
     polygons: Array  # (k, 4, 2) [m]: turned rectangles, counter-clockwise

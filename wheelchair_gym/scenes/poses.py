@@ -1,4 +1,4 @@
-"""Where a chair can stand: poses drawn until the whole footprint is free."""
+"""Collision-free poses: checks, and random draws."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def sample_pose(
     tries: int,
     pose: Array,
 ) -> bool:
-    """Whether a pose was found where the chair stands free."""
+    """Draw poses until the footprint is free; whether one was found."""
     for _ in range(tries):
         pose[0] = uniform(source, room[0] * CELL + _INSET, room[2] * CELL - _INSET)
         pose[1] = uniform(source, room[1] * CELL + _INSET, room[3] * CELL - _INSET)
