@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from planners.collision.polygon_tests import SpaceArrays
 from planners.problem import Plan, Problem, Status
 from planners.random_stream import stream
-from planners.smoothing.comfort import dense, path_cost, pushed
+from planners.smoothing.comfort import path_cost, push_off_walls, resample
 from planners.smoothing.shortcut import shortcut
-from planners.smoothing.smooth import blocked_edges, pchip, smoothed, spline
+from planners.smoothing.smooth import blocked_edges, pchip, smooth_curve, spline
 from planners.swarm.search import shorten_path
 from planners.swarm.woa import WhaleSettings
 from wheelchair_gym.config import setting, settings
@@ -123,7 +123,7 @@ class Pchip:
         """Smooth; the generator is not used."""
 
         def better(arrays: SpaceArrays, path: Array) -> Array | str:
-            return smoothed(arrays, path, pchip, self.tolerance, self.spacing, self.rounds)
+            return smooth_curve(arrays, path, pchip, self.tolerance, self.spacing, self.rounds)
 
         return _refined(plan, problem, better)
 
@@ -140,7 +140,7 @@ class Spline:
         """Smooth; the generator is not used."""
 
         def better(arrays: SpaceArrays, path: Array) -> Array | str:
-            return smoothed(arrays, path, spline, self.tolerance, self.spacing, self.rounds)
+            return smooth_curve(arrays, path, spline, self.tolerance, self.spacing, self.rounds)
 
         return _refined(plan, problem, better)
 
@@ -235,10 +235,10 @@ class Clearance:
         """Push; the generator is not used."""
 
         def better(arrays: SpaceArrays, path: Array) -> Array | str:
-            points = dense(path, self.spacing)
+            points = resample(path, self.spacing)
             if blocked_edges(arrays, points).any():  # along slanted walls, digits may forbid some
                 points = path
-            points = pushed(
+            points = push_off_walls(
                 arrays, points, self.weight, self.comfort, 0.25 * self.comfort, self.sweeps
             )
             points = shortcut(points, problem.free, self.weight, self.comfort)

@@ -1,4 +1,4 @@
-"""The boundary of what is free: segments, their common points, and which follows which."""
+"""The boundary of free space: its segments, their shared points and the order of segments."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.collision.orient2d import side
-from planners.collision.polygon_tests import SpaceArrays, fill_buckets, mark_corners
+from planners.collision.orient2d import orient2d
+from planners.collision.polygon_tests import SpaceArrays, fill_buckets, mark_free_corners
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
@@ -20,12 +20,12 @@ MOST_BUCKETS = 200_000
 
 
 class Boundary(NamedTuple):
-    """Closed loops of segments, what is solid on their left, that touch in points at most."""
+    """Closed loops of segments with the solid on their left; loops meet in single points only."""
 
     points: Array  # (m, 2) m, by y, then x
     begins: Index  # (n,) point at which each segment begins
     ends: Index  # (n,)
-    before: Index  # (n,) point before its begin, along what is solid
+    before: Index  # (n,) point before its begin, along the boundary of the solid
 
     @property
     def segments(self) -> Array:
@@ -34,7 +34,7 @@ class Boundary(NamedTuple):
 
 
 class Corners(NamedTuple):
-    """The convex corners of what is solid; several may lie at one point."""
+    """The convex corners of obstacles; several may lie at one point."""
 
     place: Index  # (n,) points
     before: Index  # (n,) points: the corner before
@@ -44,14 +44,16 @@ class Corners(NamedTuple):
 
 
 @borrowing_kernel
-def side_of(points: Array, a: int, b: int, c: int) -> float:
-    """`side` of three of the points: positive if c lies left of the line from a to b."""
-    return side(points[a, 0], points[a, 1], points[b, 0], points[b, 1], points[c, 0], points[c, 1])
+def orientation(points: Array, a: int, b: int, c: int) -> float:
+    """`orient2d` of three points by index: positive if c lies left of the line from a to b."""
+    return orient2d(
+        points[a, 0], points[a, 1], points[b, 0], points[b, 1], points[c, 0], points[c, 1]
+    )
 
 
 @borrowing_kernel
-def by_point(which: Index, first: Index, members: Index) -> None:
-    """Sort indices by the point that each has."""
+def group_by_point(which: Index, first: Index, members: Index) -> None:
+    """Group indices by their point (counting sort): `first` bounds the group of each point."""
     first[:] = 0
     for k in range(which.shape[0]):
         first[which[k] + 1] += 1
@@ -67,13 +69,13 @@ def by_point(which: Index, first: Index, members: Index) -> None:
 
 @kernel
 def _before(points: Array, begins: Index, ends: Index) -> Index:
-    """The point before each segment's begin; NONE where nothing arrives.
+    """The point before the begin of each segment; NONE where no segment ends.
 
-    Where loops meet in a point, what is solid between two sides may belong to two loops: each side
-    that leaves takes the next one that arrives, counter-clockwise, as the one before.
+    Where loops meet in a point, an outgoing segment follows the next incoming one,
+    counter-clockwise.
     """
     first, arriving = np.empty(len(points) + 1, np.int64), np.empty(len(begins), np.int64)
-    by_point(ends, first, arriving)
+    group_by_point(ends, first, arriving)
     before = np.full(len(begins), NONE, np.int64)
     for k in range(len(begins)):
         p, least = begins[k], math.inf
@@ -94,7 +96,7 @@ def _before(points: Array, begins: Index, ends: Index) -> Index:
 
 
 def boundary(segments: ArrayLike) -> Boundary:
-    """The boundary made of segments (n, 4) [m]: closed loops, what is solid on their left."""
+    """The boundary made of segments (n, 4) [m]: closed loops with the solid on their left."""
     lines = np.asarray(segments, dtype=np.float64).reshape(-1, 4)
     ends = np.concatenate([lines[:, :2], lines[:, 2:]])
     order = np.lexsort((ends[:, 0], ends[:, 1]))
@@ -107,10 +109,10 @@ def boundary(segments: ArrayLike) -> Boundary:
     return Boundary(points, place[:n], place[n:], _before(points, place[:n], place[n:]))
 
 
-def framed(walls: ArrayLike, bounds: tuple[float, float, float, float]) -> Array | None:
-    """Segments (n, 4) [m] round what is free inside an upright frame, from the walls round solids.
+def edges_within_frame(walls: ArrayLike, bounds: tuple[float, float, float, float]) -> Array | None:
+    """Segments (n, 4) [m] around free space inside an axis-aligned frame, from walls around solids.
 
-    None where walls are not upright too, or leave the frame.
+    None where a wall is not axis-aligned, or leaves the frame.
     """
     lines = np.asarray(walls, dtype=np.float64).reshape(-1, 4)
     xmin, ymin, xmax, ymax = bounds
@@ -119,7 +121,7 @@ def framed(walls: ArrayLike, bounds: tuple[float, float, float, float]) -> Array
     if not ((level ^ (lines[:, 0] == lines[:, 2])).all() and inside.all()):
         return None
     pieces, keep = [], np.ones(len(lines), dtype=np.bool_)
-    # Each side of the frame: where it lies, and its ends, so that the outside is on its left.
+    # Each side of the frame: its axis and position, and its ends with the outside on the left.
     for axis, at, begin, end in (
         (1, ymin, xmax, xmin),
         (0, xmax, ymax, ymin),
@@ -147,32 +149,26 @@ def _convex(
 ) -> tuple[Index, Index, Index, Index, Index]:
     kept, count = np.empty(len(begins), np.int64), 0
     for k in range(len(begins)):
-        if before[k] != NONE and side_of(points, before[k], begins[k], ends[k]) > 0.0:
+        if before[k] != NONE and orientation(points, before[k], begins[k], ends[k]) > 0.0:
             kept[count] = k
             count += 1
     kept = kept[:count]
     first, members = np.empty(len(points) + 1, np.int64), np.empty(count, np.int64)
     place = begins[kept]
-    by_point(place, first, members)
+    group_by_point(place, first, members)
     return place, before[kept], ends[kept], first, members
 
 
 def convex_corners(around: Boundary) -> Corners:
-    """The convex corners of a boundary: a shortest path bends at them only, and only round them."""
+    """The convex corners of a boundary: a shortest path bends at these corners only."""
     return Corners(*_convex(*around))
 
 
-def buckets(segments: Array, before: Array, bounds: Array) -> SpaceArrays:
-    """A boundary as the exact kernels take it.
-
-    Args:
-        segments: (n, 4) [m], what is solid on their left.
-        before: (n, 2) [m] the corner before each.
-        bounds: (4,) [m] of the map.
-    """
+def build_space_arrays(segments: Array, before: Array, bounds: Array) -> SpaceArrays:
+    """The arrays of a space: segments (n, 4), the corner before each (n, 2), bounds (4,) [m]."""
     xmin, ymin, xmax, ymax = bounds
     width, height = max(xmax - xmin, 0.0), max(ymax - ymin, 0.0)
-    # About two buckets a segment: long edges pass few, short ones meet few segments.
+    # About two buckets for each segment: an edge passes few buckets, and each holds few segments.
     size = math.sqrt((width * height or 1.0) / min(2 * len(segments) + 16, MOST_BUCKETS))
     size = max(size, width / 2000, height / 2000)
     grid = np.array([xmin - 0.5 * size, ymin - 0.5 * size, size])
@@ -184,5 +180,5 @@ def buckets(segments: Array, before: Array, bounds: Array) -> SpaceArrays:
     fill_buckets(segments, grid, rows, columns, first[:-1].copy(), members)
     free = np.zeros((rows, columns), dtype=np.bool_)
     arrays = SpaceArrays(bounds, segments, before, grid, first, members, free)
-    mark_corners(arrays)
+    mark_free_corners(arrays)
     return arrays

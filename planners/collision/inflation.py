@@ -1,8 +1,8 @@
-"""Where the centre of a disc may be: what is free less all that is nearer to its boundary.
+"""Inflation of obstacles: the region in which the centre of a disc may be.
 
-The edge of that is made of segments moved out by the radius and of arcs round convex corners, each
-where nothing else is nearer than the radius. An arc becomes a polygon whose sides touch it, so what
-is left is never too large; where two pieces of edge would cross, their arcs get shorter sides.
+Its boundary consists of segments offset by the radius and of arcs around convex corners, each where
+no other segment is nearer than the radius. A circumscribed polygon replaces each arc, so the region
+is never too large; where two pieces would cross, their arcs get shorter sides.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from planners.collision.boundary import buckets
-from planners.collision.offset_intervals import Pieces, bare
-from planners.collision.orient2d import side
+from planners.collision.boundary import build_space_arrays
+from planners.collision.offset_intervals import Pieces, exposed_pieces
+from planners.collision.orient2d import orient2d
 from planners.collision.polygon_tests import SpaceArrays
 from wheelchair_gym.compiled.kernel import kernel
 
@@ -32,7 +32,7 @@ FINEST = 10  # times that the sides of an arc are halved where it would cross an
 
 
 @kernel
-def _outline(
+def _offset_polygons(
     pieces: Pieces, follows: Index, segments: Array, radii: Array, halvings: Index
 ) -> tuple[Array, Index, Index]:
     """Corners (v, 2) of the polygons that the pieces form, each one's successor and its piece.
@@ -75,7 +75,7 @@ def _outline(
 
 
 @kernel
-def _crossing(arrays: SpaceArrays, follows: Index) -> Mask:
+def _self_intersections(arrays: SpaceArrays, follows: Index) -> Mask:
     """Which segments meet another that is not their neighbour; segment k begins at corner k."""
     segments, meets = arrays.segments, np.zeros(len(follows), np.bool_)
     for bucket in range(len(arrays.first) - 1):
@@ -91,8 +91,8 @@ def _crossing(arrays: SpaceArrays, follows: Index) -> Mask:
                     continue
                 if max(cy, dy) < min(ay, by) or min(cy, dy) > max(ay, by):
                     continue
-                a, b = side(cx, cy, dx, dy, ax, ay), side(cx, cy, dx, dy, bx, by)
-                c, d = side(ax, ay, bx, by, cx, cy), side(ax, ay, bx, by, dx, dy)
+                a, b = orient2d(cx, cy, dx, dy, ax, ay), orient2d(cx, cy, dx, dy, bx, by)
+                c, d = orient2d(ax, ay, bx, by, cx, cy), orient2d(ax, ay, bx, by, dx, dy)
                 apart = (a > 0.0 and b > 0.0) or (a < 0.0 and b < 0.0)
                 apart = apart or (c > 0.0 and d > 0.0) or (c < 0.0 and d < 0.0)
                 if not apart:
@@ -100,9 +100,9 @@ def _crossing(arrays: SpaceArrays, follows: Index) -> Mask:
     return meets
 
 
-def _fitted(arrays: SpaceArrays, radii: Array, bounds: Array) -> Array | None:
+def _offset_boundary(arrays: SpaceArrays, radii: Array, bounds: Array) -> Array | None:
     """Segments round what is left where each segment moves out by its own radius, or None."""
-    pieces, good = bare(arrays, radii)
+    pieces, good = exposed_pieces(arrays, radii)
     if not good or not len(pieces.source):
         return np.empty((0, 4)) if good else None
     if (pieces.high - pieces.low < JOIN).any():  # what just touches, but for rounding
@@ -112,9 +112,9 @@ def _fitted(arrays: SpaceArrays, radii: Array, bounds: Array) -> Array | None:
         return None
     halvings = np.zeros(len(follows), dtype=np.int64)
     for _ in range(FINEST):
-        corners, after, owner = _outline(pieces, follows, arrays.segments, radii, halvings)
+        corners, after, owner = _offset_polygons(pieces, follows, arrays.segments, radii, halvings)
         edges = np.hstack([corners, corners[after]])
-        meets = _crossing(buckets(edges, edges[:, :2], bounds), after)
+        meets = _self_intersections(build_space_arrays(edges, edges[:, :2], bounds), after)
         if not meets.any():
             return edges
         finer = np.unique(owner[np.concatenate([np.flatnonzero(meets), after[meets]])])
@@ -125,7 +125,7 @@ def _fitted(arrays: SpaceArrays, radii: Array, bounds: Array) -> Array | None:
     return None
 
 
-def eroded(arrays: SpaceArrays, radius: float) -> Array:
+def inflated_boundary(arrays: SpaceArrays, radius: float) -> Array:
     """Segments (n, 4) [m] round where a disc's centre may be; what it may not enter on their left.
 
     No point of what they leave is nearer than the radius to anything, and no point that keeps
@@ -146,7 +146,7 @@ def eroded(arrays: SpaceArrays, radius: float) -> Array:
         border |= (line == at).all(axis=1)
     for shift in (0.0, SHIFT):
         radii = radius * np.where(border, 1.0 + shift, 1.0 + SHIFT)
-        edges = _fitted(arrays, radii, bounds + radius * np.array([1.0, 1.0, -1.0, -1.0]))
+        edges = _offset_boundary(arrays, radii, bounds + radius * np.array([1.0, 1.0, -1.0, -1.0]))
         if edges is not None:
             return edges
     raise ValueError(f"pieces of edge at {radius} m do not fit together")

@@ -104,7 +104,7 @@ def nearby(space: Space, reach: float) -> Nearby:
 
 
 @borrowing_kernel
-def seen_from(
+def segments_in_view(
     near: Nearby, x: float, y: float, yaw: float, box: Array, enough: float, seen: Array
 ) -> int:
     """Write the segments within `enough` of a box (in the chair's frame) at a pose.

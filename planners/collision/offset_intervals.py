@@ -1,6 +1,6 @@
-"""What is bare of a boundary's segments moved out, and of the arcs round its convex corners.
+"""The exposed pieces of offset segments, and of the arcs around convex corners.
 
-A piece of them is bare where nothing else is nearer than its own radius.
+A piece is exposed where every other segment is at least that segment's own radius away.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-MOST_GAPS = 64  # of one segment or arc between what covers it
+MOST_GAPS = 64  # exposed intervals of one segment or arc
 
 
 class Pieces(NamedTuple):
-    """Pieces of edge, what is solid on their left."""
+    """Pieces of the inflated boundary, with the solid on their left."""
 
     source: Index  # (k,) segment moved out, or -1 - segment: the arc round its first corner
     low: Array  # (k,) m along the segment, or rad: where it begins
@@ -32,8 +32,8 @@ class Pieces(NamedTuple):
 
 
 @borrowing_kernel
-def _cut(gaps: Array, count: int, low: float, high: float) -> int:
-    """Take a covered stretch out of the bare ones (count, 2); how many there are then."""
+def _subtract_interval(gaps: Array, count: int, low: float, high: float) -> int:
+    """Subtract a covered interval from the exposed ones (count, 2); returns how many remain."""
     k = 0
     while k < count:
         a, b = gaps[k, 0], gaps[k, 1]
@@ -59,10 +59,12 @@ def _cut(gaps: Array, count: int, low: float, high: float) -> int:
 
 
 @borrowing_kernel
-def _over_line(segments: Array, k: int, j: int, radius: float, other: float) -> tuple[float, float]:
-    """Where segment k, moved out by a radius, is nearer to segment j than another; low > high: not.
+def _covered_on_segment(
+    segments: Array, k: int, j: int, radius: float, other: float
+) -> tuple[float, float]:
+    """Where segment k, offset by a radius, is nearer to segment j than `other`, along k [m].
 
-    Along k [m]. What j covers is convex, so this is one stretch.
+    The region that j covers is convex, so this is one interval; it is empty where low > high.
     """
     ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
     cx, cy, dx, dy = segments[j, 0], segments[j, 1], segments[j, 2], segments[j, 3]
@@ -107,12 +109,12 @@ def _wrapped(angle: float) -> float:
 
 
 @borrowing_kernel
-def _over_circle(
+def _covered_on_circle(
     segments: Array, x: float, y: float, j: int, radius: float, other: float
 ) -> tuple[float, float]:
-    """Where a circle of a radius round a point is nearer to segment j than another [rad], or not.
+    """Where a circle of a radius around a point is nearer to segment j than `other` [rad].
 
-    The discs round j's points cover stretches that follow each other, so this is one stretch.
+    The discs around the points of j cover adjoining arcs, so this is one interval.
     """
     cx, cy, dx, dy = segments[j, 0], segments[j, 1], segments[j, 2], segments[j, 3]
     span = math.hypot(dx - cx, dy - cy)
@@ -128,13 +130,13 @@ def _over_circle(
         middle = math.atan2(vy, vx) if x == cx and y == cy else math.atan2(-vy, -vx)
         low, high = -0.5 * math.pi, 0.5 * math.pi
     else:
-        half = _reach(gap, radius, other)
+        half = _half_angle(gap, radius, other)
         low, high = -half, half
     for m in range(2):
         ex, ey = (cx - x, cy - y) if m == 0 else (dx - x, dy - y)
         far = math.hypot(ex, ey)
         if 0.0 < far < radius + other:
-            at, half = _wrapped(math.atan2(ey, ex) - middle), _reach(far, radius, other)
+            at, half = _wrapped(math.atan2(ey, ex) - middle), _half_angle(far, radius, other)
             low, high = min(low, at - half), max(high, at + half)
     # Beside j: where the circle meets the lines beside it, between its ends.
     wide = vx * (y - cy) - vy * (x - cx)
@@ -152,20 +154,15 @@ def _over_circle(
 
 
 @borrowing_kernel
-def _reach(far: float, radius: float, other: float) -> float:
-    """Half of what a disc of another radius covers of a circle [rad]."""
+def _half_angle(far: float, radius: float, other: float) -> float:
+    """Half the angle of a circle that a disc of another radius covers [rad]."""
     turn = (radius * radius + far * far - other * other) / (2.0 * radius * far)
     return math.acos(min(max(turn, -1.0), 1.0))
 
 
 @kernel
-def bare(arrays: SpaceArrays, radii: Array) -> tuple[Pieces, bool]:
-    """All pieces of edge, and whether there was room for them.
-
-    Args:
-        arrays: of what is free.
-        radii: (n,) m by which each segment moves out.
-    """
+def exposed_pieces(arrays: SpaceArrays, radii: Array) -> tuple[Pieces, bool]:
+    """All exposed pieces, and whether the arrays held them; segments move out by radii (n,) [m]."""
     segments, before, grid = arrays.segments, arrays.before, arrays.grid
     rows, columns = arrays.corner_free.shape
     n, widest = segments.shape[0], 0.0
@@ -230,16 +227,16 @@ def bare(arrays: SpaceArrays, radii: Array) -> tuple[Pieces, bool]:
                     own = segments[j, 2] == ax and segments[j, 3] == ay
                     if own and segments[j, 0] == before[k, 0] and segments[j, 1] == before[k, 1]:
                         continue
-                    a, b = _over_circle(segments, ax, ay, j, radius, radii[j])
+                    a, b = _covered_on_circle(segments, ax, ay, j, radius, radii[j])
                     if a < b:
                         for r in range(-1, 2):
                             shift = r * 2.0 * math.pi
                             if left > 0:
-                                left = _cut(gaps, left, a + shift, b + shift)
+                                left = _subtract_interval(gaps, left, a + shift, b + shift)
                 else:
-                    a, b = _over_line(segments, k, j, radius, radii[j])
+                    a, b = _covered_on_segment(segments, k, j, radius, radii[j])
                     if a < b:
-                        left = _cut(gaps, left, a, b)
+                        left = _subtract_interval(gaps, left, a, b)
                 if left <= 0:
                     break
             if left <= 0:

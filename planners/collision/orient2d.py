@@ -1,6 +1,6 @@
-"""Which side of a line a point lies on, exactly for the numbers given, as a kernel.
+"""The orientation predicate: on which side of a line a point lies, exactly for the given numbers.
 
-The area is computed in double, and once more with twice the digits where rounding could decide.
+The area is computed in double precision, and in double-double where rounding could decide the sign.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel
 
 
 @borrowing_kernel
-def _product(a: float, b: float) -> tuple[float, float]:
+def _two_product(a: float, b: float) -> tuple[float, float]:
     """Product of a and b as the sum of two doubles, exactly (Dekker 1971)."""
     p = a * b
     t = 134217729.0 * a
@@ -21,7 +21,7 @@ def _product(a: float, b: float) -> tuple[float, float]:
 
 
 @borrowing_kernel
-def _difference(a: float, b: float) -> tuple[float, float]:
+def _two_diff(a: float, b: float) -> tuple[float, float]:
     """Difference a - b as the sum of two doubles, exactly (Knuth)."""
     d = a - b
     t = d - a
@@ -29,23 +29,23 @@ def _difference(a: float, b: float) -> tuple[float, float]:
 
 
 @borrowing_kernel
-def _side_of_doubt(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """`side` with twice the digits."""
-    ux, ux_low = _difference(bx, ax)
-    uy, uy_low = _difference(by, ay)
-    vx, vx_low = _difference(cx, ax)
-    vy, vy_low = _difference(cy, ay)
-    p, p_low = _product(ux, vy)
-    q, q_low = _product(uy, vx)
+def _orient2d_extended(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """The predicate in double-double arithmetic."""
+    ux, ux_low = _two_diff(bx, ax)
+    uy, uy_low = _two_diff(by, ay)
+    vx, vx_low = _two_diff(cx, ax)
+    vy, vy_low = _two_diff(cy, ay)
+    p, p_low = _two_product(ux, vy)
+    q, q_low = _two_product(uy, vx)
     low = (p_low - q_low) + ((ux * vy_low + ux_low * vy) - (uy * vx_low + uy_low * vx))
     return (p - q) + low
 
 
 @borrowing_kernel
-def side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+def orient2d(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Positive if c lies left of the line from a to b, negative if right, 0 if exactly on it."""
     p, q = (bx - ax) * (cy - ay), (by - ay) * (cx - ax)
     area = p - q
     if abs(area) > 4e-16 * (abs(p) + abs(q)) or (p == 0.0 and q == 0.0):
         return area
-    return _side_of_doubt(ax, ay, bx, by, cx, cy)
+    return _orient2d_extended(ax, ay, bx, by, cx, cy)

@@ -1,7 +1,7 @@
 """Exact tests of points and edges against polygons, and the distance to them, as kernels.
 
-Exact for the numbers given, since `side` is. A uniform grid of buckets holds the segments near each
-cell, and whether the cell's lower left corner is free, so a test looks at a few segments.
+They are exact for the given numbers, since `orient2d` is. A uniform grid of buckets holds the
+segments near each cell, and whether its lower left corner is free, so a test reads few segments.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.orient2d import side
+from planners.collision.orient2d import orient2d
 from wheelchair_gym.compiled.kernel import borrowing_kernel, whole
 from wheelchair_gym.geometry import point_segment_distance
 
@@ -32,24 +32,24 @@ class SpaceArrays(NamedTuple):
 
 
 @borrowing_kernel
-def into_solid(
+def enters_solid(
     px: float, py: float, cx: float, cy: float, dx: float, dy: float, tx: float, ty: float
 ) -> bool:
-    """Whether the way from a corner c (after p, before d) towards t enters what is solid."""
-    left = side(cx, cy, dx, dy, tx, ty)
-    if left > 0.0 and side(cx, cy, px, py, tx, ty) < 0.0:
+    """Whether the line from a corner c (after p, before d) towards t enters the solid."""
+    left = orient2d(cx, cy, dx, dy, tx, ty)
+    if left > 0.0 and orient2d(cx, cy, px, py, tx, ty) < 0.0:
         return True
-    turn = side(px, py, cx, cy, dx, dy)
+    turn = orient2d(px, py, cx, cy, dx, dy)
     if turn == 0.0:
         return left > 0.0
-    return turn < 0.0 and (left > 0.0 or side(cx, cy, px, py, tx, ty) < 0.0)
+    return turn < 0.0 and (left > 0.0 or orient2d(cx, cy, px, py, tx, ty) < 0.0)
 
 
 @borrowing_kernel
 def _left_of(segments: Array, k: int, x: float, y: float) -> bool:
     """Whether (x, y) lies left of a segment, moved right and, by far less, up: never on it."""
     ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
-    area = side(ax, ay, bx, by, x, y)
+    area = orient2d(ax, ay, bx, by, x, y)
     return area > 0.0 or (area == 0.0 and (by < ay or (by == ay and bx > ax)))
 
 
@@ -77,7 +77,7 @@ def _on_boundary(segments: Array, near: NDArray[np.int32], x: float, y: float) -
         if (
             min(ax, bx) <= x <= max(ax, bx)
             and min(ay, by) <= y <= max(ay, by)
-            and side(ax, ay, bx, by, x, y) == 0.0
+            and orient2d(ax, ay, bx, by, x, y) == 0.0
         ):
             return True
     return False
@@ -101,35 +101,35 @@ def point_free(arrays: SpaceArrays, x: float, y: float) -> bool:
 
 
 @borrowing_kernel
-def stops(
+def blocks(
     segments: Array, before: Array, k: int, ax: float, ay: float, bx: float, by: float
 ) -> bool:
-    """Whether segment k stops the edge from a to b."""
+    """Whether segment k blocks the edge from a to b."""
     low_x, high_x, low_y, high_y = min(ax, bx), max(ax, bx), min(ay, by), max(ay, by)
     cx, cy, dx, dy = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
     if max(cx, dx) < low_x or min(cx, dx) > high_x:
         return False
     if max(cy, dy) < low_y or min(cy, dy) > high_y:
         return False
-    c, d = side(ax, ay, bx, by, cx, cy), side(ax, ay, bx, by, dx, dy)
+    c, d = orient2d(ax, ay, bx, by, cx, cy), orient2d(ax, ay, bx, by, dx, dy)
     if (c > 0.0 and d > 0.0) or (c < 0.0 and d < 0.0):
         return False
     if c != 0.0 and d != 0.0:  # a and b on one side, or do they meet, from or to the solid?
-        a, b = side(cx, cy, dx, dy, ax, ay), side(cx, cy, dx, dy, bx, by)
+        a, b = orient2d(cx, cy, dx, dy, ax, ay), orient2d(cx, cy, dx, dy, bx, by)
         return (a > 0.0 and b <= 0.0) or (b > 0.0 and a <= 0.0)
     if c == 0.0 and low_x <= cx <= high_x and low_y <= cy <= high_y:
         px, py = before[k, 0], before[k, 1]
-        if (cx != ax or cy != ay) and into_solid(px, py, cx, cy, dx, dy, ax, ay):
+        if (cx != ax or cy != ay) and enters_solid(px, py, cx, cy, dx, dy, ax, ay):
             return True
-        return (cx != bx or cy != by) and into_solid(px, py, cx, cy, dx, dy, bx, by)
+        return (cx != bx or cy != by) and enters_solid(px, py, cx, cy, dx, dy, bx, by)
     return False
 
 
 @borrowing_kernel
-def blocker(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> int:
-    """The segment that stops the straight way from a point a known to be free to b [m].
+def blocking_segment(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> int:
+    """The segment that blocks the edge from a free point a to b [m].
 
-    -1 if the way stays in what is free, -2 if b lies outside the map.
+    -1 if the edge is free, -2 if b lies outside the map.
     """
     bounds, grid = arrays.bounds, arrays.grid
     if not (bounds[0] <= bx <= bounds[2] and bounds[1] <= by <= bounds[3]):
@@ -152,7 +152,7 @@ def blocker(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> 
     while True:
         for place in range(first[i * columns + j], first[i * columns + j + 1]):
             k: int = whole(members[place])
-            if stops(segments, before, k, ax, ay, bx, by):
+            if blocks(segments, before, k, ax, ay, bx, by):
                 return k
         if i == last_i and j == last_j:
             return -1
@@ -166,13 +166,13 @@ def blocker(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> 
 
 @borrowing_kernel
 def way_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> bool:
-    """Whether the straight way from a point a known to be free to b [m] stays in what is free."""
-    return blocker(arrays, ax, ay, bx, by) == -1
+    """Whether the edge from a point a, known to be free, to b [m] is free."""
+    return blocking_segment(arrays, ax, ay, bx, by) == -1
 
 
 @borrowing_kernel
 def edge_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> bool:
-    """Whether the straight way from a to b [m] stays in what is free; touching is allowed."""
+    """Whether the edge from a to b [m] is free; it may touch obstacles."""
     return point_free(arrays, ax, ay) and way_free(arrays, ax, ay, bx, by)
 
 
@@ -239,7 +239,7 @@ def fill_buckets(
 
 
 @borrowing_kernel
-def mark_corners(arrays: SpaceArrays) -> None:
+def mark_free_corners(arrays: SpaceArrays) -> None:
     """Set `corner_free`: the first corner lies outside the map, each other follows from one."""
     free, grid, segments = arrays.corner_free, arrays.grid, arrays.segments
     rows, columns = free.shape

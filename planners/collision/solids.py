@@ -79,7 +79,7 @@ def polygonal(geometry: Any) -> Any:
     return shapely.MultiPolygon([part for part in parts if part.geom_type == "Polygon"])
 
 
-def grown(solid: Any, radius: float) -> Any:
+def inflate(solid: Any, radius: float) -> Any:
     """A geometry that holds every point nearer than the radius [m] to a solid.
 
     Straight sides move out by the radius; round corners become polygons whose sides touch the arc

@@ -17,8 +17,15 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision import solids
-from planners.collision.boundary import Boundary, Corners, boundary, buckets, convex_corners, framed
-from planners.collision.inflation import eroded
+from planners.collision.boundary import (
+    Boundary,
+    Corners,
+    boundary,
+    build_space_arrays,
+    convex_corners,
+    edges_within_frame,
+)
+from planners.collision.inflation import inflated_boundary
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free, point_free
 from planners.collision.triangulation import Mesh, mesh
 
@@ -98,7 +105,7 @@ class Space:
     def from_grid(cls, grid: Grid, unknown_is_solid: bool = False) -> Space:
         """The map of an occupancy grid; its walls say what is solid."""
         walls = grid.walls(unknown_is_solid)
-        edges = framed(walls, grid.bounds)
+        edges = edges_within_frame(walls, grid.bounds)
         if edges is not None:
             return cls(None, grid.bounds, edges=edges)
         return cls(solids.even_odd(walls), grid.bounds)
@@ -121,10 +128,10 @@ class Space:
             bounds = (xmin + radius, ymin + radius, xmax - radius, ymax - radius)
             discs = self.discs + np.array([0.0, 0.0, radius])
             try:
-                grown = Space(None, bounds, discs, eroded(self.arrays, radius))
+                grown = Space(None, bounds, discs, inflated_boundary(self.arrays, radius))
                 grown.mesh  # noqa: B018 - which proves that the edges form loops that never cross
             except ValueError:
-                grown = Space(solids.grown(self.solid, radius), bounds, discs)
+                grown = Space(solids.inflate(self.solid, radius), bounds, discs)
             self._inflated[radius] = grown
         return self._inflated[radius]
 
@@ -171,7 +178,7 @@ class Space:
     def arrays(self) -> SpaceArrays:
         """The boundary of what is free, as kernels take it."""
         edge = self.boundary
-        return buckets(edge.segments, edge.points[edge.before], np.array(self.bounds))
+        return build_space_arrays(edge.segments, edge.points[edge.before], np.array(self.bounds))
 
     @cached_property
     def mesh(self) -> Mesh:

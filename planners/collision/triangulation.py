@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.boundary import NONE, Boundary, by_point, side_of
+from planners.collision.boundary import NONE, Boundary, group_by_point, orientation
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
@@ -76,7 +76,7 @@ def _beside(sweep: _Sweep, edge: int, code: int) -> None:
 @borrowing_kernel
 def _seen(sweep: _Sweep, a: int, b: int, p: int) -> bool:
     """Whether a point sees the edge from link a to link b from above."""
-    return side_of(sweep.points, sweep.place[a], sweep.place[b], p) > 0.0
+    return orientation(sweep.points, sweep.place[a], sweep.place[b], p) > 0.0
 
 
 @borrowing_kernel
@@ -126,7 +126,7 @@ def _where(points: Array, low: Index, high: Index, status: Index, count: int, p:
     first, last = 0, count
     while first < last:
         middle = (first + last) // 2
-        if side_of(points, low[status[middle]], high[status[middle]], p) < 0.0:
+        if orientation(points, low[status[middle]], high[status[middle]], p) < 0.0:
             first = middle + 1
         else:
             last = middle
@@ -164,8 +164,8 @@ def triangulate(
     up = begins < ends  # what is free lies on its right
     arrive_first, arrive = np.empty(m + 1, np.int64), np.empty(n, np.int64)
     leave_first, leave = np.empty(m + 1, np.int64), np.empty(n, np.int64)
-    by_point(high, arrive_first, arrive)
-    by_point(low, leave_first, leave)
+    group_by_point(high, arrive_first, arrive)
+    group_by_point(low, leave_first, leave)
     # Of a free stretch, by the side on its left: the ends of its chain, and its latest link.
     head, tail, last = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
     status, count, good = np.empty(n, np.int64), 0, True
@@ -182,7 +182,7 @@ def triangulate(
         for i in range(1, above):  # from left to right
             for j in range(i, 0, -1):
                 a, b = high[new[j - 1]], high[new[j]]
-                if side_of(points, p, a, b) <= 0.0:
+                if orientation(points, p, a, b) <= 0.0:
                     break
                 new[j - 1], new[j] = new[j], new[j - 1]
         free_left = at > 0 and up[status[at - 1]]
@@ -247,7 +247,7 @@ def triangulate(
     total = whole.used[0]
     corners = whole.corners[:total].copy()
     first, around = np.empty(m + 1, np.int64), np.empty(3 * total, np.int64)
-    by_point(corners.ravel(), first, around)
+    group_by_point(corners.ravel(), first, around)
     return corners, whole.across[:total].copy(), first, around, good and count == 0
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from planners.collision.orient2d import side
+from planners.collision.orient2d import orient2d
 from planners.collision.polygon_tests import SpaceArrays
 from planners.graphs.roadmap import shortest
 from planners.problem import Plan, PlannerBase, Problem, Status
@@ -47,10 +47,14 @@ def _above(segments: Array, k: int, other: int) -> bool:
     """Whether a segment that begins on the sweep line lies above another that passes it."""
     ax, ay, bx, by = _rightward(segments, k)
     cx, cy, dx, dy = _rightward(segments, other)
-    at = side(cx, cy, dx, dy, ax, ay)
+    at = orient2d(cx, cy, dx, dy, ax, ay)
     if at != 0.0:
         return at > 0.0
-    return side(cx, cy, dx, dy, bx, by) > 0.0 if bx <= dx else side(ax, ay, bx, by, dx, dy) < 0.0
+    return (
+        orient2d(cx, cy, dx, dy, bx, by) > 0.0
+        if bx <= dx
+        else orient2d(ax, ay, bx, by, dx, dy) < 0.0
+    )
 
 
 @borrowing_kernel
@@ -173,7 +177,7 @@ def cells_at(arrays: SpaceArrays, walls: Pairs, spans: Array, x: float, y: float
         if spans[cell, 0] <= x <= spans[cell, 1]:
             ax, ay, bx, by = _rightward(arrays.segments, walls[cell, 0])
             cx, cy, dx, dy = _rightward(arrays.segments, walls[cell, 1])
-            if side(ax, ay, bx, by, x, y) >= 0.0 and side(cx, cy, dx, dy, x, y) <= 0.0:
+            if orient2d(ax, ay, bx, by, x, y) >= 0.0 and orient2d(cx, cy, dx, dy, x, y) <= 0.0:
                 held[count] = cell
                 count += 1
     return held[:count]

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.collision.boundary_walk import blockers
+from planners.collision.boundary_walk import blocking_segments
 from planners.collision.polygon_tests import edge_free
 from planners.collision.space import Space
 from planners.problem import Plan, PlannerBase, Problem, Status
@@ -47,7 +47,7 @@ def _obstacles(space: Space) -> Obstacles:
 
 def _turn(space: Space, obstacles: Obstacles, a: Point, b: Point) -> Point | None:
     """The corner to go round on the way from a to b: see `Geometric`; None if there is none."""
-    hit = obstacles.owner_of_segment[blockers(space.arrays, *a, *b)[0]]
+    hit = obstacles.owner_of_segment[blocking_segments(space.arrays, *a, *b)[0]]
     corners = obstacles.corners[np.isin(obstacles.owner, hit[hit >= 0])]
     off = (b[0] - a[0]) * (corners[:, 1] - a[1]) - (b[1] - a[1]) * (corners[:, 0] - a[0])
     longest = []

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free, fill_buckets
 from planners.graphs.heap import pop, push
 from planners.problem import Plan, PlannerBase, Problem, Status
-from planners.smoothing.shortcut import shortcut, way_cost
+from planners.smoothing.shortcut import edge_cost, shortcut
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
 
@@ -53,7 +53,7 @@ class Order(NamedTuple):
     ahead: float  # how much the way left counts beside the way made: 1 is A*, 0 Dijkstra
     diagonal: bool
     any_angle: bool  # the parent of a node may lie anywhere (Nash, Koenig and Tovey 2010)
-    weight: float  # of `way_cost`
+    weight: float  # of `edge_cost`
     comfort: float  # m
 
 
@@ -164,7 +164,7 @@ def search_grid(
                     continue
                 if order.weight > 0.0:
                     if u == n:
-                        far = way_cost(arrays, x, y, vx, vy, order.weight, order.comfort)
+                        far = edge_cost(arrays, x, y, vx, vy, order.weight, order.comfort)
                     else:
                         for w in (u, v):
                             if crowding[w] < 0.0:
@@ -185,7 +185,7 @@ def search_grid(
             seen = edge_free(arrays, x, y, gx, gy)
             if origin != u and edge_free(arrays, ox, oy, gx, gy):
                 seen, u, x, y = True, origin, ox, oy
-            far = way_cost(arrays, x, y, gx, gy, order.weight, order.comfort)
+            far = edge_cost(arrays, x, y, gx, gy, order.weight, order.comfort)
             if u != n and far > 0.0:  # counted as by the grid, or the estimate were no bound
                 far *= _way_left(gx - x, gy - y, order) / math.hypot(gx - x, gy - y)
             worth = cost[u] + far

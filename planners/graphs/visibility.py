@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.boundary import NONE, Corners, side_of
+from planners.collision.boundary import NONE, Corners, orientation
 from planners.collision.inflation import ARC, SHIFT
 from planners.collision.triangulation import Mesh
 from planners.graphs.heap import pop, push
@@ -30,14 +30,14 @@ SLACK = 1e-12  # of an edge: how much more of it a cone is thought to see, for r
 
 
 @absorbed_kernel
-def beside(points: Array, root: int, bound: int, x: int) -> float:
+def side_of_bound(points: Array, root: int, bound: int, x: int) -> float:
     """Side of a cone's bound on which a point lies: the line from the root through a point.
 
     A bound below 0 goes on from point -1 - bound through the root.
     """
     if bound < 0:
-        return side_of(points, -1 - bound, root, x)
-    return side_of(points, root, bound, x)
+        return orientation(points, -1 - bound, root, x)
+    return orientation(points, root, bound, x)
 
 
 @absorbed_kernel
@@ -52,7 +52,7 @@ def _cross(points: Array, root: int, bound: int, x: int) -> float:
 
 
 @absorbed_kernel
-def way_through(points: Array, root: int, a: int, b: int, right: int, left: int) -> float:
+def length_bound(points: Array, root: int, a: int, b: int, right: int, left: int) -> float:
     """Shortest way [m] from a root to the goal through what a cone sees of an edge, at least.
 
     Seen from the root, a is the edge's right end.
@@ -92,7 +92,7 @@ def way_through(points: Array, root: int, a: int, b: int, right: int, left: int)
 @absorbed_kernel
 def passes(points: Array, u: int, v: int, before: int, after: int) -> bool:
     """Whether the line through u and v leaves both sides of a corner at u or v on one side."""
-    p, d = side_of(points, u, v, before), side_of(points, u, v, after)
+    p, d = orientation(points, u, v, before), orientation(points, u, v, after)
     return not ((p < 0.0 and d > 0.0) or (p > 0.0 and d < 0.0))
 
 
@@ -130,7 +130,7 @@ def _place(search: _Search, corner: int) -> int:
 
 
 @absorbed_kernel
-def _offer(search: _Search, queue: _Queue, root: int, x: int) -> None:
+def _relax(search: _Search, queue: _Queue, root: int, x: int) -> None:
     """Offer a root as the corner before each corner at a point that it sees."""
     points, corners, n = search.points, search.corners, search.corners.place.shape[0]
     u, last = _place(search, root), points.shape[0] - 1
@@ -151,7 +151,7 @@ def _offer(search: _Search, queue: _Queue, root: int, x: int) -> None:
 
 
 @absorbed_kernel
-def _send(
+def _push_cone(
     search: _Search, queue: _Queue, root: int, code: int, a: int, b: int, right: int, left: int
 ) -> None:
     """Let a cone wait that leaves a triangle by its side `code`, whose right end is a."""
@@ -161,51 +161,51 @@ def _send(
     u, k = _place(search, root), queue.used[1]
     cone = queue.cones[k]
     cone[0], cone[1], cone[2], cone[3] = root, enters, right, left
-    key = search.cost[root] + way_through(search.points, u, a, b, right, left)
+    key = search.cost[root] + length_bound(search.points, u, a, b, right, left)
     push(queue.keys, queue.items, queue.used[0], key, k)
     queue.used[0] += 1
     queue.used[1] += 1
 
 
 @absorbed_kernel
-def _follow(search: _Search, queue: _Queue, cone: Index) -> None:
+def _expand_cone(search: _Search, queue: _Queue, cone: Index) -> None:
     """Let a cone through the triangle that it enters."""
     points, mesh, goal = search.points, search.mesh, search.points.shape[0] - 1
     root, right, left = cone[0], cone[2], cone[3]
     u, t, i = _place(search, root), cone[1] // 3, cone[1] % 3
     j, k = (i + 1) % 3, (i + 2) % 3
     b, a, x = mesh.corners[t, i], mesh.corners[t, j], mesh.corners[t, k]
-    from_right, from_left = beside(points, u, right, x), beside(points, u, left, x)
+    from_right, from_left = side_of_bound(points, u, right, x), side_of_bound(points, u, left, x)
     if from_right >= 0.0 and from_left <= 0.0:
-        _offer(search, queue, root, x)
+        _relax(search, queue, root, x)
     if (
         search.there[t]
-        and beside(points, u, right, goal) >= 0.0
-        and beside(points, u, left, goal) <= 0.0
+        and side_of_bound(points, u, right, goal) >= 0.0
+        and side_of_bound(points, u, left, goal) <= 0.0
     ):
-        _offer(search, queue, root, goal)
+        _relax(search, queue, root, goal)
     if from_right > 0.0:
-        _send(search, queue, root, 3 * t + j, a, x, right, x if from_left < 0.0 else left)
+        _push_cone(search, queue, root, 3 * t + j, a, x, right, x if from_left < 0.0 else left)
     if from_left < 0.0:
-        _send(search, queue, root, 3 * t + k, x, b, x if from_right > 0.0 else right, left)
+        _push_cone(search, queue, root, 3 * t + k, x, b, x if from_right > 0.0 else right, left)
 
 
 @borrowing_kernel
-def _look_round(search: _Search, queue: _Queue, t: int) -> None:
+def _expand_start(search: _Search, queue: _Queue, t: int) -> None:
     """Let the start, in a triangle, look to all sides."""
     points, n, m = search.points, search.corners.place.shape[0], search.points.shape[0] - 2
     triangle = search.mesh.corners[t]
     if search.there[t]:
-        _offer(search, queue, n, m + 1)
+        _relax(search, queue, n, m + 1)
     for i in range(3):
         a, b = triangle[i], triangle[(i + 1) % 3]
-        _offer(search, queue, n, a)
-        if side_of(points, a, b, m) > 0.0:
-            _send(search, queue, n, 3 * t + i, a, b, a, b)
+        _relax(search, queue, n, a)
+        if orientation(points, a, b, m) > 0.0:
+            _push_cone(search, queue, n, 3 * t + i, a, b, a, b)
 
 
 @absorbed_kernel
-def _look_on(search: _Search, queue: _Queue, root: int, code: int) -> None:
+def _expand_corner(search: _Search, queue: _Queue, root: int, code: int) -> None:
     """Let a corner, one of a triangle's, look past itself: the way bends round it and is taut.
 
     What is solid lies to the left (hand: 1) or right of the way there. So from straight on it looks
@@ -214,34 +214,34 @@ def _look_on(search: _Search, queue: _Queue, root: int, code: int) -> None:
     points, corners, goal = search.points, search.corners, search.points.shape[0] - 1
     u, came = corners.place[root], _place(search, search.parent[root])
     before, last, hand = corners.before[root], corners.after[root], 1.0
-    if side_of(points, came, u, before) < 0.0 or side_of(points, came, u, last) < 0.0:
+    if orientation(points, came, u, before) < 0.0 or orientation(points, came, u, last) < 0.0:
         before, last, hand = last, before, -1.0
     t, i = code // 3, code % 3
     j = (i + 1) % 3
     right, left = search.mesh.corners[t, j], search.mesh.corners[t, (i + 2) % 3]
     for x in (right, left, goal):
         if (x != goal or search.there[t]) and (
-            hand * side_of(points, came, u, x) >= 0.0 and passes(points, u, x, before, last)
+            hand * orientation(points, came, u, x) >= 0.0 and passes(points, u, x, before, last)
         ):
-            _offer(search, queue, root, x)
+            _relax(search, queue, root, x)
     near, far = (right, left) if hand > 0.0 else (left, right)
-    if hand * side_of(points, came, u, far) <= 0.0:
+    if hand * orientation(points, came, u, far) <= 0.0:
         return
     first = near
-    if hand * side_of(points, came, u, near) < 0.0:
-        if hand * side_of(points, came, u, last) <= 0.0:
+    if hand * orientation(points, came, u, near) < 0.0:
+        if hand * orientation(points, came, u, last) <= 0.0:
             return
         first = -1 - came
-    elif hand * side_of(points, u, last, near) >= 0.0:
+    elif hand * orientation(points, u, last, near) >= 0.0:
         return
-    end = last if hand * side_of(points, u, last, far) > 0.0 else far
+    end = last if hand * orientation(points, u, last, far) > 0.0 else far
     if hand < 0.0:
         first, end = end, first
-    _send(search, queue, root, 3 * t + j, right, left, first, end)
+    _push_cone(search, queue, root, 3 * t + j, right, left, first, end)
 
 
 @borrowing_kernel
-def _mark(mesh: Mesh, points: Array, p: int, held: Mask) -> None:
+def _mark_containing(mesh: Mesh, points: Array, p: int, held: Mask) -> None:
     """Mark the triangles that hold a point; their rims belong to them."""
     x, y, boxes = points[p, 0], points[p, 1], mesh.boxes
     for t in range(held.shape[0]):
@@ -251,9 +251,9 @@ def _mark(mesh: Mesh, points: Array, p: int, held: Mask) -> None:
         if held[t]:
             a, b, c = mesh.corners[t, 0], mesh.corners[t, 1], mesh.corners[t, 2]
             held[t] = (
-                side_of(points, a, b, p) >= 0.0
-                and side_of(points, b, c, p) >= 0.0
-                and side_of(points, c, a, p) >= 0.0
+                orientation(points, a, b, p) >= 0.0
+                and orientation(points, b, c, p) >= 0.0
+                and orientation(points, c, a, p) >= 0.0
             )
 
 
@@ -272,14 +272,14 @@ def _advance(search: _Search, queue: _Queue, known: Mask, spare: int, most: int)
         used[0] -= 1
         root = -1 - item
         if item >= 0:
-            _follow(search, queue, queue.cones[item])
+            _expand_cone(search, queue, queue.cones[item])
         elif not known[root]:
             known[root] = True
             settled += 1
             if root < n:
                 u = search.corners.place[root]
                 for k in range(first[u], first[u + 1]):
-                    _look_on(search, queue, root, around[k])
+                    _expand_corner(search, queue, root, around[k])
     return settled
 
 
@@ -314,12 +314,12 @@ def shortest(
         np.empty((room, 4), np.int64),
         np.zeros(2, np.int64),
     )
-    _mark(mesh, points, m, there)
+    _mark_containing(mesh, points, m, there)
     begin = np.flatnonzero(there)
-    _mark(mesh, points, m + 1, there)
+    _mark_containing(mesh, points, m + 1, there)
     cost[n], known[n] = 0.0, True
     for t in begin:
-        _look_round(search, queue, int(t))
+        _expand_start(search, queue, int(t))
     settled = 1
     while True:
         settled += _advance(search, queue, known, spare, most)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.footprint import Sweeps, stretch_gap, sweep
-from planners.collision.nearby import Nearby, seen_from
+from planners.collision.nearby import Nearby, segments_in_view
 from planners.graphs.heap import pop, push
 from planners.lattice.heuristic import Guide, cost_to_go, heading_error
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
@@ -85,7 +85,7 @@ def free_gap(
         ax, ay, ayaw = arc_step(x, y, yaw, way, turn, k / pieces)
         if not (near.box[0] <= ax <= near.box[2] and near.box[1] <= ay <= near.box[3]):
             return 0.0
-        count = seen_from(near, ax, ay, ayaw, workspace.box[0], gap, seen)
+        count = segments_in_view(near, ax, ay, ayaw, workspace.box[0], gap, seen)
         gap = stretch_gap(workspace, 0, motion.outline, seen, count, gap, motion.margin)
         if gap < motion.margin:
             break
@@ -362,7 +362,7 @@ def expand(
         _connect_anchors(near, motion, guide, lines, grid, goal, tree, node, workspace, seen, out)
         kind = kind_of(tree.way[node], tree.turn[node])
         bend = tree.turn[node] / tree.way[node] if abs(kind) == 1 else 0.0
-        count = seen_from(near, x, y, yaw, grid.hull, motion.desired_clearance, seen)
+        count = segments_in_view(near, x, y, yaw, grid.hull, motion.desired_clearance, seen)
         for m in range(grid.moves.way.shape[0]):
             way, turn = grid.moves.way[m], grid.moves.turn[m]
             now = kind_of(way, turn)

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 from planners.collision.boundary_walk import (
     Indices,
-    blockers,
-    crossing,
-    last_corner,
-    leads_into,
-    loop_from,
-    pairing,
-    part_of,
+    blocking_segments,
+    boundary_loop,
+    fraction_along,
+    last_corner_on_line,
+    leads_into_solid,
+    line_intersection,
+    segment_links,
 )
-from planners.collision.orient2d import side
+from planners.collision.orient2d import orient2d
 from planners.collision.polygon_tests import SpaceArrays, edge_free
 from planners.problem import Plan, PlannerBase, Problem, Status
 from wheelchair_gym.compiled.kernel import kernel
@@ -68,17 +68,17 @@ def _hit(solids: Solids, origin: Array, goal: Array) -> Hit | None:
     arrays, way = solids.arrays, goal - origin
     if edge_free(arrays, *origin, *goal):
         return None
-    found, parts = blockers(arrays, *origin, *goal)
+    found, parts = blocking_segments(arrays, *origin, *goal)
     first = parts.min()
     # A way along a slanted side leaves it by a digit, unless it goes by a corner exactly on it.
-    corner = last_corner(arrays, origin[0], origin[1], goal[0], goal[1], first)
+    corner = last_corner_on_line(arrays, origin[0], origin[1], goal[0], goal[1], first)
     bases = [origin, *([arrays.segments[corner, :2]] if corner >= 0 else [])]
     for k in found[parts <= first + CLOSE]:
         for base in bases:
             for nudge in NUDGES:
                 part = max(0.0, first - nudge / math.hypot(*way))
                 point = origin + part * way
-                if base is not origin and part_of(*origin, *goal, *base) >= part:
+                if base is not origin and fraction_along(*origin, *goal, *base) >= part:
                     point = base
                 ends = (base, arrays.segments[k, :2], arrays.segments[k, 2:])
                 if all(edge_free(arrays, *point, *end) for end in ends):
@@ -102,7 +102,7 @@ def round_and_back(solids: Solids, hit: Hit, goal: Array) -> Array | None:
         The points walked (n, 2) [m], the hit point first.
     """
     segments = solids.arrays.segments
-    loop = loop_from(hit.segment, solids.following)
+    loop = boundary_loop(hit.segment, solids.following)
     here, along = segments[loop, :2], segments[loop, 2:] - segments[loop, :2]
     part = np.clip(((goal - here) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
     nearest = here + part[:, None] * along
@@ -112,9 +112,9 @@ def round_and_back(solids: Solids, hit: Hit, goal: Array) -> Array | None:
         m = (m + 1) % len(loop)
     if corner:
         leave = segments[loop[m], :2]
-    elif side(*segments[loop[m]], *goal) == 0.0:
+    elif orient2d(*segments[loop[m]], *goal) == 0.0:
         leave = goal
-    if leads_into(solids.arrays, loop[m], bool(corner), *goal):
+    if leads_into_solid(solids.arrays, loop[m], bool(corner), *goal):
         return None
     ends = segments[loop, 2:]
     ahead = np.vstack([hit.point, ends[:m]])
@@ -146,19 +146,19 @@ def _way_off(
     for m in range(n):
         k = loop[m]
         cx, cy, dx, dy = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
-        c, d = side(ox, oy, gx, gy, cx, cy), side(ox, oy, gx, gy, dx, dy)
+        c, d = orient2d(ox, oy, gx, gy, cx, cy), orient2d(ox, oy, gx, gy, dx, dy)
         if m > 0 and ((c > 0.0 and d < 0.0) or (c < 0.0 and d > 0.0)):
-            if side(cx, cy, dx, dy, gx, gy) == 0.0:
+            if orient2d(cx, cy, dx, dy, gx, gy) == 0.0:
                 return m, gx, gy
-            x, y = crossing(segments, k, ox, oy, gx, gy)
-            at = part_of(ox, oy, gx, gy, x, y)
-            if part < at <= 1.0 and not leads_into(arrays, k, False, gx, gy):
+            x, y = line_intersection(segments, k, ox, oy, gx, gy)
+            at = fraction_along(ox, oy, gx, gy, x, y)
+            if part < at <= 1.0 and not leads_into_solid(arrays, k, False, gx, gy):
                 return m, x, y
         after = loop[(m + 1) % n] if forward else k
         x, y = segments[after, 0], segments[after, 1]
-        if side(ox, oy, gx, gy, x, y) == 0.0:
-            at = part_of(ox, oy, gx, gy, x, y)
-            if part < at <= 1.0 and not leads_into(arrays, after, True, gx, gy):
+        if orient2d(ox, oy, gx, gy, x, y) == 0.0:
+            at = fraction_along(ox, oy, gx, gy, x, y)
+            if part < at <= 1.0 and not leads_into_solid(arrays, after, True, gx, gy):
                 return m + 1, x, y
     return -1, 0.0, 0.0
 
@@ -172,7 +172,7 @@ def round_to_the_line(
         The points walked (n, 2) [m], the hit point first.
     """
     forward = turn == "right"  # what is solid is then on the left hand
-    loop = loop_from(hit.segment, solids.following if forward else solids.preceding)
+    loop = boundary_loop(hit.segment, solids.following if forward else solids.preceding)
     passed, x, y = _way_off(solids.arrays, loop, forward, hit.origin, goal, hit.part)
     if passed < 0:
         return None
@@ -182,7 +182,7 @@ def round_to_the_line(
 
 def _walked(problem: Problem, end: float, detour: Detour) -> Plan:
     """The plan of a bug that goes round things in its own way."""
-    solids = Solids(problem.free.arrays, *pairing(problem.free.arrays))
+    solids = Solids(problem.free.arrays, *segment_links(problem.free.arrays))
     goal = np.array(problem.goal[:2], dtype=np.float64)
     path, hits = [np.array([problem.start[:2]], dtype=np.float64)], 0
     status, note = Status.EXHAUSTED, "too narrow for the digits of its coordinates"

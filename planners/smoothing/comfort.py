@@ -1,4 +1,4 @@
-"""Off the walls: a path's points pushed to where its way costs less."""
+"""Clearance of paths: points are moved away from walls where that lowers the path's cost."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, edge_free
-from planners.smoothing.shortcut import way_cost
+from planners.smoothing.shortcut import edge_cost
 from wheelchair_gym.compiled.kernel import kernel
 
 Array = NDArray[np.float64]
 
-HEADINGS = 8  # in which a point is pushed
+HEADINGS = 8  # directions in which a point is moved
 
 
 @kernel
-def dense(path: Array, spacing: float) -> Array:
+def resample(path: Array, spacing: float) -> Array:
     """The same path with points at most a spacing [m] apart."""
     n = path.shape[0]
     count = 1
@@ -41,26 +41,26 @@ def dense(path: Array, spacing: float) -> Array:
 
 @kernel
 def path_cost(arrays: SpaceArrays, path: Array, weight: float, comfort: float) -> float:
-    """The sum of `way_cost` over a path (n, 2)."""
+    """The sum of `edge_cost` over a path (n, 2)."""
     total = 0.0
     for k in range(path.shape[0] - 1):
         ax, ay, bx, by = path[k, 0], path[k, 1], path[k + 1, 0], path[k + 1, 1]
-        total += way_cost(arrays, ax, ay, bx, by, weight, comfort)
+        total += edge_cost(arrays, ax, ay, bx, by, weight, comfort)
     return total
 
 
 @kernel
-def pushed(
+def push_off_walls(
     arrays: SpaceArrays, path: Array, weight: float, comfort: float, step: float, sweeps: int
 ) -> Array:
-    """A path (n, 2) whose inner points have been pushed, one by one, to where the way is cheaper.
+    """The path (n, 2) after coordinate descent of its inner points on `edge_cost`.
 
     Args:
         arrays: what is free.
         path: points [m], all edges free.
-        weight: of `way_cost`.
-        comfort: of `way_cost` [m].
-        step: how far a point is pushed at first [m]; halved when no point moves any more.
+        weight: of `edge_cost`.
+        comfort: of `edge_cost` [m].
+        step: first distance by which a point is moved [m]; halved when no point moves any more.
         sweeps: how often all points are tried.
     """
     points = path.copy()
@@ -73,18 +73,18 @@ def pushed(
             settled[i] = True
             ax, ay, bx, by = points[i - 1, 0], points[i - 1, 1], points[i + 1, 0], points[i + 1, 1]
             x, y = points[i, 0], points[i, 1]
-            least = way_cost(arrays, ax, ay, x, y, weight, comfort)
-            least += way_cost(arrays, x, y, bx, by, weight, comfort)
+            least = edge_cost(arrays, ax, ay, x, y, weight, comfort)
+            least += edge_cost(arrays, x, y, bx, by, weight, comfort)
             least *= 1.0 - 1e-9  # rounding is no gain
             for k in range(HEADINGS):
                 angle = 2.0 * math.pi * k / HEADINGS
                 to_x, to_y = x + step * math.cos(angle), y + step * math.sin(angle)
                 if not edge_free(arrays, ax, ay, to_x, to_y):
                     continue
-                cost = way_cost(arrays, ax, ay, to_x, to_y, weight, comfort)
+                cost = edge_cost(arrays, ax, ay, to_x, to_y, weight, comfort)
                 if cost >= least or not edge_free(arrays, to_x, to_y, bx, by):
                     continue
-                cost += way_cost(arrays, to_x, to_y, bx, by, weight, comfort)
+                cost += edge_cost(arrays, to_x, to_y, bx, by, weight, comfort)
                 if cost < least:
                     least = cost
                     points[i, 0], points[i, 1] = to_x, to_y

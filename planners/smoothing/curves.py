@@ -24,7 +24,7 @@ CURVES: Final = {"polyline": POLYLINE, "pchip": PCHIP, "spline": SPLINE, "natura
 _APART = 1e-9
 
 
-class CurveRoom(NamedTuple):
+class CurveWorkspace(NamedTuple):
     """Room to draw a curve through at most n points."""
 
     knots: Array  # (n,)
@@ -32,9 +32,9 @@ class CurveRoom(NamedTuple):
     band: Array  # (n,) of the elimination
 
 
-def new_curve_room(n: int) -> CurveRoom:
+def new_curve_workspace(n: int) -> CurveWorkspace:
     """Room for curves through n points."""
-    return CurveRoom(np.empty(n), np.empty((n, 2)), np.empty(n))
+    return CurveWorkspace(np.empty(n), np.empty((n, 2)), np.empty(n))
 
 
 @inlined
@@ -128,8 +128,8 @@ def spline_slopes(
 
 
 @borrowing_kernel
-def trace(
-    kind: int, chordal: bool, points: Array, n: int, pieces: int, room: CurveRoom, line: Array
+def sample_curve(
+    kind: int, chordal: bool, points: Array, n: int, pieces: int, room: CurveWorkspace, line: Array
 ) -> int:
     """Cut a curve through points into straight pieces; returns how many points were written.
 
@@ -212,5 +212,5 @@ def curve(points: ArrayLike, name: str = "pchip", pieces: int = 20, chordal: boo
         raise InputError(f"pieces is {pieces}; expected at least 1")
     n = len(through)
     line = np.empty(((n - 1) * pieces + 1, 2))
-    trace(curve_kind(name), chordal, through, n, pieces, new_curve_room(n), line)
+    sample_curve(curve_kind(name), chordal, through, n, pieces, new_curve_workspace(n), line)
     return line

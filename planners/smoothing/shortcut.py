@@ -1,4 +1,4 @@
-"""Shortcuts: the cheapest way over the points of a path, and what a way costs."""
+"""Shortcuts: the cheapest path over some points of a path, and the cost of an edge."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WINDOW = 250  # corners that one shortcut may skip at most: bounds the work on v
 
 
 @borrowing_kernel
-def way_cost(
+def edge_cost(
     arrays: SpaceArrays,
     ax: float,
     ay: float,
@@ -26,7 +26,7 @@ def way_cost(
     weight: float,
     comfort: float,
 ) -> float:
-    """Length [m] of the way from a to b times 1 + weight (1 - clearance/comfort), where positive.
+    """Length [m] of the edge from a to b times 1 + weight max(0, 1 - clearance/comfort).
 
     The factor is averaged over points at most a quarter of the comfort apart.
     """
@@ -66,7 +66,7 @@ def _straightened(arrays: SpaceArrays, path: Array) -> Array:
 
 @kernel
 def _cheapest(arrays: SpaceArrays, path: Array, weight: float, comfort: float) -> Array:
-    """The cheapest way from the path's first point to its last over some of its points."""
+    """The cheapest path from the first point to the last over some of the points."""
     n = path.shape[0]
     cost = np.full(n, math.inf)
     parent = np.zeros(n, dtype=np.int64)
@@ -78,7 +78,7 @@ def _cheapest(arrays: SpaceArrays, path: Array, weight: float, comfort: float) -
                 continue
             if m < k - 1 and not edge_free(arrays, ax, ay, bx, by):
                 continue
-            through = cost[m] + way_cost(arrays, ax, ay, bx, by, weight, comfort)
+            through = cost[m] + edge_cost(arrays, ax, ay, bx, by, weight, comfort)
             if through < cost[k]:
                 cost[k], parent[k] = through, m
     chosen = np.empty_like(path)
@@ -93,7 +93,7 @@ def _cheapest(arrays: SpaceArrays, path: Array, weight: float, comfort: float) -
 
 
 def shortcut(path: ArrayLike, space: Space, weight: float = 0.0, comfort: float = 1.0) -> Array:
-    """The cheapest way over some of a path's points, edges tested exactly.
+    """The cheapest path over some of a path's points, with exact edge tests.
 
     Args:
         path: points (n, 2 or 3) of a path that is free; a heading (third column) is dropped.

@@ -1,7 +1,7 @@
-"""Smooth curves through the points of a path, bent until they are free.
+"""Smooth free curves through the points of a path.
 
-A curve passes through knots on the path. Where it is not free, there will be more knots, so that
-it comes nearer to the path, which is.
+A curve passes through knots on the path. Where it is not free, knots are added, so that it
+approaches the path, which is free.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from wheelchair_gym.compiled.kernel import kernel
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Where a knot is put between two, as a part of the way: on a slanted wall, digits may forbid some.
+# Fractions at which a knot is tried between two: along a slanted wall, rounding may exclude some.
 PARTS = (0.5, 0.45, 0.55, 0.4, 0.6, 0.35, 0.65, 0.3, 0.7)
 _TURN = math.sqrt(0.5) * np.array([(1.0, -1.0), (1.0, 1.0)])
 
@@ -94,7 +94,7 @@ def _more_knots(arrays: SpaceArrays, knots: Array, where: Flags) -> Array:
     return np.array(found)
 
 
-def smoothed(
+def smooth_curve(
     arrays: SpaceArrays,
     path: Array,
     through: Callable[[Array, Array], Any],
@@ -116,7 +116,7 @@ def smoothed(
     moved[1:] = (np.diff(path, axis=0) != 0.0).any(axis=1)
     knots = path[moved]
     if len(knots) < 3:
-        return "a straight way is as smooth as can be"
+        return "a straight path is smooth already"
     for _ in range(64):  # halving any way that doubles hold
         long = np.hypot(*np.diff(knots, axis=0).T) > spacing
         count = len(knots)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, edge_free, point_free
-from planners.smoothing.curves import CurveRoom, new_curve_room, trace
+from planners.smoothing.curves import CurveWorkspace, new_curve_workspace, sample_curve
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import point_segment_distance
 
@@ -65,14 +65,14 @@ class Workspace(NamedTuple):
     """Room to value a path."""
 
     points: Array  # (n + 2, 2) way points and both ends
-    curve: CurveRoom
+    curve: CurveWorkspace
     line: Array  # pieces of the curve
 
 
 def new_workspace(way_points: int, pieces: int) -> Workspace:
     """Room for paths of so many way points."""
     n = way_points + 2
-    return Workspace(np.empty((n, 2)), new_curve_room(n), np.empty(((n - 1) * pieces + 1, 2)))
+    return Workspace(np.empty((n, 2)), new_curve_workspace(n), np.empty(((n - 1) * pieces + 1, 2)))
 
 
 @borrowing_kernel
@@ -179,7 +179,7 @@ def evaluate(
     """
     points, line = workspace.points, workspace.line
     n = write_way_points(problem, position, points)
-    m = trace(
+    m = sample_curve(
         problem.curve,
         problem.chordal,
         points,

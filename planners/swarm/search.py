@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from planners.collision.polygon_tests import SpaceArrays, edge_free, point_free
 from planners.problem import begin
 from planners.random_stream import Stream, in_disc
-from planners.smoothing.curves import POLYLINE, trace
+from planners.smoothing.curves import POLYLINE, sample_curve
 from planners.swarm.moves import WHALES, MoveParameters, is_particle_move, move_swarm
 from planners.swarm.objectives import length_free
 from planners.swarm.path_cost import (
@@ -191,7 +191,7 @@ def iterate(
             swarm.fixed[:] = False
         evaluate_swarm(problem, path_cost, moves, swarm, valid, t + 1, workspace)
     n = write_way_points(problem, swarm.best, workspace.points)
-    trace(
+    sample_curve(
         problem.curve,
         problem.chordal,
         workspace.points,

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.polygon_tests import SpaceArrays, blocker, point_free, stops
+from planners.collision.polygon_tests import SpaceArrays, blocking_segment, blocks, point_free
 from planners.random_stream import Stream, in_disc, uniform
 from planners.swarm.woa import WhaleParameters, move_whales
 from planners.trees.tree import NONE, Growth, Tree, Workspace, write_ancestors
@@ -157,10 +157,10 @@ def new_buffers(swarm: WhaleParameters, steering: SteeringCost) -> SwarmBuffers:
 
 @borrowing_kernel
 def find_blocker(space: SpaceArrays, ax: float, ay: float, bx: float, by: float, last: int) -> int:
-    """The segment that hides b from a, as `blocker` says; the last one found is tested first."""
-    if last >= 0 and stops(space.segments, space.before, last, ax, ay, bx, by):
+    """The segment that hides b from a (`blocking_segment`); the last one found is tested first."""
+    if last >= 0 and blocks(space.segments, space.before, last, ax, ay, bx, by):
         return last
-    return blocker(space, ax, ay, bx, by)
+    return blocking_segment(space, ax, ay, bx, by)
 
 
 @borrowing_kernel

@@ -16,7 +16,7 @@ from planners import Problem, Space, Status, make_planner
 from planners.collision.space import edge_free
 from planners.graphs.visibility import optima
 from planners.judge import faults
-from planners.smoothing.shortcut import shortcut, way_cost
+from planners.smoothing.shortcut import edge_cost, shortcut
 from tests.planners.test_planners import on
 from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
@@ -27,7 +27,7 @@ ROOMS = [(4, 0, 4.5, 4), (4, 5.2, 4.5, 10)]  # a wall with a door, 1.2 m wide
 def cost(path, problem, weight, comfort):
     arrays = problem.free.arrays
     edges = itertools.pairwise(path)
-    return sum(way_cost(arrays, *a, *b, weight, comfort) for a, b in edges)
+    return sum(edge_cost(arrays, *a, *b, weight, comfort) for a, b in edges)
 
 
 def brute_force(problem):

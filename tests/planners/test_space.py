@@ -11,7 +11,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners.collision.inflation import eroded
+from planners.collision.inflation import inflated_boundary
 from planners.collision.space import Space, clearance, edge_free, point_free
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 
@@ -108,7 +108,7 @@ def test_inflation_is_never_too_small_and_hardly_too_large(polygons, points, rad
 def test_erosion_of_rasters_agrees_with_unions(seed, side, share, radius):
     cells = (np.random.default_rng(seed).random((side, side)) < share).astype(np.int8)
     space = Space.from_grid(OccupancyGrid(OCCUPIED * cells, 0.05))
-    edges = eroded(space.arrays, radius)
+    edges = inflated_boundary(space.arrays, radius)
     bounds = np.array(space.bounds) + radius * np.array([1, 1, -1, -1])
     left = Space(None, bounds, edges=edges)
     assert len(left.mesh.across) >= 0  # loops that cross nowhere
@@ -124,7 +124,9 @@ def test_what_kernels_cannot_fit_together_is_united(monkeypatch):
     squares, points = [(2, 2, 4, 4), (4, 4, 6, 6)], np.random.default_rng(0).uniform(0, 8, (200, 2))
     quick = Space.from_rectangles(squares, BOUNDS).inflated(0.5)
     crossed = np.array([(1, 1, 7, 7), (7, 7, 7, 1), (7, 1, 1, 7), (1, 7, 1, 1)], dtype=float)
-    monkeypatch.setattr("planners.collision.space.eroded", lambda arrays, radius: crossed)
+    monkeypatch.setattr(
+        "planners.collision.space.inflated_boundary", lambda arrays, radius: crossed
+    )
     united = Space.from_rectangles(squares, BOUNDS).inflated(0.5)
     assert quick.bounds == united.bounds
     assert shapely.area(quick.free) == pytest.approx(shapely.area(united.free), abs=0.01)
