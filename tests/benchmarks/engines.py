@@ -18,14 +18,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from agents.studies.catalog import STUDIES
-from agents.studies.conduct import study_jobs
-from agents.studies.measures import measure
-
 from agents.evaluation.compare import BEST
 from agents.evaluation.engines import ENGINES
 from agents.evaluation.evaluate import run_episode, warm
 from agents.evaluation.runs import compute
+from agents.studies.experiments import measure
+from agents.studies.runner import STUDIES, study_jobs
 
 ROUNDS, EMPTY, SPINS = 3, 2000, 60_000_000
 ENV = {"pose_source": "modelled", "shield": {}}

@@ -57,7 +57,7 @@ OWN = {
     "cli.__init__._replace_closed_streams": "standard streams",
     "cli.__init__._drop_output": "standard streams",
     "cli.train._last_row": "written by the same command",
-    "cli.train._side_by_side": "opened to be written",
+    "cli.train._in_processes": "opened to be written",
     "learning.checkpoint.save_checkpoint": "opened to be written",
     "evaluation.runs.open_store": "opened to be written; `read_store` reads it",
 }
