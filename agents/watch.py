@@ -30,7 +30,7 @@ class Watch:
         record: MCAP file to write, or None.
         live: port where viewers may join, 0 for a free one, or None.
         images: rendered pictures, too, so many a second [Hz]; 0: none.
-        when_full: what becomes of the run when the disk is full, see `Recording.when_full`.
+        when_full: what becomes of the run when the disk is full, see `RecordingSettings.when_full`.
     """
 
     record: str | None = None

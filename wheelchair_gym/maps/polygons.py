@@ -46,7 +46,7 @@ def occupied_polygons(
     point is lost. Regions that touch at a corner are one.
 
     Args:
-        source: a grid, or an image (see `binarise`), which counts one unit a pixel.
+        source: a grid, or an image (see `grid_from_image`), which counts one unit a pixel.
         dilate: how far solid regions grow.
         epsilon: how far a simplified outline may leave the exact one (Douglas and Peucker).
         unit: of dilate and epsilon.

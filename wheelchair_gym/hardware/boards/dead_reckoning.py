@@ -75,7 +75,7 @@ class Odometer:
 
 
 class Reckoned:
-    """Believes the odometry; see `localization.localized_chair.Finder`."""
+    """Believes the odometry; see `localization.localized_chair.Localizer`."""
 
     def begin(self, episode: Episode, key: int) -> None:
         """Start where an episode does; nothing is drawn."""
