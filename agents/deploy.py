@@ -132,7 +132,7 @@ def latched(chair: Any) -> str:
 
 def _asked(env: Any, now: float) -> str:
     chair: Any = unwrapped(env.unwrapped.chair)
-    v, w = chair.asked
+    v, w = chair.commanded
     x, y, yaw = env.unwrapped.task.reading.pose
     return f"{now:7.1f} s  v {v:6.3f} m/s  w {w:6.3f} rad/s  at ({x:.2f}, {y:.2f}, {yaw:.2f})"
 
@@ -240,7 +240,7 @@ def hear_person(driven: Any, shield: Any = None) -> None:
 
     def listen() -> None:
         for _ in sys.stdin:
-            if getattr(chair, "waiting", "") or (shield is not None and shield.latched):
+            if getattr(chair, "waiting_for", "") or (shield is not None and shield.latched):
                 rearm(chair, shield)
 
     print("Enter re-arms the chair while it waits for a person", file=sys.stderr)
@@ -257,11 +257,11 @@ def rearm(chair: Any, shield: Any) -> None:
 
 def _with_ways(chair: Any, line: str, terminal: bool) -> str:
     """A line, and how a person re-arms a chair, if that is what the line is about."""
-    if not chair.waiting:
+    if not chair.waiting_for:
         return line
     ways = ["Enter here"] if terminal else []
-    if (hand := getattr(chair.hand, "why", None)) is not None:
-        button = chair.hand.settings.rearm
+    if (hand := getattr(chair.joystick, "error", None)) is not None:
+        button = chair.joystick.settings.rearm_button
         ways.append(f"button {button} of the host's joystick" + (f" ({hand})" if hand else ""))
     ways.append("the joystick of the drive board: manual, then hold")
     return f"{line}: {advice_for(line)}, then {', or '.join(ways)}"

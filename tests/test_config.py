@@ -101,7 +101,7 @@ def test_any_mapping_is_taken_or_refused_in_one_line(data):
 # Folders whose settings have no `doc` yet.
 WITHOUT_DOC = (
     "agents/", "agents/control", "agents/policies",
-    "wheelchair_gym/", "wheelchair_gym/envs", "wheelchair_gym/hardware",
+    "wheelchair_gym/", "wheelchair_gym/envs",
     "wheelchair_gym/physics",
     "wheelchair_gym/sensors", "wheelchair_gym/task",
 )  # fmt: skip

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from tests.conftest import ROOT
-from wheelchair_gym.hardware.boards.messages import Fault
+from wheelchair_gym.hardware.boards.protocol import Fault
 from wheelchair_gym.safety.stops import STOPS, as_table
 
 PAGES = sorted([*ROOT.glob("docs/*.md"), ROOT / "README.md", *ROOT.glob("*/**/README.md")])

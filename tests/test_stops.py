@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from wheelchair_gym.hardware.boards.messages import Fault
+from wheelchair_gym.hardware.boards.protocol import Fault
 from wheelchair_gym.safety.state import REASONS, UNSEEN
 from wheelchair_gym.safety.stops import (
     STOPS,

@@ -113,7 +113,7 @@ def deploy(given: argparse.Namespace) -> int:
         chair = {"name": chair} if isinstance(chair, str) else chair
         if chair["name"] != "hardware":
             raise InputError(f"--dry-run: {given.chair} cannot be listened to; expected hardware")
-        chair = {**chair, "dry": True}
+        chair = {**chair, "dry_run": True}
     print("getting ready", file=sys.stderr)
     # Nothing compiles while a person sits in the chair.
     warm(spec(given.policy), _WARM_SCENE, settings)

@@ -22,15 +22,14 @@ from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.files import whole
 from wheelchair_gym.geometry import between
 from wheelchair_gym.hardware import joystick
-from wheelchair_gym.hardware.boards import feed
-from wheelchair_gym.hardware.boards.parameters import wanted_parameters
-from wheelchair_gym.hardware.boards.ports import resets
-from wheelchair_gym.hardware.boards.senses import BoardSenses
+from wheelchair_gym.hardware.boards.monitor import status_rows, subscribe
+from wheelchair_gym.hardware.boards.parameters import board_parameters
+from wheelchair_gym.hardware.boards.ports import may_reset
+from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
-from wheelchair_gym.hardware.pacing import WallClock
+from wheelchair_gym.hardware.control_loop import WallClock
 from wheelchair_gym.hardware.tools import distance_calibration, wheel_calibration
-from wheelchair_gym.hardware.tools.diagnostics import LOOK, Checker
-from wheelchair_gym.hardware.tools.monitor import live_rows
+from wheelchair_gym.hardware.tools.diagnostics import POLL_PERIOD, Diagnostics
 from wheelchair_gym.hardware.tools.provision import save_parameters, set_parameters
 from wheelchair_gym.hardware.tools.speed_tuning import GAINS, step_response
 from wheelchair_gym.physics.settings import MotorSettings
@@ -43,7 +42,7 @@ _EPISODE: Any = None  # a real chair resets without one
 def _boards(settings: Any) -> Iterator[tuple[Any, Any]]:
     """The connections to the boards, without a chair, and their clock."""
     clock = WallClock()
-    senses = BoardSenses(
+    senses = BoardSensors(
         settings.hardware, settings.sensors, settings.chair.drive, clock.now
     )  # fmt: skip
     try:
@@ -102,10 +101,10 @@ def _failing(command: Callable[[argparse.Namespace], int]) -> Callable[[argparse
 def check(given: argparse.Namespace) -> int:
     """Check all parts; 0 when all are good."""
     settings = env_settings(given.config)
-    wanted = wanted_parameters(settings.chair, settings.sensors, settings.hardware)
+    wanted = board_parameters(settings.chair, settings.sensors, settings.hardware)
     with _boards(settings) as (senses, clock):
         person = None if given.no_person else lambda what: _tell(f"please {what}")
-        found = Checker(senses, clock, wanted).run(person)
+        found = Diagnostics(senses, clock, wanted).run(person)
     good = all(one.good for one in found)
     lines = [
         f"{'ok  ' if one.good else 'FAIL'}  {one.part:14}  {one.what:22}  {one.found}"
@@ -119,7 +118,7 @@ def check(given: argparse.Namespace) -> int:
 def setup(given: argparse.Namespace) -> int:
     """Write the config's parameters to the boards, and save them there."""
     settings = env_settings(given.config)
-    parameters = wanted_parameters(settings.chair, settings.sensors, settings.hardware)
+    parameters = board_parameters(settings.chair, settings.sensors, settings.hardware)
     with _boards(settings) as (senses, clock):
         for board, wanted in parameters.items():
             if board == "range" and senses.range is None:
@@ -154,7 +153,7 @@ def tune(given: argparse.Namespace) -> int:
     settings = dataclasses.replace(settings, chair=dataclasses.replace(settings.chair, motor=motor))
     with closing(_chair(settings)) as chair:
         if gains:
-            refused = set_parameters(chair.senses, chair.clock, "drive", chair.wanted["drive"])
+            refused = set_parameters(chair.senses, chair.clock, "drive", chair.parameters["drive"])
             if refused:
                 raise InputError("; ".join(refused.values()))
         step = step_response(chair, _EPISODE, given.step, given.seconds, given.turn)
@@ -252,10 +251,10 @@ def _pushed_runs(given: argparse.Namespace, settings: Any) -> list[Any]:
             end = clock.now() + 1.0
             while clock.now() < end:
                 senses.poll()
-                clock.wait(clock.now() + LOOK)
+                clock.wait(clock.now() + POLL_PERIOD)
             if why := senses.silent(clock.now()):
                 raise ValueError(why)
-            see_wall = distance_calibration.see_wall
+            see_wall = distance_calibration.measure_wall
             wall = None if given.tape else see_wall(senses, clock, senses.poll)
             return *senses.odometer.at(clock.now()), wall
 
@@ -264,12 +263,12 @@ def _pushed_runs(given: argparse.Namespace, settings: Any) -> list[Any]:
             prompt = "push it straight ahead, let it stand, then press Enter"
             _wait_for_enter(prompt, senses, clock)
             pose_after, travel_after, wall_after = standstill()
-            distance_calibration.straight(travel_after - travel)
+            distance_calibration.check_straight(travel_after - travel)
             motion = between(pose, pose_after)
             counted = math.hypot(motion[0], motion[1])
             measured = (
                 _by_tape(counted) if wall is None
-                else distance_calibration.moved(wall, wall_after, motion)
+                else distance_calibration.distance_moved(wall, wall_after, motion)
             )  # fmt: skip
             runs.append(distance_calibration.Run(counted, measured))
     return runs
@@ -283,7 +282,7 @@ def _wait_for_enter(prompt: str, senses: Any, clock: Any) -> None:
     person.start()
     while person.is_alive():
         senses.poll()
-        clock.wait(clock.now() + LOOK)
+        clock.wait(clock.now() + POLL_PERIOD)
     if not lines or not lines[0]:
         raise InputError("standard input ended before Enter was pressed")
 
@@ -325,9 +324,9 @@ def measured_end(what: str) -> Any:
 def monitor(given: argparse.Namespace) -> int:
     """Print all messages live; through the program that holds the ports, if there is one."""
     settings = env_settings(given.config)
-    device = settings.hardware.drive
+    device = settings.hardware.drive_port
     table = _Table()
-    if (tables := feed.watch(device)) is not None:
+    if (tables := subscribe(device)) is not None:
         _tell(f"{device} is held by another program: these are its messages")
         started = time.monotonic()
         for rows in tables:
@@ -337,15 +336,15 @@ def monitor(given: argparse.Namespace) -> int:
         _tell(f"the program that held {device} has ended")
         return 0
     if not given.yes:
-        _ask_before_reset([device, settings.hardware.range])
+        _ask_before_reset([device, settings.hardware.range_port])
     with _boards(settings) as (senses, clock):
         started = printed = clock.now()
         while given.seconds is None or clock.now() - started < given.seconds:
             senses.poll()
-            clock.wait(clock.now() + LOOK)
+            clock.wait(clock.now() + POLL_PERIOD)
             if clock.now() - printed >= _TABLE_PERIOD:
                 printed = clock.now()
-                table.print(live_rows(senses, printed))
+                table.print(status_rows(senses, printed))
     return 0
 
 
@@ -368,7 +367,7 @@ def _ask_before_reset(devices: Sequence[str]) -> None:
     Raises:
         InputError: the person refuses, or there is no terminal.
     """
-    named = [device for device in devices if resets(device)]
+    named = [device for device in devices if may_reset(device)]
     if not named:
         return
     what = f"opening {' and '.join(named)} may reset the boards: a moving chair brakes hard"
@@ -389,7 +388,7 @@ def drive(given: argparse.Namespace) -> int:
     stick = joystick.Joystick(config, lambda: chair.rearm())
     _await_joystick(stick, settings.chair.limits, given.timeout)
     chair, printed, missing = _chair(settings), 0.0, 0.0
-    chair.hand = stick
+    chair.joystick = stick
     _tell("hold the button to drive; let go to stand")
     try:
         reading = chair.reset(_EPISODE, 0)
@@ -397,10 +396,10 @@ def drive(given: argparse.Namespace) -> int:
             reading = chair.drive(np.zeros(2))
             if reading.stamp - printed >= _TABLE_PERIOD:
                 printed, (v, w) = reading.stamp, reading.twist
-                why = stick.why or reading.halted
+                why = stick.error or reading.halted
                 print(f"{printed:7.1f} s  {v:6.3f} m/s  {w:6.3f} rad/s  {why}", flush=True)
-            missing = missing + chair.period if stick.why else 0.0
-            too_long = f"{stick.why}, for {given.timeout:g} s"
+            missing = missing + chair.period if stick.error else 0.0
+            too_long = f"{stick.error}, for {given.timeout:g} s"
             ended = too_long if missing > given.timeout else chair.latched
             if ended:
                 print(f"wheelchair: {ended}", file=sys.stderr)
@@ -418,10 +417,10 @@ def _await_joystick(stick: Any, limits: Any, timeout: float) -> None:
         InputError: none is there after the timeout [s].
     """
     started, told = time.monotonic(), False
-    while stick(time.monotonic(), limits) is None and stick.why:
+    while stick(time.monotonic(), limits) is None and stick.error:
         if time.monotonic() - started >= timeout:
-            raise InputError(f"{stick.why}; waited {timeout:g} s")
+            raise InputError(f"{stick.error}; waited {timeout:g} s")
         if not told:
-            _tell(f"waits {timeout:g} s for a joystick: {stick.why}")
+            _tell(f"waits {timeout:g} s for a joystick: {stick.error}")
             told = True
         time.sleep(min(0.1, timeout))

@@ -15,7 +15,7 @@ from agents.cli.arguments import spec
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.hardware.twin.faults import break_it
+from wheelchair_gym.hardware.twin.faults import run_command
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
 from wheelchair_gym.hardware.twin.serve import ServedTwin
@@ -39,7 +39,7 @@ def run(given: argparse.Namespace) -> int:
         write_map(env.episode.map, given.write_map)
     twin = Twin(Plant(settings.chair, settings.sensors))
     twin.reset(env.episode, given.seed)
-    twin.advance(0.1)
+    twin.run(0.1)
     twin.plant.scan(0)  # compiled before real time begins
     twin.plant.ping(0)
     try:
@@ -55,10 +55,10 @@ def run(given: argparse.Namespace) -> int:
     try:
         served.run(watcher.done)
     finally:
-        if served.behind > _FRAME_PERIOD:
-            print(f"the world was up to {served.behind:.2f} s late", file=sys.stderr)
+        if served.max_delay > _FRAME_PERIOD:
+            print(f"the world was up to {served.max_delay:.2f} s late", file=sys.stderr)
         _print_pose("end", twin.plant.pose)
-        print(f"{'touched':12} {twin.hits}", flush=True)  # ms
+        print(f"{'touched':12} {twin.bumper_steps}", flush=True)  # ms
         served.close()
         watcher.close()
         twin.close()
@@ -132,11 +132,11 @@ class _Watcher:
         self._open = bool(data)
         *lines, self._text = (self._text + data).split(b"\n")
         for line in lines:
-            if said := break_it(self._served, line.decode("utf-8", "replace")):
+            if said := run_command(self._served, line.decode("utf-8", "replace")):
                 print(said, flush=True)
 
     def _status(self, now: float) -> str:
-        twin, behind = self._served.twin, self._served.behind
+        twin, behind = self._served.twin, self._served.max_delay
         x, y, yaw = twin.plant.pose
         motion, state = twin.motion, "braked" if twin.braked else "driven"
         late = f"  {behind:.2f} s late at most" if behind > _FRAME_PERIOD else ""

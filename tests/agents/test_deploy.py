@@ -24,10 +24,10 @@ from tests.hardware.hosted import Hosted
 from tests.hardware.realtime import EPISODE, X, Y, serving
 from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.hardware.boards.messages import Switch
+from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.joystick import Joystick, JoystickSettings
-from wheelchair_gym.hardware.registry import placed
-from wheelchair_gym.hardware.twin.stick import Stick
+from wheelchair_gym.hardware.registry import localized
+from wheelchair_gym.hardware.twin.lockstep import JoystickState
 from wheelchair_gym.maps import write_map
 from wheelchair_gym.types import Command
 
@@ -71,9 +71,9 @@ class Drive:
             str(ROOT / "configs" / "hardware.json"), pose_source="odometry", noise=False
         )
         s = self.settings
-        self.hosted = Hosted(EPISODE, chair=s.chair, sensors=s.sensors, dry=dry)
+        self.hosted = Hosted(EPISODE, chair=s.chair, sensors=s.sensors, dry_run=dry)
         self.env = gym.make(
-            "wheelchair_gym/Hardware-v0", config=s, chair=placed(self.hosted.chair, s),
+            "wheelchair_gym/Hardware-v0", config=s, chair=localized(self.hosted.chair, s),
             disable_env_checker=True, shield=shield,
         ).unwrapped  # fmt: skip
         self.log, self.each = [], each
@@ -140,8 +140,8 @@ def test_a_person_takes_it_and_gives_it_back():
     """However long the person drives; then the cap is low again."""
     drive = Drive()
     faults = drive.hosted.twin.faults
-    take = at(1.5, lambda: setattr(faults, "stick", Stick(0.3, 0.0, True, True)))
-    give = at(4.5, lambda: setattr(faults, "stick", Stick()))
+    take = at(1.5, lambda: setattr(faults, "joystick", JoystickState(0.3, 0.0, True, True)))
+    give = at(4.5, lambda: setattr(faults, "joystick", JoystickState()))
     drive.each = lambda env: [take(env), give(env)]
     assert drive.run()["outcome"] == "success"
     stands, on = (line.split("s  ", 1)[1] for line in drive.log)
@@ -161,8 +161,8 @@ def silent_for(drive, begin, end):
 def by_the_board(drive, since):
     """A person takes the chair by the joystick at its board and hands it back."""
     faults = drive.hosted.twin.faults
-    take = at(since, lambda: setattr(faults, "stick", Stick(0.0, 0.0, True, True)))
-    give = at(since + 0.5, lambda: setattr(faults, "stick", Stick()))
+    take = at(since, lambda: setattr(faults, "joystick", JoystickState(0.0, 0.0, True, True)))
+    give = at(since + 0.5, lambda: setattr(faults, "joystick", JoystickState()))
     return lambda env: [take(env), give(env)]
 
 
@@ -240,7 +240,7 @@ def test_it_says_how_a_person_re_arms_it(terminal, monkeypatch, caplog):
     def nobody(own):
         raise OSError("no joystick at '/dev/input/event99'")
 
-    drive.hosted.chair.hand = Joystick(joystick, drive.hosted.chair.rearm, nobody)
+    drive.hosted.chair.joystick = Joystick(joystick, drive.hosted.chair.rearm, nobody)
     hear_person(drive.env.chair, drive.env.shield)
     drive.env.reset(options={"episode": EPISODE})
     (line,) = [r.message for r in caplog.records if "a person must re-arm" in r.message]
@@ -299,8 +299,12 @@ def person(served, caplog, then):
         stop = time.monotonic() + 60.0
         while "a person must re-arm" not in caplog.text and time.monotonic() < stop:
             time.sleep(0.05)
-        for stick in (Stick(manual=True), Stick(manual=True, held=True), Stick()):
-            served.twin.faults.stick = stick
+        for stick in (
+            JoystickState(manual=True),
+            JoystickState(manual=True, dead_man=True),
+            JoystickState(),
+        ):
+            served.twin.faults.joystick = stick
             time.sleep(0.5)
         then()
 

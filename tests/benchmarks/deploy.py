@@ -171,7 +171,7 @@ def simulated(given, seed):
         "seed": seed,
         "outcome": report["outcome"],
         "from_goal": math.hypot(x - episode.goal[0], y - episode.goal[1]),
-        "touched_ms": hosted.twin.hits,
+        "touched_ms": hosted.twin.bumper_steps,
         "log": log,
     }
     row |= {key: report[key] for key in ("time", "length", "clearance_min")}

@@ -26,7 +26,7 @@ from agents.evaluation.runs import source_digest
 from tests.hardware.pilot import Pilot
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.files import read_json
-from wheelchair_gym.hardware.boards.messages import (
+from wheelchair_gym.hardware.boards.protocol import (
     Answer,
     CommandFlag,
     Fault,
@@ -36,9 +36,9 @@ from wheelchair_gym.hardware.boards.messages import (
     Status,
     Switch,
 )
-from wheelchair_gym.hardware.twin.build import built
+from wheelchair_gym.hardware.twin.build import build_target
+from wheelchair_gym.hardware.twin.lockstep import JoystickState
 from wheelchair_gym.hardware.twin.plant import Slope
-from wheelchair_gym.hardware.twin.stick import Stick
 from wheelchair_gym.kinematics import DriveGeometry
 from wheelchair_gym.physics.settings import (
     BatterySettings,
@@ -81,20 +81,20 @@ class Ride:
 
     def each(self, seconds: float):
         """Let time pass; yields after each millisecond the speeds of both rims [m/s]."""
-        from wheelchair_gym.hardware.boards.messages import Command
+        from wheelchair_gym.hardware.boards.protocol import Command
 
         for k in range(round(seconds * 1000)):
             if k % 20 == 0 and self.pilot.target is not None:
                 self.pilot.send(Command(*self.pilot.target))
             before = self.twin.motion
-            self.twin.advance(0.001)
+            self.twin.run(0.001)
             now = self.twin.motion
             if k % 20 == 19:
                 self.pilot.listen()
             yield (now.left - before.left) * COUNT * 1e3, (now.right - before.right) * COUNT * 1e3
 
     def by_hand(self, seconds: float, **stick) -> None:
-        self.twin.faults.stick = Stick(manual=True, **stick)
+        self.twin.faults.joystick = JoystickState(manual=True, **stick)
         self.pilot.run(seconds)
 
     def manual(self, ahead: float, seconds: float) -> None:
@@ -125,7 +125,7 @@ def runaway(ride, v, angle, mode):
     pilot.run(0.3)
     stick_drivers(ride, angle > 0.0)
     if mode == "manual":  # and lets go
-        twin.faults.stick = Stick(ahead=1.0, manual=True)
+        twin.faults.joystick = JoystickState(forward=1.0, manual=True)
     elif mode == "stopping":
         pilot.target = None
     steps, passed, cut, way, way_cut, speed_cut = twin.steps, None, None, 0.0, 0.0, 0.0
@@ -167,7 +167,7 @@ def wired_wrong(ride, _v, _angle, what):
     if what == "swapped":
         twin.faults.swapped_motors = True
     else:
-        twin.faults.inverted[int(rng.integers(2))] = True
+        twin.faults.inverted_motors[int(rng.integers(2))] = True
     pilot.start(0.0, 0.0, 0.1)
     pilot.target = (float(rng.uniform(0.1, 0.8)), float(rng.choice((-1, 1)) * rng.uniform(0.2, 1)))
     start, steps, passed, cut, far = pilot.pose, twin.steps, None, None, 0.0
@@ -227,7 +227,7 @@ def weak_brakes(ride, _v, _angle, mode):
     """Parked down 8 degrees on brakes that cannot hold it."""
     pilot, twin, rng = ride.pilot, ride.twin, ride.rng
     pilot.start(0.0, 0.0, 0.1)
-    twin.faults.brakes = float(rng.uniform(0.0, 0.3))
+    twin.faults.brake_fraction = float(rng.uniform(0.0, 0.3))
     twin.faults.slope = Slope(STEEP)
     pilot.target = (0.0, 0.0, CommandFlag.PROTECTIVE) if mode == "parked" else None
     start, steps, closed, changes, fault = pilot.pose, twin.steps, twin.braked, 0, None
@@ -250,11 +250,11 @@ def take_over(ride, _v, _angle, mode):
     stick = {"ahead": float(rng.uniform(-1, 1)), "aside": float(rng.uniform(-1, 1))}
     if mode == "takes over":
         pilot.start(0.8, 0.0, 2.4)
-        twin.faults.stick = Stick(**stick, manual=True, held=bool(rng.integers(2)))
+        twin.faults.joystick = JoystickState(**stick, manual=True, dead_man=bool(rng.integers(2)))
         v = 0.8
     else:
         ride.manual(1.0, 2.0)
-        twin.faults.stick = Stick(ahead=1.0, manual=True)
+        twin.faults.joystick = JoystickState(forward=1.0, manual=True)
         v = 0.4
     way, rest, steps = 0.0, None, twin.steps
     for _ in ride.each(2.0):
@@ -318,7 +318,7 @@ def store(ride, _v, _angle, _mode):
     ride.by_hand(0.2, held=True)
     ride.by_hand(0.5, held=True, ahead=1.0)
     moved = abs(twin.motion.speed)
-    twin.faults.stick = None
+    twin.faults.joystick = None
     pilot.run(0.3)
     pilot.target = (0.0, 0.0)
     pilot.run(0.1)
@@ -350,7 +350,7 @@ def edges(ride, _v, _angle, mode):
         elif kind == 3:
             pilot.target = None
         if mode == "pushed":
-            twin.faults.push = float(rng.choice((-1, 0, 1))) * PUSH
+            twin.faults.push_force = float(rng.choice((-1, 0, 1))) * PUSH
         pilot.run(float(rng.uniform(0.2, 2.0)) if kind != 3 else 0.6)
         if kind == 4:
             twin.faults.switches = Switch.STOP_PRESSED
@@ -362,7 +362,7 @@ def edges(ride, _v, _angle, mode):
         pilot.run(0.1)
         if mode == "pushed" and pilot.now.faults & (Fault.STALL | Fault.DIRECTION):
             # Held back, a slow wheel is stuck: true, and no runaway.
-            twin.faults.push, pilot.target = 0.0, None
+            twin.faults.push_force, pilot.target = 0.0, None
             stuck += 1
             pilot.run(1.0)
             wrong |= pilot.now.faults & ~Fault.LINK
@@ -446,7 +446,7 @@ def provenance():
     digest = source_digest("wheelchair_gym", "tests/hardware/pilot.py", "tests/benchmarks")
     return {
         "code": digest[:16],
-        "firmware": built("drive.elf").parent.name,
+        "firmware": build_target("drive.elf").parent.name,
         "chair": dump(ChairSettings()),
         "masses": list(MASSES),
         "seeds": {name: [number, "trial"] for number, name in enumerate(CASES)},

@@ -15,10 +15,9 @@ import numpy as np
 
 from tests.hardware.bench import ibus
 from tests.hardware.pilot import Pilot
-from wheelchair_gym.hardware.boards.messages import Odometry
-from wheelchair_gym.hardware.boards.protocol import Receiver
+from wheelchair_gym.hardware.boards.protocol import Odometry, Receiver
 from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
-from wheelchair_gym.hardware.twin.build import built
+from wheelchair_gym.hardware.twin.build import build_target
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 
 # Interrupt vectors of the ATmega2560, and the pin that changes with each run of the control.
@@ -32,7 +31,7 @@ def sizes():
     result = {}
     for board in ("drive", "range"):
         text = subprocess.run(
-            ["avr-size", built(f"{board}.elf")], capture_output=True, text=True, check=True
+            ["avr-size", build_target(f"{board}.elf")], capture_output=True, text=True, check=True
         ).stdout
         code, data, zeroed = map(int, text.splitlines()[1].split()[:3])
         result[board] = {"flash": code + data, "ram": data + zeroed}
@@ -53,19 +52,19 @@ def loaded(seconds=20.0):
     drive = pilot.twin.drive
     pilot.start(0.5, 0.0, 1.0)
     for vector in VECTORS.values():
-        drive.watch(vector)
-    drive.note(*BEAT)
+        drive.watch_interrupt(vector)
+    drive.watch_pin(*BEAT)
     rng = np.random.default_rng(1)
     beats, began = [], time.perf_counter()
     for k in range(round(seconds / 0.1)):
         pilot.target = (TOP, float(rng.uniform(-1, 1))) if k % 10 else (0.0, 0.0)
         drive.write(b"".join(ibus() for _ in range(13)), 1)
         pilot.run(0.1)
-        beats.append(drive.notes().astype(np.int64))
+        beats.append(drive.pin_changes().astype(np.int64))
     took = time.perf_counter() - began
     us = 1e6 / FREQUENCY
     each = np.diff(np.concatenate(beats)) * us
-    waits = {name: round(drive.waited(v)[0] * us, 2) for name, v in VECTORS.items()}
+    waits = {name: round(drive.interrupt_latency(v)[0] * us, 2) for name, v in VECTORS.items()}
     ram = {name: size["ram"] for name, size in sizes().items()}
     free = {
         name: untouched(board, start + ram[name], end)
@@ -94,12 +93,12 @@ def encoder_limit():
     for rate in range(20_000, 200_001, 10_000):
         board = EmulatedBoard("atmega2560", "drive.elf", (500_000, IBUS_BAUD))
         for bit in range(4):
-            board.pin("B", bit, False)
+            board.set_pin("B", bit, False)
         board.run(FREQUENCY // 50)
         n = rate // 2 // 5  # counts of each wheel in 0.2 s
         until = FREQUENCY // 50 + FREQUENCY // 5
-        board.turn("B", 0, 0.0, n + 0.25, until)
-        board.turn("B", 2, 0.0, n + 0.75, until)
+        board.rotate_encoder("B", 0, 0.0, n + 0.25, until)
+        board.rotate_encoder("B", 2, 0.0, n + 0.75, until)
         board.run(until + FREQUENCY // 20)
         heard = [f.message for f in Receiver().feed(board.read())]
         last = [m for m in heard if isinstance(m, Odometry)][-1]

@@ -15,7 +15,7 @@ import numpy as np
 
 from tests.hardware.hosted import Hosted
 from tests.physics.worlds import box
-from wheelchair_gym.hardware.boards.messages import Switch
+from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.physics.settings import BodySettings, ChairSettings
 
@@ -50,7 +50,7 @@ def silence_range(hosted):
 
 
 def blind(hosted):
-    hosted.twin.faults.blind[hosted.twin.steps % 2] = True
+    hosted.twin.faults.disconnected_encoders[hosted.twin.steps % 2] = True
 
 
 def press(hosted):
@@ -125,7 +125,7 @@ def stop(name, number):
         hosted.chair.drive(target)
     at = hosted.clock.now() + 0.2 + round(float(rng.uniform(0.0, PERIOD)), 3)
     onlooker = Onlooker(hosted, CAUSES[name][0], at)
-    hosted.clock.guard(onlooker.look_on, 0.001, "onlooker")
+    hosted.clock.call_every(onlooker.look_on, 0.001, "onlooker")
     trial, end = onlooker.trial, at + GIVEN_UP
     while trial.rest_s == GIVEN_UP and hosted.clock.now() < end:
         if onlooker.struck is not None and onlooker.cause is kill:

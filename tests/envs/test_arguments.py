@@ -15,7 +15,7 @@ import wheelchair_gym
 from wheelchair_gym.config import InputError, dump, read_json
 from wheelchair_gym.envs import EnvSettings, NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.hardware.pacing import WallClock
+from wheelchair_gym.hardware.control_loop import WallClock
 from wheelchair_gym.scenes.map_file import MapFile, example_map
 
 ID = "wheelchair_gym/Navigation-v0"

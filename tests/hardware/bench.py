@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from tests.hardware.native import NativeDrive
-from wheelchair_gym.hardware.boards.messages import Answer, Command, Mode, Rearm, Status
-from wheelchair_gym.hardware.twin.stick import Stick
-from wheelchair_gym.hardware.twin.stick import ibus as frame
+from wheelchair_gym.hardware.boards.protocol import Answer, Command, Mode, Rearm, Status
+from wheelchair_gym.hardware.twin.lockstep import JoystickState
+from wheelchair_gym.hardware.twin.lockstep import ibus_frame as frame
 from wheelchair_gym.physics.settings import ChairSettings
 
 CHAIR = ChairSettings()
@@ -70,4 +70,4 @@ class Bench(NativeDrive):
 
 def ibus(ahead=0.0, aside=0.0, manual=False, held=False) -> bytes:
     """A frame of a FlySky receiver: sticks in [-1, 1], left positive."""
-    return frame(Stick(ahead, aside, manual, held))
+    return frame(JoystickState(ahead, aside, manual, held))

@@ -6,17 +6,17 @@ import os
 
 import pytest
 
-from wheelchair_gym.hardware.twin.build import built, missing
+from wheelchair_gym.hardware.twin.build import build_target, missing_tools
 
 
 def build(target):
     """The path of a built target; a skip, or a failure where it is required."""
-    if lacks := missing(target):
+    if lacks := missing_tools(target):
         reason = f"{target} needs {' and '.join(lacks)}: run `make emulator`"
         if os.environ.get("WHEELCHAIR_EMULATOR") == "required":
             pytest.fail(reason)
         pytest.skip(reason)
-    return built(target)
+    return build_target(target)
 
 
 @pytest.fixture(scope="session")

@@ -23,10 +23,10 @@ class Hosted(TwinChair):
         twin.reset(episode or box(3.0), 0)
         super().__init__(twin, period, HardwareSettings(**settings))
         self.minds = True
-        self.clock.guard(self._mind, 0.05, "person")
+        self.clock.call_every(self._mind, 0.05, "person")
 
     def _mind(self):
-        if self.minds and self.chair.waiting:
+        if self.minds and self.chair.waiting_for:
             self.chair.rearm()
 
     def close(self):

@@ -7,7 +7,7 @@ import hashlib
 import numpy as np
 
 from tests.physics.worlds import box
-from wheelchair_gym.hardware.boards.messages import (
+from wheelchair_gym.hardware.boards.protocol import (
     Answer,
     Command,
     Identity,
@@ -16,8 +16,9 @@ from wheelchair_gym.hardware.boards.messages import (
     Parameter,
     Ranges,
     Rearm,
+    Receiver,
+    encode,
 )
-from wheelchair_gym.hardware.boards.protocol import Receiver, encode
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
 from wheelchair_gym.physics.settings import ChairSettings
@@ -47,7 +48,7 @@ class Pilot:
         for _ in range(round(seconds / PERIOD)):
             if self.target is not None:
                 self.send(Command(*self.target))
-            self.twin.advance(PERIOD)
+            self.twin.run(PERIOD)
             self.listen()
         return self
 
@@ -67,7 +68,7 @@ class Pilot:
         """Send a message; the answer."""
         self.heard.pop(kind, None)
         self.send(message, board)
-        self.twin.advance(0.01)
+        self.twin.run(0.01)
         self.listen()
         return self.heard[kind]
 
@@ -85,7 +86,7 @@ class Pilot:
         """Seconds until the chair stands, by truth, in steps of the world."""
         steps = self.twin.steps
         while abs(self.twin.motion.speed) > 1e-3 or abs(self.twin.motion.turn) > 1e-3:
-            self.twin.advance(0.001)
+            self.twin.run(0.001)
             assert self.twin.steps - steps < most * 1000, self.twin.motion
         return (self.twin.steps - steps) * 0.001
 

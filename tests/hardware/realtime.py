@@ -36,7 +36,7 @@ def serving(folder):
     )
     twin = Twin(Plant(settings.chair, SensorSettings(noise=False)))
     twin.reset(EPISODE, 0)
-    twin.advance(0.001)
+    twin.run(0.001)
     twin.plant.scan(0)  # compiled before real time begins
     twin.plant.ping(0)
     made, done = ServedTwin(twin), threading.Event()
@@ -44,10 +44,15 @@ def serving(folder):
     thread.start()
     config = dump(settings)
     # A busy machine that runs the world and the policy in one process is late now and then.
-    config["hardware"]["limits"] |= {"scan": 5.0, "odometry": 5.0, "hold": 5.0, "patience": 30.0}
+    config["hardware"]["limits"] |= {
+        "scan": 5.0,
+        "odometry": 5.0,
+        "command_timeout": 5.0,
+        "ready_timeout": 30.0,
+    }
     config["hardware"] |= {
-        "drive": made.drive.path, "range": made.range.path,
-        "laser": f"tcp://127.0.0.1:{made.laser.port}",
+        "drive_port": made.drive.path, "range_port": made.range.path,
+        "laser_port": f"tcp://127.0.0.1:{made.laser.port}",
     }  # fmt: skip
     made.config, made.map = folder / "config.json", folder / "map.yaml"
     made.config.write_text(json.dumps(config))

@@ -16,8 +16,8 @@ from tests.physics.worlds import box
 from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.geometry import footprint_clearance
-from wheelchair_gym.hardware.boards.dead_reckoning import Odometer
-from wheelchair_gym.hardware.boards.messages import Fault, Mode, Odometry, Switch
+from wheelchair_gym.hardware.boards.dead_reckoning import WheelOdometry
+from wheelchair_gym.hardware.boards.protocol import Fault, Mode, Odometry, Switch
 from wheelchair_gym.hardware.registry import make_chair
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 from wheelchair_gym.kinematics import DriveGeometry
@@ -175,7 +175,7 @@ def test_reset_says_what_it_waits_for_and_why_a_re_arm_is_refused(hosted):
         for due in [due for due in acts if hosted.clock.now() > begun + due]:
             acts.pop(due)()
 
-    hosted.clock.guard(person, 0.05, "person")
+    hosted.clock.call_every(person, 0.05, "person")
     chair.reset(None, 0)
     waits, refused = told
     assert "EMERGENCY_STOP" in waits
@@ -192,7 +192,7 @@ FAULTS = {
     "emergency stop": (
         lambda h: setattr(h.twin.faults, "switches", Switch.STOP_PRESSED), "EMERGENCY_STOP",
     ),
-    "encoder lost": (lambda h: h.twin.faults.blind.__setitem__(0, True), "STALL"),
+    "encoder lost": (lambda h: h.twin.faults.disconnected_encoders.__setitem__(0, True), "STALL"),
     "drive board hangs": (lambda h: h.twin.drive.hang(), "RESET"),
     "battery": (lambda h: setattr(h.twin.faults, "battery", 28.0), "UNDER_VOLTAGE"),
 }  # fmt: skip
@@ -257,7 +257,9 @@ def test_a_re_armed_chair_stands_until_it_is_reset(hosted):
 
 def test_a_late_policy_does_not_drive_on(hosted):
     chair = begun(hosted)
-    hosted.clock.wait(hosted.clock.now() + chair.settings.limits.hold)  # a command counts so long
+    hosted.clock.wait(
+        hosted.clock.now() + chair.settings.limits.command_timeout
+    )  # a command counts so long
     assert speed(hosted) == pytest.approx(0.4, abs=0.02)
     until_slower(hosted, PERIOD + 0.05)
     assert deceleration(hosted) >= LEAST
@@ -289,7 +291,7 @@ def test_the_joystick_at_the_board_goes_before_the_host(hosted):
 
     assert IBUS_BAUD == 115_200
     person = {"manual": True, "held": True}
-    hosted.clock.guard(lambda: stick(**person), 0.02, "joystick")
+    hosted.clock.call_every(lambda: stick(**person), 0.02, "joystick")
     said = [chair.drive(AHEAD).halted for _ in range(12)]
     assert "joystick" in said[-1]
     assert speed(hosted) < 0.02  # its stick is at the centre
@@ -349,8 +351,8 @@ def test_a_chair_of_other_sizes_drives_by_its_own():
 
 def test_what_is_not_there_is_one_line():
     config = env_settings({"sensors": {"pose_source": "mcl"}})
-    lines = {"drive": "twin://nobody", "range": "", "laser": "twin://nobody"}
-    chair = make_chair({"name": "hardware", **lines, "limits": {"patience": 0.1}}, config)
+    lines = {"drive_port": "twin://nobody", "range_port": "", "laser_port": "twin://nobody"}
+    chair = make_chair({"name": "hardware", **lines, "limits": {"ready_timeout": 0.1}}, config)
     with pytest.raises(InputError, match="drive board is silent") as caught:
         chair.reset(None, 0)
     assert "\n" not in str(caught.value)
@@ -362,10 +364,12 @@ def test_what_is_not_there_is_one_line():
 
 def test_settings_of_the_file_stand_where_the_name_says_nothing():
     config = env_settings({"sensors": {"pose_source": "odometry"}, "hardware": {"rearm": 7.0}})
-    chair = make_chair({"name": "hardware", "drive": "twin://nobody", "range": ""}, config)
+    chair = make_chair(
+        {"name": "hardware", "drive_port": "twin://nobody", "range_port": ""}, config
+    )
     inner = chair.chair
     inner.close()
-    assert (inner.settings.rearm, inner.settings.drive) == (7.0, "twin://nobody")
+    assert (inner.settings.rearm_button, inner.settings.drive) == (7.0, "twin://nobody")
 
 
 def told(**values):
@@ -377,13 +381,13 @@ def test_odometry_is_moved_on_and_survives_wraps_and_resets():
     """Any split of a way into messages gives its pose; counts wrap, and a board counts anew."""
     geometry = DriveGeometry()
     metre = round(geometry.counts_per_metre)
-    odometer = Odometer(geometry, 0.1)
+    odometer = WheelOdometry(geometry, 0.1)
     high = (1 << 31) - metre // 2
-    odometer.take(told(left=high, right=high), 0.0)
-    odometer.take(told(left=high + metre - (1 << 32), right=high + metre - (1 << 32)), 0.02)
+    odometer.update(told(left=high, right=high), 0.0)
+    odometer.update(told(left=high + metre - (1 << 32), right=high + metre - (1 << 32)), 0.02)
     np.testing.assert_allclose(odometer.at(0.02)[0], [1.0, 0.0, 0.0], atol=1e-3)
     odometer.restart()
-    odometer.take(told(left=0, right=0, speed_left=0.5, speed_right=0.5), 0.04)
+    odometer.update(told(left=0, right=0, speed_left=0.5, speed_right=0.5), 0.04)
     pose, ways = odometer.at(0.06)
     np.testing.assert_allclose(pose, [1.01, 0.0, 0.0], atol=1e-3)
     np.testing.assert_allclose(ways, [1.01, 1.01], atol=1e-3)

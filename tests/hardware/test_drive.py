@@ -12,7 +12,8 @@ import pytest
 from tests.hardware.bench import Bench, ibus
 from tests.hardware.conftest import build
 from tests.hardware.native import NativeDrive
-from wheelchair_gym.hardware.boards.messages import (
+from wheelchair_gym.hardware.boards.parameters import DRIVE_PARAMETERS
+from wheelchair_gym.hardware.boards.protocol import (
     Answer,
     Command,
     CommandFlag,
@@ -28,7 +29,6 @@ from wheelchair_gym.hardware.boards.messages import (
     Switch,
     Unknown,
 )
-from wheelchair_gym.hardware.boards.parameters import DRIVE
 from wheelchair_gym.kinematics import approach
 
 STEP = 0.005  # s
@@ -500,7 +500,7 @@ def test_counts_per_metre_that_cannot_be_are_told(bench, factor, v):
     bench.rearm()
     bench.target = None
     bench.run(1.5)  # stopped: parameters may be changed
-    bench.send(Set(DRIVE.index("counts_per_metre"), 4346.0 * factor))
+    bench.send(Set(DRIVE_PARAMETERS.index("counts_per_metre"), 4346.0 * factor))
     bench.target = (0.0, 0.0)
     bench.run(0.1)
     assert bench.rearm() == Status.DONE
@@ -609,7 +609,7 @@ def test_a_store_that_cannot_be_read_is_no_chair_until_a_host_has_stored_one(ben
 
 
 def test_parameters_keep_their_bounds_and_change_at_rest_only(bench):
-    for index, name in enumerate(DRIVE):
+    for index, name in enumerate(DRIVE_PARAMETERS):
         (told,) = bench.send(Get(index))
         assert told.low <= told.value <= told.high, name
         for value in (math.nan, math.inf, -math.inf, told.low - 1.0, told.high * 1.01 + 1.0):
@@ -618,21 +618,21 @@ def test_parameters_keep_their_bounds_and_change_at_rest_only(bench):
         (answer,) = bench.send(Set(index, told.high))
         assert (answer.status, answer.value) == (Status.DONE, told.high)
         bench.send(Set(index, told.value))
-    assert bench.send(Get(len(DRIVE)))[0].status == Status.UNKNOWN
+    assert bench.send(Get(len(DRIVE_PARAMETERS)))[0].status == Status.UNKNOWN
     bench.start(0.3)
-    assert bench.send(Set(DRIVE.index("kp"), 10.0))[0].status == Status.MOVING
+    assert bench.send(Set(DRIVE_PARAMETERS.index("kp"), 10.0))[0].status == Status.MOVING
     assert bench.send(Save())[0].status == Status.MOVING
 
 
 def test_what_cannot_be_understood_is_said_so(bench):
     assert bench.send(Unknown(0x55, b"abc")) == [Answer(0x55, 1, Status.UNKNOWN)]
     assert bench.send(Unknown(0x01, b"ab")) == [Answer(0x01, 2, Status.UNKNOWN)]
-    assert bench.send(Identify()) == [Identity(1, len(DRIVE), 0, 0)]
+    assert bench.send(Identify()) == [Identity(1, len(DRIVE_PARAMETERS), 0, 0)]
 
 
 def test_a_store_with_any_bit_wrong_is_refused(firmware):
     drive = NativeDrive(firmware)
-    drive.send(Set(DRIVE.index("kp"), 55.0))
+    drive.send(Set(DRIVE_PARAMETERS.index("kp"), 55.0))
     size = drive.library.drive_store_size(drive.pointer)
     image = ctypes.create_string_buffer(size)
     drive.library.drive_store(drive.pointer, image)
@@ -642,9 +642,9 @@ def test_a_store_with_any_bit_wrong_is_refused(firmware):
         assert not drive.library.drive_restore(drive.pointer, bytes(broken))
     for garbage in (bytes(size), b"\xff" * size, np.random.default_rng(1).bytes(size)):
         assert not drive.library.drive_restore(drive.pointer, garbage)
-    assert drive.send(Get(DRIVE.index("kp")))[0].value == 40.0
+    assert drive.send(Get(DRIVE_PARAMETERS.index("kp")))[0].value == 40.0
     assert drive.library.drive_restore(drive.pointer, image.raw)
-    assert drive.send(Get(DRIVE.index("kp")))[0].value == 55.0
+    assert drive.send(Get(DRIVE_PARAMETERS.index("kp")))[0].value == 55.0
 
 
 def by_hand(bench, seconds, **stick):

@@ -24,7 +24,7 @@ from wheelchair_gym.hardware.laser.scip import (
     specs_of,
 )
 from wheelchair_gym.hardware.reconnect import RETRY
-from wheelchair_gym.hardware.twin.scip_sensor import URG_04LX, UST_10LX, ScipSensor
+from wheelchair_gym.hardware.twin.laser import URG_04LX, UST_10LX, ScipSensor
 
 MODELS = {"ust": UST_10LX, "urg": URG_04LX}
 
@@ -187,8 +187,8 @@ def test_the_laser_is_switched_on_and_read(name, piece):
         assert heard.scan.ranges == pytest.approx(
             metres(some_scan(model, k), min(10.0, model.farthest * 1e-3))
         )
-        assert (heard.stamp, heard.heard) == (pytest.approx(0.025 * k), clock.now)
-    assert laser.why == ""
+        assert (heard.stamp, heard.received_at) == (pytest.approx(0.025 * k), clock.now)
+    assert laser.error == ""
     laser.close()
     assert not sensor.on
 
@@ -209,7 +209,7 @@ def test_a_laser_that_is_off_is_switched_on_again():
     clock.now += ANSWER_WITHIN + 0.1
     laser.poll()
     assert not ports[0].open  # silent too long: given up
-    assert "no answer" in laser.why
+    assert "no answer" in laser.error
     clock.now += RETRY
     laser.poll()
     assert sensor.on
@@ -226,7 +226,7 @@ def test_a_lost_connection_is_made_again():
     laser, sensor, ports, clock = begin()
     ports[0].open = False
     assert laser.poll() == []
-    assert laser.why == "x: gone"
+    assert laser.error == "x: gone"
     clock.now += RETRY
     laser.poll()
     ports[1].said += sensor.scan(some_scan(UST_10LX), 0)
@@ -291,15 +291,15 @@ def test_a_laser_at_a_tcp_port():
         assert [one.scan.stamp for one in heard] == [0, 25, 50, 75, 100]
         assert heard[4].scan.ranges == pytest.approx(metres(some_scan(UST_10LX, 4), 10.0))
         thread.join(5.0)
-        while not laser.why and time.monotonic() < end:
+        while not laser.error and time.monotonic() < end:
             laser.poll()
-        assert "closed" in laser.why  # the sensor hung up
+        assert "closed" in laser.error  # the sensor hung up
         laser.close()
     gone = Hokuyo(f"tcp://127.0.0.1:{port}")
     end = time.monotonic() + 5.0
-    while gone.why == "not opened yet" and time.monotonic() < end:
+    while gone.error == "not opened yet" and time.monotonic() < end:
         gone.poll()
-    assert gone.why
+    assert gone.error
     assert gone.poll() == []
 
 

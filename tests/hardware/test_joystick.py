@@ -68,27 +68,27 @@ def test_it_drives_only_while_the_button_is_held():
     assert seat.ask() is None
     seat.device.tilt(ahead=1.0)
     assert seat.ask() is None  # nobody holds the button
-    seat.device.press(OWN.hold)
-    np.testing.assert_allclose(seat.ask(), [OWN.share * limits.forward, 0.0], atol=1e-3)
+    seat.device.press(OWN.dead_man_button)
+    np.testing.assert_allclose(seat.ask(), [OWN.speed_fraction * limits.forward, 0.0], atol=1e-3)
     seat.device.tilt(ahead=-1.0, left=1.0)
-    want = [-OWN.share * limits.backward, OWN.share * limits.turn]
+    want = [-OWN.speed_fraction * limits.backward, OWN.speed_fraction * limits.turn]
     np.testing.assert_allclose(seat.ask(), want, atol=1e-3)
-    seat.device.tilt(ahead=0.5 * OWN.idle)
+    seat.device.tilt(ahead=0.5 * OWN.dead_zone)
     assert not seat.ask().any()
     seat.device.tilt(ahead=1.0)
-    seat.device.press(OWN.hold, 2)  # repeated
+    seat.device.press(OWN.dead_man_button, 2)  # repeated
     assert seat.ask().any()
-    seat.device.press(OWN.hold, 0)
+    seat.device.press(OWN.dead_man_button, 0)
     assert not seat.ask().any()  # stands, and is still the person's
-    seat.device.press(OWN.give)
+    seat.device.press(OWN.release_button)
     assert seat.ask() is None
 
 
 def test_it_is_not_handed_back_while_the_button_is_held():
     seat = Seat()
     seat.ask()
-    seat.device.press(OWN.hold)
-    seat.device.press(OWN.give)
+    seat.device.press(OWN.dead_man_button)
+    seat.device.press(OWN.release_button)
     assert seat.ask() is not None
 
 
@@ -98,7 +98,7 @@ def test_what_is_missed_stands(way):
     seat = Seat()
     seat.ask()
     seat.device.tilt(ahead=1.0)
-    seat.device.press(OWN.hold)
+    seat.device.press(OWN.dead_man_button)
     assert seat.ask().any()
     if way == "dropped":
         seat.device.said.append(Event(EV_SYN, SYN_DROPPED, 0))
@@ -106,14 +106,14 @@ def test_what_is_missed_stands(way):
     else:
         seat.device.plugged = seat.there = False
         assert not seat.ask(1.0).any()
-        assert "No such" in seat.joystick.why
+        assert "No such" in seat.joystick.error
         assert not seat.ask(1.0 + RETRY).any()
         seat.there = True
         assert not seat.ask(1.0 + 2.0 * RETRY).any()
-        assert seat.joystick.why == ""
+        assert seat.joystick.error == ""
     seat.device.tilt(ahead=1.0)
     assert not seat.ask(2.0).any()
-    seat.device.press(OWN.hold)
+    seat.device.press(OWN.dead_man_button)
     assert seat.ask(2.0).any()
 
 
@@ -122,18 +122,18 @@ def test_it_re_arms_with_sticks_at_rest_only():
     seat = Seat(lambda: acts.append(1))
     seat.ask()
     seat.device.tilt(ahead=0.5)
-    seat.device.press(OWN.rearm)
+    seat.device.press(OWN.rearm_button)
     seat.ask()
     assert acts == []
     seat.device.tilt()
-    seat.device.press(OWN.rearm)
+    seat.device.press(OWN.rearm_button)
     seat.ask()
     assert acts == [1]
 
 
 def test_buttons_must_differ():
     with pytest.raises(InputError, match="must differ"):
-        JoystickSettings(give=OWN.hold)
+        JoystickSettings(release_button=OWN.dead_man_button)
 
 
 def test_a_hand_goes_before_the_policy():
@@ -142,15 +142,15 @@ def test_a_hand_goes_before_the_policy():
     hosted = Hosted(box(50.0))
     chair, hosted.minds = hosted.chair, False
     seat = Seat(chair.rearm)
-    chair.hand = seat.joystick
-    hosted.clock.guard(
-        lambda: seat.device.press(OWN.rearm) if chair.waiting else None, 0.2, "person"
+    chair.joystick = seat.joystick
+    hosted.clock.call_every(
+        lambda: seat.device.press(OWN.rearm_button) if chair.waiting_for else None, 0.2, "person"
     )
     chair.reset(None, 0)
     for _ in range(12):
         reading = chair.drive(AHEAD)
     assert reading.halted == ""
-    seat.device.press(OWN.hold)
+    seat.device.press(OWN.dead_man_button)
     for _ in range(8):
         reading = chair.drive(AHEAD)
     assert "joystick" in reading.halted
@@ -162,8 +162,8 @@ def test_a_hand_goes_before_the_policy():
     assert reading.halted
     assert hosted.twin.motion.speed > 0.3
     hosted.twin.laser.silent = False
-    seat.device.press(OWN.hold, 0)
-    seat.device.press(OWN.give)
+    seat.device.press(OWN.dead_man_button, 0)
+    seat.device.press(OWN.release_button)
     for _ in range(35):
         reading = chair.drive(AHEAD)
     assert reading.halted == ""

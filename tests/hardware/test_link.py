@@ -16,7 +16,8 @@ from tests.hardware.conftest import build
 from tests.physics.worlds import box
 from wheelchair_gym.hardware.boards import ports, protocol
 from wheelchair_gym.hardware.boards.link import Link
-from wheelchair_gym.hardware.boards.messages import (
+from wheelchair_gym.hardware.boards.ports import explain
+from wheelchair_gym.hardware.boards.protocol import (
     Answer,
     Command,
     Identify,
@@ -24,13 +25,13 @@ from wheelchair_gym.hardware.boards.messages import (
     Mode,
     Odometry,
     Rearm,
+    Receiver,
+    encode,
 )
-from wheelchair_gym.hardware.boards.ports import explained
-from wheelchair_gym.hardware.boards.protocol import Receiver, encode
 from wheelchair_gym.hardware.reconnect import RETRY
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
-from wheelchair_gym.hardware.twin.wire import WIRES, Harm, Wire
+from wheelchair_gym.hardware.twin.protocol_twin import CABLES, LineNoise, SerialCable
 from wheelchair_gym.sensors.settings import SensorSettings
 
 serial = pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
@@ -94,7 +95,7 @@ def test_a_line_that_is_not_there_is_said_so_and_tried_again(url):
     link = Link(url, clock)
     assert link.poll() == []
     assert not link.connected
-    assert link.why
+    assert link.error
     assert link.silence == float("inf")
     assert link.send(Identify()) is None
     assert link.statistics.unsent == 1
@@ -121,7 +122,7 @@ def test_an_unplugged_line_opens_again():
     plugged = ports[0].plugged = False
     assert link.poll() == []
     assert not link.connected
-    assert "Input/output" in link.why
+    assert "Input/output" in link.error
     for _ in range(5):
         assert link.send(Identify()) is None
     clock.now += RETRY
@@ -168,16 +169,16 @@ def test_a_port_is_one_program_s_alone(terminal):
     clock = Clock()
     link = Link(terminal, clock)
     assert link.send(Identify()) is None
-    assert link.why.startswith(f"{terminal} is in use by ")
-    assert f"process {holder.pid}" in link.why
-    assert "cable" not in link.why
-    assert "\n" not in link.why
+    assert link.error.startswith(f"{terminal} is in use by ")
+    assert f"process {holder.pid}" in link.error
+    assert "cable" not in link.error
+    assert "\n" not in link.error
     holder.communicate("")
     clock.now += RETRY
     assert link.send(Identify()) is not None
     second = Link(terminal, clock)  # a config whose boards share a device
     second.poll()
-    assert "this very program" in second.why
+    assert "this very program" in second.error
     link.close()
 
 
@@ -193,7 +194,7 @@ def test_closing_a_port_leaves_dtr_alone(terminal):
 
 def test_what_forbids_a_port_is_told_with_what_to_do(tmp_path, monkeypatch):
     device = str(tmp_path / "ttyACM0")
-    said = str(explained(device, PermissionError(errno.EACCES, "Permission denied")))
+    said = str(explain(device, PermissionError(errno.EACCES, "Permission denied")))
     assert device in said
     assert "sudo usermod -aG dialout $USER" in said
     by_id = tmp_path / "by-id"
@@ -201,12 +202,12 @@ def test_what_forbids_a_port_is_told_with_what_to_do(tmp_path, monkeypatch):
     for there in ("no USB serial port is there", "usb-Arduino_Mega-if00"):
         link = Link(device)
         link.poll()
-        assert "no such device" in link.why
-        assert there in link.why
+        assert "no such device" in link.error
+        assert there in link.error
         by_id.mkdir(exist_ok=True)
         (by_id / "usb-Arduino_Mega-if00").touch()
-    monkeypatch.setattr(ports, "runs", lambda program: program == "ModemManager")
-    said = str(explained(device, OSError(errno.EBUSY, "busy")))
+    monkeypatch.setattr(ports, "is_running", lambda program: program == "ModemManager")
+    said = str(explain(device, OSError(errno.EBUSY, "busy")))
     assert "in use by another program" in said
     assert "ModemManager" in said
     assert "ModemManager" in ports.silent_advice()
@@ -263,7 +264,7 @@ class NoisyChair:
         self.twin = Twin(Plant(sensors=SensorSettings(noise=False)))
         self.twin.reset(box(50), 0)
         name = f"noisy-{seed}"
-        self.wire = WIRES[name] = Wire(self.twin.drive, np.random.default_rng(seed), log=[])
+        self.wire = CABLES[name] = SerialCable(self.twin.drive, np.random.default_rng(seed), log=[])
         self.link = Link(f"twin://{name}", lambda: self.twin.steps * 1e-3)
         self.frames = []
         self.sent = {}  # sequence -> the last command of that number
@@ -273,7 +274,7 @@ class NoisyChair:
             number = self.link.send(Command(v, 0.0))
             if number is not None:
                 self.sent[number] = v
-            self.twin.advance(0.02)
+            self.twin.run(0.02)
             self.frames += self.link.poll()
         return self
 
@@ -293,7 +294,7 @@ def drive_in_noise(seed, corrupt, seconds):
     chair = NoisyChair(seed)
     chair.rearm()
     chair.run(2.0, 0.5)
-    chair.wire.harm = Harm(corrupt=corrupt)
+    chair.wire.noise = LineNoise(corrupt=corrupt)
     heard = len(chair.frames)
     stops, worst = 0, 0.0
     for _ in range(round(seconds / 0.1)):
@@ -301,9 +302,9 @@ def drive_in_noise(seed, corrupt, seconds):
         worst = max(worst, abs(chair.twin.motion.speed), abs(chair.twin.motion.turn))
         if chair.now.mode == Mode.STOPPED and chair.now.faults:  # a long gap latched
             stops += 1
-            chair.wire.harm = Harm()
+            chair.wire.noise = LineNoise()
             chair.rearm()
-            chair.wire.harm = Harm(corrupt=corrupt)
+            chair.wire.noise = LineNoise(corrupt=corrupt)
     frames = chair.frames[heard:]
     # Every frame believed is one that the board said.
     said = set()
@@ -318,7 +319,7 @@ def drive_in_noise(seed, corrupt, seconds):
     assert all(told.echo in chair.sent for told in odometry)
     assert chair.link.statistics.bad > 0
     # As soon as the noise ends, both ends hear each other again: within 100 ms.
-    chair.wire.harm = Harm()
+    chair.wire.noise = LineNoise()
     before = len(chair.frames)
     chair.run(0.1, 0.4)
     assert len(chair.frames) > before
@@ -339,11 +340,13 @@ def test_corrupted_bytes_are_never_believed_for_ten_minutes(corrupt):
     drive_in_noise(2, corrupt, 600.0)
 
 
-@pytest.mark.parametrize("harm", [Harm(flip=0.02), Harm(lose=0.02), Harm(burst=0.005)])
+@pytest.mark.parametrize(
+    "harm", [LineNoise(flip=0.02), LineNoise(drop=0.02), LineNoise(burst=0.005)]
+)
 def test_other_harm_is_not_believed_either(harm):
     chair = NoisyChair(3)
     chair.rearm()
-    chair.wire.harm = harm
+    chair.wire.noise = harm
     chair.run(2.0, 0.3)
     said = set(Receiver().feed(b"".join(chair.wire.log)))
     assert all(frame in said for frame in chair.frames)

@@ -14,14 +14,17 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tests.hardware.native import NativeReceiver
-from wheelchair_gym.hardware.boards import messages, parameters, protocol
-from wheelchair_gym.hardware.boards.messages import Command, Range, Ranges, Unknown
+from wheelchair_gym.hardware.boards import parameters, protocol
 from wheelchair_gym.hardware.boards.protocol import (
     ENCODED_MAX,
     LAYOUTS,
     PAYLOAD_MAX,
     VERSION,
+    Command,
+    Range,
+    Ranges,
     Receiver,
+    Unknown,
     cobs_decode,
     cobs_encode,
     encode,
@@ -62,7 +65,7 @@ def test_tables_are_those_of_the_header(firmware):
         assert tuple(float(row[2].rstrip(",")) for row in rows)[: len(layout.steps)] == (
             layout.steps if layout.message is not Ranges else (1e-3, 1.0, 1e-3)
         )
-    named = [value for value in vars(messages).values() if isinstance(value, enum.EnumMeta)]
+    named = [value for value in vars(protocol).values() if isinstance(value, enum.EnumMeta)]
     assert {c.__name__ for c in named} | {"drive", "range"} == {
         name for name, (kind, _) in tables.items() if kind == 0
     }
@@ -78,7 +81,10 @@ def test_parameters_are_those_of_the_header_and_of_the_chair(firmware):
         "drive": parameters.drive_parameters(ChairSettings()),
         "range": parameters.range_parameters(UltrasonicSettings()),
     }
-    for board, names in (("drive", parameters.DRIVE), ("range", parameters.RANGE)):
+    for board, names in (
+        ("drive", parameters.DRIVE_PARAMETERS),
+        ("range", parameters.RANGE_PARAMETERS),
+    ):
         rows = tables[board][1]
         assert tuple(row[0] for row in rows) == names
         for name, *numbers, _unit in rows:

@@ -7,8 +7,7 @@ import itertools
 
 import pytest
 
-from wheelchair_gym.hardware.boards.messages import Ranges, RangeStatus
-from wheelchair_gym.hardware.boards.protocol import Receiver
+from wheelchair_gym.hardware.boards.protocol import Ranges, RangeStatus, Receiver
 from wheelchair_gym.sensors.settings import UltrasonicSettings
 
 SOUND = 343.0  # m/s

@@ -27,16 +27,16 @@ from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.geometry import point_segment_distance, to_world
-from wheelchair_gym.hardware.clock_sync import Arrivals
+from wheelchair_gym.hardware.clock_sync import ClockSync
 from wheelchair_gym.hardware.registry import chair_settings, make_chair
-from wheelchair_gym.hardware.ros.rosbridge import Link, Rosbridge
-from wheelchair_gym.hardware.ros.senses import Senses
-from wheelchair_gym.hardware.ros.settings import RosSettings
+from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
+from wheelchair_gym.hardware.ros.senses import RosSensors
+from wheelchair_gym.hardware.ros.settings import RosbridgeSettings, RosSettings
 from wheelchair_gym.maps import OCCUPIED, read_map
 
 CONFIG = {"sensors": {"laser": {"beams": 181}}, "task": {"beams": 181}}
 # A busy machine that runs the chair, the bridge and the policy at once is late now and then.
-LATE = {"scan": 0.4, "odometry": 0.4, "pose": 0.6, "hold": 0.5}
+LATE = {"scan": 0.4, "odometry": 0.4, "pose": 0.6, "command_timeout": 0.5}
 ROOM = 0.3  # s, for a busy machine
 AHEAD = np.array([0.3, 0.0])
 
@@ -49,7 +49,7 @@ def bridge():
 
 
 def spec(bridge, patience=5.0, **changes):
-    limits = {**LATE, "patience": patience}
+    limits = {**LATE, "ready_timeout": patience}
     return {"name": "ros", "host": "127.0.0.1", "port": bridge.port, "limits": limits, **changes}
 
 
@@ -175,7 +175,7 @@ def test_reset_stays_where_it_is(bridge, chair):
     begun(chair, 12)
     reading = chair.reset(bridge.episode, 0)
     assert bridge.still
-    assert np.abs(reading.twist).max() <= chair.settings.limits.still
+    assert np.abs(reading.twist).max() <= chair.settings.limits.rest_speed
     assert np.hypot(*(reading.pose - bridge.episode.start)[:2]) > 0.05
     assert reading.stamp < 0.1
 
@@ -223,7 +223,7 @@ def test_a_late_policy_does_not_drive_on(bridge, chair):
     assert not bridge.still
     while not bridge.still and time.monotonic() < last + 3.0:
         spin(20_000_000)
-    assert bridge.commands[-1][0] - last < chair.settings.limits.hold + ROOM
+    assert bridge.commands[-1][0] - last < chair.settings.limits.command_timeout + ROOM
     assert until(lambda: abs(bridge.reading.twist).max() < 0.01)
     assert chair.drive(AHEAD).halted == ""  # it goes on when told to
 
@@ -278,14 +278,14 @@ WRONG = {
 @pytest.mark.parametrize("wrong", WRONG)
 def test_wrong_messages_are_not_used_and_named(bridge, wrong, caplog):
     topic, mangle, why = WRONG[wrong]
-    senses = Senses(RosSettings(), SENSORS, False)
+    senses = RosSensors(RosSettings(), SENSORS, False)
     message = bridge._map() if topic == "/map" else bridge._messages()[topic]()
-    senses.take(topic, message, 1.0)
+    senses.receive(topic, message, 1.0)
     known = dict(senses._heard)
-    assert senses.quiet(topic) == f"{topic} is silent"
+    assert senses.describe_silence(topic) == f"{topic} is silent"
     for _ in range(3):
-        senses.take(topic, mangle(json.loads(json.dumps(message))), 1.1)
-    assert why in senses.quiet(topic)
+        senses.receive(topic, mangle(json.loads(json.dumps(message))), 1.1)
+    assert why in senses.describe_silence(topic)
     assert senses._heard == known
     assert len(caplog.records) == 1  # said once
 
@@ -295,16 +295,16 @@ def test_a_null_range_is_no_echo_unless_the_settings_say_otherwise(bridge):
     messages = bridge._messages()
     scan, range_ = messages["/scan"](), messages[RANGERS[0]]()
     scan["ranges"][3:5] = [None, math.nan]
-    for null, wanted in (({}, math.inf), ({"null": "invalid"}, math.nan)):
-        senses = Senses(RosSettings(ultrasonic=RANGERS, **null), SENSORS, False)
-        senses.take("/scan", scan, 1.0)
+    for null, wanted in (({}, math.inf), ({"null_range": "invalid"}, math.nan)):
+        senses = RosSensors(RosSettings(ultrasonic=RANGERS, **null), SENSORS, False)
+        senses.receive("/scan", scan, 1.0)
         for topic, value in zip(RANGERS, (None, math.nan, *[1.0] * 6), strict=True):
-            senses.take(topic, {**range_, "range": value}, 1.0)
+            senses.receive(topic, {**range_, "range": value}, 1.0)
         laser, sonar, _ = senses.ranges(1.0)
         np.testing.assert_equal(laser[3:5], np.array([wanted, math.nan], np.float32))
         np.testing.assert_equal(sonar[:3], np.array([wanted, math.nan, 1.0], np.float32))
-        senses.take("/scan", {**scan, "ranges": [None] * 181}, 2.0)
-        assert "no range that is a number" in senses.quiet("/scan")
+        senses.receive("/scan", {**scan, "ranges": [None] * 181}, 2.0)
+        assert "no range that is a number" in senses.describe_silence("/scan")
 
 
 STAMPS = {
@@ -324,27 +324,27 @@ def test_no_stamp_switches_freshness_off(bridge, caplog):
     """It is refused with one line, silence is still noticed, and what comes next is used."""
     bridge.skew = -time.monotonic()
     for text, why in STAMPS.values():
-        senses = Senses(RosSettings(), SENSORS, False)
+        senses = RosSensors(RosSettings(), SENSORS, False)
         for topic in ("/scan", "/ARDUINO1/Odom"):
             caplog.clear()
             message = bridge._messages()[topic]()
             wrong = {**message, "header": {**message["header"], "stamp": json.loads(text)}}
-            senses.take(topic, message, 1.0)
-            senses.take(topic, wrong, 1.05)
-            assert why in senses.quiet(topic)
-            senses.take(topic, wrong, 1.06)
+            senses.receive(topic, message, 1.0)
+            senses.receive(topic, wrong, 1.05)
+            assert why in senses.describe_silence(topic)
+            senses.receive(topic, wrong, 1.06)
             assert len(caplog.records) == 1
             bridge.skew += 0.1
-            senses.take(topic, bridge._messages()[topic](), 1.1)
-        assert senses.silent(1.15) == ""
-        assert "/scan is silent" in senses.silent(60.0)
-        senses.forget()
+            senses.receive(topic, bridge._messages()[topic](), 1.1)
+        assert senses.stale(1.15) == ""
+        assert "/scan is silent" in senses.stale(60.0)
+        senses.clear()
         for topic in ("/scan", "/ARDUINO1/Odom"):  # as the first of all
             message = bridge._messages()[topic]()
-            senses.take(
+            senses.receive(
                 topic, {**message, "header": {"frame_id": "", "stamp": json.loads(text)}}, 1
             )
-        assert "is silent" in senses.silent(60.0)
+        assert "is silent" in senses.stale(60.0)
 
 
 def test_every_broadcaster_of_static_transforms_is_heard(bridge, chair):
@@ -364,9 +364,9 @@ def test_every_broadcaster_of_static_transforms_is_heard(bridge, chair):
 
 
 def test_a_transform_that_is_broken_costs_itself_only(bridge):
-    senses = Senses(RosSettings(), SENSORS, True)
+    senses = RosSensors(RosSettings(), SENSORS, True)
     good = bridge._edge("base_link", "laser_link", bridge.mounted)
-    senses.take("/tf_static", {"transforms": [{"header": {}}, good, 7]}, 1.0)
+    senses.receive("/tf_static", {"transforms": [{"header": {}}, good, 7]}, 1.0)
     assert senses._chain("laser_link", "base_link") is not None
 
 
@@ -374,7 +374,7 @@ def test_silence_is_measured_in_simulated_time(bridge):
     """A simulation at half of real time is driven; one that is paused is named as that."""
     slow = FakeRosbridge(rate=0.5)
     try:
-        chair = make_chair(spec(slow, use_sim_time=True, stall=0.5), env_settings(CONFIG))
+        chair = make_chair(spec(slow, use_sim_time=True, clock_timeout=0.5), env_settings(CONFIG))
         chair.reset(None, 0)
         begin, wall = slow.simulated, time.monotonic()
         halts = {chair.drive(AHEAD).halted for _ in range(8)}
@@ -390,7 +390,7 @@ def test_silence_is_measured_in_simulated_time(bridge):
         assert until(lambda: chair.drive(AHEAD).halted == "", 10.0)
         chair.close()
         slow.paused = True
-        own = spec(slow, use_sim_time=True, stall=0.2, patience=0.2)
+        own = spec(slow, use_sim_time=True, clock_timeout=0.2, patience=0.2)
         paused = make_chair(own, env_settings(CONFIG))
         with pytest.raises(InputError, match=r"/clock has (stood still|told no time)"):
             paused.reset(None, 0)
@@ -400,10 +400,10 @@ def test_silence_is_measured_in_simulated_time(bridge):
 
 
 def test_simulated_time_that_the_settings_do_not_know_of_is_named():
-    senses = Senses(RosSettings(), SENSORS, False)
-    assert senses.silent(1.0) == "/scan is silent: does its node run, is this its name?"
-    senses.take("/clock", {"clock": {"sec": 5, "nanosec": 0}}, 1.0)
-    assert "simulated time: for a simulation set use_sim_time" in senses.silent(1.0)
+    senses = RosSensors(RosSettings(), SENSORS, False)
+    assert senses.stale(1.0) == "/scan is silent: does its node run, is this its name?"
+    senses.receive("/clock", {"clock": {"sec": 5, "nanosec": 0}}, 1.0)
+    assert "simulated time: for a simulation set use_sim_time" in senses.stale(1.0)
 
 
 FAULTS = {
@@ -458,13 +458,15 @@ BREAKS = {
 @pytest.mark.parametrize("way", BREAKS)
 def test_a_link_that_cannot_be_trusted_is_given_up_with_a_last_word(bridge, way):
     heard = []
-    link = Rosbridge("127.0.0.1", bridge.port, lambda *told: heard.append(told), Link())
-    link.last_words = ("/v", {"linear": {"x": 0.0}, "angular": {"z": 0.0}})
+    link = Rosbridge(
+        "127.0.0.1", bridge.port, lambda *told: heard.append(told), RosbridgeSettings()
+    )
+    link.farewell = ("/v", {"linear": {"x": 0.0}, "angular": {"z": 0.0}})
     link.advertise("/v", "geometry_msgs/Twist")
     link.publish("/v", {"linear": {"x": 1.0}, "angular": {"z": 0.0}})
     assert until(lambda: len(bridge.commands) == 1)
     BREAKS[way](bridge)
-    assert link.gone.wait(3.0)
+    assert link.closed.wait(3.0)
     assert link.lost
     assert "\n" not in link.lost
     link.publish("/v", {"linear": {"x": 1.0}, "angular": {"z": 0.0}})  # nothing follows
@@ -573,7 +575,7 @@ def test_what_does_not_answer_is_one_line(tmp_path, capsys):
     nobody = free.getsockname()[1]
     free.close()
     chairs = tmp_path / "chairs.json"
-    silent = {"name": f"ros://127.0.0.1:{taken}", "link": {"patience": 0.3}}
+    silent = {"name": f"ros://127.0.0.1:{taken}", "link": {"connect_timeout": 0.3}}
     chairs.write_text(json.dumps({"silent": silent}))
     for chair, why in (
         (f"ros://127.0.0.1:{nobody}", "no rosbridge answers"),
@@ -642,15 +644,15 @@ def test_a_chair_that_rolls_on_is_not_begun_with(bridge):
 def test_ages_hold_whatever_the_other_clock_says():
     """A message is as old as it took longer than the quickest one before it."""
     rng = np.random.default_rng(0)
-    clock, now, quickest = Arrivals(drift=0.0), 0.0, math.inf
+    clock, now, quickest = ClockSync(drift=0.0), 0.0, math.inf
     for step, delay in rng.uniform((0.3, 0.0), (1.0, 0.3), (200, 2)).tolist():
         now += step
-        taken = clock.taken(now - delay + 1e6, now)
+        taken = clock.host_time(now - delay + 1e6, now)
         quickest = min(quickest, delay)
         assert now - taken == pytest.approx(delay - quickest, abs=1e-6)
     with pytest.raises(ValueError, match="older"):
-        clock.taken(now - 10.0 + 1e6, now + 1.0)
-    assert clock.taken(math.nan, 5.0) == 5.0  # it says no time: when it came
+        clock.host_time(now - 10.0 + 1e6, now + 1.0)
+    assert clock.host_time(math.nan, 5.0) == 5.0  # it says no time: when it came
 
 
 WORDS = (
@@ -672,11 +674,11 @@ def anything(rng, depth=4):
 def test_no_message_does_harm(bridge):
     """Neither random ones, nor right ones with a part exchanged."""
     rng = np.random.default_rng(0)
-    senses = Senses(RosSettings(ultrasonic=RANGERS, battery="/battery"), SENSORS, True)
+    senses = RosSensors(RosSettings(ultrasonic=RANGERS, battery="/battery"), SENSORS, True)
     right = {topic: make() for topic, make in bridge._messages().items()}
     for _ in range(300):
         for topic in ("/scan", "/ARDUINO1/Odom", "/tf", "/map", "/battery", RANGERS[0]):
-            senses.take(topic, anything(rng), 1.0)
+            senses.receive(topic, anything(rng), 1.0)
             message = json.loads(json.dumps(right.get(topic, {})))
             part = message
             while isinstance(part, dict) and part and rng.random() < 0.7:
@@ -684,8 +686,8 @@ def test_no_message_does_harm(bridge):
                 if not isinstance(part[key], dict):
                     part[key] = anything(rng, 1)
                 part = part[key]
-            senses.take(topic, message, 1.0)
-            senses.place()
+            senses.receive(topic, message, 1.0)
+            senses.map_pose()
 
 
 def test_the_defaults_are_the_thesis_topics():

@@ -11,7 +11,7 @@ import pytest
 from tests.hardware.conftest import build
 from tests.physics.worlds import box
 from wheelchair_gym.hardware.boards.link import Link
-from wheelchair_gym.hardware.boards.messages import Command, Mode, Odometry, Ranges, Rearm
+from wheelchair_gym.hardware.boards.protocol import Command, Mode, Odometry, Ranges, Rearm
 from wheelchair_gym.hardware.laser.hokuyo import Hokuyo
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
@@ -29,7 +29,7 @@ def served():
         build(target)
     twin = Twin(Plant(sensors=SensorSettings(noise=False)))
     twin.reset(box(3.0), 0)
-    twin.advance(0.001)
+    twin.run(0.001)
     twin.plant.scan(0)  # compiled before real time begins
     twin.plant.ping(0)
     served, done = ServedTwin(twin), threading.Event()
@@ -44,7 +44,7 @@ def served():
 
 @pytest.mark.parametrize("resets", [False, True])
 def test_opening_a_port_resets_its_board_where_it_is_told_to(served, resets):
-    served.drive.wire.resets = resets
+    served.drive.wire.resets_on_open = resets
     before = served.twin.drive.resets
     for count in (1, 2):
         line = Link(served.drive.path)
@@ -83,13 +83,13 @@ def test_a_host_drives_through_devices(served):
     broken = False
     while time.monotonic() < end and not broken:
         laser.poll()
-        broken = bool(laser.why) and laser._line.thing is None
+        broken = bool(laser.error) and laser._line.connection is None
         time.sleep(0.01)
     assert broken
     served.twin.laser.plugged = True
     while time.monotonic() < end and not laser.poll():
         time.sleep(0.01)
-    assert laser.why == ""
+    assert laser.error == ""
     # The host leaves; the chair stops by itself, and the devices stay for the next one.
     for line in (drive, ranges, laser):
         line.close()

@@ -10,21 +10,26 @@ import pytest
 
 from tests.hardware.hosted import Hosted
 from tests.physics.worlds import box
-from wheelchair_gym.hardware.boards.dead_reckoning import Odometer
-from wheelchair_gym.hardware.boards.messages import Switch
-from wheelchair_gym.hardware.tools.diagnostics import Checker
+from wheelchair_gym.hardware.boards.dead_reckoning import WheelOdometry
+from wheelchair_gym.hardware.boards.monitor import status_rows
+from wheelchair_gym.hardware.boards.protocol import Switch
+from wheelchair_gym.hardware.tools.diagnostics import Diagnostics
 from wheelchair_gym.hardware.tools.distance_calibration import (
     Run,
     calibrate_distance,
+    check_straight,
+    distance_moved,
     drive_run,
-    moved,
-    straight,
-    wall_of,
+    fit_wall,
 )
-from wheelchair_gym.hardware.tools.monitor import live_rows
 from wheelchair_gym.hardware.tools.provision import save_parameters, set_parameters
 from wheelchair_gym.hardware.tools.speed_tuning import step_response
-from wheelchair_gym.hardware.tools.wheel_calibration import Square, calibrate, drive_square, reckon
+from wheelchair_gym.hardware.tools.wheel_calibration import (
+    Square,
+    calibrate,
+    dead_reckon,
+    drive_square,
+)
 from wheelchair_gym.sensors.settings import LaserSettings, OdometrySettings, SensorSettings
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
@@ -42,7 +47,7 @@ def hosted():
 @pytest.fixture
 def checker(hosted):
     hosted.clock._guards.clear()  # nobody else sends
-    return Checker(hosted.chair.senses, hosted.clock, hosted.chair.wanted)
+    return Diagnostics(hosted.chair.senses, hosted.clock, hosted.chair.parameters)
 
 
 def bad(findings):
@@ -69,10 +74,10 @@ BROKEN = {
     "cable": (lambda h: setattr(h.drive, "plugged", False), "drive board: line"),
     "laser": (lambda h: setattr(h.twin.laser, "plugged", False), "laser: line"),
     "range": (lambda h: setattr(h.range, "plugged", False), "range board: line"),
-    "sonar": (lambda h: h.twin.faults.silent.add(5), "ultrasonic 5: range"),
+    "sonar": (lambda h: h.twin.faults.silent_ultrasonics.add(5), "ultrasonic 5: range"),
     "strip": (lambda h: setattr(h.twin.faults, "switches", Switch.LEFT), "switches: pressed"),
     "battery": (lambda h: setattr(h.twin.faults, "battery", 28.0), "battery: voltage"),
-    "noise": (lambda h: setattr(h.drive.harm, "corrupt", 0.02), "both boards: frames refused"),
+    "noise": (lambda h: setattr(h.drive.noise, "corrupt", 0.02), "both boards: frames refused"),
 }
 
 
@@ -95,8 +100,8 @@ def test_another_fan_and_other_parameters_are_found():
     hosted = Hosted(box(3.0), sensors=SensorSettings(laser=LaserSettings(beams=541), noise=False))
     hosted.clock._guards.clear()
     hosted.chair.senses.sensors = SensorSettings()
-    wanted = {**hosted.chair.wanted, "drive": {**hosted.chair.wanted["drive"], "kp": 33.0}}
-    found = bad(Checker(hosted.chair.senses, hosted.clock, wanted).run())
+    wanted = {**hosted.chair.parameters, "drive": {**hosted.chair.parameters["drive"], "kp": 33.0}}
+    found = bad(Diagnostics(hosted.chair.senses, hosted.clock, wanted).run())
     assert {"laser: fan", "drive board: parameters"} <= found
     senses, clock = hosted.chair.senses, hosted.clock
     assert set_parameters(senses, clock, "drive", wanted["drive"]) == {}
@@ -105,7 +110,7 @@ def test_another_fan_and_other_parameters_are_found():
     hosted.twin.drive.reset()
     clock.wait(clock.now() + 0.5)
     senses.poll()
-    senses.ask_again()
+    senses.forget_parameters()
     assert set_parameters(senses, clock, "drive", {"kp": 33.0}) == {}
     before = clock.now()
     refused = set_parameters(senses, clock, "drive", {"kp": 1e9, "ki": 120.0})
@@ -118,7 +123,7 @@ def test_another_fan_and_other_parameters_are_found():
 
 def test_all_is_told_live(hosted, checker):
     checker.run()
-    rows = dict(live_rows(hosted.chair.senses, hosted.clock.now()))
+    rows = dict(status_rows(hosted.chair.senses, hosted.clock.now()))
     assert "STOPPED" in rows["mode"]
     assert rows["battery"].endswith("V")
     assert "m at" in rows["nearest echo"]
@@ -147,7 +152,7 @@ def driven(side, left, track, ratio):
         arc = sign * math.pi / 4.0 * TRACK
         ways += [(-arc / 50, arc / 50)] * 50
     ways = np.array(ways)
-    end = np.array(reckon(ways, track, ratio))
+    end = np.array(dead_reckon(ways, track, ratio))
     return Square(ways, end[:2])
 
 
@@ -167,7 +172,7 @@ def believing(counts):
     chair = hosted.chair
     drive = dataclasses.replace(chair.chair.drive, counts_per_metre=counts)
     chair.chair = dataclasses.replace(chair.chair, drive=drive)
-    chair.senses.odometer = Odometer(drive, chair.settings.limits.odometry)
+    chair.senses.odometer = WheelOdometry(drive, chair.settings.limits.odometry)
     hosted.clock.wait(0.5)
     wanted = {"counts_per_metre": counts}
     assert set_parameters(chair.senses, hosted.clock, "drive", wanted) == {}
@@ -182,9 +187,9 @@ def test_counts_of_a_metre_are_recovered(share):
     runs = [drive_run(hosted.chair, 0.5, back, None) for back in (False, True)]
     told = calibrate_distance(runs, share * COUNTS)
     assert told.counts_per_metre == pytest.approx(COUNTS, rel=0.01)
-    assert all(run.counted / run.measured == pytest.approx(1.0 / share, rel=0.01) for run in runs)
+    assert all(run.odometry / run.measured == pytest.approx(1.0 / share, rel=0.01) for run in runs)
     assert np.hypot(*(hosted.twin.plant.pose - begun)[:2]) < 0.1
-    assert not hosted.twin.hits
+    assert not hosted.twin.bumper_steps
     hosted.close()
 
 
@@ -214,21 +219,21 @@ def seen(x, turned, noise=0.015, seed=0, gone=0.0):
 @pytest.mark.parametrize("turned", [-0.3, 0.0, 0.2])
 def test_a_way_is_what_the_wall_came_nearer(turned):
     """To a millimetre or two in the laser's noise, with a chair leg before the wall."""
-    before = wall_of(seen(3.0, turned, gone=0.1))
-    after = wall_of(seen(2.0, turned, seed=1, gone=0.1))
-    assert moved(before, after, np.array([0.5, 0.0, 0.0])) == pytest.approx(1.0, abs=5e-3)
+    before = fit_wall(seen(3.0, turned, gone=0.1))
+    after = fit_wall(seen(2.0, turned, seed=1, gone=0.1))
+    assert distance_moved(before, after, np.array([0.5, 0.0, 0.0])) == pytest.approx(1.0, abs=5e-3)
     assert before.bearing == pytest.approx(turned, abs=0.01)
 
 
 def test_what_is_no_wall_or_no_straight_way_is_refused():
     with pytest.raises(ValueError, match="no wall ahead"):
-        wall_of(np.empty((0, 2)))
+        fit_wall(np.empty((0, 2)))
     with pytest.raises(ValueError, match="no flat wall"):
-        wall_of(seen(2.0, 0.0, noise=0.2))
+        fit_wall(seen(2.0, 0.0, noise=0.2))
     with pytest.raises(ValueError, match="turned by"):
-        wall_of(seen(2.0, 0.8, noise=0.0))
+        fit_wall(seen(2.0, 0.8, noise=0.0))
     with pytest.raises(ValueError, match="straight way"):
-        straight(np.array([1.0, 1.1]))
+        check_straight(np.array([1.0, 1.1]))
     for runs, why in (
         ([Run(1.0, 11.0)], "10 times apart"),
         ([Run(1.0, 0.05)], "10 times apart"),

@@ -14,7 +14,9 @@ from tests.hardware.conftest import build
 from tests.hardware.pilot import Pilot
 from tests.physics.worlds import box, exact_chair
 from wheelchair_gym.config import InputError
-from wheelchair_gym.hardware.boards.messages import (
+from wheelchair_gym.hardware.boards.parameters import DRIVE_PARAMETERS
+from wheelchair_gym.hardware.boards.protocol import (
+    BAUD,
     Answer,
     Command,
     Fault,
@@ -28,11 +30,9 @@ from wheelchair_gym.hardware.boards.messages import (
     Status,
     Switch,
 )
-from wheelchair_gym.hardware.boards.parameters import DRIVE
-from wheelchair_gym.hardware.boards.protocol import BAUD
 from wheelchair_gym.hardware.laser.hokuyo import Hokuyo
 from wheelchair_gym.hardware.twin.board import FREQUENCY
-from wheelchair_gym.hardware.twin.laser import model_of
+from wheelchair_gym.hardware.twin.laser import sensor_model
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 from wheelchair_gym.hardware.twin.plant import Slope
 from wheelchair_gym.physics.settings import MotorSettings
@@ -108,7 +108,7 @@ def test_a_silent_host_stops_the_chair(pilot):
     pilot.target = None
     steps = pilot.twin.steps - 20  # the last command was sent 20 ms ago
     while pilot.now.v > 0.7995:
-        pilot.twin.advance(0.001)
+        pilot.twin.run(0.001)
         pilot.listen()
         assert pilot.twin.steps - steps <= 205 + 20 + 1  # odometry tells every 20 ms
     rest = pilot.until_rest()
@@ -135,7 +135,7 @@ def test_the_emergency_stop_cuts_the_power_without_any_board(pilot):
 def test_a_lost_encoder_stops_the_chair(pilot, wheel, driving):
     """Without counts the control would rise to full power."""
     pilot.start(0.5 if driving else 0.0, 0.0, 2.0)
-    pilot.twin.faults.blind[wheel] = True
+    pilot.twin.faults.disconnected_encoders[wheel] = True
     pilot.target = (0.5, 0.0)
     speeds = []
     steps = pilot.twin.steps
@@ -153,11 +153,11 @@ def test_a_lost_encoder_stops_the_chair(pilot, wheel, driving):
 @pytest.mark.parametrize("held", [(True, False), (True, True)])
 def test_a_blocked_wheel_cuts_the_motors(pilot, held):
     pilot.start(0.4, 0.0, 2.0)
-    pilot.twin.faults.held = held
+    pilot.twin.faults.blocked_wheels = held
     pilot.run(0.2)
     assert pilot.now.faults & Fault.STALL
     assert not pilot.twin.enabled
-    pilot.twin.faults.held = (False, False)
+    pilot.twin.faults.blocked_wheels = (False, False)
     pilot.run(1.0)
     assert abs(pilot.twin.motion.speed) < 1e-3
     assert not pilot.twin.enabled
@@ -166,7 +166,7 @@ def test_a_blocked_wheel_cuts_the_motors(pilot, held):
 def test_a_swapped_encoder_stops_the_chair(pilot):
     """A wheel that is controlled the wrong way round would run away."""
     pilot.start(0.0, 0.0, 0.2)
-    pilot.twin.faults.swapped[1] = True
+    pilot.twin.faults.swapped_encoders[1] = True
     pilot.target = (0.5, 0.0)
     pilot.run(1.0)
     assert pilot.now.faults & Fault.DIRECTION
@@ -181,7 +181,7 @@ def test_a_hung_drive_board_is_reset_and_stays_stopped(pilot):
     pilot.twin.drive.hang()
     steps = pilot.twin.steps
     while not pilot.twin.braked:
-        pilot.twin.advance(0.001)
+        pilot.twin.run(0.001)
         assert pilot.twin.steps - steps < 100
     assert 0.8 / pilot.until_rest() >= 1.5
     pilot.run(0.5)
@@ -196,7 +196,7 @@ def test_a_hung_drive_board_is_reset_and_stays_stopped(pilot):
 def test_parameters_outlive_power_off_and_garbage_does_not():
     build("drive.elf")
     pilot = Pilot(new=True)
-    kp = DRIVE.index("kp")
+    kp = DRIVE_PARAMETERS.index("kp")
     pilot.run(0.1)
     assert pilot.now.faults == Fault.RESET | Fault.STORE  # a new chip
     assert pilot.ask(Set(kp, 55.0)).status == Status.DONE
@@ -251,14 +251,14 @@ def test_a_pulse_without_echo_is_none(pilot):
 
 def test_a_sensor_that_does_not_answer_is_said_so(pilot):
     pilot.twin.reset(box(2.0), 0)
-    pilot.twin.faults.silent = {1, 6}
+    pilot.twin.faults.silent_ultrasonics = {1, 6}
     pilot.run(0.6)
     silent = {i for i, told in enumerate(pilot.ranges.ranges) if told.status == RangeStatus.SILENT}
     assert silent == {1, 6}
-    pilot.twin.faults.silent = set()
+    pilot.twin.faults.silent_ultrasonics = set()
     pilot.run(0.6)
     assert RangeStatus.SILENT not in {told.status for told in pilot.ranges.ranges}
-    pilot.twin.faults.stuck = {0: 0.5, 5: 0.7}
+    pilot.twin.faults.stuck_ultrasonics = {0: 0.5, 5: 0.7}
     pilot.run(0.6)
     told = pilot.ranges.ranges
     assert (told[0].range, told[5].range) == (
@@ -287,7 +287,7 @@ def test_a_person_drives_by_joystick_while_the_host_is_dead(pilot):
     def by_hand(seconds, **stick):
         for _ in range(round(seconds / 0.01)):
             pilot.twin.drive.write(ibus(**stick), 1)
-            pilot.twin.advance(0.01)
+            pilot.twin.run(0.01)
         pilot.listen()
 
     by_hand(0.3, manual=True)
@@ -295,7 +295,7 @@ def test_a_person_drives_by_joystick_while_the_host_is_dead(pilot):
     by_hand(2.0, manual=True, held=True, ahead=1.0)
     assert pilot.now.mode == Mode.MANUAL
     assert pilot.twin.motion.speed == pytest.approx(0.4, abs=0.01)
-    pilot.twin.advance(0.2)  # silence
+    pilot.twin.run(0.2)  # silence
     pilot.until_rest()
     pilot.run(0.1)
     assert pilot.twin.braked
@@ -326,7 +326,7 @@ def test_a_stuck_driver_is_cut_and_the_brakes_hold_it_on_8_degrees(pilot):
     pilot.twin.faults.stuck_drivers = [0.8, 0.8]
     steps = pilot.twin.steps
     while pilot.twin.enabled:
-        pilot.twin.advance(0.001)
+        pilot.twin.run(0.001)
         assert pilot.twin.steps - steps < 400
     assert pilot.until_rest(2.0) < 1.5
     pilot.run(1.0)
@@ -344,7 +344,7 @@ def test_odometry_is_as_old_when_it_comes_whatever_the_board_does(pilot):
             if k % 97 == 0:
                 pilot.send(Command(*twist))
             count = len(pilot.odometry)
-            pilot.twin.advance(0.001)
+            pilot.twin.run(0.001)
             pilot.listen()
             if len(pilot.odometry) > count:
                 late.add(pilot.twin.steps - round(1e3 * pilot.now.stamp))
@@ -429,7 +429,7 @@ def test_a_flood_of_noise_stops_the_chair_and_nothing_else(pilot):
     speeds = []
     for _ in range(100):
         pilot.twin.drive.write(rng.bytes(500))
-        pilot.twin.advance(0.01)
+        pilot.twin.run(0.01)
         pilot.listen()
         speeds.append(abs(pilot.twin.motion.speed))
     assert max(speeds) < 0.51
@@ -448,7 +448,7 @@ def test_the_laser_says_what_it_sees(pilot):
     laser = Hokuyo("twin", 10.0, lambda: pilot.twin.steps * 1e-3, lambda _: pilot.twin.laser)
     scans = []
     for _ in range(25):
-        pilot.twin.advance(0.02)
+        pilot.twin.run(0.02)
         scans += laser.poll()
     assert len(scans) in (19, 20)
     assert np.diff([one.stamp for one in scans]) == pytest.approx(0.025)
@@ -456,20 +456,20 @@ def test_the_laser_says_what_it_sees(pilot):
     true = pilot.twin.plant.scan(0)
     assert scans[-1].scan.ranges == pytest.approx(true, abs=6e-4)
     pilot.twin.laser.silent = True
-    pilot.twin.advance(0.02)
+    pilot.twin.run(0.02)
     laser.poll()
-    pilot.twin.advance(1.1)
+    pilot.twin.run(1.1)
     assert laser.poll() == []
-    assert "no answer" in laser.why
+    assert "no answer" in laser.error
     pilot.twin.laser.silent = False
     for _ in range(100):
-        pilot.twin.advance(0.02)
+        pilot.twin.run(0.02)
         scans += laser.poll()
-    assert laser.why == ""
+    assert laser.error == ""
 
 
 def test_beams_that_no_hokuyo_has_are_said_so():
-    assert model_of(LaserSettings()).steps_per_turn == 1440
-    assert model_of(LaserSettings(beams=181, fov=math.pi)).steps_per_turn == 360
+    assert sensor_model(LaserSettings()).steps_per_turn == 1440
+    assert sensor_model(LaserSettings(beams=181, fov=math.pi)).steps_per_turn == 360
     with pytest.raises(InputError, match="64 beams over 270 deg"):
-        model_of(LaserSettings(beams=64))
+        sensor_model(LaserSettings(beams=64))

@@ -26,7 +26,7 @@ from agents.policies import GymPolicy, make_policy
 from tests.conftest import ROOT
 from tests.hardware.hosted import Hosted
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.hardware.registry import placed
+from wheelchair_gym.hardware.registry import localized
 from wheelchair_gym.kinematics import twist_of_wheels
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
@@ -63,7 +63,7 @@ class Both:
         self.real = gym.make(
             "wheelchair_gym/Hardware-v0",
             config=settings,
-            chair=placed(self.hosted.chair, settings),
+            chair=localized(self.hosted.chair, settings),
             disable_env_checker=True,
         ).unwrapped
         self.offs, self.digest = [], hashlib.sha256()

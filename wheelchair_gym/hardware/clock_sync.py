@@ -6,25 +6,25 @@ import math
 from typing import Any, NamedTuple
 
 
-class Heard(NamedTuple):
+class Stamped(NamedTuple):
     """The newest of a topic."""
 
     value: Any
-    taken: float  # s, `time.monotonic`
+    measured_at: float  # s, `time.monotonic`
 
 
-NEVER = Heard(math.nan, -math.inf)
-_AHEAD = 60.0  # s that a clock may jump ahead of this computer's: an hour or a year is an error
+NEVER = Stamped(math.nan, -math.inf)
+_MAX_JUMP = 60.0  # s that a clock may jump ahead of this computer's: an hour or a year is an error
 
 
-class Arrivals:
+class ClockSync:
     """When messages of one topic were made, by this computer's clock."""
 
     def __init__(self, drift: float) -> None:
         self._drift = drift
         self._last, self._ahead, self._came = -math.inf, math.inf, 0.0
 
-    def taken(self, stamp: float, came: float) -> float:
+    def host_time(self, stamp: float, came: float) -> float:
         """When a message was made that came then [s]; `stamp` is by its maker's clock, or NaN.
 
         Raises:
@@ -34,7 +34,7 @@ class Arrivals:
             return came
         if stamp <= self._last:
             raise ValueError(f"is {self._last - stamp:.3g} s older than the one before")
-        if (jump := self._ahead - (came - stamp)) > _AHEAD and math.isfinite(self._ahead):
+        if (jump := self._ahead - (came - stamp)) > _MAX_JUMP and math.isfinite(self._ahead):
             raise ValueError(
                 f"is stamped {jump:.3g} s later than its clock told before; if that clock was set, "
                 "reset the chair"
@@ -45,7 +45,7 @@ class Arrivals:
         return stamp + ahead
 
 
-class Newest:
+class Latest:
     """The newest of one topic, whose maker may start its clock anew.
 
     Args:
@@ -57,22 +57,22 @@ class Newest:
 
     def __init__(self, drift: float) -> None:
         self._drift = drift
-        self.forget()
+        self.clear()
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Nothing was heard."""
-        self.heard = NEVER
-        self._clock = Arrivals(self._drift)
+        self.message = NEVER
+        self._clock = ClockSync(self._drift)
 
-    def take(self, value: Any, stamp: float, came: float) -> None:
+    def update(self, value: Any, stamp: float, came: float) -> None:
         """Something was heard, made at a time of its maker's clock."""
         try:
-            taken = self._clock.taken(stamp, came)
+            taken = self._clock.host_time(stamp, came)
         except ValueError:  # it was switched off and on
-            self._clock = Arrivals(self._drift)
-            taken = self._clock.taken(stamp, came)
-        self.heard = Heard(value, taken)
+            self._clock = ClockSync(self._drift)
+            taken = self._clock.host_time(stamp, came)
+        self.message = Stamped(value, taken)
 
     def age(self, now: float) -> float:
         """Seconds since the newest was made; +inf before the first."""
-        return now - self.heard.taken
+        return now - self.message.measured_at

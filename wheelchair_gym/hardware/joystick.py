@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.hardware.reconnect import Healing
+from wheelchair_gym.hardware.reconnect import Reconnecting
 from wheelchair_gym.kinematics import Limits
 
 Array = NDArray[np.float64]
@@ -26,22 +26,41 @@ EV_SYN, EV_KEY, EV_ABS, SYN_DROPPED = 0, 1, 3, 3
 
 @settings
 class JoystickSettings:
-    """Which joystick, and what its buttons do; codes are those of Linux's input events."""
+    """Which joystick, and what its axes and buttons do; codes are Linux's input event codes."""
 
-    device: str = setting(default="", source="/dev/input/eventN; any: the first; empty: none")
-    ahead: int = setting(default=1, source="ABS_Y; forward is less", low=0, high=63)
-    aside: int = setting(default=0, source="ABS_X; left is less", low=0, high=63)
-    hold: int = setting(default=310, source="BTN_TL: dead-man button", low=256, high=767)
-    give: int = setting(default=315, source="BTN_START: hands the chair back", low=256, high=767)
-    rearm: int = setting(default=314, source="BTN_SELECT: re-arms, at rest", low=256, high=767)
-    idle: float = setting(
-        default=0.08, source="of a stick's travel that is still rest", low=0.0, high=0.9
+    device: str = setting(
+        default="", doc="Path such as /dev/input/event3; any: the first one; empty: no joystick."
     )
-    share: float = setting(default=0.6, source="of full speed and turn", low=0.0, high=1.0)
+    forward_axis: int = setting(
+        default=1, low=0, high=63, doc="Axis of the speed; forward is negative.", source="ABS_Y"
+    )
+    turn_axis: int = setting(
+        default=0, low=0, high=63, doc="Axis of the turn; left is negative.", source="ABS_X"
+    )
+    dead_man_button: int = setting(
+        default=310, low=256, high=767, doc="Button that is held to drive.", source="BTN_TL"
+    )
+    release_button: int = setting(
+        default=315, low=256, high=767, doc="Button that returns control to the program.",
+        source="BTN_START",
+    )  # fmt: skip
+    rearm_button: int = setting(
+        default=314, low=256, high=767, doc="Button that re-arms the chair, with centred sticks.",
+        source="BTN_SELECT",
+    )  # fmt: skip
+    dead_zone: float = setting(
+        default=0.08, low=0.0, high=0.9, source="design choice",
+        doc="Fraction of the stick's travel around its centre that counts as centred.",
+    )  # fmt: skip
+    speed_fraction: float = setting(
+        default=0.6, low=0.0, high=1.0, source="design choice",
+        doc="Speed and turn at full deflection, as a fraction of the chair's limits.",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
-        if len({self.hold, self.give, self.rearm}) < 3 or self.ahead == self.aside:
-            raise InputError("JoystickSettings: hold, give, rearm and both axes must differ")
+        buttons = {self.dead_man_button, self.release_button, self.rearm_button}
+        if len(buttons) < 3 or self.forward_axis == self.turn_axis:
+            raise InputError("JoystickSettings: the three buttons and the two axes must differ")
 
 
 class Event(NamedTuple):
@@ -113,7 +132,7 @@ def load_evdev() -> Any:
     return evdev
 
 
-def open_evdev(own: JoystickSettings) -> Device:
+def open_evdev(settings: JoystickSettings) -> Device:
     """Open the joystick that the settings name, or the first that has what they ask.
 
     Raises:
@@ -121,13 +140,16 @@ def open_evdev(own: JoystickSettings) -> Device:
         OSError: there is none.
     """
     evdev = load_evdev()
-    for path in evdev.list_devices() if own.device == ANY else [own.device]:
+    for path in evdev.list_devices() if settings.device == ANY else [settings.device]:
         device = evdev.InputDevice(path)
         axes = {code for code, _ in _axes(device)}
-        if {own.ahead, own.aside} <= axes and own.hold in device.capabilities().get(EV_KEY, []):
+        if {
+            settings.forward_axis,
+            settings.turn_axis,
+        } <= axes and settings.dead_man_button in device.capabilities().get(EV_KEY, []):
             return _Evdev(device)
         device.close()
-    where = "at any /dev/input/event*" if own.device == ANY else f"at {own.device}"
+    where = "at any /dev/input/event*" if settings.device == ANY else f"at {settings.device}"
     raise OSError(
         f"no joystick {where} that this user may read and that has the axes and the button of "
         "hardware.joystick: plug it in, or sudo usermod -aG input $USER and log in again"
@@ -152,27 +174,27 @@ class Joystick:
         rearm: Callable[[], None] = lambda: None,
         opener: Opener = open_evdev,
     ) -> None:
-        self.settings, self.taken = settings, False
+        self.settings, self.in_control = settings, False
         self._rearm = rearm
-        self._line = Healing(lambda: opener(settings))
+        self._line = Reconnecting(lambda: opener(settings))
         self._let_go()
 
     @property
-    def why(self) -> str:
+    def error(self) -> str:
         """Why there is none, as a line of text; empty while it is open."""
-        return self._line.why
+        return self._line.error
 
     def __call__(self, now: float, limits: Limits) -> Array | None:
         """The twist (2,) [m/s, rad/s] that is asked for; None while nobody has taken the chair."""
         self._listen(now)
-        if not self.taken:
+        if not self.in_control:
             return None
         if not self._held:
             return np.zeros(2)
         own = self.settings
-        ahead, aside = -self._stick(own.ahead), -self._stick(own.aside)
+        ahead, aside = -self._stick(own.forward_axis), -self._stick(own.turn_axis)
         v = ahead * (limits.forward if ahead > 0.0 else limits.backward)
-        return own.share * np.array([v, aside * limits.turn])
+        return own.speed_fraction * np.array([v, aside * limits.turn])
 
     def close(self) -> None:
         """Let the device go; the chair stays with whom it is."""
@@ -183,7 +205,7 @@ class Joystick:
         self._held, self._values = False, dict[int, int]()
 
     def _listen(self, now: float) -> None:
-        device = self._line.ready(now)
+        device = self._line.get(now)
         if device is None:
             return
         try:
@@ -191,7 +213,7 @@ class Joystick:
                 self._heed(event)
         except OSError as error:
             self._let_go()
-            self._line.drop(error)
+            self._line.lose(error)
 
     def _heed(self, event: Event) -> None:
         own = self.settings
@@ -199,25 +221,34 @@ class Joystick:
             self._let_go()  # something was missed: the button is to be pressed again
         elif event.type == EV_ABS:
             self._values[event.code] = event.value
-        elif event.type == EV_KEY and event.code == own.hold and event.value != 2:  # 2: repeated
+        elif (
+            event.type == EV_KEY and event.code == own.dead_man_button and event.value != 2
+        ):  # 2: repeated
             self._held = event.value == 1
-            self.taken |= self._held
-        elif event.type == EV_KEY and event.code == own.give and event.value == 1:
-            self.taken &= self._held
-        elif event.type == EV_KEY and event.code == own.rearm and event.value == 1 and self._rests:
+            self.in_control |= self._held
+        elif event.type == EV_KEY and event.code == own.release_button and event.value == 1:
+            self.in_control &= self._held
+        elif (
+            event.type == EV_KEY
+            and event.code == own.rearm_button
+            and event.value == 1
+            and self._rests
+        ):
             self._rearm()
 
     @property
     def _rests(self) -> bool:
-        return self._stick(self.settings.ahead) == self._stick(self.settings.aside) == 0.0
+        return (
+            self._stick(self.settings.forward_axis) == self._stick(self.settings.turn_axis) == 0.0
+        )
 
     def _stick(self, axis: int) -> float:
         """Where a stick is, -1 to 1; 0 before it has said."""
-        if self._line.thing is None or axis not in self._values:
+        if self._line.connection is None or axis not in self._values:
             return 0.0
-        least, most = self._line.thing.axes[axis]
+        least, most = self._line.connection.axes[axis]
         if most <= least:
             return 0.0
         tilt = min(1.0, max(-1.0, 2.0 * (self._values[axis] - least) / (most - least) - 1.0))
-        past = max(0.0, abs(tilt) - self.settings.idle) / (1.0 - self.settings.idle)
+        past = max(0.0, abs(tilt) - self.settings.dead_zone) / (1.0 - self.settings.dead_zone)
         return float(np.copysign(past, tilt)) if past else 0.0

@@ -20,7 +20,7 @@ class Closes(Protocol):
 Thing = TypeVar("Thing", bound=Closes)
 
 
-class Healing(Generic[Thing]):
+class Reconnecting(Generic[Thing]):
     """A thing that is tried again, so often, while it is not there; what fails is data.
 
     Args:
@@ -35,31 +35,31 @@ class Healing(Generic[Thing]):
     def __init__(
         self, opener: Callable[[], Thing], begin: Callable[[Thing], object] = lambda thing: None
     ) -> None:
-        self.thing: Thing | None = None
-        self.why = "not opened yet"
+        self.connection: Thing | None = None
+        self.error = "not opened yet"
         self._opener, self._begin = opener, begin
         self._tried: float | None = None
         self._closed = False
 
-    def ready(self, now: float) -> Thing | None:
+    def get(self, now: float) -> Thing | None:
         """The thing; opened, if it is time [s] to try."""
-        if self.thing is not None or self._closed:
-            return self.thing
+        if self.connection is not None or self._closed:
+            return self.connection
         if self._tried is not None and now - self._tried < RETRY:
             return None
         self._tried = now
         try:
-            self.thing = self._opener()
-            self.why = ""
-            self._begin(self.thing)
+            self.connection = self._opener()
+            self.error = ""
+            self._begin(self.connection)
         except (OSError, ValueError) as error:  # ValueError: pyserial's for a malformed URL
-            self.drop(error)
-        return self.thing
+            self.lose(error)
+        return self.connection
 
-    def drop(self, why: object) -> None:
+    def lose(self, why: object) -> None:
         """It is lost."""
-        thing, self.thing = self.thing, None
-        self.why = str(why)
+        thing, self.connection = self.connection, None
+        self.error = str(why)
         if thing is not None:
             with contextlib.suppress(OSError):  # it may be gone already
                 thing.close()
@@ -67,4 +67,4 @@ class Healing(Generic[Thing]):
     def close(self) -> None:
         """Let it go for good."""
         self._closed = True
-        self.drop("closed")
+        self.lose("closed")

@@ -71,8 +71,8 @@ def make_chair(spec: str | Mapping[str, Any], settings: EnvSettings) -> Chair:
             load_evdev()
         real = HardwareChair(own, sensors, settings.chair, period)
         if own.joystick.device:
-            real.hand = Joystick(own.joystick, real.rearm)
-        return placed(real, settings)
+            real.joystick = Joystick(own.joystick, real.rearm)
+        return localized(real, settings)
     from wheelchair_gym.hardware.ros.chair import RosChair
 
     worked_out = sensors.pose_source not in ("truth", "modelled")
@@ -95,11 +95,11 @@ def check_extras(spec: str | Mapping[str, Any]) -> None:
     load_websockets()
 
 
-def placed(chair: Chair, settings: EnvSettings) -> Chair:
-    """A chair that knows its odometry alone, with poses on the map where no finder gives them."""
+def localized(chair: Chair, settings: EnvSettings) -> Chair:
+    """A chair that knows its odometry alone, with poses on the map where no localizer gives them."""
     if settings.sensors.localizes:
         return chair
-    from wheelchair_gym.hardware.boards.dead_reckoning import Reckoned
+    from wheelchair_gym.hardware.boards.dead_reckoning import OdometryLocalizer
     from wheelchair_gym.localization.localized_chair import LocalizedChair
 
-    return LocalizedChair(chair, Reckoned())
+    return LocalizedChair(chair, OdometryLocalizer())

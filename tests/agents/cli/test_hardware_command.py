@@ -14,8 +14,8 @@ from tests.conftest import ROOT
 from tests.hardware.realtime import serving
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware import joystick
-from wheelchair_gym.hardware.boards.feed import watch
-from wheelchair_gym.hardware.boards.senses import BoardSenses
+from wheelchair_gym.hardware.boards.monitor import subscribe
+from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
@@ -49,7 +49,7 @@ def test_monitor_listens_to_the_program_that_drives(served, capsys):
     """It opens no port of its own: the owner's line stays open, and nothing is reset."""
     settings = env_settings(str(served.config))
     own = settings.hardware
-    senses = BoardSenses(own, settings.sensors, settings.chair.drive, time.monotonic)
+    senses = BoardSensors(own, settings.sensors, settings.chair.drive, time.monotonic)
     ended = threading.Event()
 
     def drive():
@@ -71,18 +71,20 @@ def test_monitor_listens_to_the_program_that_drives(served, capsys):
         # Any other tool is told who has the port, and blames no cable.
         assert main(["hardware", "check", "--config", str(served.config), "--no-person"]) == 1
         said = capsys.readouterr().out
-        assert f"{own.drive} is in use by this very program" in said
+        assert f"{own.drive_port} is in use by this very program" in said
         assert "cable" not in said.split("range board")[0]
     finally:
         ended.set()
         owner.join()
         senses.close()
-    assert watch(own.drive) is None
+    assert subscribe(own.drive_port) is None
 
 
 def test_monitor_asks_before_it_resets_a_board(tmp_path, monkeypatch, capsys):
     config = tmp_path / "config.json"
-    config.write_text(json.dumps({"hardware": {"drive": "/dev/null", "range": "/dev/null"}}))
+    config.write_text(
+        json.dumps({"hardware": {"drive_port": "/dev/null", "range_port": "/dev/null"}})
+    )
     words = ["hardware", "monitor", "--config", str(config), "--seconds", "0.1"]
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     assert main(words) == 2
@@ -162,7 +164,7 @@ def armed(reset):
 
         def person():
             while not ended.wait(0.05):
-                if chair.waiting:
+                if chair.waiting_for:
                     chair.rearm()
 
         thread = threading.Thread(target=person)

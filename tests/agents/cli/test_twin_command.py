@@ -14,38 +14,39 @@ import pytest
 from agents.cli import main
 from tests.conftest import ROOT
 from tests.hardware.conftest import build
-from wheelchair_gym.hardware.boards.messages import Switch
-from wheelchair_gym.hardware.twin.faults import WORDS, break_it
-from wheelchair_gym.hardware.twin.lockstep import Faults, Twin
+from wheelchair_gym.hardware.boards.protocol import Switch
+from wheelchair_gym.hardware.twin.faults import COMMANDS, run_command
+from wheelchair_gym.hardware.twin.lockstep import Faults, JoystickState, Twin
 from wheelchair_gym.hardware.twin.plant import Slope
 from wheelchair_gym.hardware.twin.serve import ServedTwin
-from wheelchair_gym.hardware.twin.stick import Stick
 from wheelchair_gym.maps import read_map
 
 TARGETS = ("libemulator.so", "drive.elf", "range.elf")
 
 SAID = {
     "press stop": lambda served: served.twin.faults.switches == Switch.STOP_PRESSED,
-    "encoder left lost": lambda served: served.twin.faults.blind == [True, False],
-    "encoder right swapped": lambda served: served.twin.faults.swapped == [False, True],
-    "block right": lambda served: served.twin.faults.held == (False, True),
+    "encoder left lost": lambda served: served.twin.faults.disconnected_encoders == [True, False],
+    "encoder right swapped": lambda served: served.twin.faults.swapped_encoders == [False, True],
+    "block right": lambda served: served.twin.faults.blocked_wheels == (False, True),
     "driver right -0.6": lambda served: served.twin.faults.stuck_drivers == [None, -0.6],
-    "motor left inverted": lambda served: served.twin.faults.inverted == [True, False],
+    "motor left inverted": lambda served: served.twin.faults.inverted_motors == [True, False],
     "motor both swapped": lambda served: served.twin.faults.swapped_motors,
-    "brakes 0.2": lambda served: served.twin.faults.brakes == 0.2,
+    "brakes 0.2": lambda served: served.twin.faults.brake_fraction == 0.2,
     "slope 8": lambda served: served.twin.faults.slope == Slope(math.radians(8.0)),
     "slope 8 90": lambda served: served.twin.faults.slope == Slope(math.radians(8.0), math.pi / 2),
-    "push -250": lambda served: served.twin.faults.push == -250.0,
-    "reset-on-open drive": lambda served: served.drive.wire.resets,
+    "push -250": lambda served: served.twin.faults.push_force == -250.0,
+    "reset-on-open drive": lambda served: served.drive.wire.resets_on_open,
     "battery 28": lambda served: served.twin.faults.battery == 28.0,
-    "sonar 3 silent": lambda served: served.twin.faults.silent == {3},
-    "sonar 4 0.5": lambda served: served.twin.faults.stuck == {4: 0.5},
-    "stick 0.5 -0.2": lambda served: served.twin.faults.stick == Stick(0.5, -0.2, True, True),
-    "stick free": lambda served: served.twin.faults.stick == Stick(manual=True),
+    "sonar 3 silent": lambda served: served.twin.faults.silent_ultrasonics == {3},
+    "sonar 4 0.5": lambda served: served.twin.faults.stuck_ultrasonics == {4: 0.5},
+    "stick 0.5 -0.2": lambda served: (
+        served.twin.faults.joystick == JoystickState(0.5, -0.2, True, True)
+    ),
+    "stick free": lambda served: served.twin.faults.joystick == JoystickState(manual=True),
     "unplug laser": lambda served: not served.twin.laser.plugged,
     "unplug drive": lambda served: not served.drive.wire.plugged,
     "silence laser": lambda served: served.twin.laser.silent,
-    "noise 0.1": lambda served: served.range.wire.harm.corrupt == 0.1,
+    "noise 0.1": lambda served: served.range.wire.noise.corrupt == 0.1,
 }
 
 
@@ -55,13 +56,13 @@ def test_words_break_it_and_mend_it():
     twin = Twin()
     served = ServedTwin(twin)
     for line, broken in SAID.items():
-        assert break_it(served, line).endswith("done")
+        assert run_command(served, line).endswith("done")
         assert broken(served), line
-        assert break_it(served, "heal").endswith("done")
+        assert run_command(served, "heal").endswith("done")
         assert not broken(served), line
     assert twin.faults == Faults()
     for line in ("hang drive", "power range"):
-        assert break_it(served, line).endswith("done")
+        assert run_command(served, line).endswith("done")
     wrong = (
         "press",
         "press x",
@@ -78,9 +79,9 @@ def test_words_break_it_and_mend_it():
         "stick x",
     )
     for line in wrong:
-        assert f"expected {line.split()[0]}" in break_it(served, line)
-    assert set(break_it(served, "help").split()) >= set(WORDS)
-    assert break_it(served, "") == ""
+        assert f"expected {line.split()[0]}" in run_command(served, line)
+    assert set(run_command(served, "help").split()) >= set(COMMANDS)
+    assert run_command(served, "") == ""
     served.close()
     twin.close()
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import compose, wrap_angle
-from wheelchair_gym.hardware.boards.messages import Odometry
+from wheelchair_gym.hardware.boards.protocol import Odometry
 from wheelchair_gym.kinematics import DriveGeometry, odometric_step, twist_of_wheels
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Episode
@@ -28,7 +28,7 @@ def _moved(pose: Array, ways: Array, track: float) -> Array:
     return np.array([x, y, float(wrap_angle(yaw))])
 
 
-class Odometer:
+class WheelOdometry:
     """Where the wheels have come since it was made.
 
     Odometry may be a few hundredths of a second old when it is wanted: what the wheels did since
@@ -50,9 +50,9 @@ class Odometer:
         """The board counts anew: what it counted in between is lost."""
         self._counts = None
 
-    def take(self, told: Odometry, taken: float) -> None:
+    def update(self, odometry: Odometry, taken: float) -> None:
         """Odometry that was made at a time [s]."""
-        counts = told.left, told.right
+        counts = odometry.left, odometry.right
         if self._counts is not None:
             steps = [
                 (after - before + _WRAP // 2) % _WRAP - _WRAP // 2
@@ -62,7 +62,7 @@ class Odometer:
             self._pose = _moved(self._pose, ways, self._geometry.track)
             self._ways = self._ways + ways
         self._counts, self._taken = counts, taken
-        self._speeds = np.array([told.speed_left, told.speed_right])
+        self._speeds = np.array([odometry.speed_left, odometry.speed_right])
 
     def at(self, now: float) -> tuple[Array, Array]:
         """The pose (3,), and the ways (2,) [m] of left and right wheel, at a time [s]."""
@@ -74,8 +74,8 @@ class Odometer:
         return np.array(_twist.py_func(*(ways / seconds).tolist(), self._geometry.track))
 
 
-class Reckoned:
-    """Believes the odometry; see `localization.localized_chair.Localizer`."""
+class OdometryLocalizer:
+    """Believes the odometry; see `localization.localized_chair.Finder`."""
 
     def begin(self, episode: Episode, key: int) -> None:
         """Start where an episode does; nothing is drawn."""

@@ -6,10 +6,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from wheelchair_gym.hardware.boards.messages import Message
-from wheelchair_gym.hardware.boards.ports import Port, explained, load_serial, open_port
-from wheelchair_gym.hardware.boards.protocol import VERSION, Frame, Receiver, encode
-from wheelchair_gym.hardware.reconnect import Healing
+from wheelchair_gym.hardware.boards.ports import Port, explain, load_serial, open_port
+from wheelchair_gym.hardware.boards.protocol import VERSION, Frame, Message, Receiver, encode
+from wheelchair_gym.hardware.reconnect import Reconnecting
 
 _CHUNK = 4096  # bytes read at once
 _STRANGE = 20  # frames refused, and none understood: no noise does that
@@ -53,7 +52,7 @@ class Link:
         self.url = url
         self.statistics = LinkStatistics()
         self._clock = clock
-        self._line = Healing(lambda: opener(url), self._begin)
+        self._line = Reconnecting(lambda: opener(url), self._begin)
         self._receiver, self._understood = Receiver(), False
         self._heard: float | None = None
         self._sequence = 0
@@ -63,12 +62,12 @@ class Link:
     @property
     def connected(self) -> bool:
         """Whether the line is open; a board may still be silent."""
-        return self._line.thing is not None
+        return self._line.connection is not None
 
     @property
-    def why(self) -> str:
+    def error(self) -> str:
         """Why the line is not open, as a line of text; empty while it is."""
-        return self._line.why
+        return self._line.error
 
     @property
     def mismatch(self) -> str:
@@ -100,7 +99,7 @@ class Link:
         self._sequence = (self._sequence + 1) & 0xFF
         # A zero byte ahead: what noise put there costs itself only.
         data = b"\0" + encode(message, self._sequence)
-        port = self._line.ready(self._clock())
+        port = self._line.get(self._clock())
         if port is None:
             self.statistics.unsent += 1
             return None
@@ -109,7 +108,7 @@ class Link:
         except OSError as error:  # pyserial's errors are OSErrors
             self.statistics.unsent += 1
             if "timeout" not in type(error).__name__.lower():  # no room: only this frame is lost
-                self._line.drop(explained(self.url, error))
+                self._line.lose(explain(self.url, error))
             return None
         if written is not None and written < len(data):  # no room; the board drops what it got
             self.statistics.unsent += 1
@@ -119,13 +118,13 @@ class Link:
 
     def poll(self) -> list[Frame]:
         """All good frames that have come; never waits."""
-        port = self._line.ready(self._clock())
+        port = self._line.get(self._clock())
         frames: list[Frame] = []
         try:
             while port is not None and (waiting := port.in_waiting):
                 frames += self._receiver.feed(port.read(min(waiting, _CHUNK)))
         except OSError as error:
-            self._line.drop(explained(self.url, error))
+            self._line.lose(explain(self.url, error))
         self.statistics.bad = self._bad_before + self._receiver.bad
         for frame in frames:
             if self._last is not None:

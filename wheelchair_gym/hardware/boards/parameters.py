@@ -11,7 +11,7 @@ from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings, UltrasonicSettings
 
-DRIVE = (
+DRIVE_PARAMETERS = (
     "track",
     "counts_per_metre",
     "forward",
@@ -46,7 +46,7 @@ DRIVE = (
     "slip",
     "duty_limit",
 )
-RANGE = ("interval", "sound", "narrow_reach", "wide_reach", "narrow_blind", "wide_blind")
+RANGE_PARAMETERS = ("interval", "sound", "narrow_reach", "wide_reach", "narrow_blind", "wide_blind")
 
 
 _MISSING, _COUNTS = 0.01, 3.0  # m; counts of coarse encoders, which tell of a way in jumps
@@ -75,7 +75,7 @@ def range_parameters(rangers: UltrasonicSettings) -> dict[str, float]:
     return values
 
 
-def wanted_parameters(
+def board_parameters(
     chair: ChairSettings, sensors: SensorSettings, hardware: HardwareSettings
 ) -> dict[str, dict[str, float]]:
     """What the boards must hold for a chair, by the name of the board."""

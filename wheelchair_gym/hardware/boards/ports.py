@@ -80,7 +80,7 @@ def open_port(url: str) -> Port:
     try:
         port.open()
     except OSError as error:
-        raise explained(url, error) from None
+        raise explain(url, error) from None
     number: int | None = getattr(port, "fd", None)
     if number is not None and is_device(url):
         _claim(number, url)
@@ -93,7 +93,7 @@ def is_device(url: str) -> bool:
     return "://" not in url
 
 
-def resets(url: str) -> bool:
+def may_reset(url: str) -> bool:
     """Whether opening it may reset a board: a serial device, but no pseudo-terminal."""
     try:
         found = os.stat(url)
@@ -102,7 +102,7 @@ def resets(url: str) -> bool:
     return stat.S_ISCHR(found.st_mode) and os.major(found.st_rdev) not in _TERMINALS
 
 
-def explained(url: str, error: OSError) -> OSError:
+def explain(url: str, error: OSError) -> OSError:
     """The error of a port, in a line that names it and says what to do."""
     if not is_device(url):
         return error
@@ -111,7 +111,7 @@ def explained(url: str, error: OSError) -> OSError:
         who = holders(url)
         said = f"{url} is in use by {who or 'another program'}; end it first"
         if not who or "ModemManager" in who:
-            said += f" ({_MODEM_MANAGER})" if runs("ModemManager") else ""
+            said += f" ({_MODEM_MANAGER})" if is_running("ModemManager") else ""
     elif number in _REFUSED:
         said = (
             f"{url}: you have no right to open it: sudo usermod -aG {_group(url)} $USER, then log "
@@ -129,7 +129,7 @@ def explained(url: str, error: OSError) -> OSError:
 def silent_advice() -> str:
     """What to look at where a port is open and its board says nothing."""
     said = "its firmware (make firmware), its power; another board's port"
-    return f"{said}; {_MODEM_MANAGER}" if runs("ModemManager") else said
+    return f"{said}; {_MODEM_MANAGER}" if is_running("ModemManager") else said
 
 
 def holders(device: str) -> str:
@@ -141,7 +141,7 @@ def holders(device: str) -> str:
     return " or ".join(_program(k) for k in numbers if k != os.getpid())
 
 
-def runs(program: str) -> bool:
+def is_running(program: str) -> bool:
     """Whether a program of that name runs, as far as /proc tells."""
     for file in Path("/proc").glob("[0-9]*/comm"):
         with contextlib.suppress(OSError):
@@ -159,7 +159,7 @@ def _claim(number: int, url: str) -> None:
         settings = termios.tcgetattr(number)
         settings[2] &= ~termios.HUPCL
         termios.tcsetattr(number, termios.TCSANOW, settings)
-        if resets(url):  # a pseudo-terminal would keep it after we are killed
+        if may_reset(url):  # a pseudo-terminal would keep it after we are killed
             fcntl.ioctl(number, termios.TIOCEXCL)
 
 

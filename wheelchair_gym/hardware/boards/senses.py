@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.hardware.boards.dead_reckoning import Odometer
-from wheelchair_gym.hardware.boards.feed import OFFERED, Feed
+from wheelchair_gym.hardware.boards.dead_reckoning import WheelOdometry
 from wheelchair_gym.hardware.boards.link import Link
-from wheelchair_gym.hardware.boards.messages import (
+from wheelchair_gym.hardware.boards.monitor import SUPPORTED, MonitorServer, status_rows
+from wheelchair_gym.hardware.boards.parameters import DRIVE_PARAMETERS, RANGE_PARAMETERS
+from wheelchair_gym.hardware.boards.ports import Port, is_device, open_port
+from wheelchair_gym.hardware.boards.protocol import (
     STRIPS,
     Answer,
     Fault,
@@ -24,12 +26,9 @@ from wheelchair_gym.hardware.boards.messages import (
     Ranges,
     RangeStatus,
 )
-from wheelchair_gym.hardware.boards.parameters import DRIVE, RANGE
-from wheelchair_gym.hardware.boards.ports import Port, is_device, open_port
-from wheelchair_gym.hardware.clock_sync import Newest
+from wheelchair_gym.hardware.clock_sync import Latest
 from wheelchair_gym.hardware.laser.hokuyo import Hokuyo, TimedScan, open_laser
 from wheelchair_gym.hardware.settings import HardwareSettings
-from wheelchair_gym.hardware.tools.monitor import live_rows
 from wheelchair_gym.kinematics import DriveGeometry
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 
@@ -40,7 +39,7 @@ _FAN = 0.01  # rad that the laser's fan may differ from its settings
 _AGREE = 1e-4  # share that a parameter may differ: boards keep 32 bits
 
 
-class BoardSenses:
+class BoardSensors:
     """The lines to the boards and the laser, and the newest that came of each.
 
     Args:
@@ -71,24 +70,24 @@ class BoardSenses:
         laser_opener: Callable[[str], Port] = open_laser,
     ) -> None:
         self.settings, self.sensors, self._now = settings, sensors, now
-        self.drive = Link(settings.drive, now, opener)
-        self.range = Link(settings.range, now, opener) if settings.range else None
-        self.laser = Hokuyo(settings.laser, sensors.laser.reach, now, laser_opener)
-        self.odometer = Odometer(geometry, settings.limits.odometry)
+        self.drive = Link(settings.drive_port, now, opener)
+        self.range = Link(settings.range_port, now, opener) if settings.range_port else None
+        self.laser = Hokuyo(settings.laser_port, sensors.laser.reach, now, laser_opener)
+        self.odometer = WheelOdometry(geometry, settings.limits.odometry)
         self.pressed = False
         self.identities: dict[str, Identity] = {}
         self.answers: dict[str, Answer] = {}
         self._told: dict[str, dict[int, Parameter]] = {"drive": {}, "range": {}}
-        drift = settings.limits.drift
-        self._odometry, self._ranges, self._scan = Newest(drift), Newest(drift), Newest(drift)
+        drift = settings.limits.clock_drift
+        self._odometry, self._ranges, self._scan = Latest(drift), Latest(drift), Latest(drift)
         self._stamp = -math.inf
-        self._feed: Feed | None = None
-        self._offers = OFFERED and is_device(settings.drive)
+        self._feed: MonitorServer | None = None
+        self._offers = SUPPORTED and is_device(settings.drive_port)
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Nothing was heard; where the wheels have come stays known."""
         for newest in (self._odometry, self._ranges, self._scan):
-            newest.forget()
+            newest.clear()
         self.pressed = False
 
     def poll(self) -> None:
@@ -98,7 +97,7 @@ class BoardSenses:
         for frame in self.range.poll() if self.range else ():
             self._take("range", frame.message)
         for scan in self.laser.poll():
-            self._scan.take(scan, scan.stamp, scan.heard)
+            self._scan.update(scan, scan.stamp, scan.received_at)
         if self._offers and self.drive.connected:
             self._tell(self._now())
 
@@ -106,11 +105,11 @@ class BoardSenses:
         """What the chair says, to those that watch: the port is ours alone."""
         if self._feed is None:
             try:
-                self._feed = Feed(self.settings.drive)
+                self._feed = MonitorServer(self.settings.drive_port)
             except OSError:  # nobody can watch: no reason not to drive
                 self._offers = False
                 return
-        self._feed.pump(now, lambda: live_rows(self, now))
+        self._feed.publish(now, lambda: status_rows(self, now))
 
     def _take(self, board: str, message: Any) -> None:
         now = self._now()
@@ -119,11 +118,11 @@ class BoardSenses:
                 self.odometer.restart()
                 self._told["drive"] = {}  # it may hold others now
             self._stamp = message.stamp
-            self._odometry.take(message, message.stamp, now - self.settings.flight)
-            self.odometer.take(message, self._odometry.heard.taken)
+            self._odometry.update(message, message.stamp, now - self.settings.odometry_latency)
+            self.odometer.update(message, self._odometry.message.measured_at)
             self.pressed |= bool(message.switches & STRIPS)
         elif isinstance(message, Ranges):
-            self._ranges.take(message, message.stamp, now)
+            self._ranges.update(message, message.stamp, now)
         elif isinstance(message, Parameter):
             self._told[board][message.number] = message
         elif isinstance(message, Identity):
@@ -134,45 +133,45 @@ class BoardSenses:
     @property
     def odometry(self) -> Odometry:
         """What the drive board said last; there must have been something."""
-        told: Odometry = self._odometry.heard.value
+        told: Odometry = self._odometry.message.value
         return told
 
     @property
-    def rangers(self) -> Ranges:
+    def ranges_message(self) -> Ranges:
         """What the range board said last; there must have been something."""
-        told: Ranges = self._ranges.heard.value
+        told: Ranges = self._ranges.message.value
         return told
 
     def stamp_of(self, name: str) -> float:
         """When the newest of odometry, scan or ultrasonic was made [s]; -inf before the first."""
         newest = {"odometry": self._odometry, "scan": self._scan, "ultrasonic": self._ranges}
-        return newest[name].heard.taken
+        return newest[name].message.measured_at
 
     def ages(self, now: float) -> dict[str, float]:
         """How old the newest of each is [s]; +inf before the first."""
         ages = {"odometry": self._odometry.age(now), "scan": self._scan.age(now)}
         return ages | ({"ultrasonic": self._ranges.age(now)} if self.range else {})
 
-    def silent(self, now: float) -> str:
+    def stale(self, now: float) -> str:
         """Which of what the chair is driven by is too old or missing; empty: nothing."""
         limits, ages = self.settings.limits, self.ages(now)
         if ages["odometry"] > limits.odometry:
-            return _quiet("the drive board", self.drive.why or self.drive.mismatch)
+            return _quiet("the drive board", self.drive.error or self.drive.mismatch)
         if ages["scan"] > limits.scan:
-            return _quiet("the laser", self.laser.why)
+            return _quiet("the laser", self.laser.error)
         if self.range and ages["ultrasonic"] > limits.ultrasonic:
-            return _quiet("the range board", self.range.why or self.range.mismatch)
+            return _quiet("the range board", self.range.error or self.range.mismatch)
         return ""
 
-    def unheard(self, now: float) -> str:
+    def stale_ultrasonic(self, now: float) -> str:
         """Which ultrasonic has not been heard lately; empty: none."""
         old = self.ranges(now)[2] if self.range else np.zeros(RANGERS)
         late = np.flatnonzero(~(old <= self.settings.limits.ultrasonic))
         return f"ultrasonic {late[0]} is silent" if len(late) else ""
 
-    def unrest(self) -> str:
+    def moving(self) -> str:
         """That the chair moves; empty: it stands."""
-        told, still = self.odometry, self.settings.limits.still
+        told, still = self.odometry, self.settings.limits.rest_speed
         if max(abs(told.speed_left), abs(told.speed_right)) <= still:
             return ""
         return f"it does not come to rest ({told.speed_left:.2f}, {told.speed_right:.2f} m/s)"
@@ -185,7 +184,7 @@ class BoardSenses:
         why = Fault(told.faults).name or "not armed"
         return f"the drive board has stopped ({why}); a person must re-arm it"
 
-    def misfit(self) -> str:
+    def laser_mismatch(self) -> str:
         """That the laser's fan is not that of the settings; empty: it is."""
         specs, laser = self.laser.specs, self.sensors.laser
         if specs is None:
@@ -200,7 +199,7 @@ class BoardSenses:
             f"{math.degrees(laser.fov):.1f} deg"
         )
 
-    def disagrees(self, board: str, wanted: dict[str, float]) -> str:
+    def parameter_mismatch(self, board: str, wanted: dict[str, float]) -> str:
         """That a board holds another parameter than is wanted; empty: all agree.
 
         One that is not known yet is asked for, and named.
@@ -208,7 +207,7 @@ class BoardSenses:
         link = self.drive if board == "drive" else self.range
         if link is None:
             return ""
-        names = DRIVE if board == "drive" else RANGE
+        names = DRIVE_PARAMETERS if board == "drive" else RANGE_PARAMETERS
         for name, value in wanted.items():
             number = names.index(name)
             told = self._told[board].get(number)
@@ -217,17 +216,19 @@ class BoardSenses:
                 return f"the {board} board does not tell its {name}"
             if not math.isclose(told.value, value, rel_tol=_AGREE, abs_tol=1e-6):
                 said = f"the {board} board's {name} is {told.value:.6g}; expected {value:.6g}"
-                return said + self.beyond(board, name, value)
+                return said + self.out_of_bounds(board, name, value)
         return ""
 
-    def beyond(self, board: str, name: str, value: float) -> str:
+    def out_of_bounds(self, board: str, name: str, value: float) -> str:
         """That a board's own bounds of a parameter forbid a value; empty: they do not, so far."""
-        told = self._told[board].get((DRIVE if board == "drive" else RANGE).index(name))
+        told = self._told[board].get(
+            (DRIVE_PARAMETERS if board == "drive" else RANGE_PARAMETERS).index(name)
+        )
         if told is None or told.low <= value <= told.high:
             return ""
         return f", which it refuses: it takes {told.low:g} to {told.high:g}"
 
-    def ask_again(self) -> None:
+    def forget_parameters(self) -> None:
         """What parameters the boards hold is not known any longer."""
         self._told = {"drive": {}, "range": {}}
 
@@ -236,15 +237,15 @@ class BoardSenses:
         limits, ages = self.settings.limits, self.ages(now)
         laser = np.full(self.sensors.laser.beams, np.nan, np.float32)
         if ages["scan"] <= limits.scan:
-            newest: TimedScan = self._scan.heard.value
+            newest: TimedScan = self._scan.message.value
             if len(newest.scan.ranges) == len(laser):
                 laser = newest.scan.ranges.copy()
                 # An echo nearer than the sensor can see is none.
                 laser[laser < self.sensors.laser.nearest] = np.nan
         sonar = np.full(RANGERS, np.nan, np.float32)
         old = np.full(RANGERS, np.inf, np.float32)
-        if self.range and math.isfinite(self._ranges.heard.taken):
-            told: Ranges = self._ranges.heard.value
+        if self.range and math.isfinite(self._ranges.message.measured_at):
+            told: Ranges = self._ranges.message.value
             for k, one in enumerate(told.ranges):
                 old[k] = ages["ultrasonic"] + one.age
                 if old[k] <= limits.ultrasonic:

@@ -26,7 +26,7 @@ from wheelchair_gym.hardware.laser.scip import (
     scan_of,
     specs_of,
 )
-from wheelchair_gym.hardware.reconnect import Healing
+from wheelchair_gym.hardware.reconnect import Reconnecting
 
 PORT = 10940  # of TCP
 ANSWER_WITHIN = 1.0  # s: a request without answer, or a stream without scan: begin anew
@@ -111,7 +111,7 @@ class TimedScan(NamedTuple):
 
     scan: Scan
     stamp: float  # s of the sensor's clock, which does not wrap here
-    heard: float  # s of the host's clock
+    received_at: float  # s of the host's clock
 
 
 @dataclass
@@ -154,7 +154,7 @@ class Hokuyo:
         self.specs: Specs | None = None
         self.statistics = LaserStatistics()
         self._clock = clock
-        self._line = Healing(lambda: opener(url), self._begin)
+        self._line = Reconnecting(lambda: opener(url), self._begin)
         self._parser = ScipParser()
         self._bad_before = 0
         self._asked = ""  # the request whose reply is awaited
@@ -162,14 +162,14 @@ class Hokuyo:
         self._turns, self._last = 0, 0  # wraps of the sensor's clock, and its last time stamp
 
     @property
-    def why(self) -> str:
+    def error(self) -> str:
         """Why it does not stream, as a line of text; empty while it does."""
-        return self._line.why
+        return self._line.error
 
     def poll(self) -> list[TimedScan]:
         """The scans that have come; never waits."""
         scans: list[TimedScan] = []
-        port = self._line.ready(self._clock())
+        port = self._line.get(self._clock())
         try:
             while port is not None and (waiting := port.in_waiting):
                 for reply in self._parser.feed(port.read(waiting)):
@@ -183,19 +183,19 @@ class Hokuyo:
 
     def close(self) -> None:
         """Switch the laser off and let it go for good."""
-        if self._line.thing is not None:
+        if self._line.connection is not None:
             with contextlib.suppress(OSError):
-                self._line.thing.write(b"QT\n")
+                self._line.connection.write(b"QT\n")
         self._line.close()
 
     def _lose(self, why: str) -> None:
         """It is lost; what is said of it names it."""
-        self._line.drop(why if self.url in why else f"{self.url}: {why}")
+        self._line.lose(why if self.url in why else f"{self.url}: {why}")
 
     def _begin(self, port: Port) -> None:
         self._bad_before, self._parser = self.statistics.bad, ScipParser()
         self.statistics.opened += 1
-        self._line.why = "does not stream yet"
+        self._line.error = "does not stream yet"
         port.write(b"\n")  # ends whatever was half said
         self._ask(port, "SCIP2.0")  # what speaks it already says so, in its way
 
@@ -235,7 +235,7 @@ class Hokuyo:
             return
         if scan.stamp < self._last - STAMP_WRAP // 2:
             self._turns += 1
-        self._last, self._since, self._line.why = scan.stamp, self._clock(), ""
+        self._last, self._since, self._line.error = scan.stamp, self._clock(), ""
         self.statistics.scans += 1
         stamp = (self._turns * STAMP_WRAP + scan.stamp) * 1e-3
         scans.append(TimedScan(scan, stamp, self._since))

@@ -2,20 +2,17 @@
 
     drive(twist) ──▶ guard ──▶ geometry_msgs/Twist            LaserScan ─┐
                        ▲                                       Odometry ─┼─▶ Reading
-                       └── silent sensor, late policy: zero  tf, Range ──┘
+                       └── stale sensor, late policy: zero   tf, Range ──┘
 
-Ages are by this computer's clock: a message counts from when it came, later by as much as it took
-longer than the quickest one of its topic, which the stamps tell whatever the other clock says.
-Where `use_sim_time` says so, ages and control periods are by ROS's simulated time instead.
-A command is taken back (zero) when a sensor falls silent, when the policy takes too long, and on
-every way out. What no program here can do is stop a chair whose link is cut: the chair's own
-computer must stop when commands stay away.
+Ages are by this computer's clock: a message counts from its arrival, less the delay beyond that of
+the quickest message of its topic, which the stamps show whatever the other clock reads. With
+`use_sim_time`, ages and control periods are by ROS's simulated time instead. The guard sends zero
+when a sensor falls silent or the policy is late, and zero is sent on every way out. No program here
+can stop a chair whose link is cut: the chair's own computer must stop when commands stay away.
 """
 
 from __future__ import annotations
 
-import atexit
-import threading
 from collections.abc import Callable
 
 import numpy as np
@@ -23,11 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import roomiest
-from wheelchair_gym.hardware.best_estimate import Known
-from wheelchair_gym.hardware.pacing import NAP, Pace, WallClock
+from wheelchair_gym.hardware.control_loop import POLL_PERIOD, ControlLoop, WallClock
 from wheelchair_gym.hardware.ros.clock import SimulatedClock
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
-from wheelchair_gym.hardware.ros.senses import Senses
+from wheelchair_gym.hardware.ros.senses import RosSensors
 from wheelchair_gym.hardware.ros.settings import RosSettings
 from wheelchair_gym.kinematics import approach
 from wheelchair_gym.maps import FREE, OccupancyGrid
@@ -43,10 +39,10 @@ class RosChair(Uncopied):
 
     Args:
         settings: topics, frames, limits.
-        sensors: where the laser and the ultrasonics sit, and how many beams there are.
-        chair: its outline, and the limits of what it is told: a base may have none of its own.
-        period: of control [s].
-        on_map: the pose is that of the frame `map_frame`, from tf; false: the odometry's.
+        sensors: where the laser and the ultrasonics are mounted, and the number of beams.
+        chair: its outline, and the limits of the commands: a base may have none of its own.
+        period: the control period [s].
+        on_map: the pose is that in the frame `map_frame`, from tf; false: the odometry's.
 
     Raises:
         InputError: the extra 'ros' is not installed, or no rosbridge answers.
@@ -60,193 +56,184 @@ class RosChair(Uncopied):
         period: float,
         on_map: bool = True,
     ) -> None:
-        self.settings, self.sensors, self.period = settings, sensors, period
-        self._limits, s = chair.limits, settings
-        self._known = Known(chair.footprint, sensors.laser)
-        clock = self._clock = SimulatedClock(s.clock, s.stall) if s.use_sim_time else None
-        self._pace = Pace(clock or WallClock(), period, s.limits.hold)
-        self._senses = Senses(settings, sensors, on_map, clock)
-        self._lock = threading.Lock()  # of what is commanded
-        self._set = np.zeros(4)  # speed, its slope, turn, its slope: what it was told last
-        self._link = Rosbridge(s.host, s.port, self._senses.take, s.link)
+        self.settings, self.sensors, self.period, s = settings, sensors, period, settings
+        self._clock = SimulatedClock(s.clock, s.clock_timeout) if s.use_sim_time else None
+        self._senses = RosSensors(settings, sensors, on_map, self._clock)
+        self._set_point = np.zeros(4)  # speed, its slope, turn, its slope: the last command
+        self._link = Rosbridge(s.host, s.port, self._senses.receive, s.link)
         self.url = self._link.url
-        self._link.last_words = (s.velocity, _twist(0.0, 0.0))
+        self._loop = ControlLoop(
+            self.url, self._clock or WallClock(), period, s.limits.command_timeout, chair.limits,
+            chair.footprint, sensors.laser,
+        )  # fmt: skip
+        self._lock, self.clock = self._loop.lock, self._loop.clock
+        self._link.farewell = (s.velocity, _twist(0.0, 0.0))
         self._link.advertise(s.velocity, "geometry_msgs/Twist")
         for topic, one in self._senses.topics.items():
             if topic != s.map:
-                self._link.subscribe(topic, one.kind, one.queue)
-        interval = min(NAP, 0.25 * period)
-        self._end_guard = self._pace.clock.guard(self._guard, interval, self.url)
-        atexit.register(self.close)
+                self._link.subscribe(topic, one.type, one.queue)
+        self._loop.start_guard(self._guard, min(POLL_PERIOD, 0.25 * period), self.close)
 
     def reset(self, episode: Episode, key: int) -> Reading:
-        """Stop, stay where it is, and wait for fresh data.
+        """Stop, stay in place, and wait for fresh data.
 
         Args:
-            episode: is not looked at; see `Chair.reset`.
-            key: nothing is drawn.
+            episode: ignored; see `Chair.reset`.
+            key: ignored; nothing is random.
 
         Raises:
-            InputError: something stays silent, the chair does not come to rest, or the laser does
-                not sit where the settings say.
+            InputError: a topic stays silent, the chair does not come to rest, or the laser is not
+                mounted where the settings say.
             ConnectionError: the link is lost.
         """
-        self._pace.end()
+        self._loop.end()
         with self._lock:
             self._stop()
-        self._senses.forget()
-        self._await(lambda: self._senses.silent(self._pace.clock.now()) or self._senses.unrest())
-        if wrong := self._senses.misplaced():
+        self._senses.clear()
+        self._require(lambda: self._senses.stale(self.clock.now()) or self._senses.moving())
+        if wrong := self._senses.laser_mount_error():
             raise InputError(f"{self.url}: {wrong}")
-        self._pace.begin()
-        self._known.begin(self._senses.odometry[0])
+        self._loop.begin(self._senses.odometry[0])
         return self._reading("")
 
     def drive(self, twist: Array, protective: bool = False) -> Reading:
-        """Move what the chair is told towards a twist (2,) [m/s, rad/s], wait a period, and sense.
+        """Move the commanded twist towards a twist (2,) [m/s, rad/s], wait a period, and sense.
 
-        Within the limits of speed, acceleration and jerk; but where a sensor is silent the chair is
-        told to stand at once, and `Reading.halted` says so; as in a protective stop.
+        The command changes within the limits of speed, acceleration and jerk. In a protective stop,
+        and where a sensor is silent, it is zero at once, and `Reading.halted` says why.
 
         Raises:
             ValueError: the twist is not two finite numbers, or the chair was never reset.
             ConnectionError: the link is lost; a new chair must be made.
         """
         with self._lock:
-            v, w = self._pace.asked(twist)
-            why = self._senses.silent(self._pace.clock.now())
+            v, w = self._loop.accept(twist)
+            why = self._senses.stale(self.clock.now())
             if why or protective:
                 self._stop()
             else:
                 self._approach(v, w)
-        self._pace.rest(self._link.gone)
+        self._loop.wait_period(self._link.closed)
         self._check()
         return self._reading(why)
 
     def close(self) -> None:
-        """Stop, and let go of the link; may be called again."""
-        self._pace.end()
-        self._end_guard()
+        """Stop, and close the link; may be called again."""
+        self._loop.end()
+        self._loop.end_guard()
         self._link.close()
-        atexit.unregister(self.close)
 
     def episode(self, goal: ArrayLike, start: ArrayLike | None = None) -> Episode:
-        """An episode on the map that ROS tells, from where the chair is to a goal (2 or 3,).
+        """An episode on the map that ROS publishes, from the chair's place to a goal (2 or 3,).
 
         Args:
-            goal: [m, m, rad]; without a heading it gets the one at which the chair has most room.
-            start: (3,) where the chair is, where tf does not tell.
+            goal: [m, m, rad]; without a heading it gets the one with the largest clearance.
+            start: (3,) the chair's pose, where tf does not say.
 
         Raises:
-            InputError: there is no map, nobody knows where on it the chair is, or the goal is not
-                on free ground.
+            InputError: there is no map, the chair's pose on it is unknown, or the goal is not on
+                free ground.
             ConnectionError: the link is lost.
         """
-        own, senses = self.settings, self._senses
-        self._link.subscribe(own.map, senses.topics[own.map].kind)
-        self._await(lambda: "" if senses.map else senses.quiet(own.map))
-        self._link.unsubscribe(own.map)  # a large one takes long to read, again and again
-        chart: OccupancyGrid = senses.map
+        topic, senses = self.settings.map, self._senses
+        self._link.subscribe(topic, senses.topics[topic].type)
+        self._require(lambda: "" if senses.map else senses.describe_silence(topic))
+        self._link.unsubscribe(topic)  # a large map takes long to read, again and again
+        grid: OccupancyGrid = senses.map
         if start is None:
-            self._await(lambda: "" if senses.place() else senses.nowhere())
-        place = senses.place()
-        begin = np.asarray(start, np.float64) if place is None or start is not None else place.value
+            self._require(lambda: "" if senses.map_pose() else senses.describe_missing_pose())
+        pose = senses.map_pose()
+        begin = np.asarray(start, np.float64) if pose is None or start is not None else pose.value
         end = np.zeros(3)
         end[: np.size(goal)] = goal
-        ground = chart.inside(end[:2]) and chart.cells[tuple(chart.to_cell(end[:2]))] == FREE
-        if not ground or not chart.inside(begin[:2]):
-            who, at = ("the chair", begin) if ground else ("the goal", end)
+        free = grid.inside(end[:2]) and grid.cells[tuple(grid.to_cell(end[:2]))] == FREE
+        if not free or not grid.inside(begin[:2]):
+            who, at = ("the chair", begin) if free else ("the goal", end)
             where = f"({at[0]:g}, {at[1]:g}) m"
-            raise InputError(f"{self.url}: {who} is at {where}; expected free ground of {own.map}")
-        walls = chart.walls()
+            raise InputError(f"{self.url}: {who} is at {where}; expected free ground of {topic}")
+        walls = grid.walls()
         if np.size(goal) == 2:
-            end[2], room = roomiest(end, self._known.outline, walls, np.empty((0, 3)))
-            if room <= 0.0:
+            end[2], clearance = roomiest(end, self._loop.footprint, walls, np.empty((0, 3)))
+            if clearance <= 0.0:
                 where = f"({end[0]:g}, {end[1]:g}) m"
                 raise InputError(f"{self.url}: no room for the chair at {where}, however it faces")
-        return Episode(chart, begin, end, walls, name=self.url)
+        return Episode(grid, begin, end, walls, name=self.url)
 
     def found(self, pose: Array) -> None:
-        """What finds it on the map believes it to be at a pose (3,)."""
-        self._known.found(pose)
+        """Take the pose (3,) on the map that a localizer has estimated."""
+        self._loop.localized(pose)
 
     @property
     def truth(self) -> Truth:
-        """The best that is known: the pose believed, the nearest echo; no contact, no energy."""
-        return self._known.truth
+        """The best estimate: the localizer's pose, the nearest echo; no contact, no energy."""
+        return self._loop.truth
 
     @property
     def report(self) -> dict[str, float | str]:
-        """What a recording holds of a drive board beside wall time: ROS tells of none."""
+        """The state of a drive board, for recordings: empty under ROS."""
         return {}
 
     @property
     def belief(self) -> Belief:
-        """The odometry's own pose."""
-        return Belief(self._known.reckoned)
+        """The pose by odometry."""
+        return self._loop.belief
 
-    def _await(self, missing: Callable[[], str]) -> None:
+    def _require(self, missing: Callable[[], str]) -> None:
         """Wait until nothing is missing.
 
         Raises:
-            InputError: it still is when patience ends.
+            InputError: something is still missing after the timeout.
             ConnectionError: the link is lost.
         """
-        patience = self.settings.limits.patience
+        timeout = self.settings.limits.ready_timeout
 
-        def look() -> str:
+        def check() -> str:
             self._check()
-            if self._clock is not None and self._clock.still > max(patience, self._clock.stall):
-                raise InputError(f"{self.url}: {self._clock.stopped}")
+            clock = self._clock
+            if clock is not None and clock.stalled_for > max(timeout, clock.stall):
+                raise InputError(f"{self.url}: {clock.stopped}")
             return missing()
 
-        if why := self._pace.until(look, patience, self._link.gone):
-            raise InputError(f"{self.url}: {why}; waited {patience:g} s")
+        self._loop.require(check, timeout, self._link.closed)
 
     def _check(self) -> None:
         if self._link.lost:
             raise ConnectionError(f"{self.url}: the link is lost: {self._link.lost}")
 
     def _stop(self) -> None:
-        """Tell it to stand at once."""
-        self._set = np.zeros(4)
+        """Command zero at once."""
+        self._set_point = np.zeros(4)
         self._link.publish(self.settings.velocity, _twist(0.0, 0.0))
 
     def _approach(self, v: float, w: float) -> None:
-        """Tell it to come as near to a twist as the limits let it within a period."""
-        own, limits = self._set, self._limits
-        v = min(limits.forward, max(-limits.backward, v))
-        w = min(limits.turn, max(-limits.turn, w))
+        """Command the twist nearest to (v, w) that the limits allow within a period."""
+        now, limits = self._set_point, self._loop.limits
         up, down, jerk = limits.acceleration, limits.deceleration, limits.jerk
         turn, turn_jerk = limits.turn_acceleration, limits.turn_jerk
-        self._set = np.array(
+        self._set_point = np.array(
             [
-                *approach(own[0], own[1], v, up, down, jerk, self.period),
-                *approach(own[2], own[3], w, turn, turn, turn_jerk, self.period),
+                *approach(now[0], now[1], v, up, down, jerk, self.period),
+                *approach(now[2], now[3], w, turn, turn, turn_jerk, self.period),
             ]
         )
-        told = _twist(float(self._set[0]), float(self._set[2]))
-        self._link.publish(self.settings.velocity, told)
+        twist = _twist(float(self._set_point[0]), float(self._set_point[2]))
+        self._link.publish(self.settings.velocity, twist)
 
     def _guard(self) -> None:
-        """Take a command back that may not stand any longer."""
+        """Replace a command that is no longer valid by zero."""
         with self._lock:
-            late = self._pace.late
-            if self._set.any() and (late or self._senses.silent(self._pace.clock.now())):
+            stale = self._loop.expired or bool(self._senses.stale(self.clock.now()))
+            if self._set_point.any() and stale:
                 self._stop()
 
-    def _reading(self, why: str) -> Reading:
-        """What is known now; `why` the chair was not driven as it was told to."""
-        senses, now = self._senses, self._pace.clock.now()
-        told, twist = senses.odometry
-        place = senses.place() if senses.on_map else None
-        laser, sonar, ages = senses.ranges(now)
-        pose = told if place is None else place.value
-        self._known.update(told, pose, twist, laser, False)
-        return Reading(
-            pose, twist, laser, sonar, ages, False, senses.battery, self._pace.elapsed,
-            senses.silent(now) or why,
-        )  # fmt: skip
+    def _reading(self, halted: str) -> Reading:
+        senses, now = self._senses, self.clock.now()
+        odometry, twist = senses.odometry
+        place = senses.map_pose() if senses.on_map else None
+        ranges = senses.ranges(now)
+        pose = odometry if place is None else place.value
+        halted = senses.stale(now) or halted
+        return self._loop.reading(odometry, pose, twist, ranges, False, senses.battery, halted)
 
 
 def _twist(v: float, w: float) -> dict[str, dict[str, float]]:

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from wheelchair_gym.hardware.pacing import WallClock
+from wheelchair_gym.hardware.control_loop import WallClock
 
 _LOOK = 0.05  # s of wall time between two looks at what else may end a wait
 
@@ -28,7 +28,7 @@ class SimulatedClock:
         self._moved = time.monotonic()
         self._changed = threading.Condition()
 
-    def tell(self, told: float) -> None:
+    def update(self, told: float) -> None:
         """/clock says a time [s]."""
         with self._changed:
             if told == self._told:
@@ -39,7 +39,7 @@ class SimulatedClock:
             self._moved = time.monotonic()
             self._changed.notify_all()
 
-    def of_stamp(self, stamp: float) -> float:
+    def host_time(self, stamp: float) -> float:
         """When a message was made by this clock, at the latest now; NaN, unknown, is now.
 
         Raises:
@@ -56,7 +56,7 @@ class SimulatedClock:
     @property
     def stopped(self) -> str:
         """That it stands still, as a line of text; empty: it runs."""
-        stood = self.still
+        stood = self.stalled_for
         if stood <= self.stall:
             return ""
         if self._told == -math.inf:
@@ -69,7 +69,7 @@ class SimulatedClock:
         )
 
     @property
-    def still(self) -> float:
+    def stalled_for(self) -> float:
         """Seconds of wall time since it moved."""
         return time.monotonic() - self._moved
 
@@ -77,16 +77,18 @@ class SimulatedClock:
         """See `Clock.now`."""
         return self._now
 
-    def wait(self, until: float, gone: threading.Event | None = None) -> None:
+    def wait(self, deadline: float, cancelled: threading.Event | None = None) -> None:
         """See `Clock.wait`; ends, too, when the clock has stood still for too long."""
         with self._changed:
-            while self._now < until and self.still <= self.stall:
-                if gone is not None and gone.is_set():
+            while self._now < deadline and self.stalled_for <= self.stall:
+                if cancelled is not None and cancelled.is_set():
                     return
                 self._changed.wait(_LOOK)
         if self.stopped:
             time.sleep(_LOOK)  # whoever waits again at once does not keep a core busy
 
-    def guard(self, look: Callable[[], object], interval: float, name: str) -> Callable[[], None]:
+    def call_every(
+        self, callback: Callable[[], object], interval: float, name: str
+    ) -> Callable[[], None]:
         """See `Clock.guard`; by the wall's time, so that it looks while this one stands."""
-        return WallClock().guard(look, interval, name)
+        return WallClock().call_every(callback, interval, name)

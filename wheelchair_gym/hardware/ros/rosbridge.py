@@ -20,24 +20,12 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from typing import Any
 
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.config import InputError
+from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
 
 _LOG = logging.getLogger(__name__)
 
 Hear = Callable[[str, Any, float], None]
-
-
-@settings
-class Link:
-    """How a link is kept."""
-
-    patience: float = setting(default=3.0, unit="s", source="for an answer at all", low=0.1)
-    ping: float = setting(
-        default=1.0, unit="s", source="between signs of life; two missed end the link", low=0.1
-    )
-    largest: int = setting(
-        default=128 << 20, unit="bytes", source="of a message: a map of 30 million cells", low=1024
-    )
 
 
 def load_websockets() -> None:
@@ -70,25 +58,25 @@ class Rosbridge:
         InputError: the extra 'ros' is not installed, or no rosbridge answers there.
     """
 
-    def __init__(self, host: str, port: int, hear: Hear, link: Link) -> None:
+    def __init__(self, host: str, port: int, on_message: Hear, link: RosbridgeSettings) -> None:
         load_websockets()
         from websockets.exceptions import ConnectionClosed, WebSocketException
         from websockets.sync.client import connect
 
         self._broken: tuple[type[Exception], ...] = (ConnectionClosed, EOFError, OSError)
-        name = f"[{host}]" if ":" in host else host
+        name, ping = f"[{host}]" if ":" in host else host, link.ping_interval
         self.url = f"ros://{name}:{port}"
-        self.lost, self.gone = "", threading.Event()
+        self.lost, self.closed = "", threading.Event()
         self._pen = threading.RLock()
-        self.last_words: tuple[str, Any] | None = None
-        self._hear, self._stack = hear, ExitStack()
+        self.farewell: tuple[str, Any] | None = None
+        self._hear, self._stack = on_message, ExitStack()
         try:
-            plug = socket.create_connection((host, port), link.patience)
+            plug = socket.create_connection((host, port), link.connect_timeout)
             self._socket = self._stack.enter_context(
                 connect(
-                    f"ws://{name}:{port}", sock=plug, open_timeout=link.patience,
-                    close_timeout=link.ping, ping_interval=link.ping, ping_timeout=link.ping,
-                    max_size=link.largest, compression=None,
+                    f"ws://{name}:{port}", sock=plug, open_timeout=link.connect_timeout,
+                    close_timeout=ping, ping_interval=ping, ping_timeout=ping,
+                    max_size=link.max_message_size, compression=None,
                 )
             )  # fmt: skip
         except (OSError, WebSocketException, EOFError) as error:
@@ -167,9 +155,9 @@ class Rosbridge:
         with self._pen:
             if not self.lost:
                 self.lost = " ".join(why.split())
-                if self.last_words is not None:
-                    topic, message = self.last_words
+                if self.farewell is not None:
+                    topic, message = self.farewell
                     last = {"op": "publish", "topic": topic, "msg": message}
                     with suppress(Exception):  # the link may be the very thing that is broken
                         self._socket.send(json.dumps(last))
-        self.gone.set()
+        self.closed.set()

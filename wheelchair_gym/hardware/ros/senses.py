@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import between, compose
-from wheelchair_gym.hardware.clock_sync import NEVER, Arrivals, Heard
+from wheelchair_gym.hardware.clock_sync import NEVER, ClockSync, Stamped
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.clock import SimulatedClock
 from wheelchair_gym.hardware.ros.settings import RosSettings
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
 
 _LOG = logging.getLogger(__name__)
 _LONGEST = 200  # characters of what is said of a bad message
@@ -27,13 +28,13 @@ _BROADCASTERS = 100  # messages that wait: each node tells its own transforms, a
 class Topic(NamedTuple):
     """A topic: its type, how it is read, how old the newest may be [s], how many may wait."""
 
-    kind: str
+    type: str
     read: Callable[[Any], Any]
-    oldest: float = math.inf
+    max_age: float = math.inf
     queue: int = 1
 
 
-class Senses:
+class RosSensors:
     """The newest of each topic, and whether it may be driven by.
 
     Messages come in one thread and are looked at in others: what is handed over is never changed.
@@ -55,7 +56,7 @@ class Senses:
         self.settings, self.sensors, self.on_map, s = settings, sensors, on_map, settings
         self.clock, self._simulated = clock, False
         self._laser = ""  # its frame
-        null = math.nan if s.null == "invalid" else math.inf
+        null = math.nan if s.null_range == "invalid" else math.inf
         self.topics = {
             s.scan: Topic(
                 "sensor_msgs/LaserScan",
@@ -67,7 +68,8 @@ class Senses:
             s.tf_static: Topic("tf2_msgs/TFMessage", ros.transforms, queue=_BROADCASTERS),
             s.clock: Topic("rosgraph_msgs/Clock", lambda message: ros.seconds(message["clock"])),
             s.map: Topic(
-                "nav_msgs/OccupancyGrid", lambda message: ros.grid(message, s.free, s.occupied)
+                "nav_msgs/OccupancyGrid",
+                lambda message: ros.grid(message, s.free_threshold, s.occupied_threshold),
             ),
             **{
                 topic: Topic("sensor_msgs/Range", lambda message: ros.distance(message, null))
@@ -77,17 +79,17 @@ class Senses:
         if s.battery:
             self.topics[s.battery] = Topic("sensor_msgs/BatteryState", ros.voltage)
         self._rigid: dict[str, tuple[str, Array, float]] = {}
-        self.forget()
+        self.clear()
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Nothing was heard; mounts, which are told once, stay known."""
-        self._heard: dict[str, Heard] = {}
+        self._heard: dict[str, Stamped] = {}
         self._moved: dict[str, tuple[str, Array, float]] = {}  # child: parent, pose, when
-        self._arrivals: dict[str, Arrivals] = {}
+        self._arrivals: dict[str, ClockSync] = {}
         self._wrong: dict[str, str] = {}  # topic: what was wrong with its last message
         self._warned: set[str] = set()
 
-    def take(self, topic: str, message: Any, came: float) -> None:
+    def receive(self, topic: str, message: Any, came: float) -> None:
         """Take in a message, or note what is wrong with it; runs in the link's thread."""
         if topic not in self.topics:
             return
@@ -99,7 +101,7 @@ class Senses:
             if topic == s.clock:
                 self._simulated = True
                 if self.clock is not None:
-                    self.clock.tell(value)
+                    self.clock.update(value)
             elif topic == s.tf:
                 edges = {child: (parent, pose, came) for parent, child, pose in value}
                 self._moved = {**self._moved, **edges}
@@ -110,7 +112,7 @@ class Senses:
                 if topic == s.scan:
                     self._laser = str(message["header"]["frame_id"]).lstrip("/")
                 stamp = ros.stamp(message["header"])
-                self._heard[topic] = Heard(value, self._taken(topic, stamp, came))
+                self._heard[topic] = Stamped(value, self._taken(topic, stamp, came))
             self._wrong.pop(topic, None)
         except KeyError as error:
             self._refuse(topic, f"lacks {error}")
@@ -122,9 +124,9 @@ class Senses:
     def _taken(self, topic: str, stamp: float, came: float) -> float:
         """When a message was made that came then, by the clock that all is measured by."""
         if self.clock is not None:
-            return self.clock.of_stamp(stamp)
-        clock = self._arrivals.setdefault(topic, Arrivals(self.settings.limits.drift))
-        return clock.taken(stamp, came)
+            return self.clock.host_time(stamp)
+        clock = self._arrivals.setdefault(topic, ClockSync(self.settings.limits.clock_drift))
+        return clock.host_time(stamp, came)
 
     def _refuse(self, topic: str, why: str) -> None:
         self._wrong[topic] = why = " ".join(why.split())[:_LONGEST]
@@ -132,17 +134,17 @@ class Senses:
             self._warned.add(topic)
             _LOG.warning("a message of %s %s; it is not used", topic, why)
 
-    def silent(self, now: float) -> str:
+    def stale(self, now: float) -> str:
         """Which of what the chair is driven by is too old or missing; empty: nothing."""
         if self.clock is not None and (why := self.clock.stopped):
             return why
         for topic, one in self.topics.items():
-            if now - self._heard.get(topic, NEVER).taken > one.oldest:
-                return self.quiet(topic)
+            if now - self._heard.get(topic, NEVER).measured_at > one.max_age:
+                return self.describe_silence(topic)
         if self.on_map:
-            place = self.place()
-            if place is None or now - place.taken > self.settings.limits.pose:
-                return self.nowhere()
+            place = self.map_pose()
+            if place is None or now - place.measured_at > self.settings.limits.pose:
+                return self.describe_missing_pose()
         return ""
 
     @property
@@ -154,14 +156,14 @@ class Senses:
     @property
     def map(self) -> Any:
         """The map, or None."""
-        return self._heard.get(self.settings.map, Heard(None, 0.0)).value
+        return self._heard.get(self.settings.map, Stamped(None, 0.0)).value
 
     @property
     def battery(self) -> float:
         """[V], or NaN."""
         return float(self._heard.get(self.settings.battery, NEVER).value)
 
-    def quiet(self, topic: str) -> str:
+    def describe_silence(self, topic: str) -> str:
         """That a topic is silent, and what was wrong with what it said last."""
         wrong = self._wrong.get(topic)
         said = f"{topic} is silent" + (f" (its last message {wrong})" if wrong else "")
@@ -173,29 +175,32 @@ class Senses:
             )
         return said
 
-    def nowhere(self) -> str:
+    def describe_missing_pose(self) -> str:
         """That tf does not lead from the map to the chair."""
         s = self.settings
         return f"{s.tf} does not tell where {s.base_frame} is on {s.map_frame}"
 
-    def unrest(self) -> str:
+    def moving(self) -> str:
         """That the chair moves; empty: it stands."""
         v, w = self.odometry[1]
-        moves = max(abs(v), abs(w)) > self.settings.limits.still
+        moves = max(abs(v), abs(w)) > self.settings.limits.rest_speed
         return f"it does not come to rest ({v:.2f} m/s, {w:.2f} rad/s)" if moves else ""
 
-    def place(self) -> Heard | None:
+    def map_pose(self) -> Stamped | None:
         """The pose (3,) on the map that tf tells, as old as the oldest transform on the way."""
         return self._chain(self.settings.base_frame, self.settings.map_frame)
 
-    def misplaced(self) -> str:
+    def laser_mount_error(self) -> str:
         """That tf has the laser elsewhere than the settings; empty: it has not, or is silent."""
         told = self._chain(self._laser, self.settings.base_frame)
         laser = self.sensors.laser
         if told is None:
             return ""
         apart = between((laser.x, laser.y, laser.yaw), told.value)
-        if np.hypot(*apart[:2]) <= self.settings.mount and abs(apart[2]) <= self.settings.mount:
+        if (
+            np.hypot(*apart[:2]) <= self.settings.mount_tolerance
+            and abs(apart[2]) <= self.settings.mount_tolerance
+        ):
             return ""
         x, y, yaw = told.value
         return (
@@ -204,26 +209,26 @@ class Senses:
             f"{math.degrees(laser.yaw):.0f} deg"
         )
 
-    def _chain(self, frame: str, root: str) -> Heard | None:
+    def _chain(self, frame: str, root: str) -> Stamped | None:
         """The pose (3,) of a frame in one above it."""
         edges = {**self._rigid, **self._moved}
         pose, taken = np.zeros(3), math.inf
         for _ in range(len(edges) + 1):
             if frame == root:
-                return Heard(pose, taken)
+                return Stamped(pose, taken)
             if frame not in edges:
                 return None
             frame, edge, when = edges[frame]
             pose, taken = compose(edge, pose), min(taken, when)
         return None  # round in a circle
 
-    def ranges(self, now: float) -> tuple[NDArray[np.float32], ...]:
+    def ranges(self, now: float) -> tuple[Floats, Floats, Floats]:
         """Laser, ultrasonics and their ages; what is too old is invalid."""
         s = self.settings
         scan = self._heard[s.scan]
-        fresh = now - scan.taken <= s.limits.scan
+        fresh = now - scan.measured_at <= s.limits.scan
         laser = scan.value if fresh else np.full_like(scan.value, np.nan)
         heard = [self._heard.get(topic, NEVER) for topic in s.ultrasonic] or [NEVER] * RANGERS
-        ages = np.array([now - one.taken for one in heard], np.float32)
+        ages = np.array([now - one.measured_at for one in heard], np.float32)
         values = np.array([one.value for one in heard], np.float32)
         return laser, np.where(ages <= s.limits.ultrasonic, values, np.float32(np.nan)), ages

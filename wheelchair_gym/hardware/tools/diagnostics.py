@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from wheelchair_gym.hardware.boards.link import Link
-from wheelchair_gym.hardware.boards.messages import (
+from wheelchair_gym.hardware.boards.monitor import flag_names
+from wheelchair_gym.hardware.boards.ports import silent_advice
+from wheelchair_gym.hardware.boards.protocol import (
     Board,
     Command,
     Fault,
@@ -18,12 +20,10 @@ from wheelchair_gym.hardware.boards.messages import (
     RangeStatus,
     Switch,
 )
-from wheelchair_gym.hardware.boards.ports import silent_advice
-from wheelchair_gym.hardware.boards.senses import BoardSenses
-from wheelchair_gym.hardware.pacing import Clock
-from wheelchair_gym.hardware.tools.monitor import flag_names
+from wheelchair_gym.hardware.boards.senses import BoardSensors
+from wheelchair_gym.hardware.control_loop import Clock
 
-LOOK = 0.005  # s between two looks at the lines
+POLL_PERIOD = 0.005  # s between two looks at the lines
 WATCH = 3.0  # s that all is watched for rates
 PATIENCE = 3.0  # s for the first word of each
 LATE = 0.03  # s from a command to the odometry that tells of it: its period of 20 ms, and the line
@@ -46,7 +46,7 @@ class Finding(NamedTuple):
 Press = Callable[[str], None]
 
 
-class Checker:
+class Diagnostics:
     """Looks a chair over, at rest; it sends no command but zero, and needs no re-arm.
 
     Args:
@@ -56,7 +56,7 @@ class Checker:
     """
 
     def __init__(
-        self, senses: BoardSenses, clock: Clock, wanted: dict[str, dict[str, float]]
+        self, senses: BoardSensors, clock: Clock, wanted: dict[str, dict[str, float]]
     ) -> None:
         self.senses, self.clock, self.wanted = senses, clock, wanted
 
@@ -97,15 +97,17 @@ class Checker:
             self.senses.poll()
             if true():
                 return True
-            self.clock.wait(self.clock.now() + LOOK)
+            self.clock.wait(self.clock.now() + POLL_PERIOD)
         return False
 
     def _line(self, name: str) -> Finding:
         own, senses = self.senses.settings, self.senses
-        url = {"odometry": own.drive, "ultrasonic": own.range, "scan": own.laser}[name]
+        url = {"odometry": own.drive_port, "ultrasonic": own.range_port, "scan": own.laser_port}[
+            name
+        ]
         lines = {"odometry": senses.drive, "ultrasonic": senses.range, "scan": senses.laser}
         line = lines[name]
-        why = "" if line is None else line.why
+        why = "" if line is None else line.error
         mismatch = line.mismatch if isinstance(line, Link) else ""
         silent = name in self._missing()
         found = (why or mismatch or "open, but silent") if silent else "open"
@@ -139,7 +141,7 @@ class Checker:
             found.append(Finding(f"{name} board", "firmware", text, good, swapped))
             wanted = self.wanted[name]
             self._wait(lambda n=name, w=wanted: not self._unsure(n, w), 3.0)  # type: ignore[misc]
-            differs = self.senses.disagrees(name, wanted)
+            differs = self.senses.parameter_mismatch(name, wanted)
             found.append(
                 Finding(
                     f"{name} board", "parameters", differs or "as the config says", not differs,
@@ -150,7 +152,7 @@ class Checker:
 
     def _unsure(self, name: str, wanted: dict[str, float]) -> bool:
         """Whether parameters are still asked for."""
-        return "does not tell" in self.senses.disagrees(name, wanted)
+        return "does not tell" in self.senses.parameter_mismatch(name, wanted)
 
     def _rates(self) -> list[Finding]:
         senses, counts = self.senses, dict.fromkeys(self._parts(), 0)
@@ -169,7 +171,7 @@ class Checker:
             if math.isfinite(senses.ages(now)["odometry"]) and senses.odometry.echo == sequence:
                 late.append(now - sent)
                 sequence = None
-            self.clock.wait(now + LOOK)
+            self.clock.wait(now + POLL_PERIOD)
         found = []
         for name, count in counts.items():
             if name in self._missing():
@@ -186,7 +188,7 @@ class Checker:
         found.append(
             Finding(
                 "drive board", "answer to a command", f"{1e3 * p99:.0f} ms (99 % of {len(late)})",
-                p99 <= LATE + LOOK, "USB latency timer, a busy computer",
+                p99 <= LATE + POLL_PERIOD, "USB latency timer, a busy computer",
             )
         )  # fmt: skip
         bad = senses.drive.statistics.bad + (senses.range.statistics.bad if senses.range else 0)
@@ -215,7 +217,7 @@ class Checker:
     def _rangers(self) -> list[Finding]:
         found = []
         self._wait(lambda: False, 0.6)  # each has fired
-        for k, one in enumerate(self.senses.rangers.ranges):
+        for k, one in enumerate(self.senses.ranges_message.ranges):
             status = RangeStatus(one.status)
             text = f"{one.range:.2f} m" if status == RangeStatus.ECHO else status.name.lower()
             good = status in (RangeStatus.ECHO, RangeStatus.NO_ECHO)
@@ -223,7 +225,7 @@ class Checker:
         return found
 
     def _laser(self) -> list[Finding]:
-        specs, misfit = self.senses.laser.specs, self.senses.misfit()
+        specs, misfit = self.senses.laser.specs, self.senses.laser_mismatch()
         laser, _, _ = self.senses.ranges(self.clock.now())
         share = float(np.isfinite(laser).mean())
         model = "unknown" if specs is None else specs.model

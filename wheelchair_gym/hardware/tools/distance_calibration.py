@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import between, wrap_angle
-from wheelchair_gym.hardware.boards.senses import BoardSenses
+from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
-from wheelchair_gym.hardware.pacing import Clock
+from wheelchair_gym.hardware.control_loop import Clock
 from wheelchair_gym.localization.scan import read_scan
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ class Wall(NamedTuple):
 class Run(NamedTuple):
     """A straight way."""
 
-    counted: float  # m, as the chair believes
+    odometry: float  # m, as the chair believes
     measured: float  # m
 
 
@@ -75,12 +75,12 @@ def calibrate_distance(runs: Sequence[Run], believed: float) -> Distance:
     for run in runs:
         if not (math.isfinite(run.measured) and run.measured > 0.0):
             raise ValueError(f"a way of {run.measured:g} m was measured; expected more than 0")
-        if run.counted < LEAST / TIMES or not 1.0 / TIMES <= run.counted / run.measured <= TIMES:
+        if run.odometry < LEAST / TIMES or not 1.0 / TIMES <= run.odometry / run.measured <= TIMES:
             raise ValueError(
-                f"{run.measured:.3f} m were measured and {run.counted:.3f} m counted: more than "
+                f"{run.measured:.3f} m were measured and {run.odometry:.3f} m counted: more than "
                 f"{TIMES:g} times apart; look at the encoders and their wires, then measure again"
             )
-    each = np.array([believed * run.counted / run.measured for run in runs])
+    each = np.array([believed * run.odometry / run.measured for run in runs])
     mean, spread = float(each.mean()), float((each.max() - each.min()) / each.mean())
     if spread > SPREAD:
         raise ValueError(
@@ -91,7 +91,7 @@ def calibrate_distance(runs: Sequence[Run], believed: float) -> Distance:
     return Distance(mean, deviation, believed, tuple(runs))
 
 
-def wall_of(echoes: Array) -> Wall:
+def fit_wall(echoes: Array) -> Wall:
     """The wall that echoes (n, 2) [m] ahead lie on.
 
     Raises:
@@ -120,7 +120,7 @@ def wall_of(echoes: Array) -> Wall:
     return Wall(float(start) * math.cos(bearing), bearing)
 
 
-def see_wall(senses: BoardSenses, clock: Clock, poll: Callable[[], object]) -> Wall:
+def measure_wall(senses: BoardSensors, clock: Clock, poll: Callable[[], object]) -> Wall:
     """The wall ahead of a chair that stands.
 
     Args:
@@ -141,10 +141,10 @@ def see_wall(senses: BoardSenses, clock: Clock, poll: Callable[[], object]) -> W
         if (stamp := senses.stamp_of("scan")) > seen:
             seen = stamp
             echoes.append(_ahead(senses, senses.ranges(clock.now())[0]))
-    return wall_of(np.concatenate(echoes))
+    return fit_wall(np.concatenate(echoes))
 
 
-def _ahead(senses: BoardSenses, ranges: NDArray[np.float32]) -> Array:
+def _ahead(senses: BoardSensors, ranges: NDArray[np.float32]) -> Array:
     """Echoes (n, 2) within a fan ahead, in the chair's frame."""
     laser = senses.sensors.laser
     echoes = read_scan(laser, ranges, 0.0).echoes
@@ -153,7 +153,7 @@ def _ahead(senses: BoardSenses, ranges: NDArray[np.float32]) -> Array:
     return ahead
 
 
-def moved(before: Wall, after: Wall, pose: Array) -> float:
+def distance_moved(before: Wall, after: Wall, pose: Array) -> float:
     """How far [m] a chair came whose wheels say (3,) that it came to a pose, by a wall."""
     way = math.hypot(pose[0], pose[1])
     if way < 1e-6:
@@ -164,7 +164,7 @@ def moved(before: Wall, after: Wall, pose: Array) -> float:
     return abs(float((before.distance - after.distance) / along))
 
 
-def straight(ways: Array) -> None:
+def check_straight(ways: Array) -> None:
     """Refuse ways (2,) [m] of left and right wheel that are not those of a straight run.
 
     Raises:
@@ -198,7 +198,7 @@ def drive_run(
     reading = chair.reset(None, 0)  # type: ignore[arg-type]
     senses, clock = chair.senses, chair.clock
     start, (_, ways) = reading.pose, senses.odometer.at(clock.now())
-    wall = see_wall(senses, clock, lambda: None) if measured is None else None
+    wall = measure_wall(senses, clock, lambda: None) if measured is None else None
     gap = _gap(chair, reading.laser) - ROOM
     if not back and gap < min(way, LEAST):
         raise ValueError(
@@ -226,13 +226,13 @@ def drive_run(
             raise ValueError(f"the way was not driven to its end: {reading.halted}")
     for _ in range(10):
         reading = chair.drive(np.zeros(2))
-    straight(senses.odometer.at(clock.now())[1] - ways)
+    check_straight(senses.odometer.at(clock.now())[1] - ways)
     pose = between(start, reading.pose)
     counted = math.hypot(pose[0], pose[1])
     if wall is None:
         assert measured is not None
         return Run(counted, measured(counted))
-    return Run(counted, moved(wall, see_wall(senses, clock, lambda: None), pose))
+    return Run(counted, distance_moved(wall, measure_wall(senses, clock, lambda: None), pose))
 
 
 def _gap(chair: HardwareChair, ranges: NDArray[np.float32]) -> float:
@@ -245,7 +245,7 @@ def _gap(chair: HardwareChair, ranges: NDArray[np.float32]) -> float:
     return float(ahead[:, 0].min(initial=chair.sensors.laser.reach) - front)
 
 
-def _nearest(senses: BoardSenses, ranges: NDArray[np.float32], wall: Wall) -> float:
+def _nearest(senses: BoardSensors, ranges: NDArray[np.float32], wall: Wall) -> float:
     """About how far [m] a wall is from the axle's centre, by one scan."""
     x, y = _ahead(senses, ranges).T
     if len(x) == 0:

@@ -34,11 +34,11 @@ class Step:
     """
 
     times: Array
-    asked: Array
-    done: Array
+    set_point: Array
+    measured: Array
     duties: Array
     size: float
-    ended: float
+    duration: float
 
     @property
     def figures(self) -> dict[str, float]:
@@ -47,9 +47,13 @@ class Step:
         The set point rises within the chair's limits of acceleration and jerk: what counts is how
         the wheels follow it.
         """
-        up = (self.times >= 0.0) & (self.times < self.ended)
-        t, asked, done = self.times[up], self.asked[up] / self.size, self.done[up] / self.size
-        last = t > self.ended - 0.3
+        up = (self.times >= 0.0) & (self.times < self.duration)
+        t, asked, done = (
+            self.times[up],
+            self.set_point[up] / self.size,
+            self.measured[up] / self.size,
+        )
+        last = t > self.duration - 0.3
         off = np.flatnonzero(np.abs(done - 1.0) > SETTLED)
         return {
             "lag_s": _crossing(t, done) - _crossing(t, asked),
@@ -93,7 +97,7 @@ def step_response(
         (begun + seconds + AFTER, np.zeros(2)),
     ):
         while clock.now() < until - 1e-9:
-            why = chair.ask(twist)
+            why = chair.command(twist)
             if why:
                 raise ValueError(f"the step was not driven to its end: {why}")
             clock.wait(min(until, clock.now() + LOOK))

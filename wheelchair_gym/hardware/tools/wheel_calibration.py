@@ -49,7 +49,7 @@ class Calibration(NamedTuple):
 
 
 @kernel
-def reckon(ways: Array, track: float, ratio: float) -> tuple[float, float, float]:
+def dead_reckon(ways: Array, track: float, ratio: float) -> tuple[float, float, float]:
     """The pose after ways (n, 2) [m] from (0, 0, 0), with a true track and ratio of wheels."""
     x, y, yaw = 0.0, 0.0, 0.0
     left, right = 2.0 / (1.0 + ratio), 2.0 * ratio / (1.0 + ratio)
@@ -61,7 +61,7 @@ def reckon(ways: Array, track: float, ratio: float) -> tuple[float, float, float
 
 def _off(square: Square, track: float, ratio: float) -> Array:
     """How far reckoning ends from the measured pose (2,) or (3,)."""
-    off: Array = np.array(reckon(square.ways, track, ratio))[: len(square.measured)]
+    off: Array = np.array(dead_reckon(square.ways, track, ratio))[: len(square.measured)]
     off -= square.measured
     if len(off) == 3:
         off[2] = float(wrap_angle(off[2]))
@@ -78,7 +78,7 @@ def calibrate(squares: Sequence[Square], track: float) -> Calibration:
     Raises:
         ValueError: all squares go the same way: the two errors look alike then.
     """
-    turned = [reckon(s.ways, track, 1.0)[2] for s in squares]
+    turned = [dead_reckon(s.ways, track, 1.0)[2] for s in squares]
     if not (min(turned, default=0.0) < 0.0 < max(turned, default=0.0)):
         raise ValueError("calibration needs squares both ways")
 

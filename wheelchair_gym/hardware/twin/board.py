@@ -1,9 +1,9 @@
-"""One emulated board: firmware on simavr, run to exact cycles, with its pins in hand."""
+"""One emulated board: firmware on simavr, run to exact cycles, with its pins and its EEPROM."""
 
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
@@ -11,7 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.hardware.twin.build import built
+from wheelchair_gym.hardware.boards.parameters import DRIVE_PARAMETERS, RANGE_PARAMETERS
+from wheelchair_gym.hardware.boards.protocol import (
+    Answer,
+    Identify,
+    Identity,
+    Message,
+    Parameter,
+    Receiver,
+    Save,
+    Set,
+    Status,
+    encode,
+)
+from wheelchair_gym.hardware.twin.build import build_target
 from wheelchair_gym.types import Uncopied
 
 FREQUENCY = 16_000_000  # Hz
@@ -47,7 +60,7 @@ _PING = c.CFUNCTYPE(c.c_int32, c.c_uint8, c.c_uint64)
 
 @cache
 def _library() -> c.CDLL:
-    library = c.CDLL(str(built("libemulator.so")))
+    library = c.CDLL(str(build_target("libemulator.so")))
     for name, (result, arguments) in _SIGNATURES.items():
         function = getattr(library, name)
         function.restype = result
@@ -70,7 +83,7 @@ class EmulatedBoard(Uncopied):
     def __init__(self, mcu: str, target: str, bauds: tuple[int, int]) -> None:
         self._library = _library()
         rates = (c.c_uint32 * 2)(*bauds)
-        elf = str(built(target)).encode()
+        elf = str(build_target(target)).encode()
         self._board = self._library.board_new(mcu.encode(), elf, FREQUENCY, rates)
         if not self._board:
             raise InputError(f"{target} cannot be run on an emulated {mcu}")
@@ -120,25 +133,25 @@ class EmulatedBoard(Uncopied):
             parts.append(self._room.raw[:count])
         return b"".join(parts)
 
-    def pin(self, port: str, bit: int, high: bool) -> None:
+    def set_pin(self, port: str, bit: int, high: bool) -> None:
         """Drive an input pin from outside."""
         self._library.board_pin(self._board, port.encode(), bit, int(high))
 
-    def turn(self, port: str, bit: int, start: float, end: float, until: int) -> None:
+    def rotate_encoder(self, port: str, bit: int, start: float, end: float, until: int) -> None:
         """Turn a quadrature encoder on pins (bit, bit + 1) evenly until a cycle [counts]."""
         self._library.board_turn(self._board, port.encode(), bit, start, end, until)
 
-    def voltage(self, channel: int, volts: float) -> None:
+    def set_voltage(self, channel: int, volts: float) -> None:
         """Set the voltage at an analogue input [V]."""
         self._library.board_voltage(self._board, channel, round(volts * 1000.0))
 
-    def peek(self, address: int) -> int:
+    def read_memory(self, address: int) -> int:
         """A byte of data memory: register or RAM."""
         return int(self._library.board_peek(self._board, address))
 
-    def peek_word(self, address: int) -> int:
+    def read_word(self, address: int) -> int:
         """Two bytes of data memory."""
-        return self.peek(address) | self.peek(address + 1) << 8
+        return self.read_memory(address) | self.read_memory(address + 1) << 8
 
     def eeprom(self, size: int, offset: int = 0) -> bytes:
         """What EEPROM holds."""
@@ -168,20 +181,20 @@ class EmulatedBoard(Uncopied):
         """Wire the next SRF08."""
         self._library.board_bus_sonar(self._board, address)
 
-    def watch(self, vector: int) -> None:
+    def watch_interrupt(self, vector: int) -> None:
         """Measure from now on how long an interrupt waits."""
         self._library.board_watch(self._board, vector)
 
-    def waited(self, vector: int) -> tuple[int, int]:
+    def interrupt_latency(self, vector: int) -> tuple[int, int]:
         """The longest wait of a watched interrupt [cycles], and how many were served."""
         count = c.c_uint32()
         return int(self._library.board_waited(self._board, vector, c.byref(count))), count.value
 
-    def note(self, port: str, bit: int) -> None:
+    def watch_pin(self, port: str, bit: int) -> None:
         """Note from now on when a pin changes."""
         self._library.board_note(self._board, port.encode(), bit)
 
-    def notes(self) -> NDArray[np.uint64]:
+    def pin_changes(self) -> NDArray[np.uint64]:
         """Cycles (n,) of the changes of the noted pin since the last call; the last 4,096."""
         cycles = np.empty(4096, np.uint64)
         count = self._library.board_notes(self._board, cycles.ctypes.data, len(cycles))
@@ -192,3 +205,57 @@ class EmulatedBoard(Uncopied):
         if self._board:
             self._library.board_free(self._board)
             self._board = None
+
+
+_BOOT = FREQUENCY // 10  # cycles
+_ANSWER = FREQUENCY // 100
+_SAVED = FREQUENCY  # a byte of EEPROM each control run of 5 ms, at most 32 parameters of 4
+_SIZE = 256  # bytes: more than the largest store
+_NAMES = {"drive.elf": DRIVE_PARAMETERS, "range.elf": RANGE_PARAMETERS}
+
+
+def stored_parameters(
+    mcu: str, target: str, bauds: tuple[int, int], wanted: Mapping[str, float]
+) -> bytes:
+    """What EEPROM holds once a host has written these parameters and stored them.
+
+    Args:
+        mcu: see `EmulatedBoard`.
+        target: see `EmulatedBoard`.
+        bauds: see `EmulatedBoard`.
+        wanted: values by name; the others keep the board's own defaults.
+
+    Raises:
+        InputError: the board refuses a value.
+    """
+    return _stored(mcu, target, bauds, tuple(wanted.items()))
+
+
+@cache
+def _stored(
+    mcu: str, target: str, bauds: tuple[int, int], wanted: tuple[tuple[str, float], ...]
+) -> bytes:
+    board = EmulatedBoard(mcu, target, bauds)
+    board.run(_BOOT)
+    for name, value in wanted:
+        told = _asked(board, Set(_NAMES[target].index(name), value), Parameter)
+        if not isinstance(told, Parameter) or told.status != Status.DONE:
+            raise InputError(f"the board refuses {name} = {value:g}")
+    _asked(board, Save(), Answer)
+    board.run(board.cycle + _SAVED)
+    told = _asked(board, Identify(), Identity)
+    if not isinstance(told, Identity) or not told.stored:
+        raise InputError("the board does not keep its parameters")
+    kept = board.eeprom(_SIZE)
+    board.close()
+    return kept
+
+
+def _asked(board: EmulatedBoard, message: Message, kind: type) -> Message | None:
+    """The answer to a message."""
+    receiver = Receiver()
+    board.read()
+    board.write(b"\0" + encode(message, 0))
+    board.run(board.cycle + _ANSWER)
+    heard = [frame.message for frame in receiver.feed(board.read())]
+    return next((told for told in heard if isinstance(told, kind)), None)

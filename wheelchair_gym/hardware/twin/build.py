@@ -38,7 +38,7 @@ def _folder() -> Path:
     return cache_home / "wheelchair_gym" / f"firmware-{digest}"
 
 
-def missing(target: str) -> list[str]:
+def missing_tools(target: str) -> list[str]:
     """What a target needs to be built, and is not here; nothing where it is built already."""
     if (_folder() / target).exists():
         return []
@@ -50,7 +50,7 @@ def missing(target: str) -> list[str]:
 
 
 @cache
-def built(target: str) -> Path:
+def build_target(target: str) -> Path:
     """The path of a target of the firmware's Makefile, built if it is not there yet.
 
     Raises:
@@ -59,7 +59,7 @@ def built(target: str) -> Path:
     path = _folder() / target
     if path.exists():
         return path
-    if lacks := missing(target):
+    if lacks := missing_tools(target):
         raise InputError(f"{target} needs {' and '.join(lacks)}: run `make emulator`")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from wheelchair_gym.hardware.boards.messages import Switch
-from wheelchair_gym.hardware.twin.lockstep import Faults
+from wheelchair_gym.hardware.boards.protocol import Switch
+from wheelchair_gym.hardware.twin.lockstep import Faults, JoystickState
 from wheelchair_gym.hardware.twin.plant import Slope
+from wheelchair_gym.hardware.twin.protocol_twin import LineNoise
 from wheelchair_gym.hardware.twin.serve import ServedTwin
-from wheelchair_gym.hardware.twin.stick import Stick
-from wheelchair_gym.hardware.twin.wire import Harm
 from wheelchair_gym.sensors.settings import RANGERS
 
 _SIDES = ("left", "right")
@@ -25,7 +24,7 @@ _SWITCHES = {
     "driver-right": Switch.DRIVER_RIGHT,
 }
 
-_HANDS = {"free": Stick(manual=True), "back": Stick(), "silent": None}
+_HANDS = {"free": JoystickState(manual=True), "back": JoystickState(), "silent": None}
 
 
 def _number(word: str, low: float, high: float) -> float:
@@ -45,14 +44,14 @@ def _release(served: ServedTwin, words: Sequence[str]) -> None:
 
 def _encoder(served: ServedTwin, words: Sequence[str]) -> None:
     faults = served.twin.faults
-    kinds = {"lost": faults.blind, "swapped": faults.swapped}
+    kinds = {"lost": faults.disconnected_encoders, "swapped": faults.swapped_encoders}
     kinds[words[1]][_SIDES.index(words[0])] = True
 
 
 def _block(served: ServedTwin, words: Sequence[str]) -> None:
-    held = list(served.twin.faults.held)
+    held = list(served.twin.faults.blocked_wheels)
     held[_SIDES.index(words[0])] = True
-    served.twin.faults.held = (held[0], held[1])
+    served.twin.faults.blocked_wheels = (held[0], held[1])
 
 
 def _driver(served: ServedTwin, words: Sequence[str]) -> None:
@@ -64,13 +63,13 @@ def _motor(served: ServedTwin, words: Sequence[str]) -> None:
     if words[0] == "both" and words[1] == "swapped":
         served.twin.faults.swapped_motors = True
     elif words[1] == "inverted":
-        served.twin.faults.inverted[_SIDES.index(words[0])] = True
+        served.twin.faults.inverted_motors[_SIDES.index(words[0])] = True
     else:
         raise ValueError(words[1])
 
 
 def _brakes(served: ServedTwin, words: Sequence[str]) -> None:
-    served.twin.faults.brakes = _number(words[0], 0.0, 1.0)
+    served.twin.faults.brake_fraction = _number(words[0], 0.0, 1.0)
 
 
 def _slope(served: ServedTwin, words: Sequence[str]) -> None:
@@ -80,11 +79,11 @@ def _slope(served: ServedTwin, words: Sequence[str]) -> None:
 
 
 def _push(served: ServedTwin, words: Sequence[str]) -> None:
-    served.twin.faults.push = _number(words[0], -1000.0, 1000.0)
+    served.twin.faults.push_force = _number(words[0], -1000.0, 1000.0)
 
 
 def _reset_on_open(served: ServedTwin, words: Sequence[str]) -> None:
-    {"drive": served.drive, "range": served.range}[words[0]].wire.resets = True
+    {"drive": served.drive, "range": served.range}[words[0]].wire.resets_on_open = True
 
 
 def _battery(served: ServedTwin, words: Sequence[str]) -> None:
@@ -94,18 +93,18 @@ def _battery(served: ServedTwin, words: Sequence[str]) -> None:
 def _sonar(served: ServedTwin, words: Sequence[str]) -> None:
     which, faults = int(_number(words[0], 0, RANGERS - 1)), served.twin.faults
     if words[1] == "silent":
-        faults.silent.add(which)
+        faults.silent_ultrasonics.add(which)
     else:
-        faults.stuck[which] = _number(words[1], 0.0, 6.0)
+        faults.stuck_ultrasonics[which] = _number(words[1], 0.0, 6.0)
 
 
 def _stick(served: ServedTwin, words: Sequence[str]) -> None:
     faults = served.twin.faults
     if words[0] in _HANDS:
-        faults.stick = _HANDS[words[0]]
+        faults.joystick = _HANDS[words[0]]
     else:
         ahead, aside = (_number(word, -1.0, 1.0) for word in words)
-        faults.stick = Stick(ahead, aside, manual=True, held=True)
+        faults.joystick = JoystickState(ahead, aside, manual=True, dead_man=True)
 
 
 def _unplug(served: ServedTwin, words: Sequence[str]) -> None:
@@ -124,7 +123,7 @@ def _silence(served: ServedTwin, words: Sequence[str]) -> None:
 def _noise(served: ServedTwin, words: Sequence[str]) -> None:
     share = _number(words[0], 0.0, 1.0)
     for end in (served.drive, served.range):
-        end.wire.harm = Harm(corrupt=share)
+        end.wire.noise = LineNoise(corrupt=share)
 
 
 def _hang(served: ServedTwin, words: Sequence[str]) -> None:
@@ -140,10 +139,10 @@ def _heal(served: ServedTwin, words: Sequence[str]) -> None:
     twin.faults = Faults()
     twin.laser.plugged, twin.laser.silent = True, False
     for end in (served.drive, served.range):
-        end.wire.plugged, end.wire.harm, end.wire.resets = True, Harm(), False
+        end.wire.plugged, end.wire.noise, end.wire.resets_on_open = True, LineNoise(), False
 
 
-WORDS: dict[str, tuple[str, Callable[[ServedTwin, Sequence[str]], None]]] = {
+COMMANDS: dict[str, tuple[str, Callable[[ServedTwin, Sequence[str]], None]]] = {
     "press": (" | ".join(_SWITCHES), _press),
     "release": (" | ".join(_SWITCHES), _release),
     "encoder": ("left | right, lost | swapped", _encoder),
@@ -166,14 +165,14 @@ WORDS: dict[str, tuple[str, Callable[[ServedTwin, Sequence[str]], None]]] = {
 }
 
 
-def break_it(served: ServedTwin, line: str) -> str:
+def run_command(served: ServedTwin, line: str) -> str:
     """Do what a line of words says; what to tell the person."""
     words = line.split()
     if not words:
         return ""
-    if words[0] not in WORDS:
-        return "\n".join(f"{name} {what}".rstrip() for name, (what, _) in WORDS.items())
-    what, act = WORDS[words[0]]
+    if words[0] not in COMMANDS:
+        return "\n".join(f"{name} {what}".rstrip() for name, (what, _) in COMMANDS.items())
+    what, act = COMMANDS[words[0]]
     try:
         act(served, words[1:])
     except (IndexError, KeyError, ValueError):

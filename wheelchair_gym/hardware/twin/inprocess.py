@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from wheelchair_gym.hardware.boards.ports import Port
-from wheelchair_gym.hardware.boards.senses import BoardSenses
+from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.hardware.twin.lockstep import Twin
-from wheelchair_gym.hardware.twin.plant import STEP
-from wheelchair_gym.hardware.twin.wire import WIRES, Wire
+from wheelchair_gym.hardware.twin.plant import TIME_STEP
+from wheelchair_gym.hardware.twin.protocol_twin import CABLES, SerialCable
 
 _numbers = itertools.count()
 
@@ -37,24 +37,26 @@ class TwinClock:
 
     def now(self) -> float:
         """See `Clock.now`."""
-        return self._twin.steps * STEP
+        return self._twin.steps * TIME_STEP
 
-    def wait(self, until: float, gone: threading.Event | None = None) -> None:
+    def wait(self, deadline: float, cancelled: threading.Event | None = None) -> None:
         """See `Clock.wait`."""
-        end = round(until / STEP)
-        while self._twin.steps < end and not (gone is not None and gone.is_set()):
+        end = round(deadline / TIME_STEP)
+        while self._twin.steps < end and not (cancelled is not None and cancelled.is_set()):
             due = min((guard.due for guard in self._guards), default=end)
             steps = max(1, min(end, due) - self._twin.steps)
-            self._twin.advance(steps * STEP)
+            self._twin.run(steps * TIME_STEP)
             for guard in list(self._guards):
                 if self._twin.steps >= guard.due:
                     guard.due = self._twin.steps + guard.every
                     guard.look()
 
-    def guard(self, look: Callable[[], object], interval: float, name: str) -> Callable[[], None]:
+    def call_every(
+        self, callback: Callable[[], object], interval: float, name: str
+    ) -> Callable[[], None]:
         """See `Clock.guard`."""
-        every = max(1, round(interval / STEP))
-        guard = _Guard(look, every, self._twin.steps + every)
+        every = max(1, round(interval / TIME_STEP))
+        guard = _Guard(callback, every, self._twin.steps + every)
         self._guards.append(guard)
 
         def end() -> None:
@@ -81,11 +83,11 @@ class TwinChair:
     def __init__(self, twin: Twin, period: float, settings: HardwareSettings | None = None) -> None:
         self.twin, name = twin, f"in-process-{next(_numbers)}"
         self._names = f"{name}-drive", f"{name}-range"
-        self.drive = WIRES[self._names[0]] = Wire(twin.drive, np.random.default_rng(0))
-        self.range = WIRES[self._names[1]] = Wire(twin.range, np.random.default_rng(1))
+        self.drive = CABLES[self._names[0]] = SerialCable(twin.drive, np.random.default_rng(0))
+        self.range = CABLES[self._names[1]] = SerialCable(twin.range, np.random.default_rng(1))
         own = dataclasses.replace(
             settings or HardwareSettings(),
-            drive=f"twin://{self._names[0]}", range=f"twin://{self._names[1]}", laser="twin",
+            drive_port=f"twin://{name}-drive", range_port=f"twin://{name}-range", laser_port="twin",
         )  # fmt: skip
         self.clock, plant = TwinClock(twin), twin.plant.chair
 
@@ -93,11 +95,11 @@ class TwinChair:
             return twin.laser
 
         sensors, chair = plant.sensors, plant.settings
-        senses = BoardSenses(own, sensors, chair.drive, self.clock.now, laser_opener=laser)
+        senses = BoardSensors(own, sensors, chair.drive, self.clock.now, laser_opener=laser)
         self.chair = HardwareChair(own, sensors, chair, period, self.clock, senses)
 
     def close(self) -> None:
         """Let chair and wires go; the twin stays."""
         self.chair.close()
         for name in self._names:
-            WIRES.pop(name, None)
+            CABLES.pop(name, None)

@@ -1,8 +1,8 @@
-"""Both boards and the world in lock step: a millisecond of physics, then a millisecond of boards.
+"""Both boards and the world in lock step: a millisecond of physics, then one of the boards.
 
-What the boards' registers say at a step's start drives the physics over it. What the physics does
-in it reaches the boards in the next: edges of the encoders at their exact cycles, voltages and
-switches at its start.
+What the boards' registers hold at the start of a step drives the physics over it. The result
+reaches the boards in the next step: encoder edges at their exact cycles, voltages and switches at
+its start.
 """
 
 from __future__ import annotations
@@ -10,18 +10,39 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from wheelchair_gym.hardware.boards.messages import Switch
 from wheelchair_gym.hardware.boards.parameters import drive_parameters, range_parameters
-from wheelchair_gym.hardware.boards.protocol import BAUD
-from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
+from wheelchair_gym.hardware.boards.protocol import BAUD, Switch
+from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard, stored_parameters
 from wheelchair_gym.hardware.twin.laser import TURN, TwinLaser
-from wheelchair_gym.hardware.twin.plant import STEP, Motion, Plant, Slope
-from wheelchair_gym.hardware.twin.setup import stored
-from wheelchair_gym.hardware.twin.stick import EVERY, Stick, ibus
+from wheelchair_gym.hardware.twin.plant import TIME_STEP, Motion, Plant, Slope
 from wheelchair_gym.types import Episode
 
+EVERY = 7  # ms between two frames
+_CENTRE, _SPAN, _OFF, _ON = 1500, 500, 1000, 2000
+
+
+@dataclass(frozen=True)
+class JoystickState:
+    """What a person does at the joystick; sticks in [-1, 1], left positive."""
+
+    forward: float = 0.0
+    turn: float = 0.0
+    manual: bool = False  # the switch that takes over
+    dead_man: bool = False  # the dead-man button
+
+
+def ibus_frame(stick: JoystickState) -> bytes:
+    """A frame of the receiver."""
+    values = [_CENTRE] * 14
+    values[0] = round(_CENTRE - _SPAN * stick.turn)
+    values[1] = round(_CENTRE + _SPAN * stick.forward)
+    values[4], values[5] = _ON if stick.manual else _OFF, _ON if stick.dead_man else _OFF
+    data = b"\x20\x40" + b"".join(v.to_bytes(2, "little") for v in values)
+    return data + (0xFFFF - sum(data)).to_bytes(2, "little")
+
+
 IBUS_BAUD = 115_200  # 1/s, of the joystick's receiver
-CYCLES = round(STEP * FREQUENCY)
+CYCLES = round(TIME_STEP * FREQUENCY)
 SOUND = 343.0  # m/s, at 20 C: as the range board's `sound`
 BATTERY_FULL = 60.0  # V at the ADC's full scale: as the drive board's `battery_full`
 ADC_FULL = 2.56  # V: the internal reference
@@ -40,21 +61,29 @@ class Faults:
     """What is broken, or done to it by hand, on command."""
 
     switches: Switch = _NONE  # pressed or pulled
-    blind: list[bool] = field(default_factory=lambda: [False, False])  # encoders without signal
-    swapped: list[bool] = field(default_factory=lambda: [False, False])  # encoders' A and B
+    disconnected_encoders: list[bool] = field(
+        default_factory=lambda: [False, False]
+    )  # encoders without signal
+    swapped_encoders: list[bool] = field(
+        default_factory=lambda: [False, False]
+    )  # encoders' A and B
     battery: float | None = None  # V: what the drive board sees
-    held: tuple[bool, bool] = (False, False)  # wheels that something blocks
-    silent: set[int] = field(default_factory=set)  # ultrasonics that do not answer
-    stuck: dict[int, float] = field(default_factory=dict)  # and those that always say this [m]
-    stick: Stick | None = None  # what a joystick's receiver at the drive board says; None: silent
+    blocked_wheels: tuple[bool, bool] = (False, False)  # wheels that something blocks
+    silent_ultrasonics: set[int] = field(default_factory=set)  # ultrasonics that do not answer
+    stuck_ultrasonics: dict[int, float] = field(
+        default_factory=dict
+    )  # and those that always say this [m]
+    joystick: JoystickState | None = (
+        None  # what a joystick's receiver at the drive board says; None: silent
+    )
     # drivers whose output stays at a duty whatever the board says; None: they obey. Enable still
     # switches them off.
     stuck_drivers: list[float | None] = field(default_factory=lambda: [None, None])
     swapped_motors: bool = False  # each driver feeds the other side's motor
-    inverted: list[bool] = field(default_factory=lambda: [False, False])  # motors' two wires
-    brakes: float = 1.0  # share of the spring brakes' torque that is left
+    inverted_motors: list[bool] = field(default_factory=lambda: [False, False])  # motors' two wires
+    brake_fraction: float = 1.0  # share of the spring brakes' torque that is left
     slope: Slope | None = None  # of the floor; None: level
-    push: float = 0.0  # N, with which a person pushes the chair along its heading
+    push_force: float = 0.0  # N, with which a person pushes the chair along its heading
 
 
 class Twin:
@@ -85,8 +114,10 @@ class Twin:
         self.drive, self.range = EmulatedBoard(*drive), EmulatedBoard(*ranges)
         if not new:
             chair = self.plant.chair
-            self.drive.set_eeprom(stored(*drive, drive_parameters(chair.settings)))
-            self.range.set_eeprom(stored(*ranges, range_parameters(chair.sensors.ultrasonic)))
+            self.drive.set_eeprom(stored_parameters(*drive, drive_parameters(chair.settings)))
+            self.range.set_eeprom(
+                stored_parameters(*ranges, range_parameters(chair.sensors.ultrasonic))
+            )
         for i in range(4):
             self.range.add_pulse_sonar(("D", 4 + i), ("B", i))
         for i in range(4):
@@ -94,8 +125,8 @@ class Twin:
         self.range.on_ping(self._ping)
         self.laser = TwinLaser(self.plant.scan, self.plant.chair.sensors.laser)
         for bit in range(4):
-            self.drive.pin("B", bit, False)
-        self.steps = self.hits = 0
+            self.drive.set_pin("B", bit, False)
+        self.steps = self.bumper_steps = 0
         self.motion = Motion(0.0, 0.0, 0.0, 0.0, 0.0, False)
         self._turned = [0.0, 0.0]
         self._shown: Switch | None = None
@@ -105,21 +136,25 @@ class Twin:
         """Put the chair at an episode's start; the boards and their time go on."""
         self.plant.reset(episode, key)
         # Counts within a step are worked out from differences: a jump of the chair is none.
-        self.motion = self.plant.push((0.0, 0.0), (False, False), 1.0)
+        self.motion = self.plant.step((0.0, 0.0), (False, False), 1.0)
 
     @property
     def duty(self) -> tuple[float, float]:
         """Duties at the motors' terminals, read from the drive board's registers."""
         board = self.drive
-        top, way, on = board.peek_word(_ICR4) + 1, board.peek(_PORTL), board.peek(_TCCR4A)
-        left = (board.peek_word(_OCR4A) + 1) / top if on & _COM4A1 else 0.0
-        right = (board.peek_word(_OCR4B) + 1) / top if on & _COM4B1 else 0.0
+        top, way, on = (
+            board.read_word(_ICR4) + 1,
+            board.read_memory(_PORTL),
+            board.read_memory(_TCCR4A),
+        )
+        left = (board.read_word(_OCR4A) + 1) / top if on & _COM4A1 else 0.0
+        right = (board.read_word(_OCR4B) + 1) / top if on & _COM4B1 else 0.0
         return (-left if way & 1 else left), (-right if way & 2 else right)
 
     @property
     def enabled(self) -> bool:
         """Whether the drivers are switched on, by the board and by the emergency stop's contact."""
-        on = self.drive.peek(_PORTL) & self.drive.peek(_DDRL) & _ENABLE
+        on = self.drive.read_memory(_PORTL) & self.drive.read_memory(_DDRL) & _ENABLE
         return bool(on) and not self.faults.switches & Switch.STOP_PRESSED
 
     @property
@@ -127,40 +162,40 @@ class Twin:
         """Whether the spring brakes are closed; their current runs by the emergency stop, too."""
         if self.faults.switches & Switch.FREEWHEEL:
             return False
-        held = self.drive.peek(_PORTL) & self.drive.peek(_DDRL) & _RELEASE
+        held = self.drive.read_memory(_PORTL) & self.drive.read_memory(_DDRL) & _RELEASE
         return not held or bool(self.faults.switches & Switch.STOP_PRESSED)
 
-    def advance(self, seconds: float) -> None:
+    def run(self, seconds: float) -> None:
         """Let time pass, a whole number of milliseconds."""
-        for _ in range(round(seconds / STEP)):
+        for _ in range(round(seconds / TIME_STEP)):
             self._step()
 
     def _step(self) -> None:
         before, faults, on = self.motion, self.faults, self.enabled
-        self.motion = motion = self.plant.push(
+        self.motion = motion = self.plant.step(
             self._terminals(),
             (on, on),
-            faults.brakes if self.braked else 0.0,
-            faults.held,
+            faults.brake_fraction if self.braked else 0.0,
+            faults.blocked_wheels,
             faults.slope,
-            faults.push,
+            faults.push_force,
         )
         self.steps += 1
         until = self.steps * CYCLES
         self._show_switches()
         battery = motion.battery if self.faults.battery is None else self.faults.battery
-        self.drive.voltage(0, battery / BATTERY_FULL * ADC_FULL)
+        self.drive.set_voltage(0, battery / BATTERY_FULL * ADC_FULL)
         ways = motion.left - before.left, motion.right - before.right
         for wheel, way in enumerate(ways):
-            if self.faults.blind[wheel]:
+            if self.faults.disconnected_encoders[wheel]:
                 continue
             start = self._turned[wheel]
-            end = start + (-way if self.faults.swapped[wheel] else way)
+            end = start + (-way if self.faults.swapped_encoders[wheel] else way)
             if math.floor(start) != math.floor(end):
-                self.drive.turn("B", 2 * wheel, start, end, until)
+                self.drive.rotate_encoder("B", 2 * wheel, start, end, until)
             self._turned[wheel] = end
-        if self.faults.stick is not None and self.steps % EVERY == 0:
-            self.drive.write(ibus(self.faults.stick), 1)
+        if self.faults.joystick is not None and self.steps % EVERY == 0:
+            self.drive.write(ibus_frame(self.faults.joystick), 1)
         self.drive.run(until)
         self.range.run(until)
         if self.steps % TURN == 0:
@@ -175,11 +210,13 @@ class Twin:
         )
         if faults.swapped_motors:
             left, right = right, left
-        return (-left if faults.inverted[0] else left), (-right if faults.inverted[1] else right)
+        return (-left if faults.inverted_motors[0] else left), (
+            -right if faults.inverted_motors[1] else right
+        )
 
     def _show_switches(self) -> None:
-        if self.motion.hit:
-            self.hits += 1
+        if self.motion.bumped:
+            self.bumper_steps += 1
             forward, turning = self.motion.speed, self.motion.turn
             ahead = abs(forward) > 0.1 * abs(turning)
             sides = Switch.LEFT | Switch.RIGHT
@@ -192,15 +229,15 @@ class Twin:
             return
         self._shown = shown
         for bit in range(8):
-            self.drive.pin("C", bit, bool(shown >> bit & 1))
+            self.drive.set_pin("C", bit, bool(shown >> bit & 1))
 
     def _ping(self, sonar: int, _cycle: int) -> int:
         which = sonar & 0x7F
-        if which in self.faults.silent:
+        if which in self.faults.silent_ultrasonics:
             return -1
         if sonar != which:
             return 0
-        metres = self.faults.stuck.get(which)
+        metres = self.faults.stuck_ultrasonics.get(which)
         if metres is None:
             metres = self.plant.ping(which)
         return round(metres * 2.0 / SOUND * 1e6) if math.isfinite(metres) else 0

@@ -29,7 +29,7 @@ from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sensors.ultrasonic import fire
 from wheelchair_gym.types import Episode
 
-STEP = 0.001  # s: of the physics and of the lock step
+TIME_STEP = 0.001  # s: of the physics and of the lock step
 
 _rigs_at, _chairs_at, _states_at, _worlds_at = map(rows_of, (RIG, PARAMETER, STATE, WORLD))
 
@@ -39,7 +39,11 @@ class BrakeSettings:
     """The spring brakes on the motors' axles: closed without current."""
 
     torque: float = setting(
-        default=32.0, unit="N m", source="each; 180 kg at 1.5 m/s2 or more", low=1.0
+        default=32.0,
+        unit="N m",
+        low=1.0,
+        doc="Torque of each spring brake at its wheel.",
+        source="stops 180 kg at 1.5 m/s2 or more",
     )
 
 
@@ -51,7 +55,7 @@ class Motion(NamedTuple):
     battery: float  # V
     speed: float  # m/s, true
     turn: float  # rad/s, true
-    hit: bool  # a strip was pressed hard enough in this step
+    bumped: bool  # a strip was pressed hard enough in this step
 
 
 class Slope(NamedTuple):
@@ -100,7 +104,7 @@ def brake_impulses(
 
 
 @borrowing_kernel
-def push(
+def step_plant(
     alone: Any,
     left: float,
     right: float,
@@ -168,7 +172,7 @@ def push(
 
 
 @borrowing_kernel
-def ping(alone: Any, which: int) -> float:
+def measure_ultrasonic(alone: Any, which: int) -> float:
     """What one ultrasonic ranges from where the chair stands now [m]; +inf without echo."""
     own = alone[0]
     state = _states_at(own.state, 1)[0]
@@ -186,7 +190,7 @@ def ping(alone: Any, which: int) -> float:
 
 
 @borrowing_kernel
-def look(alone: Any, turn: int, ranges: Any) -> None:
+def scan_laser(alone: Any, turn: int, ranges: Any) -> None:
     """One turn of the laser from where the chair stands now, as it reports it [m]."""
     own = alone[0]
     state = _states_at(own.state, 1)[0]
@@ -218,7 +222,7 @@ class Plant:
         sensors: SensorSettings | None = None,
         brakes: BrakeSettings | None = None,
     ) -> None:
-        self.chair = SimulatedChair(chair, sensors, PhysicsSettings(step=STEP))
+        self.chair = SimulatedChair(chair, sensors, PhysicsSettings(step=TIME_STEP))
         self.brakes = brakes or BrakeSettings()
         self._alone = self.chair.rows
 
@@ -232,7 +236,7 @@ class Plant:
             raise InputError("the twin's world holds still: expected an episode without movers")
         self.chair.reset(episode, key)
 
-    def push(
+    def step(
         self,
         duty: tuple[float, float],
         powered: tuple[bool, bool],
@@ -253,16 +257,16 @@ class Plant:
         """
         pull = slope.pull if slope else (0.0, 0.0)
         torque = brake * self.brakes.torque
-        return Motion._make(push(self._alone, *duty, powered, torque, held, pull, force))
+        return Motion._make(step_plant(self._alone, *duty, powered, torque, held, pull, force))
 
     def ping(self, which: int) -> float:
         """What an ultrasonic ranges now [m]; +inf without echo."""
-        return float(ping(self._alone, which))
+        return float(measure_ultrasonic(self._alone, which))
 
     def scan(self, turn: int) -> NDArray[np.float32]:
         """What the laser reports in its turn of this number (beams,) [m], REP-117."""
         ranges = np.empty(self.chair.sensors.laser.beams, np.float32)
-        look(self._alone, turn, ranges)
+        scan_laser(self._alone, turn, ranges)
         return ranges
 
     @property

@@ -18,7 +18,7 @@ from collections.abc import Callable
 import numpy as np
 
 from wheelchair_gym.hardware.twin.lockstep import Twin
-from wheelchair_gym.hardware.twin.wire import Wire
+from wheelchair_gym.hardware.twin.protocol_twin import SerialCable
 
 SLICE = 0.005  # s of the world between two looks at the lines
 LATE = 5.0  # s behind real time at which the rest is forgiven; before, the world catches up
@@ -32,7 +32,7 @@ class Terminal:
         path: of the device that a host opens.
     """
 
-    def __init__(self, wire: Wire) -> None:
+    def __init__(self, wire: SerialCable) -> None:
         self.wire = wire
         self._near, far = os.openpty()
         tty.setraw(far)
@@ -141,20 +141,20 @@ class ServedTwin:
     def __init__(self, twin: Twin, host: str = "127.0.0.1", port: int = 0) -> None:
         self.twin = twin
         self.laser = LaserServer(twin, host, port)
-        self.drive = Terminal(Wire(twin.drive, np.random.default_rng(0)))
-        self.range = Terminal(Wire(twin.range, np.random.default_rng(1)))
-        self.behind = 0.0
+        self.drive = Terminal(SerialCable(twin.drive, np.random.default_rng(0)))
+        self.range = Terminal(SerialCable(twin.range, np.random.default_rng(1)))
+        self.max_delay = 0.0
 
     def run(self, until: Callable[[], bool]) -> None:
         """Let real time pass until something is so; paced to absolute deadlines."""
         due = time.monotonic()
         while not until():
-            self.twin.advance(SLICE)
+            self.twin.run(SLICE)
             for end in (self.drive, self.range, self.laser):
                 end.pump()
             due += SLICE
             late = time.monotonic() - due
-            self.behind = max(self.behind, late)
+            self.max_delay = max(self.max_delay, late)
             if late < 0.0:
                 time.sleep(-late)
             elif late > LATE:  # a machine too slow: the world is slower than it should be

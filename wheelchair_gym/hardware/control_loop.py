@@ -1,0 +1,254 @@
+"""What every real chair shares: clocks, control periods, the guard, timeouts, the best estimate.
+
+Time is an argument: real time, or that of a simulated world, in which nothing waits.
+"""
+
+from __future__ import annotations
+
+import atexit
+import math
+import threading
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError
+from wheelchair_gym.geometry import Footprint, between
+from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.localization.scan import read_scan
+from wheelchair_gym.sensors.settings import LaserSettings
+from wheelchair_gym.types import Belief, Reading, Truth
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+POLL_PERIOD = 0.01  # s between two checks of what arrives in other threads
+QUIET = 1.0  # s of waiting before a person is told what the chair waits for
+_MAX_CLEARANCE = 2.0  # m: `Truth.clearance` says no more
+
+
+class Clock(Protocol):
+    """Time, and what happens while it passes."""
+
+    def now(self) -> float:
+        """Seconds; they only grow."""
+        ...
+
+    def wait(self, deadline: float, cancelled: threading.Event | None = None) -> None:
+        """Let time pass until a deadline [s], or until the event is set."""
+        ...
+
+    def call_every(
+        self, callback: Callable[[], object], interval: float, name: str
+    ) -> Callable[[], None]:
+        """Call a function at an interval [s], whatever the caller does; the result ends that."""
+        ...
+
+
+class WallClock:
+    """Real time; callbacks run in threads.
+
+    A planner at work does not delay them: kernels release Python's lock.
+    """
+
+    def now(self) -> float:
+        """See `Clock.now`."""
+        return time.monotonic()
+
+    def wait(self, deadline: float, cancelled: threading.Event | None = None) -> None:
+        """See `Clock.wait`."""
+        left = max(0.0, deadline - time.monotonic())
+        if cancelled is None:
+            time.sleep(left)
+        else:
+            cancelled.wait(left)
+
+    def call_every(
+        self, callback: Callable[[], object], interval: float, name: str
+    ) -> Callable[[], None]:
+        """See `Clock.call_every`."""
+        done = threading.Event()
+
+        def repeat() -> None:
+            while not done.wait(interval):
+                callback()
+
+        thread = threading.Thread(target=repeat, name=f"{name} guard", daemon=True)
+        thread.start()
+
+        def end() -> None:
+            done.set()
+            if threading.current_thread() is not thread:
+                thread.join()
+
+        return end
+
+
+class ControlLoop:
+    """The control periods of a real chair, its guard, and the best estimate of its state.
+
+    Args:
+        name: the chair, in messages.
+        clock: real or simulated time.
+        period: the control period [s].
+        command_timeout: how long a command stays valid beyond its period [s].
+        limits: commands are clipped to them.
+        footprint: the chair's outline.
+        laser: the sensor whose echoes are measured against the outline.
+
+    Attributes:
+        odometry: the pose (3,) by odometry.
+        truth: the estimated pose, the nearest echo, what the bumpers felt; no energy.
+        lock: held by whoever commands.
+    """
+
+    def __init__(
+        self, name: str, clock: Clock, period: float, command_timeout: float, limits: Limits,
+        footprint: Footprint, laser: LaserSettings,
+    ) -> None:  # fmt: skip
+        self.name, self.clock, self.period, self.limits = name, clock, period, limits
+        self.footprint, self._laser, self._timeout = footprint, laser, command_timeout
+        self.lock = threading.RLock()
+        self._valid_until, self._due, self._begun = -math.inf, 0.0, math.nan
+        self._end_guard: Callable[[], None] = lambda: None
+        self._set_estimate(np.zeros(3))
+
+    def _set_estimate(self, odometry: Array) -> None:
+        self.odometry = odometry
+        self.truth = Truth(odometry, np.zeros(2), _MAX_CLEARANCE, False, False, 0.0, 0.0)
+
+    def begin(self, odometry: Array) -> None:
+        """Begin an episode now, at a pose (3,) of the odometry."""
+        self._due = self._begun = self.clock.now()
+        self._set_estimate(odometry)
+
+    def end(self) -> None:
+        """End the episode: no command is valid any longer."""
+        self._begun, self._valid_until = math.nan, -math.inf
+
+    def start_guard(
+        self, guard: Callable[[], object], interval: float, close: Callable[[], object]
+    ) -> None:
+        """Call `guard` at an interval [s] beside the policy, and `close` when the program ends."""
+        self._end_guard = self.clock.call_every(guard, interval, self.name)
+        self._close = close
+        atexit.register(close)
+
+    def end_guard(self) -> None:
+        """End what `start_guard` began; it may be called again."""
+        self._end_guard()
+        atexit.unregister(self._close)
+
+    def accept(self, twist: Array) -> tuple[float, float]:
+        """A command (v, w) within the limits, which is valid from now on.
+
+        Raises:
+            ValueError: the twist is not two finite numbers, or no episode has begun.
+        """
+        v, w = twist.tolist()
+        if not math.isfinite(v + w):
+            raise ValueError(f"twist is ({v}, {w}); expected two finite numbers")
+        if math.isnan(self._begun):
+            raise ValueError("the chair was never reset, or it was closed")
+        self._valid_until = self.clock.now() + self.period + self._timeout
+        limits = self.limits
+        v = min(limits.forward, max(-limits.backward, v))
+        return v, min(limits.turn, max(-limits.turn, w))
+
+    def wait_period(self, cancelled: threading.Event | None = None) -> None:
+        """Wait for the end of the control period, or until the event is set.
+
+        Periods end at multiples of the period; those that the policy missed are left out.
+        """
+        missed = math.floor((self.clock.now() - self._due) / self.period)
+        self._due += self.period * (1 + max(0, missed))
+        self.clock.wait(self._due, cancelled)
+
+    @property
+    def expired(self) -> bool:
+        """Whether the last command is no longer valid."""
+        return self.clock.now() > self._valid_until
+
+    def wait_until(
+        self,
+        missing: Callable[[], str],
+        timeout: float,
+        cancelled: threading.Event | None = None,
+        interval: float = POLL_PERIOD,
+        on_wait: Callable[[str], object] | None = None,
+    ) -> str:
+        """Wait until nothing is missing; what still is after the timeout [s].
+
+        Args:
+            missing: returns what is missing; empty: nothing.
+            timeout: [s].
+            cancelled: ends the wait, too.
+            interval: between two checks [s].
+            on_wait: is called with what is missing after a second, and whenever that changes,
+                apart from what stands in brackets.
+        """
+        begun, reported = self.clock.now(), ""
+        while (why := missing()) and self.clock.now() < begun + timeout:
+            what = why.partition(" (")[0]
+            if on_wait is not None and what != reported and self.clock.now() - begun >= QUIET:
+                reported = what
+                on_wait(why)
+            self.clock.wait(self.clock.now() + interval, cancelled)
+        return why
+
+    def require(
+        self,
+        missing: Callable[[], str],
+        timeout: float,
+        cancelled: threading.Event | None = None,
+        on_wait: Callable[[str], object] | None = None,
+    ) -> None:
+        """Wait as `wait_until` does.
+
+        Raises:
+            InputError: something is still missing after the timeout.
+        """
+        if why := self.wait_until(missing, timeout, cancelled, on_wait=on_wait):
+            raise InputError(f"{self.name}: {why}; waited {timeout:g} s")
+
+    def localized(self, pose: Array) -> None:
+        """Take the pose (3,) that a localizer has estimated."""
+        self.truth = self.truth._replace(pose=pose)
+
+    @property
+    def belief(self) -> Belief:
+        """The pose by odometry."""
+        return Belief(self.odometry)
+
+    def reading(
+        self, odometry: Array, pose: Array, twist: Array, ranges: tuple[Floats, Floats, Floats],
+        bumped: bool, battery: float, halted: str,
+    ) -> Reading:  # fmt: skip
+        """The reading of a control period that ends now; it updates the best estimate.
+
+        Args:
+            odometry: pose (3,).
+            pose: estimated pose (3,).
+            twist: (2,).
+            ranges: laser (beams,), ultrasonics (8,) [m] and their ages (8,) [s].
+            bumped: a bumper strip was pressed.
+            battery: [V].
+            halted: why the chair stopped, see `Reading`.
+        """
+        before, laser = self.truth, ranges[0]
+        way = before.way + float(np.hypot(*between(self.odometry, odometry)[:2]))
+        self.odometry, touched = odometry, before.touched or bumped
+        self.truth = Truth(pose, twist, self._clearance(laser), bumped, touched, way, 0.0)
+        stamp = self.clock.now() - self._begun
+        return Reading(pose, twist, *ranges, bumped, battery, stamp, halted)
+
+    def _clearance(self, laser: Floats) -> float:
+        """Distance [m] from the outline to the nearest echo."""
+        ends = read_scan(self._laser, laser, 0.0).echoes
+        front, rear, half = self.footprint.array
+        aside = np.maximum(np.abs(ends[:, 1]) - half, 0.0)
+        ahead = np.maximum(np.maximum(ends[:, 0] - front, -rear - ends[:, 0]), 0.0)
+        return float(np.hypot(ahead, aside).min(initial=_MAX_CLEARANCE))
