@@ -100,8 +100,8 @@ class Ride:
     def manual(self, ahead: float, seconds: float) -> None:
         """A person drives by the joystick at the board."""
         self.by_hand(0.2)
-        self.by_hand(0.2, held=True)
-        self.by_hand(seconds, held=True, ahead=ahead)
+        self.by_hand(0.2, dead_man=True)
+        self.by_hand(seconds, dead_man=True, forward=ahead)
         assert self.pilot.now.mode == Mode.MANUAL
 
 
@@ -247,7 +247,7 @@ def weak_brakes(ride, _v, _angle, mode):
 def take_over(ride, _v, _angle, mode):
     """A person takes the joystick off its centre, or lets the dead-man button go."""
     pilot, twin, rng = ride.pilot, ride.twin, ride.rng
-    stick = {"ahead": float(rng.uniform(-1, 1)), "aside": float(rng.uniform(-1, 1))}
+    stick = {"forward": float(rng.uniform(-1, 1)), "turn": float(rng.uniform(-1, 1))}
     if mode == "takes over":
         pilot.start(0.8, 0.0, 2.4)
         twin.faults.joystick = JoystickState(**stick, manual=True, dead_man=bool(rng.integers(2)))
@@ -315,8 +315,8 @@ def store(ride, _v, _angle, _mode):
     pilot.run(0.1)
     asked = pilot.now.faults & Fault.STORE
     ride.by_hand(0.2)
-    ride.by_hand(0.2, held=True)
-    ride.by_hand(0.5, held=True, ahead=1.0)
+    ride.by_hand(0.2, dead_man=True)
+    ride.by_hand(0.5, dead_man=True, forward=1.0)
     moved = abs(twin.motion.speed)
     twin.faults.joystick = None
     pilot.run(0.3)

@@ -138,7 +138,7 @@ def test_reset_stops_and_waits_for_a_person_and_stays_where_it_is(hosted):
     hosted.twin.faults.switches = Switch.STOP_PRESSED
     hosted.clock.wait(hosted.clock.now() + 1.0)
     hosted.twin.faults.switches = Switch(0)
-    chair.settings = dataclasses.replace(chair.settings, rearm=3.0)
+    chair.settings = dataclasses.replace(chair.settings, rearm_timeout=3.0)
     before = hosted.clock.now()
     with pytest.raises(InputError, match=r"stopped \(EMERGENCY_STOP\); a person must re-arm"):
         chair.reset(None, 0)
@@ -180,7 +180,7 @@ def test_reset_says_what_it_waits_for_and_why_a_re_arm_is_refused(hosted):
     waits, refused = told
     assert "EMERGENCY_STOP" in waits
     assert waits.endswith("a person must re-arm it; waits 120 s for that")
-    assert refused == "not re-armed: what stopped the drive board is still there"
+    assert refused == "not re-armed: the cause of the drive board's stop is still present"
     assert hosted.clock.now() > begun + 3.0
 
 
@@ -363,13 +363,15 @@ def test_what_is_not_there_is_one_line():
 
 
 def test_settings_of_the_file_stand_where_the_name_says_nothing():
-    config = env_settings({"sensors": {"pose_source": "odometry"}, "hardware": {"rearm": 7.0}})
+    config = env_settings(
+        {"sensors": {"pose_source": "odometry"}, "hardware": {"rearm_timeout": 7.0}}
+    )
     chair = make_chair(
         {"name": "hardware", "drive_port": "twin://nobody", "range_port": ""}, config
     )
     inner = chair.chair
     inner.close()
-    assert (inner.settings.rearm_button, inner.settings.drive) == (7.0, "twin://nobody")
+    assert (inner.settings.rearm_timeout, inner.settings.drive_port) == (7.0, "twin://nobody")
 
 
 def told(**values):
