@@ -96,7 +96,7 @@ def check_extras(spec: str | Mapping[str, Any]) -> None:
 
 
 def localized(chair: Chair, settings: EnvSettings) -> Chair:
-    """A chair that knows its odometry alone, with poses on the map where no localizer gives them."""
+    """The chair, with a pose on the map from its odometry where no localizer gives one."""
     if settings.sensors.localizes:
         return chair
     from wheelchair_gym.hardware.boards.dead_reckoning import OdometryLocalizer

@@ -75,7 +75,7 @@ class WheelOdometry:
 
 
 class OdometryLocalizer:
-    """Believes the odometry; see `localization.localized_chair.Finder`."""
+    """Takes the pose from the odometry alone; see `localization.localized_chair.Localizer`."""
 
     def begin(self, episode: Episode, key: int) -> None:
         """Start where an episode does; nothing is drawn."""
