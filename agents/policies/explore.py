@@ -32,22 +32,35 @@ class Explore:
 
     planner: Mapping[str, Any] = field(default_factory=lambda: {"name": "lattice"})
     follower: Mapping[str, Any] = field(default_factory=lambda: {"name": "window"})
-    seek: bool = setting(default=True, source="drive to the goal; false: map all there is")
+    seek: bool = setting(default=True, doc="Drive to the goal; false: map all there is.")
     towards: float = setting(
-        default=1.0, source="m of way that a metre from a frontier on to the goal counts", low=0.0
-    )
-    gain: float = setting(default=0.5, source="m of way that a metre of frontier is worth", low=0.0)
+        default=1.0,
+        doc="Weight of the distance from a frontier to the goal, against the path to the frontier.",
+        low=0.0, source="design choice",
+    )  # fmt: skip
+    gain: float = setting(
+        default=0.5, doc="Path length that a metre of frontier is worth.", low=0.0,
+        source="design choice",
+    )  # fmt: skip
     clearance: float = setting(
-        default=0.36, unit="m", source="half width and a cell: of ways to frontiers", low=0.0
-    )
+        default=0.36, doc="Clearance of the paths to frontiers.", unit="m", low=0.0,
+        source="half the chair's width and a cell",
+    )  # fmt: skip
     least: float = setting(
-        default=0.4, unit="m", source="shorter frontiers are gaps between beams", low=0.0
-    )
-    look: float = setting(default=1.0, unit="s", source="between two looks for frontiers", low=0.1)
+        default=0.4, doc="Least length of a frontier; shorter ones are gaps between beams.",
+        unit="m", low=0.0, source="design choice",
+    )  # fmt: skip
+    look: float = setting(
+        default=1.0, doc="Time between two searches for frontiers.", unit="s", low=0.1,
+        source="design choice",
+    )  # fmt: skip
     patience: float = setting(
-        default=25.0, unit="s", source="for one frontier; then it is given up", low=1.0
+        default=25.0, doc="Time for one frontier, after which it is given up.", unit="s", low=1.0,
+        source="design choice",
+    )  # fmt: skip
+    seed: int = setting(
+        default=0, doc="Seed of the planner, with the episode's key.", low=0, source="design choice"
     )
-    seed: int = setting(default=0, source="of the planner's draws", low=0)
 
     def __post_init__(self) -> None:
         self.planned()

@@ -36,8 +36,12 @@ SLACK = 4.0  # s: till then a chair may have strayed so far from the way
 class Learned:
     """A learned policy, by the name or the file of its weights (.npz, or .onnx as exported)."""
 
-    weights: str = setting(default="", source="a name that comes with the package, or a file")
-    digest: str | None = setting(default=None, source="SHA-256 of the file, where it must be that")
+    weights: str = setting(
+        default="", doc="Name of weights that come with the package, or a file of them."
+    )
+    digest: str | None = setting(
+        default=None, doc="SHA-256 that the file of weights must have; None: any."
+    )
 
     def __post_init__(self) -> None:
         if self.weights:
