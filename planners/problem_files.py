@@ -10,7 +10,7 @@ import numpy as np
 
 from planners.collision.space import Space
 from planners.problem import Problem
-from wheelchair_gym.errors import InputError, shown
+from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import LIMITS, is_coordinate, read_json
 
 KEYS = {"name", "size", "rects", "start", "goal", "optimum"}
@@ -20,30 +20,32 @@ def _numbers(value: Any, count: int, where: str) -> tuple[float, ...]:
     """A list of so many finite numbers, or an error that names the place."""
     good = isinstance(value, list) and len(value) == count
     if not good or not all(map(is_coordinate, value)):
-        raise InputError(f"{where} is {shown(value)}; expected a list of {count} coordinates [m]")
+        raise InputError(f"{where} is {shorten(value)}; expected a list of {count} coordinates [m]")
     return tuple(float(number) for number in value)
 
 
 def _problem(data: Any, where: str) -> tuple[Problem, float | None]:
     if not isinstance(data, Mapping):
         raise InputError(
-            f"{where} is {shown(data)}; expected an object with {', '.join(sorted(KEYS))}"
+            f"{where} is {shorten(data)}; expected an object with {', '.join(sorted(KEYS))}"
         )
     for key in data:
         if key not in KEYS:
-            named = key if len(key) < 80 else shown(key)
+            named = key if len(key) < 80 else shorten(key)
             raise InputError(f"{where}.{named} is not a key; it has {', '.join(sorted(KEYS))}")
     for key in sorted(KEYS - {"optimum"}):
         if key not in data:
             raise InputError(f"{where}.{key} is missing")
     if not isinstance(data["name"], str):
-        raise InputError(f"{where}.name is {shown(data['name'])}; expected text")
+        raise InputError(f"{where}.name is {shorten(data['name'])}; expected text")
     size = data["size"]
     if not is_coordinate(size) or size <= 0:
         expected = f"expected metres, above 0 and at most {LIMITS['coordinate'].most:,}"
-        raise InputError(f"{where}.size is {shown(size)}; {expected}")
+        raise InputError(f"{where}.size is {shorten(size)}; {expected}")
     if not isinstance(data["rects"], list):
-        raise InputError(f"{where}.rects is {shown(data['rects'])}; expected a list of rectangles")
+        raise InputError(
+            f"{where}.rects is {shorten(data['rects'])}; expected a list of rectangles"
+        )
     if len(data["rects"]) > LIMITS["outline"].most:
         expected = f"expected at most {LIMITS['outline'].most:,}"
         raise InputError(f"{where}.rects has {len(data['rects']):,} rectangles; {expected}")
@@ -52,11 +54,11 @@ def _problem(data: Any, where: str) -> tuple[Problem, float | None]:
         x0, y0, x1, y1 = _numbers(rectangle, 4, f"{where}.rects[{index}]")
         if x1 <= x0 or y1 <= y0:
             expected = "expected x0 < x1 and y0 < y1"
-            raise InputError(f"{where}.rects[{index}] is {shown(rectangle)}; {expected}")
+            raise InputError(f"{where}.rects[{index}] is {shorten(rectangle)}; {expected}")
         rectangles.append((x0, y0, x1, y1))
     optimum = data.get("optimum")
     if optimum is not None and (not is_coordinate(optimum) or optimum < 0):
-        raise InputError(f"{where}.optimum is {shown(optimum)}; expected metres or null")
+        raise InputError(f"{where}.optimum is {shorten(optimum)}; expected metres or null")
     problem = Problem(
         Space.from_rectangles(rectangles, (0.0, 0.0, size, size)),
         np.array(_numbers(data["start"], 2, f"{where}.start")),

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from wheelchair_gym.config import LARGEST
-from wheelchair_gym.errors import InputError, shown
+from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import parse_json, read_text
 
 # Each key of the file: its kind, its least value, and where it goes in the planner's settings.
@@ -84,10 +84,10 @@ def _checked(key: str, value: Any, path: Path) -> Any:
     if kind is int and good:
         good = float(value).is_integer()
     if not good or (numeric and not math.isfinite(value)):
-        raise InputError(f"{path}: {key} is {shown(value)}; expected {KINDS[kind]}")
+        raise InputError(f"{path}: {key} is {shorten(value)}; expected {KINDS[kind]}")
     if numeric and not least <= value <= LARGEST:
         expected = f"expected at least {least:g} and at most {LARGEST:g}"
-        raise InputError(f"{path}: {key} is {shown(value)}; {expected}")
+        raise InputError(f"{path}: {key} is {shorten(value)}; {expected}")
     return kind(value)
 
 
@@ -110,7 +110,7 @@ def read_thesis(path: str | Path) -> ThesisFile:
     settings: dict[str, Any] = {}
     for key, value in data.items():
         if key not in KEYS:
-            raise InputError(f"{path}: {shown(key)} is not a key; it has {', '.join(KEYS)}")
+            raise InputError(f"{path}: {shorten(key)} is not a key; it has {', '.join(KEYS)}")
         values[key] = _checked(key, value, path)
         *above, last = KEYS[key][2] or ("",)
         if last:

@@ -1,7 +1,7 @@
 """Attacks on the shield: policies that know the truth and mean harm, and a judge that does, too.
 
 Nothing here uses the shield's own code. A contact counts where the chair caused it, as the
-simulation says (`info["caused"]`), at more than 0.05 m/s. It *could have been seen* if its place,
+simulation says (`info["at_fault"]`), at more than 0.05 m/s. It *could have been seen* if its place,
 or the other thing's surface there, lay unoccluded in some sensor's field at a moment in the last
 3 s that was at least a stopping time before.
 """
@@ -21,7 +21,7 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry import footprint_clearance
 from wheelchair_gym.kinematics import Limits, approach, arc_step
-from wheelchair_gym.physics.actors.bodies import moving_at
+from wheelchair_gym.physics.actors.bodies import actor_states_at
 from wheelchair_gym.physics.state import FAULTS
 from wheelchair_gym.random import episode_key, uniform
 from wheelchair_gym.safety.state import CELL, _samples
@@ -30,10 +30,10 @@ from wheelchair_gym.sensors.settings import SensorSettings
 Array = NDArray[np.float64]
 
 KINDS: Final = (
-    "random", "ahead", "wall", "mover", "edge", "backwards", "pivot", "switches", "greedy",
+    "random", "ahead", "wall", "actor", "edge", "backwards", "pivot", "switches", "greedy",
     "leaf", "slab", "post", "corner",
 )  # fmt: skip
-RANDOM, AHEAD, WALL, MOVER, EDGE, BACKWARDS, PIVOT, SWITCHES, GREEDY = range(9)
+RANDOM, AHEAD, WALL, ACTOR, EDGE, BACKWARDS, PIVOT, SWITCHES, GREEDY = range(9)
 LEAF, SLAB, POST, CORNER = range(9, len(KINDS))  # in a hall of `tests.edges`
 SECONDS: Final = 8.0  # of an attack
 MEMORY: Final = 3.0  # s
@@ -58,7 +58,7 @@ COARSE: Final = {"181_beams": Edges(0.053, 0.12), "64_beams": Edges(0.15, 0.30)}
 BEAMS: Final = {"181_beams": 181, "64_beams": 64}
 APART: Final[dict[str, Any]] = {**THIN, **COARSE}
 HARM, SLOW = 0.05, 0.10  # m/s
-_MOVERS = 48  # that are remembered of a row
+_ACTORS = 48  # that are remembered of a row
 _FAN = ((1.0, 0.0), (1.0, 0.4), (1.0, -0.4), (1.0, 1.0), (1.0, -1.0), (-1.0, 0.0), (-1.0, 1.0),
         (-1.0, -1.0), (0.0, 1.0), (0.0, -1.0))  # fmt: skip
 
@@ -72,9 +72,11 @@ def _edge(world: Any, key: np.uint64, kind: int, x: float, y: float) -> tuple[fl
     if uniform(key, 0, 5, 2) < 0.4:
         aside *= 33.0  # up to the corners of the outline
     if kind == LEAF:
-        number = min(int(which * world.n_movers), world.n_movers - 1)
-        w = walls[moving_at(world.moving, world.n_movers)[number].slot + 3]  # its hinge
-        f = walls[moving_at(world.moving, world.n_movers)[number].slot + 1]  # its other end
+        number = min(int(which * world.n_actors), world.n_actors - 1)
+        w = walls[actor_states_at(world.actor_states, world.n_actors)[number].slot + 3]  # its hinge
+        f = walls[
+            actor_states_at(world.actor_states, world.n_actors)[number].slot + 1
+        ]  # its other end
         tx, ty = 0.5 * (w[0] + w[2]), 0.5 * (w[1] + w[3])
         fx, fy = 0.5 * (f[0] + f[2]), 0.5 * (f[1] + f[3])
         if (fx - x) ** 2 + (fy - y) ** 2 < (tx - x) ** 2 + (ty - y) ** 2:
@@ -168,9 +170,9 @@ def aim(
         if kind >= LEAF:
             tx, ty = _edge(world, key, kind, x, y)
             best = math.sqrt((tx - x) ** 2 + (ty - y) ** 2)
-        if kind == MOVER and world.n_movers > 0:
-            moving = moving_at(world.moving, world.n_movers)
-            for k in range(world.n_movers):
+        if kind == ACTOR and world.n_actors > 0:
+            moving = actor_states_at(world.actor_states, world.n_actors)
+            for k in range(world.n_actors):
                 own = moving[k]
                 mx = own.pose[0] + own.twist[0] * 0.7 * v
                 my = own.pose[1] + own.twist[1] * 0.7 * v
@@ -189,7 +191,7 @@ def aim(
             far += 2.0 * uniform(key, 0, 3, k)
             if far < best:
                 best, tx, ty = far, qx, qy
-        looks = kind < LEAF and (kind != MOVER or world.n_movers == 0)
+        looks = kind < LEAF and (kind != ACTOR or world.n_actors == 0)
         for k in range(world.n_discs if looks else 0):
             far = math.sqrt((discs[k, 0] - x) ** 2 + (discs[k, 1] - y) ** 2)
             far += 2.0 * uniform(key, 0, 4, k)
@@ -268,7 +270,7 @@ def in_sight(
     eyes = [(laser.x, laser.y, laser.yaw, 0.5 * laser.fov, laser.reach)]
     for one in rangers.mounted:
         model = rangers.narrow if one.model == "narrow" else rangers.wide
-        eyes.append((one.x, one.y, one.yaw, 0.5 * model.cone, model.reach))
+        eyes.append((one.x, one.y, one.yaw, 0.5 * model.field_of_view, model.reach))
     for ex, ey, turn, half, reach in eyes:
         eye = np.array([x + c * ex - s * ey, y + s * ex + c * ey])
         far = math.hypot(*(point - eye))
@@ -362,7 +364,7 @@ def blank() -> Report:
 
 @borrowing_kernel
 def shown(world: Any, walls: Array, discs: Array) -> None:
-    """Copy what sensors could see now: walls (n, 4) and discs (m, 3), movers among them."""
+    """Copy what sensors could see now: walls (n, 4) and discs (m, 3), actors among them."""
     source = table_at(world.walls, world.n_walls, 4)
     for k in range(world.n_walls):
         for i in range(4):
@@ -375,10 +377,10 @@ def shown(world: Any, walls: Array, discs: Array) -> None:
 
 @borrowing_kernel
 def places(worlds: Any, out: Array) -> None:
-    """Centres of all movers (n, k, 2) [m]; NaN where there is none."""
+    """Centres of all actors (n, k, 2) [m]; NaN where there is none."""
     for i in range(out.shape[0]):
-        n = min(worlds[i].n_movers, out.shape[1])
-        moving = moving_at(worlds[i].moving, worlds[i].n_movers)
+        n = min(worlds[i].n_actors, out.shape[1])
+        moving = actor_states_at(worlds[i].actor_states, worlds[i].n_actors)
         for k in range(out.shape[1]):
             out[i, k, 0] = moving[k].pose[0] if k < n else math.nan
             out[i, k, 1] = moving[k].pose[1] if k < n else math.nan
@@ -404,10 +406,10 @@ class Attack:
         config: dict[str, Any] = {
             "task": {"time_base": SECONDS, "time_factor": 0.0, "tolerance": 0.01, "beams": 64},
             "sensors": {
-                "faults": {"share": faults, "since": (0.5, 5.0)},
+                "faults": {"share": faults, "onset": (0.5, 5.0)},
                 "pose_source": "odometry",
             },
-            "chair": {"randomise": True, "random": {"mass": [MASSES[0], MASSES[-1]]}},
+            "chair": {"randomize": True, "random": {"mass": [MASSES[0], MASSES[-1]]}},
         }
         if scene in BEAMS:
             config["sensors"]["laser"] = {"beams": BEAMS[scene]}
@@ -426,12 +428,12 @@ class Attack:
         env, n = self.env, self.env.num_envs
         outline = env.settings.chair.footprint.array
         _, info = env.reset(seed=seed)
-        worlds, states = env._batch.worlds, env._batch.states
+        worlds, states = env._batch.worlds, env.chairs.states
         done, steps = np.zeros(n, np.int64), np.zeros(n, np.int64)
         memory, hold = self._memory, self._rate * TICK
         poses, twists = np.zeros((memory, n, 3)), np.zeros((memory, n, 2))
-        others = np.full((memory, n, _MOVERS, 2), np.nan)
-        chairs = env._batch.chairs
+        others = np.full((memory, n, _ACTORS, 2), np.nan)
+        chairs = env.chairs.parameters
         actions = np.zeros((n, 2))
         report, touched, at = blank(), np.zeros(n, np.bool_), 0
         report.attacks = n * each
@@ -458,7 +460,7 @@ class Attack:
                 cell = cell_of(KINDS[kinds[i]], self._rate, chairs["mass"][i])
                 report.count(cell, 1, int(touched[i]))
             touched &= ~over
-            harm = info["caused"] & (info["closing"] > HARM) & live
+            harm = info["at_fault"] & (info["approach_speed"] > HARM) & live
             for i in np.flatnonzero(harm).tolist():
                 past = [(at - k) % memory for k in range(min(int(steps[i]), memory - 1) + 1)]
                 trace = poses[past, i], twists[past, i], others[past, i]
@@ -466,8 +468,9 @@ class Attack:
                 report.events.append(
                     Event(
                         seed + i, int(done[i]), round(float(info["time"][i]), 3), KINDS[kinds[i]],
-                        fault, int(info["met"][i]), round(float(info["closing"][i]), 4),
-                        self._could_be_seen(i, int(info["met"][i]), trace),
+                        fault, int(info["contact_with"][i]),
+                        round(float(info["approach_speed"][i]), 4),
+                        self._could_be_seen(i, int(info["contact_with"][i]), trace),
                         cell_of(KINDS[kinds[i]], self._rate, chairs["mass"][i]),
                     )
                 )  # fmt: skip

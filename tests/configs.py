@@ -23,7 +23,7 @@ DEFAULTS: Final[dict[str, Any]] = {
     "hardware": EnvSettings(
         sensors=SensorSettings(pose_source="mcl"),
         # The drive board controls at 200 Hz: a simulation of this chair does so, too.
-        chair=ChairSettings(motor=MotorSettings(rate=200.0)),
+        chair=ChairSettings(motor=MotorSettings(control_rate=200.0)),
         physics=PhysicsSettings(step=0.005),
     ),
     "planners": {name: planner() for name, planner in sorted(PLANNERS.items())},

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import Footprint, polygon_edges, to_world
-from wheelchair_gym.physics.actors.records import Mover, door, together
+from wheelchair_gym.physics.actors.records import Actor, combine, door
 from wheelchair_gym.scenes.arena import make_arena
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.types import Episode
@@ -66,13 +66,13 @@ class Edges:
         goal = np.array([0.7, 0.7, 0.0])
         walls = np.vstack([ground.walls, *walls])
         return Episode(
-            ground.map, start, goal, walls, np.array(discs), movers=together(leaves), name="edges"
+            ground.map, start, goal, walls, np.array(discs), actors=combine(leaves), name="edges"
         )
 
     def _width(self, rng: np.random.Generator) -> float:
         return float(rng.uniform(self.narrowest, self.widest))
 
-    def _leaf(self, rng: np.random.Generator, x: float, y: float, way: float) -> Mover:
+    def _leaf(self, rng: np.random.Generator, x: float, y: float, way: float) -> Actor:
         """A leaf whose hinge or other end looks at (x, y); half of them swing on a timetable."""
         length, near = rng.uniform(0.8, 1.1), rng.uniform(1.5, 2.5)
         hinge = rng.random() < 0.5

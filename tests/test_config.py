@@ -64,7 +64,7 @@ def test_a_part_keeps_the_defaults_that_it_has_where_it_stands():
             {"random": {"mass": [1]}},
             "chair.json.random.mass has 1 values; expected 2",
         ),
-        (ChairSettings, {"body": {"centre": 0.49}}, "centre must lie behind casters"),
+        (ChairSettings, {"body": {"centre_of_mass": 0.49}}, "must lie behind the casters"),
         (ChairSettings, [1], "chair.json: expected an object with keys, got list"),
     ],
 )

@@ -22,7 +22,7 @@ for _id, _kwargs in (("Navigation-v0", {}), ("GuidedNavigation-v0", {"guidance":
 # Nobody tells a real chair the truth: what differs from the defaults in configs/hardware.json.
 _REAL = {
     "sensors": {"pose_source": "mcl"},
-    "chair": {"motor": {"rate": 200.0}},
+    "chair": {"motor": {"control_rate": 200.0}},
     "physics": {"step": 0.005},
 }
 gym.register("wheelchair_gym/Hardware-v0", _ENTRY, kwargs={"chair": "hardware", "config": _REAL})

@@ -19,7 +19,7 @@ from typing import Any, Final, Literal, TypeVar, dataclass_transform
 import numpy as np
 
 from wheelchair_gym.errors import InputError as InputError
-from wheelchair_gym.errors import shown
+from wheelchair_gym.errors import shorten
 from wheelchair_gym.files import LIMITS
 from wheelchair_gym.files import parse_json as parse_json
 from wheelchair_gym.files import read_json as read_json
@@ -97,7 +97,7 @@ def _bounded(value: Any, metadata: Mapping[str, Any], where: str) -> None:
                 ([f"at least {low}"] if low is not None else [])
                 + ([f"at most {high}"] if high is not None else [])
             )
-            raise InputError(f"{where} is {shown(number)}; it must be {bounds}")
+            raise InputError(f"{where} is {shorten(number)}; it must be {bounds}")
 
 
 def _name(hint: Any) -> str:
@@ -114,7 +114,7 @@ def _convert(value: Any, hint: Any, where: str) -> Any:
     if origin is Literal:
         if value not in args:
             raise InputError(
-                f"{where} is {shown(value)}; it must be one of {', '.join(map(str, args))}"
+                f"{where} is {shorten(value)}; it must be one of {', '.join(map(str, args))}"
             )
         return value
     if origin in (types.UnionType, typing.Union):
@@ -125,10 +125,10 @@ def _convert(value: Any, hint: Any, where: str) -> Any:
                 if dataclasses.is_dataclass(option) and isinstance(value, Mapping):
                     raise
         expected = " or ".join(_name(option) for option in args)
-        raise InputError(f"{where} is {shown(value)}; expected {expected}")
+        raise InputError(f"{where} is {shorten(value)}; expected {expected}")
     if origin is tuple:
         if not isinstance(value, Sequence) or isinstance(value, str):
-            raise InputError(f"{where} is {shown(value)}; expected a list")
+            raise InputError(f"{where} is {shorten(value)}; expected a list")
         if args[-1] is Ellipsis:
             return tuple(_convert(v, args[0], f"{where}[{i}]") for i, v in enumerate(value))
         if len(value) != len(args):
@@ -137,14 +137,14 @@ def _convert(value: Any, hint: Any, where: str) -> Any:
         return tuple(_convert(v, a, f"{where}[{i}]") for i, (v, a) in enumerate(pairs))
     if origin in (dict, Mapping) or (origin is not None and issubclass(origin, Mapping)):
         if not isinstance(value, Mapping):
-            raise InputError(f"{where} is {shown(value)}; expected an object")
+            raise InputError(f"{where} is {shorten(value)}; expected an object")
         return {k: _convert(v, args[1], f"{where}.{k}") for k, v in value.items()}
     if dataclasses.is_dataclass(hint):
         if isinstance(value, Mapping):
             return load(typing.cast(type, hint), value, where)
         if isinstance(value, typing.cast(type, hint)):
             return value
-        raise InputError(f"{where} is {shown(value)}; expected an object ({_name(hint)})")
+        raise InputError(f"{where} is {shorten(value)}; expected an object ({_name(hint)})")
     if hint is Any:
         return value
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
@@ -157,7 +157,7 @@ def _convert(value: Any, hint: Any, where: str) -> Any:
         return int(value)
     if isinstance(value, hint) and not (isinstance(value, bool) and hint is not bool):
         return value
-    raise InputError(f"{where} is {shown(value)}; expected {_name(hint)}")
+    raise InputError(f"{where} is {shorten(value)}; expected {_name(hint)}")
 
 
 def load(cls: type[T], data: Mapping[str, Any], where: str, base: T | None = None) -> T:
@@ -177,7 +177,7 @@ def load(cls: type[T], data: Mapping[str, Any], where: str, base: T | None = Non
     fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
     for key in data:
         if key not in fields:
-            named = key if str(key).isidentifier() and len(key) < 80 else shown(key)
+            named = key if str(key).isidentifier() and len(key) < 80 else shorten(key)
             known = ", ".join(sorted(fields))
             near = suggest(key, fields)
             raise InputError(f"{where}.{named} is not a setting; it has {known}{near}")
@@ -246,7 +246,7 @@ def with_values(settings: Mapping[str, Any], values: Mapping[str, Any]) -> dict[
         for part in above:
             inner = place.get(part, {})
             if not isinstance(inner, Mapping):
-                raise InputError(f"{key}: {part} is {shown(inner)}; it has no keys")
+                raise InputError(f"{key}: {part} is {shorten(inner)}; it has no keys")
             place[part] = {**inner}
             place = place[part]
         place[last] = value

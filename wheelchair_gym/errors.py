@@ -13,6 +13,6 @@ _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
 
 
-def shown(value: object) -> str:
+def shorten(value: object) -> str:
     """A value as an error message shows it: like `repr`, but never longer than about a line."""
     return _SHORT.repr(value)

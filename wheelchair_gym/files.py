@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, Final, NamedTuple
 
-from wheelchair_gym.errors import InputError, shown
+from wheelchair_gym.errors import InputError, shorten
 
 
 class Limit(NamedTuple):
@@ -70,7 +70,7 @@ def opened(path: str | Path, limit: str | None = None) -> Iterator[IO[bytes]]:
                 _check_size(path, os.fstat(file.fileno()).st_size, limit)
             yield file
     except OSError as error:
-        named = path if len(str(path)) < 1000 else shown(str(path))  # which may come from a file
+        named = path if len(str(path)) < 1000 else shorten(str(path))  # which may come from a file
         raise InputError(f"{named}: cannot be read ({error.strerror or error})") from None
     except ValueError as error:
         if isinstance(error, InputError) or "null" not in str(error):
@@ -153,7 +153,7 @@ _TOO_DEEP: Final = f"nested too deep; expected at most {LIMITS['depth'].most} le
 def _parse_int(digits: str) -> int:
     # Digits are counted first: Python itself takes quadratic time, and refuses 4,301 of them.
     if len(digits) > 20 or not -(2**63) <= int(digits) < 2**64:
-        raise ValueError(f"{shown(digits)} needs more than {LIMITS['integer'].most} bits")
+        raise ValueError(f"{shorten(digits)} needs more than {LIMITS['integer'].most} bits")
     return int(digits)
 
 
@@ -240,7 +240,7 @@ def is_coordinate(value: Any) -> bool:
 
 
 @contextmanager
-def whole(path: str | Path) -> Iterator[Path]:
+def atomic_write(path: str | Path) -> Iterator[Path]:
     """A name to write to; renamed to `path` at the end, removed after an error.
 
     Raises:
@@ -262,10 +262,10 @@ def whole(path: str | Path) -> Iterator[Path]:
         finally:
             part.unlink(missing_ok=True)
     except OSError as error:
-        raise refused(path, error) from None
+        raise write_error(path, error) from None
 
 
-def refused(path: Path, error: OSError) -> InputError:
+def write_error(path: Path, error: OSError) -> InputError:
     """What a person is told of a file that cannot be written."""
     taken = isinstance(error, FileExistsError | NotADirectoryError)
     why = "its folder is a file" if taken else error.strerror or str(error)

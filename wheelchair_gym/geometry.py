@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.compiled.kernel import kernel
+from wheelchair_gym.compiled.kernel import inlined, kernel
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]
@@ -61,6 +61,18 @@ def wrap(angle: float) -> float:
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
+@inlined
+def world_to_body(c: float, s: float, dx: float, dy: float) -> tuple[float, float]:
+    """A vector of the world in a frame whose yaw has cosine c and sine s."""
+    return c * dx + s * dy, c * dy - s * dx
+
+
+@inlined
+def body_to_world(c: float, s: float, x: float, y: float) -> tuple[float, float]:
+    """A vector of a frame whose yaw has cosine c and sine s, in the world."""
+    return c * x - s * y, s * x + c * y
+
+
 def to_frame(points: ArrayLike, pose: ArrayLike) -> Array:
     """Points (..., 2) [m] of the world, seen from a pose (3,) (x, y, yaw)."""
     x, y, yaw = np.asarray(pose, dtype=np.float64)
@@ -86,7 +98,7 @@ def compose(pose: ArrayLike, increment: ArrayLike) -> Array:
     return np.stack([x, y, wrap_angle(a[..., 2] + b[..., 2])], axis=-1)
 
 
-def between(before: ArrayLike, after: ArrayLike) -> Array:
+def relative_pose(before: ArrayLike, after: ArrayLike) -> Array:
     """The increments (..., 3) that `compose` adds to poses to reach others."""
     a, b = np.asarray(before, dtype=np.float64), np.asarray(after, dtype=np.float64)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
@@ -94,12 +106,12 @@ def between(before: ArrayLike, after: ArrayLike) -> Array:
     return np.stack([c * dx + s * dy, c * dy - s * dx, wrap_angle(b[..., 2] - a[..., 2])], axis=-1)
 
 
-def correction(pose: ArrayLike, reckoned: ArrayLike) -> Array:
+def map_to_odom(pose: ArrayLike, reckoned: ArrayLike) -> Array:
     """The frames (..., 3) in which dead-reckoned poses are the believed ones: map -> odom.
 
     Source: REP-105; `compose(correction(pose, reckoned), reckoned)` is `pose`.
     """
-    return compose(pose, between(reckoned, np.zeros(3)))
+    return compose(pose, relative_pose(reckoned, np.zeros(3)))
 
 
 def path_length(path: ArrayLike) -> float:
@@ -125,6 +137,23 @@ def point_segment_distance(
     if square > 0.0:
         t = min(1.0, max(0.0, ((px - ax) * ex + (py - ay) * ey) / square))
     return math.hypot(px - ax - t * ex, py - ay - t * ey)
+
+
+@kernel
+def project(path: Array, x: float, y: float) -> tuple[int, float, float]:
+    """The point of a path (n, 2) [m] nearest to (x, y): segment, share of it, and distance [m]."""
+    best, where, share = math.inf, 0, 0.0
+    for k in range(path.shape[0] - 1):
+        ex, ey = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1]
+        square = ex * ex + ey * ey
+        t = 0.0
+        if square > 0.0:
+            t = ((x - path[k, 0]) * ex + (y - path[k, 1]) * ey) / square
+            t = min(1.0, max(0.0, t))
+        gap = math.hypot(x - path[k, 0] - t * ex, y - path[k, 1] - t * ey)
+        if gap < best:
+            best, where, share = gap, k, t
+    return where, share, best
 
 
 @kernel
@@ -172,8 +201,8 @@ def rectangle_segment_gap(
     """
     c, s = math.cos(yaw), math.sin(yaw)
     front, back, half = footprint[0], -footprint[1], footprint[2]
-    px, py = c * (ax - x) + s * (ay - y), c * (ay - y) - s * (ax - x)
-    qx, qy = c * (bx - x) + s * (by - y), c * (by - y) - s * (bx - x)
+    px, py = world_to_body(c, s, ax - x, ay - y)
+    qx, qy = world_to_body(c, s, bx - x, by - y)
     # Liang and Barsky: the part of the segment inside the rectangle is t0..t1.
     t0, t1 = 0.0, 1.0
     ex, ey = qx - px, qy - py
@@ -238,12 +267,13 @@ def footprint_clearance(
         far = gap + span + radius
         if dx * dx + dy * dy > far * far:
             continue
-        distance = rectangle_point_gap(c * dx + s * dy, c * dy - s * dx, footprint)
+        px, py = world_to_body(c, s, dx, dy)
+        distance = rectangle_point_gap(px, py, footprint)
         gap = min(gap, max(0.0, distance - radius))
     return gap
 
 
-def roomiest(
+def best_clearance_heading(
     place: ArrayLike, outline: Footprint, walls: Array, discs: Array
 ) -> tuple[float, float]:
     """The heading at which an outline has the most room at a place [rad], and that room [m].

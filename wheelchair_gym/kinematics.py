@@ -21,7 +21,7 @@ _THERE = 1e-12  # m/s, rad/s: an approach that is this near has arrived; the res
 
 
 @borrowing_kernel
-def asked_twist(
+def twist_of_action(
     a_v: float, a_w: float, forward: float, backward: float, turn: float
 ) -> tuple[float, float]:
     """The twist [m/s, rad/s] that an action asks for; beyond [-1, 1] it is clipped."""
@@ -92,7 +92,7 @@ class Limits:
         if type(a_v) is not float or not math.isfinite(a_v + a_w):
             raise InputError(f"action is {action!r}; expected two finite numbers in [-1, 1]")
         # As plain Python, which is sooner done than calling compiled code.
-        plain: Any = asked_twist
+        plain: Any = twist_of_action
         return np.array(plain.py_func(a_v, a_w, self.forward, self.backward, self.turn))
 
     def action(self, twist: NDArray[np.floating]) -> Array:
@@ -155,7 +155,9 @@ def arc_step(
     return x + chord * math.cos(yaw + half), y + chord * math.sin(yaw + half), yaw + w * t
 
 
-SOONER = 1.47  # times the protective rate falls the set point, as on the drive board: 2.2 m/s2
+STOP_RAMP_FACTOR = (
+    1.47  # times the protective rate falls the set point, as on the drive board: 2.2 m/s2
+)
 _NARROWEST = 0.1  # m, of tracks
 
 
@@ -206,7 +208,7 @@ def approach(
 
 
 @kernel
-def carried(speed: float, slope: float, jerk: float) -> float:
+def peak_speed(speed: float, slope: float, jerk: float) -> float:
     """How fast something is or is yet to be while its slope is brought to nothing.
 
     On its way through rest it is not at rest.

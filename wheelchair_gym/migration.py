@@ -5,8 +5,97 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-# By section of the environment's settings: earlier name -> name now.
+# Earlier name -> name now, by section of the environment's settings, and of `truth` in a recording
+# and of the keys of an observation.
 RENAMED: Final[dict[str, dict[str, str]]] = {
+    "": {
+        "localisation": "localization",
+    },
+    "chair": {
+        "randomise": "randomize",
+    },
+    "chair.body": {
+        "centre": "centre_of_mass",
+        "gyration": "radius_of_gyration",
+        "casters": "wheelbase",
+        "rolling": "rolling_resistance",
+        "bumper": "bumper_force",
+    },
+    "chair.motor": {
+        "constant": "torque_constant",
+        "current": "current_limit",
+        "smoothing": "filter_time",
+        "rate": "control_rate",
+    },
+    "chair.battery": {
+        "full": "full_voltage",
+        "empty": "empty_voltage",
+        "charge": "initial_charge",
+        "idle": "idle_power",
+    },
+    "physics.people": {
+        "choose": "decision_period",
+        "sight": "neighbour_distance",
+        "notice": "inattentive_distance",
+        "relax": "relaxation_time",
+        "legs": "max_force",
+    },
+    "sensors.laser": {
+        "nearest": "range_min",
+        "no_echo": "dropout",
+    },
+    "sensors.ultrasonic.narrow": {
+        "cone": "field_of_view",
+        "blind": "range_min",
+        "ghosts": "ghost_share",
+    },
+    "sensors.ultrasonic.wide": {
+        "cone": "field_of_view",
+        "blind": "range_min",
+        "ghosts": "ghost_share",
+    },
+    "sensors.modelled": {
+        "position_most": "position_max",
+        "heading_most": "heading_max",
+    },
+    "sensors.faults": {
+        "since": "onset",
+    },
+    "starts": {
+        "within": "max_time",
+        "least": "min_time",
+    },
+    "guidance": {
+        "slack": "max_detour",
+        "share": "degraded_share",
+        "forgotten": "patch_density",
+        "patch": "patch_radius",
+        "known": "known_radius",
+        "shift": "shift_sigma",
+    },
+    "task": {
+        "doubt": "arrival_margin",
+        "gaps": "side_clearance",
+        "unguided": "hide_guidance",
+    },
+    "task.reward": {
+        "withheld": "shield_intervention",
+        "haste": "proximity_speed",
+        "change": "action_rate",
+    },
+    "truth": {
+        "caused": "at_fault",
+        "met": "contact_with",
+        "closing": "approach_speed",
+        "closed_on": "other_approach_speed",
+        "way": "distance",
+        "movers": "actor_poses",
+    },
+    "observation": {
+        "gaps": "side_clearance",
+        "hidden_path": "privileged_path",
+        "hidden_gaps": "privileged_side_clearance",
+    },
     "shield": {
         "margin": "stop_margin",
         "headway": "time_headway",

@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import Any
 
 from wheelchair_gym.config import dump, load, suggest
-from wheelchair_gym.errors import InputError, shown
+from wheelchair_gym.errors import InputError, shorten
 
 
 @cache
@@ -49,7 +49,7 @@ class Registry(Mapping[str, Any]):
         if not isinstance(name, str) or name not in self.places:
             known = ", ".join(self.places)
             near = suggest(name, self.places)
-            raise InputError(f"{self.kind} {shown(name)} is unknown; there are {known}{near}")
+            raise InputError(f"{self.kind} {shorten(name)} is unknown; there are {known}{near}")
         return self[name]
 
     def name_of(self, value: object) -> str | None:
@@ -68,7 +68,7 @@ class Registry(Mapping[str, Any]):
             return {"name": known, **dump(value)}
         if not isinstance(value, str | Mapping):
             expected = "expected a name or an object with a name"
-            raise InputError(f"{self.kind} is {shown(value)}; {expected}")
+            raise InputError(f"{self.kind} is {shorten(value)}; {expected}")
         values = {"name": value} if isinstance(value, str) else dict(value)
         self.get_known(values.get("name"))
         return values

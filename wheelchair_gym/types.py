@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import as_array
 from wheelchair_gym.config import FARTHEST, InputError
-from wheelchair_gym.physics.actors.records import Movers, checked, no_movers
+from wheelchair_gym.physics.actors.records import Actors, check_actors, no_actors
 from wheelchair_gym.sensors.settings import RANGERS
 
 if TYPE_CHECKING:
@@ -89,13 +89,13 @@ class Truth(NamedTuple):
     clearance: float  # m from the outline to the nearest obstacle, at most 2 m
     contact: bool  # touched anything during the last control period
     touched: bool  # touched anything since reset
-    way: float  # m driven since reset, forward and backward
+    distance: float  # m driven since reset, forward and backward
     energy: float  # Wh drawn from the battery since reset
-    caused: bool = False  # the chair caused a contact in that period (`physics.contact`)
-    met: int = -1  # the mover that it touched in that period; -1: none
-    closing: float = 0.0  # m/s at which the chair closed on what it touched
-    closed_on: float = 0.0  # m/s at which that closed on the chair
-    movers: Array = np.empty((0, 3))  # (k, 3) m, m, rad: where movers are; NaN: not there
+    at_fault: bool = False  # the chair caused a contact in that period (`physics.contact`)
+    contact_with: int = -1  # the actor that it touched in that period; -1: none
+    approach_speed: float = 0.0  # m/s at which the chair closed on what it touched
+    other_approach_speed: float = 0.0  # m/s at which that closed on the chair
+    actor_poses: Array = np.empty((0, 3))  # (k, 3) m, m, rad: where actors are; NaN: not there
 
 
 def no_walls() -> Array:
@@ -128,8 +128,10 @@ class Episode:
     tolerance: float | None = None  # m: how near the goal counts, where the world says so
     time_limit: float | None = None  # s: where the world says so
     name: str = ""
-    movers: Movers = field(default_factory=no_movers)  # which the map does not show
-    reference: float | None = None  # m: how long the way is that its source measures speed by
+    actors: Actors = field(default_factory=no_actors)  # which the map does not show
+    reference_length: float | None = (
+        None  # m: how long the way is that its source measures speed by
+    )
 
     def __post_init__(self) -> None:
         shapes: dict[str, tuple[int | None, ...]] = {"start": (3,), "goal": (3,)}
@@ -139,12 +141,12 @@ class Episode:
             object.__setattr__(self, name, array)
         if (self.discs[:, 2] < 0.0).any():
             raise InputError(f"Episode.discs has a radius of {self.discs[:, 2].min():g} m")
-        for name in ("tolerance", "time_limit", "reference"):
+        for name in ("tolerance", "time_limit", "reference_length"):
             value = getattr(self, name)
             least = 0.0 if name == "tolerance" else math.ulp(0.0)  # 0 m: it never arrives
             if value is not None and not least <= value < math.inf:
                 raise InputError(f"Episode.{name} is {value}; expected a positive number, or None")
-        object.__setattr__(self, "movers", checked(self.movers))
+        object.__setattr__(self, "actors", check_actors(self.actors))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Episode:
         return self
@@ -220,7 +222,7 @@ class Command(NamedTuple):
         return limits.action(self.twist) if self.action is None else self.action
 
 
-class Uncopied:
+class NotCopyable:
     """Base of what holds a line, a thread or a process: it can be neither copied nor pickled."""
 
     def __reduce_ex__(self, protocol: Any) -> Any:

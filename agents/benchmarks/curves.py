@@ -15,7 +15,7 @@ from agents.benchmarks.runs import FREE, Record
 from agents.benchmarks.summary import LATE_FACTOR, entrant_title, first_path_time, is_valid
 from agents.evaluation.figures import COLOURS, DASHES, LOOK, MARKS
 from wheelchair_gym.config import InputError
-from wheelchair_gym.files import whole
+from wheelchair_gym.files import atomic_write
 
 FLOOR = 1e-3  # % above the optimum: what is nearer is drawn here
 _PANEL = (4.6, 3.1)  # inches
@@ -75,7 +75,7 @@ def draw(
             for name in names
         ]
         figure.legend(handles=lines, loc="outside right upper", fontsize=7.5)
-        with whole(path) as part:
+        with atomic_write(path) as part:
             figure.savefig(part, dpi=_DPI)
 
 

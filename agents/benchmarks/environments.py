@@ -18,7 +18,7 @@ import numpy as np
 from agents.evaluation.provenance import commit, machine, versions
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.envs.world_banks import Worlds
+from wheelchair_gym.envs.world_banks import WorldBank
 
 ENV = "wheelchair_gym/Navigation-v0"
 EPISODE = 300  # steps at most
@@ -39,13 +39,13 @@ def bench_settings(beams: int, bank: int) -> EnvSettings:
     )
 
 
-def measure_bank(worlds: Worlds, size: int) -> tuple[float, float]:
+def measure_bank(worlds: WorldBank, size: int) -> tuple[float, float]:
     """Make all worlds of a new bank; milliseconds and bytes per world."""
     before, begun = resident_bytes(), time.perf_counter()
     known = len(worlds)
     seed = 0
     while len(worlds) < size:
-        worlds.course(seed, 0)
+        worlds.episode(seed, 0)
         seed += 1
     made = max(1, len(worlds) - known)
     spent = time.perf_counter() - begun
@@ -78,7 +78,7 @@ def measure_rate(step: Callable[[int], int], seconds: float) -> float:
     return statistics.median(rates)
 
 
-def single_env_rate(settings: EnvSettings, worlds: Worlds, seconds: float) -> float:
+def single_env_rate(settings: EnvSettings, worlds: WorldBank, seconds: float) -> float:
     """Steps per second of one Gymnasium environment with resets."""
     env = gym.make(ENV, config=settings, disable_env_checker=True)
     own: Any = env.unwrapped
@@ -100,7 +100,7 @@ def single_env_rate(settings: EnvSettings, worlds: Worlds, seconds: float) -> fl
 
 
 def vector_env_rate(
-    settings: EnvSettings, worlds: Worlds, n: int, threads: int, seconds: float
+    settings: EnvSettings, worlds: WorldBank, n: int, threads: int, seconds: float
 ) -> tuple[float, NavigationVectorEnv]:
     """Steps per second of a vector environment with resets, and the environment."""
     env = NavigationVectorEnv(n, settings, num_threads=threads)
@@ -167,8 +167,8 @@ def measure(
         first, second = startup_times()
         yield {"what": "first start, with compilation", "value": first, "unit": "s"}
         yield {"what": "start in a second process", "value": second, "unit": "s"}
-    worlds: Worlds = gym.make(ENV, config=bench_settings(beams[0], bank)).unwrapped.worlds  # type: ignore[attr-defined]
-    worlds.course(0, 0)
+    worlds: WorldBank = gym.make(ENV, config=bench_settings(beams[0], bank)).unwrapped.worlds  # type: ignore[attr-defined]
+    worlds.episode(0, 0)
     made_ms, world_bytes = measure_bank(worlds, bank)
     yield {"what": "a world of the bank, made", "value": made_ms, "unit": "ms"}
     yield {"what": "a world of the bank, kept", "value": world_bytes / 1024, "unit": "kB"}
@@ -178,7 +178,7 @@ def measure(
         if peer:
             from agents.peers.irsim import irsim_rate
 
-            theirs = irsim_rate(settings, worlds.course(0, 0).episode, seconds)
+            theirs = irsim_rate(settings, worlds.episode(0, 0).episode, seconds)
             yield {"what": "IR-SIM", "beams": count, "envs": 1, "threads": 1, "rate": theirs}
         found = single_env_rate(settings, worlds, seconds)
         yield _row("one env", count, 1, 1, found, theirs)

@@ -14,7 +14,7 @@ from agents.evaluation.provenance import command_line, write_json
 from agents.watch import Watch
 from planners.thesis_settings import is_thesis, read_thesis, without_trailing_commas
 from wheelchair_gym.config import InputError, read_json, value_of, with_values
-from wheelchair_gym.errors import shown
+from wheelchair_gym.errors import shorten
 from wheelchair_gym.files import parse_json, read_text
 
 
@@ -33,7 +33,7 @@ def spec(text: str) -> str | dict[str, Any]:
     if is_thesis(content):
         return read_thesis(file).planner(name)
     if not isinstance(content, Mapping) or not isinstance(content.get(name), Mapping):
-        known = shown(", ".join(content))[1:-1] if isinstance(content, Mapping) else ""
+        known = shorten(", ".join(content))[1:-1] if isinstance(content, Mapping) else ""
         raise InputError(f"{file}: no settings under {name!r}; known: {known or 'none'}")
     return {"name": name, **content[name]}  # the file may know it under another name
 

@@ -17,7 +17,7 @@ from agents.policies import make_policy
 from agents.start_fit import StartCheck
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.settings import env_settings as complete_env_settings
-from wheelchair_gym.geometry import roomiest
+from wheelchair_gym.geometry import best_clearance_heading
 from wheelchair_gym.hardware.registry import check_extras
 from wheelchair_gym.maps import OCCUPIED, read_any_map
 from wheelchair_gym.safety.stops import active_stops
@@ -152,7 +152,7 @@ def _episode(given: argparse.Namespace, footprint: Any) -> Episode:
             raise InputError(f"{name} {place[0]:g},{place[1]:g}: not a free place on {given.map}")
     goal = np.array([*given.goal, 0.0][:3])
     if len(given.goal) == 2:
-        goal[2], clearance = roomiest(goal, footprint, walls, np.empty((0, 3)))
+        goal[2], clearance = best_clearance_heading(goal, footprint, walls, np.empty((0, 3)))
         if clearance <= 0.0:
             where = f"--goal {goal[0]:g},{goal[1]:g}"
             raise InputError(f"{where}: no heading is free of collisions on {given.map}")

@@ -19,8 +19,8 @@ from agents.deploy import ended_as_by_hand, hear_person
 from agents.evaluation.provenance import write_json
 from wheelchair_gym.config import InputError, load, read_json
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.files import whole
-from wheelchair_gym.geometry import between
+from wheelchair_gym.files import atomic_write
+from wheelchair_gym.geometry import relative_pose
 from wheelchair_gym.hardware import joystick
 from wheelchair_gym.hardware.boards.monitor import status_rows, subscribe
 from wheelchair_gym.hardware.boards.parameters import board_parameters
@@ -177,7 +177,7 @@ def _plot(file: str, step: Any, name: str) -> None:
     below.plot(step.times, step.duties, label=["left", "right"])
     below.set(ylabel="duty", xlabel="time [s]")
     below.legend()
-    with whole(file) as part:
+    with atomic_write(file) as part:
         figure.savefig(part)
 
 
@@ -264,7 +264,7 @@ def _pushed_runs(given: argparse.Namespace, settings: Any) -> list[Any]:
             _wait_for_enter(prompt, senses, clock)
             pose_after, travel_after, wall_after = standstill()
             distance_calibration.check_straight(travel_after - travel)
-            motion = between(pose, pose_after)
+            motion = relative_pose(pose, pose_after)
             counted = math.hypot(motion[0], motion[1])
             measured = (
                 _by_tape(counted) if wall is None

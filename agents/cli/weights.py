@@ -9,7 +9,7 @@ from agents.cli.arguments import env_of, report, spec
 from agents.evaluation.evaluate import drive_episode, make_env
 from agents.policies import make_policy
 from wheelchair_gym.config import InputError
-from wheelchair_gym.files import whole
+from wheelchair_gym.files import atomic_write
 
 
 def export(given: argparse.Namespace) -> int:
@@ -46,7 +46,7 @@ def inspect(given: argparse.Namespace) -> int:
         outcome = drive_episode(env, policy, given.seed, recorder)["outcome"]
         with mpl.rc_context(LOOK):
             figure, values = recorder.draw(env, given.moment)
-            with whole(file) as part:
+            with atomic_write(file) as part:
                 figure.savefig(part, format=file.suffix[1:], dpi=150)
     finally:
         env.close()

@@ -130,7 +130,7 @@ class Surroundings:
         self._sight.update(reading)
         laser = self._laser
         ranges = np.asarray(reading.laser, dtype=np.float64)
-        near = np.isfinite(ranges) & (ranges < SEEN_FROM) & (ranges > laser.nearest)
+        near = np.isfinite(ranges) & (ranges < SEEN_FROM) & (ranges > laser.range_min)
         seen = self._beams[near] * ranges[near, None] + (laser.x, laser.y)
         stands = ranges[near] < REACH + laser.x
         if self._tracks is not None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.geometry import Footprint, rectangle_point_gap
-from wheelchair_gym.kinematics import Limits, approach, arc_step, carried
+from wheelchair_gym.kinematics import Limits, approach, arc_step, peak_speed
 from wheelchair_gym.safety.clearance import clearance_to_points, required_clearance
 
 Array = NDArray[np.float64]
@@ -184,7 +184,7 @@ def stops_clear(v: float, w: float, body: Body, near: Near, hold: float, margin:
                     here = mover_gap(0.0, 0.0, 0.0, body.footprint, near.movers, t, room)
                     if gap < here:
                         return False
-        ends = carried(sv, av, limits[7]) < 0.02 and carried(0.0, aw, limits[8]) < 0.05
+        ends = peak_speed(sv, av, limits[7]) < 0.02 and peak_speed(0.0, aw, limits[8]) < 0.05
         if k >= held and still and ends:
             break
     return True

@@ -128,7 +128,7 @@ def drive_episode(
     if margin < TIGHT:
         ends = world.start, world.goal, task.footprint
         margin = min(margin, footprint_margin(world.walls, world.discs, *ends))
-    trace = Trace(task.period, margin, task.limits.forward, world.reference)
+    trace = Trace(task.period, margin, task.limits.forward, world.reference_length)
     trace.add(info)
     begun = time.perf_counter()
     driver = GymPolicy(policy, env)

@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from agents.evaluation.metrics import BARN_SPEED, HALT, ROUGH, WIDE
 from agents.evaluation.tables import COLUMNS, bounds_written, by_scene, known, overall, written
-from wheelchair_gym.files import whole
+from wheelchair_gym.files import atomic_write
 
 Record = Mapping[str, Any]
 Figures = Mapping[str, tuple[str, bytes]]  # name: caption and SVG
@@ -110,7 +110,7 @@ def macro(name: str, *arguments: Any) -> Markup:
 def write_page(path: Path, template: str, **context: Any) -> Path:
     """Write a page that needs no other file; its path."""
     page = templates().get_template(template).render(context)
-    with whole(path) as part:
+    with atomic_write(path) as part:
         part.write_text(page, encoding="utf-8")
     return path
 

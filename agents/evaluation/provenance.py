@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from wheelchair_gym.files import whole
+from wheelchair_gym.files import atomic_write
 
 PACKAGES = (
     "wheelchair_gym", "numpy", "numba", "gymnasium", "pymunk", "scipy", "shapely",
@@ -80,7 +80,7 @@ def write_text(path: str | Path, text: str) -> None:
     Raises:
         InputError: it cannot be written.
     """
-    with whole(path) as part:
+    with atomic_write(path) as part:
         part.write_text(text, encoding="utf-8")
 
 

@@ -20,7 +20,7 @@ from agents.evaluation.html_tables import (
     write_page,
 )
 from agents.evaluation.tables import COLUMNS, bounds_written, heading, known, overall, written
-from wheelchair_gym.files import whole
+from wheelchair_gym.files import atomic_write
 from wheelchair_gym.rendering.video import webp
 
 Evaluation = Mapping[str, Any]
@@ -52,7 +52,7 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
     folder = Path(folder)
     drawn = figures(evaluation)
     for name, (_, svg) in drawn.items():
-        with whole(folder / "figures" / f"{name}.svg") as part:
+        with atomic_write(folder / "figures" / f"{name}.svg") as part:
             part.write_bytes(svg)
     ranked = overall(evaluation["summary"])
     policies, scenes = evaluation["policies"], evaluation["scenes"]

@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 from agents.evaluation.engines import ENGINES, LostError, Pool
 from agents.interrupt import by_hand
 from wheelchair_gym.config import InputError, dump
-from wheelchair_gym.files import LIMITS, opened, parse_json, refused
+from wheelchair_gym.files import LIMITS, opened, parse_json, write_error
 
 Record = dict[str, Any]
 Job = TypeVar("Job")
@@ -112,7 +112,7 @@ def open_store(path: Path) -> Any:
             raise InputError(f"{path}: cannot be written (not a regular file)")
         store = path.open("a+b", buffering=0)
     except OSError as error:
-        raise refused(path, error) from None
+        raise write_error(path, error) from None
     if store.tell():
         store.seek(-1, os.SEEK_END)
         if store.read(1) != b"\n":  # a line cut short: what follows begins a new one

@@ -204,7 +204,7 @@ def _study(folder: Path, what: str) -> optuna.Study:
     from optuna.storages import JournalStorage
     from optuna.storages.journal import JournalFileBackend
 
-    from wheelchair_gym.files import refused
+    from wheelchair_gym.files import write_error
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     try:
@@ -214,7 +214,7 @@ def _study(folder: Path, what: str) -> optuna.Study:
             study_name="tune", storage=storage, direction="maximize", load_if_exists=True
         )
     except OSError as error:
-        raise refused(folder / JOURNAL, error) from None
+        raise write_error(folder / JOURNAL, error) from None
     except (ValueError, KeyError, AssertionError):
         raise InputError(f"{folder / JOURNAL}: not the journal of a search by Optuna") from None
     if study.trials and study.user_attrs.get("what") != what:

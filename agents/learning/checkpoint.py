@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from wheelchair_gym.errors import InputError
-from wheelchair_gym.files import LIMITS, read_bytes, whole
+from wheelchair_gym.files import LIMITS, atomic_write, read_bytes
 
 NAME = "checkpoint.pt"
 _HEAD = b"wheelchair checkpoint 1\n"
@@ -66,7 +66,7 @@ def save_checkpoint(folder: Path, content: dict[str, Any]) -> None:
     torch.save(content, stream)
     body = stream.getbuffer()
     digest = hashlib.sha256(body).hexdigest().encode()
-    with whole(folder / NAME) as part, part.open("wb") as file:
+    with atomic_write(folder / NAME) as part, part.open("wb") as file:
         file.write(_HEAD + digest + b"\n")
         file.write(body)
 

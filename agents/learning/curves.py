@@ -13,7 +13,7 @@ from typing import Any
 
 from agents.evaluation.provenance import write_text
 from wheelchair_gym.errors import InputError
-from wheelchair_gym.files import read_text, whole
+from wheelchair_gym.files import atomic_write, read_text
 
 NAME = "curve.csv"
 SWEEP = "sweep"
@@ -161,7 +161,7 @@ def write_sweep(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
         })  # fmt: skip
     table = _csv(list(rows[0]), rows) if rows else ""
     write_text(out / f"{SWEEP}.csv", table)
-    with mpl.rc_context(LOOK), whole(out / f"{SWEEP}.svg") as part:
+    with mpl.rc_context(LOOK), atomic_write(out / f"{SWEEP}.svg") as part:
         _plot_sweep(key, curves).savefig(
             part, format="svg", metadata={"Date": None, "Creator": None}
         )

@@ -41,7 +41,7 @@ def _demonstrate(
         student.reset(1)
     observations, actions, over = [], [], False
     while not over:
-        flat = np.concatenate([observation[key] for key in env.task.boxes])
+        flat = np.concatenate([observation[key] for key in env.task.spaces])
         label = np.asarray(expert.act(observation), np.float32)
         observations.append(flat)
         actions.append(label)

@@ -21,9 +21,9 @@ from agents.learning.features import (
 from agents.learning.weights import Weights, check_card
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.envs.settings import EnvSettings
-from wheelchair_gym.errors import shown
-from wheelchair_gym.files import read_bytes, read_json, whole
-from wheelchair_gym.task.observation_layout import PRIVATE
+from wheelchair_gym.errors import shorten
+from wheelchair_gym.files import atomic_write, read_bytes, read_json
+from wheelchair_gym.task.observations import PRIVILEGED
 
 Floats = NDArray[np.float32]
 NAMES = {"action": "last_action"}  # names of inputs that differ from keys
@@ -83,7 +83,7 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     graph, layout = _Graph(onnx), weights.layout
     env = load(EnvSettings, weights.card["env"], "weights: env")
     beams = env.sensors.laser.beams
-    sizes = {key: n for key, n in layout.sizes if key not in PRIVATE}
+    sizes = {key: n for key, n in layout.sizes if key not in PRIVILEGED}
     rangers = env.sensors.ultrasonic
     reaches = [
         (rangers.narrow if m.model == "narrow" else rangers.wide).reach for m in rangers.mounted
@@ -135,7 +135,7 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
         "outputs": outputs,
         "sha256": hashlib.sha256(content).hexdigest(),
     }
-    with whole(path) as part:
+    with atomic_write(path) as part:
         part.write_bytes(content)
     write_json(f"{path}.json", sidecar)
     return sidecar
@@ -219,7 +219,7 @@ class OnnxNetwork:
             )
             inputs = {value.name: value.shape[-1] for value in self._session.get_inputs()}
             if self.card.get("inputs") != inputs:
-                raise ValueError(f"inputs are {shown(inputs)}")
+                raise ValueError(f"inputs are {shorten(inputs)}")
             self._layout = Layout.of_card(self.card)
             self._inputs = inputs
             self.reset(1)

@@ -9,19 +9,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.task.observation_layout import PRIVATE, places
+from wheelchair_gym.task.observations import PRIVILEGED, SCALES, places
 
 Floats = NDArray[np.float32]
 
 RANGE_SCALE, RANGE_SHIFT = 0.6, 0.1  # a range r [m] becomes 0.6 ln(r + 0.1)
 GOAL_RANGE = 10.0  # m: the goal's distance is clipped to this
 GOAL_PROXIMITY_WEIGHT = 2.0  # weight of exp(-distance to the goal)
-SCALED = "twist", "goal", "action", "shield", "path", "gaps", "trail"  # keys with a factor
-_AHEAD, _GAP = [0.5, 0.5, 1.0, 1.0], [4.0]  # of x, y [m], cos, sin of a pose; of a gap [m]
-SCALES = {  # factors other than 1
-    "path": _AHEAD, "gaps": _GAP, "trail": [0.5], "hidden_path": _AHEAD, "hidden_gaps": _GAP,
-    "privileged": [1.0 / 15.0, 1.0 / 60.0, 1.0 / 10.0],  # of time to go, time left, distance to go
-}  # fmt: skip
+SCALED = (
+    "twist",
+    "goal",
+    "action",
+    "shield",
+    "path",
+    "side_clearance",
+    "trail",
+)  # keys with a factor
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,7 @@ class Layout:
     @classmethod
     def of_task(cls, task: Any) -> Layout:
         """The layout of a task's observations."""
-        return cls(tuple((key, box.shape[0]) for key, box in task.boxes.items()), task.posed)
+        return cls(tuple((key, box.shape[0]) for key, box in task.spaces.items()), task.has_poses)
 
     @classmethod
     def of_card(cls, card: Mapping[str, Any]) -> Layout:
@@ -55,7 +58,7 @@ class Layout:
     @property
     def privileged_size(self) -> int:
         """Numbers that only a critic gets; they are last."""
-        return sum(size for key, size in self.sizes if key in PRIVATE)
+        return sum(size for key, size in self.sizes if key in PRIVILEGED)
 
     @property
     def actor_size(self) -> int:
@@ -72,7 +75,7 @@ class Layout:
     @property
     def privileged_scales(self) -> Floats:
         """Factors of the privileged numbers (privileged_size,)."""
-        return np.concatenate([self._scale(key) for key in PRIVATE]).astype(np.float32)
+        return np.concatenate([self._scale(key) for key in PRIVILEGED]).astype(np.float32)
 
     def _scale(self, key: str) -> list[float]:
         each = SCALES.get(key, [1.0])

@@ -21,7 +21,7 @@ from agents.learning.settings import ON_POLICY, Training
 from agents.learning.weights import Floats, Network, Weights
 from wheelchair_gym.config import InputError, dump, load
 from wheelchair_gym.envs import EnvSettings
-from wheelchair_gym.task.observation_layout import PRIVATE
+from wheelchair_gym.task.observations import PRIVILEGED
 
 
 class FeaturesExtractor(BaseFeaturesExtractor):
@@ -95,7 +95,7 @@ class Teacher:
                 raise InputError(f"teacher: its {name} is {there}; expected {here}")
         indices = []
         for key, size in weights.layout.sizes:
-            if key in PRIVATE:
+            if key in PRIVILEGED:
                 continue
             at = layout.slice_of(f"hidden_{key}")
             at = at if at.stop else layout.slice_of(key)

@@ -18,7 +18,7 @@ from agents.policies.learned import LearnedDriver
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.rendering import palette
-from wheelchair_gym.task.observation_layout import PRIVATE
+from wheelchair_gym.task.observations import PRIVILEGED
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -52,7 +52,7 @@ def key_sensitivity(network: Any, observations: Floats, layout: Layout) -> dict[
     before, changes = network(observations), {}
     for key, _ in layout.sizes:
         place = layout.slice_of(key)
-        if key in PRIVATE:
+        if key in PRIVILEGED:
             continue
         other = observations.copy()
         other[:, place] = observations[:, place].mean(axis=0)

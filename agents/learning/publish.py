@@ -14,7 +14,7 @@ from agents.learning.curves import read_curve
 from agents.learning.run import POLICY
 from agents.learning.weights import Weights, load_weights, save_weights
 from wheelchair_gym.config import InputError, read_json
-from wheelchair_gym.task.observation_layout import PRIVATE
+from wheelchair_gym.task.observations import PRIVILEGED
 
 POINTS = 12  # of each curve in a card
 SHARES = ("success", "collision", "timeout")
@@ -108,7 +108,7 @@ def _shielded(card: Mapping[str, Any]) -> str:
 def model_card(name: str, card: Mapping[str, Any]) -> str:
     """The card as Markdown."""
     seeds = list(card["curves"])
-    sizes = ", ".join(f"{key} {n}" for key, n in card["layout"]["sizes"] if key not in PRIVATE)
+    sizes = ", ".join(f"{key} {n}" for key, n in card["layout"]["sizes"] if key not in PRIVILEGED)
     lines = [
         f"# {name}",
         "",

@@ -55,7 +55,7 @@ from agents.learning.weights import (
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.envs.settings import BankSettings, StartSettings
-from wheelchair_gym.envs.world_banks import Worlds
+from wheelchair_gym.envs.world_banks import WorldBank
 
 # Columns of the curve that a card keeps.
 CURVE_COLUMNS = ("frames", "success", "timeout", "curriculum_time", "eval_success")
@@ -103,7 +103,7 @@ class Run:
             config.n_envs, self._env_settings, autoreset_mode="SameStep",
             num_threads=min(config.threads, config.n_envs),
         )  # fmt: skip
-        self.worlds: Worlds = env.worlds
+        self.worlds: WorldBank = env.worlds
         self.worlds.fill(on_prepared)
         gc.collect()
         gc.freeze()  # worlds are permanent: scanning them takes a tenth of the run's time
@@ -114,13 +114,13 @@ class Run:
         if teacher is not None:
             self.model.policy.teacher = Teacher(teacher, self.layout, self._env_settings)
         self.statistics = EpisodeStatistics()
-        self.worlds.within = config.curriculum.initial_time
+        self.worlds.max_time = config.curriculum.initial_time
         self._curriculum_mark = [0, 0]  # episodes and successes at the last advance
         self.checkpoint_number, self.best_success, self.rows = 0, -1.0, read_curve(folder)
         if content is not None:
             load_model_state(self.model, content["model"])
             self.checkpoint_number, self.best_success = content["number"], content["best"]
-            self.worlds.within = content["within"]
+            self.worlds.max_time = content["within"]
             self.rows = self.rows[: self.checkpoint_number]
         elif config.warm_start is not None:
             initial = load_weights(find_weights(config.warm_start))
@@ -172,7 +172,7 @@ class Run:
         logged = self.model.logger.name_to_value
         learned = time.perf_counter()
         row: Row = {
-            "frames": self.frames, **self.statistics.row(), "curriculum_time": self.worlds.within,
+            "frames": self.frames, **self.statistics.row(), "curriculum_time": self.worlds.max_time,
             **{name.partition("/")[2]: float(logged[name]) for name in LOGGED if name in logged},
         }  # fmt: skip
         weights = self.weights(row)
@@ -201,7 +201,9 @@ class Run:
         share = (self.statistics.success - self._curriculum_mark[1]) / episodes
         self._curriculum_mark = [self.statistics.episodes, self.statistics.success]
         if share > curriculum.success_threshold:
-            self.worlds.within = min(curriculum.max_time, self.worlds.within * curriculum.growth)
+            self.worlds.max_time = min(
+                curriculum.max_time, self.worlds.max_time * curriculum.growth
+            )
 
     def _evaluate(self, weights: Weights) -> Row:
         """Evaluate the actor where an evaluation is due, and keep the best weights."""
@@ -245,7 +247,7 @@ class Run:
             "identity": self._fingerprint,
             "number": self.checkpoint_number,
             "best": self.best_success,
-            "within": self.worlds.within,
+            "within": self.worlds.max_time,
             "model": model_state(self.model),
         }
         save_checkpoint(self.folder, content)

@@ -50,7 +50,7 @@ class SB3VecEnv(VecEnv):
         self._flat = flat
         space: Any = env.single_observation_space
         if flat:
-            space = flatten_space(list(env.task.boxes.values()))
+            space = flatten_space(list(env.task.spaces.values()))
         super().__init__(env.num_envs, space, env.single_action_space)
         self._returns = np.zeros(self.num_envs)
         self._lengths = np.zeros(self.num_envs, np.int64)

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from wheelchair_gym.config import InputError, dump, load, setting, settings
 from wheelchair_gym.envs.settings import EnvSettings
-from wheelchair_gym.errors import shown
+from wheelchair_gym.errors import shorten
 
 Algorithm = Literal["ppo", "recurrent_ppo", "sac", "td3", "tqc"]
 ON_POLICY = ("ppo", "recurrent_ppo")
@@ -181,8 +181,8 @@ class Evaluation:
 class Kickstarting:
     """A trained policy that ppo's actor imitates at first (Schmitt et al. 2018).
 
-    The teacher sees observations that the actor does not: `env.task.unguided` hides the path from
-    the actor alone.
+    The teacher sees observations that the actor does not: `env.task.hide_guidance` hides the
+    path from the actor alone.
     """
 
     teacher: str | None = setting(
@@ -306,20 +306,20 @@ def _env(guided: bool, privileged: bool, trail: bool = False, **reward: float) -
         "aim": "time",
         "last_action": True,
         "shield_state": True,
-        "gaps": True,
+        "side_clearance": True,
         "privileged": privileged,
-        "reward": {"progress": 0.1, "withheld": -0.02, "haste": -0.3} | reward,
+        "reward": {"progress": 0.1, "shield_intervention": -0.02, "proximity_speed": -0.3} | reward,
     }
     if not guided:
-        task["unguided"] = True
+        task["hide_guidance"] = True
     if trail:
         task["trail"] = [1.0, 2.0, 4.0, 8.0, 15.0]
     return {
         "scene": _WORLDS,
         "rate": 5.0,
-        "guidance": {"call": "poses", "share": 0.2 if guided else 0.0},
+        "guidance": {"call": "poses", "degraded_share": 0.2 if guided else 0.0},
         "bank": {"size": 1024, "turnover": 0.0, "seed": 1, "cache": "runs/worlds"},
-        "chair": {"randomise": True},
+        "chair": {"randomize": True},
         "sensors": {"pose_source": "modelled"},
         "shield": {},
         "unshielded": 0.5,
@@ -334,7 +334,8 @@ def _off_policy_recipe(algorithm: Algorithm) -> Training:
     error of the critic, and an actor that maximises such a critic jitters without the latter.
     """
     return Training(
-        algorithm=algorithm, env=_env(True, False, progress=0.5, change=-0.2), frames=4_000_000,
+        algorithm=algorithm, env=_env(True, False, progress=0.5, action_rate=-0.2),
+        frames=4_000_000,
         checkpoint_frequency=250,
         curriculum=Curriculum(growth=1.25, success_threshold=0.6, episodes=512),
     )  # fmt: skip
@@ -376,7 +377,7 @@ def read_training(content: Mapping[str, Any], where: str, algorithm: Algorithm) 
         raise InputError(f"{where}: expected an object with keys, got {type(content).__name__}")
     named = content.get("algorithm", algorithm)
     if named != algorithm:
-        raise InputError(f"{where}.algorithm is {shown(named)}; the command says {algorithm}")
+        raise InputError(f"{where}.algorithm is {shorten(named)}; the command says {algorithm}")
     return load(Training, {"algorithm": algorithm, **content}, where, recipe(algorithm))
 
 

@@ -18,10 +18,10 @@ from agents.evaluation.provenance import command_line, commit, machine, versions
 from agents.learning.features import Layout, features
 from wheelchair_gym.config import dump
 from wheelchair_gym.envs.guidance import is_built_in
-from wheelchair_gym.errors import InputError, shown
-from wheelchair_gym.files import LIMITS, parse_json, read_bytes, whole
+from wheelchair_gym.errors import InputError, shorten
+from wheelchair_gym.files import LIMITS, atomic_write, parse_json, read_bytes
 from wheelchair_gym.migration import migrated
-from wheelchair_gym.task.observation_layout import KEYS
+from wheelchair_gym.task.observations import SIZES
 
 Floats = NDArray[np.float32]
 FORMAT = 1
@@ -29,6 +29,8 @@ MOST_ARRAYS = 64  # in a file
 MOST_SIZE = 100_000  # numbers of one key of an observation
 _KINDS = (np.dtype(np.float32), np.dtype(np.uint8))  # of numbers, and of card and digest
 SHIPPED = Path(__file__).resolve().parents[1] / "data" / "weights"
+
+_KEYS = SIZES.names or ()  # that an observation may have
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +159,7 @@ def save_weights(path: str | Path, weights: Weights) -> None:
     texts = {name: np.frombuffer(text.encode(), np.uint8) for name, text in extra.items()}
     content = io.BytesIO()
     np.savez(content, allow_pickle=False, **arrays, **texts)
-    with whole(path) as part:
+    with atomic_write(path) as part:
         part.write_bytes(content.getvalue())
 
 
@@ -187,7 +189,7 @@ def load_weights(path: str | Path) -> Weights:
         why = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path}: expected complete weights of a policy ({why})") from None
     if not readable:
-        form = shown(weights.card.get("format"))
+        form = shorten(weights.card.get("format"))
         raise InputError(f"{path}: weights of format {form}; expected {FORMAT}")
     return weights
 
@@ -208,15 +210,17 @@ def _unpacked(content: bytes) -> dict[str, Any]:
             stream = io.BytesIO(data)
             version = np.lib.format.read_magic(stream)
             if version != (1, 0):
-                raise ValueError(f"{shown(member.filename)} is not an array of numpy's format 1.0")
+                raise ValueError(
+                    f"{shorten(member.filename)} is not an array of numpy's format 1.0"
+                )
             shape, by_column, kind = np.lib.format.read_array_header_1_0(stream)
             size = math.prod(shape) * kind.itemsize
             if kind not in _KINDS or by_column or min(shape, default=0) < 0:
                 raise ValueError(
-                    f"{shown(member.filename)} holds neither float32 in C order nor bytes"
+                    f"{shorten(member.filename)} holds neither float32 in C order nor bytes"
                 )
             if size != len(data) - stream.tell():
-                raise ValueError(f"{shown(member.filename)} has another size than its shape")
+                raise ValueError(f"{shorten(member.filename)} has another size than its shape")
             values = np.frombuffer(data, kind, offset=stream.tell()).reshape(shape)
             arrays[member.filename.removesuffix(".npy")] = values.copy()
     return arrays
@@ -233,14 +237,14 @@ def check_card(card: dict[str, Any]) -> None:
         raise ValueError("layout is no object")
     sizes = layout.get("sizes")
     if not isinstance(sizes, list) or not all(
-        isinstance(pair, list) and len(pair) == 2 and pair[0] in KEYS
+        isinstance(pair, list) and len(pair) == 2 and pair[0] in _KEYS
         and type(pair[1]) is int and 0 <= pair[1] <= MOST_SIZE
         for pair in sizes
     ):  # fmt: skip
         raise ValueError("layout.sizes is no list of observation keys and their sizes")
     keys = [key for key, _ in sizes]
-    if len(set(keys)) < len(keys) or keys[:4] != list(KEYS[:4]):
-        expected = ", ".join(KEYS[:4])
+    if len(set(keys)) < len(keys) or keys[:4] != list(_KEYS[:4]):
+        expected = ", ".join(_KEYS[:4])
         raise ValueError(f"layout.sizes names a key twice, or does not begin with {expected}")
     if not isinstance(layout.get("path_has_heading"), bool):
         raise ValueError("layout.path_has_heading is neither true nor false")
@@ -281,7 +285,7 @@ def _check_arrays(weights: Weights) -> None:
             raise ValueError(f"{name} holds a value that is not finite")
     unknown = sorted(set(arrays) - set(expected))
     if unknown:
-        raise ValueError(f"an array {shown(unknown[0])} is not part of the network")
+        raise ValueError(f"an array {shorten(unknown[0])} is not part of the network")
 
 
 def shipped() -> dict[str, Path]:

@@ -22,7 +22,7 @@ from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.files import modified, read_bytes
 from wheelchair_gym.migration import migrated
-from wheelchair_gym.task.prepared_episode import Course
+from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Command, Episode, Mission, Reading, Shown
 
@@ -130,7 +130,7 @@ class LearnedDriver:
         spec = env.guidance
         if self.layout.path_has_heading:
             slack = SLACK if mission.map is None else None
-            spec = {"call": "poses", "ways": _ways(env), "slack": slack}
+            spec = {"call": "poses", "ways": _ways(env), "max_detour": slack}
         guidance = make_guidance(spec) if shown else None
         period = self._hold * mission.period
         self._eye = Task(own, mission.chair, mission.sensors, period, guidance)
@@ -141,7 +141,7 @@ class LearnedDriver:
         first = mission.reading
         self._eye.begin(self._look(first), first, mission.key, mission.guarded)
 
-    def _look(self, reading: Reading) -> Course:
+    def _look(self, reading: Reading) -> PreparedEpisode:
         """The course from where the chair is, on the map as it is now."""
         mission, pose = self._mission, reading.pose
         goal = np.zeros(3)
@@ -158,7 +158,7 @@ class LearnedDriver:
         if self._steps % self._hold == 0:
             if self._grows and reading.stamp - self._looked >= RELOOK:
                 self._looked = reading.stamp
-                self._eye.redirect(self._look(reading))
+                self._eye.replace_prepared(self._look(reading))
             # What was driven may be less than what was asked for: `deploy` begins slowly.
             less = float(self._withheld[0]), float(self._withheld[1])
             self._withheld[:] = 0.0

@@ -30,7 +30,7 @@ from agents.studies.experiments import kernel_key, measure
 from agents.studies.model import Metric, Results, Row, Study
 from agents.studies.report import write_studies_page
 from wheelchair_gym.config import InputError
-from wheelchair_gym.files import whole
+from wheelchair_gym.files import atomic_write
 
 _MODULES = (thesis_tables, smoothing_paper, disc_swarms, lab_methods, control_figure)
 STUDIES: Final[dict[str, Study]] = {
@@ -160,9 +160,9 @@ def _write_figures(study: Study, results: Results, folder: Path) -> dict[str, tu
     with mpl.rc_context(LOOK):
         for name, (words, figure) in study.figures(results).items():
             svg = as_svg(figure)
-            with whole(folder / "figures" / f"{study.name}-{name}.svg") as part:
+            with atomic_write(folder / "figures" / f"{study.name}-{name}.svg") as part:
                 part.write_bytes(svg)
-            with whole(folder / "figures" / f"{study.name}-{name}.png") as part:
+            with atomic_write(folder / "figures" / f"{study.name}-{name}.png") as part:
                 figure.savefig(part, format="png", dpi=150)
             found[name] = (words, svg)
     return found

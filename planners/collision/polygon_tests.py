@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.orient2d import orient2d
-from wheelchair_gym.compiled.kernel import borrowing_kernel, whole
+from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel
 from wheelchair_gym.geometry import point_segment_distance
 
 Array = NDArray[np.float64]
@@ -151,7 +151,7 @@ def blocking_segment(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: f
     next_y = (low + (i + (step_i > 0)) * size - ay) / (by - ay) if i != last_i else math.inf
     while True:
         for place in range(first[i * columns + j], first[i * columns + j + 1]):
-            k: int = whole(members[place])
+            k: int = as_int(members[place])
             if blocks(segments, before, k, ax, ay, bx, by):
                 return k
         if i == last_i and j == last_j:

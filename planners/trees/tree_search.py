@@ -39,7 +39,7 @@ from planners.trees.tree import (
     tree_with_capacity,
     write_ancestors,
 )
-from wheelchair_gym.compiled.kernel import borrowing_kernel, whole
+from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel
 
 Array = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ def choose_parent(
         through[choice] = np.inf
         j = workspace.found[choice]
         if edge_is_free(space, run, nodes[j].x, nodes[j].y, x, y):
-            return whole(j), workspace.distances[choice]
+            return as_int(j), workspace.distances[choice]
 
 
 @borrowing_kernel
@@ -88,7 +88,7 @@ def best_ancestor(
     """
     nodes = tree.nodes
     while nodes[parent].parent != NONE:
-        above = whole(nodes[parent].parent)
+        above = as_int(nodes[parent].parent)
         if not edge_is_free(space, run, nodes[above].x, nodes[above].y, x, y):
             break
         parent = above
@@ -110,7 +110,7 @@ def connect_goal(
     if gap > 0.0 and not edge_is_free(space, run, x, y, goal[0], goal[1]):
         return
     if known:
-        rewire(tree, run.goal, whole(node), gap, workspace.stack)
+        rewire(tree, run.goal, as_int(node), gap, workspace.stack)
         return
     run.first_path = run.iteration
     run.goal = node if gap == 0.0 else insert(tree, goal[0], goal[1], node, gap)
@@ -139,11 +139,11 @@ def shortcut_path(space: SpaceArrays, tree: Tree, workspace: Workspace) -> None:
             j = workspace.chain[k + 2 + m]
             workspace.found[m] = j
             workspace.distances[m] = math.hypot(nodes[j].x - x, nodes[j].y - y)
-        before = whole(nodes[i].parent)
+        before = as_int(nodes[i].parent)
         parent, edge = choose_parent(space, tree, x, y, workspace, count, before, nodes[i].edge)
         parent, edge = best_ancestor(space, tree, x, y, parent, edge, run)  # drops collinear points
         if parent != before:
-            rewire(tree, whole(i), whole(parent), edge, workspace.stack)
+            rewire(tree, as_int(i), as_int(parent), edge, workspace.stack)
 
 
 @borrowing_kernel
@@ -254,7 +254,7 @@ def add_node(
         if cost + distances[k] < nodes[j].cost - MIN_GAIN and edge_is_free(
             space, run, x, y, nodes[j].x, nodes[j].y
         ):
-            rewire(tree, whole(j), whole(new), distances[k], workspace.stack)
+            rewire(tree, as_int(j), as_int(new), distances[k], workspace.stack)
     return int(new)
 
 
@@ -275,7 +275,7 @@ def extend(
     run = workspace.run[0]
     x, y = sample(space, tree, start, goal, growth, workspace, state)
     far = run.beacon == NONE
-    near = nearest(tree, x, y) if far else whole(workspace.chain[run.beacon + 1])
+    near = nearest(tree, x, y) if far else as_int(workspace.chain[run.beacon + 1])
     near_x, near_y = tree.nodes[near].x, tree.nodes[near].y
     if growth.steer_by_swarm:
         x, y = steering_target(

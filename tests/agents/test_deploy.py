@@ -209,7 +209,7 @@ def test_a_latched_shield_that_nobody_re_arms_ends_it():
 def test_in_simulation_a_latched_shield_stands_until_time_is_up(tmp_path, capsys):
     """Nobody is there to re-arm it, and the command says why the chair stands."""
     config = tmp_path / "fails.json"
-    faults = {"share": 1.0, "since": [0.5, 1.0]}
+    faults = {"share": 1.0, "onset": [0.5, 1.0]}
     config.write_text(json.dumps({"sensors": {"faults": faults, "pose_source": "odometry"}}))
     words = ["simulate", "--scene", "empty", "--policy", "straight", "--config", str(config)]
     assert main([*words, "--seed", "1", "--shield", "on", "--json", "-"]) == 0

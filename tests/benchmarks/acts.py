@@ -23,7 +23,7 @@ from agents.learning.weights import Network, Weights, find_weights, load_weights
 from wheelchair_gym.config import load
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.envs.settings import BankSettings
-from wheelchair_gym.task.observation_layout import PRIVATE
+from wheelchair_gym.task.observations import PRIVILEGED
 
 ROWS, STEPS, SEED = 100, 100, 11
 ACTS = 2000  # of each, timed one by one
@@ -48,7 +48,7 @@ def observed(weights: Weights) -> Any:
 def torch_network(weights: Weights) -> torch.nn.Module:
     """The actor as torch has it."""
     layout = weights.layout
-    sizes = tuple((key, n) for key, n in layout.sizes if key not in PRIVATE)
+    sizes = tuple((key, n) for key, n in layout.sizes if key not in PRIVILEGED)
     layout = dataclasses.replace(layout, sizes=sizes)
     hidden = tuple(len(weights.arrays[f"dense{k}.b"]) for k in range(weights.dense_layers - 1))
     layers = mlp(layout.actor_size, hidden)

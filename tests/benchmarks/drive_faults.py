@@ -376,9 +376,9 @@ def edges(ride, _v, _angle, mode):
 # 90 counts a turn: 11.5 mm each; smoother and softer, as one tunes it for them.
 COARSE = ChairSettings(
     drive=DriveGeometry(counts_per_metre=90 / (2 * math.pi * RADIUS)),
-    motor=MotorSettings(smoothing=0.1, kp=20.0, ki=120.0),
+    motor=MotorSettings(filter_time=0.1, kp=20.0, ki=120.0),
 )
-LOW = ChairSettings(battery=BatterySettings(charge=0.15))
+LOW = ChairSettings(battery=BatterySettings(initial_charge=0.15))
 CHAIRS = {"no fault: 90 counts a turn": COARSE, "no fault: battery at 15 %": LOW}
 
 Case = tuple[Callable, float, float, str]

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.fuzz import MEMORY, READERS, TIMEOUT, Watched, fuzz
-from wheelchair_gym.files import whole
+from wheelchair_gym.files import atomic_write
 
 BATCH = 200  # inputs between two saves
 
@@ -65,7 +65,7 @@ def main() -> int:
                 missing = True
                 numbers = range(first, min(first + BATCH, given.count))
                 done[name] = added(done.get(name, {}), fuzz(watched, name, numbers))
-                with whole(given.out) as part:
+                with atomic_write(given.out) as part:
                     part.write_text(json.dumps(done, indent=1))
                 print(f"{name}: {done[name]['inputs']:,} of {given.count:,}", file=sys.stderr)
     print(table({name: done[name] for name in names if name in done}))

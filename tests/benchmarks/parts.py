@@ -19,72 +19,76 @@ from numba import njit
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.physics.engine import step_space
-from wheelchair_gym.physics.step import drive, tell
+from wheelchair_gym.physics.step import drive_period, write_sensed
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.sensors.laser import SCRATCH, LaserArrays, exact_scan, report
-from wheelchair_gym.sensors.odometry import reckon
+from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, LaserArrays, add_laser_noise, exact_scan
+from wheelchair_gym.sensors.odometry import update_odometry
 from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
-from wheelchair_gym.sensors.ultrasonic import UltrasonicArrays, fire
+from wheelchair_gym.sensors.ultrasonic import UltrasonicArrays, sense_ultrasonic
 from wheelchair_gym.task.assessment import assess
-from wheelchair_gym.task.observations import pool
+from wheelchair_gym.task.observations import pool_beams
 
 SCENE, PLANS, POSES, PERIODS, REPEATS = "floor_plan", 8, 25, 10, 40
 _compiled = njit(error_model="numpy", nogil=True)
 
 
 @_compiled
-def _scans(laser, poses, plans, walls, starts, discs, firsts, scratch, out):
+def _scans(laser, poses, plans, walls, starts, discs, firsts, workspace, out):
     for j in range(poses.shape[0]):
         k = plans[j]
         around = discs[firsts[k] : firsts[k + 1]]
         segments = walls[starts[k] : starts[k + 1]]
-        exact_scan(laser, poses[j, 0], poses[j, 1], poses[j, 2], segments, around, scratch, out[j])
+        exact_scan(
+            laser, poses[j, 0], poses[j, 1], poses[j, 2], segments, around, workspace, out[j]
+        )
 
 
 @_compiled
 def _reports(laser, out):
     for j in range(out.shape[0]):
-        report(laser, np.uint64(j), j, out[j])
+        add_laser_noise(laser, np.uint64(j), j, out[j])
 
 
 @_compiled
 def _pools(scans, out):
     for j in range(scans.shape[0]):
-        pool(scans[j], 10.0, out[j])
+        pool_beams(scans[j], 10.0, out[j])
 
 
 @_compiled
-def _firings(rangers, poses, plans, walls, starts, discs, firsts, scratch, out):
+def _firings(rangers, poses, plans, walls, starts, discs, firsts, workspace, out):
     for j in range(poses.shape[0]):
         k = plans[j]
         around = discs[firsts[k] : firsts[k + 1]]
         segments = walls[starts[k] : starts[k + 1]]
         for i in range(out.shape[1]):
-            out[j, i] = fire(rangers, i, poses[j], segments, around, np.uint64(j), j, scratch)
+            out[j, i] = sense_ultrasonic(
+                rangers, i, poses[j], segments, around, np.uint64(j), j, workspace
+            )
 
 
 @_compiled
-def _drives(rigs, chairs, states, worlds, twists, order):
+def _drives(suites, chairs, states, worlds, twists, order):
     for k in range(twists.shape[0]):
         for j in range(states.shape[0]):
-            world, rig = worlds[j], rigs[0]
+            world, suite = worlds[j], suites[0]
             v, w = twists[k, 0], twists[k, 1]
-            drive(states[j], chairs[j], world, rig, v, w, False, order)
+            drive_period(states[j], chairs[j], world, suite, v, w, False, order)
 
 
 @_compiled
-def _steps(rigs, chairs, worlds, periods):
+def _steps(suites, chairs, worlds, periods):
     for _ in range(periods):
         for j in range(chairs.shape[0]):
             for _ in range(chairs[j].substeps):
-                step_space(rigs[0].step, worlds[j].space, chairs[j].dt)
+                step_space(suites[0].step, worlds[j].space, chairs[j].dt)
 
 
 @_compiled
 def _reckons(states, chairs, periods):
     for _ in range(periods):
         for j in range(states.shape[0]):
-            reckon(states[j], chairs[j])
+            update_odometry(states[j], chairs[j])
 
 
 @_compiled
@@ -94,16 +98,16 @@ def _tells(states, chairs, worlds, sensed, periods):
             world = worlds[j]
             walls = table_at(world.walls, world.n_walls, 4)
             discs = table_at(world.discs, world.n_discs, 3)
-            tell(states[j], chairs[j], walls, discs, sensed[j])
+            write_sensed(states[j], chairs[j], walls, discs, sensed[j])
 
 
 @_compiled
-def _judges(rules, courses, progress, verdicts, actions, sensed, scan, out, periods):
+def _judges(task, verdicts, actions, sensed, scan, out, periods):
     for _ in range(periods):
-        for j in range(courses.shape[0]):
+        for j in range(verdicts.shape[0]):
             s = sensed[j]
             own = s.pose, s.twist, scan, s.ultrasonic, s.bumped
-            assess(j, rules, courses, progress, verdicts, actions[j], *own, 0.0, 0.0, out[j])
+            assess(j, task, verdicts, actions[j], *own, 0.0, 0.0, out[j])
 
 
 def microseconds(act: Callable[[], None], count: int, repeats: int) -> float:
@@ -129,7 +133,7 @@ def measure(repeats: int) -> dict[str, float]:
     # About the start, so that every pose is a free one or nearly so.
     poses = np.array([episodes[k].start for k in plans]) + rng.normal(0, (0.3, 0.3, 2), (200, 3))
     world = (poses, plans, walls, starts, discs, firsts)
-    scratch = np.empty((SCRATCH, max(len(e.walls) for e in episodes)), np.float32)
+    workspace = np.empty((WORKSPACE_ROWS, max(len(e.walls) for e in episodes)), np.float32)
     n = len(poses)
     parts: dict[str, float] = {}
 
@@ -139,30 +143,31 @@ def measure(repeats: int) -> dict[str, float]:
     for beams in (1081, 181, 64):
         laser = LaserArrays.of(LaserSettings(beams=beams), True)
         out = np.empty((n, beams), np.float32)
-        part(f"exact scan, {beams} beams", n, _scans, laser, *world, scratch, out)
+        part(f"exact scan, {beams} beams", n, _scans, laser, *world, workspace, out)
         part(f"report, {beams} beams", n, _reports, laser, out)
     scans = np.empty((n, 1081), np.float32)
-    _scans(LaserArrays.of(LaserSettings(), True), *world, scratch, scans)
+    _scans(LaserArrays.of(LaserSettings(), True), *world, workspace, scans)
     for beams in (1081, 181, 64):
         part(f"pool 1081 to {beams}", n, _pools, scans, np.empty((n, beams), np.float32))
     rangers = UltrasonicArrays.of(UltrasonicSettings(), True)
     ranges = np.empty((n, 8))
-    part("fire, mean of 8", 8 * n, _firings, rangers, *world, scratch, ranges)
+    part("fire, mean of 8", 8 * n, _firings, rangers, *world, workspace, ranges)
 
     env = NavigationVectorEnv(PLANS, pose_source="modelled", num_threads=1)
     env.reset(seed=0)
     batch = env._batch
-    rigs, chairs, states, worlds = batch.rigs, batch.chairs, batch.states, batch.worlds
+    suites, chairs = env.chairs.suite.record, env.chairs.parameters
+    states, worlds = env.chairs.states, batch.worlds
     # Turning on the spot, so that nothing is touched.
     twists = np.column_stack([np.zeros(PERIODS), rng.uniform(-1, 1, PERIODS)])
     count = PERIODS * PLANS
-    part("drive", count, _drives, rigs, chairs, states, worlds, twists, rangers.order)
-    part("... of it cpSpaceStep", count, _steps, rigs, chairs, worlds, PERIODS)
+    part("drive", count, _drives, suites, chairs, states, worlds, twists, rangers.order)
+    part("... of it cpSpaceStep", count, _steps, suites, chairs, worlds, PERIODS)
     part("reckon", count, _reckons, states, chairs, PERIODS)
     sensed, verdicts, *_ = env._last
     part("tell, clearance", count, _tells, states, chairs, worlds, sensed, PERIODS)
-    own = batch.rules, batch.courses, batch.progress, verdicts
-    actions, out = np.zeros((PLANS, 2)), np.empty((PLANS, env.task.room), np.float32)
+    own = batch.task, verdicts
+    actions, out = np.zeros((PLANS, 2)), np.empty((PLANS, env.task.observation_size), np.float32)
     part("judge and observe", count, _judges, *own, actions, sensed, scans[0], out, PERIODS)
     begun = np.zeros((PLANS, 2))
     begun[:, 1] = 0.3

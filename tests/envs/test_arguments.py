@@ -29,7 +29,7 @@ def test_an_unknown_argument_is_answered_with_all_that_are_known(kind):
         for name, parameter in inspect.signature(kind).parameters.items()
         if parameter.kind is not parameter.VAR_KEYWORD
     }
-    fields = {"scene", "config", "rate", "bank", "shield", "beams", "pose_source", "randomise"}
+    fields = {"scene", "config", "rate", "bank", "shield", "beams", "pose_source", "randomize"}
     with pytest.raises(InputError, match="shild: not an argument of this env") as caught:
         kind(shild=True)
     said = str(caught.value)

@@ -1,4 +1,4 @@
-"""Laws of many chairs among movers: row i is the single env, bit for bit; truth reaches info."""
+"""Laws of many chairs among actors: row i is the single env, bit for bit; truth reaches info."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ SHORT = {"task": {"time_base": 6.0, "time_factor": 0.0}}
 
 @pytest.mark.parametrize(("mode", "threads"), [(NEXT, 2), (SAME, 1)])
 def test_each_row_is_a_single_env_among_movers(mode, threads):
-    """Worlds with many movers, few and none in one batch, over thousands of steps and resets."""
-    ends = compare(mode, threads, n=6, steps=300, config=SHORT, randomise=True, **CROWDED)
+    """Worlds with many actors, few and none in one batch, over thousands of steps and resets."""
+    ends = compare(mode, threads, n=6, steps=300, config=SHORT, randomize=True, **CROWDED)
     assert ends >= 25
 
 
@@ -30,7 +30,7 @@ def test_each_row_is_a_single_env_among_movers(mode, threads):
 @pytest.mark.parametrize("threads", [1, 2, 3])
 def test_many_steps_among_movers_are_those_of_single_envs(threads):
     """Forty thousand steps with every sensor's noise and worlds of their own."""
-    settings = {"scene": CROWDED["scene"], "pose_source": "modelled", "randomise": True}
+    settings = {"scene": CROWDED["scene"], "pose_source": "modelled", "randomize": True}
     assert compare(NEXT, threads, n=8, steps=1_700, seed=5, config=SHORT, **settings) >= 150
 
 
@@ -58,10 +58,13 @@ def test_truth_reaches_info_and_never_the_observation():
     env = NavigationEnv(config={"task": {"time_base": 60.0}}, **CROWDED)
     observation, info = env.reset(seed=1)
     assert set(observation) == {"laser", "ultrasonic", "twist", "goal"}
-    told = [info[name] for name in ("caused", "met", "closing", "closed_on")]
+    told = [
+        info[name]
+        for name in ("at_fault", "contact_with", "approach_speed", "other_approach_speed")
+    ]
     assert told == [False, -1, 0.0, 0.0]
-    assert env.chair.truth.movers.shape == (len(env.episode.movers), 3)
+    assert env.chair.truth.actor_poses.shape == (len(env.episode.actors), 3)
     batch = NavigationVectorEnv(2, SHORT, **CROWDED)
     _, infos = batch.reset(seed=1)
-    assert infos["closing"].shape == infos["closed_on"].shape == (2,)
-    assert infos["met"].tolist() == [-1, -1]
+    assert infos["approach_speed"].shape == infos["other_approach_speed"].shape == (2,)
+    assert infos["contact_with"].tolist() == [-1, -1]

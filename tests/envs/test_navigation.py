@@ -199,7 +199,7 @@ def test_progress_sums_to_the_way_that_was_covered():
 
 def test_what_a_shield_withholds_is_a_term_of_the_reward():
     """Straight at a wall: it costs once the shield slows the chair, and never without one."""
-    task = {"reward": {"withheld": -0.5}}
+    task = {"reward": {"shield_intervention": -0.5}}
     world = {"episode": room((0.0, 0.0, 0.0), (3.9, 0.0, 0.0))}
     for shield in (True, False):
         env = gym.make(IDS[0], config={"task": task}, shield=shield, pose_source="truth")
@@ -207,7 +207,7 @@ def test_what_a_shield_withholds_is_a_term_of_the_reward():
         costs, taken = [], []
         for _ in range(60):
             _, _, ended, _, info = env.step(np.array([1.0, 0.2]))
-            costs.append(info["reward_terms"]["withheld"])
+            costs.append(info["reward_terms"]["shield_intervention"])
             if shield:
                 less = np.subtract(info["shield"]["asked"], info["shield"]["given"])
                 taken.append(-0.5 * np.hypot(less[0] / 0.8, less[1] / 1.0))
@@ -244,10 +244,10 @@ def test_a_policy_may_see_whether_it_is_shielded_and_what_was_withheld():
             observation, *_, info = env.step(np.array([1.0, 0.3]))
             guarded, *withheld = observation["shield"]
             told = info["shield"]
-            assert guarded == task.guarded == told["asked"].any()
+            assert guarded == task.is_shielded == told["asked"].any()
             less = (told["asked"] - told["given"]) / (task.limits.forward, task.limits.turn)
             assert withheld == pytest.approx(less, abs=1e-6)
-            seen[task.guarded] = max(seen[task.guarded], abs(withheld[0]))
+            seen[task.is_shielded] = max(seen[task.is_shielded], abs(withheld[0]))
             if not env.unwrapped._running:
                 break
     env.close()

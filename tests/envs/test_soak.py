@@ -31,7 +31,7 @@ def test_twenty_million_steps():
             "task": {"beams": 64, "time_base": 30.0, "time_factor": 0.0},
         },
         guidance="geodesic",
-        randomise=True,
+        randomize=True,
     )
     rng = np.random.default_rng(0)
     actions = rng.uniform(-1.0, 1.0, (512, N, 2))

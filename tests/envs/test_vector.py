@@ -78,7 +78,7 @@ def compare(mode, threads, n, steps, seed=7, **settings):
 @pytest.mark.parametrize("mode", [NEXT, SAME])
 @pytest.mark.parametrize("threads", [1, 2])
 def test_each_row_is_a_single_env(mode, threads):
-    ends = compare(mode, threads, n=6, steps=150, config=SHORT, randomise=True, **QUICK)
+    ends = compare(mode, threads, n=6, steps=150, config=SHORT, randomize=True, **QUICK)
     assert ends >= 20
 
 
@@ -91,10 +91,12 @@ def test_each_row_is_a_single_env_where_every_episode_has_its_own_world():
 def test_each_row_with_a_shield_is_a_single_env_with_one(mode):
     crowd = {"name": "crowd", "place": "hall", "people": {"density": (0.05, 0.1)}}
     settings = QUICK | {"scene": crowd, "shield": True}
-    dear = {"task": {**SHORT["task"], "reward": {"withheld": -0.3}, "shield_state": True}}
-    assert compare(mode, 2, n=4, steps=120, config=dear, randomise=True, **settings) >= 8
+    dear = {
+        "task": {**SHORT["task"], "reward": {"shield_intervention": -0.3}, "shield_state": True}
+    }
+    assert compare(mode, 2, n=4, steps=120, config=dear, randomize=True, **settings) >= 8
     half = {**dear, "unshielded": 0.5}
-    assert compare(mode, 2, n=4, steps=120, config=half, randomise=True, **settings) >= 8
+    assert compare(mode, 2, n=4, steps=120, config=half, randomize=True, **settings) >= 8
 
 
 def test_make_vec_gives_the_batch():
@@ -190,7 +192,7 @@ def test_a_bank_kept_in_a_folder_is_the_same_and_is_not_made_again(tmp_path, mon
     files = sorted(tmp_path.rglob("*.joblib"))
     assert len(files) >= 3
     made = []
-    monkeypatch.setattr(world_banks.Worlds, "_make", lambda self, entropy: made.append(entropy))
+    monkeypatch.setattr(world_banks.WorldBank, "_make", lambda self, entropy: made.append(entropy))
     assert np.array_equal(drive(**settings), fresh)
     assert made == []
     monkeypatch.undo()
@@ -256,13 +258,13 @@ def test_a_million_steps_in_all_are_those_of_single_envs(mode, threads):
         "beams": 181,
         "pose_source": "modelled",
         "guidance": "geodesic",
-        "randomise": True,
+        "randomize": True,
     }
     batch = NavigationVectorEnv(n, num_threads=threads, autoreset_mode=mode, **settings)
     singles = [NavigationEnv(**settings) for _ in range(n)]
     for env in singles:
         env.worlds = batch.worlds  # made once; each env draws its own
-        env.worlds.forget = lambda episode: None
+        env.worlds.drop_before = lambda episode: None
     rng = np.random.default_rng(seed)
     observations, _ = batch.reset(seed=seed)
     for i, env in enumerate(singles):

@@ -11,7 +11,7 @@ from wheelchair_gym.hardware.twin.lockstep import ibus_frame as frame
 from wheelchair_gym.physics.settings import ChairSettings
 
 CHAIR = ChairSettings()
-FEED = CHAIR.motor.constant / CHAIR.drive.wheel_radius  # V s/m
+FEED = CHAIR.motor.torque_constant / CHAIR.drive.wheel_radius  # V s/m
 LAG = 0.13  # s: of 135 kg behind two motors
 BRAKE = 2.0  # m/s2: of the spring brakes
 EVERYTHING = 0xFFFF

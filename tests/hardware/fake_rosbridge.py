@@ -18,7 +18,7 @@ import numpy as np
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import serve
 
-from wheelchair_gym.geometry import correction
+from wheelchair_gym.geometry import map_to_odom
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
@@ -179,7 +179,7 @@ class FakeRosbridge:
             "/ARDUINO1/Odom": self._odometry,
             "/tf": lambda: {
                 "transforms": [
-                    self._edge("map", "/odometry", correction(truth.pose, reading.pose)),
+                    self._edge("map", "/odometry", map_to_odom(truth.pose, reading.pose)),
                     self._edge("odometry", "base_link", reading.pose),
                 ]
             },
@@ -197,7 +197,7 @@ class FakeRosbridge:
         return {
             "header": self._header("laser_link"), "angle_min": -laser.fov / 2,
             "angle_max": laser.fov / 2, "angle_increment": laser.fov / (laser.beams - 1),
-            "range_min": laser.nearest, "range_max": 30.0, "intensities": [],
+            "range_min": laser.range_min, "range_max": 30.0, "intensities": [],
             "ranges": [said(value) for value in self.reading.laser],
         }  # fmt: skip
 

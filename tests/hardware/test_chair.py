@@ -94,7 +94,7 @@ def test_a_reading_is_what_the_world_is(hosted):
     outline, walls = chair.chair.footprint.array, box(3.0).walls
     gap = footprint_clearance(*hosted.twin.plant.pose, outline, walls, np.empty((0, 3)), 2.0)
     assert chair.truth.clearance == pytest.approx(gap, abs=0.01)
-    assert chair.truth.way > 0.3
+    assert chair.truth.distance > 0.3
 
 
 def test_periods_end_at_deadlines(hosted):
@@ -219,7 +219,7 @@ def test_whatever_breaks_it_stops_and_says_why(hosted, fault):
     assert slow <= BOUNDS[fault] + PERIOD
     assert any(why in one for one in said)
     assert said[-1]
-    assert chair.truth.way < 0.4 * 1.5 + 0.4 * (BOUNDS[fault] + 0.5)
+    assert chair.truth.distance < 0.4 * 1.5 + 0.4 * (BOUNDS[fault] + 0.5)
 
 
 def test_a_laser_that_speaks_again_lets_it_go_on(hosted):

@@ -261,7 +261,7 @@ def test_the_twin_is_calibrated():
 
         squares.append(drive_square(hosted.chair, None, 2.0, left, found))
     told = calibrate(squares, TRACK)
-    true = hosted.twin.plant.chair._chair[0]
+    true = hosted.twin.plant.chair.chairs.parameters[0]
     hosted.close()
     assert told.track == pytest.approx(true["track"], rel=2e-3)
     assert told.ratio == pytest.approx(true["radius_right"] / true["radius_left"], rel=1e-3)

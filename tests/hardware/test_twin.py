@@ -71,7 +71,7 @@ def test_the_boards_drive_like_the_simulated_chair(pilot):
     The boards' control runs up to 5 ms after a command came, which a few instants show.
     """
     commands = np.random.default_rng(4).uniform((-0.3, -0.8), (0.8, 0.8), (5, 2))
-    sim = exact_chair(step=0.005, motor=MotorSettings(rate=200.0))
+    sim = exact_chair(step=0.005, motor=MotorSettings(control_rate=200.0))
     sim.reset(box(50), 0)
     pilot.start(seconds=0.2)  # its motors have taken it over from the brakes
     start = pilot.pose
@@ -86,11 +86,11 @@ def test_the_boards_drive_like_the_simulated_chair(pilot):
             allowed = np.maximum(0.02 * np.abs(sim.truth.twist), quantum)
             within.append(np.all(np.abs(twist - sim.truth.twist) <= allowed))
             off = np.hypot(*(pilot.pose - start - sim.truth.pose)[:2])
-            assert off < 0.005 + 0.01 * sim.truth.way
+            assert off < 0.005 + 0.01 * sim.truth.distance
     assert np.mean(within) > 0.95
     end, true = pilot.pose - start, sim.truth.pose
-    assert sim.truth.way > 3.0
-    assert np.hypot(*(end - true)[:2]) < 0.002 * sim.truth.way
+    assert sim.truth.distance > 3.0
+    assert np.hypot(*(end - true)[:2]) < 0.002 * sim.truth.distance
     assert abs(end[2] - true[2]) < math.radians(0.2)
 
 

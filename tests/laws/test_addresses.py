@@ -13,7 +13,7 @@ from wheelchair_gym.compiled.address import Pointers, as_array
 from wheelchair_gym.config import FARTHEST, InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.physics.actors.records import MOVER, Movers, person, together
+from wheelchair_gym.physics.actors.records import ACTOR, Actors, combine, person
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.engine import ENGINE
 from wheelchair_gym.safety.shield import Shield
@@ -21,20 +21,19 @@ from wheelchair_gym.types import Episode
 
 # Modules with records of addresses: their tables of what each address is of.
 TABLES = {
-    "wheelchair_gym.safety.shield": ("ALONE",),
+    "wheelchair_gym.safety.shield": ("SHIELDS",),
     "wheelchair_gym.safety.state": ("GUARD",),
-    "wheelchair_gym.physics.chair": ("ALONE",),
-    "wheelchair_gym.physics.chairs": ("WORLD",),
-    "wheelchair_gym.physics.rig": ("RIG",),
-    "wheelchair_gym.task.prepared_episode": ("COURSE",),
-    "wheelchair_gym.task.task": ("RULES", "ALONE"),
+    "wheelchair_gym.physics.chairs": ("WORLD", "CHAIRS"),
+    "wheelchair_gym.physics.sensor_suite": ("SUITE",),
+    "wheelchair_gym.task.prepared_episode": ("PREPARED",),
+    "wheelchair_gym.task.task": ("RULES", "TASK"),
 }
 # Fields of eight unsigned bytes that are no addresses of arrays.
 OTHERS = {*(ENGINE.names or ()), "space", "body", "shape", "key", "laser_hash", "sonar_hash"}
 
 
 # Of a world: kernels write them too, from an episode's record and from its own.
-GROUND = {"walls", "discs", "movers", "routes"}
+GROUND = {"walls", "discs", "actors", "routes"}
 
 
 def modules():
@@ -132,7 +131,7 @@ RIGHT = {
     "walls": np.array([[0.0, 0, 10, 0], [10, 0, 10, 10], [10, 10, 0, 10], [0, 10, 0, 0]]),
     "discs": np.array([[2.0, 2.0, 0.3]]),
 }
-WALKER = together([person([(2.0, 8.0), (8.0, 8.0)])])
+WALKER = combine([person([(2.0, 8.0), (8.0, 8.0)])])
 
 
 def attacks(right):
@@ -186,7 +185,7 @@ def test_how_an_array_lies_in_memory_changes_nothing(name):
         assert not list(differences(known, reading))
 
 
-@pytest.mark.parametrize("name", ["tolerance", "time_limit", "reference"])
+@pytest.mark.parametrize("name", ["tolerance", "time_limit", "reference_length"])
 @pytest.mark.parametrize("value", [np.nan, np.inf, 0.0, -1.0])
 def test_an_episode_takes_no_wrong_number(name, value):
     if name == "tolerance" and value == 0.0:  # a goal that is never reached
@@ -198,17 +197,17 @@ def test_an_episode_takes_no_wrong_number(name, value):
 def test_an_episode_takes_no_wrong_movers():
     rows, routes = WALKER
     for _what, wrong in attacks(routes):
-        refused(lambda wrong=wrong: Episode(GRID, **RIGHT, movers=Movers(rows, wrong)))
+        refused(lambda wrong=wrong: Episode(GRID, **RIGHT, actors=Actors(rows, wrong)))
     for wrong in (rows.view(np.uint8), rows[None], np.zeros(1), None):
-        refused(lambda wrong=wrong: Episode(GRID, **RIGHT, movers=Movers(wrong, routes)))
-    for name in MOVER.names:
-        kind = MOVER[name].base.kind
+        refused(lambda wrong=wrong: Episode(GRID, **RIGHT, actors=Actors(wrong, routes)))
+    for name in ACTOR.names:
+        kind = ACTOR[name].base.kind
         values = {"i": (-1, 1 << 40), "f": (np.nan,), "b": ()}[kind]
         values += (1e155, -np.inf) if name in ("pose", "travel") else ()
         for value in values:
             wrong = rows.copy()
             wrong[name] = value
-            refused(lambda wrong=wrong: Episode(GRID, **RIGHT, movers=Movers(wrong, routes)))
+            refused(lambda wrong=wrong: Episode(GRID, **RIGHT, actors=Actors(wrong, routes)))
 
 
 def test_a_grid_takes_no_wrong_numbers():

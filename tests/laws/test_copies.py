@@ -26,20 +26,20 @@ from wheelchair_gym.hardware.ros.chair import RosChair
 from wheelchair_gym.hardware.twin.board import EmulatedBoard
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.scenes import SCENES, make_scene
-from wheelchair_gym.types import Uncopied
+from wheelchair_gym.types import NotCopyable
 
 LASER = {"laser": {"beams": 64}}
 BRIEF = {"sensors": LASER, "task": {"beams": 32, "time_base": 6.0, "time_factor": 0.0}}
-FAULTS = {"faults": {"share": 1.0, "since": [0.2, 1.0]}}
+FAULTS = {"faults": {"share": 1.0, "onset": [0.2, 1.0]}}
 BANK = {"size": 3, "turnover": 0.0}
-# What may differ in the state of an environment: pose sources, shield, movers, guidance, faults.
+# What may differ in the state of an environment: pose sources, shield, actors, guidance, faults.
 SINGLE = {
     "clutter": {"scene": "clutter", "config": BRIEF},
     "unrepeated": {"scene": "doorway", "config": BRIEF, "bank": 0},
     "shield": {"scene": "floor_plan", "config": BRIEF, "shield": True},
     "crowd": {"scene": "crowd", "config": BRIEF, "shield": True, "pose_source": "odometry"},
     "temporary": {"scene": "temporary", "config": BRIEF, "pose_source": "modelled"},
-    "poses": {"scene": "clutter", "config": BRIEF, "guidance": "poses", "randomise": True},
+    "poses": {"scene": "clutter", "config": BRIEF, "guidance": "poses", "randomize": True},
     "faults": {"scene": "clutter", "config": BRIEF | {"sensors": LASER | FAULTS}, "shield": True},
     "mcl": {"scene": "clutter", "config": BRIEF, "pose_source": "mcl"},
     "slam": {"scene": "empty", "config": BRIEF, "pose_source": "slam"},
@@ -237,14 +237,14 @@ def vars_of(episode):
     return {name: getattr(episode, name) for name in ("start", "goal", "walls", "discs")}
 
 
-class Foreign(Uncopied):
+class Foreign(NotCopyable):
     """Stands for a chair behind a line."""
 
 
 @pytest.mark.parametrize("copied", COPIERS)
 def test_what_is_outside_refuses_in_one_line(copied):
     for chair in (HardwareChair, RosChair, EmulatedBoard):
-        assert issubclass(chair, Uncopied)
+        assert issubclass(chair, NotCopyable)
     env = NavigationEnv(bank=BANK, chair=Foreign())
     with pytest.raises(TypeError, match="neither copied nor pickled") as told:
         copied(env)
@@ -256,7 +256,7 @@ def test_a_chair_that_was_moved_by_other_means_is_not_copied(copied):
     chair = SimulatedChair()
     chair.reset(cluttered(1), 0)
     chair.drive(np.array([0.5, 0.0]))
-    chair._world.body.position += (0.5, 0.0)
+    chair.chairs.worlds[0].body.position += (0.5, 0.0)
     chair.drive(np.array([0.5, 0.0]))
     with pytest.raises(TypeError, match="moved by other means"):
         copied(chair)
@@ -272,7 +272,8 @@ def test_a_copy_that_was_pickled_shares_nothing_with_what_it_is_a_copy_of():
     made = copy.deepcopy(by_pickle(copy.deepcopy(env)))
     for array in (env.episode.walls, env.episode.discs, env._course.geodesic.extended):
         array[:] = np.nan
-    for array in (*env.shield._guard.laser[:2], *env.chair._rig.laser[:2], env.task._directions):
+    laser = env.chair.chairs.suite.laser
+    for array in (*env.shield._guard.laser[:2], *laser[:2], env.task._directions):
         array[:] = np.nan
     for _ in range(5):
         action = np.array([0.5, 0.1])

@@ -7,7 +7,7 @@ import numpy as np
 from wheelchair_gym.localization.scan import beam_angles
 from wheelchair_gym.sensors.settings import LaserSettings
 
-LASER = LaserSettings(x=0.2, beams=361, reach=8.0, nearest=0.05)
+LASER = LaserSettings(x=0.2, beams=361, reach=8.0, range_min=0.05)
 # A room with a spur of wall and a pillar: nothing looks the same from elsewhere.
 CORNERS = [(-2.0, -1.5), (5.0, -1.5), (5.0, 2.5), (1.7, 2.5), (1.7, 1.2), (1.5, 1.2), (1.5, 2.5),
            (-2.0, 2.5)]  # fmt: skip

@@ -56,7 +56,7 @@ def test_along_a_corridor_the_covariance_is_long():
 
 def test_which_echoes_are_kept_is_not_for_noise_to_choose():
     """Echoes off a flat wall to the right and to the left err by nothing in the mean."""
-    laser = LaserSettings(x=0.0, nearest=0.05)
+    laser = LaserSettings(x=0.0, range_min=0.05)
     angle = beam_angles(laser)
     wall = np.abs(angle) < 1.2
     rng = np.random.default_rng(0)

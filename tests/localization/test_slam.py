@@ -9,7 +9,7 @@ from agents.evaluation.evaluate import env_settings, make_env
 from agents.policies import GymPolicy, make_policy
 from tests.localization.rooms import LASER, away, ranges, tour
 from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import between, compose
+from wheelchair_gym.geometry import compose, relative_pose
 from wheelchair_gym.localization.slam import Slam, SlamSettings
 from wheelchair_gym.maps import OCCUPIED, UNKNOWN
 from wheelchair_gym.sensors.settings import LaserSettings
@@ -25,7 +25,7 @@ def driven(particles, seed=0, learn=True):
     slam = Slam(LASER, SlamSettings(particles=particles), seed, truth[0])
     wheels, poses = [truth[0]], []
     for k in range(len(truth)):
-        moved = between(truth[k - 1], truth[k]) * DRIFT[0] + DRIFT[1] if k else np.zeros(3)
+        moved = relative_pose(truth[k - 1], truth[k]) * DRIFT[0] + DRIFT[1] if k else np.zeros(3)
         if k == 90:
             moved = np.array([0.0, 0.0, np.pi])  # it turns on the spot
         if k:
@@ -41,7 +41,7 @@ def test_a_drifting_chair_finds_itself_and_the_room(particles):
     assert np.hypot(*(wheels - truth)[-1, :2]) > 0.4
     assert error.max() < 0.12
     assert np.sqrt((error**2).mean()) < 0.05
-    assert np.degrees(np.abs(between(truth, poses)[:, 2])).mean() < 1.5
+    assert np.degrees(np.abs(relative_pose(truth, poses)[:, 2])).mean() < 1.5
     grid = slam.map
     solid = grid.to_world(np.argwhere(grid.cells == OCCUPIED))
     assert np.percentile(away(solid), 95) < 0.10
@@ -76,13 +76,13 @@ def test_slam_beats_odometry_in_a_floor_plan_with_all_noise():
     while not (ended or truncated):
         observation, _, ended, truncated, info = env.step(policy.act(observation))
         reading = task.reading
-        poses.append(slam.update(between(wheels[-1], reading.pose), reading.laser))
+        poses.append(slam.update(relative_pose(wheels[-1], reading.pose), reading.laser))
         wheels.append(reading.pose.copy())
         truth.append(np.array(info["pose"]))
     env.close()
 
     def rms(estimate):
-        gap = between(np.array(truth), np.array(estimate))
+        gap = relative_pose(np.array(truth), np.array(estimate))
         return np.sqrt((gap[:, :2] ** 2).sum(1).mean()), np.sqrt((gap[:, 2] ** 2).mean())
 
     (way, turn), (drift, twist) = rms(poses), rms(wheels)

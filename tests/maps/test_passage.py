@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from wheelchair_gym.geometry import Footprint, roomiest
+from wheelchair_gym.geometry import Footprint, best_clearance_heading
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, bottleneck, footprint_margin
 from wheelchair_gym.scenes.arena import Doorway
 
@@ -66,7 +66,7 @@ def test_where_no_way_leads_the_least_is_said():
 def test_in_a_lane_the_roomiest_heading_is_along_it_with_the_back_to_the_wall(place, yaw):
     lane = np.vstack([BOX, [(0, 1.5, 6, 1.5), (0, 2.5, 6, 2.5)]])
     discs = np.empty((0, 3))
-    found, room = roomiest(place, OUTLINE, lane, discs)
+    found, room = best_clearance_heading(place, OUTLINE, lane, discs)
     assert found == pytest.approx(yaw)
     assert room == pytest.approx(0.45 - OUTLINE.rear)
-    assert roomiest((0.1, 2.0), OUTLINE, lane, discs)[1] <= 0.0
+    assert best_clearance_heading((0.1, 2.0), OUTLINE, lane, discs)[1] <= 0.0

@@ -122,7 +122,7 @@ def test_ways_turn_with_the_map():
 def test_a_policy_sees_poses_ahead_and_the_reward_is_time_won():
     env = NavigationEnv(**POSED)
     observation, _ = env.reset(seed=0)
-    ways = env._course.ways
+    ways = env._course.cost_to_go
     for k in range(8):
         assert env.observation_space.contains(observation)
         pose = env.task.reading.pose
@@ -147,7 +147,7 @@ def test_a_policy_sees_poses_ahead_and_the_reward_is_time_won():
 
 
 def test_starts_are_drawn_within_a_time_of_the_goal_alike_in_one_and_in_many():
-    near = {**POSED, "config": {**POSED["config"], "starts": {"within": 4.0}}}
+    near = {**POSED, "config": {**POSED["config"], "starts": {"max_time": 4.0}}}
     many, one = NavigationVectorEnv(4, **near), NavigationEnv(**near)
     seen = set()
     observations, _ = many.reset(seed=3)
@@ -165,7 +165,7 @@ def test_a_map_told_less_than_well_is_the_same_each_time_and_guides_elsewhere():
     episode = make_scene("floor_plan").sample(np.random.default_rng(5))
     env = NavigationEnv("floor_plan", guidance="poses")
     env.reset(options={"episode": episode})
-    worse = PoseGuidance(share=1.0, forgotten=0.2)
+    worse = PoseGuidance(degraded_share=1.0, patch_density=0.2)
     first, again = worse(env.task), worse(env.task)
     assert np.array_equal(first.packed_states, again.packed_states)
     assert first.origin == again.origin != episode.map.origin
@@ -176,7 +176,7 @@ def test_a_map_told_less_than_well_is_the_same_each_time_and_guides_elsewhere():
     ("settings", "message"),
     [
         ({"config": {"task": {"aim": "time"}}}, "task.aim is 'time'; it needs the guidance"),
-        ({"config": {"starts": {"within": 3.0}}}, "starts.within needs the guidance 'poses'"),
+        ({"config": {"starts": {"max_time": 3.0}}}, "starts.max_time needs the guidance 'poses'"),
         ({"guidance": {"call": "poses", "sharp": 1}}, "guidance.sharp is not a setting; it has"),
         ({"guidance": "pose"}, "expected 'geodesic', 'poses' or 'module:function'"),
     ],

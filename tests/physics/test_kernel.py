@@ -74,7 +74,7 @@ class Oracle:
             patch.setattr(drive_train, "body_view", lambda address: fields)
             patch.setattr(drive_train, "step_space", step_space)
             state, parameters = Record(self.state), Record(self.parameters)
-            return drive_train.step_once.py_func(state, parameters, k, 0, 0, 0)
+            return drive_train.physics_step.py_func(state, parameters, k, 0, 0, 0)
 
 
 LONG = (pytest.param(seed, marks=pytest.mark.long) for seed in range(3, 6))
@@ -92,17 +92,21 @@ def test_kernel_equals_the_plain_api_exactly(seed, monkeypatch):
     episode = cluttered(seed, (0.0, 0.0, rng.uniform(-math.pi, math.pi)))
     chair.reset(episode, seed)
     oracle = Oracle(chair, episode)
-    body, place, p = chair._world.body, chair._place[0], chair._chair[0]
+    body, place, p = (
+        chair.chairs.worlds[0].body,
+        chair.chairs.world_rows[0],
+        chair.chairs.parameters[0],
+    )
     own = place["space"], place["body"], STEP
-    k = drive_train.work_out(p)
+    k = drive_train.drive_constants(p)
     contacts = steps = 0
     duty = np.zeros(2)
     for period in range(150):
         if period % 25 == 0:
             duty = rng.uniform(0.5, 0.9) + rng.uniform(-0.1, 0.1, 2)
-        chair._state["duty"][0] = oracle.state["duty"][0] = duty
+        chair.chairs.states["duty"][0] = oracle.state["duty"][0] = duty
         for _ in range(10):
-            hit = drive_train.step_once(chair._state[0], p, k, *own)
+            hit = drive_train.physics_step(chair.chairs.states[0], p, k, *own)
             other = oracle.step_once(monkeypatch, k)
             assert hit == pytest.approx(other, rel=1e-12, abs=1e-12)
             contacts += hit > 1e-6
@@ -110,8 +114,8 @@ def test_kernel_equals_the_plain_api_exactly(seed, monkeypatch):
             assert (body.position, body.angle) == (oracle.body.position, oracle.body.angle)
             assert body.velocity == oracle.body.velocity
             assert body.angular_velocity == oracle.body.angular_velocity
-            for name in chair._state.dtype.names:
-                assert np.array_equal(chair._state[name], oracle.state[name]), name
+            for name in chair.chairs.states.dtype.names:
+                assert np.array_equal(chair.chairs.states[name], oracle.state[name]), name
     assert contacts >= 0.5 * steps
 
 

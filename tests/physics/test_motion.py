@@ -96,7 +96,7 @@ def test_halving_the_physics_step_hardly_moves_the_end():
         for command in commands:
             run(chair, command, 10)
         ends.append(chair.truth.pose)
-        ways.append(chair.truth.way)
+        ways.append(chair.truth.distance)
     assert ways[0] > 3.0
     assert np.hypot(*(ends[0] - ends[1])[:2]) < 0.01 * ways[0]
 
@@ -127,13 +127,13 @@ def test_a_push_beyond_friction_slides_and_a_weaker_one_does_not():
         chair.reset(box(50), 0)
         run(chair, STILL, 3)
         body = chair.settings.body
-        load = body.mass * GRAVITY * (1 - body.centre / body.casters)
-        world = chair._world
+        load = body.mass * GRAVITY * (1 - body.centre_of_mass / body.wheelbase)
+        world = chair.chairs.worlds[0]
         assert world is not None
         for _ in range(20):
             # pymunk adds what stands in body.force; the kernel writes it, so push by an impulse.
             impulse = share * body.friction * load * 0.1
-            axle = world.body.local_to_world((-body.centre, 0.0))
+            axle = world.body.local_to_world((-body.centre_of_mass, 0.0))
             normal = world.body.rotation_vector.perpendicular()
             world.body.apply_impulse_at_world_point(0.1 * impulse * normal, axle)
             chair.drive(STILL)
@@ -144,7 +144,7 @@ def test_a_push_beyond_friction_slides_and_a_weaker_one_does_not():
 
 def test_no_energy_from_nothing():
     """What the battery gave is at least what moves; and it never gains over a whole drive."""
-    free = BatterySettings(idle=0.0, regeneration=0.95)
+    free = BatterySettings(idle_power=0.0, regeneration=0.95)
     chair = exact_chair(battery=free)
     chair.reset(box(50), 0)
     p = chair.parameters[0]
@@ -217,7 +217,7 @@ def test_weak_friction_spins_the_wheels():
     chair = exact_chair(body=slippery)
     chair.reset(box(50), 0)
     _, twists = run(chair, FORWARD, 20)
-    most = 0.05 * GRAVITY * (1 - slippery.centre / slippery.casters)
+    most = 0.05 * GRAVITY * (1 - slippery.centre_of_mass / slippery.wheelbase)
     assert (np.diff(twists[:, 0]) / 0.1).max() <= most * 1.02
 
 

@@ -1,4 +1,4 @@
-"""Movers by address and by plain pymunk agree exactly: bodies, entries, forces, contacts."""
+"""Actors by address and by plain pymunk agree exactly: bodies, entries, forces, contacts."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from tests.physics.worlds import busy, exact_chair
 from wheelchair_gym.compiled.address import address_of
 from wheelchair_gym.physics import drive_train
 from wheelchair_gym.physics import step as period
-from wheelchair_gym.physics.actors.bodies import FAR
+from wheelchair_gym.physics.actors.bodies import PARKING
 from wheelchair_gym.physics.actors.records import DOOR, FURNITURE, NOBODY, OBSTACLE, PERSON
 from wheelchair_gym.physics.engine import ANGLE, BODY_DOUBLES, FX, FY, TORQUE, VX, VY, W, X, Y
 from wheelchair_gym.physics.world import FIXED, LEAF
 
-STEP_ONCE = drive_train.step_once.py_func
-MOVE_ON, BODY_VIEW = period.move_on, period.body_view
+STEP_ONCE = drive_train.physics_step.py_func
+MOVE_ON, BODY_VIEW = period.decide_actors, period.body_view
 
 
 def made_of(row, friction):
-    """A mover's body and shape, made by the API."""
+    """A actor's body and shape, made by the API."""
     length, width = row["size"].tolist()
     mass = float(row["mass"])
     box = [(-length / 2, -width / 2), (length / 2, -width / 2)]
@@ -42,41 +42,41 @@ def made_of(row, friction):
     else:
         shape = pymunk.Poly(body, box) if width else pymunk.Circle(body, length)
     shape.friction = 0.0 if row["kind"] == PERSON else friction
-    if row["kind"] == PERSON and row["heeds"] == NOBODY:
+    if row["kind"] == PERSON and row["avoids"] == NOBODY:
         shape.filter = pymunk.ShapeFilter(group=1)
     return body, shape
 
 
 class BusyOracle(Oracle):
-    """The same with movers: what they want is the kernels' own; all of Munk2D goes by the API.
+    """The same with actors: what they want is the kernels' own; all of Munk2D goes by the API.
 
     A second chair lends its records; its bodies are arrays beside those of the API.
     """
 
     def __init__(self, lent, episode, key):
         lent.reset(episode, key)
-        self.lent, self.rows = lent, episode.movers.rows
+        self.lent, self.rows = lent, episode.actors.rows
         self.friction = lent.settings.body.wall_friction
-        self.movers = []
+        self.actors = []
         super().__init__(lent, episode, FIXED)
-        self.fields = np.zeros((1 + len(self.movers), BODY_DOUBLES))
-        lent._place["body"] = address_of(self.fields[0])
-        moving = lent._chairs.pointers.array("moving")
+        self.fields = np.zeros((1 + len(self.actors), BODY_DOUBLES))
+        lent.chairs.world_rows["body"] = address_of(self.fields[0])
+        actor_states = lent.chairs.pointers.array("actor_states")
         for k, fields in enumerate(self.fields[1:]):
-            moving["body"][k] = address_of(fields)
+            actor_states["body"][k] = address_of(fields)
         self.read()
 
     def place(self, x, y, angle):
-        """Movers are far away while the chair is, and come when it does."""
+        """Actors are far away while the chair is, and come when it does."""
         super().place(x, y, angle)
-        if not self.movers:
+        if not self.actors:
             for k, row in enumerate(self.rows):
                 body, shape = made_of(row, self.friction)
-                body.position = (-FAR, FAR + 20.0 * k)
-                self.movers.append(body)
+                body.position = (-PARKING, PARKING + 20.0 * k)
+                self.actors.append(body)
                 self.space.add(body, shape)
         else:
-            for body, row in zip(self.movers, self.rows, strict=True):
+            for body, row in zip(self.actors, self.rows, strict=True):
                 if row["kind"] != OBSTACLE:
                     self.put(body, *row["pose"].tolist())
 
@@ -86,19 +86,19 @@ class BusyOracle(Oracle):
         self.space.reindex_shapes_for_body(body)
 
     def read(self):
-        for body, fields in zip([self.body, *self.movers], self.fields, strict=True):
+        for body, fields in zip([self.body, *self.actors], self.fields, strict=True):
             fields[[X, Y]], fields[[VX, VY]] = body.position, body.velocity
             fields[ANGLE], fields[W] = body.angle, body.angular_velocity
             fields[[FX, FY, TORQUE]] = 0.0
 
     def carry(self, engine, world):
-        moving = self.lent._chairs.pointers.array("moving")
-        for k, (body, row) in enumerate(zip(self.movers, self.rows, strict=True)):
-            if moving["carry"][k] == 1:
+        actor_states = self.lent.chairs.pointers.array("actor_states")
+        for k, (body, row) in enumerate(zip(self.actors, self.rows, strict=True)):
+            if actor_states["relocate"][k] == 1:
                 self.put(body, *row["pose"].tolist())
-            elif moving["carry"][k] == 2:
-                self.put(body, -FAR, FAR + 20.0 * k, 0.0)
-            moving["carry"][k] = 0
+            elif actor_states["relocate"][k] == 2:
+                self.put(body, -PARKING, PARKING + 20.0 * k, 0.0)
+            actor_states["relocate"][k] = 0
             fields = self.fields[1 + k]
             if row["kind"] != OBSTACLE:
                 body.velocity, body.angular_velocity = fields[[VX, VY]].tolist(), fields[W]
@@ -115,7 +115,9 @@ class BusyOracle(Oracle):
         with self.monkeypatch.context() as patch:
             patch.setattr(drive_train, "body_view", lambda address: self.fields[0])
             patch.setattr(drive_train, "step_space", step_space)
-            return STEP_ONCE(Record(self.lent._state), Record(self.lent._chair), k, 0, 0, 0)
+            return STEP_ONCE(
+                Record(self.lent.chairs.states), Record(self.lent.chairs.parameters), k, 0, 0, 0
+            )
 
     def move_on(self, *records):
         """The kernel itself, which is compiled for Python here with what it calls unpatched."""
@@ -129,12 +131,15 @@ class BusyOracle(Oracle):
         lent = self.lent
         with monkeypatch.context() as patch:
             patch.setattr(period, "body_view", lambda address: self.fields[0])
-            patch.setattr(period, "move_on", self.move_on)
-            patch.setattr(period, "carry", self.carry)
-            patch.setattr(period, "step_once", self.step)
-            own = [a.view(np.recarray)[0] for a in (lent._state, lent._chair, lent._place)]
-            engine = lent._rig.record.view(np.recarray)[0]
-            period.drive.py_func(*own, engine, v, w, False, lent._rig.rangers.order)
+            patch.setattr(period, "decide_actors", self.move_on)
+            patch.setattr(period, "relocate_obstacles", self.carry)
+            patch.setattr(period, "physics_step", self.step)
+            own = [
+                a.view(np.recarray)[0]
+                for a in (lent.chairs.states, lent.chairs.parameters, lent.chairs.world_rows)
+            ]
+            engine = lent.chairs.suite.record.view(np.recarray)[0]
+            period.drive_period.py_func(*own, engine, v, w, False, lent.chairs.suite.rangers.order)
 
 
 LONG = (pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))
@@ -142,7 +147,7 @@ LONG = (pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))
 
 @pytest.mark.parametrize("seed", [0, *LONG, 3])
 def test_movers_equal_the_plain_api_exactly(seed, monkeypatch):
-    """Chair and movers, bit for bit, in a used and refurnished Space, with all kinds of contact."""
+    """Chair and actors, bit for bit, in a used and refurnished Space, with all kinds of contact."""
     rng = np.random.default_rng(seed)
     chair = exact_chair()
     for used in range(2):
@@ -158,16 +163,24 @@ def test_movers_equal_the_plain_api_exactly(seed, monkeypatch):
             twist = rng.uniform((0.2, -0.8), (0.8, 0.8))
         chair.drive(twist)
         oracle.drive(monkeypatch, *twist.tolist())
-        assert chair.state["pose"].tolist() == oracle.lent._state["pose"].tolist(), k
-        moving = chair._chairs.pointers.array("moving")
-        others = oracle.lent._chairs.pointers.array("moving")
-        for i, body in enumerate(oracle.movers):
-            assert moving["pose"][i].tolist() == [*body.position, body.angle], (k, i)
-            for name in moving.dtype.names:
+        assert chair.state["pose"].tolist() == oracle.lent.chairs.states["pose"].tolist(), k
+        actor_states = chair.chairs.pointers.array("actor_states")
+        others = oracle.lent.chairs.pointers.array("actor_states")
+        for i, body in enumerate(oracle.actors):
+            assert actor_states["pose"][i].tolist() == [*body.position, body.angle], (k, i)
+            for name in actor_states.dtype.names:
                 if name not in ("body", "shape"):
-                    assert moving[name][i].tolist() == others[name][i].tolist(), name
-        for name in ("tick", "spin", "contact", "caused", "met", "closing", "bumped"):
-            assert chair.state[name].tolist() == oracle.lent._state[name].tolist(), name
+                    assert actor_states[name][i].tolist() == others[name][i].tolist(), name
+        for name in (
+            "tick",
+            "spin",
+            "contact",
+            "at_fault",
+            "contact_with",
+            "approach_speed",
+            "bumped",
+        ):
+            assert chair.state[name].tolist() == oracle.lent.chairs.states[name].tolist(), name
         if chair.truth.contact:
-            met.add(chair.truth.met)
+            met.add(chair.truth.contact_with)
     assert len(met) >= 1 + (seed < 3)

@@ -12,20 +12,20 @@ from tests.physics.worlds import box, busy, exact_chair
 from tests.sensors.test_laser import brute_force
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import footprint_clearance, point_segment_distance, to_world
-from wheelchair_gym.physics.actors.orca import LINES, choose, keep_from_wall
+from wheelchair_gym.physics.actors.orca import HALF_PLANES, avoid_wall, best_velocity
 from wheelchair_gym.physics.actors.records import (
     NOBODY,
     PEOPLE,
     PERSON,
+    actor_shapes,
+    combine,
     door,
     furniture,
     obstacle,
     person,
-    shapes,
-    together,
 )
 from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.physics.contact import CLOSING, caused_by_chair
+from wheelchair_gym.physics.contact import AT_FAULT_SPEED, is_at_fault
 from wheelchair_gym.physics.settings import BodySettings
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
@@ -35,12 +35,12 @@ QUIET = SensorSettings(noise=False, laser=LaserSettings(beams=32))
 
 
 def among(*things, half=5.0, start=(0.0, 0.0, 0.0)):
-    """A square room with movers."""
-    return dataclasses.replace(box(half, start), movers=together(things))
+    """A square room with actors."""
+    return dataclasses.replace(box(half, start), actors=combine(things))
 
 
-def moving(chair):
-    return chair._chairs.pointers.array("moving")
+def actor_states(chair):
+    return chair.chairs.pointers.array("actor_states")
 
 
 def crowds(seeds, **settings):
@@ -68,7 +68,7 @@ def test_the_laser_sees_movers_where_they_are():
         for _ in range(25):
             reading = chair.drive(np.array([0.3, 0.4]))
             truth = chair.truth
-            discs, segments = shapes(episode.movers, truth.movers)
+            discs, segments = actor_shapes(episode.actors, truth.actor_poses)
             x, y = to_world((laser.x, laser.y), truth.pose)
             if any(math.hypot(dx - x, dy - y) < r for dx, dy, r in discs):
                 continue  # the sensor is inside a person whom the chair runs down
@@ -101,10 +101,10 @@ def test_cones_hear_movers_where_they_were_when_fired():
         which = rangers.order[k % 8]
         assert reading.age[which] == 0.0
         truth, mount, model = at_once.truth, rangers.mounted[which], models[which]
-        discs, segments = shapes(episode.movers, truth.movers)
+        discs, segments = actor_shapes(episode.actors, truth.actor_poses)
         x, y = to_world((mount.x, mount.y), truth.pose)
         walls, others = np.vstack([episode.walls, segments]), np.vstack([episode.discs, discs])
-        yaw, half = truth.pose[2] + mount.yaw, model.cone / 2
+        yaw, half = truth.pose[2] + mount.yaw, model.field_of_view / 2
         ends = np.arctan2(segments[:, 1::2] - y, segments[:, ::2] - x).ravel() - yaw
         ends = (ends + math.pi) % (2 * math.pi) - math.pi  # a leaf may be seen edge-on
         ends = np.concatenate([ends - 1e-9, ends + 1e-9])
@@ -113,7 +113,9 @@ def test_cones_hear_movers_where_they_were_when_fired():
         fixed = brute_force(x, y, yaw, rays, episode.walls, episode.discs, model.reach)[0].min()
         if nearest < model.reach:
             told = reading.ultrasonic[which]
-            assert max(nearest, model.blind) - 2e-3 <= told <= max(nearest, model.blind) + 1e-6
+            assert (
+                max(nearest, model.range_min) - 2e-3 <= told <= max(nearest, model.range_min) + 1e-6
+            )
             heard += 1
             near += nearest < fixed - 1e-3
         if k % 4 == 3:
@@ -132,12 +134,12 @@ def test_nobody_walks_through_a_wall_and_the_way_stays_open():
     """
     people, stuck, ways = 0, 0, 0
     for chair, episode in crowds(range(4), place="building", doors={"share": 0.8}):
-        rows = episode.movers.rows
+        rows = episode.actors.rows
         who = np.flatnonzero(rows["kind"] == PERSON)
-        track = [moving(chair)["pose"][who, :2].copy()]
+        track = [actor_states(chair)["pose"][who, :2].copy()]
         for _ in range(600):
             chair.drive(STILL)
-            track.append(moving(chair)["pose"][who, :2].copy())
+            track.append(actor_states(chair)["pose"][who, :2].copy())
             if len(track) % 5 == 0:
                 for (x, y), radius in zip(track[-1], rows["size"][who, 0], strict=True):
                     gap = min(point_segment_distance(x, y, *wall) for wall in episode.walls)
@@ -148,7 +150,7 @@ def test_nobody_walks_through_a_wall_and_the_way_stays_open():
             own = steps[:, k]
             spans = [np.ptp(own[at : at + 300], axis=0).max() for at in range(0, 300, 20)]
             stuck += min(spans) < 1.0
-            ends = episode.movers.route(int(row))[[0, -1]]
+            ends = episode.actors.route(int(row))[[0, -1]]
             reached = [np.hypot(*(own - end).T).min() < 0.8 for end in ends]
             ways += all(reached)
             people += 1
@@ -160,7 +162,7 @@ def test_nobody_walks_through_a_wall_and_the_way_stays_open():
 def test_who_ignores_the_chair_is_stopped_and_does_not_move_it():
     """From all sides at once, chair against the wall: it stays, and its strips are pressed."""
     sides = [(x, y) for x in (-3.0, 0.2, 3.0) for y in (-2.0, 0.0, 2.5) if abs(x) > 1 or abs(y) > 1]
-    crowd = [person([side, (0.2, 0.0)], 1.8, heeds=NOBODY) for side in sides]
+    crowd = [person([side, (0.2, 0.0)], 1.8, avoids=NOBODY) for side in sides]
     chair = exact_chair()
     start = (0.2, -2.66, 0.0)
     chair.reset(among(*crowd, half=3.0, start=start), 0)
@@ -168,10 +170,10 @@ def test_who_ignores_the_chair_is_stopped_and_does_not_move_it():
     for _ in range(300):
         reading = chair.drive(STILL)
         truth = chair.truth
-        assert not truth.caused
-        if truth.contact and truth.closed_on > 0.1:
+        assert not truth.at_fault
+        if truth.contact and truth.other_approach_speed > 0.1:
             assert reading.bumped
-            touched.add(truth.met)
+            touched.add(truth.contact_with)
         assert np.hypot(*(truth.pose - start)[:2]) < 1e-3
     assert touched
 
@@ -179,7 +181,7 @@ def test_who_ignores_the_chair_is_stopped_and_does_not_move_it():
 def test_people_never_press_the_chair_through_a_wall_while_it_drives():
     """It pushes through a crowd that ignores it, along a wall: outline and people stay inside."""
     crowd = [
-        person([(x, -2.6), (-x, -2.5)], 1.6, heeds=PEOPLE if k % 2 else NOBODY)
+        person([(x, -2.6), (-x, -2.5)], 1.6, avoids=PEOPLE if k % 2 else NOBODY)
         for k, x in enumerate((-2.5, -1.9, 2.5, 1.9, 1.2))
     ]
     crowd.append(furniture((0.9, -1.5, 0.0), (0.5, 0.4), 8.0))
@@ -194,8 +196,8 @@ def test_people_never_press_the_chair_through_a_wall_while_it_drives():
         contacts += chair.truth.contact
         outline = to_world(chair.settings.footprint.corners, chair.truth.pose)
         assert np.abs(outline).max() < 3.0 + 0.02
-        assert np.abs(moving(chair)["pose"][:5, :2]).max() < 3.0 - 0.25 + 0.02
-        assert np.isfinite(moving(chair)["pose"]).all()
+        assert np.abs(actor_states(chair)["pose"][:5, :2]).max() < 3.0 - 0.25 + 0.02
+        assert np.isfinite(actor_states(chair)["pose"]).all()
     assert contacts > 20
 
 
@@ -207,14 +209,14 @@ def test_light_furniture_is_pushed_and_stays_where_it_is_left():
         for _ in range(30):
             bumped |= chair.drive(FORWARD).bumped
         assert bumped
-        assert chair.truth.met in (0, -1)
+        assert chair.truth.contact_with in (0, -1)
         for _ in range(30):
             chair.drive(STILL)
-        before = chair.truth.movers[0].copy()
+        before = chair.truth.actor_poses[0].copy()
         assert before[0] > 1.3 + 0.05  # the bumper makes the chair stop, again and again
         for _ in range(20):
             chair.drive(np.array([-0.3, 0.0]))
-        np.testing.assert_allclose(chair.truth.movers[0], before, atol=1e-6)
+        np.testing.assert_allclose(chair.truth.actor_poses[0], before, atol=1e-6)
 
 
 # --- who caused it
@@ -222,19 +224,19 @@ def test_light_furniture_is_pushed_and_stays_where_it_is_left():
 
 def test_the_predicate_is_the_one_decided():
     """More than 0.05 m/s, and faster than the other."""
-    assert CLOSING == 0.05
+    assert AT_FAULT_SPEED == 0.05
     for own, other, caused in (
         (0.06, 0.0, True), (0.05, 0.0, False), (0.3, 0.4, False), (0.4, 0.3, True),
         (0.3, -0.2, True), (-0.1, -0.5, False), (0.0, 1.3, False),
     ):  # fmt: skip
-        assert caused_by_chair(own, other) == caused
+        assert is_at_fault(own, other) == caused
 
 
 @pytest.mark.parametrize(
-    ("thing", "caused", "met"),
+    ("thing", "at_fault", "contact_with"),
     [
         (person([(1.5, 0.0)]), True, 0),  # someone who stands there
-        (person([(1.5, 0.1), (3.5, 0.1)], 1.5, heeds=PEOPLE), None, 0),  # comes back at last
+        (person([(1.5, 0.1), (3.5, 0.1)], 1.5, avoids=PEOPLE), None, 0),  # comes back at last
         (obstacle((2.2, 0.1), 0.2, least=0.9), True, 0),
         (door((2.0, -0.5), math.pi / 2, 1.0, 1.0), True, 0),
         (furniture((1.5, 0.0, 0.3), (0.4, 0.4), 6.0), True, 0),
@@ -251,10 +253,10 @@ def test_who_drives_into_something_caused_it(thing, caused, met):
     truth = chair.truth
     assert truth.contact
     assert reading.bumped
-    assert truth.met == met
-    own, other = truth.closing, truth.closed_on
-    assert truth.caused == (own > CLOSING and own > other)
-    assert caused is None or truth.caused == caused
+    assert truth.contact_with == met
+    own, other = truth.approach_speed, truth.other_approach_speed
+    assert truth.at_fault == (own > AT_FAULT_SPEED and own > other)
+    assert caused is None or truth.at_fault == caused
     if met == -1 or caused:
         assert own == pytest.approx(0.8, abs=0.35)
 
@@ -263,15 +265,15 @@ def test_who_drives_into_something_caused_it(thing, caused, met):
 def test_a_chair_that_is_shoved_into_a_wall_has_not_caused_it(twist):
     """Somebody pushes a trolley into its back; the wall is 20 cm ahead."""
     trolley = furniture((3.4, 0.1, 0.0), (0.6, 0.6), 120.0, 0.02)
-    runner = person([(1.5, 0.1), (6.0, 0.1)], 2.0, heeds=NOBODY, mass=200.0)
+    runner = person([(1.5, 0.1), (6.0, 0.1)], 2.0, avoids=NOBODY, mass=200.0)
     chair = exact_chair()
     chair.reset(among(trolley, runner, half=5.0, start=(4.1, 0.0, 0.0)), 0)
     hardest = 0.0
     for _ in range(60):
         chair.drive(np.array(twist))
         truth = chair.truth
-        assert not truth.caused
-        hardest = max(hardest, truth.closing * (truth.met == -1))
+        assert not truth.at_fault
+        hardest = max(hardest, truth.approach_speed * (truth.contact_with == -1))
     assert hardest > 0.3
 
 
@@ -285,8 +287,8 @@ def test_a_chair_that_slides_into_a_wall_has_caused_it(friction):
         chair.drive(FORWARD if chair.truth.pose[0] < stop_at else STILL)
         if chair.truth.contact:
             break
-    assert chair.truth.caused
-    assert chair.truth.closing > 0.3
+    assert chair.truth.at_fault
+    assert chair.truth.approach_speed > 0.3
 
 
 def test_a_standing_chair_never_causes_a_collision():
@@ -298,7 +300,7 @@ def test_a_standing_chair_never_causes_a_collision():
     ):
         for _ in range(300):
             reading = chair.drive(STILL)
-            assert not chair.truth.caused
+            assert not chair.truth.at_fault
             contacts += chair.truth.contact
             bumps += reading.bumped
             assert chair.truth.contact or not reading.bumped
@@ -333,8 +335,8 @@ def test_a_door_opens_for_the_chair_and_never_closes_on_it():
         # Through the sliding door and back again, standing in it for a while.
         chair.drive(np.array([0.3 if k < 60 else (0.0 if k < 110 else -0.2), 0.0]))
         assert not chair.truth.contact
-        shares.append(moving(chair)["open"][:2].copy())
-        discs, segments = shapes(episode.movers, chair.truth.movers)
+        shares.append(actor_states(chair)["opening"][:2].copy())
+        discs, segments = actor_shapes(episode.actors, chair.truth.actor_poses)
         outline = chair.settings.footprint.array
         assert footprint_clearance(*chair.truth.pose, outline, segments, discs, 1.0) > 0.0
     shares = np.array(shares)
@@ -360,7 +362,7 @@ def test_a_leaf_that_is_held_waits_at_a_distance():
     chair.reset(among(leaf, start=(0.0, 0.0, 0.0)), 0)
     for _ in range(80):
         chair.drive(STILL)
-        _, segments = shapes(chair._episode.movers, chair.truth.movers)
+        _, segments = actor_shapes(chair._episode.actors, chair.truth.actor_poses)
         gap = footprint_clearance(*chair.truth.pose, chair.settings.footprint.array, segments,
                                   np.empty((0, 3)), 1.0)  # fmt: skip
         assert gap >= 0.15 - 0.02
@@ -375,7 +377,7 @@ def test_a_leaf_closes_on_nobody_while_it_leaves_another():
     for _ in range(60):
         chair.drive(STILL)
         assert not chair.truth.contact
-    assert 0.0 < moving(chair)["open"][0] < 1.0
+    assert 0.0 < actor_states(chair)["opening"][0] < 1.0
 
 
 def test_obstacles_appear_at_their_distance_and_go_again():
@@ -386,7 +388,7 @@ def test_obstacles_appear_at_their_distance_and_go_again():
     there, first = [], math.nan
     for k in range(80):
         chair.drive(np.array([0.2 if k < 30 else 0.0, 0.0]))
-        there.append(np.isfinite(chair.truth.movers[:, 0]))
+        there.append(np.isfinite(chair.truth.actor_poses[:, 0]))
         if there[-1][0] and math.isnan(first):
             corners = to_world(chair.settings.footprint.corners, chair.truth.pose)
             first = np.hypot(*(corners - (2.5, 0.0)).T).min() - 0.25
@@ -406,14 +408,14 @@ def test_a_chosen_velocity_is_the_best_that_is_allowed():
     grid = np.stack(np.meshgrid(*[np.linspace(-1.5, 1.5, 121)] * 2), axis=-1).reshape(-1, 2)
     grid = grid[np.hypot(*grid.T) <= 1.5]
     for _ in range(200):
-        lines = np.zeros((2 * LINES, 4))
+        lines = np.zeros((2 * HALF_PLANES, 4))
         count = 0
         for _ in range(rng.integers(0, 6)):
             turn = rng.uniform(-math.pi, math.pi)
             own = math.cos(turn), math.sin(turn)
-            count = keep_from_wall(lines, count, *own, rng.uniform(0.0, 0.6), 0.5)
+            count = avoid_wall(lines, count, *own, rng.uniform(0.0, 0.6), 0.5)
         want = rng.uniform(-1.5, 1.5, 2)
-        found = np.array(choose(lines, count, count, 1.5, *want))
+        found = np.array(best_velocity(lines, count, count, 1.5, *want))
         assert np.hypot(*found) <= 1.5 + 1e-9
 
         def room(points, lines=lines[:count]):

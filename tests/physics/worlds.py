@@ -11,12 +11,12 @@ from wheelchair_gym.physics.actors.records import (
     EVERYBODY,
     NOBODY,
     PEOPLE,
-    Mover,
+    Actor,
+    combine,
     door,
     furniture,
     obstacle,
     person,
-    together,
 )
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings
@@ -65,12 +65,12 @@ def exact_chair(step: float = 0.01, **chair: Any) -> SimulatedChair:
 def busy(seed: int, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Episode:
     """A room with everything that moves: people of each kind, doors, obstacles, furniture."""
     rng = np.random.default_rng(seed)
-    things: list[Mover] = []
+    things: list[Actor] = []
     spots = [(x, y) for x in (-3, -2, 2, 3) for y in (-3, -1.9, 1.9, 3)]
     rng.shuffle(spots)
-    for heeds in (EVERYBODY, EVERYBODY, PEOPLE, PEOPLE, NOBODY, NOBODY):
+    for avoids in (EVERYBODY, EVERYBODY, PEOPLE, PEOPLE, NOBODY, NOBODY):
         way = np.array([spots.pop(), rng.uniform(-1, 1, 2), rng.uniform(-3, 3, 2)])
-        things.append(person(way, rng.uniform(0.6, 1.6), heeds=heeds, patience=2.0))
+        things.append(person(way, rng.uniform(0.6, 1.6), avoids=avoids, patience=2.0))
     for size, mass in (((0.5, 0.4), 8.0), ((0.2, 0.0), 4.0), ((0.3, 0.3), 6.0)):
         things.append(furniture((*spots.pop(), rng.uniform(-3, 3)), size, mass))
     for near in (0.5, 2.5):
@@ -87,5 +87,5 @@ def busy(seed: int, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Epis
         goal=np.zeros(3),
         walls=box(4.0).walls,
         discs=np.array([(0.0, 3.2, 0.2)]),
-        movers=together(things),
+        actors=combine(things),
     )

@@ -100,13 +100,13 @@ def assert_same(observation, other):
 
 
 def test_an_episode_without_its_shield_is_replayed_without(tmp_path):
-    task = {"shield_state": True, "reward": {"withheld": -0.3}}
+    task = {"shield_state": True, "reward": {"shield_intervention": -0.3}}
     env = gym.make(KINDS[0][0], shield=True, config={"unshielded": 0.5, "task": task})
     env = RecordEpisodes(env, tmp_path / "run.mcap")
     seen, guarded = [], []
     for seed in range(6):
         env.reset(seed=seed)
-        guarded.append(env.unwrapped.task.guarded)
+        guarded.append(env.unwrapped.task.is_shielded)
         seen.append([env.step(np.array([1.0, 0.2]))[:2] for _ in range(15)])
     env.close()
     assert {True, False} == set(guarded)
@@ -115,7 +115,7 @@ def test_an_episode_without_its_shield_is_replayed_without(tmp_path):
     ):
         env = replay_env(chapter)
         env.reset(options={"episode": chapter.episode})
-        assert env.task.guarded == shielded
+        assert env.task.is_shielded == shielded
         for action, (observation, reward) in zip(chapter.actions, steps, strict=True):
             again, worth, *_ = env.step(action)
             assert_same(again, observation)
@@ -233,7 +233,7 @@ class Surveyor:
     """A chair that maps as it goes: cells become known one by one."""
 
     def __init__(self, chair):
-        self._chair, self.charted = chair, 0
+        self._chair, self.built_maps = chair, 0
 
     def __getattr__(self, name):
         return getattr(self._chair, name)
@@ -241,9 +241,9 @@ class Surveyor:
     @property
     def belief(self):
         def built_map():
-            self.charted += 1
+            self.built_maps += 1
             cells = np.full((4, 5), -1)
-            cells.flat[: self.charted] = 0
+            cells.flat[: self.built_maps] = 0
             return OccupancyGrid(cells, 0.5, (1.0, 2.0, 0.3))
 
         return Belief(self._chair.belief.odometry, np.ones((3, 3)), built_map)
@@ -259,7 +259,7 @@ def test_a_map_that_grows_is_sent_again_slowly_and_kept(tmp_path):
         env.step(np.zeros(2, np.float32))
     env.close()
     maps = [(stamp, np.frombuffer(m.data, np.int8)) for _, stamp, m in told(file, "/map")]
-    assert chair.charted == 5  # at 0.0, 0.5, ... 2.0 s
+    assert chair.built_maped == 5  # at 0.0, 0.5, ... 2.0 s
     assert [int((cells == 0).sum()) for _, cells in maps[1:]] == [1, 2, 3, 4, 5]
     np.testing.assert_array_equal(np.diff([stamp for stamp, _ in maps[1:]]), 500_000_000)
     (chapter,) = read_recording(file)
@@ -448,17 +448,17 @@ def test_movers_are_recorded_and_replayed_where_they_were(tmp_path):
     seen = []
     for _ in range(5):
         env.step(np.zeros(2, np.float32))
-        seen.append(env.unwrapped.chair.truth.movers)
-    picture, movers = env.render(), env.unwrapped.episode.movers
+        seen.append(env.unwrapped.chair.truth.actors)
+    picture, actors = env.render(), env.unwrapped.episode.actors
     env.close()
     (chapter,) = read_recording(tmp_path / "run.mcap")
-    assert chapter.episode.movers.rows.tobytes() == movers.rows.tobytes()
-    np.testing.assert_array_equal(chapter.episode.movers.routes, movers.routes)
+    assert chapter.episode.actors.rows.tobytes() == actors.rows.tobytes()
+    np.testing.assert_array_equal(chapter.episode.actors.routes, actors.routes)
     again = replay_env(chapter, "rgb_array")
     again.reset(options={"episode": chapter.episode})
     for action, poses in zip(chapter.actions, seen, strict=True):
         again.step(action)
-        np.testing.assert_array_equal(again.chair.truth.movers, poses)
+        np.testing.assert_array_equal(again.chair.truth.actors, poses)
     assert len(seen[-1]) >= 3
     np.testing.assert_array_equal(again.render(), picture)
     with (tmp_path / "run.mcap").open("rb") as stream:

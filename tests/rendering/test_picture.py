@@ -10,7 +10,7 @@ import pytest
 
 from wheelchair_gym.geometry import Footprint, polygon_edges, to_world
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.physics.actors.records import door, furniture, obstacle, person, together
+from wheelchair_gym.physics.actors.records import combine, door, furniture, obstacle, person
 from wheelchair_gym.rendering import TopView, draw_plan, palette
 from wheelchair_gym.rendering.canvas import text_width, write_text
 from wheelchair_gym.rendering.floor import closed_loops, strip_height
@@ -286,11 +286,11 @@ def test_movers_are_drawn_at_their_true_shapes():
         door((4.0, 2.0), 0.0, 1.0, 1.0),
         obstacle((2.5, 2.0), 0.3),
     ]
-    episode = dataclasses.replace(room(), movers=together(things))
+    episode = dataclasses.replace(room(), actors=combine(things))
     view = TopView(episode)
-    poses = episode.movers.rows["pose"].copy()
+    poses = episode.actors.rows["pose"].copy()
     poses[3] = np.nan
-    image = view.draw((7.0, 3.0, 0.0), movers=poses)
+    image = view.draw((7.0, 3.0, 0.0), actors=poses)
     plain = view.draw((7.0, 3.0, 0.0))
     for point, colour in (
         ((3.2, 3.1), palette.PERSON), ((5.3, 3.1), palette.LIGHT), ((4.5, 2.0), palette.LEAF),

@@ -12,7 +12,7 @@ from tests.physics.worlds import box
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, to_frame
 from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.physics.actors.records import NOBODY, door, person, together
+from wheelchair_gym.physics.actors.records import NOBODY, combine, door, person
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.settings import BodySettings, ChairSettings
 from wheelchair_gym.safety import Shield, ShieldSettings
@@ -67,11 +67,11 @@ def test_it_stops_before_a_wall_and_near_it(start, twist):
     assert trace[-1][0].reason == "obstacle"
 
 
-def charge(key, *, walls=(), discs=(), movers=None):
+def charge(key, *, walls=(), discs=(), actors=None):
     """Drive at full speed at something 4 m ahead; the truths."""
     chair, shield = SimulatedChair(), Shield()
     episode = box(5.0, (-3.5, 0.0, 0.0))
-    given = {} if movers is None else {"movers": together(movers)}
+    given = {} if actors is None else {"actors": combine(actors)}
     given["walls"] = np.vstack([episode.walls, np.reshape(walls, (-1, 4))])
     given["discs"] = np.reshape(discs, (-1, 3))
     reading, truths = chair.reset(dataclasses.replace(episode, **given), key), []
@@ -87,7 +87,7 @@ def charge(key, *, walls=(), discs=(), movers=None):
 def test_the_end_of_a_door_leaf_stops_it(key, offset):
     """Hinged straight ahead, open: 40 mm are all that the laser sees of it."""
     leaf = door((1.0, offset), 0.0, 1.0, math.pi / 2)
-    truths = charge(key, movers=[leaf])
+    truths = charge(key, actors=[leaf])
     assert not truths[-1].touched
 
 
@@ -138,7 +138,7 @@ def test_at_50_hertz_it_creeps_onto_no_rib(depth, key, place):
     reading = chair.reset(dataclasses.replace(episode, walls=walls), key)
     for _ in range(450):
         reading = step(chair, shield, AHEAD, reading)
-        assert not chair.truth.caused
+        assert not chair.truth.at_fault
 
 
 @pytest.mark.parametrize(
@@ -166,7 +166,7 @@ def test_the_lightest_and_the_heaviest_that_is_taken_stops_in_time(mass, frictio
         reading = chair.reset(box(3.0, (0.0, 0.0, 0.3)), key)
         for _ in range(70):
             reading = step(chair, shield, np.array(twist), reading)
-            assert not chair.truth.caused
+            assert not chair.truth.at_fault
 
 
 def test_with_less_to_brake_with_a_chair_of_lower_limits_is_taken():
@@ -179,7 +179,7 @@ def test_with_less_to_brake_with_a_chair_of_lower_limits_is_taken():
     reading = chair.reset(box(3.0, (0.0, 0.0, 0.3)), 1)
     for _ in range(120):
         reading = step(chair, shield, AHEAD, reading)
-        assert not chair.truth.caused
+        assert not chair.truth.at_fault
     assert chair.truth.clearance < 0.2
 
 
@@ -378,7 +378,7 @@ def test_a_lone_ghost_and_an_echo_that_a_laser_explains_change_nothing():
 
 
 def test_a_failed_sensor_of_the_simulation_is_what_the_shield_latches():
-    faults = FaultSettings(share=1.0, since=(0.5, 1.0))
+    faults = FaultSettings(share=1.0, onset=(0.5, 1.0))
     sensors = SensorSettings(faults=faults, pose_source="odometry")
     found = set()
     for key in range(24):
@@ -396,7 +396,7 @@ def test_one_seed_one_run():
 def among_people(*people, start=(0.0, 0.0, 0.0), twist=AHEAD, seconds=3.0):
     """Ask for one twist among people in a wide room: decisions, truths, and the shield's marks."""
     chair, shield = SimulatedChair(), Shield()
-    episode = dataclasses.replace(box(8.0, start), movers=together(list(people)))
+    episode = dataclasses.replace(box(8.0, start), actors=combine(list(people)))
     reading, told = chair.reset(episode, 3), []
     for _ in range(round(seconds / 0.1)):
         before = chair.truth
@@ -411,16 +411,16 @@ def among_people(*people, start=(0.0, 0.0, 0.0), twist=AHEAD, seconds=3.0):
 
 
 def test_who_walks_up_from_behind_does_not_stop_it():
-    follower = person([(-3.2, 0.9), (7.0, 0.9)], 0.6, heeds=NOBODY)
+    follower = person([(-3.2, 0.9), (7.0, 0.9)], 0.6, avoids=NOBODY)
     told = among_people(follower, start=(-2.0, 0.0, 0.0), seconds=6.0)
     assert not any(decision.reason == "moving" for decision, _, _ in told)
     assert told[-1][1].twist[0] > 0.75
 
 
 def test_who_steps_before_it_stops_it():
-    told = among_people(person([(2.6, 4.0), (2.6, -4.0)], 1.2, heeds=NOBODY), seconds=5.0)
+    told = among_people(person([(2.6, 4.0), (2.6, -4.0)], 1.2, avoids=NOBODY), seconds=5.0)
     assert any(decision.reason == "moving" for decision, _, _ in told)
-    assert not any(truth.caused for _, truth, _ in told)
+    assert not any(truth.at_fault for _, truth, _ in told)
     speeds = np.array([truth.twist[0] for _, truth, _ in told])
     hard = np.array([decision.protective for decision, _, _ in told])[:-1]
     assert np.diff(speeds)[hard].min() < -0.15  # a period of a protective stop
@@ -436,9 +436,9 @@ def test_on_its_way_through_rest_it_is_not_at_rest(speed):
 
 def test_who_has_left_its_view_may_stand_behind_it():
     """Somebody walks past a chair that turns, and on behind it, where the laser sees nothing."""
-    passer = person([(3.0, -1.2), (-4.0, -1.2)], 1.2, heeds=NOBODY)
+    passer = person([(3.0, -1.2), (-4.0, -1.2)], 1.2, avoids=NOBODY)
     told = among_people(passer, twist=LEFT, seconds=4.5)
-    ahead = [to_frame(truth.movers[:1, :2], truth.pose)[0, 0] for _, truth, _ in told]
+    ahead = [to_frame(truth.actors[:1, :2], truth.pose)[0, 0] for _, truth, _ in told]
     turns = np.array([LEVER * truth.twist[1] for _, truth, _ in told])
     seen, hidden = np.array(ahead) > 0.0, np.array(ahead) < -1.4
     assert turns[seen].max() > 0.07  # as fast as it may where nobody has seen

@@ -7,7 +7,7 @@ import shapely
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.settings import EnvSettings, env_settings
-from wheelchair_gym.envs.world_banks import Worlds
+from wheelchair_gym.envs.world_banks import WorldBank
 from wheelchair_gym.geometry import Footprint, to_world
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.scenes import SCENES
@@ -25,7 +25,7 @@ CHAIRS = {
 
 def worlds(scene, footprint):
     own = EnvSettings(scene=scene, chair=ChairSettings(footprint=footprint))
-    return Worlds(own, Task(own.task, own.chair, own.sensors, 0.1))
+    return WorldBank(own, Task(own.task, own.chair, own.sensors, 0.1))
 
 
 def solid(episode):
@@ -41,7 +41,7 @@ def test_worlds_are_made_for_the_chair_or_refused(scene, name):
     for seed in range(2):
         course = refused = None
         try:
-            course = made.course(seed, 0)
+            course = made.episode(seed, 0)
         except InputError as error:
             refused = str(error)
         if course is None:
@@ -61,13 +61,13 @@ def test_worlds_are_made_for_the_chair_or_refused(scene, name):
 def test_a_start_in_a_wall_and_a_way_through_one_are_refused():
     tight = {"name": "doorway", "door_width": 0.8, "corridor_width": 0.9}
     with pytest.raises(InputError, match="does not turn from a corridor"):
-        worlds(tight, Footprint(0.7, 0.3, 0.39)).course(0, 0)
+        worlds(tight, Footprint(0.7, 0.3, 0.39)).episode(0, 0)
     with pytest.raises(
         InputError, match=r"thesis_3: .* does not pass from start to goal; .* 1\.\d"
     ):
-        worlds("thesis_3", Footprint(0.9, 0.6, 0.8)).course(0, 0)
+        worlds("thesis_3", Footprint(0.9, 0.6, 0.8)).episode(0, 0)
     with pytest.raises(InputError, match="does not fit at the start"):
-        worlds("chaotic_pso", Footprint(1.4, 1.1, 0.4)).course(0, 0)
+        worlds("chaotic_pso", Footprint(1.4, 1.1, 0.4)).episode(0, 0)
 
 
 def test_sensors_outside_the_outline_are_warned_of():

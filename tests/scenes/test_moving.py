@@ -20,9 +20,9 @@ from wheelchair_gym.physics.actors.records import (
     NOBODY,
     OBSTACLE,
     PERSON,
+    actor_outline,
+    actor_shapes,
     leaf_line,
-    outline_of,
-    shapes,
 )
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.arena import Doorway
@@ -42,8 +42,8 @@ def drawn(count=8, **spec):
 def test_a_crowd_begins_apart_from_the_chair_and_from_everything():
     doors = people = 0
     for episode in drawn(doors={"leaf_share": 0.7}, name="crowd", furniture_density=0.03):
-        rows = episode.movers.rows
-        discs, _ = shapes(episode.movers, rows["pose"])
+        rows = episode.actors.rows
+        discs, _ = actor_shapes(episode.actors, rows["pose"])
         round_ones = rows[rows["size"][:, 1] == 0.0]
         assert len(discs) == len(round_ones)
         for k, (x, y, radius) in enumerate(discs):
@@ -53,7 +53,7 @@ def test_a_crowd_begins_apart_from_the_chair_and_from_everything():
         for row in rows[rows["kind"] == PERSON]:
             assert math.dist(row["pose"][:2], episode.start[:2]) >= 2.0
         for row in rows[rows["kind"] == FURNITURE]:
-            corners = outline_of(row, *row["pose"])
+            corners = actor_outline(row, *row["pose"])
             gap = episode.map.distance()[tuple(episode.map.to_cell(corners).T)]
             assert gap.min() > 2 * FOOTPRINT.half_width - 0.2  # the chair gets past
         doors += (rows["kind"] == DOOR).sum()
@@ -64,10 +64,10 @@ def test_a_crowd_begins_apart_from_the_chair_and_from_everything():
 
 def test_people_walk_ways_that_keep_off_walls():
     for episode in drawn(name="crowd", people={"crossing_share": 0.3}):
-        rows = episode.movers.rows
+        rows = episode.actors.rows
         free = episode.map.distance()
         for k in np.flatnonzero(rows["kind"] == PERSON):
-            route = episode.movers.route(int(k))
+            route = episode.actors.route(int(k))
             assert path_length(route) >= 3.0 - 0.2
             ways = [
                 np.linspace(a, b, 2 + int(20 * math.dist(a, b)))
@@ -86,7 +86,7 @@ def test_leaves_shut_their_doorways_and_open_them_fully():
     scene = make_scene({"name": "crowd", "place": "building", "doors": {"leaf_share": 1.0}})
     for seed in range(8):
         layout, episode = scene.sample_building(np.random.default_rng(seed))
-        for row in episode.movers.rows[episode.movers.rows["kind"] == DOOR]:
+        for row in episode.actors.rows[episode.actors.rows["kind"] == DOOR]:
             ends = leaf_line(row, *row["pose"])
             for end in ends:
                 gap = min(point_segment_distance(*end, *wall) for wall in episode.walls)
@@ -113,18 +113,18 @@ def test_numbers_of_people_follow_their_density():
     for density in ((0.0, 0.0), (0.05, 0.05)):
         for episode in drawn(4, name="crowd", people={"density": density}):
             expected = density[0] * free_area(episode.map)
-            kinds = episode.movers.rows["kind"]
+            kinds = episode.actors.rows["kind"]
             assert (kinds == PERSON).sum() == pytest.approx(expected, abs=0.2 * expected + 0.5)
     for episode in drawn(3, name="crowd", place="hall", people={"crossing_share": 1.0}):
-        rows = episode.movers.rows
-        assert (rows["heeds"][rows["kind"] == PERSON] == NOBODY).all()
+        rows = episode.actors.rows
+        assert (rows["avoids"][rows["kind"] == PERSON] == NOBODY).all()
 
 
 def test_what_appears_lies_on_the_way():
     count = 0
     for episode in drawn(name="temporary"):
         path = geodesic(episode.map, episode.goal[:2], RADIUS).path(episode.start[:2])
-        for row in episode.movers.rows:
+        for row in episode.actors.rows:
             assert row["kind"] == OBSTACLE
             gap = min(
                 point_segment_distance(*row["pose"][:2], *a, *b)

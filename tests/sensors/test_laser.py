@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from wheelchair_gym.sensors.laser import SCRATCH, LaserArrays, exact_scan, report
+from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, LaserArrays, add_laser_noise, exact_scan
 from wheelchair_gym.sensors.settings import LaserSettings
 
 NO_DISCS = np.empty((0, 3))
-ROOM = np.empty((SCRATCH, 64), np.float32)
+ROOM = np.empty((WORKSPACE_ROWS, 64), np.float32)
 
 
 def brute_force(x, y, yaw, angles, walls, discs, reach):
@@ -103,11 +103,11 @@ def test_joints_of_a_polygon_have_no_gap():
 
 
 def test_noise_has_its_stated_sigma_bias_and_lost_share():
-    laser = LaserSettings(sigma=0.02, no_echo=0.03, bias=0.01)
+    laser = LaserSettings(sigma=0.02, dropout=0.03, bias=0.01)
     arrays = LaserArrays.of(laser, True)
     scans = np.full((400, laser.beams), 3.0, np.float32)
     for step, out in enumerate(scans):
-        report(arrays, np.uint64(11), step, out)
+        add_laser_noise(arrays, np.uint64(11), step, out)
     heard = np.isfinite(scans)
     n = scans.size
     assert 1 - heard.mean() == pytest.approx(0.03, abs=5 * math.sqrt(0.03 / n) + 2e-5)
@@ -120,7 +120,7 @@ def test_noise_has_its_stated_sigma_bias_and_lost_share():
     biases = []
     for key in range(2000):
         out = np.full(1, 3.0, np.float32)
-        report(arrays._replace(sigma=0.0, no_echo=0.0), np.uint64(key), 0, out)
+        add_laser_noise(arrays._replace(sigma=0.0, no_echo=0.0), np.uint64(key), 0, out)
         biases.append(out[0] - 3.0)
     assert np.std(biases) == pytest.approx(0.01, rel=0.1)
     assert abs(np.mean(biases)) < 0.001
@@ -131,7 +131,7 @@ def test_reports_follow_rep_117():
     laser = LaserSettings(beams=4)
     arrays = LaserArrays.of(laser, False)
     out = np.array([10.0, 0.01, 9.9, 0.06], np.float32)
-    report(arrays, np.uint64(0), 0, out)
+    add_laser_noise(arrays, np.uint64(0), 0, out)
     assert out.tolist() == pytest.approx([math.inf, -math.inf, 9.9, 0.06])
 
 
@@ -140,7 +140,7 @@ def test_same_key_same_noise_and_others_differ():
     scans = []
     for key, step in ((1, 0), (1, 0), (2, 0), (1, 1)):
         out = np.full(1081, 3.0, np.float32)
-        report(arrays, np.uint64(key), step, out)
+        add_laser_noise(arrays, np.uint64(key), step, out)
         scans.append(out.tobytes())
     assert scans[0] == scans[1]
     assert len(set(scans)) == 3

@@ -70,7 +70,7 @@ def test_variance_grows_with_the_way():
         for _ in range(80):
             reading = chair.drive(np.array([0.8, 0.0]))
         errors.append(reading.pose[0] - chair.truth.pose[0])
-    way = chair.truth.way
+    way = chair.truth.distance
     assert np.std(errors) == pytest.approx(math.sqrt(0.5 * 1e-4 * way), rel=0.3)
 
 
@@ -102,7 +102,7 @@ def test_truth_is_the_truth():
 
 
 def test_mass_friction_and_gain_are_drawn_within_their_bounds():
-    chair = exact_chair(randomise=True)
+    chair = exact_chair(randomize=True)
     rows = []
     for key in range(200):
         chair.reset(box(), key)

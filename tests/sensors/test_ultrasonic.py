@@ -10,11 +10,11 @@ import pytest
 from tests.physics.worlds import box, exact_chair
 from tests.sensors.test_laser import brute_force, random_world
 from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.sensors.laser import SCRATCH
+from wheelchair_gym.sensors.laser import WORKSPACE_ROWS
 from wheelchair_gym.sensors.settings import SensorSettings, UltrasonicSettings
-from wheelchair_gym.sensors.ultrasonic import UltrasonicArrays, fire, first_echo
+from wheelchair_gym.sensors.ultrasonic import UltrasonicArrays, first_echo, sense_ultrasonic
 
-ROOM = np.empty((SCRATCH, 64), np.float32)
+ROOM = np.empty((WORKSPACE_ROWS, 64), np.float32)
 NO_WALLS, NO_DISCS = np.empty((0, 4)), np.empty((0, 3))
 NEVER = (100.0, 200.0, 0.0)  # incidences from which echoes are lost, and a draw
 
@@ -116,7 +116,10 @@ def test_noise_ghosts_blind_zone_and_reach():
     pose = np.zeros(3)
     ahead = wall(0.70 + 2.0)
     readings = np.array(
-        [fire(rangers, 0, pose, ahead, NO_DISCS, np.uint64(5), k, ROOM) for k in range(20000)]
+        [
+            sense_ultrasonic(rangers, 0, pose, ahead, NO_DISCS, np.uint64(5), k, ROOM)
+            for k in range(20000)
+        ]
     )
     expected = 2.0  # the cone of +-7.5 degrees about 5 degrees holds the perpendicular
     near = np.abs(readings - expected) < 0.05
@@ -124,10 +127,13 @@ def test_noise_ghosts_blind_zone_and_reach():
     ghosts = (~near).mean()
     assert ghosts == pytest.approx(0.01 * expected / 4.0, abs=0.0025)
     quiet = np.array(
-        [fire(rangers, 0, pose, NO_WALLS, NO_DISCS, np.uint64(6), k, ROOM) for k in range(20000)]
+        [
+            sense_ultrasonic(rangers, 0, pose, NO_WALLS, NO_DISCS, np.uint64(6), k, ROOM)
+            for k in range(20000)
+        ]
     )
     assert np.isfinite(quiet).mean() == pytest.approx(0.01, abs=0.003)
-    touching = fire(rangers, 0, pose, wall(0.705), NO_DISCS, np.uint64(5), 3, ROOM)
+    touching = sense_ultrasonic(rangers, 0, pose, wall(0.705), NO_DISCS, np.uint64(5), 3, ROOM)
     assert touching == pytest.approx(0.02, abs=0.03)
     assert touching >= 0.02
 

@@ -7,7 +7,13 @@ import pytest
 
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.sensors.settings import LaserSettings
-from wheelchair_gym.task.side_clearance import BEYOND, GAP_REACH, NEAR, gaps, haste
+from wheelchair_gym.task.side_clearance import (
+    BEYOND,
+    CLEARANCE_MAX,
+    NEAR,
+    proximity_speed,
+    side_clearance,
+)
 
 OUTLINE, LASER = Footprint(), LaserSettings(yaw=0.02)
 DIRECTIONS = LASER.directions
@@ -26,7 +32,7 @@ def told(scan, poses=()):
     """Gaps where the chair stands and at poses (x, y, yaw), a row each."""
     flat = np.array([(x, y, np.cos(a), np.sin(a)) for x, y, a in poses], np.float32).ravel()
     out = np.empty(2 + 2 * len(poses), np.float32)
-    gaps(scan, *RIG, flat, out)
+    side_clearance(scan, *RIG, flat, out)
     return out.reshape(-1, 2)
 
 
@@ -54,7 +60,7 @@ def test_gaps_are_those_of_the_points_beside_each_pose(poses):
             beside = (along > -OUTLINE.rear - BEYOND) & (along < OUTLINE.front + BEYOND)
             for gap, side in zip(row, (aside >= 0, aside < 0), strict=True):
                 near = np.abs(aside[beside & side]).min(initial=np.inf) - OUTLINE.half_width
-                assert gap == pytest.approx(min(near, GAP_REACH), abs=1e-5)
+                assert gap == pytest.approx(min(near, CLEARANCE_MAX), abs=1e-5)
 
 
 @pytest.mark.parametrize("odd", [np.inf, -np.inf, 0.0, 0.2, 9.0])
@@ -67,7 +73,7 @@ def test_one_odd_beam_in_three_makes_no_gap(odd):
 
 def test_where_nothing_is_seen_gaps_are_wide():
     for nothing in (np.inf, -np.inf, np.nan, 0.0):
-        assert (told(np.full(LASER.beams, nothing, np.float32), AHEAD) == GAP_REACH).all()
+        assert (told(np.full(LASER.beams, nothing, np.float32), AHEAD) == CLEARANCE_MAX).all()
 
 
 @pytest.mark.parametrize(("v", "w"), [(0.5, 0.0), (-0.2, 0.0), (0.0, 0.4), (0.3, -0.9)])
@@ -77,7 +83,9 @@ def test_haste_is_the_fastest_corner_squared_and_more_the_nearer(v, w):
     for gap in (0.05, 0.1, 0.3):
         expected = max(0.0, 1.0 - gap / NEAR) * squared
         scan = corridor(0.31 + gap, 2.0)
-        assert haste(scan, *RIG, np.array([v, w])) == pytest.approx(expected, abs=0.01 * squared)
+        assert proximity_speed(scan, *RIG, np.array([v, w])) == pytest.approx(
+            expected, abs=0.01 * squared
+        )
 
 
 def test_haste_counts_what_stands_ahead_and_beside_a_corner():
@@ -87,4 +95,6 @@ def test_haste_counts_what_stands_ahead_and_beside_a_corner():
         ahead = np.argmax(DIRECTIONS @ (off / np.hypot(*off)))
         seen = scan.copy()
         seen[ahead - 2 : ahead + 3] = np.hypot(*off)
-        assert haste(seen, *RIG, np.array([0.5, 0.0])) == pytest.approx(0.5 * 0.25, rel=0.05)
+        assert proximity_speed(seen, *RIG, np.array([0.5, 0.0])) == pytest.approx(
+            0.5 * 0.25, rel=0.05
+        )

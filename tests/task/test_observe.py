@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from wheelchair_gym.task.observations import pool, see
+from wheelchair_gym.task.observations import observed_range, pool_beams
 
 
 @pytest.mark.parametrize(
@@ -21,9 +21,10 @@ def test_pooling_is_the_nearest_of_equal_groups(beams, groups):
         for odd in (np.inf, -np.inf, np.nan, 0.0):
             scan[rng.random(beams) < 0.05] = odd
         out = np.empty(groups, np.float32)
-        assert pool(scan, 10.0, out) == np.isfinite(scan).sum()
+        assert pool_beams(scan, 10.0, out) == np.isfinite(scan).sum()
         edges = np.arange(groups + 1) * beams // groups
         expected = [
-            min(see(float(r), 10.0) for r in scan[a:b]) for a, b in itertools.pairwise(edges)
+            min(observed_range(float(r), 10.0) for r in scan[a:b])
+            for a, b in itertools.pairwise(edges)
         ]
         assert out.tolist() == np.float32(expected).tolist()

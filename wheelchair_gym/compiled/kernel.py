@@ -28,7 +28,7 @@ progress.watch()
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-whole: Any = np.int64  # of a count or a field: numba compiles a kernel anew for each width
+as_int: Any = np.int64  # of a count or a field: numba compiles a kernel anew for each width
 
 # No fast-math anywhere: results may not depend on how a loop was vectorised or inlined, since one
 # chair and a batch of chairs must agree bit for bit. The numpy error model drops the check for

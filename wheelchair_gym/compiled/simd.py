@@ -15,11 +15,11 @@ from wheelchair_gym.compiled.kernel import inlined
 
 Floats = NDArray[np.float32]
 
-LANES = 32  # beams that are compared at once
+SIMD_WIDTH = 32  # beams that are compared at once
 
 
 @intrinsic
-def _raise_block(
+def _rasterize_block(
     typingctx: Any, out: Any, cosine: Any, sine: Any, a: Any, b: Any, start: Any, i0: Any, i1: Any
 ) -> Any:
     """out[i] = max(out[i], a cos[i] + b sin[i]) for LANES beams from start on, if i0 <= i < i1.
@@ -29,7 +29,10 @@ def _raise_block(
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         number = ir.IntType(32)
-        floats, numbers = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(number, LANES)
+        floats, numbers = (
+            ir.VectorType(ir.FloatType(), SIMD_WIDTH),
+            ir.VectorType(number, SIMD_WIDTH),
+        )
 
         def place(k: int) -> Any:
             array = context.make_array(signature.args[k])(context, builder, args[k])
@@ -38,7 +41,7 @@ def _raise_block(
         def spread(value: Any, kind: Any) -> Any:
             blank = ir.Constant(kind, ir.Undefined)
             one = builder.insert_element(blank, value, ir.Constant(number, 0))
-            return builder.shuffle_vector(one, blank, ir.Constant(numbers, [0] * LANES))
+            return builder.shuffle_vector(one, blank, ir.Constant(numbers, [0] * SIMD_WIDTH))
 
         def count(k: int) -> Any:
             return spread(builder.trunc(builder.sub(args[k], args[6]), number), numbers)
@@ -47,7 +50,7 @@ def _raise_block(
         new = builder.fadd(
             builder.fmul(spread(args[3], floats), cos), builder.fmul(spread(args[4], floats), sin)
         )
-        lane = builder.add(count(5), ir.Constant(numbers, list(range(LANES))))
+        lane = builder.add(count(5), ir.Constant(numbers, list(range(SIMD_WIDTH))))
         inside = builder.icmp_unsigned("<", lane, count(7))  # a negative lane is a huge one
         better = builder.and_(inside, builder.fcmp_ordered(">", new, old))
         builder.store(builder.select(better, new, old), place(0), align=4)
@@ -57,19 +60,19 @@ def _raise_block(
     return types.void(out, cosine, sine, types.float32, types.float32, index, index, index), codegen
 
 
-_raise_lanes = cast("Callable[..., None]", _raise_block)
+_rasterize_vector = cast("Callable[..., None]", _rasterize_block)
 
 
 @inlined
-def span(
+def rasterize_line(
     out: Floats, cosine: Floats, sine: Floats, a: np.float32, b: np.float32, i0: int, i1: int
 ) -> None:
     """Nearest of what beams i0..i1 saw and the line whose inverse range is a cos + b sin."""
-    last = out.shape[0] - LANES
+    last = out.shape[0] - SIMD_WIDTH
     if last < 0:
         for i in range(i0, i1):
             inverse = a * cosine[i] + b * sine[i]
             out[i] = inverse if inverse > out[i] else out[i]
     else:
-        for i in range(i0, i1, LANES):
-            _raise_lanes(out, cosine, sine, a, b, min(i, last), i0, i1)
+        for i in range(i0, i1, SIMD_WIDTH):
+            _rasterize_vector(out, cosine, sine, a, b, min(i, last), i0, i1)

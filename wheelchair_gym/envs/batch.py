@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.kinematics import asked_twist
-from wheelchair_gym.physics.step import advance, begin
-from wheelchair_gym.physics.world import take_ground
+from wheelchair_gym.kinematics import twist_of_action
+from wheelchair_gym.physics.step import reset_chair, step_chair
+from wheelchair_gym.physics.world import enter_episode
 from wheelchair_gym.random import SHIELDS, uniform
-from wheelchair_gym.safety.decision import decide
-from wheelchair_gym.safety.perception import reset, update
+from wheelchair_gym.safety.shield import filter_twist, reset_shield, update_shield
 from wheelchair_gym.safety.state import NOTHING
-from wheelchair_gym.task.assessment import assess, start_task
+from wheelchair_gym.task.assessment import assess, begin_task
 from wheelchair_gym.task.rewards import reached
 
 Array = NDArray[np.float64]
@@ -27,22 +26,18 @@ Rows = NDArray[np.void]
 class Batch(NamedTuple):
     """Chairs, where they are and what they are about; a row each."""
 
-    rigs: Rows  # (1,) of RIG
-    rules: Rows  # (1,) of RULES
-    base: Rows  # (1,) of PARAMETER, before what is random is drawn
-    blank: Rows  # (1,) of STATE, zero
-    chairs: Rows  # (n,) of PARAMETER
-    states: Rows  # (n,) of STATE
+    task: Rows  # (1,) of TASK
+    shields: Rows  # (1,) of SHIELDS
     worlds: Rows  # (n,) of WORLD
-    courses: Rows  # (n,) of COURSE
-    coming: Rows  # (n,) of COURSE, of the next episode
+    prepared: Rows  # (n,) of PREPARED
+    next_prepared: Rows  # (n,) of PREPARED, of the next episode
     keys: NDArray[np.uint64]  # (n,) of the next episode's randomness
     progress: Rows  # (n,) of PROGRESS
-    guards: Rows  # (1,) of GUARD
-    shields: Rows  # (n,) of SHIELD; (0,) without
+    rules: Rows  # (1,) of RULES
+    shield_states: Rows  # (n,) of SHIELD; (0,) without
     unshielded: Array  # (1,) share of episodes without
-    over: Flags  # (n,) the episode has ended in an earlier step
-    begun: Flags  # (n,) is set where an episode was begun in this step
+    is_over: Flags  # (n,) the episode has ended in an earlier step
+    was_reset: Flags  # (n,) is set where an episode was begun in this step
 
 
 class Results(NamedTuple):
@@ -59,25 +54,25 @@ class Results(NamedTuple):
 
 
 @borrowing_kernel
-def succeeded(rules: Any, course: Any, seen: Any) -> bool:
+def is_success(rules: Any, prepared: Any, seen: Any) -> bool:
     """Whether a chair is at the goal by truth, and has touched nothing on its way."""
     return not seen.touched and reached(
-        seen.true_pose, course.goal, course.tolerance, rules.heading, rules.heading_tolerance
+        seen.true_pose, prepared.goal, prepared.tolerance, rules.heading, rules.heading_tolerance
     )
 
 
 @kernel
-def goes_bare(key: np.uint64, share: float) -> bool:
+def is_unshielded(key: np.uint64, share: float) -> bool:
     """Whether an episode is driven without the shield that there is."""
     return share > 0.0 and uniform(key, 0, SHIELDS, 0) < share
 
 
 @borrowing_kernel
-def take_in(i: int, batch: Batch, seen: Any, ranges: Floats) -> None:
-    """Row i's shield takes in a reading."""
-    update(
-        batch.guards[0],
-        batch.shields[i],
+def show_shield(i: int, batch: Batch, seen: Any, ranges: Floats) -> None:
+    """Give row i's shield a reading."""
+    update_shield(
+        i,
+        batch.shields,
         seen.pose[:],
         seen.twist[:],
         ranges,
@@ -90,48 +85,33 @@ def take_in(i: int, batch: Batch, seen: Any, ranges: Floats) -> None:
 
 
 @borrowing_kernel
-def begin_chair(i: int, batch: Batch, results: Results, scratch: Floats, ranges: Floats) -> None:
+def begin_chair(i: int, batch: Batch, chairs: Rows, results: Results, ranges: Floats) -> None:
     """Begin row i's next episode; arguments as of `step_chairs`."""
-    batch.courses[i] = batch.coming[i]
-    course = batch.courses[i]
-    take_ground(batch.worlds[i], course)
-    begin(
-        i,
-        batch.rigs,
-        batch.base,
-        batch.blank,
-        batch.chairs,
-        batch.states,
-        batch.worlds,
-        course.start,
-        batch.keys[i],
-        scratch,
-        ranges,
-        results.sensed,
-    )
+    batch.prepared[i] = batch.next_prepared[i]
+    prepared = batch.prepared[i]
+    enter_episode(batch.worlds[i], prepared)
+    reset_chair(i, chairs, prepared.start, batch.keys[i], ranges, results.sensed)
     seen = results.sensed[i]
-    shields = batch.shields.shape[0] > 0
-    start_task(
+    shields = batch.shield_states.shape[0] > 0
+    begin_task(
         i,
-        batch.rules,
-        batch.courses,
-        batch.progress,
+        batch.task,
         results.verdicts,
         seen.pose,
         seen.twist,
         ranges,
         seen.ultrasonic,
-        shields and not goes_bare(batch.keys[i], batch.unshielded[0]),
+        shields and not is_unshielded(batch.keys[i], batch.unshielded[0]),
         results.out[i],
     )
-    results.success[i] = succeeded(batch.rules[0], course, seen)
+    results.success[i] = is_success(batch.rules[0], prepared, seen)
     if shields:
         results.reason[i] = NOTHING
         for k in range(2):
             results.asked[i, k] = results.given[i, k] = 0.0
         results.protective[i] = False
-        reset(batch.shields[i])
-        take_in(i, batch, seen, ranges)
+        reset_shield(i, batch.shields)
+        show_shield(i, batch, seen, ranges)
 
 
 @borrowing_kernel
@@ -140,14 +120,14 @@ def begin_chairs(
     high: int,
     chosen: Flags,
     batch: Batch,
+    chairs: Rows,
     results: Results,
-    scratch: Floats,
     ranges: Floats,
 ) -> None:
     """Begin the next episode of the chosen ones of rows low to high; see `step_chairs`."""
     for i in range(low, high):
         if chosen[i]:
-            begin_chair(i, batch, results, scratch, ranges)
+            begin_chair(i, batch, chairs, results, ranges)
 
 
 @borrowing_kernel
@@ -157,9 +137,9 @@ def step_chairs(
     same_step: bool,
     actions: Array,
     batch: Batch,
+    chairs: Rows,
     results: Results,
     finals: Results,
-    scratch: Floats,
     ranges: Floats,
 ) -> None:
     """One control period of rows low to high.
@@ -169,30 +149,27 @@ def step_chairs(
         high: one beyond the last.
         same_step: begin the next episode in the step that ended one, and not in the step after.
         actions: (n, 2) in [-1, 1]; beyond is clipped.
-        batch: the chairs.
+        batch: what the chairs are about.
+        chairs: (1,) of CHAIRS, with a workspace that no other call uses.
         results: of the step, or of the reset where an episode was begun.
         finals: of the step where an episode ended and the next was begun at once.
-        scratch: (SCRATCH, walls or more), overwritten.
         ranges: (beams,) room for a scan.
     """
-    rule, over = batch.rules[0], batch.over
-    rigs, chairs, states, worlds = batch.rigs, batch.chairs, batch.states, batch.worlds
+    rule, is_over = batch.rules[0], batch.is_over
     sensed, verdicts = results.sensed, results.verdicts
     for i in range(low, high):
-        batch.begun[i] = over[i]
-        if not over[i]:
+        batch.was_reset[i] = is_over[i]
+        if not is_over[i]:
             seen, action, stop = sensed[i], actions[i], False
-            v, w = asked_twist(action[0], action[1], rule.forward, rule.backward, rule.turn)
+            v, w = twist_of_action(action[0], action[1], rule.forward, rule.backward, rule.turn)
             asked_v, asked_w = v, w
-            shielded = batch.progress[i].guarded
+            shielded = batch.progress[i].is_shielded
             if shielded:
-                v, w, stop = decide(batch.guards[0], batch.shields[i], v, w)
-            advance(i, rigs, chairs, states, worlds, v, w, stop, scratch, ranges, sensed)
+                v, w, stop = filter_twist(i, batch.shields, v, w)
+            step_chair(i, chairs, v, w, stop, ranges, sensed)
             assess(
                 i,
-                batch.rules,
-                batch.courses,
-                batch.progress,
+                batch.task,
                 verdicts,
                 action,
                 seen.pose,
@@ -204,16 +181,16 @@ def step_chairs(
                 asked_w - w,
                 results.out[i],
             )
-            results.success[i] = succeeded(rule, batch.courses[i], seen)
+            results.success[i] = is_success(rule, batch.prepared[i], seen)
             if shielded:
-                shield = batch.shields[i]
+                shield = batch.shield_states[i]
                 results.reason[i], results.protective[i] = shield.reason, shield.protective
                 for k in range(2):
                     results.asked[i, k] = shield.asked[k]
                     results.given[i, k] = shield.given[k]
-                take_in(i, batch, seen, ranges)
-            over[i] = verdicts[i].terminated or verdicts[i].truncated
-            if not (over[i] and same_step):
+                show_shield(i, batch, seen, ranges)
+            is_over[i] = verdicts[i].terminated or verdicts[i].truncated
+            if not (is_over[i] and same_step):
                 continue
             finals.sensed[i], finals.verdicts[i] = sensed[i], verdicts[i]
             finals.success[i] = results.success[i]
@@ -223,6 +200,6 @@ def step_chairs(
                 finals.given[i, k] = results.given[i, k]
             for k in range(finals.out.shape[1]):
                 finals.out[i, k] = results.out[i, k]
-            batch.begun[i] = True
-        over[i] = False
-        begin_chair(i, batch, results, scratch, ranges)
+            batch.was_reset[i] = True
+        is_over[i] = False
+        begin_chair(i, batch, chairs, results, ranges)

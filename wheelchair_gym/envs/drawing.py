@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-class Drawing:
+class EpisodeRenderer:
     """Draws where a chair is, was and is led; made of the world when first asked for."""
 
     def __init__(self, settings: EnvSettings) -> None:
@@ -63,7 +63,7 @@ class Drawing:
             path=path,
             look_ahead=ahead,
             caption=f"{stamp:6.1f} s   {v:5.2f} m/s  {w:5.2f} rad/s   {rest:5.1f} m to go",
-            movers=truth.movers if len(truth.movers) else None,
+            actors=truth.actor_poses if len(truth.actor_poses) else None,
         )
 
     def show(self, picture: NDArray[np.uint8]) -> None:

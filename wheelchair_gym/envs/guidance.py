@@ -17,7 +17,7 @@ from wheelchair_gym.task.task import Guidance, Task
 
 Array = NDArray[np.float64]
 
-DEEP = 0.5  # share of how near a goal counts, so that ways end well within
+GOAL_DEPTH = 0.5  # share of how near a goal counts, so that ways end well within
 
 
 def geodesic_path(task: Task) -> Array:
@@ -35,17 +35,21 @@ class PoseGuidance:
 
     poses = True  # what `Task` asks a guidance for
     ways: CostToGoSettings = CostToGoSettings()
-    slack: float | None = setting(
+    max_detour: float | None = setting(
         default=None, unit="s", low=0.0,
         source="only ways so much dearer than from the start are sought; none: all",
     )  # fmt: skip
-    share: float = setting(
+    degraded_share: float = setting(
         default=0.0, source="of worlds whose map is told less than well", low=0.0, high=1.0
     )
-    forgotten: float = setting(default=0.02, unit="1/m2", source="patches, of such a map", low=0.0)
-    patch: float = setting(default=0.8, unit="m", source="radius of a patch", low=0.0)
-    known: float = setting(default=2.0, unit="m", source="round start and goal: well", low=0.0)
-    shift: float = setting(default=0.03, unit="m", source="sigma, of such a map", low=0.0)
+    patch_density: float = setting(
+        default=0.02, unit="1/m2", source="patches, of such a map", low=0.0
+    )
+    patch_radius: float = setting(default=0.8, unit="m", source="radius of a patch", low=0.0)
+    known_radius: float = setting(
+        default=2.0, unit="m", source="round start and goal: well", low=0.0
+    )
+    shift_sigma: float = setting(default=0.03, unit="m", source="sigma, of such a map", low=0.0)
 
     def __call__(self, task: Task) -> CostToGo:
         """The ways of the outline to the task's goal."""
@@ -54,31 +58,31 @@ class PoseGuidance:
             task.goal,
             task.footprint,
             task.limits,
-            tolerance=DEEP * max(0.0, task.tolerance - task.settings.doubt),
+            tolerance=GOAL_DEPTH * max(0.0, task.tolerance - task.settings.arrival_margin),
             starts=[task.start],
             own=self.ways,
-            slack=self.slack,
+            slack=self.max_detour,
         )
 
     def _told(self, task: Task) -> OccupancyGrid:
         """The map, or a worse one; the same for the same start and goal."""
         grid = task.map
         rng = np.random.default_rng(np.concatenate([task.start, task.goal]).view(np.uint32))
-        if self.share == 0.0 or rng.random() >= self.share:
+        if self.degraded_share == 0.0 or rng.random() >= self.degraded_share:
             return grid
         x0, y0, x1, y1 = grid.bounds
-        count = rng.poisson(self.forgotten * (x1 - x0) * (y1 - y0))
+        count = rng.poisson(self.patch_density * (x1 - x0) * (y1 - y0))
         places = rng.uniform((x0, y0), (x1, y1), (count, 2))
         ends = np.stack([task.start[:2], task.goal[:2]])
         apart = np.hypot(*np.moveaxis(places[:, None] - ends, -1, 0)).min(axis=1, initial=np.inf)
         cells = grid.cells.copy()
-        reach = int(self.patch / grid.resolution)
-        for row, col in grid.to_cell(places[apart > self.known + self.patch]):
+        reach = int(self.patch_radius / grid.resolution)
+        for row, col in grid.to_cell(places[apart > self.known_radius + self.patch_radius]):
             rows = np.arange(max(0, row - reach), min(grid.shape[0], row + reach + 1))
             cols = np.arange(max(0, col - reach), min(grid.shape[1], col + reach + 1))
             within = np.hypot(rows[:, None] - row, cols - col) <= reach
             cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1][within] = FREE
-        dx, dy = rng.normal(0.0, self.shift, 2).tolist()
+        dx, dy = rng.normal(0.0, self.shift_sigma, 2).tolist()
         x, y, yaw = grid.origin
         return OccupancyGrid(cells, grid.resolution, (x + dx, y + dy, yaw))
 

@@ -12,19 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.envs.batch import goes_bare
-from wheelchair_gym.envs.drawing import Drawing
+from wheelchair_gym.envs.batch import is_unshielded
+from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
+from wheelchair_gym.envs.info import info_of, info_table
 from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings, make_finder
-from wheelchair_gym.envs.world_banks import Worlds
+from wheelchair_gym.envs.world_banks import WorldBank
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.localization.localized_chair import LocalizedChair, unwrapped
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.random import episode_key
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.shield import Shield
-from wheelchair_gym.task.prepared_episode import Course
-from wheelchair_gym.task.rewards import TERMS
+from wheelchair_gym.task.observations import observation_table
+from wheelchair_gym.task.prepared_episode import PreparedEpisode
+from wheelchair_gym.task.rewards import TERMS, reward_table
 from wheelchair_gym.task.task import Observation, Task
 from wheelchair_gym.types import Chair, Episode, Mission, Reading, Shown, check_reading
 
@@ -50,33 +52,24 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     ## Observation
     A `Dict` of float32 boxes.
 
-    | key | shape | range | meaning |
-    | --- | --- | --- | --- |
-    | laser | (beams,) | 0 to 10 m | right to left; no echo is 10 m; pooled by minimum if fewer |
-    | ultrasonic | (8,) | 0 to 4 or 6 m | latest range of each |
-    | twist | (2,) | 1.5 x the limits | speed [m/s] and turn [rad/s] by the encoders |
-    | goal | (3,) | 0 to 100 m, -1 to 1 | distance, cosine and sine of its bearing |
-    | action | (2,) | -1 to 1 | the last one; with `task.last_action` |
-    | shield | (3,) | 0 to 1, -2 to 2 | with `task.shield_state`: see there |
-    | path | (10,) | -10 to 10 m | guided only: x, y of points ahead, in the chair's frame |
-    | gaps | (30,) or (12,) | -0.31 to 0.5 m | with `task.gaps`: see there |
-    | trail | (2k,) | -10 to 10 m | with `task.trail`: x, y of where it was, in its frame |
+    {observations}
 
     ## Reward
-    The sum of `info["reward_terms"]`: progress towards the goal (0.125 per metre of way to go),
-    time (-0.05 per second), arrived (+1), bumped (-2), timeout (-0.5), change of action
-    (-0.003 x squared change), what a shield withheld (0) and haste near obstacles (0). Weights are
-    settings.
+    The sum of the named terms in `info["reward_terms"]`; weights are settings (`task.reward`).
+
+    {rewards}
 
     ## Start and end
     A scene places walls, start and goal from the seed: episode k of seed s is always the same.
     Terminated when the chair believes to be within 0.30 m of the goal (0.20 m if its pose is an
     estimate, which may err by 0.10 m), or when a bumper strip is pressed; truncated at the time
     limit, 30 s + 3 x geodesic / 0.8 m/s.
-    `info["is_success"]` is by truth, and so are `met` (number of the mover touched, or -1),
-    `closing` and `closed_on` (speeds of chair and other at contact) and `caused` (by the chair).
-    With a shield, `info["shield"]` tells what became of a twist: `reason` (empty: nothing),
-    `asked`, `given` and `protective` (the chair makes a protective stop).
+
+    ## Info
+    {info}
+
+    With a shield, `info["shield"]` holds `reason` (empty: nothing was changed), the twists `asked`
+    and `given`, and `protective` (the chair makes a protective stop).
 
     ## Copies
     `copy.deepcopy(env)` is exact at any moment: it steps on as the original does, to the bit. So is
@@ -98,7 +91,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         pose_source: str | None = None,
         guidance: Any = None,
         noise: bool | None = None,
-        randomise: bool | None = None,
+        randomize: bool | None = None,
         bank: Any = None,
         shield: bool | Mapping[str, Any] | ShieldSettings | None = None,
         chair: Chair | str | Mapping[str, Any] | None = None,
@@ -123,7 +116,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 chair's outline, with headings, at plan times), 'module:function' or a callable
                 that gives a path from a task.
             noise: false makes every sensor exact.
-            randomise: true draws mass, friction and motor gain anew each episode.
+            randomize: true draws mass, friction and motor gain anew each episode.
             bank: of how many worlds episodes draw, or a mapping of size, turnover and seed; 0:
                 each episode has a world of its own.
             shield: true, or a mapping of its settings: only what it lets through is driven
@@ -149,7 +142,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             pose_source=pose_source,
             guidance=guidance,
             noise=noise,
-            randomise=randomise,
+            randomize=randomize,
             bank=bank,
             shield=shield,
             render_width=render_width,
@@ -181,17 +174,17 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             self.shield = Shield(s.shield, s.chair, s.sensors, 1.0 / s.rate)
             # A real chair tells when a person re-arms it; that is meant for its shield, too.
             getattr(unwrapped(self.chair), "on_rearm", []).append(self.shield.rearm)
-        self.worlds = Worlds(s, self.task)
+        self.worlds = WorldBank(s, self.task)
         self.observation_space = cast("gym.Space[Observation]", self.task.space)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(s.rate)}
         self.episode: Episode | None = None
-        self._course: Course | None = None
+        self._prepared: PreparedEpisode | None = None
         self._seed: int | None = None
         self._count = 0  # episodes of the present seed
         self._running = False
-        self._drawing = Drawing(s)
+        self._drawing = EpisodeRenderer(s)
         self.shown = Shown()  # what the policy shows; before it drives, the guidance
 
     def reset(
@@ -216,21 +209,21 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         else:
             self._count += 1
         if given is None:
-            self._course = self.worlds.course(self._seed, self._count)
-            self.worlds.forget(self._count)
-        elif self._course is None or given is not self._course.episode:
-            self._course = self.worlds.prepare(given)
-        self.episode = self._course.episode
+            self._prepared = self.worlds.episode(self._seed, self._count)
+            self.worlds.drop_before(self._count)
+        elif self._prepared is None or given is not self._prepared.episode:
+            self._prepared = self.worlds.prepare(given)
+        self.episode = self._prepared.episode
         key = episode_key(self._seed, self._count)
         if self.shield is not None:
             self.shield.reset()
         reading = self.chair.reset(self.episode, key)
         if not self._simulated:
             check_reading(reading, self.settings.sensors.laser.beams)
-        guarded = self.shield is not None and not goes_bare(
+        is_shielded = self.shield is not None and not is_unshielded(
             np.uint64(key), self.settings.unshielded
         )
-        observation = self.task.begin(self._course, reading, key, guarded)
+        observation = self.task.begin(self._prepared, reading, key, is_shielded)
         self._running = True
         self._drawing.begin()
         self.show(Shown())
@@ -256,7 +249,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         chosen = np.asarray(action, np.float64)
         twist = self.task.limits.twist(chosen)
         stop, less = False, (0.0, 0.0)
-        if self.shield is not None and self.task.guarded:
+        if self.shield is not None and self.task.is_shielded:
             asked, twist = twist, self.shield.filter(twist, self.task.reading)
             less = float(asked[0] - twist[0]), float(asked[1] - twist[1])
             stop = self.shield.decision.protective
@@ -272,29 +265,12 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         return observation, verdict.reward, verdict.terminated, verdict.truncated, info
 
     def _info(self) -> dict[str, Any]:
-        truth, reading, verdict = self.chair.truth, self.task.reading, self.task.verdict
+        truth, task = self.chair.truth, self.task
         self._drawing.follow(truth.pose)
         shielded = {} if self.shield is None else {"shield": self.shield.decision._asdict()}
-        return shielded | {
-            "pose": truth.pose,
-            "twist": truth.twist,
-            "pose_estimate": reading.pose,
-            "is_success": not truth.touched and self.task.at_goal(truth.pose),
-            "arrived": verdict.arrived,
-            "bumped": reading.bumped,
-            "contact": truth.contact,
-            "caused": truth.caused,
-            "met": truth.met,
-            "closing": truth.closing,
-            "closed_on": truth.closed_on,
-            "clearance": truth.clearance,
-            "energy": truth.energy,
-            "distance": truth.way,
-            "time": reading.stamp,
-            "valid_beams": verdict.valid_beams,
-            "geodesic": verdict.geodesic,
-            "reward_terms": dict(zip(TERMS, verdict.terms, strict=True)),
-        }
+        success = not truth.touched and task.at_goal(truth.pose)
+        info = info_of(truth, task.reading, task.verdict, success)
+        return shielded | info | {"reward_terms": dict(zip(TERMS, task.verdict.terms, strict=True))}
 
     def render(self) -> NDArray[np.uint8] | None:
         """The world from above: an RGB picture (render_height, render_width, 3).
@@ -327,7 +303,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             chair=task.chair,
             sensors=task.sensors,
             shield=task.shield,
-            guarded=task.guarded,
+            guarded=task.is_shielded,
             key=task.key,
         )
 
@@ -337,7 +313,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         task = self.task
         v, w = task.action.tolist()
         drawn = None if task.built_map is None else task.built_map()
-        return task.reading._replace(action=(v, w), withheld=task.withheld, map=drawn)
+        return task.reading._replace(action=(v, w), withheld=task.shield_intervention, map=drawn)
 
     def show(self, shown: Shown) -> None:
         """Show people what a policy wants shown, until the next call or reset()."""
@@ -349,10 +325,15 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         ahead = self.task.observation.get("path")
         if ahead is None:
             return None
-        each = ahead.reshape(-1, 4 if self.task.posed else 2)
+        each = ahead.reshape(-1, 4 if self.task.has_poses else 2)
         return to_world(each[:, :2], self.task.reading.pose)
 
     def close(self) -> None:
         """Stop the chair and close the window; may be called again."""
         self.chair.close()
         self._drawing.close()
+
+
+NavigationEnv.__doc__ = str(NavigationEnv.__doc__).format(
+    observations=observation_table(), rewards=reward_table(), info=info_table()
+)

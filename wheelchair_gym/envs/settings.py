@@ -1,4 +1,4 @@
-"""Settings of an environment, and how a person's words become them."""
+"""Settings of an environment, and how a person's packed_states become them."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ class BankSettings:
 class StartSettings:
     """Where episodes begin: at the scene's start, or anywhere not too far from the goal."""
 
-    within: float = setting(
+    max_time: float = setting(
         default=0.0, unit="s", source="of the goal, by plan time; 0: at the scene's start", low=0.0
     )
-    least: float = setting(default=1.0, unit="s", source="from the goal", low=0.0)
+    min_time: float = setting(default=1.0, unit="s", source="from the goal", low=0.0)
 
 
 @settings
@@ -65,7 +65,7 @@ class EnvSettings:
     starts: StartSettings = StartSettings()
     chair: ChairSettings = ChairSettings()
     sensors: SensorSettings = SensorSettings()
-    localisation: LocalizationSettings = LocalizationSettings()
+    localization: LocalizationSettings = LocalizationSettings()
     slam: SlamSettings = SlamSettings()
     physics: PhysicsSettings = PhysicsSettings()
     task: TaskSettings = TaskSettings()
@@ -106,7 +106,7 @@ _PLACES = {
     "beams": ("task", "beams"),
     "pose_source": ("sensors", "pose_source"),
     "noise": ("sensors", "noise"),
-    "randomise": ("chair", "randomise"),
+    "randomize": ("chair", "randomize"),
 }
 
 
@@ -122,7 +122,7 @@ def env_settings(
         config: path of a JSON file, its content, ready settings, or None for the defaults.
         also: further arguments of who asks, for the message about one that nobody knows.
         changes: scene, rate, guidance, bank, shield, render_width, render_height, beams,
-            pose_source, noise, randomise.
+            pose_source, noise, randomize.
 
     Raises:
         InputError: the file or a value is wrong.
@@ -208,4 +208,4 @@ def make_finder(own: EnvSettings) -> Localizer:
     """What tells a chair its pose from what it sees."""
     if own.sensors.pose_source == "slam":
         return Slam(own.sensors.laser, own.slam)
-    return MonteCarloLocalizer(own.localisation, own.sensors.laser)
+    return MonteCarloLocalizer(own.localization, own.sensors.laser)

@@ -22,22 +22,23 @@ from numpy.typing import NDArray
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.batch import Batch, Results, begin_chairs, step_chairs
 from wheelchair_gym.envs.guidance import make_guidance
+from wheelchair_gym.envs.info import info_of_rows
 from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings
-from wheelchair_gym.envs.world_banks import Worlds
-from wheelchair_gym.physics.chairs import Chairs
+from wheelchair_gym.envs.world_banks import WorldBank
+from wheelchair_gym.physics.chairs import SimulatedChairs, size_workspace
 from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.random import episode_key
-from wheelchair_gym.safety.state import GUARD, REASONS, SHIELD, Guard
-from wheelchair_gym.sensors.laser import SCRATCH
-from wheelchair_gym.task.prepared_episode import COURSE, Course
-from wheelchair_gym.task.records import PROGRESS, VERDICT
-from wheelchair_gym.task.rewards import TERMS
+from wheelchair_gym.safety.shield import SHIELDS, point_to_shields
+from wheelchair_gym.safety.state import REASONS, SHIELD, Guard
+from wheelchair_gym.task.prepared_episode import PREPARED, PreparedEpisode
+from wheelchair_gym.task.records import PROGRESS
+from wheelchair_gym.task.rewards import TERMS, VERDICT
 from wheelchair_gym.task.task import Observation, Task
 
 Floats = NDArray[np.float32]
 
 
-class Spare:
+class BufferPool:
     """Arrays to write results to, none of which anyone still holds.
 
     The memory of an array is used again once the array and all parts of it are gone, so that large
@@ -65,7 +66,7 @@ class Spare:
         taken[id(held)] = held
         return array
 
-    def __reduce__(self) -> tuple[type[Spare], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[type[BufferPool], tuple[Any, ...]]:
         return type(self), (self._shape,)
 
 
@@ -127,7 +128,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self.render_mode = None
         guidance = make_guidance(s.guidance)
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guidance, s.shield)
-        self.worlds = Worlds(s, self.task)
+        self.worlds = WorldBank(s, self.task)
         self.single_observation_space = self.task.space
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = batch_space(self.single_observation_space, n)
@@ -136,57 +137,58 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self.num_threads = max(1, min(n, threads))
         bounds = np.linspace(0, n, self.num_threads + 1).astype(int)
         self._shares = list(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True))
-        self._chairs = Chairs(s.chair, s.sensors, s.physics, 1.0 / s.rate, n)
+        self.chairs = SimulatedChairs(s.chair, s.sensors, s.physics, 1.0 / s.rate, n)
         self._guard: Guard | None = None
         if s.shield is not None:
             self._guard = Guard(s.shield, s.chair, s.sensors, 1.0 / s.rate)
         self._progress = np.zeros(n, PROGRESS)
         self._shields = np.zeros(n if s.shield else 0, SHIELD)
         self._over = np.zeros(n, np.bool_)
-        self._held: list[Course | None] = [None] * n  # courses driven on now
-        self._next: list[Course | None] = [None] * n
+        self._held: list[PreparedEpisode | None] = [None] * n  # prepared_rows driven on now
+        self._next: list[PreparedEpisode | None] = [None] * n
         self._seeds = [0] * n
         self._counts = np.zeros(n, np.int64)  # episodes begun of the present seeds
-        self._out = Spare((n, self.task.room))
-        self._final = Spare((n, self.task.room))
+        self._out = BufferPool((n, self.task.observation_size))
+        self._final = BufferPool((n, self.task.observation_size))
         self._last: Results | None = None  # of the last step or reset
         self._bind()
 
     def _bind(self) -> None:
-        """Put the rows together that kernels take, and make what they work in."""
-        n, own = self.num_envs, self._chairs
+        """Find the rows that kernels take, and make what they work in."""
+        n, chairs = self.num_envs, self.chairs
+        prepared, guard = np.zeros(n, PREPARED), self._guard
+        self._task_rows = self.task.row_pointers(self._progress, prepared)
+        self._shield_rows = None if guard is None else point_to_shields(guard, self._shields)
+        self._rows = [chairs.row_pointers() for _ in self._shares]
+        self._segments = 0  # that kernels have a workspace for
         self._batch = Batch(
-            rigs=own.rig.record,
-            rules=self.task.rules,
-            base=own.base,
-            blank=own.blank,
-            chairs=own.parameters,
-            states=own.states,
-            worlds=own.places,
-            courses=np.zeros(n, COURSE),
-            coming=np.zeros(n, COURSE),
+            task=self._task_rows.record,
+            shields=np.zeros(1, SHIELDS) if self._shield_rows is None else self._shield_rows.record,
+            worlds=chairs.world_rows,
+            prepared=prepared,
+            next_prepared=np.zeros(n, PREPARED),
             keys=np.zeros(n, np.uint64),
             progress=self._progress,
-            guards=np.zeros(1, GUARD) if self._guard is None else self._guard.record,
-            shields=self._shields,
+            rules=self.task.rules,
+            shield_states=self._shields,
             unshielded=np.array([self.settings.unshielded]),
-            over=self._over,
-            begun=np.zeros(n, np.bool_),
+            is_over=self._over,
+            was_reset=np.zeros(n, np.bool_),
         )
         self._pool: ThreadPoolExecutor | None = None
         beams = self.settings.sensors.laser.beams
         self._ranges = [np.zeros(beams, np.float32) for _ in self._shares]
-        self._scratch = [np.empty((SCRATCH, 0), np.float32) for _ in self._shares]
-        for i, (course, coming) in enumerate(zip(self._held, self._next, strict=True)):
-            if course is not None:
-                self._batch.courses[i] = course.record[0]
-                self._make_scratch(course)
-            if coming is not None:
-                self._make_ready(i, coming)
+        self._make_workspace(0)
+        for i, (now, following) in enumerate(zip(self._held, self._next, strict=True)):
+            if now is not None:
+                prepared[i] = now.record[0]
+                self._make_workspace(now.segments)
+            if following is not None:
+                self._make_ready(i, following)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without threads, memory that is worked in, and what `_bind` makes."""
-        made = "_batch", "_pool", "_ranges", "_scratch"
+        made = "_batch", "_pool", "_ranges", "_rows", "_task_rows", "_shield_rows"
         return {name: value for name, value in self.__dict__.items() if name not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -234,11 +236,10 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
                 getattr(results, name)[:] = getattr(self._last, name)
         elif not chosen.all():
             raise gym.error.ResetNeeded("the first reset() must be of every row")
-        for (low, high), scratch, ranges in zip(
-            self._shares, self._scratch, self._ranges, strict=True
-        ):
-            begin_chairs(low, high, chosen, self._batch, results, scratch, ranges)
-        self._batch.over[chosen] = False
+        shares = zip(self._shares, self._rows, self._ranges, strict=True)
+        for (low, high), rows, ranges in shares:
+            begin_chairs(low, high, chosen, self._batch, rows.record, results, ranges)
+        self._batch.is_over[chosen] = False
         self._taken_up(np.flatnonzero(chosen))
         self._last = results
         return self.task.unpack(results.out), self._info(results, chosen)
@@ -267,14 +268,15 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             finals = self._blank_results(self._final)
 
         def work(t: int) -> None:
-            own = self._scratch[t], self._ranges[t]
-            step_chairs(*self._shares[t], same_step, chosen, self._batch, results, finals, *own)
+            rows, ranges = self._rows[t].record, self._ranges[t]
+            low, high = self._shares[t]
+            step_chairs(low, high, same_step, chosen, self._batch, rows, results, finals, ranges)
 
-        self._chairs.left -= 1
-        if self._chairs.left < 0:
-            self._chairs.make_room()
+        self.chairs.drives_left -= 1
+        if self.chairs.drives_left < 0:
+            self.chairs.reserve_drives()
         self._share(work)
-        begun = self._batch.begun.copy()
+        begun = self._batch.was_reset.copy()
         verdicts = results.verdicts
         rewards = verdicts["reward"].copy()
         terminated, truncated = verdicts["terminated"].copy(), verdicts["truncated"].copy()
@@ -304,33 +306,34 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             other.result()
 
     def _draw(self, i: int) -> None:
-        """Make row i's next episode ready: its course, its key, and shapes for its walls."""
+        """Make row i's next episode ready: its prepared, its key, and shapes for its walls."""
         seed, count = self._seeds[i], int(self._counts[i])
-        course = self._next[i] = self.worlds.course(seed, count)
-        self._make_ready(i, course)
+        prepared = self._next[i] = self.worlds.episode(seed, count)
+        self._make_ready(i, prepared)
 
-    def _make_ready(self, i: int, course: Course) -> None:
-        """Let a course be row i's next, without a change to the present one."""
-        self._batch.coming[i] = course.record[0]
+    def _make_ready(self, i: int, prepared: PreparedEpisode) -> None:
+        """Let a prepared be row i's next, without a change to the present one."""
+        self._batch.next_prepared[i] = prepared.record[0]
         self._batch.keys[i] = episode_key(self._seeds[i], int(self._counts[i]))
-        self._chairs.worlds[i].make_room(course.episode)
-        self._make_scratch(course)
+        self.chairs.worlds[i].reserve_shapes(prepared.episode)
+        self._make_workspace(prepared.segments)
 
-    def _make_scratch(self, course: Course) -> None:
-        walls = course.segments
-        if walls > self._scratch[0].shape[1]:
-            self._scratch = [np.empty((SCRATCH, walls), np.float32) for _ in self._shares]
+    def _make_workspace(self, segments: int) -> None:
+        if segments >= self._segments:
+            self._segments = segments
+            for rows in self._rows:
+                size_workspace(rows, segments)
 
     def _taken_up(self, rows: NDArray[np.intp]) -> None:
-        """Rows have begun what was coming: draw what comes after."""
+        """Rows have begun what was next_prepared: draw what comes after."""
         for i in rows.tolist():
-            course = self._held[i] = self._next[i]
-            self._chairs.episodes[i] = None if course is None else course.episode
+            prepared = self._held[i] = self._next[i]
+            self.chairs.episodes[i] = None if prepared is None else prepared.episode
             self._counts[i] += 1
             self._draw(i)
-        self.worlds.forget(int(self._counts.min()))
+        self.worlds.drop_before(int(self._counts.min()))
 
-    def _blank_results(self, store: Spare) -> Results:
+    def _blank_results(self, store: BufferPool) -> Results:
         n = self.num_envs
         flags = np.zeros(n, np.bool_)
         told = np.zeros(n, np.int64), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n, np.bool_)
@@ -340,25 +343,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         """The single env's info, as arrays with their masks."""
         sensed, verdicts = results.sensed, results.verdicts
         terms = verdicts["terms"]
-        values: Info = {
-            "pose": sensed["true_pose"],
-            "twist": sensed["true_twist"],
-            "pose_estimate": sensed["pose"],
-            "is_success": results.success,
-            "arrived": verdicts["arrived"],
-            "bumped": sensed["bumped"],
-            "contact": sensed["contact"],
-            "caused": sensed["caused"],
-            "met": sensed["met"],
-            "closing": sensed["closing"],
-            "closed_on": sensed["closed_on"],
-            "clearance": sensed["clearance"],
-            "energy": sensed["energy"],
-            "distance": sensed["way"],
-            "time": sensed["stamp"],
-            "valid_beams": verdicts["valid_beams"],
-            "geodesic": verdicts["geodesic"],
-            "reward_terms": {name: terms[:, k] for k, name in enumerate(TERMS)}
+        values: Info = info_of_rows(sensed, verdicts, results.success) | {
+            "reward_terms": {name: terms[name] for name in TERMS}
             | {f"_{name}": mask for name in TERMS},
         }
         if self.settings.shield is not None:

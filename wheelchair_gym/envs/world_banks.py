@@ -18,18 +18,18 @@ import numpy as np
 
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.envs.settings import EnvSettings
-from wheelchair_gym.files import whole
+from wheelchair_gym.files import atomic_write
 from wheelchair_gym.random import WORLDS, bits, episode_key
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.poses import check_passable, check_start
-from wheelchair_gym.task.prepared_episode import Course
+from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Episode
 
 _BANK = 0x62616E6B  # apart from the worlds of single seeds, on which policies are tested
 
 
-class Worlds:
+class WorldBank:
     """Courses by seed and episode.
 
     Args:
@@ -42,11 +42,11 @@ class Worlds:
 
     def __init__(self, settings: EnvSettings, task: Task) -> None:
         self._scene, self._task, self._bank = make_scene(settings.scene), task, settings.bank
-        if settings.starts.within > 0.0 and not task.posed:
-            raise InputError("starts.within needs the guidance 'poses', which knows the time")
-        self.within = settings.starts.within  # s; a curriculum may set it
-        self._least = settings.starts.least
-        self._made: dict[int, Course] = {}  # of the bank, by number
+        if settings.starts.max_time > 0.0 and not task.has_poses:
+            raise InputError("starts.max_time needs the guidance 'poses', which knows the time")
+        self.max_time = settings.starts.max_time  # s; a curriculum may set it
+        self._least = settings.starts.min_time
+        self._made: dict[int, PreparedEpisode] = {}  # of the bank, by number
         self._lowest = 0
         self._folder: Path | None = None
         if settings.bank.cache is not None:
@@ -55,23 +55,25 @@ class Worlds:
     def __len__(self) -> int:
         return len(self._made)
 
-    def course(self, seed: int, episode: int) -> Course:
-        """The course of an episode of a seed, from where that is to begin."""
-        course = self._course(seed, episode)
-        if self.within > 0.0 and course.ways is not None:
-            start = course.ways.sample(episode_key(seed, episode), self._least, self.within)
+    def episode(self, seed: int, episode: int) -> PreparedEpisode:
+        """The prepared of an episode of a seed, from where that is to begin."""
+        prepared = self._prepared(seed, episode)
+        if self.max_time > 0.0 and prepared.cost_to_go is not None:
+            start = prepared.cost_to_go.sample(
+                episode_key(seed, episode), self._least, self.max_time
+            )
             if start is not None:
-                return course.begun_at(start)
-        return course
+                return prepared.starting_at(start)
+        return prepared
 
-    def _course(self, seed: int, episode: int) -> Course:
+    def _prepared(self, seed: int, episode: int) -> PreparedEpisode:
         if self._bank.size == 0:
             return self._make((seed, episode))
         number = self._begin(episode) + self.pick(seed, episode)
-        course = self._made.get(number)
-        if course is None:
-            course = self._made[number] = self._of_bank(number)
-        return course
+        prepared = self._made.get(number)
+        if prepared is None:
+            prepared = self._made[number] = self._of_bank(number)
+        return prepared
 
     def fill(self, told: Callable[[int, int], None] | None = None) -> None:
         """Make every world that the first episodes draw from, and tell how many are ready."""
@@ -87,21 +89,21 @@ class Worlds:
         key = np.uint64(episode_key(seed, episode))
         return int(bits(key, 0, WORLDS, 0) % np.uint64(self._bank.size))
 
-    def forget(self, episode: int) -> None:
+    def drop_before(self, episode: int) -> None:
         """Let go of worlds that no episode from this one on can draw."""
         begin = self._begin(episode)
         for number in range(self._lowest, begin):
             self._made.pop(number, None)
         self._lowest = begin
 
-    def prepare(self, episode: Episode) -> Course:
-        """The course of a given episode."""
+    def prepare(self, episode: Episode) -> PreparedEpisode:
+        """The prepared of a given episode."""
         return self._task.prepare(episode)
 
     def _begin(self, episode: int) -> int:
         return math.floor(episode * self._bank.turnover)
 
-    def _of_bank(self, number: int) -> Course:
+    def _of_bank(self, number: int) -> PreparedEpisode:
         path = None if self._folder is None else self._folder / f"{number}.joblib"
         if path is None:
             return self._make((_BANK, self._bank.seed, number))
@@ -109,29 +111,29 @@ class Worlds:
 
         if path.exists():
             try:
-                return self._task.lay_out(*joblib.load(path))
+                return self._task.make_prepared(*joblib.load(path))
             except Exception:  # whatever pickles make of damaged bytes: the world is made again
                 path.unlink(missing_ok=True)
-        course = self._make((_BANK, self._bank.seed, number))
-        with whole(path) as part:
-            guide = course.path if course.ways is None else course.ways
-            joblib.dump((course.episode, course.geodesic, guide), part, compress=1)
-        return course
+        prepared = self._make((_BANK, self._bank.seed, number))
+        with atomic_write(path) as part:
+            guide = prepared.path if prepared.cost_to_go is None else prepared.cost_to_go
+            joblib.dump((prepared.episode, prepared.geodesic, guide), part, compress=1)
+        return prepared
 
-    def _make(self, entropy: tuple[int, ...]) -> Course:
+    def _make(self, entropy: tuple[int, ...]) -> PreparedEpisode:
         rng, footprint = np.random.default_rng(entropy), self._task.footprint
         episode = self._scene.sample(rng, footprint)
         check_start(episode, footprint)
-        course = self._task.prepare(episode)
-        if np.isfinite(course.geodesic.at(episode.start[:2])):
-            return course
+        prepared = self._task.prepare(episode)
+        if np.isfinite(prepared.geodesic.at(episode.start[:2])):
+            return prepared
         return self._task.prepare(episode, check_passable(episode, footprint))
 
 
 # Settings of the task that leave worlds as they are: what is observed there, and rewarded.
 _SEEN = (
-    "beams", "look_ahead", "look_ahead_time", "last_action", "shield_state", "gaps",
-    "trail", "unguided", "privileged", "reward",
+    "beams", "look_ahead", "look_ahead_time", "last_action", "shield_state", "side_clearance",
+    "trail", "hide_guidance", "privileged", "reward",
 )  # fmt: skip
 
 

@@ -35,7 +35,7 @@ from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.stops import BROUGHT_TO_REST, BY_HAND, DRY_RUN
 from wheelchair_gym.sensors.settings import SensorSettings
-from wheelchair_gym.types import Belief, Episode, Reading, Truth, Uncopied
+from wheelchair_gym.types import Belief, Episode, NotCopyable, Reading, Truth
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ def _warn(line: str) -> None:
     _LOG.warning("%s", line)
 
 
-class HardwareChair(Uncopied):
+class HardwareChair(NotCopyable):
     """A chair behind its boards; see `Chair`. Readings hold dead-reckoned poses.
 
     Args:

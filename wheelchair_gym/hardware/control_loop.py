@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import Footprint, between
+from wheelchair_gym.geometry import Footprint, relative_pose
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.localization.scan import read_scan
 from wheelchair_gym.sensors.settings import LaserSettings
@@ -239,7 +239,7 @@ class ControlLoop:
             halted: why the chair stopped, see `Reading`.
         """
         before, laser = self.truth, ranges[0]
-        way = before.way + float(np.hypot(*between(self.odometry, odometry)[:2]))
+        way = before.distance + float(np.hypot(*relative_pose(self.odometry, odometry)[:2]))
         self.odometry, touched = odometry, before.touched or bumped
         self.truth = Truth(pose, twist, self._clearance(laser), bumped, touched, way, 0.0)
         stamp = self.clock.now() - self._begun

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.geometry import between
+from wheelchair_gym.geometry import relative_pose
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Belief, Chair, Episode, Reading, Truth
 
@@ -60,7 +60,7 @@ class LocalizedChair:
         return self._found(self.chair.drive(twist, protective))
 
     def _found(self, reading: Reading) -> Reading:
-        increment = between(self._reckoned, reading.pose)
+        increment = relative_pose(self._reckoned, reading.pose)
         self._reckoned = reading.pose
         pose = self.localizer.update(increment, reading.laser)
         # A chair that cannot know the truth goes by what is believed.

@@ -56,8 +56,8 @@ class LogFormat:
     )  # fmt: skip
     laser: LaserSettings = setting(
         default=LaserSettings(
-            x=0.145, beams=682, fov=math.radians(681 * 360.0 / 1024.0), reach=5.6, nearest=0.02,
-            sigma=0.03, no_echo=0.0, bias=0.0,
+            x=0.145, beams=682, fov=math.radians(681 * 360.0 / 1024.0), reach=5.6, range_min=0.02,
+            sigma=0.03, dropout=0.0, bias=0.0,
         ),
         doc="The laser and its mount.",
         source="URG-04LX: 240 deg, below 20 mm stand error codes; mounted as in BreezySLAM",
@@ -135,7 +135,7 @@ def read_log(path: str | Path, form: LogFormat | None = None) -> SensorLog:
         else:
             ways.append((0.0, 0.0, 0.0))
         ranges = values[own.first_range_column : columns] * 1e-3
-        scans.append(np.where(ranges < laser.nearest, np.nan, ranges).astype(np.float32))
+        scans.append(np.where(ranges < laser.range_min, np.nan, ranges).astype(np.float32))
         last = (time, left, right)
         stamps.append(time)
     if not stamps:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.kernel import borrowing_kernel, whole
+from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import odometric_step
@@ -28,7 +28,7 @@ from wheelchair_gym.localization.likelihood_field import (
     make_likelihood_field,
 )
 from wheelchair_gym.maps import FREE, OccupancyGrid
-from wheelchair_gym.random import LOCALISE, bits, normal, uniform
+from wheelchair_gym.random import LOCALIZATION, bits, normal, uniform
 from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.types import Episode
 
@@ -128,8 +128,8 @@ def count_bins(own: Particles, n: int, side: float, sector: float) -> tuple[int,
     for i in range(n):
         row, col = math.floor(own.poses[i, 0] / side), math.floor(own.poses[i, 1] / side)
         turn = math.floor(own.poses[i, 2] / sector)
-        name = whole(((row * 65536 + col) * 512 + turn) * 2 + 1)  # odd: never 0
-        place = whole((name * 0x9E3779B97F4A7C1 >> 20) & mask)
+        name = as_int(((row * 65536 + col) * 512 + turn) * 2 + 1)  # odd: never 0
+        place = as_int((name * 0x9E3779B97F4A7C1 >> 20) & mask)
         while names[place] != 0 and names[place] != name:
             place = (place + 1) & mask
         if names[place] == 0:
@@ -391,7 +391,7 @@ class MonteCarloLocalizer:
         if len(self._free) == 0:
             raise ValueError("the map has no free cell")
         s, own = self.settings, self._particles
-        self._key = np.uint64(bits(np.uint64(key % 2**64), 0, LOCALISE, 0))
+        self._key = np.uint64(bits(np.uint64(key % 2**64), 0, LOCALIZATION, 0))
         self._step = 0
         self._slow, self.fit = s.initial_fit, 0.0
         self.lost = pose is None

@@ -50,7 +50,7 @@ def read_scan(laser: LaserSettings, ranges: ArrayLike, clear: float) -> Scan:
     r = np.asarray(ranges, dtype=np.float64)
     if r.shape != (laser.beams,):
         raise InputError(f"a scan has shape {r.shape}; expected ({laser.beams},)")
-    valid = r >= laser.nearest  # neither NaN nor -inf
+    valid = r >= laser.range_min  # neither NaN nor -inf
     silent = np.pad(r > laser.reach, 1, mode="edge")
     valid &= ~silent[1:-1] | (silent[:-2] & silent[2:])
     r, angles = r[valid], beam_angles(laser)[valid]

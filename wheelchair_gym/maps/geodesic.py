@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel, whole
+from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.maps.distance import extend_field, rows_equal
 from wheelchair_gym.maps.grid import OccupancyGrid
 
@@ -264,7 +264,7 @@ def _shine(
     count, lit = 1, False
     while count > 0:
         count -= 1
-        row, first, last = whole(wedges[count].row), wedges[count].first, wedges[count].last
+        row, first, last = as_int(wedges[count].row), wedges[count].first, wedges[count].last
         low, high = wedges[count].low, wedges[count].high
         if row < 0 or row >= length.shape[0]:
             continue
@@ -272,7 +272,7 @@ def _shine(
         enter, leave = max(middle - 0.5, 1e-3), middle + 0.5
         west, east, edge = x + low * enter, x + high * enter, beam.edge + beam.drift * middle
         for k in range(terrain.run[row], terrain.run[row + 1]):
-            a, b = whole(terrain.runs[k].first), whole(terrain.runs[k].last)
+            a, b = as_int(terrain.runs[k].first), as_int(terrain.runs[k].last)
             if b + _HALF < west:
                 continue
             if a - _HALF > east:
@@ -322,8 +322,8 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
         bends[0].x, bends[0].y = col, row
         bends[0].way = math.hypot(col - goal_x, row - goal_y)
     k = run_at(terrain, row, col)
-    first, last = whole(runs[k].first), whole(runs[k].last)
-    count = whole(0)
+    first, last = as_int(runs[k].first), as_int(runs[k].last)
+    count = as_int(0)
     _light(terrain, queue, bends, count, length, row, first, last)
     for north in (-1, 1):
         beam = Beam(north, -np.inf, np.inf, 0, 0.0, 0.0)
@@ -331,8 +331,8 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
     count += 1
     while queue[0] > 0:
         gate = gates[dequeue(gates, queue)]
-        row, col = whole(gate.row), whole(gate.col)
-        east, up = whole(gate.east), whole(gate.north)
+        row, col = as_int(gate.row), as_int(gate.col)
+        east, up = as_int(gate.east), as_int(gate.north)
         # Up to the edge, the line from its own root by the corner, others have lit the terrain. A
         # root that turned the other way lit nothing beyond the gate itself.
         root = bends[gate.root]
@@ -361,7 +361,7 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
         lit = False
         if ey * up < 0.0:
             k = run_at(terrain, row, col)
-            begin, end = whole(runs[k].first), whole(runs[k].last)
+            begin, end = as_int(runs[k].first), as_int(runs[k].last)
             if side > 0:
                 begin = max(begin, math.floor(edge))
             else:
@@ -454,7 +454,7 @@ class Geodesic:
     goal: Array  # (2,) m
     radius: float  # m
     extended: (
-        Field  # (rows, cols) m; carried on a radius and a cell into what is too near obstacles
+        Field  # (rows, cols) m; peak_speed on a radius and a cell into what is too near obstacles
     )
     _bends: Records
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.compiled.address import as_array
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel, whole
+from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.config import FARTHEST, InputError
 from wheelchair_gym.files import check_cells
 from wheelchair_gym.geometry import to_frame
@@ -38,10 +38,10 @@ def _runs(solid: Cells, changed: Index, lines: int, out: Array) -> int:
     changes, so runs end there and loops never cross. Only lines where a row differs from the next
     are looked at: along them run the level segments, and upright ones begin and end there.
     """
-    count: int = whole(0)
+    count: int = as_int(0)
     for i in range(lines):
         line = changed[i]
-        side, begin = 0, whole(0)
+        side, begin = 0, as_int(0)
         for k in range(solid.shape[1]):  # the padding at the end closes the last run
             here = int(solid[line + 1, k]) - int(solid[line, k])
             if here != side:
@@ -52,7 +52,7 @@ def _runs(solid: Cells, changed: Index, lines: int, out: Array) -> int:
                     count = _put(out, count, k - 1, line, begin - 1, line)
                 side, begin = here, k
     for k in range(solid.shape[1] - 1):
-        side, begin = 0, whole(0)
+        side, begin = 0, as_int(0)
         for i in range(lines):
             line = changed[i]
             here = int(solid[line + 1, k + 1]) - int(solid[line + 1, k])
@@ -77,7 +77,7 @@ def boundary(solid: Cells) -> Array:
     for row in range(rows):
         for col in range(cols):
             padded[row + 1, col + 1] = solid[row, col]
-    changed, lines = np.empty(rows + 1, np.int64), whole(0)
+    changed, lines = np.empty(rows + 1, np.int64), as_int(0)
     for line in range(rows + 1):
         changed[lines] = line
         lines += not rows_equal(padded[line], padded[line + 1])

@@ -8,15 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.address import Pointers, Target
 from wheelchair_gym.compiled.second_process import compile_beside
-from wheelchair_gym.physics.chairs import Chairs
-from wheelchair_gym.physics.rig import RIG
+from wheelchair_gym.physics.chairs import SimulatedChairs, size_workspace
 from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings
-from wheelchair_gym.physics.state import PARAMETER, SENSED, STATE
-from wheelchair_gym.physics.step import ALONE, advance_alone, begin
-from wheelchair_gym.physics.world import NOWHERE, WORLD
-from wheelchair_gym.sensors.laser import SCRATCH
+from wheelchair_gym.physics.state import SENSED
+from wheelchair_gym.physics.step import reset_chair, step_chair
+from wheelchair_gym.physics.world import NO_POSES
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
 
@@ -24,13 +21,6 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.void]
 
 _STORE = 64  # records made at once
-_TARGETS = {
-    "rig": Target(RIG, 1),
-    "chair": Target(PARAMETER, 1),
-    "state": Target(STATE, 1),
-    "world": Target(WORLD, 1),
-    "scratch": Target("f4", SCRATCH, None),
-}
 
 
 class SimulatedChair:
@@ -59,13 +49,13 @@ class SimulatedChair:
         self.sensors = sensors = sensors or SensorSettings()
         self.physics = physics or PhysicsSettings()
         self.period = period
-        self._chairs = Chairs(chair, sensors, self.physics, period)
+        self.chairs = SimulatedChairs(chair, sensors, self.physics, period)
         self._beams = sensors.laser.beams
         self._episode: Episode | None = None
         self._moves = False  # anything beside it
         self._truth: Truth | None = None
         self._bind()
-        compile_beside((begin, advance_alone), self._drive_nowhere)
+        compile_beside((reset_chair, step_chair), self._drive_nowhere)
 
     def _drive_nowhere(self) -> None:
         """Compile all that driving needs; for a helper process."""
@@ -74,30 +64,21 @@ class SimulatedChair:
         self.drive(np.zeros(2))
 
     def _bind(self) -> None:
-        """Name the rows of the only chair, and where they lie."""
-        own = self._chairs
-        self._rig, self._chair, self._state = own.rig, own.parameters, own.states
-        self._place, self._world = own.places, own.worlds[0]
-        self._pointers = Pointers(np.zeros(1, ALONE), _TARGETS)
-        self._alone = self._pointers.record
-        self._pointers.point("rig", own.rig.pointers)
-        self._pointers.point("chair", own.parameters)
-        self._pointers.point("state", own.states)
-        self._pointers.point("world", own.pointers)
-        self._make_scratch()
+        """Find the rows of the only chair."""
+        chairs = self.chairs
+        self._rows, self._world = chairs.row_pointers(), chairs.worlds[0]
+        self._make_workspace()
         self._store, self._used = np.empty(0, SENSED), 0
 
-    def _make_scratch(self) -> None:
+    def _make_workspace(self) -> None:
         segments = 0
         if self._episode is not None:
-            segments = len(self._episode.walls) + self._episode.movers.segments
-        self._scratch = np.empty((SCRATCH, segments), np.float32)
-        self._pointers.point("scratch", self._scratch)
-        self._alone["walls"] = segments
+            segments = len(self._episode.walls) + self._episode.actors.segments
+        size_workspace(self._rows, segments)
 
     def __getstate__(self) -> dict[str, Any]:
         """Settings, episode and the chair's row; all else follows from these."""
-        names = "settings", "sensors", "physics", "period", "_chairs", "_beams", "_episode"
+        names = "settings", "sensors", "physics", "period", "chairs", "_beams", "_episode"
         return {name: getattr(self, name) for name in (*names, "_moves", "_truth")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -107,25 +88,11 @@ class SimulatedChair:
 
     def reset(self, episode: Episode, key: int) -> Reading:
         """Stand at the episode's start and sense; see `Chair.reset`."""
-        own = self._chairs
-        own.enter(0, episode)
-        self._episode, self._moves = episode, len(episode.movers) > 0
-        self._make_scratch()
+        self.chairs.enter(0, episode)
+        self._episode, self._moves = episode, len(episode.actors) > 0
+        self._make_workspace()
         ranges, sensed = self._blank_reading()
-        begin(
-            0,
-            own.rig.record,
-            own.base,
-            own.blank,
-            own.parameters,
-            own.states,
-            own.places,
-            episode.start,
-            np.uint64(key),
-            self._scratch,
-            ranges,
-            sensed,
-        )
+        reset_chair(0, self._rows.record, episode.start, np.uint64(key), ranges, sensed)
         return self._reading(ranges, sensed)
 
     def drive(self, twist: Array, protective: bool = False) -> Reading:
@@ -139,17 +106,16 @@ class SimulatedChair:
             raise ValueError(f"twist is ({v}, {w}); expected two finite numbers")
         if self._episode is None:
             raise ValueError("the chair was never reset, or it was closed")
-        own = self._chairs
-        own.left -= 1
-        if own.left < 0:
-            own.make_room()
+        self.chairs.drives_left -= 1
+        if self.chairs.drives_left < 0:
+            self.chairs.reserve_drives()
         ranges, sensed = self._blank_reading()
-        advance_alone(self._alone, v, w, protective, ranges, sensed)
+        step_chair(0, self._rows.record, v, w, protective, ranges, sensed)
         return self._reading(ranges, sensed)
 
     def close(self) -> None:
         """Let the episode go."""
-        self._episode = self._truth = self._chairs.episodes[0] = None
+        self._episode = self._truth = self.chairs.episodes[0] = None
 
     @property
     def truth(self) -> Truth:
@@ -166,22 +132,22 @@ class SimulatedChair:
     def belief(self) -> Belief:
         """The dead-reckoned pose; with pose source 'truth', which has no drift, the true one."""
         exact = self.sensors.pose_source == "truth"
-        return Belief(np.array(self._state["seen_pose" if exact else "odometry"][0]))
+        return Belief(np.array(self.chairs.states["estimated_pose" if exact else "odometry"][0]))
 
     @property
     def state(self) -> Rows:
         """The whole state (1,), a record; see `physics.state.STATE`."""
-        return np.array(self._state)
+        return np.array(self.chairs.states)
 
     @property
     def parameters(self) -> Rows:
         """The parameters (1,) of this episode, a record; see `physics.state.PARAMETER`."""
-        return np.array(self._chair)
+        return np.array(self.chairs.parameters)
 
     @property
     def rows(self) -> Rows:
-        """Where its rows lie (1,), a record of `physics.step.ALONE`, to move it by other means."""
-        return self._alone
+        """Where its row lies (1,), a record of `physics.step.CHAIRS`, to move it by other means."""
+        return self._rows.record
 
     def _blank_reading(self) -> tuple[NDArray[np.float32], Rows]:
         # Fresh memory for each reading: what was handed out is never written again. Small records
@@ -193,6 +159,6 @@ class SimulatedChair:
 
     def _reading(self, ranges: NDArray[np.float32], sensed: Rows) -> Reading:
         told: Any = sensed.item()
-        movers = self._world.poses() if self._moves else NOWHERE
-        self._truth = Truth._make((*told[7:], movers))
+        actors = self._world.actor_poses() if self._moves else NO_POSES
+        self._truth = Truth._make((*told[7:], actors))
         return Reading(told[0], told[1], ranges, *told[2:7])

@@ -14,24 +14,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import Pointers
-from wheelchair_gym.physics.rig import Rig
+from wheelchair_gym.physics.sensor_suite import SensorSuite
 from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.physics.state import STATE, parameters
-from wheelchair_gym.physics.step import drive_again
+from wheelchair_gym.physics.step import CHAIRS, CHAIRS_TARGETS, replay_drives
 from wheelchair_gym.physics.world import TARGETS, WORLD, World
+from wheelchair_gym.sensors.laser import WORKSPACE_ROWS
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Episode
 
-_ROOM = 128  # drives recorded before more room is made
+_DRIVES_RESERVED = 128  # drives recorded before more room is made
 
 # What sensing alone writes into a state: a copy takes it as it was.
-_SENSED = (
-    "touched", "seen_counts", "seen_twist", "odometry", "pose_error", "seen_pose", "ranges",
-    "kept_twist", "kept_pose", "kept_ranges", "kept_age",
+_WRITTEN_BY_SENSING = (
+    "touched", "measured_counts", "measured_twist", "odometry", "pose_error", "estimated_pose",
+    "ranges", "frozen_twist", "frozen_pose", "frozen_ranges", "frozen_age",
 )  # fmt: skip
 
 
-class Chairs:
+def size_workspace(rows: Pointers, segments: int) -> None:
+    """Give a record of CHAIRS a workspace for so many segments."""
+    rows.point("workspace", np.empty((WORKSPACE_ROWS, segments), np.float32))
+    rows.record["segments"] = segments
+
+
+class SimulatedChairs:
     """State of simulated chairs and their worlds.
 
     Args:
@@ -42,7 +49,7 @@ class Chairs:
         n: how many.
 
     Attributes:
-        rig: sensors and engine.
+        suite: sensors and engine.
         base: (1,) of PARAMETER, before what is random is drawn.
         blank: (1,) of STATE, zero.
         parameters: (n,) of PARAMETER, of the present episodes.
@@ -65,58 +72,68 @@ class Chairs:
         n: int = 1,
     ) -> None:
         self._chair = chair
-        self.rig = Rig(sensors)
+        self.suite = SensorSuite(sensors)
         self.base = parameters(chair, sensors, physics, period)
         self.blank = np.zeros(1, STATE)
         self.parameters = np.zeros(n, self.base.dtype)
         self.states = np.zeros(n, STATE)
-        self.places = np.zeros(n, WORLD)
+        self.world_rows = np.zeros(n, WORLD)
         self.episodes: list[Episode | None] = [None] * n
         freezes = n if sensors.faults.share > 0.0 else 1
         self._frozen = np.zeros((freezes, sensors.laser.beams), np.float32)
         self._make_worlds()
 
     def _make_worlds(self) -> None:
-        body, self.places[:] = self._chair.body, np.zeros((), WORLD)
-        pointers = self.pointers = Pointers(self.places, TARGETS)
+        body, self.world_rows[:] = self._chair.body, np.zeros((), WORLD)
+        pointers = self.pointers = Pointers(self.world_rows, TARGETS)
         self.worlds = [
-            World(self._chair.footprint, body.centre, body.wall_friction, pointers, i)
-            for i in range(len(self.places))
+            World(self._chair.footprint, body.centre_of_mass, body.wall_friction, pointers, i)
+            for i in range(len(self.world_rows))
         ]
         for i, row in enumerate(self._frozen):
-            pointers.point("kept", row, i)
+            pointers.point("frozen_scan", row, i)
         for world in self.worlds:
-            world.record_drives(_ROOM)
-        self.left = _ROOM  # control periods for which every row has room
+            world.reserve_drives(_DRIVES_RESERVED)
+        self.drives_left = _DRIVES_RESERVED  # control periods for which every row has room
+
+    def row_pointers(self) -> Pointers:
+        """Where the rows lie, a record (1,) of CHAIRS; its workspace is the caller's own."""
+        rows = Pointers(np.zeros(1, CHAIRS), CHAIRS_TARGETS)
+        rows.record["n"] = len(self.states)
+        rows.point("suite", self.suite.pointers)
+        rows.point("worlds", self.pointers)
+        for name in ("base", "blank", "parameters", "states"):
+            rows.point(name, getattr(self, name))
+        return rows
 
     def enter(self, i: int, episode: Episode) -> None:
         """Let row i's world be an episode's, to be begun in."""
-        self.worlds[i].make_room(episode)
+        self.worlds[i].reserve_shapes(episode)
         self.episodes[i] = episode
-        place: Any = self.places[i]
-        walls, discs, movers = episode.walls, episode.discs, episode.movers
+        place: Any = self.world_rows[i]
+        walls, discs, actors = episode.walls, episode.discs, episode.actors
         self.pointers.point("walls", walls, i)
         self.pointers.point("discs", discs, i)
         place["n_walls"] = place["n_fixed_walls"] = len(walls)
         place["n_discs"] = place["n_fixed_discs"] = len(discs)
-        place["n_movers"], place["n_routes"] = len(movers), len(movers.routes)
-        if len(movers):
-            self.pointers.point("movers", movers.rows, i)
-            self.pointers.point("routes", movers.routes, i)
+        place["n_actors"], place["n_routes"] = len(actors), len(actors.routes)
+        if len(actors):
+            self.pointers.point("actors", actors.rows, i)
+            self.pointers.point("routes", actors.routes, i)
 
-    def make_room(self) -> None:
+    def reserve_drives(self) -> None:
         """Have room to record more drives of every row; call it before `left` falls below 0."""
-        rooms = self.places["drives_room"]
+        rooms = self.world_rows["drives_capacity"]
         for i, world in enumerate(self.worlds):
-            if rooms[i] - self.states["step"][i] <= _ROOM:
-                world.record_drives(2 * int(rooms[i]))
-        self.left = int((rooms - self.states["step"]).min()) - 1
+            if rooms[i] - self.states["step"][i] <= _DRIVES_RESERVED:
+                world.reserve_drives(2 * int(rooms[i]))
+        self.drives_left = int((rooms - self.states["step"]).min()) - 1
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the worlds: how they were begun in, and what was driven since."""
         state = self.__dict__.copy()
         del state["worlds"], state["pointers"]
-        arrays = (self.pointers.array("drives", i) for i in range(len(self.places)))
+        arrays = (self.pointers.array("drives", i) for i in range(len(self.world_rows)))
         steps = self.states["step"].tolist()
         state["drives"] = [
             np.zeros((0, 3)) if array is None else array[:step].copy()
@@ -135,30 +152,19 @@ class Chairs:
         self._make_worlds()
         for i, (episode, drives) in enumerate(zip(self.episodes, driven, strict=True)):
             if episode is not None:
-                self._drive_again(i, episode, drives)
-        self.left = int((self.places["drives_room"] - self.states["step"]).min())
+                self._replay(i, episode, drives)
+        self.drives_left = int((self.world_rows["drives_capacity"] - self.states["step"]).min())
 
-    def _drive_again(self, i: int, episode: Episode, drives: NDArray[np.float64]) -> None:
+    def _replay(self, i: int, episode: Episode, drives: NDArray[np.float64]) -> None:
         self.enter(i, episode)
-        self.worlds[i].record_drives(max(_ROOM, 2 * len(drives)))
+        self.worlds[i].reserve_drives(max(_DRIVES_RESERVED, 2 * len(drives)))
         held = self.pointers.array("drives", i)
         if held is not None:
             held[: len(drives)] = drives
         was = self.states[i : i + 1].copy()
-        drive_again(
-            i,
-            self.rig.record,
-            self.base,
-            self.blank,
-            self.parameters,
-            self.states,
-            self.places,
-            episode.start,
-            was["key"][0],
-            len(drives),
-        )
+        replay_drives(i, self.row_pointers().record, episode.start, was["key"][0], len(drives))
         now = self.states[i : i + 1]
-        for name in _SENSED:
+        for name in _WRITTEN_BY_SENSING:
             now[name] = was[name]
         if any(now[name].tobytes() != was[name].tobytes() for name in STATE.names or ()):
             raise TypeError(

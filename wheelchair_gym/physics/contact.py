@@ -1,14 +1,14 @@
-"""Who touched whom, and who closed on whom.
+"""Contacts: what the chair touched, and who is at fault.
 
-*Caused by the chair* is a contact at which some point of the chair's outline closes on the other
-thing at more than 0.05 m/s, and faster than the other thing closes on it. Speeds are those before
-the physics step that found the contact, along the normal of the surfaces that meet. Of its own
-speed counts what its own driving explains: a chair that was shoved into something did not cause
-that contact. Driving explains the set point, and from a higher one as much as tyres and motors have
-not yet been able to brake; a quarter more than that is an error of control, and the chair's own.
+The chair is at fault if some point of its outline approaches the other thing at more than 0.05 m/s,
+and faster than the other thing approaches it. Speeds are those before the physics step that found
+the contact, along the normal of the surfaces that meet. Of the chair's speed only the part counts
+that its own driving explains: a chair that was shoved is not at fault. Driving explains the set
+point, and from a higher one as much as tyres and motors could not yet brake; a quarter more than
+that is an error of control, which counts.
 
-A contact with a mover is judged when it begins, and again after each second that it lasts: by then
-a chair that was bumped into has long been able to stop, and whoever pushes on does so by choice.
+A contact with an actor is judged when it begins and again after each second that it lasts: by then
+a chair that was bumped into has long been able to stop.
 """
 
 from __future__ import annotations
@@ -22,31 +22,33 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import (
+    body_to_world,
     point_segment_distance,
     rectangle_point_gap,
     rectangle_segment_gap,
+    world_to_body,
 )
-from wheelchair_gym.physics.actors.bodies import NEVER, is_box, moving_at, rows_at
+from wheelchair_gym.physics.actors.bodies import NEVER, actor_states_at, actors_at, is_box
 from wheelchair_gym.physics.actors.records import PERSON
 from wheelchair_gym.physics.engine import FX, FY, VX, VY, body_view
 
 Array = NDArray[np.float64]
 Motion = tuple[float, float, float, float, float]  # x, y [m], vx, vy [m/s], w [rad/s]
 
-CLOSING: Final = 0.05  # m/s: slower is no collision of the chair's making
+AT_FAULT_SPEED: Final = 0.05  # m/s: slower is no collision of the chair's making
 _TOUCHING = 1e-6  # m: Munk2D finds contacts where shapes overlap; beyond rounding
 _CONTROL, _CONTROL_LEAST = 1.25, 0.005  # times, m/s: an error of control is no more than that
-_SAME = 1.0  # s for which a contact, once judged, stays what it was: a stop takes 0.73 s
-_APART = 0.02  # m beyond which a contact is over
+_REJUDGE_AFTER = 1.0  # s for which a contact, once judged, stays what it was: a stop takes 0.73 s
+_CONTACT_OVER = 0.02  # m beyond which a contact is over
 _NEAR = 0.10  # m: farther people do not come in one physics step
 _STAND_OFF = 1e-4  # m that people leave who stop at the chair, so that they press on nothing
-_DEEP = 0.03  # m: deeper than any contact comes in one physics step
+_DEEPEST = 0.03  # m: deeper than any contact comes in one physics step
 
 
 @borrowing_kernel
-def caused_by_chair(chair: float, other: float) -> bool:
+def is_at_fault(chair: float, other: float) -> bool:
     """Whether a contact is of the chair's making, by the speeds [m/s] at which each closes."""
-    return chair > CLOSING and chair > other
+    return chair > AT_FAULT_SPEED and chair > other
 
 
 @borrowing_kernel
@@ -58,40 +60,40 @@ def _speed(motion: Motion, px: float, py: float, nx: float, ny: float) -> float:
 
 
 @borrowing_kernel
-def _own_doing(state: Any, own: float, px: float, py: float, nx: float, ny: float) -> float:
+def _explained_speed(state: Any, own: float, px: float, py: float, nx: float, ny: float) -> float:
     """How much [m/s] of the closing speed of a point of the outline its own driving explains."""
     ahead = math.cos(state.pose[2]) * nx + math.sin(state.pose[2]) * ny
     around = (px - state.pose[0]) * ny - (py - state.pose[1]) * nx
-    v = state.driven[1] if ahead > 0.0 else state.driven[0]
-    w = state.driven[3] if around > 0.0 else state.driven[2]
+    v = state.explained[1] if ahead > 0.0 else state.explained[0]
+    w = state.explained[3] if around > 0.0 else state.explained[2]
     driven = max(0.0, ahead * v + around * w)
     return own if own <= _CONTROL * driven + _CONTROL_LEAST else driven
 
 
 @borrowing_kernel
-def _note(
+def _record_contact(
     world: Any, state: Any, p: Any, number: int, chair: Motion, other: Motion, px: float,
     py: float, nx: float, ny: float,
 ) -> None:  # fmt: skip
     """Take in one touching point, whose normal (nx, ny) looks away from the chair."""
     own, theirs = _speed(chair, px, py, nx, ny), -_speed(other, px, py, nx, ny)
-    caused = caused_by_chair(_own_doing(state, own, px, py, nx, ny), theirs)
+    at_fault = is_at_fault(_explained_speed(state, own, px, py, nx, ny), theirs)
     if number >= 0:
-        mover = moving_at(world.moving, world.n_movers)[number]
-        if mover.judged < state.tick < mover.judged + _SAME / p.dt:
-            if not state.noted:
-                state.met = number
+        actor = actor_states_at(world.actor_states, world.n_actors)[number]
+        if actor.judged_at < state.tick < actor.judged_at + _REJUDGE_AFTER / p.dt:
+            if not state.contact_recorded:
+                state.contact_with = number
             return
-        mover.judged = state.tick
-    if not state.noted or (caused and not state.caused):
+        actor.judged_at = state.tick
+    if not state.contact_recorded or (at_fault and not state.at_fault):
         better = True
     else:
-        faster = own + theirs > state.closing[0] + state.closing[1]
-        better = faster and caused == state.caused
+        faster = own + theirs > state.approach_speed[0] + state.approach_speed[1]
+        better = faster and at_fault == state.at_fault
     if better:
-        state.noted, state.met = True, number
-        state.closing[0], state.closing[1] = own, theirs
-    state.caused |= caused
+        state.contact_recorded, state.contact_with = True, number
+        state.approach_speed[0], state.approach_speed[1] = own, theirs
+    state.at_fault |= at_fault
 
 
 @borrowing_kernel
@@ -101,7 +103,7 @@ def nearest_point(
     """The outline's point nearest to (x, y): where, its normal that way, and how far off [m]."""
     c, s = math.cos(state.pose[2]), math.sin(state.pose[2])
     dx, dy = x - state.pose[0], y - state.pose[1]
-    px, py = c * dx + s * dy, c * dy - s * dx
+    px, py = world_to_body(c, s, dx, dy)
     qx = min(p.outline[0], max(-p.outline[1], px))
     qy = min(p.outline[2], max(-p.outline[2], py))
     ex, ey = px - qx, py - qy
@@ -111,7 +113,8 @@ def nearest_point(
         d = max(math.sqrt(ex * ex + ey * ey), _TOUCHING)
     ex, ey = ex / d, ey / d
     at_x, at_y = state.pose[0] + c * qx - s * qy, state.pose[1] + s * qx + c * qy
-    return at_x, at_y, c * ex - s * ey, s * ex + c * ey, far
+    nx, ny = body_to_world(c, s, ex, ey)
+    return at_x, at_y, nx, ny, far
 
 
 @borrowing_kernel
@@ -121,28 +124,31 @@ def stop_people(world: Any, state: Any, p: Any, chair: Motion) -> float:
     Returns:
         The impulse [N s] that the hardest of them loses, which the strips feel.
     """
-    rows, moving = rows_at(world.movers, world.n_movers), moving_at(world.moving, world.n_movers)
+    rows, actor_states = (
+        actors_at(world.actors, world.n_actors),
+        actor_states_at(world.actor_states, world.n_actors),
+    )
     hardest = 0.0
-    for k in range(world.n_movers):
-        row, own = rows[k], moving[k]
+    for k in range(world.n_actors):
+        row, actor_state = rows[k], actor_states[k]
         if row.kind != PERSON:
             continue
-        px, py, nx, ny, far = nearest_point(state, p, own.pose[0], own.pose[1])
+        px, py, nx, ny, far = nearest_point(state, p, actor_state.pose[0], actor_state.pose[1])
         gap = far - row.size[0]
         if gap > _NEAR:
             continue
-        fields = body_view(own.body)
+        fields = body_view(actor_state.body)
         toward = -(fields[VX] * nx + fields[VY] * ny)
         most = max(0.0, gap - _STAND_OFF) / p.dt
         if toward > most:
-            other = (own.pose[0], own.pose[1], fields[VX], fields[VY], 0.0)
-            _note(world, state, p, k, chair, other, px, py, nx, ny)
+            other = (actor_state.pose[0], actor_state.pose[1], fields[VX], fields[VY], 0.0)
+            _record_contact(world, state, p, k, chair, other, px, py, nx, ny)
             hardest = max(hardest, row.mass * (toward - most))
             fields[VX] += (toward - most) * nx
             fields[VY] += (toward - most) * ny
-            own.twist[0], own.twist[1] = fields[VX], fields[VY]
+            actor_state.twist[0], actor_state.twist[1] = fields[VX], fields[VY]
         force = -(fields[FX] * nx + fields[FY] * ny)
-        if force > 0.0 and gap < _APART:
+        if force > 0.0 and gap < _CONTACT_OVER:
             fields[FX] += force * nx
             fields[FY] += force * ny
     return hardest
@@ -156,7 +162,7 @@ def _touch_disc(
     """Note a disc if it touches the outline."""
     px, py, nx, ny, far = nearest_point(state, p, x, y)
     if far <= radius + _TOUCHING:
-        _note(world, state, p, number, chair, other, px, py, nx, ny)
+        _record_contact(world, state, p, number, chair, other, px, py, nx, ny)
 
 
 @borrowing_kernel
@@ -183,7 +189,7 @@ def _touch_segment(
     c, s = math.cos(yaw), math.sin(yaw)
     for end in range(2):
         wx, wy = (ax, ay) if end == 0 else (bx, by)
-        px, py = c * (wx - x) + s * (wy - y), c * (wy - y) - s * (wx - x)
+        px, py = world_to_body(c, s, wx - x, wy - y)
         if rectangle_point_gap(px, py, p.outline[:]) > _TOUCHING:
             continue
         depth, nx, ny = front - px, 1.0, 0.0
@@ -191,7 +197,8 @@ def _touch_segment(
             depth, nx, ny = px + rear, -1.0, 0.0
         if half - abs(py) < depth:
             nx, ny = 0.0, math.copysign(1.0, py)
-        _note(world, state, p, number, chair, other, wx, wy, c * nx - s * ny, s * nx + c * ny)
+        nx, ny = body_to_world(c, s, nx, ny)
+        _record_contact(world, state, p, number, chair, other, wx, wy, nx, ny)
     ex, ey = bx - ax, by - ay
     length = math.sqrt(ex * ex + ey * ey)
     if length == 0.0:
@@ -205,17 +212,17 @@ def _touch_segment(
         wx, wy = x + c * px - s * py, y + s * px + c * py
         beyond = (wx - ax) * nx + (wy - ay) * ny
         along = (wx - ax) * ex + (wy - ay) * ey
-        if -_TOUCHING <= beyond <= _DEEP and 0.0 <= along <= length * length:
-            _note(world, state, p, number, chair, other, wx, wy, nx, ny)
+        if -_TOUCHING <= beyond <= _DEEPEST and 0.0 <= along <= length * length:
+            _record_contact(world, state, p, number, chair, other, wx, wy, nx, ny)
 
 
 @borrowing_kernel
-def note_contacts(world: Any, state: Any, p: Any, chair: Motion) -> None:
+def record_contacts(world: Any, state: Any, p: Any, chair: Motion) -> None:
     """Note everything that the chair touches.
 
     Args:
         world: record of WORLD.
-        state: of the chair, whose pose is that of contact; `caused`, `met`, `closing` are written.
+        state: of the chair, whose pose is that of contact; its contact fields are written.
         p: its parameters.
         chair: its motion before the contact, about its centre of mass.
     """
@@ -227,10 +234,19 @@ def note_contacts(world: Any, state: Any, p: Any, chair: Motion) -> None:
         _touch_segment(world, state, p, -1, chair, rest, w[0], w[1], w[2], w[3])
     for k in range(world.n_fixed_discs):
         _touch_disc(world, state, p, -1, chair, rest, discs[k, 0], discs[k, 1], discs[k, 2])
-    rows, moving = rows_at(world.movers, world.n_movers), moving_at(world.moving, world.n_movers)
-    for k in range(world.n_movers):
-        row, own, at = rows[k], moving[k], moving[k].slot
-        other = (own.pose[0], own.pose[1], own.twist[0], own.twist[1], own.twist[2])
+    rows, actor_states = (
+        actors_at(world.actors, world.n_actors),
+        actor_states_at(world.actor_states, world.n_actors),
+    )
+    for k in range(world.n_actors):
+        row, actor_state, at = rows[k], actor_states[k], actor_states[k].slot
+        other = (
+            actor_state.pose[0],
+            actor_state.pose[1],
+            actor_state.twist[0],
+            actor_state.twist[1],
+            actor_state.twist[2],
+        )
         if is_box(row):
             for i in range(4):
                 w = walls[at + i]
@@ -240,22 +256,25 @@ def note_contacts(world: Any, state: Any, p: Any, chair: Motion) -> None:
 
 
 @borrowing_kernel
-def forget_contacts(world: Any, state: Any, p: Any) -> None:
-    """Movers that are clear of the chair may begin a new contact."""
+def end_contacts(world: Any, state: Any, p: Any) -> None:
+    """Actors that are clear of the chair may begin a new contact."""
     walls = table_at(world.walls, world.n_walls, 4)
-    rows, moving = rows_at(world.movers, world.n_movers), moving_at(world.moving, world.n_movers)
+    rows, actor_states = (
+        actors_at(world.actors, world.n_actors),
+        actor_states_at(world.actor_states, world.n_actors),
+    )
     x, y, yaw = state.pose[0], state.pose[1], state.pose[2]
-    for k in range(world.n_movers):
-        row, own = rows[k], moving[k]
-        if own.judged == NEVER:
+    for k in range(world.n_actors):
+        row, actor_state = rows[k], actor_states[k]
+        if actor_state.judged_at == NEVER:
             continue
         gap = math.inf
         if is_box(row):
-            for i in range(own.slot, own.slot + 4):
+            for i in range(actor_state.slot, actor_state.slot + 4):
                 w = walls[i]
                 near = rectangle_segment_gap(x, y, yaw, p.outline[:], w[0], w[1], w[2], w[3])
                 gap = min(gap, near)
         else:
-            gap = nearest_point(state, p, own.pose[0], own.pose[1])[4] - row.size[0]
-        if gap > _APART:
-            own.judged = NEVER
+            gap = nearest_point(state, p, actor_state.pose[0], actor_state.pose[1])[4] - row.size[0]
+        if gap > _CONTACT_OVER:
+            actor_state.judged_at = NEVER

@@ -15,16 +15,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.kinematics import SOONER, approach, brake, wheels_of_twist
+from wheelchair_gym.kinematics import STOP_RAMP_FACTOR, approach, brake, wheels_of_twist
 from wheelchair_gym.physics.engine import ANGLE, FX, FY, TORQUE, VX, VY, W, body_view, step_space
 from wheelchair_gym.physics.settings import GRAVITY
 
 _SWEEPS = 20  # of Gauss-Seidel, when a wheel slips
-_LATER = 0.8  # of what it can brake: wheels follow their set point late
+_BRAKING_SHARE = 0.8  # of what it can brake: wheels follow their set point late
 _CREEP = 0.05  # m/s: drag rises linearly below this speed, so that it never reverses a motion
 
 
-class Worked(NamedTuple):
+class DriveConstants(NamedTuple):
     """What physics steps need of the parameters, worked out once a period: divisions are slow."""
 
     run: float  # s, between two runs of the speed control
@@ -44,26 +44,26 @@ class Worked(NamedTuple):
 
 
 @borrowing_kernel
-def work_out(p: Any) -> Worked:
+def drive_constants(p: Any) -> DriveConstants:
     """The constants of one control period of a chair with parameters p."""
     run = p.dt * p.speed_every
     load = p.mass * GRAVITY
-    on_casters = load * p.centre / p.casters
+    on_casters = load * p.centre_of_mass / p.wheelbase
     grip = 0.5 * (load - on_casters)
     half = 0.5 * p.track
     gl = p.wheel_inertia / (p.radius_left * p.radius_left)
     gr = p.wheel_inertia / (p.radius_right * p.radius_right)
     a11, a12 = p.mass + gl + gr, half * (gr - gl)
-    a22 = p.moment + p.mass * p.centre * p.centre + half * half * (gl + gr)
-    return Worked(
+    a22 = p.moment + p.mass * p.centre_of_mass * p.centre_of_mass + half * half * (gl + gr)
+    return DriveConstants(
         run,
-        run / (p.smoothing + run),
+        run / (p.filter_time + run),
         p.nominal_radius * p.counts_per_metre,
         1.0 / (p.counts_per_metre * run),
-        p.constant / p.nominal_radius,
+        p.torque_constant / p.nominal_radius,
         on_casters,
         0.5 * p.caster_drag * on_casters * p.dt,
-        p.rolling * grip,
+        p.rolling_resistance * grip,
         p.friction * grip * p.dt,
         (p.radius_left, p.radius_right),
         (1.0 / p.radius_left, 1.0 / p.radius_right),
@@ -74,7 +74,7 @@ def work_out(p: Any) -> Worked:
 
 
 @borrowing_kernel
-def track_set_point(state: Any, p: Any, v: float, w: float, protective: bool, dt: float) -> None:
+def ramp_set_point(state: Any, p: Any, v: float, w: float, protective: bool, dt: float) -> None:
     """Move the set point towards the target twist within the limits of comfort.
 
     In a protective stop it falls at once, exempt from jerk; as on the boards faster than the chair
@@ -83,7 +83,7 @@ def track_set_point(state: Any, p: Any, v: float, w: float, protective: bool, dt
     limits = p.limits
     if protective:
         v, w = state.v, state.w
-        state.v, state.w = brake(v, w, SOONER * limits[5] * dt, p.nominal_track)
+        state.v, state.w = brake(v, w, STOP_RAMP_FACTOR * limits[5] * dt, p.nominal_track)
         state.v_rate, state.w_rate = (state.v - v) / dt, (state.w - w) / dt
         return
     v = min(limits[0], max(-limits[1], v))
@@ -93,23 +93,23 @@ def track_set_point(state: Any, p: Any, v: float, w: float, protective: bool, dt
 
 
 @borrowing_kernel
-def explain(state: Any, p: Any, k: Worked) -> None:
+def update_explained_motion(state: Any, p: Any, k: DriveConstants) -> None:
     """Which speeds and turns the set point explains: itself, and what it was, braked since then.
 
     It brakes no faster than comfort, tyres and motors let it, and a little slower.
     """
-    motors = 2.0 * p.gain * p.constant * p.current / p.nominal_radius
+    motors = 2.0 * p.gain * p.torque_constant * p.current_limit / p.nominal_radius
     force = min(motors, 2.0 * k.bound / p.dt)
-    slower = _LATER * k.run * min(p.limits[4], force / p.mass)
+    slower = _BRAKING_SHARE * k.run * min(p.limits[4], force / p.mass)
     a22 = k.matrix[2]
-    turn_slower = _LATER * k.run * min(p.limits[6], 0.5 * p.track * force / a22)
-    own = state.driven
+    turn_slower = _BRAKING_SHARE * k.run * min(p.limits[6], 0.5 * p.track * force / a22)
+    own = state.explained
     own[0], own[1] = min(state.v, own[0] + slower), max(state.v, own[1] - slower)
     own[2], own[3] = min(state.w, own[2] + turn_slower), max(state.w, own[3] - turn_slower)
 
 
 @borrowing_kernel
-def control_speed(state: Any, p: Any, k: Worked) -> None:
+def control_speed(state: Any, p: Any, k: DriveConstants) -> None:
     """One run of the two wheels' PID with feed-forward, on quantised encoder counts."""
     left, right = wheels_of_twist(state.v, state.w, p.nominal_track)
     for i in range(2):
@@ -119,30 +119,30 @@ def control_speed(state: Any, p: Any, k: Worked) -> None:
         state.counts[i] = counts
         state.speed[i] += k.share * (measured - state.speed[i])
         # The target passes the same low-pass, so that its delay does not wind up the integral.
-        state.aim[i] += k.share * (target - state.aim[i])
-        error = state.aim[i] - state.speed[i]
+        state.target[i] += k.share * (target - state.target[i])
+        error = state.target[i] - state.speed[i]
         slope = (error - state.error[i]) / k.run
         state.error[i] = error
         rate = state.v_rate + (i - 0.5) * p.nominal_track * state.w_rate
         forward = k.feed * target + p.ka * rate
-        volts = forward + p.kp * error + state.sum[i] + p.kd * slope
+        volts = forward + p.kp * error + state.integral[i] + p.kd * slope
         if target == 0.0 and abs(state.speed[i]) < 0.5 * k.metres_per_run:
             # At rest both ends of the motor are joined: it holds without drawing current.
-            state.sum[i], volts = 0.0, 0.0
+            state.integral[i], volts = 0.0, 0.0
         elif abs(volts) < state.voltage:
-            state.sum[i] += p.ki * error * k.run
+            state.integral[i] += p.ki * error * k.run
         state.duty[i] = min(1.0, max(-1.0, volts / state.voltage))
 
 
 @borrowing_kernel
-def _resist(speed: float) -> float:
+def _smooth_sign(speed: float) -> float:
     """Sign of a speed, smooth about rest."""
     return speed / math.sqrt(speed * speed + _CREEP * _CREEP)
 
 
 @borrowing_kernel
-def step_once(
-    state: Any, p: Any, k: Worked, space: np.uint64, body: np.uint64, engine: np.uint64
+def physics_step(
+    state: Any, p: Any, k: DriveConstants, space: np.uint64, body: np.uint64, engine: np.uint64
 ) -> float:
     """One physics step: motors push, tyres hold, Munk2D moves.
 
@@ -158,7 +158,7 @@ def step_once(
         The impulse of contact [N s]; 0 but for rounding where nothing is touched.
     """
     fields = body_view(body)
-    dt, mass, moment, arm = p.dt, p.mass, p.moment, p.centre
+    dt, mass, moment, arm = p.dt, p.mass, p.moment, p.centre_of_mass
     turning = fields[W]
     middle = fields[ANGLE] + 1.5 * turning * dt  # heading half-way through the next step
     c, s = math.cos(middle), math.sin(middle)
@@ -167,7 +167,7 @@ def step_once(
 
     # Drag of two casters, at their places.
     push, shove, twist = 0.0, 0.0, 0.0
-    lever = p.casters - arm
+    lever = p.wheelbase - arm
     for side in range(2):
         across = (0.5 - side) * p.caster_track
         vx, vy = ahead - turning * across, aside + turning * lever
@@ -183,11 +183,11 @@ def step_once(
     for i in range(2):
         spin = state.spin[i]
         state.turned[i] += spin * dt  # as the body moves in this step: by its velocity before
-        amperes = (state.duty[i] * state.voltage - p.constant * spin) / p.resistance
-        amperes = min(p.current, max(-p.current, amperes))
+        amperes = (state.duty[i] * state.voltage - p.torque_constant * spin) / p.resistance
+        amperes = min(p.current_limit, max(-p.current_limit, amperes))
         drawn += state.duty[i] * amperes
-        rolling = k.rolling * radii[i] * _resist(spin * radii[i])
-        torque = p.gain * p.constant * amperes - rolling
+        rolling = k.rolling * radii[i] * _smooth_sign(spin * radii[i])
+        torque = p.gain * p.torque_constant * amperes - rolling
         impulse = (torque * dt + p.wheel_inertia * spin) * per_radius[i]
         bring = (impulse, bring[1]) if i == 0 else (bring[0], impulse)
 
@@ -240,7 +240,7 @@ def step_once(
 
     # Each wheel rolls at the ground speed that came out, as far as its tyre can hold it there.
     ahead = c * fields[VX] + s * fields[VY]
-    state.way += abs(ahead) * dt
+    state.distance += abs(ahead) * dt
     for i in range(2):
         ground = ahead + (2 * i - 1) * half * fields[W]
         hold = bring[i] - k.inertia[i] * ground
@@ -249,9 +249,9 @@ def step_once(
 
     # Battery: the drivers are ideal choppers; braking gives a share back.
     power = drawn * state.voltage
-    power = (power if power > 0.0 else power * p.regeneration) + p.idle
+    power = (power if power > 0.0 else power * p.regeneration) + p.idle_power
     state.energy += power * dt
     state.charge = min(p.capacity, max(0.0, state.charge - power * dt))
-    rest = p.empty + (p.full - p.empty) * state.charge / p.capacity
+    rest = p.empty_voltage + (p.full_voltage - p.empty_voltage) * state.charge / p.capacity
     state.voltage = rest - p.battery_resistance * power / rest
-    return float(math.sqrt(hit_x * hit_x + hit_y * hit_y) + abs(hit_w) / p.casters)
+    return float(math.sqrt(hit_x * hit_x + hit_y * hit_y) + abs(hit_w) / p.wheelbase)

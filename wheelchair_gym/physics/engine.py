@@ -88,17 +88,19 @@ class ShapeOffsets(NamedTuple):
     group: int
 
 
-def pointer(thing: Any) -> np.uint64:
+def address_of_struct(thing: Any) -> np.uint64:
     """The address of a cffi pointer."""
     return np.uint64(int(ffi.cast("uintptr_t", thing)))
 
 
-def _places(thing: Any, doubles: int, marks: dict[str, float], begin: int = 0) -> dict[str, int]:
+def _field_offsets(
+    thing: Any, doubles: int, marks: dict[str, float], begin: int = 0
+) -> dict[str, int]:
     """Where the marks stand in a struct, counted in doubles: the first place of each.
 
     Copies that Munk2D keeps of a value stand behind it, but for what it begins with.
     """
-    raw = np.frombuffer(ctypes.string_at(int(pointer(thing)), 8 * doubles))
+    raw = np.frombuffer(ctypes.string_at(int(address_of_struct(thing)), 8 * doubles))
     found = {name: begin + np.flatnonzero(raw[begin:] == value) for name, value in marks.items()}
     missing = [name for name, places in found.items() if not len(places)]
     if missing:
@@ -118,7 +120,7 @@ def _find_offsets() -> Offsets:
         (m["fx"], m["fy"]),
     )
     body.angle, body.angular_velocity, body.torque = m["angle"], m["w"], m["torque"]
-    return Offsets(**_places(body._body, BODY_DOUBLES, m))
+    return Offsets(**_field_offsets(body._body, BODY_DOUBLES, m))
 
 
 def _find_shape_offsets() -> ShapeOffsets:
@@ -128,15 +130,17 @@ def _find_shape_offsets() -> ShapeOffsets:
     normal = segment.normal
     disc = {"cx": 55.5, "cy": -66.25, "radius": 8.8125}
     circle = pymunk.Circle(static, disc["radius"], (disc["cx"], disc["cy"]))
-    own = _places(segment._shape, SEGMENT_DOUBLES, {**ends, "nx": normal.x, "ny": normal.y})
+    own = _field_offsets(segment._shape, SEGMENT_DOUBLES, {**ends, "nx": normal.x, "ny": normal.y})
     # What all shapes have comes first, a copy of the disc's place among it.
-    own |= _places(circle._shape, CIRCLE_DOUBLES, disc, own["ax"])
+    own |= _field_offsets(circle._shape, CIRCLE_DOUBLES, disc, own["ax"])
     box = pymunk.Poly(static, [(-61.5, -43.25), (61.5, -43.25), (61.5, 43.25), (-61.5, 43.25)])
-    corner = _places(box._shape, POLY_DOUBLES, {"x": -61.5, "y": -43.25, "ny": -1.0})
+    corner = _field_offsets(box._shape, POLY_DOUBLES, {"x": -61.5, "y": -43.25, "ny": -1.0})
     box.friction = 0.34375
     mark = np.frombuffer(np.int64(0x2B67_0001_7A3C_9D15).tobytes())[0]  # no number but this one
     box.filter = pymunk.ShapeFilter(group=0x2B67_0001_7A3C_9D15)
-    common = _places(box._shape, POLY_DOUBLES, {"friction": box.friction, "group": float(mark)})
+    common = _field_offsets(
+        box._shape, POLY_DOUBLES, {"friction": box.friction, "group": float(mark)}
+    )
     return ShapeOffsets(**own, corners=corner["x"], **common)
 
 
@@ -146,7 +150,7 @@ def _find_counter() -> int:
     space.add(body)
     told = []
     for _ in range(4):
-        raw = ctypes.string_at(int(pointer(space._space)), 8 * SPACE_WORDS)
+        raw = ctypes.string_at(int(address_of_struct(space._space)), 8 * SPACE_WORDS)
         told.append(np.frombuffer(raw, np.int64))
         space.add(pymunk.Circle(body, 1.0))
     rises = np.flatnonzero((np.diff(told, axis=0) == 1).all(axis=0))
@@ -195,7 +199,7 @@ def _call_with(typingctx: Any, function: Any, one: Any, other: Any) -> Any:
 
 
 # numba gives these the arguments that their callers see; mypy knows only how they are declared.
-_call_step = cast("Callable[..., None]", _call)
+_call_double = cast("Callable[..., None]", _call)
 _call_pair = cast("Callable[..., None]", _call_with)
 
 _FUNCTIONS = {
@@ -207,7 +211,7 @@ _FUNCTIONS = {
     "reindex": "cpSpaceReindexShapesForBody",
     "turn": "cpBodySetAngle",
 }
-_ADDRESSES = tuple(pointer(ffi.addressof(lib, name)) for name in _FUNCTIONS.values())
+_ADDRESSES = tuple(address_of_struct(ffi.addressof(lib, name)) for name in _FUNCTIONS.values())
 STEP = _ADDRESSES[0]
 ENGINE = np.dtype([(name, "u8") for name in _FUNCTIONS])
 X, Y, VX, VY, FX, FY = (
@@ -230,7 +234,7 @@ def body_view(address: np.uint64) -> NDArray[np.float64]:
 @borrowing_kernel
 def step_space(step: np.uint64, space: np.uint64, dt: float) -> None:
     """Advance a cpSpace by dt seconds: pymunk's own `Space.step`."""
-    _call_step(step, space, dt)
+    _call_double(step, space, dt)
 
 
 @borrowing_kernel
@@ -246,7 +250,7 @@ def remove_shape(remove: np.uint64, space: np.uint64, shape: np.uint64) -> None:
 
 
 @borrowing_kernel
-def number_from(space: np.uint64, first: int) -> None:
+def set_shape_counter(space: np.uint64, first: int) -> None:
     """Let a cpSpace number the next shapes from a first one on.
 
     Where three things touch, the order in which Munk2D solves goes by these numbers: a Space that
@@ -292,25 +296,27 @@ def set_box(shape: np.uint64, rear: float, front: float, half: float) -> None:
 
 
 @borrowing_kernel
-def set_touch(shape: np.uint64, friction: float, group: int) -> None:
+def set_friction(shape: np.uint64, friction: float, group: int) -> None:
     """Give a shape its friction, and the group within which nothing touches; 0: none."""
     doubles_at(shape, CIRCLE_DOUBLES)[SHAPE.friction] = friction
     integers_at(shape, CIRCLE_DOUBLES)[SHAPE.group] = group
 
 
 @borrowing_kernel
-def place(engine: Any, space: np.uint64, body: np.uint64, x: float, y: float, angle: float) -> None:
+def place_body(
+    engine: Any, space: np.uint64, body: np.uint64, x: float, y: float, angle: float
+) -> None:
     """Put a body at rest at (x, y) [m] and an angle [rad], with no force on it."""
     fields = body_view(body)
     fields[X], fields[Y] = x, y
     fields[VX], fields[VY], fields[W] = 0.0, 0.0, 0.0
     fields[FX], fields[FY], fields[TORQUE] = 0.0, 0.0, 0.0
-    _call_step(engine.turn, body, angle)
+    _call_double(engine.turn, body, angle)
     _call_pair(engine.reindex, space, body)
 
 
 @borrowing_kernel
-def weigh(body: np.uint64, mass: float, moment: float) -> None:
+def set_mass(body: np.uint64, mass: float, moment: float) -> None:
     """Give a body its mass [kg] and its moment of inertia [kg m2]; infinite ones: kinematic."""
     fields = body_view(body)
     fields[OFFSETS.mass], fields[OFFSETS.mass_inverse] = mass, 1.0 / mass
@@ -318,7 +324,7 @@ def weigh(body: np.uint64, mass: float, moment: float) -> None:
 
 
 @borrowing_kernel
-def _push(
+def _pushed_by_address(
     engine: Any,
     space: np.uint64,
     body: np.uint64,
@@ -329,20 +335,20 @@ def _push(
     n: int,
 ) -> float:
     fields, pushed = body_view(body), body_view(other)
-    weigh(body, 10.0, 2.0)
-    weigh(other, 3.0, 0.5)
+    set_mass(body, 10.0, 2.0)
+    set_mass(other, 3.0, 0.5)
     set_box(box, -0.1, 0.1, 0.15)
-    set_touch(box, 0.25, 0)
+    set_friction(box, 0.25, 0)
     add_shape(engine.add_body, space, other)
     add_shape(engine.add, space, box)
-    place(engine, space, other, 0.72, -0.1, 0.1)
+    place_body(engine, space, other, 0.72, -0.1, 0.1)
     set_segment(wall, 1.0, -5.0, 1.0, 5.0)
     set_circle(disc, 0.8, 0.45, 0.2)
     for shape in (wall, disc):
         add_shape(engine.add, space, shape)
         remove_shape(engine.remove, space, shape)
         add_shape(engine.add, space, shape)
-    place(engine, space, body, 0.1, -0.05, 0.2)
+    place_body(engine, space, body, 0.1, -0.05, 0.2)
     for k in range(n):
         fields[FX] = 40.0
         fields[TORQUE] = 3.0 * (k % 3)
@@ -369,12 +375,12 @@ def self_test() -> None:
             body = pymunk.Body(1.0, 1.0)
             space.add(body, pymunk.Poly.create_box(body, (1.0, 0.6)))
             shapes = pymunk.Segment(static, (0, 0), (1, 1), 0.0), pymunk.Circle(static, 1.0)
-            wall, disc = (pointer(shape._shape) for shape in shapes)
-            own = pointer(space._space), pointer(body._body)
+            wall, disc = (address_of_struct(shape._shape) for shape in shapes)
+            own = address_of_struct(space._space), address_of_struct(body._body)
             other = pymunk.Body(1.0, 1.0)
             box = pymunk.Poly(other, UNIT_BOX)
-            things = pointer(other._body), pointer(box._shape)
-            ends.append(_push(engine_record()[0], *own, wall, disc, *things, 60))
+            things = address_of_struct(other._body), address_of_struct(box._shape)
+            ends.append(_pushed_by_address(engine_record()[0], *own, wall, disc, *things, 60))
         else:
             body = pymunk.Body(10.0, 2.0)
             space.add(body, pymunk.Poly.create_box(body, (1.0, 0.6)))

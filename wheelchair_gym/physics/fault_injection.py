@@ -28,13 +28,13 @@ def draw_fault(state: Any, p: Any) -> None:
     if p.fault_share <= 0.0 or uniform(state.key, 0, FAULTS, 0) >= p.fault_share:
         return
     state.fault = 1 + int(_KINDS * uniform(state.key, 0, FAULTS, 1))
-    span = p.fault_since[1] - p.fault_since[0]
-    begin = p.fault_since[0] + span * uniform(state.key, 0, FAULTS, 2)
+    span = p.fault_onset[1] - p.fault_onset[0]
+    begin = p.fault_onset[0] + span * uniform(state.key, 0, FAULTS, 2)
     state.fault_step = max(1, math.ceil(begin / (p.dt * p.substeps)))
 
 
 @borrowing_kernel
-def fail(state: Any, p: Any, kept: np.uint64, ranges: Floats, sensed: Any) -> None:
+def apply_fault(state: Any, p: Any, kept: np.uint64, ranges: Floats, sensed: Any) -> None:
     """Make a reading what failing sensors say.
 
     Args:
@@ -46,16 +46,16 @@ def fail(state: Any, p: Any, kept: np.uint64, ranges: Floats, sensed: Any) -> No
     """
     if state.fault == 0 or state.step < state.fault_step - 1:
         return
-    scan, rangers = floats_at(kept, ranges.shape[0]), state.kept_ranges.shape[0]
+    scan, rangers = floats_at(kept, ranges.shape[0]), state.frozen_ranges.shape[0]
     if state.step == state.fault_step - 1:  # the last that is right
         for k in range(ranges.shape[0]):
             scan[k] = ranges[k]
         for k in range(rangers):
-            state.kept_ranges[k], state.kept_age[k] = sensed.ultrasonic[k], sensed.age[k]
+            state.frozen_ranges[k], state.frozen_age[k] = sensed.ultrasonic[k], sensed.age[k]
         for k in range(2):
-            state.kept_twist[k] = sensed.twist[k]
+            state.frozen_twist[k] = sensed.twist[k]
         for k in range(3):
-            state.kept_pose[k] = sensed.pose[k]
+            state.frozen_pose[k] = sensed.pose[k]
         return
     fault = state.fault
     if fault in (_LASER, _LASER_FROZEN):
@@ -64,11 +64,11 @@ def fail(state: Any, p: Any, kept: np.uint64, ranges: Floats, sensed: Any) -> No
     elif fault in (_SONAR, _SONAR_FROZEN):
         silent = np.float32((state.step - state.fault_step + 1) * p.substeps * p.dt)
         for k in range(rangers):
-            sensed.ultrasonic[k] = state.kept_ranges[k]
-            sensed.age[k] = state.kept_age[k] + (silent if fault == _SONAR else np.float32(0.0))
+            sensed.ultrasonic[k] = state.frozen_ranges[k]
+            sensed.age[k] = state.frozen_age[k] + (silent if fault == _SONAR else np.float32(0.0))
     else:
         for k in range(2):
-            sensed.twist[k] = math.nan if fault == _ODOMETRY else state.kept_twist[k]
+            sensed.twist[k] = math.nan if fault == _ODOMETRY else state.frozen_twist[k]
         if p.pose_source == ODOMETRY:
             for k in range(3):
-                sensed.pose[k] = state.kept_pose[k]
+                sensed.pose[k] = state.frozen_pose[k]

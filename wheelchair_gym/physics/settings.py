@@ -16,42 +16,44 @@ class BodySettings:
     mass: float = setting(
         default=135.0, unit="kg", source="60 kg chair + 75 kg person", low=20.0, high=400.0
     )
-    centre: float = setting(
+    centre_of_mass: float = setting(
         default=0.15, unit="m", source="centre of mass ahead of the axle", low=0.0, high=0.5
     )
-    gyration: float = setting(
+    radius_of_gyration: float = setting(
         default=0.33,
         unit="m",
         source="radius of gyration: 1.00 m x 0.62 m plate",
         low=0.05,
         high=1.0,
     )
-    casters: float = setting(default=0.48, unit="m", source="ahead of the axle", low=0.1, high=1.5)
+    wheelbase: float = setting(
+        default=0.48, unit="m", source="ahead of the axle", low=0.1, high=1.5
+    )
     caster_track: float = setting(default=0.46, unit="m", source="between them", low=0.0, high=1.0)
     caster_drag: float = setting(
         default=0.03, source="rolling and swivelling, share of their load", low=0.0, high=1.0
     )
-    rolling: float = setting(
+    rolling_resistance: float = setting(
         default=0.015, source="rolling resistance of pneumatic tyres", low=0.0, high=1.0
     )
     friction: float = setting(default=0.7, source="tyre on floor", low=0.05, high=2.0)
     wall_friction: float = setting(default=0.3, source="outline on wall", low=0.0, high=2.0)
-    bumper: float = setting(default=20.0, unit="N", source="strip switches", low=0.0)
+    bumper_force: float = setting(default=20.0, unit="N", source="strip switches", low=0.0)
 
     def __post_init__(self) -> None:
-        if self.centre >= self.casters:
-            raise InputError("BodySettings.centre must lie behind casters")
+        if self.centre_of_mass >= self.wheelbase:
+            raise InputError("BodySettings.centre_of_mass must lie behind the casters (wheelbase)")
 
 
 @settings
 class MotorSettings:
     """Two equal hub motors with their drivers, as brushed direct-current machines."""
 
-    constant: float = setting(
+    torque_constant: float = setting(
         default=3.7, unit="V s/rad", source="1.6 m/s at 36 V without load", low=0.01
     )
     resistance: float = setting(default=1.0, unit="ohm", low=0.01)
-    current: float = setting(default=12.0, unit="A", source="driver's limit: 44 N m", low=0.1)
+    current_limit: float = setting(default=12.0, unit="A", source="driver's limit: 44 N m", low=0.1)
     inertia: float = setting(default=0.15, unit="kg m2", source="rotor and wheel", low=0.001)
     kp: float = setting(default=40.0, unit="V s/m", source="closed loop of about 50 ms", low=0.0)
     ki: float = setting(default=120.0, unit="V/m", low=0.0)
@@ -59,10 +61,12 @@ class MotorSettings:
     ka: float = setting(
         default=3.0, unit="V s2/m", source="feed-forward of acceleration: 135 kg", low=0.0
     )
-    smoothing: float = setting(
+    filter_time: float = setting(
         default=0.02, unit="s", source="low-pass of the encoder's speed", low=0.0, high=1.0
     )
-    rate: float = setting(default=100.0, unit="Hz", source="speed control", low=10.0, high=2000.0)
+    control_rate: float = setting(
+        default=100.0, unit="Hz", source="speed control", low=10.0, high=2000.0
+    )
 
 
 @settings
@@ -70,11 +74,15 @@ class BatterySettings:
     """Two 36 V, 4 Ah packs in parallel."""
 
     capacity: float = setting(default=288.0, unit="Wh", source="2 x 36 V x 4 Ah", low=1.0)
-    full: float = setting(default=42.0, unit="V", source="10 lithium cells at 4.2 V", low=1.0)
-    empty: float = setting(default=30.0, unit="V", source="10 lithium cells at 3.0 V", low=1.0)
-    charge: float = setting(default=0.9, source="share at reset", low=0.0, high=1.0)
+    full_voltage: float = setting(
+        default=42.0, unit="V", source="10 lithium cells at 4.2 V", low=1.0
+    )
+    empty_voltage: float = setting(
+        default=30.0, unit="V", source="10 lithium cells at 3.0 V", low=1.0
+    )
+    initial_charge: float = setting(default=0.9, source="share at reset", low=0.0, high=1.0)
     resistance: float = setting(default=0.1, unit="ohm", low=0.0)
-    idle: float = setting(default=15.0, unit="W", source="computer and sensors", low=0.0)
+    idle_power: float = setting(default=15.0, unit="W", source="computer and sensors", low=0.0)
     regeneration: float = setting(
         default=0.5, source="share of braking energy stored", low=0.0, high=0.95
     )
@@ -102,7 +110,7 @@ class ChairSettings:
     motor: MotorSettings = MotorSettings()
     battery: BatterySettings = BatterySettings()
     random: RandomSettings = RandomSettings()
-    randomise: bool = setting(
+    randomize: bool = setting(
         default=False, source="true: draw mass, friction and motor gain anew each episode"
     )
 
@@ -110,35 +118,35 @@ class ChairSettings:
     def grip(self) -> float:
         """What its tyres hold together [m/s2], on the slipperiest floor that it is told of."""
         body = self.body
-        friction = min(self.random.friction) if self.randomise else body.friction
-        return friction * GRAVITY * (1.0 - body.centre / body.casters)
+        friction = min(self.random.friction) if self.randomize else body.friction
+        return friction * GRAVITY * (1.0 - body.centre_of_mass / body.wheelbase)
 
     @property
     def braking(self) -> float:
         """The deceleration [m/s2] that tyres and motors are sure to reach, on level ground."""
         motor, radius = self.motor, self.drive.wheel_radius
-        mass = max(self.random.mass) if self.randomise else self.body.mass
-        gain = min(self.random.gain) if self.randomise else 1.0
-        force = 2.0 * gain * motor.constant * motor.current / radius
+        mass = max(self.random.mass) if self.randomize else self.body.mass
+        gain = min(self.random.gain) if self.randomize else 1.0
+        force = 2.0 * gain * motor.torque_constant * motor.current_limit / radius
         return min(self.grip, force / (mass + 2.0 * motor.inertia / radius**2))
 
     @property
-    def lag(self) -> float:
+    def following_lag(self) -> float:
         """How much later [s] the heaviest chair it is told of follows than its feed-forward says.
 
         What that does not give of the volts for an acceleration, an error of speed has to.
         """
         motor = self.motor
-        mass = max(self.random.mass) if self.randomise else self.body.mass
-        gain = min(self.random.gain) if self.randomise else 1.0
-        pull = 2.0 * gain * motor.constant / (motor.resistance * self.drive.wheel_radius)
+        mass = max(self.random.mass) if self.randomize else self.body.mass
+        gain = min(self.random.gain) if self.randomize else 1.0
+        pull = 2.0 * gain * motor.torque_constant / (motor.resistance * self.drive.wheel_radius)
         missing = max(0.0, mass / pull - motor.ka)  # V s2/m
         return missing / motor.kp if motor.kp > 0.0 else 0.0
 
     @property
-    def turning(self) -> float:
+    def turn_braking(self) -> float:
         """The turn acceleration [rad/s2] that tyres and motors are sure to reach."""
-        square = self.body.gyration**2 + self.body.centre**2
+        square = self.body.radius_of_gyration**2 + self.body.centre_of_mass**2
         return 0.5 * self.drive.track * self.braking / square
 
 
@@ -146,7 +154,7 @@ class ChairSettings:
 class PeopleSettings:
     """How people move: optimal reciprocal collision avoidance, and legs of limited force."""
 
-    choose: float = setting(
+    decision_period: float = setting(
         default=0.1, unit="s", source="between two choices of a velocity", low=0.01, high=1.0
     )
     horizon: float = setting(
@@ -155,17 +163,17 @@ class PeopleSettings:
     wall_horizon: float = setting(
         default=0.5, unit="s", source="kept clear of walls", low=0.05, high=10.0
     )
-    sight: float = setting(
+    neighbour_distance: float = setting(
         default=4.0, unit="m", source="farther people are not heeded", low=0.5, high=20.0
     )
-    notice: float = setting(
+    inattentive_distance: float = setting(
         default=1.0, unit="m", source="who pays no attention sees a chair so near: a step away",
         low=0.0, high=20.0,
     )  # fmt: skip
-    relax: float = setting(
+    relaxation_time: float = setting(
         default=0.3, unit="s", source="to take up a velocity: below a step's time", low=0.02
     )
-    legs: float = setting(
+    max_force: float = setting(
         default=200.0,
         unit="N",
         source="75 kg at 2.7 m/s2: 1.34 m/s in 0.5 s (Helbing and Molnar 1995)",
@@ -181,7 +189,7 @@ class PhysicsSettings:
     people: PeopleSettings = PeopleSettings()
 
 
-def whole_ratio(long: float, short: float, names: str) -> int:
+def integer_ratio(long: float, short: float, names: str) -> int:
     """How many short periods fit into a long one.
 
     Raises:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings, whole_ratio
+from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings, integer_ratio
 from wheelchair_gym.random import PARAMETERS, uniform
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 
@@ -17,24 +17,24 @@ PARAMETER = np.dtype(
         # the body, as it truly is this episode
         ("mass", "f8"),  # kg
         ("moment", "f8"),  # kg m2, about the centre of mass
-        ("gyration", "f8"),  # m
-        ("centre", "f8"),  # m, of mass, ahead of the axle
+        ("radius_of_gyration", "f8"),  # m
+        ("centre_of_mass", "f8"),  # m, of mass, ahead of the axle
         ("friction", "f8"),
-        ("rolling", "f8"),
-        ("casters", "f8"),  # m
+        ("rolling_resistance", "f8"),
+        ("wheelbase", "f8"),  # m
         ("caster_track", "f8"),  # m
         ("caster_drag", "f8"),
-        ("bumper", "f8"),  # N
+        ("bumper_force", "f8"),  # N
         # wheels, true
         ("track", "f8"),  # m
         ("radius_left", "f8"),  # m
         ("radius_right", "f8"),  # m
         ("wheel_inertia", "f8"),  # kg m2
         # motors
-        ("constant", "f8"),  # V s/rad = N m/A
+        ("torque_constant", "f8"),  # V s/rad = N m/A
         ("gain", "f8"),
         ("resistance", "f8"),  # ohm
-        ("current", "f8"),  # A
+        ("current_limit", "f8"),  # A
         # control, with the geometry the chair believes in
         ("nominal_track", "f8"),  # m
         ("nominal_radius", "f8"),  # m
@@ -43,46 +43,46 @@ PARAMETER = np.dtype(
         ("ki", "f8"),
         ("kd", "f8"),
         ("ka", "f8"),
-        ("smoothing", "f8"),  # s
+        ("filter_time", "f8"),  # s
         ("limits", "f8", (9,)),  # Limits.array
         # battery
         ("capacity", "f8"),  # J
-        ("full", "f8"),  # V
-        ("empty", "f8"),  # V
+        ("full_voltage", "f8"),  # V
+        ("empty_voltage", "f8"),  # V
         ("battery_resistance", "f8"),  # ohm
-        ("idle", "f8"),  # W
+        ("idle_power", "f8"),  # W
         ("regeneration", "f8"),
         # what is drawn anew each episode, uniform from, to; errors from minus to plus
-        ("masses", "f8", (2,)),  # kg
-        ("frictions", "f8", (2,)),
-        ("gains", "f8", (2,)),
+        ("mass_range", "f8", (2,)),  # kg
+        ("friction_range", "f8", (2,)),
+        ("gain_range", "f8", (2,)),
         ("diameter_error", "f8"),
         ("track_error", "f8"),
         # outline, and how it is hurt
         ("outline", "f8", (3,)),  # front, rear, half width [m]
         # sensing
-        ("charge", "f8"),  # share at reset
+        ("initial_charge", "f8"),  # share at reset
         ("wheel_variance", "f8"),  # m2/m
         ("pose_source", "i8"),  # index into POSE_SOURCES
         ("pose_sigma", "f8", (3,)),  # m, m, rad
-        ("pose_most", "f8", (3,)),  # m, m, rad
+        ("pose_max", "f8", (3,)),  # m, m, rad
         ("pose_time", "f8"),  # s
         # faults
         ("fault_share", "f8"),
-        ("fault_since", "f8", (2,)),  # s: from, to
+        ("fault_onset", "f8", (2,)),  # s: from, to
         # time
         ("dt", "f8"),  # s, physics step
         ("substeps", "i8"),  # in a control period
         ("speed_every", "i8"),  # physics steps between two runs of the speed control
         ("fire_every", "i8"),  # physics steps between two ultrasonic firings
         # people
-        ("choose_every", "i8"),  # physics steps between two choices of a velocity
-        ("relax", "f8"),  # s
-        ("legs", "f8"),  # N
+        ("decide_every", "i8"),  # physics steps between two choices of a velocity
+        ("relaxation_time", "f8"),  # s
+        ("max_force", "f8"),  # N
         ("horizon", "f8"),  # s
         ("wall_horizon", "f8"),  # s
-        ("sight", "f8"),  # m
-        ("notice", "f8"),  # m
+        ("neighbour_distance", "f8"),  # m
+        ("inattentive_distance", "f8"),  # m
     ],
     align=True,
 )
@@ -98,14 +98,14 @@ STATE = np.dtype(
         ("w", "f8"),
         ("w_rate", "f8"),
         # what its own driving explains, m/s and rad/s: least and greatest speed, and turn
-        ("driven", "f8", (4,)),
+        ("explained", "f8", (4,)),
         # wheels: left, right
         ("spin", "f8", (2,)),  # rad/s
         ("turned", "f8", (2,)),  # rad since reset
         ("counts", "i8", (2,)),  # encoder at the last run of the speed control
         ("speed", "f8", (2,)),  # m/s, smoothed measurement
-        ("aim", "f8", (2,)),  # m/s, smoothed target
-        ("sum", "f8", (2,)),  # V, integral part
+        ("target", "f8", (2,)),  # m/s, smoothed target
+        ("integral", "f8", (2,)),  # V, integral part
         ("error", "f8", (2,)),  # m/s, of the last run
         ("duty", "f8", (2,)),
         # battery
@@ -115,20 +115,20 @@ STATE = np.dtype(
         # truth
         ("pose", "f8", (3,)),  # m, m, rad: drive axle's centre
         ("twist", "f8", (2,)),  # m/s, rad/s
-        ("way", "f8"),  # m driven since reset, forward or backward
+        ("distance", "f8"),  # m driven since reset, forward or backward
         ("contact", "b1"),  # touched anything in this period
         ("touched", "b1"),  # and since reset
         ("bumped", "b1"),  # a bumper strip was pressed in this period
-        ("noted", "b1"),  # a contact of this period is told of by the next three
-        ("caused", "b1"),  # the chair caused a contact in this period
-        ("met", "i8"),  # the mover touched in this period; -1: none
-        ("closing", "f8", (2,)),  # m/s: chair and other, at that contact
+        ("contact_recorded", "b1"),  # a contact of this period is told of by the next three
+        ("at_fault", "b1"),  # the chair caused a contact in this period
+        ("contact_with", "i8"),  # the actor touched in this period; -1: none
+        ("approach_speed", "f8", (2,)),  # m/s: chair and other, at that contact
         # what the chair knows
-        ("seen_counts", "i8", (2,)),  # encoder at the last reading
-        ("seen_twist", "f8", (2,)),  # m/s, rad/s
+        ("measured_counts", "i8", (2,)),  # encoder at the last reading
+        ("measured_twist", "f8", (2,)),  # m/s, rad/s
         ("odometry", "f8", (3,)),  # m, m, rad
         ("pose_error", "f8", (3,)),  # m, m, rad, of the modelled pose source
-        ("seen_pose", "f8", (3,)),  # m, m, rad: the chosen pose source
+        ("estimated_pose", "f8", (3,)),  # m, m, rad: the chosen pose source
         ("ranges", "f8", (RANGERS,)),  # m
         ("fired", "i8", (RANGERS,)),  # tick of each ranger's last firing
         ("firings", "i8"),  # since reset
@@ -136,10 +136,10 @@ STATE = np.dtype(
         # what fails
         ("fault", "i8"),  # index into FAULTS
         ("fault_step", "i8"),  # the first reading that is wrong
-        ("kept_twist", "f8", (2,)),  # as it was said before
-        ("kept_pose", "f8", (3,)),
-        ("kept_ranges", "f4", (RANGERS,)),
-        ("kept_age", "f4", (RANGERS,)),
+        ("frozen_twist", "f8", (2,)),  # as it was said before
+        ("frozen_pose", "f8", (3,)),
+        ("frozen_ranges", "f4", (RANGERS,)),
+        ("frozen_age", "f4", (RANGERS,)),
     ],
     align=True,
 )
@@ -170,12 +170,12 @@ SENSED = np.dtype(
         ("clearance", "f8"),
         ("contact", "b1"),
         ("touched", "b1"),
-        ("way", "f8"),
+        ("distance", "f8"),
         ("energy", "f8"),
-        ("caused", "b1"),
-        ("met", "i8"),
-        ("closing", "f8"),  # a field with an axis costs half a microsecond to tell
-        ("closed_on", "f8"),
+        ("at_fault", "b1"),
+        ("contact_with", "i8"),
+        ("approach_speed", "f8"),  # a field with an axis costs half a microsecond to tell
+        ("other_approach_speed", "f8"),
     ],
     align=True,
 )
@@ -194,61 +194,87 @@ def parameters(
     body, motor, battery = chair.body, chair.motor, chair.battery
     drive, odometry = chair.drive, sensors.odometry
     random, errors = chair.random, 1.0 if sensors.noise else 0.0
-    names = "centre", "rolling", "casters", "caster_track", "caster_drag", "bumper", "gyration"
+    names = (
+        "centre_of_mass",
+        "rolling_resistance",
+        "wheelbase",
+        "caster_track",
+        "caster_drag",
+        "bumper_force",
+        "radius_of_gyration",
+    )
     for name in names:
         p[name] = getattr(body, name)
-    p["masses"] = random.mass if chair.randomise else (body.mass, body.mass)
-    p["frictions"] = random.friction if chair.randomise else (body.friction, body.friction)
-    p["gains"] = random.gain if chair.randomise else (1.0, 1.0)
+    p["mass_range"] = random.mass if chair.randomize else (body.mass, body.mass)
+    p["friction_range"] = random.friction if chair.randomize else (body.friction, body.friction)
+    p["gain_range"] = random.gain if chair.randomize else (1.0, 1.0)
     p["diameter_error"] = errors * odometry.diameter_error
     p["track_error"] = errors * odometry.track_error
     p["outline"] = chair.footprint.array
     p["wheel_inertia"] = motor.inertia
-    for name in ("constant", "resistance", "current", "kp", "ki", "kd", "ka", "smoothing"):
+    for name in (
+        "torque_constant",
+        "resistance",
+        "current_limit",
+        "kp",
+        "ki",
+        "kd",
+        "ka",
+        "filter_time",
+    ):
         p[name] = getattr(motor, name)
     p["nominal_track"], p["nominal_radius"] = drive.track, drive.wheel_radius
     p["counts_per_metre"] = drive.counts_per_metre
     p["limits"] = chair.limits.array
     p["capacity"] = battery.capacity * 3600.0
-    p["full"], p["empty"] = battery.full, battery.empty
-    p["battery_resistance"], p["idle"] = battery.resistance, battery.idle
-    p["regeneration"], p["charge"] = battery.regeneration, battery.charge
+    p["full_voltage"], p["empty_voltage"] = battery.full_voltage, battery.empty_voltage
+    p["battery_resistance"], p["idle_power"] = battery.resistance, battery.idle_power
+    p["regeneration"], p["initial_charge"] = battery.regeneration, battery.initial_charge
     p["wheel_variance"] = errors * odometry.variance
     # What finds a chair by what it sees is told of its dead reckoning.
     own = "odometry" if sensors.localizes else sensors.pose_source
     p["pose_source"] = POSE_SOURCES.index(own)
     modelled = sensors.modelled
     p["pose_sigma"] = modelled.position, modelled.position, modelled.heading
-    p["pose_most"] = modelled.position_most, modelled.position_most, modelled.heading_most
+    p["pose_max"] = modelled.position_max, modelled.position_max, modelled.heading_max
     p["pose_time"] = modelled.time
-    p["fault_share"], p["fault_since"] = sensors.faults.share, sensors.faults.since
+    p["fault_share"], p["fault_onset"] = sensors.faults.share, sensors.faults.onset
     p["dt"] = physics.step
-    p["substeps"] = whole_ratio(period, physics.step, "control period and physics.step")
-    p["speed_every"] = whole_ratio(1.0 / motor.rate, physics.step, "1/motor.rate and physics.step")
+    p["substeps"] = integer_ratio(period, physics.step, "control period and physics.step")
+    p["speed_every"] = integer_ratio(
+        1.0 / motor.control_rate, physics.step, "1/motor.control_rate and physics.step"
+    )
     interval = sensors.ultrasonic.interval
-    p["fire_every"] = whole_ratio(interval, physics.step, "ultrasonic.interval and physics.step")
+    p["fire_every"] = integer_ratio(interval, physics.step, "ultrasonic.interval and physics.step")
     people = physics.people
-    p["choose_every"] = max(1, round(people.choose / physics.step))
-    for name in ("relax", "legs", "horizon", "wall_horizon", "sight", "notice"):
+    p["decide_every"] = max(1, round(people.decision_period / physics.step))
+    for name in (
+        "relaxation_time",
+        "max_force",
+        "horizon",
+        "wall_horizon",
+        "neighbour_distance",
+        "inattentive_distance",
+    ):
         p[name] = getattr(people, name)
     return rows
 
 
 @borrowing_kernel
-def between(low: float, high: float, key: np.uint64, index: int) -> float:
+def _uniform_between(low: float, high: float, key: np.uint64, index: int) -> float:
     """A number between two bounds, drawn from an episode's key."""
     return low + (high - low) * uniform(key, 0, PARAMETERS, index)
 
 
 @borrowing_kernel
-def vary(p: Any, key: np.uint64) -> None:
+def randomize_parameters(p: Any, key: np.uint64) -> None:
     """Draw what is random about the chair of one episode."""
-    p.mass = between(p.masses[0], p.masses[1], key, 0)
-    p.friction = between(p.frictions[0], p.frictions[1], key, 1)
-    p.gain = between(p.gains[0], p.gains[1], key, 2)
-    p.moment = p.mass * p.gyration**2
-    e_d = p.diameter_error * between(-1.0, 1.0, key, 3)
-    e_b = p.track_error * between(-1.0, 1.0, key, 4)
+    p.mass = _uniform_between(p.mass_range[0], p.mass_range[1], key, 0)
+    p.friction = _uniform_between(p.friction_range[0], p.friction_range[1], key, 1)
+    p.gain = _uniform_between(p.gain_range[0], p.gain_range[1], key, 2)
+    p.moment = p.mass * p.radius_of_gyration**2
+    e_d = p.diameter_error * _uniform_between(-1.0, 1.0, key, 3)
+    e_b = p.track_error * _uniform_between(-1.0, 1.0, key, 4)
     p.track = p.nominal_track * (1.0 + e_b)
     p.radius_left = p.nominal_radius * (1.0 - 0.5 * e_d)
     p.radius_right = p.nominal_radius * (1.0 + 0.5 * e_d)

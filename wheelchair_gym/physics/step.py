@@ -11,48 +11,59 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.address import doubles_at, field_at, integers_at, rows_of, table_at
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.address import (
+    Target,
+    doubles_at,
+    field_at,
+    integers_at,
+    rows_of,
+    table_at,
+)
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import footprint_clearance, wrap
-from wheelchair_gym.physics.actors.bodies import carry, follow, push
-from wheelchair_gym.physics.actors.doors import keep_times, turn_leaves
-from wheelchair_gym.physics.actors.people import walk
-from wheelchair_gym.physics.actors.shapes import show, show_shot, take_shot
-from wheelchair_gym.physics.contact import Motion, forget_contacts, note_contacts, stop_people
+from wheelchair_gym.physics.actors.bodies import apply_forces, read_actor_poses, relocate_obstacles
+from wheelchair_gym.physics.actors.doors import move_leaves, schedule_actors
+from wheelchair_gym.physics.actors.people import choose_velocities
+from wheelchair_gym.physics.actors.shapes import (
+    restore_actor_shapes,
+    save_actor_shapes,
+    write_actor_shapes,
+)
+from wheelchair_gym.physics.contact import Motion, end_contacts, record_contacts, stop_people
 from wheelchair_gym.physics.drive_train import (
     control_speed,
-    explain,
-    step_once,
-    track_set_point,
-    work_out,
+    drive_constants,
+    physics_step,
+    ramp_set_point,
+    update_explained_motion,
 )
 from wheelchair_gym.physics.engine import ANGLE, BODY_DOUBLES, VX, VY, W, X, Y, body_view
-from wheelchair_gym.physics.fault_injection import draw_fault, fail
-from wheelchair_gym.physics.rig import RIG, laser_of, rangers_of
-from wheelchair_gym.physics.state import PARAMETER, STATE, vary
-from wheelchair_gym.physics.world import WORLD, enter
-from wheelchair_gym.sensors.laser import SCRATCH, scan
-from wheelchair_gym.sensors.odometry import locate_self, reckon
-from wheelchair_gym.sensors.ultrasonic import UltrasonicArrays, fire
+from wheelchair_gym.physics.fault_injection import apply_fault, draw_fault
+from wheelchair_gym.physics.sensor_suite import SUITE, laser_of, rangers_of
+from wheelchair_gym.physics.state import PARAMETER, STATE, randomize_parameters
+from wheelchair_gym.physics.world import WORLD, enter_world
+from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, sense_laser
+from wheelchair_gym.sensors.odometry import update_odometry, update_pose_estimate
+from wheelchair_gym.sensors.ultrasonic import UltrasonicArrays, sense_ultrasonic
 
 _TOUCH = 1e-6  # N s: smaller impulses are rounding
 
 
 @borrowing_kernel
-def locate(state: Any, p: Any, fields: Any) -> None:
+def read_true_state(state: Any, p: Any, fields: Any) -> None:
     """Read the true pose and twist of the axle's centre from the body."""
     angle = fields[ANGLE]
     c, s = math.cos(angle), math.sin(angle)
-    state.pose[0] = fields[X] - c * p.centre
-    state.pose[1] = fields[Y] - s * p.centre
+    state.pose[0] = fields[X] - c * p.centre_of_mass
+    state.pose[1] = fields[Y] - s * p.centre_of_mass
     state.pose[2] = angle
     state.twist[0] = c * fields[VX] + s * fields[VY]
     state.twist[1] = fields[W]
 
 
 @borrowing_kernel
-def move_on(state: Any, p: Any, world: Any, chair: Motion) -> float:
-    """What movers decide before a physics step, and what then pushes them.
+def decide_actors(state: Any, p: Any, world: Any, chair: Motion) -> float:
+    """What actors decide before a physics step, and what then pushes them.
 
     Args:
         state: of the chair.
@@ -63,19 +74,19 @@ def move_on(state: Any, p: Any, world: Any, chair: Motion) -> float:
     Returns:
         The impulse [N s] of the hardest who walks into the chair.
     """
-    locate(state, p, body_view(world.body))
-    if state.tick % p.choose_every == 0:
-        show(world)
-        forget_contacts(world, state, p)
-        keep_times(world, p, state.pose, state.tick * p.dt)
-        walk(world, p, state.key, state.tick, state.pose, state.twist)
-    turn_leaves(world, p, state.pose)
-    push(world, p)
+    read_true_state(state, p, body_view(world.body))
+    if state.tick % p.decide_every == 0:
+        write_actor_shapes(world)
+        end_contacts(world, state, p)
+        schedule_actors(world, p, state.pose, state.tick * p.dt)
+        choose_velocities(world, p, state.key, state.tick, state.pose, state.twist)
+    move_leaves(world, p, state.pose)
+    apply_forces(world, p)
     return stop_people(world, state, p, chair)
 
 
 @borrowing_kernel
-def drive(
+def drive_period(
     state: Any,
     p: Any,
     world: Any,
@@ -90,55 +101,55 @@ def drive(
     Args:
         state: of the chair; its truth, set point, wheels and battery move on.
         p: its parameters.
-        world: record of WORLD; its movers move on.
+        world: record of WORLD; its actors move on.
         engine: record with the fields of ENGINE.
         v: target speed [m/s].
         w: target turn [rad/s].
         protective: come to rest as in an emergency, whatever the target.
         order: (n,) which ranger fires k-th.
     """
-    k = work_out(p)
+    k = drive_constants(p)
     state.contact, state.bumped = False, False
-    state.noted, state.caused, state.met = False, False, -1
-    state.closing[0], state.closing[1] = 0.0, 0.0
+    state.contact_recorded, state.at_fault, state.contact_with = False, False, -1
+    state.approach_speed[0], state.approach_speed[1] = 0.0, 0.0
     fields = body_view(world.body)
     for _ in range(p.substeps):
         if state.tick % p.speed_every == 0:
             hard = protective or state.bumped
-            track_set_point(state, p, v, w, hard, k.run)
+            ramp_set_point(state, p, v, w, hard, k.run)
             control_speed(state, p, k)
-            explain(state, p, k)
+            update_explained_motion(state, p, k)
             if hard:  # what follows begins without a slope
                 state.v_rate, state.w_rate = 0.0, 0.0
         before = (fields[X], fields[Y], fields[VX], fields[VY], fields[W])
         bump = 0.0
-        if world.n_movers > 0:
-            bump = move_on(state, p, world, before)
-            carry(engine, world)
-        hit = step_once(state, p, k, world.space, world.body, engine.step)
+        if world.n_actors > 0:
+            bump = decide_actors(state, p, world, before)
+            relocate_obstacles(engine, world)
+        hit = physics_step(state, p, k, world.space, world.body, engine.step)
         state.tick += 1
-        if world.n_movers > 0:
-            follow(world)
+        if world.n_actors > 0:
+            read_actor_poses(world)
         if bump > _TOUCH:
             state.contact = True
-            state.bumped |= bump > p.bumper * p.dt
+            state.bumped |= bump > p.bumper_force * p.dt
         if hit > _TOUCH:
             state.contact = True
-            state.bumped |= hit > p.bumper * p.dt
-            locate(state, p, fields)
-            show(world)
+            state.bumped |= hit > p.bumper_force * p.dt
+            read_true_state(state, p, fields)
+            write_actor_shapes(world)
             now = (fields[X], fields[Y], before[2], before[3], before[4])
-            note_contacts(world, state, p, now)
+            record_contacts(world, state, p, now)
         if state.tick % p.fire_every == 0:
-            locate(state, p, fields)
+            read_true_state(state, p, fields)
             which = order[state.firings % order.shape[0]]
             state.fired[which] = state.tick
             for i in range(3):
                 state.fire_pose[which, i] = state.pose[i]
             state.firings += 1
-            if world.n_movers > 0:
-                take_shot(world, which)
-    locate(state, p, fields)
+            if world.n_actors > 0:
+                save_actor_shapes(world, which)
+    read_true_state(state, p, fields)
     state.step += 1
 
 
@@ -148,27 +159,57 @@ Floats = NDArray[np.float32]
 CLEARANCE_REACH = 2.0  # m: clearances beyond this are reported as this
 JOULES_PER_WH = 3600.0
 
-# Where the only row of each argument of `advance` lies: a call takes a microsecond per array.
-ALONE = np.dtype(
+# Rows of chairs by address: a call takes a microsecond for each array, and for this record once.
+CHAIRS = np.dtype(
     [
-        ("rig", "u8"),
-        ("chair", "u8"),
-        ("state", "u8"),
-        ("world", "u8"),
-        ("scratch", "u8"),
-        ("walls", "i8"),  # columns of scratch
+        ("n", "i8"),  # rows
+        ("suite", "u8"),  # addresses of a SUITE, of the parameters that the settings give,
+        ("base", "u8"),
+        ("blank", "u8"),  # of a STATE of zeros,
+        ("parameters", "u8"),  # and of the rows (n,) of PARAMETER, STATE and WORLD
+        ("states", "u8"),
+        ("worlds", "u8"),
+        ("workspace", "u8"),  # (WORKSPACE_ROWS, segments), overwritten by each scan
+        ("segments", "i8"),
     ]
 )
-_rigs_at, _chairs_at, _states_at, _worlds_at = map(rows_of, (RIG, PARAMETER, STATE, WORLD))
+CHAIRS_TARGETS = {
+    "suite": Target(SUITE, 1),
+    "base": Target(PARAMETER, 1),
+    "blank": Target(STATE, 1),
+    "parameters": Target(PARAMETER, None),
+    "states": Target(STATE, None),
+    "worlds": Target(WORLD, None),
+    "workspace": Target("f4", WORKSPACE_ROWS, None),
+}
+_suites_at, _parameters_at, _states_at, _worlds_at = map(rows_of, (SUITE, PARAMETER, STATE, WORLD))
+
+
+@inlined
+def chair_row(chairs: Any, i: int) -> Any:
+    """The records of row i: sensor suite, parameters, state and world."""
+    rows = chairs[0]
+    return (
+        _suites_at(rows.suite, 1)[0],
+        _parameters_at(rows.parameters, rows.n)[i],
+        _states_at(rows.states, rows.n)[i],
+        _worlds_at(rows.worlds, rows.n)[i],
+    )
+
+
+@inlined
+def workspace_of(chairs: Any) -> Floats:
+    """What scans are computed in (WORKSPACE_ROWS, segments)."""
+    return field_at(chairs[0].workspace, WORKSPACE_ROWS, chairs[0].segments)
 
 
 @borrowing_kernel
-def hear(
+def sense_ultrasonics(
     state: Any,
     fired_after: int,
     rangers: UltrasonicArrays,
     world: Any,
-    scratch: Floats,
+    workspace: Floats,
 ) -> None:
     """Range the ultrasonics that fired after a tick, each in the world as it stood then."""
     walls = table_at(world.walls, world.n_walls, 4)
@@ -176,9 +217,9 @@ def hear(
     n = rangers.order.shape[0]
     for which in range(n):
         if state.fired[which] > fired_after:
-            if state.fired[which] > 0 and world.n_movers > 0:
-                show_shot(world, which)
-            state.ranges[which] = fire(
+            if state.fired[which] > 0 and world.n_actors > 0:
+                restore_actor_shapes(world, which)
+            state.ranges[which] = sense_ultrasonic(
                 rangers,
                 which,
                 state.fire_pose[which],
@@ -186,19 +227,19 @@ def hear(
                 discs,
                 state.key,
                 state.fired[which],
-                scratch,
+                workspace,
             )
 
 
 @borrowing_kernel
-def tell(state: Any, p: Any, walls: Array, discs: Array, sensed: Any) -> None:
+def write_sensed(state: Any, p: Any, walls: Array, discs: Array, sensed: Any) -> None:
     """Write what was sensed, but for the scan, and how things really are."""
     for i in range(3):
-        sensed.pose[i] = state.seen_pose[i]
+        sensed.pose[i] = state.estimated_pose[i]
         sensed.true_pose[i] = state.pose[i]
     sensed.true_pose[2] = wrap(state.pose[2])
     for i in range(2):
-        sensed.twist[i] = state.seen_twist[i]
+        sensed.twist[i] = state.measured_twist[i]
         sensed.true_twist[i] = state.twist[i]
     for i in range(state.ranges.shape[0]):
         sensed.ultrasonic[i] = state.ranges[i]
@@ -207,9 +248,12 @@ def tell(state: Any, p: Any, walls: Array, discs: Array, sensed: Any) -> None:
     state.touched |= state.contact
     sensed.touched = state.touched
     sensed.battery, sensed.stamp = state.voltage, state.tick * p.dt
-    sensed.caused, sensed.met = state.caused, state.met
-    sensed.closing, sensed.closed_on = state.closing[0], state.closing[1]
-    sensed.way, sensed.energy = state.way, state.energy / JOULES_PER_WH
+    sensed.at_fault, sensed.contact_with = state.at_fault, state.contact_with
+    sensed.approach_speed, sensed.other_approach_speed = (
+        state.approach_speed[0],
+        state.approach_speed[1],
+    )
+    sensed.distance, sensed.energy = state.distance, state.energy / JOULES_PER_WH
     sensed.clearance = footprint_clearance(
         state.pose[0], state.pose[1], state.pose[2], p.outline[:], walls, discs, CLEARANCE_REACH
     )
@@ -217,52 +261,44 @@ def tell(state: Any, p: Any, walls: Array, discs: Array, sensed: Any) -> None:
 
 @borrowing_kernel
 def sense(
-    rig: Any,
+    suite: Any,
     p: Any,
     state: Any,
     world: Any,
     fired_after: int,
-    scratch: Floats,
+    workspace: Floats,
     ranges: Floats,
     sensed: Any,
 ) -> None:
     """Scan, range the ultrasonics that fired after a tick, and tell."""
     walls = table_at(world.walls, world.n_walls, 4)
     discs = table_at(world.discs, world.n_discs, 3)
-    hear(state, fired_after, rangers_of(rig), world, scratch)
-    if world.n_movers > 0:
-        show(world)
-    scan(laser_of(rig), state.pose, walls, discs, state.key, state.step, scratch, ranges)
-    tell(state, p, walls, discs, sensed)
-    fail(state, p, world.kept, ranges, sensed)
+    sense_ultrasonics(state, fired_after, rangers_of(suite), world, workspace)
+    if world.n_actors > 0:
+        write_actor_shapes(world)
+    sense_laser(laser_of(suite), state.pose, walls, discs, state.key, state.step, workspace, ranges)
+    write_sensed(state, p, walls, discs, sensed)
+    apply_fault(state, p, world.frozen_scan, ranges, sensed)
 
 
 @borrowing_kernel
-def stand(
-    i: int,
-    rigs: Any,
-    base: Any,
-    blank: Any,
-    chairs: Any,
-    states: Any,
-    worlds: Any,
-    start: Array,
-    key: np.uint64,
-) -> None:
-    """Row i stands at a start in its world, and has sensed nothing yet; see `begin`."""
-    chairs[i], states[i] = base[0], blank[0]
-    rig, p, state, world = rigs[0], chairs[i], states[i], worlds[i]
-    vary(p, key)
-    enter(rig, world, p, start[0], start[1], start[2])
-    state.key, state.met = key, -1
+def place_chair(i: int, chairs: Any, start: Array, key: np.uint64) -> None:
+    """Put row i at a start in its world; it has sensed nothing yet."""
+    rows = chairs[0]
+    _parameters_at(rows.parameters, rows.n)[i] = _parameters_at(rows.base, 1)[0]
+    _states_at(rows.states, rows.n)[i] = _states_at(rows.blank, 1)[0]
+    suite, p, state, world = chair_row(chairs, i)
+    randomize_parameters(p, key)
+    enter_world(suite, world, p, start[0], start[1], start[2])
+    state.key, state.contact_with = key, -1
     draw_fault(state, p)
-    state.charge = p.charge * p.capacity
-    state.voltage = p.empty + (p.full - p.empty) * p.charge
-    locate(state, p, doubles_at(world.body, BODY_DOUBLES))
+    state.charge = p.initial_charge * p.capacity
+    state.voltage = p.empty_voltage + (p.full_voltage - p.empty_voltage) * p.initial_charge
+    read_true_state(state, p, doubles_at(world.body, BODY_DOUBLES))
     for k in range(3):
         state.odometry[k] = state.pose[k]
-    locate_self(state, p, 0.0)
-    order = integers_at(rig.order, rig.rangers)
+    update_pose_estimate(state, p, 0.0)
+    order = integers_at(suite.order, suite.rangers)
     # The rangers have been firing in turn all along, from this very place.
     n = order.shape[0]
     for turn in range(n):
@@ -273,114 +309,56 @@ def stand(
 
 
 @borrowing_kernel
-def begin(
-    i: int,
-    rigs: Any,
-    base: Any,
-    blank: Any,
-    chairs: Any,
-    states: Any,
-    worlds: Any,
-    start: Array,
-    key: np.uint64,
-    scratch: Floats,
-    ranges: Floats,
-    sensed: Any,
+def reset_chair(
+    i: int, chairs: Any, start: Array, key: np.uint64, ranges: Floats, sensed: Any
 ) -> None:
-    """Row i stands at a start in its world, and takes the first reading.
+    """Put row i at a start in its world and take the first reading.
 
     Args:
         i: row.
-        rigs: (1,) of RIG.
-        base: (1,) of PARAMETER, as the settings give it; what is random is drawn here.
-        blank: (1,) of STATE, zero.
-        chairs: (n,) of PARAMETER.
-        states: (n,) of STATE.
-        worlds: (n,) of WORLD; walls, discs and movers are this episode's.
+        chairs: (1,) of CHAIRS; walls, discs and actors of the row's world are this episode's.
         start: (3,) [m, m, rad].
         key: of the episode's randomness.
-        scratch: (SCRATCH, walls or more), overwritten.
         ranges: (beams,) the scan [m].
         sensed: (n,) of SENSED.
     """
-    stand(i, rigs, base, blank, chairs, states, worlds, start, key)
-    rig, p, state, world = rigs[0], chairs[i], states[i], worlds[i]
-    sense(rig, p, state, world, -rig.rangers * p.fire_every, scratch, ranges, sensed[i])
+    place_chair(i, chairs, start, key)
+    suite, p, state, world = chair_row(chairs, i)
+    fired_after = -suite.rangers * p.fire_every
+    sense(suite, p, state, world, fired_after, workspace_of(chairs), ranges, sensed[i])
 
 
 @borrowing_kernel
-def drive_again(
-    i: int,
-    rigs: Any,
-    base: Any,
-    blank: Any,
-    chairs: Any,
-    states: Any,
-    worlds: Any,
-    start: Array,
-    key: np.uint64,
-    periods: int,
-) -> None:
+def replay_drives(i: int, chairs: Any, start: Array, key: np.uint64, periods: int) -> None:
     """Bring row i where the drives that its world has recorded lead, from the start on.
 
     Physics alone: what a chair senses has no effect on what is driven.
     """
-    stand(i, rigs, base, blank, chairs, states, worlds, start, key)
-    rig, p, state, world = rigs[0], chairs[i], states[i], worlds[i]
-    order = integers_at(rig.order, rig.rangers)
+    place_chair(i, chairs, start, key)
+    suite, p, state, world = chair_row(chairs, i)
+    order = integers_at(suite.order, suite.rangers)
     drives = table_at(world.drives, periods, 3)
     for k in range(periods):
         stop = drives[k, 2] != 0.0
-        drive(state, p, world, rig, drives[k, 0], drives[k, 1], stop, order)
-        if world.n_movers > 0:  # as `sense` leaves the world
-            show(world)
+        drive_period(state, p, world, suite, drives[k, 0], drives[k, 1], stop, order)
+        if world.n_actors > 0:  # as `sense` leaves the world
+            write_actor_shapes(world)
 
 
 @borrowing_kernel
-def advance(
-    i: int,
-    rigs: Any,
-    chairs: Any,
-    states: Any,
-    worlds: Any,
-    v: float,
-    w: float,
-    protective: bool,
-    scratch: Floats,
-    ranges: Floats,
-    sensed: Any,
+def step_chair(
+    i: int, chairs: Any, v: float, w: float, protective: bool, ranges: Floats, sensed: Any
 ) -> None:
-    """One control period of row i towards a target twist (v, w) [m/s, rad/s], then one reading.
+    """Drive row i towards a twist (v, w) [m/s, rad/s] for one control period, then sense.
 
-    The other arguments are those of `drive` and `begin`.
+    The other arguments are those of `drive_period` and `reset_chair`.
     """
-    rig, p, state, world = rigs[0], chairs[i], states[i], worlds[i]
+    suite, p, state, world = chair_row(chairs, i)
     before = state.tick
-    order = integers_at(rig.order, rig.rangers)
-    if state.step < world.drives_room:
-        record = table_at(world.drives, world.drives_room, 3)[state.step]
+    order = integers_at(suite.order, suite.rangers)
+    if state.step < world.drives_capacity:
+        record = table_at(world.drives, world.drives_capacity, 3)[state.step]
         record[0], record[1], record[2] = v, w, 1.0 if protective else 0.0
-    drive(state, p, world, rig, v, w, protective, order)
-    reckon(state, p)
-    sense(rig, p, state, world, before, scratch, ranges, sensed[i])
-
-
-@borrowing_kernel
-def advance_alone(
-    alone: Any, v: float, w: float, protective: bool, ranges: Floats, sensed: Any
-) -> None:
-    """`advance` of a chair that is alone; its rows are found by address: alone (1,) of ALONE."""
-    own = alone[0]
-    advance(
-        0,
-        _rigs_at(own.rig, 1),
-        _chairs_at(own.chair, 1),
-        _states_at(own.state, 1),
-        _worlds_at(own.world, 1),
-        v,
-        w,
-        protective,
-        field_at(own.scratch, SCRATCH, own.walls),
-        ranges,
-        sensed,
-    )
+    drive_period(state, p, world, suite, v, w, protective, order)
+    update_odometry(state, p)
+    sense(suite, p, state, world, before, workspace_of(chairs), ranges, sensed[i])

@@ -20,26 +20,26 @@ from wheelchair_gym.compiled.address import Pointers, Target, integers_at, table
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.physics.actors.bodies import (
-    FAR,
-    MOVING,
-    begin_movers,
-    bring_movers,
-    clear_movers,
+    ACTOR_STATE,
+    PARKING,
+    add_actors,
+    remove_actors,
+    reset_actors,
 )
-from wheelchair_gym.physics.actors.orca import LINES
-from wheelchair_gym.physics.actors.records import MOVER, Movers
-from wheelchair_gym.physics.actors.shapes import show
+from wheelchair_gym.physics.actors.orca import HALF_PLANES
+from wheelchair_gym.physics.actors.records import ACTOR, Actors
+from wheelchair_gym.physics.actors.shapes import write_actor_shapes
 from wheelchair_gym.physics.engine import (
     UNIT_BOX,
     add_shape,
-    number_from,
-    place,
-    pointer,
+    address_of_struct,
+    place_body,
     remove_shape,
     set_circle,
+    set_mass,
     set_segment,
+    set_shape_counter,
     step_space,
-    weigh,
 )
 from wheelchair_gym.sensors.settings import RANGERS
 from wheelchair_gym.types import Episode
@@ -52,31 +52,34 @@ WORLD = np.dtype(
         ("body", "u8"),
         ("segments", "u8"),  # and of the addresses of spare cpSegmentShapes and cpCircleShapes
         ("circles", "u8"),
-        ("walls_in", "i8"),  # how many of these are in the Space
-        ("discs_in", "i8"),
+        ("walls_in_space", "i8"),  # how many of these are in the Space
+        ("discs_in_space", "i8"),
         ("walls", "u8"),  # addresses of the walls (n, 4) and discs (m, 3) of this episode [m]
         ("discs", "u8"),
         ("n_walls", "i8"),
         ("n_discs", "i8"),
-        ("n_fixed_walls", "i8"),  # how many of them stay; the others are what movers show
+        ("n_fixed_walls", "i8"),  # how many of them stay; the others are what actors show
         ("n_fixed_discs", "i8"),
-        ("movers", "u8"),  # address of the movers (k,) of MOVER, and of their routes (r, 2) [m]
+        ("actors", "u8"),  # address of the actors (k,) of ACTOR, and of their routes (r, 2) [m]
         ("routes", "u8"),
-        ("n_movers", "i8"),
+        ("n_actors", "i8"),
         ("n_routes", "i8"),
-        ("moving", "u8"),  # where they are (k,) of MOVING
-        ("movers_in", "i8"),  # how many are in the Space
-        ("balls", "u8"),  # addresses of pairs of spare cpBody and cpShape: discs, boxes, leaves
-        ("boxes", "u8"),
-        ("leaves", "u8"),
-        ("own_walls", "u8"),  # addresses of this world's own walls and discs, movers among them
-        ("own_discs", "u8"),
-        ("shots", "u8"),  # of what each ranger saw of the movers (rangers, shot)
-        ("shot", "i8"),
-        ("lines", "u8"),  # of room for half-planes (2 LINES, 4)
+        ("actor_states", "u8"),  # where they are (k,) of ACTOR_STATE
+        ("actors_in_space", "i8"),  # how many are in the Space
+        (
+            "spare_discs",
+            "u8",
+        ),  # addresses of pairs of spare cpBody and cpShape: discs, boxes, leaves
+        ("spare_boxes", "u8"),
+        ("spare_leaves", "u8"),
+        ("world_walls", "u8"),  # addresses of this world's own walls and discs, actors among them
+        ("world_discs", "u8"),
+        ("snapshots", "u8"),  # of what each ranger saw of the actors (rangers, shot)
+        ("snapshot_size", "i8"),
+        ("half_planes", "u8"),  # of room for half-planes (2 LINES, 4)
         ("drives", "u8"),  # of the twists driven in this episode (room, 3): v, w, protective
-        ("drives_room", "i8"),
-        ("kept", "u8"),  # of a scan (beams,) that a frozen laser says again; 0: none ever is
+        ("drives_capacity", "i8"),
+        ("frozen_scan", "u8"),  # of a scan (beams,) that a frozen laser says again; 0: none ever is
         ("friction", "f8"),  # of the outline on walls and things
     ],
     align=True,
@@ -88,50 +91,50 @@ TARGETS = {
     "circles": Target("u8", None),
     "walls": Target("f8", None, 4),
     "discs": Target("f8", None, 3),
-    "movers": Target(MOVER, None),
+    "actors": Target(ACTOR, None),
     "routes": Target("f8", None, 2),
-    "moving": Target(MOVING, None),
-    "balls": _PAIRS,
-    "boxes": _PAIRS,
-    "leaves": _PAIRS,
-    "own_walls": Target("f8", None),
-    "own_discs": Target("f8", None),
-    "shots": Target("f8", RANGERS, None),
-    "lines": Target("f8", 2 * LINES, 4),
+    "actor_states": Target(ACTOR_STATE, None),
+    "spare_discs": _PAIRS,
+    "spare_boxes": _PAIRS,
+    "spare_leaves": _PAIRS,
+    "world_walls": Target("f8", None),
+    "world_discs": Target("f8", None),
+    "snapshots": Target("f8", RANGERS, None),
+    "half_planes": Target("f8", 2 * HALF_PLANES, 4),
     "drives": Target("f8", None, 3),
-    "kept": Target("f4", None),
+    "frozen_scan": Target("f4", None),
 }
 
 # A leaf slides inside its wall, and its hinge is in one: nothing has to look for that contact.
 FIXED: Final = pymunk.ShapeFilter(categories=1)
 LEAF: Final = pymunk.ShapeFilter(mask=pymunk.ShapeFilter.ALL_MASKS() ^ 1)
-NOWHERE: Array = np.empty((0, 3))  # poses of no movers
+NO_POSES: Array = np.empty((0, 3))  # poses of no actors
 _SLOP = 1e-4  # m: overlap that contacts leave
 _BIAS = 1e-4  # share of a remaining overlap after one second: pushed out within a few steps
-_SPARE = 1.25  # of shapes made at once: the next world may be a little larger
+_GROWTH = 1.25  # of shapes made at once: the next world may be a little larger
 
 
 @inlined
-def take_ground(world: Any, ground: Any) -> None:
-    """The next episode's walls, discs and movers: those of a record that has the same fields."""
+def enter_episode(world: Any, ground: Any) -> None:
+    """The next episode's walls, discs and actors: those of a record that has the same fields."""
     world.walls, world.discs = ground.walls, ground.discs
     world.n_walls = world.n_fixed_walls = ground.n_walls
     world.n_discs = world.n_fixed_discs = ground.n_discs
-    world.movers, world.n_movers = ground.movers, ground.n_movers
+    world.actors, world.n_actors = ground.actors, ground.n_movers
     world.routes, world.n_routes = ground.routes, ground.n_routes
 
 
 @borrowing_kernel
-def furnish(engine: Any, world: Any) -> None:
+def rebuild_space(engine: Any, world: Any) -> None:
     """Take everything out of a world's Space and put this episode's in, in order."""
-    clear_movers(engine, world)
-    segments = integers_at(world.segments, max(world.walls_in, world.n_walls))
-    circles = integers_at(world.circles, max(world.discs_in, world.n_discs))
-    for k in range(world.walls_in):
+    remove_actors(engine, world)
+    segments = integers_at(world.segments, max(world.walls_in_space, world.n_walls))
+    circles = integers_at(world.circles, max(world.discs_in_space, world.n_discs))
+    for k in range(world.walls_in_space):
         remove_shape(engine.remove, world.space, np.uint64(segments[k]))
-    for k in range(world.discs_in):
+    for k in range(world.discs_in_space):
         remove_shape(engine.remove, world.space, np.uint64(circles[k]))
-    number_from(world.space, 1)  # 0 is the chair
+    set_shape_counter(world.space, 1)  # 0 is the chair
     walls = table_at(world.walls, world.n_walls, 4)
     discs = table_at(world.discs, world.n_discs, 3)
     for k in range(world.n_walls):
@@ -142,23 +145,25 @@ def furnish(engine: Any, world: Any) -> None:
         shape = np.uint64(circles[k])
         set_circle(shape, discs[k, 0], discs[k, 1], discs[k, 2])
         add_shape(engine.add, world.space, shape)
-    world.walls_in, world.discs_in = world.n_walls, world.n_discs
-    if world.n_movers > 0:
-        bring_movers(engine, world)
+    world.walls_in_space, world.discs_in_space = world.n_walls, world.n_discs
+    if world.n_actors > 0:
+        add_actors(engine, world)
 
 
 @borrowing_kernel
-def enter(engine: Any, world: Any, p: Any, x: float, y: float, yaw: float) -> None:
+def enter_world(engine: Any, world: Any, p: Any, x: float, y: float, yaw: float) -> None:
     """Canonical entry: a furnished world whose chair stands at a pose [m, m, rad], at rest."""
-    weigh(world.body, p.mass, p.moment)
-    place(engine, world.space, world.body, FAR, FAR, 0.0)
-    furnish(engine, world)
+    set_mass(world.body, p.mass, p.moment)
+    place_body(engine, world.space, world.body, PARKING, PARKING, 0.0)
+    rebuild_space(engine, world)
     step_space(engine.step, world.space, p.dt)
     c, s = math.cos(yaw), math.sin(yaw)
-    place(engine, world.space, world.body, x + p.centre * c, y + p.centre * s, yaw)
-    if world.n_movers > 0:
-        begin_movers(engine, world)
-        show(world)
+    place_body(
+        engine, world.space, world.body, x + p.centre_of_mass * c, y + p.centre_of_mass * s, yaw
+    )
+    if world.n_actors > 0:
+        reset_actors(engine, world)
+        write_actor_shapes(world)
 
 
 def _leaf(body: pymunk.Body) -> pymunk.Shape:
@@ -194,15 +199,18 @@ class World:
         self._segments: list[pymunk.Shape] = []
         self._circles: list[pymunk.Shape] = []
         self._movers: list[pymunk.Shape] = []
-        self._bodies: list[pymunk.Body] = []  # of movers
+        self._bodies: list[pymunk.Body] = []  # of actors
         self._pointers, self._row = pointers, row
         self._rows = rows = pointers.record[row : row + 1]
         rows["friction"] = friction
-        self._keep("lines", np.zeros((2 * LINES, 4)))
-        rows["space"], rows["body"] = pointer(self.space._space), pointer(self.body._body)
+        self._point("half_planes", np.zeros((2 * HALF_PLANES, 4)))
+        rows["space"], rows["body"] = (
+            address_of_struct(self.space._space),
+            address_of_struct(self.body._body),
+        )
 
-    def make_room(self, episode: Episode) -> None:
-        """Have shapes in store for an episode's walls, discs and movers, ahead of a `furnish`.
+    def reserve_shapes(self, episode: Episode) -> None:
+        """Have shapes in store for an episode's walls, discs and actors, ahead of a `furnish`.
 
         What the present episode uses stays as it is.
         """
@@ -210,80 +218,80 @@ class World:
         static = self.space.static_body
         short = walls - len(self._segments), discs - len(self._circles)
         if short[0] > 0:
-            count = round(_SPARE * walls) - len(self._segments)
+            count = round(_GROWTH * walls) - len(self._segments)
             self._segments += [pymunk.Segment(static, (0, 0), (1, 0), 0.0) for _ in range(count)]
-            self._store("segments", self._segments, count)
+            self._add_addresses("segments", self._segments, count)
         if short[1] > 0:
-            count = round(_SPARE * discs) - len(self._circles)
+            count = round(_GROWTH * discs) - len(self._circles)
             self._circles += [pymunk.Circle(static, 1.0) for _ in range(count)]
-            self._store("circles", self._circles, count)
+            self._add_addresses("circles", self._circles, count)
 
-        if len(episode.movers):
-            self._make_movers(walls, discs, episode.movers)
+        if len(episode.actors):
+            self._reserve_actors(walls, discs, episode.actors)
 
-    def poses(self) -> Array:
-        """Where the movers are (k, 3) [m, m, rad]; NaN: not there."""
-        count = int(self._rows["movers_in"][0])
-        moving: Any = self._held("moving", MOVING)[:count]
-        there = moving["there"][:, None]
-        return np.where(there, moving["pose"], np.nan)
+    def actor_poses(self) -> Array:
+        """Where the actors are (k, 3) [m, m, rad]; NaN: not there."""
+        count = int(self._rows["actors_in_space"][0])
+        actor_states: Any = self._array("actor_states", ACTOR_STATE)[:count]
+        there = actor_states["is_present"][:, None]
+        return np.where(there, actor_states["pose"], np.nan)
 
-    def _make_movers(self, walls: int, discs: int, movers: Movers) -> None:
-        """Have bodies in store for movers, and room for what is seen of them."""
+    def _reserve_actors(self, walls: int, discs: int, actors: Actors) -> None:
+        """Have bodies in store for actors, and room for what is seen of them."""
         makers: dict[str, tuple[int, Callable[[pymunk.Body], pymunk.Shape]]] = {
-            "balls": (movers.discs, lambda body: pymunk.Circle(body, 1.0)),
-            "boxes": (movers.boxes, lambda body: pymunk.Poly(body, UNIT_BOX)),
-            "leaves": (movers.leaves, _leaf),
+            "spare_discs": (actors.discs, lambda body: pymunk.Circle(body, 1.0)),
+            "spare_boxes": (actors.boxes, lambda body: pymunk.Poly(body, UNIT_BOX)),
+            "spare_leaves": (actors.leaves, _leaf),
         }
         for name, (wanted, make) in makers.items():
-            pairs = self._held(name, np.uint64, 2)
+            pairs = self._array(name, np.uint64, 2)
             fresh = []
-            for _ in range(round(_SPARE * wanted) - len(pairs) if wanted > len(pairs) else 0):
+            for _ in range(round(_GROWTH * wanted) - len(pairs) if wanted > len(pairs) else 0):
                 body = pymunk.Body(1.0, 1.0)
                 shape = make(body)
                 self._bodies.append(body)
                 self._movers.append(shape)
-                fresh.append((pointer(body._body), pointer(shape._shape)))
+                fresh.append((address_of_struct(body._body), address_of_struct(shape._shape)))
             if fresh:
-                self._keep(name, np.concatenate([pairs, np.array(fresh, np.uint64)]))
-        self._grow("moving", len(movers), MOVING)
-        seen = {"own_walls": walls + movers.segments, "own_discs": discs + movers.discs}
+                self._point(name, np.concatenate([pairs, np.array(fresh, np.uint64)]))
+        self._reserve("actor_states", len(actors), ACTOR_STATE)
+        seen = {"world_walls": walls + actors.segments, "world_discs": discs + actors.discs}
         for (name, count), columns in zip(seen.items(), (4, 3), strict=True):
             before = int(self._rows[name][0])
-            self._grow(name, columns * count, np.dtype(np.float64))
-            now = name.removeprefix("own_")
+            self._reserve(name, columns * count, np.dtype(np.float64))
+            now = name.removeprefix("world_")
             if before and int(self._rows[now][0]) == before:
                 self._rows[now] = self._rows[name]
-        shot = max(int(self._rows["shot"][0]), 4 * movers.segments + 3 * movers.discs)
-        if shot > self._rows["shot"][0]:
-            self._keep("shots", np.zeros((RANGERS, shot)))
-            self._rows["shot"] = shot
+        shot = max(int(self._rows["snapshot_size"][0]), 4 * actors.segments + 3 * actors.discs)
+        if shot > self._rows["snapshot_size"][0]:
+            self._point("snapshots", np.zeros((RANGERS, shot)))
+            self._rows["snapshot_size"] = shot
 
-    def record_drives(self, room: int) -> None:
+    def reserve_drives(self, room: int) -> None:
         """Have room for so many drives of an episode; what was driven stays recorded."""
-        old = self._held("drives", np.float64, 3)
+        old = self._array("drives", np.float64, 3)
         new = np.zeros((room, 3))
         new[: len(old)] = old
-        self._keep("drives", new)
-        self._rows["drives_room"] = room
+        self._point("drives", new)
+        self._rows["drives_capacity"] = room
 
-    def _grow(self, name: str, count: int, dtype: np.dtype[Any]) -> None:
+    def _reserve(self, name: str, count: int, dtype: np.dtype[Any]) -> None:
         """Make an array of the world at least so long; what it holds stays."""
-        old = self._held(name, dtype)
+        old = self._array(name, dtype)
         if count > len(old):
-            new = np.zeros(round(_SPARE * count), dtype)
+            new = np.zeros(round(_GROWTH * count), dtype)
             new[: len(old)] = old
-            self._keep(name, new)
+            self._point(name, new)
 
-    def _held(self, name: str, dtype: Any, *columns: int) -> NDArray[Any]:
+    def _array(self, name: str, dtype: Any, *columns: int) -> NDArray[Any]:
         array = self._pointers.array(name, self._row)
         return np.zeros((0, *columns), dtype) if array is None else array
 
-    def _keep(self, name: str, array: NDArray[Any]) -> None:
+    def _point(self, name: str, array: NDArray[Any]) -> None:
         self._pointers.point(name, array, self._row)
 
-    def _store(self, name: str, shapes: list[pymunk.Shape], new: int) -> None:
+    def _add_addresses(self, name: str, shapes: list[pymunk.Shape], new: int) -> None:
         for shape in shapes[-new:]:
             shape.friction, shape.filter = self._friction, FIXED
-        fresh = np.array([pointer(shape._shape) for shape in shapes[-new:]], np.uint64)
-        self._keep(name, np.concatenate([self._held(name, np.uint64), fresh]))
+        fresh = np.array([address_of_struct(shape._shape) for shape in shapes[-new:]], np.uint64)
+        self._point(name, np.concatenate([self._array(name, np.uint64), fresh]))

@@ -17,7 +17,7 @@ from foxglove import channels
 from foxglove import messages as m
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.geometry import correction
+from wheelchair_gym.geometry import map_to_odom
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.rendering.palette import CHAIR, NARROW, PERSON, TRAIL, WIDE, Colour
 from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
@@ -144,7 +144,7 @@ def _transform(now: int, parent: str, child: str, pose: Iterable[float]) -> Any:
 def frames(now: int, pose: Array, odometry: Array) -> Any:
     """The tree map -> odom -> base_link, from the believed and the dead-reckoned pose (3,)."""
     tree = [
-        _transform(now, "map", "odom", correction(pose, odometry)),
+        _transform(now, "map", "odom", map_to_odom(pose, odometry)),
         _transform(now, "odom", "base_link", odometry),
     ]
     return m.FrameTransforms(transforms=tree)
@@ -215,7 +215,7 @@ def cones(
         if value > 0.0:
             echo = value < math.inf
             far = min(value, model.reach)
-            corners = [m.Point3(x=far * x, y=far * y, z=0.0) for x, y in _fan(model.cone)]
+            corners = [m.Point3(x=far * x, y=far * y, z=0.0) for x, y in _fan(model.field_of_view)]
             alpha = max(0.1, 0.5 - 0.4 * age) if echo else 0.05
             colour = _colour(NARROW if narrow else WIDE, alpha)
             fans = [m.TriangleListPrimitive(points=corners, color=colour, indices=_FAN)]

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from wheelchair_gym.config import InputError, dump, setting, settings
 from wheelchair_gym.localization.localized_chair import unwrapped
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.physics.actors.records import MOVER, shapes
+from wheelchair_gym.physics.actors.records import ACTOR, actor_shapes
 from wheelchair_gym.recording.sink import NANO, Sink
 from wheelchair_gym.safety.stops import StopMonitor, active_stops
 from wheelchair_gym.types import Belief
@@ -182,7 +182,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         env = self._env
         episode = env.episode
         told = {name: dump(getattr(env.settings, name)) for name in SETTINGS}
-        if not env.task.guarded:  # a share of episodes may be driven without
+        if not env.task.is_shielded:  # a share of episodes may be driven without
             told["shield"] = None
         self._out.write(
             EPISODE,
@@ -191,8 +191,8 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
                 "map": packed_map(episode.map),
                 **{name: np.asarray(getattr(episode, name)).tolist() for name in _ARRAYS},
                 **{name: getattr(episode, name) for name in _VALUES},
-                "movers": packed(episode.movers.rows, MOVER),
-                "routes": episode.movers.routes.tolist(),
+                "movers": packed(episode.actors.rows, ACTOR),
+                "routes": episode.actors.routes.tolist(),
                 "path": self._guide(),
             },
         )
@@ -200,7 +200,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
     def _guide(self) -> Any:
         """The path that guides; or the guidance itself, where it guides by ways of the outline."""
         task = self._env.task
-        if task.posed:
+        if task.has_poses:
             spec = self._env.settings.guidance
             return {"call": "poses", **dump(spec)} if callable(spec) else spec
         return None if task.guidance is None else np.asarray(task.path).tolist()
@@ -233,7 +233,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
             told["map"] = packed_map(self._chart)
         real = truth._asdict()
         real |= {"pose": truth.pose.tolist(), "twist": truth.twist.tolist()}
-        real["movers"] = packed(truth.movers, "<f8")  # NaN: not there
+        real["actor_poses"] = packed(truth.actor_poses, "<f8")  # NaN: not there
         self._out.write(READING, {**told, "truth": real})
         self._out.write("/battery", {"voltage": told["battery"]})
         self._send("/scan", "scan", sensors.laser, reading.laser)
@@ -242,8 +242,8 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         self._send("/odometry", "odometry", believed.odometry, reading.twist)
         self._send("/pose", "pose_in_map", reading.pose)
         self._send("/truth", "pose_in_map", truth.pose)
-        if len(truth.movers):
-            self._send("/movers", "movers", shapes(env.episode.movers, truth.movers))
+        if len(truth.actor_poses):
+            self._send("/movers", "movers", actor_shapes(env.episode.actors, truth.actor_poses))
         ahead = env.points_ahead
         if ahead is not None:
             self._send("/lookahead", "poses_in_map", ahead)

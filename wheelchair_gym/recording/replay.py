@@ -19,13 +19,13 @@ from numpy.typing import DTypeLike, NDArray
 from wheelchair_gym.config import load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.guidance import is_built_in
-from wheelchair_gym.errors import InputError, shown
+from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import LIMITS, check_cells, is_coordinate, parse_json, read_bytes
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.localization.logs import SensorLog
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.migration import migrated
-from wheelchair_gym.physics.actors.records import MOVER, Movers
+from wheelchair_gym.physics.actors.records import ACTOR, Actors
 from wheelchair_gym.recording.record import COMMAND, EPISODE, FLOATS, READING, SETTINGS, VERDICT
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
@@ -79,7 +79,7 @@ def _decompressed(compression: str, data: bytes) -> bytes:
 
         content = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most + 1)
     else:
-        raise ValueError(f"compression {shown(compression)} is unknown")
+        raise ValueError(f"compression {shorten(compression)} is unknown")
     if len(content) > most:
         raise ValueError(f"a chunk of more than {most:,} bytes")
     return content
@@ -89,14 +89,14 @@ def value_of(content: Mapping[str, Any], name: str, kind: type) -> Any:
     """The value of a key, of this type."""
     value = content[name]
     if type(value) is not kind:
-        raise ValueError(f"{name} is {shown(value)}")
+        raise ValueError(f"{name} is {shorten(value)}")
     return value
 
 
 def number(content: Mapping[str, Any], name: str) -> float:
     """The value of a key, a number as large as a coordinate may be."""
     if not is_coordinate(content[name]):
-        raise ValueError(f"{name} is {shown(content[name])}")
+        raise ValueError(f"{name} is {shorten(content[name])}")
     return float(content[name])
 
 
@@ -109,7 +109,7 @@ def numbers(content: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Ar
         wanted in (-1, side) for side, wanted in zip(values.shape, shape, strict=True)
     )
     if not fits or not (np.abs(values) <= LIMITS["coordinate"].most).all():
-        raise ValueError(f"{name} is {shown(content[name])}")
+        raise ValueError(f"{name} is {shorten(content[name])}")
     return values
 
 
@@ -281,16 +281,16 @@ def _begun(content: Record) -> RecordedEpisode:
         value_of(content, "name", str),
     )
     if "movers" in content:  # not in recordings of the first release
-        rows, routes = packed_array(content, "movers", MOVER), numbers(content, "routes", (-1, 2))
-        episode = dataclasses.replace(episode, movers=Movers(rows, routes))
+        rows, routes = packed_array(content, "movers", ACTOR), numbers(content, "routes", (-1, 2))
+        episode = dataclasses.replace(episode, actors=Actors(rows, routes))
     path = content["path"]
     if isinstance(path, list):
         path = numbers(content, "path", (-1, 3 if path and np.size(path[0]) == 3 else 2))
     elif not is_built_in(path):
-        raise ValueError(f"path is {shown(path)}")
+        raise ValueError(f"path is {shorten(path)}")
     given = value_of(content, "settings", dict)
     if not set(given) <= set(SETTINGS):
-        raise ValueError(f"settings has {shown(sorted(given))}; expected {', '.join(SETTINGS)}")
+        raise ValueError(f"settings has {shorten(sorted(given))}; expected {', '.join(SETTINGS)}")
     settings = load(EnvSettings, migrated(given), EPISODE)
     return RecordedEpisode(settings, episode, path, [], [], [])
 
@@ -305,15 +305,15 @@ def _moment(
     sizes = {"laser": sensors.laser.beams, "ultrasonic": rangers, "age": rangers}
     told |= {name: packed_array(content, name, "<f4", sizes[name]) for name in FLOATS}
     told["battery"] = math.nan if content["battery"] is None else number(content, "battery")
-    real = dict(value_of(content, "truth", dict))
+    real = migrated(value_of(content, "truth", dict), "truth")
     for name, kind in get_type_hints(Truth).items():
         if kind is float and name in real:
             real[name] = number(real, name)
         elif kind in (bool, int) and name in real:
             value_of(real, name, kind)
     real |= {"pose": numbers(real, "pose", (3,)), "twist": numbers(real, "twist", (2,))}
-    if "movers" in real:
-        real["movers"] = packed_array(real, "movers", "<f8").reshape(-1, 3)
+    if "actor_poses" in real:
+        real["actor_poses"] = packed_array(real, "actor_poses", "<f8").reshape(-1, 3)
     particles, chart = content.get("particles"), before.belief.built_map if before else None
     if "map" in content:
         grid = _grid(value_of(content, "map", dict))

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.files import refused
+from wheelchair_gym.files import write_error
 
 _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # of a record: opcode, length
@@ -52,7 +52,7 @@ class McapFile:
                 except FileExistsError:
                     continue
         except OSError as error:
-            raise refused(first, error) from None
+            raise write_error(first, error) from None
         self._at = 0
         self._left, self._head = len(_MAGIC), b""  # bytes of the record that is written
         self._ending = False

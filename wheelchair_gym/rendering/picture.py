@@ -20,8 +20,8 @@ from wheelchair_gym.physics.actors.records import (
     NOBODY,
     OBSTACLE,
     PERSON,
-    Movers,
-    outline_of,
+    Actors,
+    actor_outline,
 )
 from wheelchair_gym.rendering import floor, palette
 from wheelchair_gym.rendering.canvas import Canvas, Image
@@ -64,25 +64,25 @@ FILLS = {
     OBSTACLE: palette.SUDDEN,
     FURNITURE: palette.LIGHT,
 }
-# Rims tell whether a person heeds the chair.
+# Rims tell whether a person avoids the chair.
 RIMS = {EVERYBODY: palette.INK, NOBODY: palette.VERMILION}
 
 
-def draw_actors(canvas: Canvas, movers: Movers, poses: Array) -> None:
-    """Draw movers at their true shapes.
+def draw_actors(canvas: Canvas, actors: Actors, poses: Array) -> None:
+    """Draw actors at their true shapes.
 
     Args:
         canvas: to draw on.
-        movers: of the episode.
+        actors: of the episode.
         poses: where they are (k, 3) [m, m, rad]; NaN: not there.
     """
-    for row, (x, y, yaw) in zip(movers.rows, poses, strict=True):
+    for row, (x, y, yaw) in zip(actors.rows, poses, strict=True):
         if not math.isfinite(x):
             continue
         kind, colour = int(row["kind"]), FILLS[int(row["kind"])]
-        outline = outline_of(row, x, y, yaw)
+        outline = actor_outline(row, x, y, yaw)
         if len(outline) == 1:
-            rim = RIMS.get(int(row["heeds"]), palette.BLIND) if kind == PERSON else palette.INK
+            rim = RIMS.get(int(row["avoids"]), palette.BLIND) if kind == PERSON else palette.INK
             canvas.disc(outline[0], float(row["size"][0]), colour)
             canvas.ring(outline[0], float(row["size"][0]), rim, 2.0)
         else:
@@ -134,7 +134,7 @@ class TopView:
             ]
             ends += [episode.walls.reshape(-1, 2), *_disc_corners(episode.discs)]
             bounds = floor.bounding_box(np.concatenate(ends), 0.1)
-        self.movers = episode.movers
+        self.actors = episode.actors
         self._cones = _cones(self.sensors.ultrasonic)
         self._wheels = _wheels(self.footprint, self.drive)
         front, half = self.footprint.front, self.footprint.half_width
@@ -157,7 +157,7 @@ class TopView:
         path: ArrayLike | None = None,
         look_ahead: ArrayLike | None = None,
         caption: str = "",
-        movers: Array | None = None,
+        actors: Array | None = None,
     ) -> Image:
         """A picture (h, w, 3) RGB of one instant.
 
@@ -168,7 +168,7 @@ class TopView:
             path: the guidance path (n, 2 or 3) [m].
             look_ahead: points (n, 2) [m] of the path that the chair steers by.
             caption: one line below the picture, ASCII.
-            movers: where the episode's movers are (k, 3) [m, m, rad]; NaN: not there.
+            actors: where the episode's actors are (k, 3) [m, m, rad]; NaN: not there.
         """
         canvas = Canvas(self.background.image.copy(), self.frame, self.background.stroke_scale)
         at = np.asarray(pose, dtype=np.float64)
@@ -182,8 +182,8 @@ class TopView:
             gap = np.asarray(reading.pose) - at
             if math.hypot(gap[0], gap[1]) > _DIFFERS[0] or abs(wrap_angle(gap[2])) > _DIFFERS[1]:
                 self._ghost(canvas, reading.pose)
-        if movers is not None:
-            draw_actors(canvas, self.movers, movers)
+        if actors is not None:
+            draw_actors(canvas, self.actors, actors)
         self._chair(canvas, at)
         for point in np.asarray(look_ahead if look_ahead is not None else [], dtype=np.float64):
             canvas.dot(point, 4.5, palette.FREE)
@@ -240,7 +240,7 @@ def _cones(settings: UltrasonicSettings) -> tuple[Array, Array, list[palette.Col
     """
     sectors = []
     for mounted in settings.mounted:
-        cone = (settings.narrow if mounted.model == "narrow" else settings.wide).cone
+        cone = (settings.narrow if mounted.model == "narrow" else settings.wide).field_of_view
         angles = mounted.yaw + np.linspace(-0.5 * cone, 0.5 * cone, 13)
         arc = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         sectors.append(np.vstack([np.zeros((1, 2)), arc]))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.files import whole
+from wheelchair_gym.files import atomic_write
 
 Image = NDArray[np.uint8]
 
@@ -36,7 +36,7 @@ def write_png(path: str | Path, image: Image) -> None:
     done, data = cv2.imencode(".png", bgr)
     if not done:
         raise ValueError(f"{path}: a picture of shape {image.shape} cannot be written as PNG")
-    with whole(path) as part:
+    with atomic_write(path) as part:
         part.write_bytes(data.tobytes())
 
 
@@ -82,7 +82,7 @@ def _write_mp4(path: Path, frames: Iterable[Image], rate: float, shape: tuple[in
     except ImportError:
         raise InputError(_MISSING) from None
     height, width = shape[0] // 2 * 2, shape[1] // 2 * 2  # 4:2:0 colour asks for even sides
-    with whole(path) as part:
+    with atomic_write(path) as part:
         writer: Any = write_frames(
             str(part), (width, height), fps=rate, codec="libx264", quality=None,
             pix_fmt_out="yuv420p", macro_block_size=1,
@@ -99,7 +99,7 @@ def _write_mp4(path: Path, frames: Iterable[Image], rate: float, shape: tuple[in
 def _write_gif(path: Path, frames: Iterable[Image], rate: float, shape: tuple[int, ...]) -> None:
     pictures = (Pillow.fromarray(frame).quantize(64) for frame in frames)
     first = next(pictures)
-    with whole(path) as part:
+    with atomic_write(path) as part:
         # A GIF counts hundredths of a second; browsers slow down anything under two.
         first.save(
             part, save_all=True, append_images=list(pictures), loop=0,

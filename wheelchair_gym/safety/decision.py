@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.kinematics import SOONER, approach, brake, carried, odometric_step
+from wheelchair_gym.kinematics import STOP_RAMP_FACTOR, approach, brake, odometric_step, peak_speed
 from wheelchair_gym.safety.clearance import (
     clearance_to_points,
     required_clearance,
@@ -254,8 +254,8 @@ def _sweep_still(
             bx, by, byaw = odometric_step(bx, by, byaw, way, turned)
         if (
             k >= hold
-            and carried(sv, av, limits[7]) < _REST
-            and carried(sw, aw, limits[8]) < _TURN_REST
+            and peak_speed(sv, av, limits[7]) < _REST
+            and peak_speed(sw, aw, limits[8]) < _TURN_REST
         ):
             break
     return NOTHING
@@ -346,7 +346,9 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
     if s.rearmed and abs(s.set[0]) + abs(s.set[2]) < STANDS:  # it stands a period more
         s.latched, s.rearmed = NOTHING, False
     if s.protective:
-        s.set[0], s.set[2] = brake(s.set[0], s.set[2], SOONER * limits[5] * g.period, g.track)
+        s.set[0], s.set[2] = brake(
+            s.set[0], s.set[2], STOP_RAMP_FACTOR * limits[5] * g.period, g.track
+        )
         s.set[1], s.set[3] = 0.0, 0.0
         delay_setpoint(g, s, g.period)
         return 0.0, 0.0, True

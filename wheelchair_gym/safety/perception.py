@@ -32,8 +32,8 @@ from wheelchair_gym.safety.state import (
     REACH,
     STANDS,
 )
-from wheelchair_gym.sensors.echoes import bearing
-from wheelchair_gym.sensors.laser import middle
+from wheelchair_gym.sensors.echoes import atan2_f32
+from wheelchair_gym.sensors.laser import median3
 
 Floats = NDArray[np.float32]
 Numbers = NDArray[np.int32]
@@ -86,7 +86,7 @@ def _find_beams(
     """The beam that covers each cell of a column, and the distance [m] of the cell's centre."""
     for j in range(np.uint64(CELLS)):
         y = ey + _F(np.int32(j)) * step
-        beam[j] = np.int32((bearing(c * y - s * ex, c * ex + s * y) - first) * per + _F(1.5)) - 1
+        beam[j] = np.int32((atan2_f32(c * y - s * ex, c * ex + s * y) - first) * per + _F(1.5)) - 1
         far[j] = np.sqrt(ex * ex + y * y)
 
 
@@ -204,7 +204,7 @@ def _forget(
         far = math.sqrt(dx * dx + dy * dy)
         if s.stamp - rows[k, 2] > age or far > FAR:
             continue
-        at = (bearing(_F(cl * dy - sl * dx), _F(cl * dx + sl * dy)) - g.first) * g.per_angle
+        at = (atan2_f32(_F(cl * dy - sl * dx), _F(cl * dx + sl * dy)) - g.first) * g.per_angle
         b = int(max(at, 0.0) + 0.5)
         if 1 + edge <= b < beams - 1 - edge:
             near = far - _SAME
@@ -317,7 +317,7 @@ def _keep_lone(g: Any, s: Any, laser: Floats) -> None:
     for k in range(s.n_lone):
         dx, dy = s.lone[k, 0] - lx, s.lone[k, 1] - ly
         far = math.sqrt(dx * dx + dy * dy)
-        at = (bearing(_F(cl * dy - sl * dx), _F(cl * dx + sl * dy)) - g.first) * g.per_angle
+        at = (atan2_f32(_F(cl * dy - sl * dx), _F(cl * dx + sl * dy)) - g.first) * g.per_angle
         b = int(max(at, 0.0) + 0.5)
         passed = 1 <= b < beams - 1 and laser[b] >= far - _SAME
         if s.stamp - s.lone[k, 2] > (_LONE_KEPT if passed else g.memory_time) or far > FAR:
@@ -342,7 +342,7 @@ def _drop_passed(g: Any, s: Any, first: int) -> None:
     lx, ly, cl, sl = laser_frame(g, s)
     for k in range(first, s.n_marks):
         dx, dy = s.marks[k, 0] - lx, s.marks[k, 1] - ly
-        at = bearing(_F(cl * dy - sl * dx), _F(cl * dx + sl * dy))
+        at = atan2_f32(_F(cl * dy - sl * dx), _F(cl * dx + sl * dy))
         s.marked[k, 0] = 1.0 if abs(at) < abs(g.first) - _EDGE else 0.0  # 1: seen whole
     for k in range(s.n_marks):
         passed = False
@@ -386,7 +386,7 @@ def update_points(g: Any, s: Any, laser: Floats, dt: float) -> None:
         if b < beams:
             r = laser[b]
             if 0 < b < beams - 1:
-                r = middle(laser[b - 1], r, laser[b + 1])
+                r = median3(laser[b - 1], r, laser[b + 1])
                 own = max(laser[b], nearest)
                 if own < r - _JUMP and own <= far:
                     _add_lone(g, s, frame, own * cosine[b], own * sine[b])

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import Pointers, Target, rows_of
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.decision import decide, limit_for_unseen_space
 from wheelchair_gym.safety.perception import reset, update
@@ -33,34 +33,55 @@ Floats = NDArray[np.float32]
 
 
 _guards_at, _shields_at = rows_of(GUARD), rows_of(SHIELD)
-# Where both records lie: a call takes a microsecond per array.
-ALONE = np.dtype([("guard", "u8"), ("shield", "u8")])
+# Rows of shields by address: a call takes a microsecond for each array.
+SHIELDS = np.dtype([("n", "i8"), ("guard", "u8"), ("shields", "u8")])
+SHIELDS_TARGETS = {"guard": Target(GUARD, 1), "shields": Target(SHIELD, None)}
+
+
+@inlined
+def _shield_row(shields: Any, i: int) -> Any:
+    """The records of row i: what all shields share, and its own state."""
+    rows = shields[0]
+    return _guards_at(rows.guard, 1)[0], _shields_at(rows.shields, rows.n)[i]
 
 
 @borrowing_kernel
-def look_alone(
-    alone: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, age: Floats,
-    bumped: bool, halted: bool, stamp: float,
+def reset_shield(i: int, shields: Any) -> None:
+    """Let row i begin anew; shields: (1,) of SHIELDS."""
+    reset(_shield_row(shields, i)[1])
+
+
+@borrowing_kernel
+def update_shield(
+    i: int, shields: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats,
+    age: Floats, bumped: bool, halted: bool, stamp: float,
 ) -> None:  # fmt: skip
-    """`look` of a shield that is alone: alone (1,) of ALONE."""
-    own = alone[0]
-    g, s = _guards_at(own.guard, 1)[0], _shields_at(own.shield, 1)[0]
-    update(g, s, pose, twist, laser, ultrasonic, age, bumped, halted, stamp)
+    """Give row i a reading."""
+    guard, shield = _shield_row(shields, i)
+    update(guard, shield, pose, twist, laser, ultrasonic, age, bumped, halted, stamp)
 
 
 @borrowing_kernel
-def decide_alone(alone: Any, v: float, w: float) -> tuple[float, float, bool]:
-    """`decide` of a shield that is alone: alone (1,) of ALONE."""
-    own = alone[0]
-    return decide(_guards_at(own.guard, 1)[0], _shields_at(own.shield, 1)[0], v, w)
+def filter_twist(i: int, shields: Any, v: float, w: float) -> tuple[float, float, bool]:
+    """What may be driven of a twist [m/s, rad/s] behind row i; true: it is a protective stop."""
+    guard, shield = _shield_row(shields, i)
+    return decide(guard, shield, v, w)
 
 
 @borrowing_kernel
-def slow_alone(alone: Any, motion: Array, twists: Array) -> None:
-    """`slow_for_unseen` of a shield that is alone."""
-    own = alone[0]
-    g, s = _guards_at(own.guard, 1)[0], _shields_at(own.shield, 1)[0]
-    limit_for_unseen_space(g, s, motion, twists)
+def slow_row_for_unseen(i: int, shields: Any, motion: Array, twists: Array) -> None:
+    """Slow twists (n, 2) to what may last where nobody has seen, as row i remembers it."""
+    guard, shield = _shield_row(shields, i)
+    limit_for_unseen_space(guard, shield, motion, twists)
+
+
+def point_to_shields(guard: Guard, shields: NDArray[np.void]) -> Pointers:
+    """Where shields (n,) of SHIELD and what they share lie, a record (1,) of SHIELDS."""
+    rows = Pointers(np.zeros(1, SHIELDS), SHIELDS_TARGETS)
+    rows.record["n"] = len(shields)
+    rows.point("guard", guard.pointers)
+    rows.point("shields", shields)
+    return rows
 
 
 class Decision(NamedTuple):
@@ -95,12 +116,7 @@ class Shield:
         )
         self.state: NDArray[np.void] = np.zeros(1, SHIELD)
         self._beams = (sensors or SensorSettings()).laser.beams
-        self._pointers = Pointers(
-            np.zeros(1, ALONE), {"guard": Target(GUARD, 1), "shield": Target(SHIELD, 1)}
-        )
-        self._alone = self._pointers.record
-        self._pointers.point("guard", self._guard.pointers)
-        self._pointers.point("shield", self.state)
+        self._rows = point_to_shields(self._guard, self.state)
         self._asked = False
         self._warm()
         self.reset()
@@ -115,7 +131,7 @@ class Shield:
     def reset(self) -> None:
         """Forget all readings and faults; the chair stands."""
         self._asked = False
-        forget_alone(self._alone)
+        reset_shield(0, self._rows.record)
 
     def filter(self, twist: Array, reading: Reading) -> Array:
         """The twist (2,) [m/s, rad/s] that may be driven until the next reading.
@@ -125,7 +141,7 @@ class Shield:
             reading: the latest; its stamps are the shield's only clock.
         """
         self.update(reading)
-        v, w, _ = decide_alone(self._alone, float(twist[0]), float(twist[1]))
+        v, w, _ = filter_twist(0, self._rows.record, float(twist[0]), float(twist[1]))
         return np.array([v, w])
 
     def update(self, reading: Reading) -> None:
@@ -135,8 +151,8 @@ class Shield:
             ValueError: an array has another shape; its laser is not the one in the settings.
         """
         check_reading(reading, self._beams)
-        look_alone(
-            self._alone, reading.pose, reading.twist, reading.laser, reading.ultrasonic,
+        update_shield(
+            0, self._rows.record, reading.pose, reading.twist, reading.laser, reading.ultrasonic,
             reading.age, bool(reading.bumped), reading.halted != "", reading.stamp,
         )  # fmt: skip
 
@@ -150,7 +166,7 @@ class Shield:
             motion: speed, its slope, turn, its slope (4,) of the chair now.
         """
         slowed = np.array(twists, np.float64)
-        slow_alone(self._alone, motion, slowed)
+        slow_row_for_unseen(0, self._rows.record, motion, slowed)
         return slowed
 
     def rearm(self) -> None:
@@ -180,9 +196,3 @@ class Shield:
         s: Any = self.state[0]
         why = REASONS[int(s["reason"])]
         return Decision(why, s["asked"].copy(), s["given"].copy(), bool(s["protective"]))
-
-
-@borrowing_kernel
-def forget_alone(alone: Any) -> None:
-    """`forget` of a shield that is alone: alone (1,) of ALONE."""
-    reset(_shields_at(alone[0].shield, 1)[0])

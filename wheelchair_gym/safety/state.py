@@ -162,7 +162,7 @@ def check(chair: ChairSettings, period: float) -> None:
     for what, asked, held in (
         ("brake with", brakes, chair.braking),
         ("brake in a curve with", math.hypot(brakes, limits.forward * limits.turn), chair.grip),
-        ("turn with", limits.turn_acceleration, chair.turning),
+        ("turn with", limits.turn_acceleration, chair.turn_braking),
     ):
         asked *= _SPARE
         if asked > held:
@@ -197,20 +197,20 @@ class Guard:
         g["period"], g["track"] = period, chair.drive.track
         for name in NUMBERS:
             g[name] = getattr(own, name)
-        g["reaction_time"] += chair.lag
+        g["reaction_time"] += chair.following_lag
         for name in ("laser", "ultrasonic", "odometry"):
             g[f"stale_{name}"] = getattr(own.stale, name)
         g["beams"] = sensors.laser.beams
         pointers.point("cosine", self.laser.cosine)
         pointers.point("sine", self.laser.sine)
         g["first"], g["per_angle"] = self.laser.first, self.laser.per_angle
-        g["nearest"], g["mount"] = sensors.laser.nearest, self.laser.mount
+        g["nearest"], g["mount"] = sensors.laser.range_min, self.laser.mount
         g["reach"] = sensors.laser.reach
         rangers = sensors.ultrasonic
         for k, one in enumerate(rangers.mounted):
             model = rangers.narrow if one.model == "narrow" else rangers.wide
             g["ranger_mount"][k] = one.x, one.y, one.yaw
-            g["ranger_half"][k], g["ranger_reach"][k] = 0.5 * model.cone, model.reach
+            g["ranger_half"][k], g["ranger_reach"][k] = 0.5 * model.field_of_view, model.reach
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Guard:
         return self

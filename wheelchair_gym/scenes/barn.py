@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.errors import shown
+from wheelchair_gym.errors import shorten
 from wheelchair_gym.files import LIMITS, check_cells, is_coordinate, modified, read_json
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
@@ -81,23 +81,23 @@ def _numbers(value: Any, lengths: tuple[int, ...], where: str) -> list[float]:
     good = isinstance(value, list) and len(value) in lengths
     if not good or not all(map(is_coordinate, value)):
         wanted = " or ".join(map(str, lengths))
-        raise InputError(f"{where} is {shown(value)}; expected {wanted} coordinates")
+        raise InputError(f"{where} is {shorten(value)}; expected {wanted} coordinates")
     return [float(v) for v in value]
 
 
 def _world(data: Any, where: str) -> tuple[Array, Array, Array, float | None]:
     """Start (3,), goal (3,), circles (m, 3), and how long BARN's own way is, of one world."""
     if not isinstance(data, Mapping):
-        raise InputError(f"{where} is {shown(data)}; expected an object")
+        raise InputError(f"{where} is {shorten(data)}; expected an object")
     for key in ("world", "start", "goal", "circles"):
         if key not in data:
             raise InputError(f"{where}.{key} is missing")
     if not isinstance(data["world"], int | str):
-        raise InputError(f"{where}.world is {shown(data['world'])}; expected a number or a name")
+        raise InputError(f"{where}.world is {shorten(data['world'])}; expected a number or a name")
     start = _numbers(data["start"], (3,), f"{where}.start")
     goal = _numbers(data["goal"], (2, 3), f"{where}.goal")
     if not isinstance(data["circles"], list):
-        raise InputError(f"{where}.circles is {shown(data['circles'])}; expected a list")
+        raise InputError(f"{where}.circles is {shorten(data['circles'])}; expected a list")
     if len(data["circles"]) > LIMITS["outline"].most:
         expected = f"expected at most {LIMITS['outline'].most:,}"
         raise InputError(f"{where}.circles has {len(data['circles']):,} circles; {expected}")
@@ -182,7 +182,7 @@ class Barn:
             index = named.index(self.world)
         start, goal, discs, way = _world(worlds[index], f"{path}: [{index}]")
         name = f"barn_{worlds[index]['world']}"
-        return replace(self._episode(start, goal, discs, name), reference=way)
+        return replace(self._episode(start, goal, discs, name), reference_length=way)
 
     def _episode(self, start: Array, goal: Array, discs: Array, name: str) -> Episode:
         points = np.vstack([discs[:, :2], start[:2], goal[:2]])

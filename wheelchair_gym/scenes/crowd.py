@@ -18,13 +18,13 @@ from wheelchair_gym.physics.actors.records import (
     PEOPLE,
     RADIUS,
     SPEED,
-    Mover,
+    Actor,
+    combine,
     door,
     furniture,
     leaf_line,
     obstacle,
     person,
-    together,
 )
 from wheelchair_gym.scenes.arena import make_arena
 from wheelchair_gym.scenes.floor_plan import FloorPlan
@@ -124,8 +124,8 @@ def sample_people(
     start: Array,
     who: PeopleSettings,
     taken: list[Array],
-    leaves: list[Mover],
-) -> list[Mover]:
+    leaves: list[Actor],
+) -> list[Actor]:
     """People on ways between places of a map; ways lead round open leaves, none begins behind one.
 
     Args:
@@ -150,19 +150,19 @@ def sample_people(
     found = []
     for _ in range(count):
         speed = max(who.min_speed, rng.normal(who.speed, who.speed_sigma))
-        heeds = EVERYBODY
+        avoids = EVERYBODY
         if rng.random() < who.crossing_share:
-            heeds = NOBODY
+            avoids = NOBODY
         elif rng.random() < who.inattentive_share:
-            heeds = PEOPLE
-        route = _draw_route(rng, own, places, ways, heeds, start, who.start_distance, taken)
+            avoids = PEOPLE
+        route = _draw_route(rng, own, places, ways, avoids, start, who.start_distance, taken)
         if route is not None:
             taken.append(np.array([*route[0], RADIUS]))
-            found.append(person(route, speed, heeds=heeds, patience=who.patience))
+            found.append(person(route, speed, avoids=avoids, patience=who.patience))
     return found
 
 
-def _barred(grid: OccupancyGrid, leaves: list[Mover]) -> OccupancyGrid:
+def _barred(grid: OccupancyGrid, leaves: list[Actor]) -> OccupancyGrid:
     """A map of its own on which leaves that swing stand open."""
     cells = grid.cells.copy()
     for leaf in leaves:
@@ -182,7 +182,7 @@ def _draw_route(
     grid: OccupancyGrid,
     places: NDArray[np.intp],
     ways: list[Geodesic],
-    heeds: int,
+    avoids: int,
     start: Array,
     apart: float,
     taken: list[Array],
@@ -195,7 +195,7 @@ def _draw_route(
             continue
         if any(math.dist(here, at[:2]) < _PAIR - RADIUS + at[2] for at in taken):
             continue
-        if heeds == NOBODY:
+        if avoids == NOBODY:
             there = _draw_place(rng, grid, places)
             route = np.array([here, there])
             if math.dist(here, there) < _LEAST_WAY or not _clear(grid, here, there):
@@ -218,7 +218,7 @@ def _clear(grid: OccupancyGrid, here: Array, there: Array) -> bool:
 
 def sample_doors(
     rng: np.random.Generator, grid: OccupancyGrid, layout: Building, what: DoorSettings
-) -> list[Mover]:
+) -> list[Actor]:
     """Powered leaves in some of the doors: one slides where it vanishes in the wall, or swings.
 
     A leaf swings into a room: across a corridor it would stand in the way of all who are near.
@@ -264,10 +264,10 @@ def _in_wall(grid: OccupancyGrid, hinge: tuple[float, float], heading: float, wi
 
 def sample_furniture(
     rng: np.random.Generator, grid: OccupancyGrid, density: float, start: Array, taken: list[Array]
-) -> list[Mover]:
+) -> list[Actor]:
     """Movable furniture; `taken` as in `sample_people`."""
     places = np.argwhere(grid.traversable(_CLEAR))
-    found: list[Mover] = []
+    found: list[Actor] = []
     for _ in range(round(density * free_area(grid)) if len(places) else 0):
         size, mass = _PIECES[rng.integers(len(_PIECES))]
         x, y = _draw_place(rng, grid, places)
@@ -331,8 +331,8 @@ class Crowd:
         things = sample_furniture(rng, grid, self.furniture_density, start, taken)
         leaves = [] if layout is None else sample_doors(rng, grid, layout, self.doors)
         people = sample_people(rng, grid, start, self.people, taken, leaves)
-        movers = together([*things, *leaves, *people])
-        return layout, dataclasses.replace(episode, movers=movers, name="crowd")
+        actors = combine([*things, *leaves, *people])
+        return layout, dataclasses.replace(episode, actors=actors, name="crowd")
 
     def _hall(self, rng: np.random.Generator, footprint: Footprint) -> Episode:
         """An open hall with a few columns; start and goal far apart."""
@@ -429,7 +429,7 @@ class Temporary:
         radius = passing_radius(footprint)
         path = geodesic(episode.map, episode.goal[:2], radius).path(episode.start[:2])
         way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-        things: list[Mover] = []
+        things: list[Actor] = []
         count = int(rng.integers(self.count[0], self.count[1] + 1))
         if way[-1] > 2.0 * _ENDS:
             spots = np.sort(rng.uniform(_ENDS, way[-1] - _ENDS, count))
@@ -447,4 +447,4 @@ class Temporary:
                         stay=float(rng.uniform(*self.duration)),
                     )
                 )
-        return layout, dataclasses.replace(episode, movers=together(things), name="temporary")
+        return layout, dataclasses.replace(episode, actors=combine(things), name="temporary")

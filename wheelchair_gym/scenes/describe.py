@@ -8,7 +8,7 @@ import numpy as np
 
 from wheelchair_gym.geometry import path_length
 from wheelchair_gym.maps import OCCUPIED, bottleneck, geodesic
-from wheelchair_gym.physics.actors.records import KINDS, NOBODY, PEOPLE, PERSON
+from wheelchair_gym.physics.actors.records import ACTOR_KINDS, NOBODY, PEOPLE, PERSON
 from wheelchair_gym.scenes import Scene
 from wheelchair_gym.scenes.arena import Doorway
 from wheelchair_gym.scenes.crowd import Crowd, Temporary, free_area
@@ -58,18 +58,18 @@ def scene_statistics(scene: Scene, seeds: Iterable[int]) -> dict[str, list[float
 
 def _moving(episode: Episode) -> dict[str, list[float]]:
     """Statistics of people, doors and obstacles of one world, by name and unit."""
-    rows = episode.movers.rows
-    of = {name: rows[rows["kind"] == kind] for kind, name in enumerate(KINDS)}
+    rows = episode.actors.rows
+    of = {name: rows[rows["kind"] == kind] for kind, name in enumerate(ACTOR_KINDS)}
     people = of["person"]
     lengths = [
-        path_length(episode.movers.route(int(k))) for k in np.flatnonzero(rows["kind"] == PERSON)
+        path_length(episode.actors.route(int(k))) for k in np.flatnonzero(rows["kind"] == PERSON)
     ]
-    heeds = people["heeds"]
+    avoids = people["avoids"]
     return {
         "people": [len(people)],
         "people per free m2": [len(people) / free_area(episode.map)],
-        "people who pay no attention": [float((heeds == PEOPLE).sum())],
-        "crossing cylinders": [float((heeds == NOBODY).sum())],
+        "people who pay no attention": [float((avoids == PEOPLE).sum())],
+        "crossing cylinders": [float((avoids == NOBODY).sum())],
         "walking speed [m/s]": people["speed"].tolist(),
         "length of their routes [m]": lengths,
         "doors with a leaf": [len(of["door"])],

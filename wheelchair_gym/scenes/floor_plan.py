@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel, whole
+from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic, interpolate
@@ -147,10 +147,10 @@ class FloorPlan:
 def _build(plan: FloorLayout, things: Furniture) -> tuple[Cells, Array]:
     """The map and the walls (n, 4) [m] of a furnished floor."""
     cells = np.full((plan.height, plan.width), OCCUPIED, np.int8)
-    paint_rects(cells, plan.rooms, whole(FREE))
-    paint_rects(cells, plan.halls, whole(FREE))
-    paint_rects(cells, plan.openings, whole(FREE))
-    paint_rects(cells, things.rects, whole(OCCUPIED))
+    paint_rects(cells, plan.rooms, as_int(FREE))
+    paint_rects(cells, plan.halls, as_int(FREE))
+    paint_rects(cells, plan.openings, as_int(FREE))
+    paint_rects(cells, things.rects, as_int(OCCUPIED))
     straight = boundary(cells)
     n, count = len(straight), len(things.polygons)
     walls = np.empty((n + 4 * count, 4))
@@ -159,12 +159,12 @@ def _build(plan: FloorLayout, things: Furniture) -> tuple[Cells, Array]:
             walls[k, i] = straight[k, i] * CELL
     for k in range(count):
         polygon = things.polygons[k]
-        paint_polygon(cells, polygon, whole(OCCUPIED))
+        paint_polygon(cells, polygon, as_int(OCCUPIED))
         for i in range(4):
             walls[n, 0], walls[n, 1] = polygon[i, 0], polygon[i, 1]
             walls[n, 2], walls[n, 3] = polygon[(i + 1) % 4, 0], polygon[(i + 1) % 4, 1]
             n += 1
-    paint_discs(cells, things.discs, 0.0, 0.0, CELL, whole(OCCUPIED))
+    paint_discs(cells, things.discs, 0.0, 0.0, CELL, as_int(OCCUPIED))
     return cells, walls
 
 
@@ -180,7 +180,7 @@ def _draw_goal(
 ) -> int:
     """Write a goal; the number of its room, or -1 where the draw was unlucky."""
     there = uniform_int(source, len(rooms))
-    found = sample_pose(source, rooms[there], walls, discs, outline, clearance, whole(20), goal)
+    found = sample_pose(source, rooms[there], walls, discs, outline, clearance, as_int(20), goal)
     return there if found else -1
 
 
@@ -201,7 +201,7 @@ def _draw_start(
     for _ in range(_STARTS):
         here = uniform_int(source, len(rooms))
         if here != there and sample_pose(
-            source, rooms[here], walls, discs, outline, clearance, whole(5), start
+            source, rooms[here], walls, discs, outline, clearance, as_int(5), start
         ):
             far = interpolate(ways, start[0] / CELL, start[1] / CELL)
             if way[0] <= far <= way[1]:

@@ -8,7 +8,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.kernel import borrowing_kernel, whole
+from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel
 from wheelchair_gym.scenes.layout import FloorLayout, put
 from wheelchair_gym.scenes.random_stream import RandomStream, uniform, uniform_int
 from wheelchair_gym.scenes.raster import CELL, cell_count
@@ -108,7 +108,7 @@ def _free(source: RandomStream, room: Index, half: int, gap: int, box: Index) ->
         return False
     x = room[0, 0] + apart + uniform_int(source, wide)
     y = room[0, 1] + apart + uniform_int(source, high)
-    put(box, whole(0), x - half, y - half, x + half, y + half)
+    put(box, as_int(0), x - half, y - half, x + half, y + half)
     return True
 
 
@@ -130,7 +130,7 @@ def _against(
     deep_0, deep_1 = room[0, 1 - a], room[0, 3 - a]
     if deep + gap > deep_1 - deep_0 or along > floor_1 - floor_0:
         return False
-    choice = uniform_int(source, whole(4))
+    choice = uniform_int(source, as_int(4))
     if neighbour >= 0:
         x = placed[neighbour, 2 + a] if choice % 2 else placed[neighbour, a] - along
     elif choice < 2:
@@ -149,9 +149,9 @@ def _against(
         return False
     y = deep_0 if side % 2 == 0 else deep_1 - deep
     if a:
-        put(box, whole(0), y, x, y + deep, x + along)
+        put(box, as_int(0), y, x, y + deep, x + along)
     else:
-        put(box, whole(0), x, y, x + along, y + deep)
+        put(box, as_int(0), x, y, x + along, y + deep)
     return True
 
 
@@ -196,16 +196,16 @@ def _place(
     discs: Array,
 ) -> tuple[int, int, int]:
     """Write the pieces that find a place; how many there are of each shape."""
-    gap, nil, four = cell_count(passage), whole(0), whole(4)
+    gap, nil, four = cell_count(passage), as_int(0), as_int(4)
     n_rects, n_polygons, n_discs = nil, nil, nil
     for r in range(len(plan.rooms)):
         room = plan.rooms[r : r + 1]
         if r == 0 and plan.lobby:
             page = 0 if home else _LOBBY
         elif home:
-            page = _HOME_ROOMS + uniform_int(source, whole(_HOMES))
+            page = _HOME_ROOMS + uniform_int(source, as_int(_HOMES))
         else:
-            page = _CLINIC_ROOMS + uniform_int(source, whole(_CLINICS))
+            page = _CLINIC_ROOMS + uniform_int(source, as_int(_CLINICS))
         count = nil  # placed in this room
         for k in range(4):
             against[k] = -1  # the last piece on each side

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel, whole
+from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.scenes.random_stream import RandomStream, uniform, uniform_int
 from wheelchair_gym.scenes.raster import CELL, Rect, cell_count, to_cells
 
@@ -126,13 +126,13 @@ def generate_layout(
 ) -> FloorLayout:
     """Draw rooms, corridors and doors."""
     w, h = cell_count(width), cell_count(height)
-    outer = whole(OUTER)
+    outer = as_int(OUTER)
     left, right = outer, w - outer
     most = 1 + 3 * (w // cell_count(3.0) + 2)
     rooms, halls = np.empty((most, 4), np.int64), np.empty((3, 4), np.int64)
     openings = np.empty((3 * most, 4), np.int64)
     along_x, leaf = np.zeros(3 * most, np.bool_), np.zeros(3 * most, np.bool_)
-    n, d, two = whole(0), whole(0), whole(2)
+    n, d, two = as_int(0), as_int(0), as_int(2)
     lobby = home or uniform(source, 0.0, 1.0) < 0.6
     if lobby:
         deep = uniform(source, 4.0, 5.5) if home else uniform(source, 3.0, 4.5)

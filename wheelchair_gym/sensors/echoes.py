@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.geometry import body_to_world
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -24,7 +25,7 @@ _A9, _A11, _A13, _A15 = _F(0.0964200441), _F(-0.0559098861), _F(0.0218612286), _
 
 
 @inlined
-def bearing(y: np.float32, x: np.float32) -> np.float32:
+def atan2_f32(y: np.float32, x: np.float32) -> np.float32:
     """The angle of (x, y) [rad] to 3e-7: a polynomial, so that it vectorises."""
     ax, ay = abs(x), abs(y)
     far = ax if ax > ay else ay
@@ -40,7 +41,7 @@ def bearing(y: np.float32, x: np.float32) -> np.float32:
 
 
 @borrowing_kernel
-def see_ends(walls: Array, x: float, y: float, ends: Floats) -> None:
+def relative_endpoints(walls: Array, x: float, y: float, ends: Floats) -> None:
     """Ends of the segments (n, 4) [m], seen from (x, y): ends (2 n, 2), flat."""
     flat = walls.reshape(walls.size)
     for k in range(np.uint64(2 * walls.shape[0])):
@@ -49,7 +50,7 @@ def see_ends(walls: Array, x: float, y: float, ends: Floats) -> None:
 
 
 @inlined
-def hides(
+def occludes(
     qx: float, qy: float, ax: float, ay: float, bx: float, by: float, x: float, y: float
 ) -> bool:
     """Whether the segment a-b stands between (x, y) and the point (x + qx, y + qy)."""
@@ -63,7 +64,7 @@ def hides(
 
 
 @borrowing_kernel
-def hidden_by_discs(qx: float, qy: float, discs: Array, x: float, y: float) -> bool:
+def occluded_by_discs(qx: float, qy: float, discs: Array, x: float, y: float) -> bool:
     """Whether a disc stands between (x, y) and the point (x + qx, y + qy)."""
     for k in range(discs.shape[0]):
         x0, y0, radius = discs[k, 0] - x, discs[k, 1] - y, discs[k, 2]
@@ -78,7 +79,7 @@ def hidden_by_discs(qx: float, qy: float, discs: Array, x: float, y: float) -> b
 
 
 @inlined
-def lost(incidence: float, start: float, end: float, draw: float) -> bool:
+def is_echo_lost(incidence: float, start: float, end: float, draw: float) -> bool:
     """Whether an echo at this incidence is lost: never below start, always above end."""
     return draw < (incidence - start) / (end - start)
 
@@ -114,16 +115,16 @@ def echo_of_discs(
         if aside >= 0.5 * math.pi or off > radius:
             continue
         distance = far * math.cos(aside) - math.sqrt(radius * radius - off * off)
-        silent = lost(math.asin(off / radius), loss_from, loss_at, draw)
+        silent = is_echo_lost(math.asin(off / radius), loss_from, loss_at, draw)
         if silent or distance >= min(best, reach):
             continue
         ahead, left = distance * math.cos(direction), distance * math.sin(direction)
-        qx, qy = c * ahead - s * left, s * ahead + c * left
-        hidden = hidden_by_discs(qx, qy, discs, x, y)
+        qx, qy = body_to_world(c, s, ahead, left)
+        hidden = occluded_by_discs(qx, qy, discs, x, y)
         for j in range(walls.shape[0]):
             if hidden:
                 break
-            hidden = hides(qx, qy, walls[j, 0], walls[j, 1], walls[j, 2], walls[j, 3], x, y)
+            hidden = occludes(qx, qy, walls[j, 0], walls[j, 1], walls[j, 2], walls[j, 3], x, y)
         if not hidden:
             best = distance
     return best

@@ -18,15 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.compiled.simd import span
+from wheelchair_gym.compiled.simd import rasterize_line
+from wheelchair_gym.geometry import world_to_body
 from wheelchair_gym.random import LASER, LASER_BIAS, bits, mix, normal
-from wheelchair_gym.sensors.echoes import bearing, see_ends
+from wheelchair_gym.sensors.echoes import atan2_f32, relative_endpoints
 from wheelchair_gym.sensors.settings import LaserSettings
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-SCRATCH = 10  # rows of scratch: 4 for ends, 2 for bearings, 4 for lines
+WORKSPACE_ROWS = 10  # rows of workspace: 4 for ends, 2 for bearings, 4 for lines
 
 _F = np.float32
 _ZERO, _ONE, _TINY, _NONE = _F(0.0), _F(1.0), _F(1e-30), _F(np.inf)
@@ -44,7 +45,7 @@ _FIRST, _SECOND = _U(0x7FEB352D), _U(0x846CA68B)  # of a 32-bit xor-multiply mix
 
 
 @inlined
-def middle(a: np.float32, b: np.float32, c: np.float32) -> np.float32:
+def median3(a: np.float32, b: np.float32, c: np.float32) -> np.float32:
     """The median of three ranges; where one is invalid, the middle one."""
     low, high = a if a < b else b, b if a < b else a
     top = high if high < c else c
@@ -79,9 +80,9 @@ class LaserArrays(NamedTuple):
             (laser.beams - 1) / laser.fov,
             np.array([laser.x, laser.y, laser.yaw]),
             laser.reach,
-            laser.nearest,
+            laser.range_min,
             laser.sigma * share,
-            laser.no_echo * share,
+            laser.dropout * share,
             laser.bias * share,
         )
 
@@ -94,11 +95,11 @@ def _find_beams(
     zero, scale = _F(first), _F(per_angle)
     for k in range(np.uint64(n)):
         x, y = ends[2 * k], ends[2 * k + 1]
-        out[k] = (bearing(c * y - s * x, c * x + s * y) - zero) * scale
+        out[k] = (atan2_f32(c * y - s * x, c * x + s * y) - zero) * scale
 
 
 @borrowing_kernel
-def _draw_lines(
+def _lines_of_segments(
     n: int, ends: Floats, at: Floats, c: np.float32, s: np.float32, laser: LaserArrays, out: Floats
 ) -> None:
     """Of each of n segments its line (a, b) and its interval of beams, both ends included.
@@ -134,7 +135,7 @@ def _draw_lines(
 
 
 @borrowing_kernel
-def _keep_seen(n: int, lines: Floats) -> np.int64:
+def _keep_visible(n: int, lines: Floats) -> np.int64:
     """Move the lines that some beam can reach to the front, without a branch; how many they are."""
     kept = np.uint64(0)
     for k in range(np.uint64(n)):
@@ -146,7 +147,7 @@ def _keep_seen(n: int, lines: Floats) -> np.int64:
 
 
 @borrowing_kernel
-def _span_discs(
+def _rasterize_discs(
     laser: LaserArrays, x: float, y: float, yaw: float, discs: Array, out: Floats
 ) -> None:
     """Nearest of what the beams saw and the discs, as inverse ranges."""
@@ -161,7 +162,7 @@ def _span_discs(
         if rest <= 0.0:
             out[:] = _NONE
             continue
-        ax, ay = c * x0 + s * y0, c * y0 - s * x0
+        ax, ay = world_to_body(c, s, x0, y0)
         middle, half = math.atan2(ay, ax), math.asin(radius / math.sqrt(far))
         for turn in range(-1, 2):
             low = middle - half + 2.0 * math.pi * turn - laser.first
@@ -183,7 +184,7 @@ def exact_scan(
     yaw: float,
     walls: Array,
     discs: Array,
-    scratch: Floats,
+    workspace: Floats,
     out: Floats,
 ) -> None:
     """Exact ranges of one scan.
@@ -195,32 +196,32 @@ def exact_scan(
         yaw: see x.
         walls: segments (n, 4) [m].
         discs: (m, 3) [m].
-        scratch: (SCRATCH, n or more), overwritten.
+        workspace: (WORKSPACE_ROWS, n or more), overwritten.
         out: (beams,) ranges [m], at most the reach.
     """
-    n, width = walls.shape[0], scratch.shape[1]
-    rows = scratch.reshape(scratch.size)
+    n, width = walls.shape[0], workspace.shape[1]
+    rows = workspace.reshape(workspace.size)
     ends, at, lines = rows[: 4 * width], rows[4 * width : 6 * width], rows[6 * width :]
     c, s = _F(math.cos(yaw)), _F(math.sin(yaw))
-    see_ends(walls, x, y, ends)
+    relative_endpoints(walls, x, y, ends)
     _find_beams(2 * n, ends, c, s, laser.first, laser.per_angle, at)
-    _draw_lines(n, ends, at, c, s, laser, lines)
-    seen = _keep_seen(n, lines)
+    _lines_of_segments(n, ends, at, c, s, laser, lines)
+    seen = _keep_visible(n, lines)
     beams, turn = out.shape[0], _TURN * _F(laser.per_angle)
     out[:] = _ONE / _F(laser.reach)
     for k in range(seen):
         a, b, low, high = lines[4 * k], lines[4 * k + 1], lines[4 * k + 2], lines[4 * k + 3]
         while high >= _ZERO:  # twice if across the seam behind the sensor
             i0, i1 = int(low), min(beams, int(high) + 1)
-            span(out, laser.cosine, laser.sine, a, b, i0, i1)
+            rasterize_line(out, laser.cosine, laser.sine, a, b, i0, i1)
             low, high = _ZERO, high - turn
-    _span_discs(laser, x, y, yaw, discs, out)
+    _rasterize_discs(laser, x, y, yaw, discs, out)
     for i in range(np.uint64(beams)):
         out[i] = _ONE / out[i]
 
 
 @borrowing_kernel
-def report(laser: LaserArrays, key: np.uint64, step: int, out: Floats) -> None:
+def add_laser_noise(laser: LaserArrays, key: np.uint64, step: int, out: Floats) -> None:
     """Turn exact ranges (beams,) into what the scanner reports, in place.
 
     Bias of the episode, noise, lost echoes; no echo within reach is +inf, too near is -inf.
@@ -249,14 +250,14 @@ def report(laser: LaserArrays, key: np.uint64, step: int, out: Floats) -> None:
 
 
 @borrowing_kernel
-def scan(
+def sense_laser(
     laser: LaserArrays,
     pose: Array,
     walls: Array,
     discs: Array,
     key: np.uint64,
     step: int,
-    scratch: Floats,
+    workspace: Floats,
     out: Floats,
 ) -> None:
     """One scan of a chair at a pose (3,) [m, m, rad], as its laser reports it.
@@ -268,11 +269,11 @@ def scan(
         discs: (m, 3) [m].
         key: of the episode's randomness.
         step: control periods since reset; the noise depends on key and step.
-        scratch: (SCRATCH, n or more), overwritten.
+        workspace: (WORKSPACE_ROWS, n or more), overwritten.
         out: (beams,) [m].
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     x = pose[0] + c * laser.mount[0] - s * laser.mount[1]
     y = pose[1] + s * laser.mount[0] + c * laser.mount[1]
-    exact_scan(laser, x, y, pose[2] + laser.mount[2], walls, discs, scratch, out)
-    report(laser, key, step, out)
+    exact_scan(laser, x, y, pose[2] + laser.mount[2], walls, discs, workspace, out)
+    add_laser_noise(laser, key, step, out)

@@ -18,24 +18,24 @@ TRUTH, ODOMETRY, MODELLED = range(3)
 
 
 @borrowing_kernel
-def locate_self(state: Any, p: Any, keep: float) -> None:
+def update_pose_estimate(state: Any, p: Any, keep: float) -> None:
     """Set the pose the chair believes in; `keep` is the share of the last error that remains."""
     fresh = math.sqrt(1.0 - keep * keep)
     for i in range(3):
         if p.pose_source == TRUTH:
-            state.seen_pose[i] = state.pose[i]
+            state.estimated_pose[i] = state.pose[i]
         elif p.pose_source == ODOMETRY:
-            state.seen_pose[i] = state.odometry[i]
+            state.estimated_pose[i] = state.odometry[i]
         else:
             draw = fresh * p.pose_sigma[i] * normal(state.key, state.step, POSE, i)
             error = keep * state.pose_error[i] + draw
-            state.pose_error[i] = min(p.pose_most[i], max(-p.pose_most[i], error))
-            state.seen_pose[i] = state.pose[i] + state.pose_error[i]
-    state.seen_pose[2] = wrap(state.seen_pose[2])
+            state.pose_error[i] = min(p.pose_max[i], max(-p.pose_max[i], error))
+            state.estimated_pose[i] = state.pose[i] + state.pose_error[i]
+    state.estimated_pose[2] = wrap(state.estimated_pose[2])
 
 
 @borrowing_kernel
-def reckon(state: Any, p: Any) -> None:
+def update_odometry(state: Any, p: Any) -> None:
     """One reading of the encoders: twist, dead-reckoned pose, and the pose source's pose.
 
     Args:
@@ -45,12 +45,12 @@ def reckon(state: Any, p: Any) -> None:
     ways = (0.0, 0.0)
     for i in range(2):
         counts = math.floor(state.turned[i] * p.nominal_radius * p.counts_per_metre)
-        way = (counts - state.seen_counts[i]) / p.counts_per_metre
-        state.seen_counts[i] = counts
+        way = (counts - state.measured_counts[i]) / p.counts_per_metre
+        state.measured_counts[i] = counts
         ways = (way, ways[1]) if i == 0 else (ways[0], way)
     period = p.dt * p.substeps
     v, w = twist_of_wheels(ways[0] / period, ways[1] / period, p.nominal_track)
-    state.seen_twist[0], state.seen_twist[1] = v, w
+    state.measured_twist[0], state.measured_twist[1] = v, w
     left = ways[0] + math.sqrt(p.wheel_variance * abs(ways[0])) * normal(
         state.key, state.step, WHEELS, 0
     )
@@ -61,4 +61,4 @@ def reckon(state: Any, p: Any) -> None:
     x, y, yaw = odometric_step(state.odometry[0], state.odometry[1], state.odometry[2], way, turn)
     state.odometry[0], state.odometry[1], state.odometry[2] = x, y, wrap(yaw)
     keep = math.exp(-period / p.pose_time) if p.pose_source == MODELLED else 0.0
-    locate_self(state, p, keep)
+    update_pose_estimate(state, p, keep)

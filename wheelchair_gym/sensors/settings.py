@@ -29,11 +29,13 @@ class LaserSettings:
     reach: float = setting(
         default=10.0, unit="m", source="specified up to 10 m", low=0.5, high=100.0
     )
-    nearest: float = setting(default=0.06, unit="m", source="UST-10LX: nearer is invalid", low=0.0)
+    range_min: float = setting(
+        default=0.06, unit="m", source="UST-10LX: nearer is invalid", low=0.0
+    )
     sigma: float = setting(
         default=0.015, unit="m", source="0.5-2 cm repeatability at 10 m", low=0.0, high=1.0
     )
-    no_echo: float = setting(default=0.005, source="share of beams without echo", low=0.0, high=1.0)
+    dropout: float = setting(default=0.005, source="share of beams without echo", low=0.0, high=1.0)
     bias: float = setting(
         default=0.002,
         unit="m",
@@ -58,7 +60,7 @@ class LaserSettings:
 class UltrasonicModel:
     """One model of ultrasonic ranger: its cone and its errors."""
 
-    cone: float = setting(
+    field_of_view: float = setting(
         default=math.radians(15.0),
         unit="rad",
         source="HC-SR04: full opening angle",
@@ -66,11 +68,11 @@ class UltrasonicModel:
         high=3.0,
     )
     reach: float = setting(default=4.0, unit="m", source="HC-SR04", low=0.1, high=20.0)
-    blind: float = setting(
+    range_min: float = setting(
         default=0.02, unit="m", source="HC-SR04: nearer echoes read as this", low=0.0
     )
     sigma: float = setting(default=0.010, unit="m", source="", low=0.0, high=1.0)
-    ghosts: float = setting(
+    ghost_share: float = setting(
         default=0.01,
         source="share of readings that show an echo that is not there",
         low=0.0,
@@ -128,11 +130,11 @@ class UltrasonicSettings:
     narrow: UltrasonicModel = setting(default=UltrasonicModel(), source="HC-SR04")
     wide: UltrasonicModel = setting(
         default=UltrasonicModel(
-            cone=math.radians(55.0),
+            field_of_view=math.radians(55.0),
             reach=6.0,
-            blind=0.03,
+            range_min=0.03,
             sigma=0.020,
-            ghosts=0.02,
+            ghost_share=0.02,
             loss_from=math.radians(80.0),
             loss_at=math.radians(90.0),
         ),
@@ -186,8 +188,8 @@ class ModelledPose:
         default=math.radians(0.4), unit="rad", source="standard deviation; measured", low=0.0
     )
     time: float = setting(default=10.0, unit="s", source="correlation time; measured", low=0.01)
-    position_most: float = setting(default=0.10, unit="m", source="clip", low=0.0)
-    heading_most: float = setting(default=math.radians(3.0), unit="rad", source="clip", low=0.0)
+    position_max: float = setting(default=0.10, unit="m", source="clip", low=0.0)
+    heading_max: float = setting(default=math.radians(3.0), unit="rad", source="clip", low=0.0)
 
 
 @settings
@@ -198,13 +200,13 @@ class FaultSettings:
     """
 
     share: float = setting(default=0.0, source="of episodes with a fault", low=0.0, high=1.0)
-    since: tuple[float, float] = setting(
+    onset: tuple[float, float] = setting(
         default=(1.0, 5.0), unit="s", source="when it begins: from, to", low=0.0
     )
 
     def __post_init__(self) -> None:
-        if self.since[0] > self.since[1]:
-            raise InputError(f"FaultSettings.since is {self.since}; expected from, to")
+        if self.onset[0] > self.onset[1]:
+            raise InputError(f"FaultSettings.since is {self.onset}; expected from, to")
 
 
 @settings

@@ -17,8 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.geometry import body_to_world, world_to_body
 from wheelchair_gym.random import ULTRASONIC, normal, uniform
-from wheelchair_gym.sensors.echoes import echo_of_discs, hidden_by_discs, hides, lost, see_ends
+from wheelchair_gym.sensors.echoes import (
+    echo_of_discs,
+    is_echo_lost,
+    occluded_by_discs,
+    occludes,
+    relative_endpoints,
+)
 from wheelchair_gym.sensors.settings import UltrasonicSettings
 
 Array = NDArray[np.float64]
@@ -51,11 +58,11 @@ class UltrasonicArrays(NamedTuple):
         never = 2.0 * math.pi  # an incidence that no echo reaches
         return cls(
             np.array([(m.x, m.y, m.yaw) for m in rangers.mounted]),
-            np.array([math.tan(m.cone / 2) for m in models]),
+            np.array([math.tan(m.field_of_view / 2) for m in models]),
             np.array([m.reach for m in models]),
-            np.array([m.blind for m in models]),
+            np.array([m.range_min for m in models]),
             np.array([m.sigma * share for m in models]),
-            np.array([m.ghosts * share for m in models]),
+            np.array([m.ghost_share * share for m in models]),
             np.array([m.loss_from if noise else never for m in models]),
             np.array([m.loss_at if noise else 2 * never for m in models]),
             np.array(rangers.order, dtype=np.int64),
@@ -142,7 +149,7 @@ def first_echo(
     draw: float,
     walls: Array,
     discs: Array,
-    scratch: Floats,
+    workspace: Floats,
 ) -> float:
     """Distance [m] of the first echo of one ranger at (x, y, yaw); +inf if none within reach.
 
@@ -157,16 +164,16 @@ def first_echo(
         draw: in [0, 1): decides, for all surfaces of this firing, what is lost.
         walls: segments (n, 4) [m], in order of memory.
         discs: (m, 3) [m].
-        scratch: (SCRATCH, n or more), overwritten.
+        workspace: (WORKSPACE_ROWS, n or more), overwritten.
     """
     c, s = math.cos(yaw), math.sin(yaw)
     best = math.inf
     if discs.shape[0] > 0:
         best = echo_of_discs(x, y, c, s, slope, reach, loss_from, loss_at, draw, walls, discs)
-    n, width = walls.shape[0], scratch.shape[1]
-    rows = scratch.reshape(scratch.size)
+    n, width = walls.shape[0], workspace.shape[1]
+    rows = workspace.reshape(workspace.size)
     ends, square, names = rows[: 4 * width], rows[4 * width : 5 * width], rows[5 * width :]
-    see_ends(walls, x, y, ends)
+    relative_endpoints(walls, x, y, ends)
     _rank(n, ends, _F(c), _F(s), _F(slope + _MARGIN * (1.0 + slope * slope)), square)
     near = _keep_near(n, _F((reach + _MARGIN) * (reach + _MARGIN)), square, names)
     visited = False
@@ -180,24 +187,26 @@ def first_echo(
             return best
         k = int(names[first])
         x0, y0, x1, y1 = walls[k, 0] - x, walls[k, 1] - y, walls[k, 2] - x, walls[k, 3] - y
-        ahead, left, distance, incidence = _nearest_of_wall(
-            c * x0 + s * y0, c * y0 - s * x0, c * x1 + s * y1, c * y1 - s * x1, slope
-        )
-        if distance < min(best, reach) and not lost(incidence, loss_from, loss_at, draw):
-            qx, qy = c * ahead - s * left, s * ahead + c * left
-            hidden = hidden_by_discs(qx, qy, discs, x, y)
+        ax, ay = world_to_body(c, s, x0, y0)
+        bx, by = world_to_body(c, s, x1, y1)
+        ahead, left, distance, incidence = _nearest_of_wall(ax, ay, bx, by, slope)
+        if distance < min(best, reach) and not is_echo_lost(incidence, loss_from, loss_at, draw):
+            qx, qy = body_to_world(c, s, ahead, left)
+            hidden = occluded_by_discs(qx, qy, discs, x, y)
             for j in range(near if visited else 0):
                 # Only what is nearer can hide it, and that was visited before.
                 if square[j] < _ZERO and not hidden:
                     i = int(names[j])
-                    hidden = hides(qx, qy, walls[i, 0], walls[i, 1], walls[i, 2], walls[i, 3], x, y)
+                    hidden = occludes(
+                        qx, qy, walls[i, 0], walls[i, 1], walls[i, 2], walls[i, 3], x, y
+                    )
             if not hidden:
                 best = distance
         square[first], visited = -_ONE, True
 
 
 @borrowing_kernel
-def fire(
+def sense_ultrasonic(
     rangers: UltrasonicArrays,
     which: int,
     pose: Array,
@@ -205,7 +214,7 @@ def fire(
     discs: Array,
     key: np.uint64,
     tick: int,
-    scratch: Floats,
+    workspace: Floats,
 ) -> float:
     """What one ranger reports [m] when it fires from a chair at a pose (3,) [m, m, rad].
 
@@ -217,7 +226,7 @@ def fire(
         discs: (m, 3) [m].
         key: of the episode.
         tick: of the firing, which its random draws depend on.
-        scratch: (SCRATCH, n or more), overwritten.
+        workspace: (WORKSPACE_ROWS, n or more), overwritten.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     mx, my = rangers.mount[which, 0], rangers.mount[which, 1]
@@ -234,7 +243,7 @@ def fire(
         uniform(key, tick, ULTRASONIC, draw),
         walls,
         discs,
-        scratch,
+        workspace,
     )
     distance += rangers.sigma[which] * normal(key, tick, ULTRASONIC, draw + 1)
     if uniform(key, tick, ULTRASONIC, draw + 2) < rangers.ghosts[which]:

@@ -1,26 +1,227 @@
-"""What a policy sees: pure functions of a reading, a goal and a path."""
+"""Observations: one table of keys, and the functions that write each of them.
+
+A key is one row of `OBSERVATION_KEYS` and one line of `observe`, in the same order. The space, the
+place in a flat observation, a network's scale, the environment's documentation and the vector
+environment follow from the row.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
+import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.compiled.address import doubles_at, floats_at, moves_at, states_at, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.geometry import project, world_to_body
 from wheelchair_gym.maps.cost_to_go import poses_ahead, to_local
+from wheelchair_gym.task.prepared_episode import geodesic_to_go, seconds_to_go
+from wheelchair_gym.task.settings import TaskSettings
+from wheelchair_gym.task.side_clearance import CLEARANCE_MAX, fan_poses, side_clearance
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-GOAL_REACH = 100.0  # m: farther goals are seen at this distance
-_NOTHING = np.float32(0.0)
+GOAL_REACH = 100.0  # m: farther goals are observed at this distance
+PATH_REACH = 10.0  # m: points farther off than this on an axis are clipped
+PRIVILEGED_MAX = 256.0  # s, m: a critic observes longer times and ways as this
+INTERVENTION_MAX = 2.0  # full speeds ahead or of turning: more is observed as this
 STRAIGHT = 0.8  # m/s: the pace of a way that is not known
-PATH_REACH = 10.0  # m: look-ahead points farther off than this on an axis are clipped
+TRAIL_POINTS = 64  # of a trail that are kept
+TRAIL_SPACING = 0.25  # m between them
+_ZERO = np.float32(0.0)
+
+
+class ObservationSource(NamedTuple):
+    """What sizes and bounds of observation keys depend on."""
+
+    settings: TaskSettings
+    reaches: Array  # (rangers,) m, of the ultrasonics
+    laser_reach: float  # m
+    twist_most: Array  # (2,) m/s, rad/s
+    half_width: float  # m, of the chair
+    points: int  # of the guidance that are looked at; 0: none
+    per_point: int  # numbers of each: 2 of a point, 4 of a pose
+
+    @property
+    def uses_fan(self) -> bool:
+        """Whether side clearances are those at a fan of poses, not at poses of the guidance."""
+        return self.settings.hide_guidance or not (self.per_point == 4 and self.points)
+
+
+class ObservationKey(NamedTuple):
+    """One key of the observation."""
+
+    name: str
+    size: Callable[[ObservationSource], int]  # how many numbers; 0: the key is absent
+    low: Callable[[ObservationSource], ArrayLike]
+    high: Callable[[ObservationSource], ArrayLike]
+    meaning: str  # shape, range and meaning, as the environment's documentation shows them
+    scale: tuple[float, ...] = (1.0,)  # factors by which a network takes its numbers, in turn
+    privileged: bool = False  # for critics and teachers; these keys are the last
+
+
+def _path_size(source: ObservationSource) -> int:
+    return source.per_point * source.points
+
+
+def _path_bound(source: ObservationSource) -> ArrayLike:
+    each = [PATH_REACH, PATH_REACH, 1.0, 1.0][: source.per_point]
+    return np.tile(np.array(each, np.float32), source.points)
+
+
+def _path_low(source: ObservationSource) -> ArrayLike:
+    return -np.asarray(_path_bound(source))
+
+
+def _clearance_size(source: ObservationSource) -> int:
+    if not source.settings.side_clearance:
+        return 0
+    return 2 + (len(fan_poses()) // 2 if source.uses_fan else 2 * source.points)
+
+
+def _hides_guidance(source: ObservationSource) -> bool:
+    s = source.settings
+    return s.privileged and s.hide_guidance and source.points > 0
+
+
+_POSES, _CLEARANCE = (0.5, 0.5, 1.0, 1.0), (4.0,)  # of x, y [m], cosine, sine; of a clearance [m]
+
+OBSERVATION_KEYS = (
+    ObservationKey(
+        "laser",
+        lambda o: o.settings.beams,
+        lambda o: 0.0,
+        lambda o: o.laser_reach,
+        "(beams,) | 0 to 10 m | right to left; no echo is 10 m; pooled by minimum if fewer",
+    ),
+    ObservationKey(
+        "ultrasonic",
+        lambda o: len(o.reaches),
+        lambda o: 0.0,
+        lambda o: o.reaches,
+        "(8,) | 0 to 4 or 6 m | latest range of each",
+    ),
+    ObservationKey(
+        "twist",
+        lambda o: 2,
+        lambda o: -o.twist_most,
+        lambda o: o.twist_most,
+        "(2,) | 1.5 x the limits | speed [m/s] and turn [rad/s] by the encoders",
+    ),
+    ObservationKey(
+        "goal",
+        lambda o: 5 if o.settings.heading else 3,
+        lambda o: [0.0, -1.0, -1.0, -1.0, -1.0][: 5 if o.settings.heading else 3],
+        lambda o: [GOAL_REACH, 1.0, 1.0, 1.0, 1.0][: 5 if o.settings.heading else 3],
+        "(3,) | 0 to 100 m, -1 to 1 | distance, cosine and sine of its bearing",
+    ),
+    ObservationKey(
+        "action",
+        lambda o: 2 if o.settings.last_action else 0,
+        lambda o: -1.0,
+        lambda o: 1.0,
+        "(2,) | -1 to 1 | the last one; with `task.last_action`",
+    ),
+    ObservationKey(
+        "shield",
+        lambda o: 3 if o.settings.shield_state else 0,
+        lambda o: [0.0, -INTERVENTION_MAX, -INTERVENTION_MAX],
+        lambda o: [1.0, INTERVENTION_MAX, INTERVENTION_MAX],
+        "(3,) | 0 to 1, -2 to 2 | with `task.shield_state`: see there",
+    ),
+    ObservationKey(
+        "path",
+        lambda o: 0 if o.settings.hide_guidance else _path_size(o),
+        _path_low,
+        _path_bound,
+        "(10,) | -10 to 10 m | guided only: x, y of points ahead, in the chair's frame",
+        _POSES,
+    ),
+    ObservationKey(
+        "side_clearance",
+        _clearance_size,
+        lambda o: -o.half_width,
+        lambda o: CLEARANCE_MAX,
+        "(30,) or (12,) | -0.31 to 0.5 m | with `task.side_clearance`: see there",
+        _CLEARANCE,
+    ),
+    ObservationKey(
+        "trail",
+        lambda o: 2 * len(o.settings.trail),
+        lambda o: -PATH_REACH,
+        lambda o: PATH_REACH,
+        "(2k,) | -10 to 10 m | with `task.trail`: x, y of where it was, in its frame",
+        (0.5,),
+    ),
+    ObservationKey(
+        "privileged",
+        lambda o: 3 if o.settings.privileged else 0,
+        lambda o: 0.0,
+        lambda o: PRIVILEGED_MAX,
+        "(3,) | 0 to 256 | with `task.privileged`: time to go, time left [s], way to go [m]",
+        (1.0 / 15.0, 1.0 / 60.0, 1.0 / 10.0),
+        True,
+    ),
+    ObservationKey(
+        "privileged_path",
+        lambda o: _path_size(o) if _hides_guidance(o) else 0,
+        _path_low,
+        _path_bound,
+        "as path | | with `task.privileged` and `task.hide_guidance`",
+        _POSES,
+        True,
+    ),
+    ObservationKey(
+        "privileged_side_clearance",
+        lambda o: 2 + 2 * o.points if _hides_guidance(o) and o.settings.side_clearance else 0,
+        lambda o: -o.half_width,
+        lambda o: CLEARANCE_MAX,
+        "as side_clearance | | likewise",
+        _CLEARANCE,
+        True,
+    ),
+)
+PRIVILEGED = tuple(key.name for key in OBSERVATION_KEYS if key.privileged)
+SCALES = {key.name: list(key.scale) for key in OBSERVATION_KEYS if key.scale != (1.0,)}
+SIZES = np.dtype([(key.name, "i8") for key in OBSERVATION_KEYS])
+
+
+def spaces(source: ObservationSource) -> dict[str, Any]:
+    """The space of each key that is present, in the order in which `observe` writes them."""
+    found = {}
+    for key in OBSERVATION_KEYS:
+        size = key.size(source)
+        if size:
+            low, high = (
+                np.broadcast_to(np.asarray(bound(source), np.float32), (size,)).copy()
+                for bound in (key.low, key.high)
+            )
+            found[key.name] = gym.spaces.Box(low, high)
+    return found
+
+
+def places(sizes: Iterable[tuple[str, int]]) -> dict[str, slice]:
+    """Where each key stands in a flat observation, given how many numbers each has."""
+    found, begin = {}, 0
+    for key, size in sizes:
+        found[key] = slice(begin, begin + size)
+        begin += size
+    return found
+
+
+def observation_table() -> str:
+    """All keys as a table in Markdown."""
+    rows = (f"| {key.name} | {key.meaning} |" for key in OBSERVATION_KEYS if not key.privileged)
+    return "\n    ".join(["| key | shape | range | meaning |", "| --- | --- | --- | --- |", *rows])
 
 
 @kernel
-def see(value: float, reach: float) -> float:
+def observed_range(value: float, reach: float) -> float:
     """A range as it is observed: no echo is the reach, too near and invalid are 0 (REP-117)."""
     if not value > 0.0:  # NaN too
         return 0.0
@@ -28,7 +229,7 @@ def see(value: float, reach: float) -> float:
 
 
 @borrowing_kernel
-def pool(scan: Floats, reach: float, out: Floats) -> int:
+def pool_beams(scan: Floats, reach: float, out: Floats) -> int:
     """Nearest range of each of out's equal groups of beams; returns how many beams are finite."""
     beams, groups = np.uint64(scan.shape[0]), np.uint64(out.shape[0])
     far, none = np.float32(reach), np.float32(np.inf)
@@ -37,7 +238,7 @@ def pool(scan: Floats, reach: float, out: Floats) -> int:
         for i in range(beams):
             value = scan[i]
             valid = np.uint32(valid + np.uint32(abs(value) < none))
-            value = value if value > _NOTHING else _NOTHING  # as `see`, but without a branch
+            value = value if value > _ZERO else _ZERO  # as `see`, but without a branch
             out[i] = value if value < far else far
         return int(valid)
     for i in range(beams):
@@ -51,17 +252,17 @@ def pool(scan: Floats, reach: float, out: Floats) -> int:
         stop = start + size + more
         # The last beam, then `size` from the first on: one loop length, whatever the group's size.
         last = scan[stop - np.uint64(1)]
-        nearest = last if last > _NOTHING else _NOTHING
+        nearest = last if last > _ZERO else _ZERO
         nearest = nearest if nearest < far else far
         for i in range(start, start + size):
-            value = scan[i] if scan[i] > _NOTHING else _NOTHING
+            value = scan[i] if scan[i] > _ZERO else _ZERO
             nearest = value if value < nearest else nearest
         out[j], start = nearest, stop
     return int(valid)
 
 
 @kernel
-def bearing_to(pose: Array, goal: Array, out: Floats) -> None:
+def write_goal(pose: Array, goal: Array, out: Floats) -> None:
     """The goal (3,) in the chair's frame: distance [m], cosine and sine of its bearing.
 
     If `out` has five places, cosine and sine of the goal's heading follow.
@@ -77,31 +278,15 @@ def bearing_to(pose: Array, goal: Array, out: Floats) -> None:
 
 
 @kernel
-def project(path: Array, x: float, y: float) -> tuple[int, float, float]:
-    """The point of a path (n, 2) [m] nearest to (x, y): segment, share of it, and distance [m]."""
-    best, where, share = math.inf, 0, 0.0
-    for k in range(path.shape[0] - 1):
-        ex, ey = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1]
-        square = ex * ex + ey * ey
-        t = 0.0
-        if square > 0.0:
-            t = ((x - path[k, 0]) * ex + (y - path[k, 1]) * ey) / square
-            t = min(1.0, max(0.0, t))
-        gap = math.hypot(x - path[k, 0] - t * ex, y - path[k, 1] - t * ey)
-        if gap < best:
-            best, where, share = gap, k, t
-    return where, share, best
-
-
-@kernel
-def tell_place(c: float, s: float, dx: float, dy: float, out: Floats) -> None:
+def write_local_point(c: float, s: float, dx: float, dy: float, out: Floats) -> None:
     """A place (dx, dy) off [m], in the frame of a chair with that cosine and sine of its yaw."""
-    out[0] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * dx + s * dy)))
-    out[1] = np.float32(min(PATH_REACH, max(-PATH_REACH, c * dy - s * dx)))
+    ahead, aside = world_to_body(c, s, dx, dy)
+    out[0] = np.float32(min(PATH_REACH, max(-PATH_REACH, ahead)))
+    out[1] = np.float32(min(PATH_REACH, max(-PATH_REACH, aside)))
 
 
 @kernel
-def look_ahead(path: Array, pose: Array, distances: Array, out: Floats) -> None:
+def write_path_ahead(path: Array, pose: Array, distances: Array, out: Floats) -> None:
     """Points of a path (n, 2) at distances (k,) [m] beyond the nearest one, in the chair's frame.
 
     Args:
@@ -126,11 +311,11 @@ def look_ahead(path: Array, pose: Array, distances: Array, out: Floats) -> None:
         t = min(1.0, share + (distances[j] - walked) / length) if length > 0.0 else 1.0
         dx = path[segment, 0] + t * ex - pose[0]
         dy = path[segment, 1] + t * ey - pose[1]
-        tell_place(c, s, dx, dy, out[2 * j : 2 * j + 2])
+        write_local_point(c, s, dx, dy, out[2 * j : 2 * j + 2])
 
 
 @borrowing_kernel
-def look_ahead_poses(
+def write_poses_ahead(
     states: NDArray[np.uint32],
     moves: NDArray[np.int32],
     cell: float,
@@ -168,8 +353,147 @@ def look_ahead_poses(
             share = min(1.0, STRAIGHT * times[j] / far)
             ex, ey = share * dx, share * dy
             heading = math.atan2(dy, dx) - pose[2]
-        tell_place(c, s, ex, ey, out[4 * j : 4 * j + 2])
+        write_local_point(c, s, ex, ey, out[4 * j : 4 * j + 2])
         out[4 * j + 2], out[4 * j + 3] = (
             np.float32(math.cos(heading)),
             np.float32(math.sin(heading)),
         )
+
+
+@borrowing_kernel
+def reset_trail(progress: Any, pose: Array) -> None:
+    """Begin a trail, in a record of PROGRESS, at a pose (3,) [m, m, rad]."""
+    progress.n_trail = 1
+    progress.trail_points[0, 0], progress.trail_points[0, 1] = pose[0], pose[1]
+
+
+@borrowing_kernel
+def extend_trail(progress: Any, pose: Array) -> None:
+    """Add points from the last one towards a pose (3,); the oldest are lost.
+
+    Straight distance counts, not the way driven: a pose that trembles adds no point.
+    """
+    for _ in range(TRAIL_POINTS):  # however far a pose jumps, and if it is no number
+        last, at = (progress.n_trail - 1) % TRAIL_POINTS, progress.n_trail % TRAIL_POINTS
+        dx, dy = pose[0] - progress.trail_points[last, 0], pose[1] - progress.trail_points[last, 1]
+        share = TRAIL_SPACING / max(math.hypot(dx, dy), 1e-9)
+        if not share <= 1.0:
+            break
+        progress.trail_points[at, 0] = progress.trail_points[last, 0] + share * dx
+        progress.trail_points[at, 1] = progress.trail_points[last, 1] + share * dy
+        progress.n_trail += 1
+
+
+@borrowing_kernel
+def write_trail(progress: Any, pose: Array, ways: Array, out: Floats) -> None:
+    """Where the chair was some metres (k,) ago: x and y in its frame now, (2 k,) [m]."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(ways.shape[0]):
+        at = max(progress.n_trail - 1 - round(ways[k] / TRAIL_SPACING), 0) % TRAIL_POINTS
+        dx, dy = progress.trail_points[at, 0] - pose[0], progress.trail_points[at, 1] - pose[1]
+        write_local_point(c, s, dx, dy, out[2 * k : 2 * k + 2])
+
+
+@borrowing_kernel
+def write_guidance(rules: Any, prepared: Any, pose: Array, out: Floats) -> None:
+    """Points or poses of the guidance ahead of a pose (3,)."""
+    ahead = doubles_at(rules.ahead, rules.points)
+    if rules.has_poses:
+        write_poses_ahead(
+            states_at(
+                prepared.packed_states, prepared.state_rows, prepared.state_cols, prepared.headings
+            ),
+            moves_at(prepared.moves, prepared.n_moves, prepared.headings, 3),
+            prepared.state_cell,
+            prepared.state_origin,
+            pose,
+            prepared.goal,
+            ahead,
+            out,
+        )
+    else:
+        write_path_ahead(table_at(prepared.path, prepared.points, 2), pose, ahead, out)
+
+
+@borrowing_kernel
+def write_side_clearance(rules: Any, laser: Floats, poses: Floats, out: Floats) -> None:
+    """Side clearances where the chair is and at poses (4 k,) ahead."""
+    directions = table_at(rules.directions, rules.laser_beams, 2)
+    side_clearance(laser, directions, rules.mount[:], rules.outline[:], poses, out)
+
+
+@borrowing_kernel
+def observe(
+    rules: Any,
+    prepared: Any,
+    progress: Any,
+    pose: Array,
+    twist: Array,
+    laser: Floats,
+    ultrasonic: Floats,
+    out: Floats,
+) -> int:
+    """Write what a policy observes of a reading; returns how many beams are finite.
+
+    Args:
+        rules: record of RULES (`task.records`).
+        prepared: record of PREPARED.
+        progress: record of PROGRESS.
+        pose: (3,) of the reading [m, m, rad].
+        twist: (2,) [m/s, rad/s].
+        laser: (beams of the laser,) [m].
+        ultrasonic: (rangers,) [m].
+        out: the keys of `OBSERVATION_KEYS` that are present, one after another.
+    """
+    size = rules.size
+    at = size.laser
+    valid = pool_beams(laser, rules.laser_reach, out[:at])
+    reaches = doubles_at(rules.reaches, size.ultrasonic)
+    for i in range(size.ultrasonic):
+        out[at + i] = observed_range(ultrasonic[i], reaches[i])
+    at += size.ultrasonic
+    for i in range(2):
+        most = rules.twist_most[i]
+        out[at + i] = min(most, max(-most, twist[i]))
+    at += size.twist
+    write_goal(pose, prepared.goal, out[at : at + size.goal])
+    at += size.goal
+    if size.action > 0:
+        out[at], out[at + 1] = progress.action[0], progress.action[1]
+    at += size.action
+    if size.shield > 0:
+        out[at] = 1.0 if progress.is_shielded else 0.0
+        for i in range(2):
+            change = progress.shield_intervention[i]
+            out[at + 1 + i] = min(INTERVENTION_MAX, max(-INTERVENTION_MAX, change))
+    at += size.shield
+    path = out[at : at + size.path]
+    if size.path > 0:
+        write_guidance(rules, prepared, pose, path)
+    at += size.path
+    if size.side_clearance > 0:
+        poses = path
+        if rules.uses_fan:
+            poses = floats_at(rules.fan_poses, 2 * size.side_clearance - 4)
+        write_side_clearance(rules, laser, poses, out[at : at + size.side_clearance])
+    at += size.side_clearance
+    if size.trail > 0:
+        back = doubles_at(rules.back, size.trail // 2)
+        write_trail(progress, pose, back, out[at : at + size.trail])
+    at += size.trail
+    if size.privileged > 0:
+        seconds = seconds_to_go(prepared, pose[0], pose[1], pose[2])
+        known = seconds >= 0.0  # NaN: not known
+        out[at] = min(seconds, PRIVILEGED_MAX) if known else PRIVILEGED_MAX
+        out[at + 1] = min(max(0.0, progress.steps_left * rules.period), PRIVILEGED_MAX)
+        out[at + 2] = min(geodesic_to_go(prepared, pose[0], pose[1]), PRIVILEGED_MAX)
+    at += size.privileged
+    if size.privileged_path > 0:
+        hidden = out[at : at + size.privileged_path]
+        write_guidance(rules, prepared, pose, hidden)
+        at += size.privileged_path
+        if size.privileged_side_clearance > 0:
+            write_side_clearance(
+                rules, laser, hidden, out[at : at + size.privileged_side_clearance]
+            )
+    return valid

@@ -1,4 +1,4 @@
-"""A course: an episode made ready to be driven, with the ways to its goal."""
+"""A prepared: an episode made ready to be driven, with the ways to its goal."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from wheelchair_gym.compiled.address import (
 )
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import FARTHEST
+from wheelchair_gym.geometry import project
 from wheelchair_gym.maps import Geodesic
 from wheelchair_gym.maps.cost_to_go import CostToGo, time_to_go, to_local
 from wheelchair_gym.maps.geodesic import interpolate
-from wheelchair_gym.physics.actors.records import MOVER
-from wheelchair_gym.task.observations import project
+from wheelchair_gym.physics.actors.records import ACTOR
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
@@ -32,13 +32,13 @@ Array = NDArray[np.float64]
 GOAL, PATH, FIELD, TIME = range(4)  # what progress is measured along
 AIMS = ("goal", "path", "field", "time")
 
-COURSE = np.dtype(
+PREPARED = np.dtype(
     [
         ("walls", "u8"),  # addresses of walls (n, 4) and discs (m, 3) [m]
         ("discs", "u8"),
         ("n_walls", "i8"),
         ("n_discs", "i8"),
-        ("movers", "u8"),  # addresses of movers (k,) of MOVER and of their routes (r, 2) [m]
+        ("actors", "u8"),  # addresses of actors (k,) of ACTOR and of their routes (r, 2) [m]
         ("n_movers", "i8"),
         ("routes", "u8"),
         ("n_routes", "i8"),
@@ -53,14 +53,17 @@ COURSE = np.dtype(
         ("resolution", "f8"),  # m
         ("path", "u8"),  # address of the guidance (points, 2) [m]
         ("points", "i8"),  # 0: none
-        ("words", "u8"),  # address of the ways of the outline (word_rows, word_cols, headings)
-        ("word_rows", "i8"),  # 0: none
-        ("word_cols", "i8"),
+        (
+            "packed_states",
+            "u8",
+        ),  # address of the ways of the outline (state_rows, state_cols, headings)
+        ("state_rows", "i8"),  # 0: none
+        ("state_cols", "i8"),
         ("headings", "i8"),
         ("moves", "u8"),  # address of their moves (n_moves, headings, 3)
         ("n_moves", "i8"),
-        ("word_cell", "f8"),  # m
-        ("word_origin", "f8", (3,)),  # m, m, rad
+        ("state_cell", "f8"),  # m
+        ("state_origin", "f8", (3,)),  # m, m, rad
     ],
     align=True,
 )
@@ -68,18 +71,18 @@ COURSE = np.dtype(
 _TARGETS = {
     "walls": Target("f8", None, 4),
     "discs": Target("f8", None, 3),
-    "movers": Target(MOVER, None),
+    "actors": Target(ACTOR, None),
     "routes": Target("f8", None, 2),
     "field": Target("f4", None, None),
     "path": Target("f8", None, 2),
-    "words": Target("u4", None, None, None),
+    "packed_states": Target("u4", None, None, None),
     "moves": Target("i4", None, None, 3),
 }
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """What an episode is driven on; `record` (1,) of COURSE points to arrays kept alive here.
+class PreparedEpisode:
+    """What an episode is driven on; `record` (1,) of PREPARED points to arrays kept alive here.
 
     It never changes: a copy in this process is itself.
     """
@@ -87,21 +90,21 @@ class Course:
     episode: Episode
     geodesic: Geodesic
     path: Array | None  # (n, 2) m
-    ways: CostToGo | None  # of the outline
+    cost_to_go: CostToGo | None  # of the outline
     pointers: Pointers  # of the record
 
     @property
     def record(self) -> NDArray[np.void]:
-        """The record (1,) of COURSE."""
+        """The record (1,) of PREPARED."""
         return self.pointers.record
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Course:
+    def __deepcopy__(self, memo: dict[int, Any]) -> PreparedEpisode:
         return self
 
     @cached_property
     def segments(self) -> int:
-        """How many segments sensors see, those of movers among them."""
-        return len(self.episode.walls) + self.episode.movers.segments
+        """How many segments sensors see, those of actors among them."""
+        return len(self.episode.walls) + self.episode.actors.segments
 
     @classmethod
     def of(
@@ -111,8 +114,8 @@ class Course:
         path: Array | None,
         tolerance: float,
         ways: CostToGo | None = None,
-    ) -> Course:
-        """Lay out a course.
+    ) -> PreparedEpisode:
+        """Lay out a prepared.
 
         Args:
             episode: where and what.
@@ -124,15 +127,15 @@ class Course:
         points = np.empty((0, 2))
         if path is not None:
             points = as_array(path[:, :2], np.float64, (None, 2), "path of the guidance", FARTHEST)
-        pointers = Pointers(np.zeros(1, COURSE), _TARGETS, constant=True)
+        pointers = Pointers(np.zeros(1, PREPARED), _TARGETS, constant=True)
         r: Any = pointers.record[0]
-        movers, field = episode.movers, geodesic.extended
+        actors, field = episode.actors, geodesic.extended
         pointers.point("walls", episode.walls)
         pointers.point("discs", episode.discs)
-        pointers.point("movers", movers.rows)
-        pointers.point("routes", movers.routes)
+        pointers.point("actors", actors.rows)
+        pointers.point("routes", actors.routes)
         r["n_walls"], r["n_discs"] = len(episode.walls), len(episode.discs)
-        r["n_movers"], r["n_routes"] = len(movers), len(movers.routes)
+        r["n_movers"], r["n_routes"] = len(actors), len(actors.routes)
         r["start"], r["goal"] = episode.start, episode.goal
         r["tolerance"] = tolerance if episode.tolerance is None else episode.tolerance
         r["time_limit"] = math.nan if episode.time_limit is None else episode.time_limit
@@ -142,18 +145,18 @@ class Course:
         pointers.point("path", points)
         r["points"] = len(points)
         if ways is not None:
-            words, moves = (
+            packed_states, moves = (
                 np.ascontiguousarray(ways.packed_states),
                 np.ascontiguousarray(ways.moves),
             )
-            pointers.point("words", words)
+            pointers.point("packed_states", packed_states)
             pointers.point("moves", moves)
-            r["word_rows"], r["word_cols"], r["headings"] = words.shape
-            r["n_moves"], r["word_cell"], r["word_origin"] = len(moves), ways.cell, ways.origin
+            r["state_rows"], r["state_cols"], r["headings"] = packed_states.shape
+            r["n_moves"], r["state_cell"], r["state_origin"] = len(moves), ways.cell, ways.origin
         return cls(episode, geodesic, path, ways, pointers)
 
-    def begun_at(self, start: Array) -> Course:
-        """This course from another start (3,) [m, m, rad]."""
+    def starting_at(self, start: Array) -> PreparedEpisode:
+        """This prepared from another start (3,) [m, m, rad]."""
         episode = replace(self.episode, start=start)
         pointers = self.pointers.again()
         pointers.record["start"] = episode.start
@@ -161,20 +164,20 @@ class Course:
 
 
 @borrowing_kernel
-def way_to_go(course: Any, x: float, y: float) -> float:
+def geodesic_to_go(prepared: Any, x: float, y: float) -> float:
     """Length of the geodesic from a point to the goal [m]; straight where none is known."""
-    c, s = math.cos(course.origin[2]), math.sin(course.origin[2])
-    dx, dy = x - course.origin[0], y - course.origin[1]
-    way = course.resolution
-    field = field_at(course.field, course.rows, course.cols)
+    c, s = math.cos(prepared.origin[2]), math.sin(prepared.origin[2])
+    dx, dy = x - prepared.origin[0], y - prepared.origin[1]
+    way = prepared.resolution
+    field = field_at(prepared.field, prepared.rows, prepared.cols)
     way = interpolate(field, (c * dx + s * dy) / way, (c * dy - s * dx) / way)
     if way < math.inf:
         return float(way)
-    return math.hypot(course.goal[0] - x, course.goal[1] - y)
+    return math.hypot(prepared.goal[0] - x, prepared.goal[1] - y)
 
 
 @borrowing_kernel
-def rest_of_path(path: Array, x: float, y: float) -> float:
+def path_to_go(path: Array, x: float, y: float) -> float:
     """Way [m] from a point to a path (n, 2) and along it to its end."""
     segment, share, gap = project(path, x, y)
     rest = gap
@@ -185,28 +188,30 @@ def rest_of_path(path: Array, x: float, y: float) -> float:
 
 
 @borrowing_kernel
-def seconds_to_go(course: Any, x: float, y: float, yaw: float) -> float:
+def seconds_to_go(prepared: Any, x: float, y: float, yaw: float) -> float:
     """Seconds to the goal from a pose by the ways of the outline; NaN where none is known."""
-    if course.word_rows == 0:
+    if prepared.state_rows == 0:
         return math.nan
-    words = states_at(course.words, course.word_rows, course.word_cols, course.headings)
-    lx, ly, lyaw = to_local(course.word_origin, x, y, yaw)
-    return time_to_go(words, course.word_cell, lx, ly, lyaw)
+    packed_states = states_at(
+        prepared.packed_states, prepared.state_rows, prepared.state_cols, prepared.headings
+    )
+    lx, ly, lyaw = to_local(prepared.state_origin, x, y, yaw)
+    return time_to_go(packed_states, prepared.state_cell, lx, ly, lyaw)
 
 
 @borrowing_kernel
-def to_go(course: Any, aim: int, x: float, y: float, yaw: float) -> float:
+def distance_to_go(prepared: Any, aim: int, x: float, y: float, yaw: float) -> float:
     """Way to go from a pose, as the task's aim measures it [m, or s]; NaN where none is known."""
     if aim == TIME:
-        return seconds_to_go(course, x, y, yaw)
+        return seconds_to_go(prepared, x, y, yaw)
     if aim == FIELD:
-        return way_to_go(course, x, y)
-    if aim == PATH and course.points > 0:
-        return rest_of_path(table_at(course.path, course.points, 2), x, y)
-    return math.hypot(course.goal[0] - x, course.goal[1] - y)
+        return geodesic_to_go(prepared, x, y)
+    if aim == PATH and prepared.points > 0:
+        return path_to_go(table_at(prepared.path, prepared.points, 2), x, y)
+    return math.hypot(prepared.goal[0] - x, prepared.goal[1] - y)
 
 
 @borrowing_kernel
-def way_from(courses: Any, x: float, y: float) -> float:
-    """`way_to_go` of the only row of courses (1,)."""
-    return way_to_go(courses[0], x, y)
+def first_geodesic_to_go(prepared_rows: Any, x: float, y: float) -> float:
+    """`way_to_go` of the only row of prepared_rows (1,)."""
+    return geodesic_to_go(prepared_rows[0], x, y)

@@ -1,31 +1,60 @@
-"""What a step was worth, and whether it ended the episode: pure functions of readings."""
+"""Rewards: named terms, and whether a step ended the episode.
+
+A term is one field of `RewardWeights` and one line of `write_terms`; the rest goes by its name.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.kernel import kernel
+from wheelchair_gym.compiled.address import table_at
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
+from wheelchair_gym.task.settings import RewardWeights
+from wheelchair_gym.task.side_clearance import proximity_speed
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
 
-TERMS = ("progress", "time", "arrived", "bumped", "timeout", "change", "withheld", "haste")
+TERMS = tuple(field.name for field in dataclasses.fields(RewardWeights))
+TERM_VALUES = np.dtype([(name, "f8") for name in TERMS])
+
+VERDICT = np.dtype(
+    [
+        ("terms", TERM_VALUES),
+        ("reward", "f8"),
+        ("arrived", "b1"),  # by the chair's own estimate
+        ("terminated", "b1"),
+        ("truncated", "b1"),
+        ("valid_beams", "i8"),
+        ("geodesic", "f8"),  # m, from the start
+    ],
+    align=True,
+)
 
 
 class Verdict(NamedTuple):
-    """Named reward terms, weighted; the reward is their sum."""
+    """The fields of VERDICT: named reward terms, weighted; the reward is their sum."""
 
-    terms: tuple[float, ...]  # (8,) in the order of TERMS
+    terms: tuple[float, ...]  # in the order of TERMS
     reward: float
     arrived: bool  # by the chair's own estimate
     terminated: bool  # arrived or bumped
     truncated: bool  # out of time, and neither of the two
     valid_beams: int  # of the reading's scan
     geodesic: float  # m, from the episode's start
+
+
+def reward_table() -> str:
+    """All reward terms as a table in Markdown."""
+    fields = dataclasses.fields(RewardWeights)
+    rows = [f"| {f.name} | {f.metadata['doc']} | {f.default:g} |" for f in fields]
+    return "\n    ".join(["| term | what is weighted | weight |", "| --- | --- | --- |", *rows])
 
 
 @kernel
@@ -38,41 +67,52 @@ def reached(
     return not heading or abs(wrap(goal[2] - pose[2])) <= heading_tolerance
 
 
-@kernel
-def weigh(
-    weights: Array,
-    progress: float,
-    period: float,
-    arrived: bool,
+@borrowing_kernel
+def write_no_terms(verdict: Any) -> None:
+    """Set all reward terms of a record of VERDICT to zero."""
+    t = verdict.terms
+    t.progress = t.time = t.arrived = t.bumped = t.timeout = 0.0
+    t.action_rate = t.shield_intervention = t.proximity_speed = 0.0
+    verdict.reward = 0.0
+
+
+@borrowing_kernel
+def write_terms(
+    rule: Any,
+    progress: Any,
+    verdict: Any,
+    covered: float,
     bumped: bool,
-    timeout: bool,
-    action: Array,
-    previous: Array,
-    withheld: float,
-    haste: float,
-    out: Array,
+    twist: Array,
+    laser: Floats,
 ) -> None:
-    """The reward terms of one step.
+    """Write the weighted reward terms of one step and their sum into a record of VERDICT.
 
     Args:
-        weights: (8,) in the order of TERMS.
-        progress: way to go that was covered [m].
-        period: control period [s].
-        arrived: at the goal, by the chair's own estimate.
+        rule: record of RULES.
+        progress: record of PROGRESS, after the step.
+        verdict: record of VERDICT, which says already whether the episode ended.
+        covered: way to go that was covered [m, or s].
         bumped: a bumper strip is pressed.
-        timeout: the time limit is reached, and neither of the two.
-        action: (2,) in [-1, 1].
-        previous: the action before.
-        withheld: of the twist that was asked for by a shield, in full speeds.
-        haste: squared speed near what the scan shows [m2/s2].
-        out: (8,) weighted terms.
+        twist: (2,) [m/s, rad/s].
+        laser: (beams,) [m].
     """
-    change = (action[0] - previous[0]) ** 2 + (action[1] - previous[1]) ** 2
-    out[0] = weights[0] * progress
-    out[1] = weights[1] * period
-    out[2] = weights[2] * arrived
-    out[3] = weights[3] * bumped
-    out[4] = weights[4] * timeout
-    out[5] = weights[5] * change
-    out[6] = weights[6] * withheld
-    out[7] = weights[7] * haste * period
+    w, t = rule.weights, verdict.terms
+    now, before = progress.action, progress.previous
+    shield_v, shield_w = progress.shield_intervention[0], progress.shield_intervention[1]
+    near = 0.0
+    if w.proximity_speed != 0.0:
+        directions = table_at(rule.directions, rule.laser_beams, 2)
+        near = proximity_speed(laser, directions, rule.mount[:], rule.outline[:], twist)
+    t.progress = w.progress * covered
+    t.time = w.time * rule.period
+    t.arrived = w.arrived * verdict.arrived
+    t.bumped = w.bumped * bumped
+    t.timeout = w.timeout * verdict.truncated
+    t.action_rate = w.action_rate * ((now[0] - before[0]) ** 2 + (now[1] - before[1]) ** 2)
+    t.shield_intervention = w.shield_intervention * math.hypot(shield_v, shield_w)
+    t.proximity_speed = w.proximity_speed * near * rule.period
+    verdict.reward = (
+        0.0 + t.progress + t.time + t.arrived + t.bumped + t.timeout + t.action_rate
+        + t.shield_intervention + t.proximity_speed
+    )  # fmt: skip

@@ -9,20 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import rectangle_point_gap
+from wheelchair_gym.geometry import rectangle_point_gap, world_to_body
 from wheelchair_gym.kinematics import arc_step, corner_speed
-from wheelchair_gym.sensors.laser import middle
+from wheelchair_gym.sensors.laser import median3
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-GAP_REACH = 0.5  # m: wider gaps are told as this
-NEAR = 0.2  # m from the outline, from which on haste counts
+CLEARANCE_MAX = 0.5  # m: wider gaps are told as this
+NEAR = 0.2  # m from the outline, from which on proximity_speed counts
 BEYOND = 0.05  # m before and behind the outline that count as beside it
 
 
 @cache
-def fan() -> Floats:
+def fan_poses() -> Floats:
     """Poses that a chair may take next (4 k,): on arcs of two lengths, and where it pivots.
 
     x and y [m], cosine and sine of the heading, of each.
@@ -35,7 +35,9 @@ def fan() -> Floats:
 
 
 @borrowing_kernel
-def haste(scan: Floats, directions: Array, mount: Array, outline: Array, twist: Array) -> float:
+def proximity_speed(
+    scan: Floats, directions: Array, mount: Array, outline: Array, twist: Array
+) -> float:
     """Squared speed [m2/s2] of the outline's fastest corner, less the farther off all is.
 
     All of it counts where the scan shows something at the outline, none where nothing is `NEAR`.
@@ -52,7 +54,7 @@ def haste(scan: Floats, directions: Array, mount: Array, outline: Array, twist: 
     near = math.hypot(mount[0], mount[1]) + math.hypot(ahead, aside) + NEAR
     least = NEAR
     for i in range(1, scan.shape[0] - 1, 2):
-        r = middle(scan[i - 1], scan[i], scan[i + 1])
+        r = median3(scan[i - 1], scan[i], scan[i + 1])
         if 0.0 < r < near:
             x, y = mount[0] + r * directions[i, 0], mount[1] + r * directions[i, 1]
             least = min(least, rectangle_point_gap(x, y, outline))
@@ -60,7 +62,7 @@ def haste(scan: Floats, directions: Array, mount: Array, outline: Array, twist: 
 
 
 @borrowing_kernel
-def gaps(
+def side_clearance(
     scan: Floats, directions: Array, mount: Array, outline: Array, poses: Floats, out: Floats
 ) -> None:
     """Gaps to the left and to the right of the outline, where it stands and at poses ahead.
@@ -81,11 +83,11 @@ def gaps(
     far = 0.0  # m: to the farthest pose
     for k in range(count):
         far = max(far, math.hypot(poses[4 * k], poses[4 * k + 1]))
-    near = far + math.hypot(mount[0], mount[1]) + math.hypot(max(high, -low), side + GAP_REACH)
+    near = far + math.hypot(mount[0], mount[1]) + math.hypot(max(high, -low), side + CLEARANCE_MAX)
     for k in range(out.shape[0]):
-        out[k] = GAP_REACH
+        out[k] = CLEARANCE_MAX
     for i in range(1, scan.shape[0] - 1, 2):
-        r = middle(scan[i - 1], scan[i], scan[i + 1])
+        r = median3(scan[i - 1], scan[i], scan[i + 1])
         if not 0.0 < r < near:  # too near is -inf, no echo is inf; NaN is neither
             continue
         x, y = mount[0] + r * directions[i, 0], mount[1] + r * directions[i, 1]
@@ -95,7 +97,7 @@ def gaps(
                 at = 4 * (k - 1)
                 dx, dy = x - poses[at], y - poses[at + 1]
                 cosine, sine = poses[at + 2], poses[at + 3]
-                along, aside = cosine * dx + sine * dy, cosine * dy - sine * dx
+                along, aside = world_to_body(cosine, sine, dx, dy)
             if low <= along <= high:
                 place = 2 * k + (0 if aside >= 0.0 else 1)
                 out[place] = min(out[place], np.float32(abs(aside) - side))

@@ -9,20 +9,24 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.address import Pointers, Target, as_array
+from wheelchair_gym.compiled.address import Pointers, as_array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.maps.cost_to_go import CostToGo
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensors.settings import SensorSettings
-from wheelchair_gym.task.assessment import assess_alone, start_task
-from wheelchair_gym.task.observation_layout import boxes, places
-from wheelchair_gym.task.prepared_episode import AIMS, COURSE, Course, way_from
-from wheelchair_gym.task.records import ALONE, PROGRESS, RULES, VERDICT
-from wheelchair_gym.task.rewards import TERMS, Verdict, reached
+from wheelchair_gym.task.assessment import assess, begin_task
+from wheelchair_gym.task.observations import OBSERVATION_KEYS, ObservationSource, places, spaces
+from wheelchair_gym.task.prepared_episode import (
+    AIMS,
+    PreparedEpisode,
+    first_geodesic_to_go,
+)
+from wheelchair_gym.task.records import PROGRESS, RULES, RULES_TARGETS, TASK, TASK_TARGETS
+from wheelchair_gym.task.rewards import TERMS, VERDICT, Verdict, reached
 from wheelchair_gym.task.settings import TaskSettings
-from wheelchair_gym.task.side_clearance import fan
+from wheelchair_gym.task.side_clearance import fan_poses
 from wheelchair_gym.types import Episode, Reading
 
 Array = NDArray[np.float64]
@@ -33,21 +37,7 @@ Observation = dict[str, Floats]
 # the chair's outline.
 Guidance = Callable[["Task"], Array | CostToGo]
 
-TWIST_ROOM = 1.5  # a chair pushed or overshooting is seen up to this multiple of its limits
-
-_RULE_TARGETS = {
-    "reaches": Target("f8", None),
-    "ahead": Target("f8", None),
-    "back": Target("f8", None),
-    "fan": Target("f4", None),
-    "directions": Target("f8", None, 2),
-}
-_ALONE_TARGETS = {
-    "rules": Target(RULES, 1),
-    "progress": Target(PROGRESS, 1),
-    "verdict": Target(VERDICT, 1),
-    "course": Target(COURSE, 1),
-}
+TWIST_RANGE = 1.5  # a chair pushed or overshooting is seen up to this multiple of its limits
 
 
 class Task:
@@ -55,7 +45,7 @@ class Task:
 
     Attributes:
         map: what the chair knows of the world: what it was told, or what it has drawn itself.
-        built_map: gives what it has drawn, if the world is unknown.
+        chart: gives what it has drawn, if the world is unknown.
         start: where the episode begins (3,) [m, m, rad].
         goal: (3,) [m, m, rad].
         geodesic: the shortest ways to the goal.
@@ -67,9 +57,9 @@ class Task:
         shield: settings of what filters its commands, or None.
         reading: the latest; its pose is the chair's own estimate.
         observation, verdict: of that reading.
-        guarded: a shield filters what the chair is told.
+        is_shielded: a shield filters what the chair is told.
         action: the last one (2,), of a policy or of what stands between it and the task.
-        withheld: what the shield took from the twist that it asked for [m/s, rad/s].
+        shield_intervention: what the shield took from the twist that it asked for [m/s, rad/s].
         path: of the guidance (n, 2) [m], or None.
         key: of the episode's randomness; seeds whatever a policy draws.
         boxes: the space of each key of an observation, in the order in which kernels write them.
@@ -84,9 +74,9 @@ class Task:
     observation: Observation
     verdict: Verdict
     key: int
-    guarded: bool
+    is_shielded: bool
     action: Array
-    withheld: tuple[float, float]
+    shield_intervention: tuple[float, float]
 
     def __init__(
         self,
@@ -117,56 +107,63 @@ class Task:
                 for m in rangers.mounted
             ]
         )
-        self.posed = bool(getattr(guidance, "poses", False))
-        if settings.aim == "time" and not self.posed:
+        self.has_poses = bool(getattr(guidance, "poses", False))
+        if settings.aim == "time" and not self.has_poses:
             raise InputError("task.aim is 'time'; it needs the guidance 'poses'")
-        if settings.unguided and guidance is not None and not self.posed:
-            raise InputError("task.unguided needs the guidance 'poses', or none")
-        self._ahead = np.array(settings.look_ahead_time if self.posed else settings.look_ahead)
+        if settings.hide_guidance and guidance is not None and not self.has_poses:
+            raise InputError("task.hide_guidance needs the guidance 'poses', or none")
+        self._ahead = np.array(settings.look_ahead_time if self.has_poses else settings.look_ahead)
         self._back = np.array(settings.trail, np.float64)
         self._directions = sensors.laser.directions
-        self._pointers = Pointers(np.zeros(1, RULES), _RULE_TARGETS)
+        self._pointers = Pointers(np.zeros(1, RULES), RULES_TARGETS)
         self.rules: Rows = self._pointers.record
         self._set_rules()
         self._progress = np.zeros(1, PROGRESS)
         self._judged = np.zeros(1, VERDICT)
-        self._rows = Pointers(np.zeros(1, ALONE), _ALONE_TARGETS)
-        self._alone = self._rows.record
-        self._rows.point("rules", self._pointers)
-        self._rows.point("progress", self._progress)
-        self._rows.point("verdict", self._judged)
-        self.boxes = boxes(settings, self.rules[0], self._reaches, self.footprint.half_width)
-        self._places = places((key, box.shape[0]) for key, box in self.boxes.items())
-        self.room = sum(box.shape[0] for box in self.boxes.values())
+        self._rows = self.row_pointers(self._progress)
+        self.spaces = spaces(self._source)
+        self._places = places((key, box.shape[0]) for key, box in self.spaces.items())
+        self.observation_size = sum(box.shape[0] for box in self.spaces.values())
+
+    def row_pointers(self, progress: Rows, prepared: Rows | None = None) -> Pointers:
+        """Where rows (n,) of PROGRESS and PREPARED lie, a record (1,) of TASK."""
+        rows = Pointers(np.zeros(1, TASK), TASK_TARGETS)
+        rows.record["n"] = len(progress)
+        rows.point("rules", self._pointers)
+        rows.point("progress", progress)
+        if prepared is not None:
+            rows.point("prepared", prepared)
+        return rows
 
     def _set_rules(self) -> None:
         r, s, limits = cast("Any", self.rules[0]), self.settings, self.limits
         point = self._pointers.point
         r["period"] = self.period
         r["forward"], r["backward"], r["turn"] = limits.forward, limits.backward, limits.turn
-        r["beams"], r["laser_reach"] = s.beams, self.sensors.laser.reach
-        r["rangers"] = len(self._reaches)
+        laser, most = self.sensors.laser, max(limits.forward, limits.backward)
+        r["laser_reach"] = laser.reach
         point("reaches", self._reaches)
-        most = max(limits.forward, limits.backward), limits.turn
-        r["twist_most"] = np.float32(TWIST_ROOM) * np.array(most, np.float32)
-        r["goal_room"] = 5 if s.heading else 3
+        r["twist_most"] = np.float32(TWIST_RANGE) * np.array((most, limits.turn), np.float32)
         r["points"] = 0 if self.guidance is None else len(self._ahead)
-        r["posed"] = self.posed
+        r["has_poses"] = self.has_poses
         point("ahead", self._ahead)
-        r["last_action"], r["privileged"] = s.last_action, s.privileged
-        r["shield_state"] = s.shield_state
-        r["unguided"] = s.unguided
-        if s.gaps:
-            r["fanned"] = s.unguided or not (self.posed and r["points"])
-            r["gaps"] = 2 + (len(fan()) // 2 if r["fanned"] else 2 * int(r["points"]))
-            point("fan", fan())
-        r["trail"] = len(self._back)
+        self._source = source = ObservationSource(
+            s,
+            self._reaches,
+            laser.reach,
+            np.array(r["twist_most"]),
+            self.footprint.half_width,
+            int(r["points"]),
+            4 if self.has_poses else 2,
+        )
+        r["size"] = tuple(key.size(source) for key in OBSERVATION_KEYS)
+        r["uses_fan"] = source.uses_fan
+        point("fan_poses", fan_poses())
         point("back", self._back)
-        laser = self.sensors.laser
         r["outline"], r["mount"] = self.footprint.array, (laser.x, laser.y)
         r["laser_beams"] = laser.beams
         point("directions", self._directions)
-        r["doubt"] = 0.0 if self.sensors.pose_source == "truth" else s.doubt
+        r["arrival_margin"] = 0.0 if self.sensors.pose_source == "truth" else s.arrival_margin
         r["heading"], r["heading_tolerance"] = s.heading, s.heading_tolerance
         r["aim"] = AIMS.index(s.aim)
         w = s.reward
@@ -176,14 +173,14 @@ class Task:
     @property
     def space(self) -> gym.spaces.Dict:
         """The space of observations."""
-        return gym.spaces.Dict(cast("dict[str, gym.Space[Floats]]", self.boxes))
+        return gym.spaces.Dict(cast("dict[str, gym.Space[Floats]]", self.spaces))
 
     @property
     def map(self) -> OccupancyGrid:
         """What the chair knows of the world."""
         return self._told if self.built_map is None else self.built_map()
 
-    def prepare(self, episode: Episode, radius: float | None = None) -> Course:
+    def prepare(self, episode: Episode, radius: float | None = None) -> PreparedEpisode:
         """What an episode is driven on: the ways to its goal, and the guidance.
 
         Args:
@@ -201,27 +198,29 @@ class Task:
             self._take(episode, ways)
             self.tolerance = self.tolerance_of(episode)
             path = self.guidance(self)
-            if isinstance(path, CostToGo) != self.posed:
-                expected = "ways of the outline" if self.posed else "a path (n, 2)"
+            if isinstance(path, CostToGo) != self.has_poses:
+                expected = "ways of the outline" if self.has_poses else "a path (n, 2)"
                 raise ValueError(f"guidance gave {type(path).__name__}; expected {expected}")
-        return self.lay_out(episode, ways, path)
+        return self.make_prepared(episode, ways, path)
 
     def tolerance_of(self, episode: Episode) -> float:
         """How near its goal counts [m]."""
         return self.settings.tolerance if episode.tolerance is None else episode.tolerance
 
-    def lay_out(self, episode: Episode, ways: Geodesic, guide: Array | CostToGo | None) -> Course:
-        """The course of an episode whose ways and guidance are known."""
+    def make_prepared(
+        self, episode: Episode, ways: Geodesic, guide: Array | CostToGo | None
+    ) -> PreparedEpisode:
+        """The prepared of an episode whose ways and guidance are known."""
         if isinstance(guide, CostToGo):
             path = guide.path(episode.start)[:, :2]
             if len(path) < 2:
                 path = np.stack([episode.start[:2], episode.goal[:2]])
-            return Course.of(episode, ways, path, self.settings.tolerance, guide)
+            return PreparedEpisode.of(episode, ways, path, self.settings.tolerance, guide)
         if guide is not None:
             guide = as_array(guide, np.float64, (None, None), "the path of the guidance")
             if len(guide) < 2 or guide.shape[1] < 2:
                 raise InputError(f"guidance gave a path of shape {guide.shape}; expected (n, 2)")
-        return Course.of(episode, ways, guide, self.settings.tolerance)
+        return PreparedEpisode.of(episode, ways, guide, self.settings.tolerance)
 
     def _take(self, episode: Episode, ways: Geodesic) -> None:
         self._told, self.start, self.goal = episode.map, episode.start, episode.goal
@@ -229,37 +228,35 @@ class Task:
         self._goal = tuple(episode.goal.tolist())
 
     def begin(
-        self, course: Course, reading: Reading, key: int, guarded: bool = False
+        self, prepared: PreparedEpisode, reading: Reading, key: int, is_shielded: bool = False
     ) -> Observation:
-        """Take up a new episode with its first reading, behind a shield if it is guarded."""
-        self.redirect(course)
-        self.reading, self.key, self.guarded = reading, key, guarded
-        self.action, self.withheld = np.zeros(2), (0.0, 0.0)
-        out, verdict = np.empty(self.room, np.float32), self._judged
-        start_task(
+        """Take up a new episode with its first reading, behind a shield if it is is_shielded."""
+        self.replace_prepared(prepared)
+        self.reading, self.key, self.is_shielded = reading, key, is_shielded
+        self.action, self.shield_intervention = np.zeros(2), (0.0, 0.0)
+        out, verdict = np.empty(self.observation_size, np.float32), self._judged
+        begin_task(
             0,
-            self.rules,
-            course.record,
-            self._progress,
+            self._rows.record,
             verdict,
             reading.pose,
             reading.twist,
             reading.laser,
             reading.ultrasonic,
-            guarded,
+            is_shielded,
             out,
         )
-        self.tolerance = float(course.record["tolerance"][0])
+        self.tolerance = float(prepared.record["tolerance"][0])
         self.time_limit = float(self._progress["time_limit"][0])
         self._take_verdict()
         self.observation = self.unpack(out)
         return self.observation
 
-    def redirect(self, course: Course) -> None:
-        """Go on on another course: on a map that has grown, say."""
-        self._take(course.episode, course.geodesic)
-        self._course, self.path = course, course.path
-        self._rows.point("course", course.pointers)
+    def replace_prepared(self, prepared: PreparedEpisode) -> None:
+        """Go on on another prepared: on a map that has grown, say."""
+        self._take(prepared.episode, prepared.geodesic)
+        self._prepared, self.path = prepared, prepared.path
+        self._rows.point("prepared", prepared.pointers)
 
     def assess(
         self, reading: Reading, action: Array, less: tuple[float, float] = (0.0, 0.0)
@@ -270,9 +267,11 @@ class Task:
 
         `verdict` then holds what it was worth, `reading` where it led.
         """
-        out = np.empty(self.room, np.float32)
-        assess_alone(
-            self._alone,
+        out = np.empty(self.observation_size, np.float32)
+        assess(
+            0,
+            self._rows.record,
+            self._judged,
             action,
             reading.pose,
             reading.twist,
@@ -282,14 +281,13 @@ class Task:
             *less,
             out,
         )
-        self.reading, self.action, self.withheld = reading, action, less
+        self.reading, self.action, self.shield_intervention = reading, action, less
         self._take_verdict()
         self.observation = self.unpack(out)
         return self.observation
 
     def _take_verdict(self) -> None:
-        terms, *rest = cast("tuple[Any, ...]", self._judged.item())
-        self.verdict = Verdict(tuple(terms.tolist()), *rest)
+        self.verdict = Verdict(*cast("tuple[Any, ...]", self._judged.item()))
 
     def unpack(self, out: Floats) -> Observation:
         """Observations (n, room) or one (room,), written in one piece, by key."""
@@ -299,7 +297,7 @@ class Task:
 
     def way_to_go(self, pose: Array) -> float:
         """Length of the geodesic from a pose to the goal [m]; straight if none is known."""
-        return way_from(self._course.record, float(pose[0]), float(pose[1]))
+        return first_geodesic_to_go(self._prepared.record, float(pose[0]), float(pose[1]))
 
     def at_goal(self, pose: Array) -> bool:
         """Whether a true pose (3,) is at the goal."""

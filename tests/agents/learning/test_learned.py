@@ -51,7 +51,7 @@ def test_a_driver_sees_and_acts_as_in_training(trained):
     network = Network(load_weights(folder / POLICY))
     policy.reset()
     for _ in range(6):
-        flat = np.concatenate([observation[key] for key in env.task.boxes])
+        flat = np.concatenate([observation[key] for key in env.task.spaces])
         action = policy.act(observation)
         assert action == pytest.approx(network(flat[None])[0], abs=1e-6)
         observation, *_ = env.step(action)
@@ -71,9 +71,11 @@ def test_a_driver_sees_what_was_driven_and_what_a_shield_withheld(trained):
         policy.reset(env.mission)
         for _ in range(40):
             policy.act(env.reading)
-            flat = np.concatenate([observation[key] for key in env.task.boxes])
+            flat = np.concatenate([observation[key] for key in env.task.spaces])
             assert policy.told == pytest.approx(flat, abs=1e-6)
-            most[env.task.guarded] = max(most[env.task.guarded], abs(observation["shield"][1]))
+            most[env.task.is_shielded] = max(
+                most[env.task.is_shielded], abs(observation["shield"][1])
+            )
             observation, _, terminated, truncated, _ = env.step(np.array([1.0, 0.1]))
             if terminated or truncated:
                 break
@@ -98,7 +100,7 @@ def test_a_driver_is_told_what_was_withheld_in_all_the_time_since_it_acted(train
                 assert seen == pytest.approx([1.0, *mean], abs=1e-6)
                 most = max(most, abs(withheld[-1][0] - withheld[-2][0]))
             _, _, terminated, truncated, _ = env.step(np.array([1.0, 0.0]))
-            withheld.append(np.array(env.task.withheld))
+            withheld.append(np.array(env.task.shield_intervention))
             if terminated or truncated:
                 break
     assert most > 0.0
@@ -239,7 +241,7 @@ def test_onnx_acts_as_numpy_from_raw_readings(memory, head, tmp_path):
     pytest.importorskip("onnx", reason="pip install 'wheelchair_gym[learn]'")
     pytest.importorskip("onnxruntime", reason="pip install 'wheelchair_gym[learn]'")
     from agents.learning.export import OnnxNetwork, export_onnx
-    from wheelchair_gym.task.observations import pool, see
+    from wheelchair_gym.task.observations import observed_range, pool_beams
 
     weights = random_weights(memory, head=head)
     file = tmp_path / "policy.onnx"
@@ -262,9 +264,9 @@ def test_onnx_acts_as_numpy_from_raw_readings(memory, head, tmp_path):
             raw[key] = scan.astype(np.float32)
         pooled = np.empty((n, 64), np.float32)
         for row, scan in zip(pooled, raw["laser"], strict=True):
-            pool(scan, 10.0, row)
+            pool_beams(scan, 10.0, row)
         reaches = [4.0] * 4 + [6.0] * 4
-        heard = [[see(r, most) for r, most in zip(row, reaches, strict=True)]
+        heard = [[observed_range(r, most) for r, most in zip(row, reaches, strict=True)]
                  for row in raw["ultrasonic"]]  # fmt: skip
         rest = ("twist", "goal", "last_action", "shield", "path")
         parts = [pooled, heard, *(raw[key] for key in rest)]

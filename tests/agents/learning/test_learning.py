@@ -29,7 +29,7 @@ from tests.conftest import ROOT
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.task.observation_layout import PRIVATE
+from wheelchair_gym.task.observations import PRIVILEGED
 
 MORE = ("recurrent_ppo", "td3", "tqc")
 
@@ -172,12 +172,12 @@ def test_imitation_comes_near_its_expert_and_warms_a_run(tmp_path):
 
 def test_a_teacher_tells_its_student_what_it_would_do_where_it_sees_the_way(trained):
     guided = load_weights(trained[1] / POLICY)
-    env = {**PRIVY, "task": {**PRIVY["task"], "unguided": True}}
+    env = {**PRIVY, "task": {**PRIVY["task"], "hide_guidance": True}}
     tasks = [
         NavigationVectorEnv(3, env_settings({**own, "starts": {}})).task for own in (PRIVY, env)
     ]
     shown, hidden = (
-        Layout(tuple((key, box.shape[0]) for key, box in task.boxes.items()), True)
+        Layout(tuple((key, box.shape[0]) for key, box in task.spaces.items()), True)
         for task in tasks
     )
     seen = np.random.default_rng(3).uniform(0.1, 3.0, (20, hidden.size)).astype(np.float32)
@@ -190,7 +190,7 @@ def test_a_teacher_tells_its_student_what_it_would_do_where_it_sees_the_way(trai
     assert Teacher(guided, hidden, student)(torch.from_numpy(seen)).numpy() == pytest.approx(
         wanted, abs=1e-5
     )
-    blind = Layout(tuple(pair for pair in hidden.sizes if pair[0] not in PRIVATE), True)
+    blind = Layout(tuple(pair for pair in hidden.sizes if pair[0] not in PRIVILEGED), True)
     with pytest.raises(InputError, match="teacher: it needs 20 numbers of path; observed are 0"):
         Teacher(guided, blind, student)
     with pytest.raises(InputError, match=r"teacher: its rate is 5\.0; expected 10\.0"):
@@ -198,7 +198,7 @@ def test_a_teacher_tells_its_student_what_it_would_do_where_it_sees_the_way(trai
 
 
 def test_an_actor_imitates_its_teacher_with_a_weight_that_anneals(trained, tmp_path):
-    env = {**PRIVY, "task": {**PRIVY["task"], "unguided": True}}
+    env = {**PRIVY, "task": {**PRIVY["task"], "hide_guidance": True}}
     kickstarting = {"teacher": str(trained[1] / POLICY), "coefficient": 50.0, "duration": 0.8}
     changes = {"env": env, "frames": 1920, "evaluation": {"episodes": 0}}
     runs, weights = [], []

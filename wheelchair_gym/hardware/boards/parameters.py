@@ -60,8 +60,8 @@ def drive_parameters(chair: ChairSettings) -> dict[str, float]:
     del values["protective"]
     values |= {"track": drive.track, "counts_per_metre": drive.counts_per_metre}
     values |= {name: float(getattr(motor, name)) for name in ("kp", "ki", "kd", "ka", "smoothing")}
-    values["feed"] = motor.constant / drive.wheel_radius
-    values["under_voltage"] = chair.battery.empty
+    values["feed"] = motor.torque_constant / drive.wheel_radius
+    values["under_voltage"] = chair.battery.empty_voltage
     values["missing"] = max(_MISSING, _COUNTS / drive.counts_per_metre)
     values["half_width"] = chair.footprint.half_width
     return values
@@ -71,7 +71,7 @@ def range_parameters(rangers: UltrasonicSettings) -> dict[str, float]:
     """What the range board must hold for a chair's ultrasonics."""
     values = {"interval": rangers.interval}
     for name, model in (("narrow", rangers.narrow), ("wide", rangers.wide)):
-        values |= {f"{name}_reach": model.reach, f"{name}_blind": model.blind}
+        values |= {f"{name}_reach": model.reach, f"{name}_blind": model.range_min}
     return values
 
 

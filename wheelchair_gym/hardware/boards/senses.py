@@ -241,7 +241,7 @@ class BoardSensors:
             if len(newest.scan.ranges) == len(laser):
                 laser = newest.scan.ranges.copy()
                 # An echo nearer than the sensor can see is none.
-                laser[laser < self.sensors.laser.nearest] = np.nan
+                laser[laser < self.sensors.laser.range_min] = np.nan
         sonar = np.full(RANGERS, np.nan, np.float32)
         old = np.full(RANGERS, np.inf, np.float32)
         if self.range and math.isfinite(self._ranges.message.measured_at):

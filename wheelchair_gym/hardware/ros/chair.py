@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import roomiest
+from wheelchair_gym.geometry import best_clearance_heading
 from wheelchair_gym.hardware.control_loop import POLL_PERIOD, ControlLoop, WallClock
 from wheelchair_gym.hardware.ros.clock import SimulatedClock
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
@@ -29,12 +29,12 @@ from wheelchair_gym.kinematics import approach
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
-from wheelchair_gym.types import Belief, Episode, Reading, Truth, Uncopied
+from wheelchair_gym.types import Belief, Episode, NotCopyable, Reading, Truth
 
 Array = NDArray[np.float64]
 
 
-class RosChair(Uncopied):
+class RosChair(NotCopyable):
     """A chair behind rosbridge; see `Chair`.
 
     Args:
@@ -153,7 +153,9 @@ class RosChair(Uncopied):
             raise InputError(f"{self.url}: {who} is at {where}; expected free ground of {topic}")
         walls = grid.walls()
         if np.size(goal) == 2:
-            end[2], clearance = roomiest(end, self._loop.footprint, walls, np.empty((0, 3)))
+            end[2], clearance = best_clearance_heading(
+                end, self._loop.footprint, walls, np.empty((0, 3))
+            )
             if clearance <= 0.0:
                 where = f"({end[0]:g}, {end[1]:g}) m"
                 raise InputError(f"{self.url}: no room for the chair at {where}, however it faces")

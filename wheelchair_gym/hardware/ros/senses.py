@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.geometry import between, compose
+from wheelchair_gym.geometry import compose, relative_pose
 from wheelchair_gym.hardware.clock_sync import NEVER, ClockSync, Stamped
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.clock import SimulatedClock
@@ -196,7 +196,7 @@ class RosSensors:
         laser = self.sensors.laser
         if told is None:
             return ""
-        apart = between((laser.x, laser.y, laser.yaw), told.value)
+        apart = relative_pose((laser.x, laser.y, laser.yaw), told.value)
         if (
             np.hypot(*apart[:2]) <= self.settings.mount_tolerance
             and abs(apart[2]) <= self.settings.mount_tolerance

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.geometry import between, wrap_angle
+from wheelchair_gym.geometry import relative_pose, wrap_angle
 from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.control_loop import Clock
@@ -207,7 +207,7 @@ def drive_run(
         )
     begun, sign, done = clock.now(), -1.0 if back else 1.0, 0.0
     while True:
-        pose = between(start, reading.pose)
+        pose = relative_pose(start, reading.pose)
         counted = abs(float(pose[0]))
         if wall is not None:
             done = sign * (wall.distance - _nearest(senses, reading.laser, wall))
@@ -227,7 +227,7 @@ def drive_run(
     for _ in range(10):
         reading = chair.drive(np.zeros(2))
     check_straight(senses.odometer.at(clock.now())[1] - ways)
-    pose = between(start, reading.pose)
+    pose = relative_pose(start, reading.pose)
     counted = math.hypot(pose[0], pose[1])
     if wall is None:
         assert measured is not None

@@ -25,7 +25,7 @@ from wheelchair_gym.hardware.boards.protocol import (
     encode,
 )
 from wheelchair_gym.hardware.twin.build import build_target
-from wheelchair_gym.types import Uncopied
+from wheelchair_gym.types import NotCopyable
 
 FREQUENCY = 16_000_000  # Hz
 CRASHED = 5  # simavr's cpu_Crashed
@@ -68,7 +68,7 @@ def _library() -> c.CDLL:
     return library
 
 
-class EmulatedBoard(Uncopied):
+class EmulatedBoard(NotCopyable):
     """A microcontroller that runs a firmware; time passes only in `run`.
 
     Args:

@@ -13,25 +13,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.address import field_at, rows_of, table_at
+from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.physics.drive_train import Worked, step_once, work_out
+from wheelchair_gym.physics.drive_train import DriveConstants, drive_constants, physics_step
 from wheelchair_gym.physics.engine import VX, VY, W, X, Y, body_view
-from wheelchair_gym.physics.rig import RIG, laser_of, rangers_of
+from wheelchair_gym.physics.sensor_suite import laser_of, rangers_of
 from wheelchair_gym.physics.settings import GRAVITY, ChairSettings, PhysicsSettings
-from wheelchair_gym.physics.state import PARAMETER, STATE
-from wheelchair_gym.physics.step import locate
-from wheelchair_gym.physics.world import WORLD
-from wheelchair_gym.sensors.laser import SCRATCH, scan
+from wheelchair_gym.physics.step import chair_row, read_true_state, workspace_of
+from wheelchair_gym.sensors.laser import sense_laser
 from wheelchair_gym.sensors.settings import SensorSettings
-from wheelchair_gym.sensors.ultrasonic import fire
+from wheelchair_gym.sensors.ultrasonic import sense_ultrasonic
 from wheelchair_gym.types import Episode
 
 TIME_STEP = 0.001  # s: of the physics and of the lock step
-
-_rigs_at, _chairs_at, _states_at, _worlds_at = map(rows_of, (RIG, PARAMETER, STATE, WORLD))
 
 
 @settings
@@ -78,7 +74,7 @@ class Slope(NamedTuple):
 
 @borrowing_kernel
 def brake_impulses(
-    state: Any, p: Any, k: Worked, forward: float, aside: float, turn: float, most: float
+    state: Any, p: Any, k: DriveConstants, forward: float, aside: float, turn: float, most: float
 ) -> tuple[float, float]:
     """Impulses [N s] at the left and right rim by which closed spring brakes hold their wheels.
 
@@ -98,14 +94,14 @@ def brake_impulses(
     left = k.inertia[0] * k.radii[0] * state.spin[0]
     right = k.inertia[1] * k.radii[1] * state.spin[1]
     along = p.mass * forward + left + right
-    about = p.moment * turn + p.mass * p.centre * aside + half * (right - left)
+    about = p.moment * turn + p.mass * p.centre_of_mass * aside + half * (right - left)
     left, right = 0.5 * (along - about / half), 0.5 * (along + about / half)
     return min(most, max(-most, left)), min(most, max(-most, right))
 
 
 @borrowing_kernel
 def step_plant(
-    alone: Any,
+    chairs: Any,
     left: float,
     right: float,
     powered: tuple[bool, bool],
@@ -117,7 +113,7 @@ def step_plant(
     """One physics step under given duties; the fields of `Motion`.
 
     Args:
-        alone: (1,) of ALONE, whose chair it is.
+        chairs: (1,) of CHAIRS, whose first row it is.
         left: duty of the left motor.
         right: duty of the right one.
         powered: false: that driver's output is open, its motor turns freely.
@@ -127,12 +123,8 @@ def step_plant(
             mass. The tyres' load is that of level ground: 1 % more than on 8 degrees.
         force: with which a person pushes the chair along its heading [N].
     """
-    own = alone[0]
-    p = _chairs_at(own.chair, 1)[0]
-    state = _states_at(own.state, 1)[0]
-    world = _worlds_at(own.world, 1)[0]
-    rig = _rigs_at(own.rig, 1)[0]
-    k = work_out(p)
+    suite, p, state, world = chair_row(chairs, 0)
+    k = drive_constants(p)
     fields = body_view(world.body)
     c, s = math.cos(state.pose[2]), math.sin(state.pose[2])
     for along, axis, speed in (
@@ -157,9 +149,9 @@ def step_plant(
         state.duty[i] = (left if i == 0 else right) if powered[i] else free
         if held[i]:
             state.spin[i], state.duty[i] = 0.0, 0.0
-    hit = step_once(state, p, k, world.space, world.body, rig.step)
+    hit = physics_step(state, p, k, world.space, world.body, suite.step)
     state.tick += 1
-    locate(state, p, fields)
+    read_true_state(state, p, fields)
     scale = k.counts_per_rad
     return (
         state.turned[0] * scale,
@@ -167,42 +159,38 @@ def step_plant(
         state.voltage,
         state.twist[0],
         state.twist[1],
-        hit > p.bumper * p.dt,
+        hit > p.bumper_force * p.dt,
     )
 
 
 @borrowing_kernel
-def measure_ultrasonic(alone: Any, which: int) -> float:
+def measure_ultrasonic(chairs: Any, which: int) -> float:
     """What one ultrasonic ranges from where the chair stands now [m]; +inf without echo."""
-    own = alone[0]
-    state = _states_at(own.state, 1)[0]
-    world = _worlds_at(own.world, 1)[0]
-    return fire(
-        rangers_of(_rigs_at(own.rig, 1)[0]),
+    suite, _, state, world = chair_row(chairs, 0)
+    return sense_ultrasonic(
+        rangers_of(suite),
         which,
         state.pose,
         table_at(world.walls, world.n_walls, 4),
         table_at(world.discs, world.n_discs, 3),
         state.key,
         state.tick,
-        field_at(own.scratch, SCRATCH, own.walls),
+        workspace_of(chairs),
     )
 
 
 @borrowing_kernel
-def scan_laser(alone: Any, turn: int, ranges: Any) -> None:
+def scan_laser(chairs: Any, turn: int, ranges: Any) -> None:
     """One turn of the laser from where the chair stands now, as it reports it [m]."""
-    own = alone[0]
-    state = _states_at(own.state, 1)[0]
-    world = _worlds_at(own.world, 1)[0]
-    scan(
-        laser_of(_rigs_at(own.rig, 1)[0]),
+    suite, _, state, world = chair_row(chairs, 0)
+    sense_laser(
+        laser_of(suite),
         state.pose,
         table_at(world.walls, world.n_walls, 4),
         table_at(world.discs, world.n_discs, 3),
         state.key,
         turn,
-        field_at(own.scratch, SCRATCH, own.walls),
+        workspace_of(chairs),
         ranges,
     )
 
@@ -224,7 +212,7 @@ class Plant:
     ) -> None:
         self.chair = SimulatedChair(chair, sensors, PhysicsSettings(step=TIME_STEP))
         self.brakes = brakes or BrakeSettings()
-        self._alone = self.chair.rows
+        self._rows = self.chair.rows
 
     def reset(self, episode: Episode, key: int) -> None:
         """Stand at the episode's start.
@@ -232,8 +220,8 @@ class Plant:
         Raises:
             InputError: something moves in its world: here everything but the chair stands still.
         """
-        if len(episode.movers):
-            raise InputError("the twin's world holds still: expected an episode without movers")
+        if len(episode.actors):
+            raise InputError("the twin's world holds still: expected an episode without actors")
         self.chair.reset(episode, key)
 
     def step(
@@ -257,16 +245,16 @@ class Plant:
         """
         pull = slope.pull if slope else (0.0, 0.0)
         torque = brake * self.brakes.torque
-        return Motion._make(step_plant(self._alone, *duty, powered, torque, held, pull, force))
+        return Motion._make(step_plant(self._rows, *duty, powered, torque, held, pull, force))
 
     def ping(self, which: int) -> float:
         """What an ultrasonic ranges now [m]; +inf without echo."""
-        return float(measure_ultrasonic(self._alone, which))
+        return float(measure_ultrasonic(self._rows, which))
 
     def scan(self, turn: int) -> NDArray[np.float32]:
         """What the laser reports in its turn of this number (beams,) [m], REP-117."""
         ranges = np.empty(self.chair.sensors.laser.beams, np.float32)
-        scan_laser(self._alone, turn, ranges)
+        scan_laser(self._rows, turn, ranges)
         return ranges
 
     @property

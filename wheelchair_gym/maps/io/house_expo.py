@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.errors import InputError, shown
+from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import LIMITS, check_cells, is_coordinate, read_json
 from wheelchair_gym.geometry import polygon_edges
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
@@ -72,7 +72,7 @@ def _points(value: Any, width: int, where: str) -> Array:
         for point in value
     ):
         expected = f"expected a list of lists of {width} coordinates [m]"
-        raise InputError(f"{where} is {shown(value)}; {expected}")
+        raise InputError(f"{where} is {shorten(value)}; {expected}")
     return np.array(value, dtype=np.float64).reshape(-1, width)
 
 
@@ -99,14 +99,14 @@ def read_house(path: str | Path) -> House:
     box = data.get("bbox")
     if box is not None:
         if not isinstance(box, Mapping) or not {"min", "max"} <= set(box):
-            raise InputError(f"{path}: bbox is {shown(box)}; expected min and max")
+            raise InputError(f"{path}: bbox is {shorten(box)}; expected min and max")
         given = _points([box["min"], box["max"]], 2, f"{path}: bbox")
         if np.abs(given - [low, high]).max() > SLACK:
             found = f"{low.tolist()} to {high.tolist()}"
             raise InputError(f"{path}: bbox is {given.tolist()}; expected that of verts, {found}")
     rooms = data.get("room_category", {})
     if not isinstance(rooms, Mapping):
-        raise InputError(f"{path}: room_category is {shown(rooms)}; expected an object")
+        raise InputError(f"{path}: room_category is {shorten(rooms)}; expected an object")
     boxes = {
         str(kind): _points(value, 4, f"{path}: room_category.{kind}")
         for kind, value in rooms.items()

@@ -22,15 +22,15 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from wheelchair_gym.errors import InputError, shown
+from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import (
     LIMITS,
+    atomic_write,
     check_cells,
     is_coordinate,
     parse_yaml,
     read_bytes,
     read_text,
-    whole,
 )
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
@@ -61,7 +61,7 @@ def _number(data: Mapping[str, Any], key: str, path: Path, low: float, high: flo
     value = data[key]
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise InputError(
-            f"{path}: {key} is {shown(value)}; expected a number from {low:g} to {high:g}"
+            f"{path}: {key} is {shorten(value)}; expected a number from {low:g} to {high:g}"
         )
     return float(value)
 
@@ -131,13 +131,13 @@ def read_map(path: str | Path) -> OccupancyGrid:
     path = Path(path)
     data = _description(path)
     if not isinstance(data["image"], str) or not data["image"]:
-        raise InputError(f"{path}: image is {shown(data['image'])}; expected a file name")
+        raise InputError(f"{path}: image is {shorten(data['image'])}; expected a file name")
     mode = data.get("mode", "trinary")
     if mode not in get_args(Mode):
-        raise InputError(f"{path}: mode is {shown(mode)}; it must be one of trinary, scale, raw")
+        raise InputError(f"{path}: mode is {shorten(mode)}; it must be one of trinary, scale, raw")
     negate = data["negate"]
     if negate not in (0, 1):
-        raise InputError(f"{path}: negate is {shown(negate)}; expected 0 or 1")
+        raise InputError(f"{path}: negate is {shorten(negate)}; expected 0 or 1")
     resolution = _number(data, "resolution", path, 1e-4, 1e3)
     occupied = _number(data, "occupied_thresh", path, 0.0, 1.0)
     free = _number(data, "free_thresh", path, 0.0, 1.0)
@@ -149,7 +149,7 @@ def read_map(path: str | Path) -> OccupancyGrid:
         or len(origin) not in (2, 3)
         or not all(map(is_coordinate, origin))
     ):
-        raise InputError(f"{path}: origin is {shown(origin)}; expected [x, y, yaw]")
+        raise InputError(f"{path}: origin is {shorten(origin)}; expected [x, y, yaw]")
     x, y, yaw = (float(value) for value in (*origin, 0.0)[:3])
     grey, opacity = _pixels(path.parent / data["image"])
     cells = _meaning(mode, bool(negate), occupied, free)[grey]
@@ -220,7 +220,7 @@ def write_map(
         "occupied_thresh": occupied_thresh,
         "free_thresh": free_thresh,
     }
-    with whole(path.with_suffix(suffix)) as part:
+    with atomic_write(path.with_suffix(suffix)) as part:
         part.write_bytes(cv2.imencode(suffix, image)[1].tobytes())
-    with whole(path) as part:
+    with atomic_write(path) as part:
         part.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")

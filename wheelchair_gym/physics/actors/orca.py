@@ -16,21 +16,21 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel
 
 Array = NDArray[np.float64]
 
-LINES = 40  # half-planes that one person regards at most
+HALF_PLANES = 40  # half-planes that one person regards at most
 _PARALLEL = 1e-9
 
 
 @borrowing_kernel
-def put_line(lines: Array, n: int, x: float, y: float, dx: float, dy: float) -> int:
+def add_half_plane(lines: Array, n: int, x: float, y: float, dx: float, dy: float) -> int:
     """Write a line, if there is room; how many there are then."""
-    if n == LINES:
+    if n == HALF_PLANES:
         return n
     lines[n, 0], lines[n, 1], lines[n, 2], lines[n, 3] = x, y, dx, dy
     return n + 1
 
 
 @borrowing_kernel
-def keep_from_wall(lines: Array, n: int, nx: float, ny: float, room: float, horizon: float) -> int:
+def avoid_wall(lines: Array, n: int, nx: float, ny: float, room: float, horizon: float) -> int:
     """Approach something no faster than reaches it in a horizon [s].
 
     Args:
@@ -42,11 +42,11 @@ def keep_from_wall(lines: Array, n: int, nx: float, ny: float, room: float, hori
         horizon: [s].
     """
     speed = -room / horizon
-    return put_line(lines, n, nx * speed, ny * speed, ny, -nx)
+    return add_half_plane(lines, n, nx * speed, ny * speed, ny, -nx)
 
 
 @borrowing_kernel
-def keep_from_disc(
+def avoid_disc(
     lines: Array,
     n: int,
     dx: float,
@@ -98,11 +98,11 @@ def keep_from_disc(
             ex, ey = -(dx * leg + dy * radius) / square, -(dy * leg - dx * radius) / square
         dot = rx * ex + ry * ey
         gx, gy = dot * ex - rx, dot * ey - ry
-    return put_line(lines, n, vx + share * gx, vy + share * gy, ex, ey)
+    return add_half_plane(lines, n, vx + share * gx, vy + share * gy, ex, ey)
 
 
 @borrowing_kernel
-def _on_line(
+def _optimize_on_line(
     lines: Array, k: int, low: int, most: float, ox: float, oy: float, far: bool
 ) -> tuple[bool, float, float]:
     """Best velocity on line k that lines low to k - 1 and the circle of speeds allow."""
@@ -135,7 +135,7 @@ def _on_line(
 
 
 @borrowing_kernel
-def _best(
+def _linear_program(
     lines: Array, low: int, high: int, most: float, ox: float, oy: float, far: bool
 ) -> tuple[int, float, float]:
     """Best velocity that lines low to high - 1 allow; the first line that left none, or high."""
@@ -147,7 +147,7 @@ def _best(
         x, y = ox * most / speed, oy * most / speed
     for k in range(low, high):
         if lines[k, 2] * (lines[k, 1] - y) - lines[k, 3] * (lines[k, 0] - x) > 0.0:
-            found, nx, ny = _on_line(lines, k, low, most, ox, oy, far)
+            found, nx, ny = _optimize_on_line(lines, k, low, most, ox, oy, far)
             if not found:
                 return k, x, y
             x, y = nx, ny
@@ -155,7 +155,7 @@ def _best(
 
 
 @borrowing_kernel
-def choose(
+def best_velocity(
     lines: Array, hard: int, n: int, most: float, ox: float, oy: float
 ) -> tuple[float, float]:
     """The velocity nearest to a preferred one (ox, oy) that all lines allow.
@@ -170,14 +170,14 @@ def choose(
         ox: preferred velocity [m/s].
         oy: see ox.
     """
-    first, x, y = _best(lines, 0, n, most, ox, oy, False)
+    first, x, y = _linear_program(lines, 0, n, most, ox, oy, False)
     worst = 0.0
     for k in range(first, n):
         over = lines[k, 2] * (lines[k, 1] - y) - lines[k, 3] * (lines[k, 0] - x)
         if over <= worst:
             continue
         # Lines on which this one and an earlier one are overstepped alike.
-        m = LINES
+        m = HALF_PLANES
         for i in range(hard):
             for c in range(4):
                 lines[m, c] = lines[i, c]
@@ -201,7 +201,7 @@ def choose(
             lines[m, 0], lines[m, 1] = px, py
             lines[m, 2], lines[m, 3] = dx / length, dy / length
             m += 1
-        last, nx, ny = _best(lines, LINES, m, most, -lines[k, 3], lines[k, 2], True)
+        last, nx, ny = _linear_program(lines, HALF_PLANES, m, most, -lines[k, 3], lines[k, 2], True)
         if last == m:
             x, y = nx, ny
         worst = lines[k, 2] * (lines[k, 1] - y) - lines[k, 3] * (lines[k, 0] - x)

@@ -1,7 +1,7 @@
 """How people walk: along their routes, by optimal reciprocal collision avoidance.
 
-Someone who heeds all keeps from walls, things, other people and the chair; someone who pays no
-attention notices the chair only when it is a step away; someone who heeds nobody goes straight on.
+Someone who avoids all keeps from walls, things, other people and the chair; someone who pays no
+attention notices the chair only when it is a step away; someone who avoids nobody goes straight on.
 Whoever touches the chair stops there. Who does not get on for a while turns back, so that no
 doorway stays jammed.
 """
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import segments_cross
-from wheelchair_gym.physics.actors.bodies import moving_at, rows_at
-from wheelchair_gym.physics.actors.orca import LINES, choose, keep_from_disc, keep_from_wall
+from wheelchair_gym.geometry import segments_cross, world_to_body
+from wheelchair_gym.physics.actors.bodies import actor_states_at, actors_at
+from wheelchair_gym.physics.actors.orca import HALF_PLANES, avoid_disc, avoid_wall, best_velocity
 from wheelchair_gym.physics.actors.records import DOOR, EVERYBODY, NOBODY, PERSON
-from wheelchair_gym.random import MOVERS, normal, uniform
+from wheelchair_gym.random import ACTORS, normal, uniform
 
 Array = NDArray[np.float64]
 
@@ -28,24 +28,26 @@ _WALLS = 16  # lines of walls and things at most: the others are for who moves
 _REACHED = 0.35  # m: a way point counts as reached; about a step
 _PASSED = 1.0  # m: and this near when its line has been crossed
 _TOUCH = 0.02  # m: whoever is this near to the chair stops pressing on
-_MANNERS = 0.15  # m that people leave between themselves and a chair that they see
+_PERSONAL_SPACE = 0.15  # m that people leave between themselves and a chair that they see
 _SLOW = 0.25  # of the preferred speed: less than this along the way is no getting on
-_SWAY = 0.03  # rad: of each choice; breaks the symmetry of two who meet
+_HEADING_NOISE = 0.03  # rad: of each choice; breaks the symmetry of two who meet
 
 
 @borrowing_kernel
-def _next_point(world: Any, row: Any, own: Any) -> None:
+def _next_waypoint(world: Any, row: Any, state: Any) -> None:
     """Take up the next way point once the present one is reached, back and forth."""
     route = table_at(world.routes, world.n_routes, 2)
     if row.points < 2:
         return
     for _ in range(row.points):
-        at = row.first + own.toward
-        dx, dy = route[at, 0] - own.pose[0], route[at, 1] - own.pose[1]
+        at = row.first + state.waypoint
+        dx, dy = route[at, 0] - state.pose[0], route[at, 1] - state.pose[1]
         square = dx * dx + dy * dy
-        before = own.toward - own.ahead
+        before = state.waypoint - state.direction
         done = square < _REACHED * _REACHED
-        last = own.toward + own.ahead < 0 or own.toward + own.ahead >= row.points
+        last = (
+            state.waypoint + state.direction < 0 or state.waypoint + state.direction >= row.points
+        )
         if not done and not last and 0 <= before < row.points and square < _PASSED * _PASSED:
             ex = route[at, 0] - route[row.first + before, 0]
             ey = route[at, 1] - route[row.first + before, 1]
@@ -53,18 +55,18 @@ def _next_point(world: Any, row: Any, own: Any) -> None:
         if not done:
             return
         if last:
-            own.ahead = -own.ahead
-        own.toward += own.ahead
-        own.waited = 0.0
+            state.direction = -state.direction
+        state.waypoint += state.direction
+        state.blocked_for = 0.0
 
 
 @borrowing_kernel
-def _walls_round(world: Any, own: Any, radius: float, sight: float, p: Any) -> int:
+def _static_half_planes(world: Any, state: Any, radius: float, sight: float, p: Any) -> int:
     """Lines of the nearest walls, leaves and things that stand, the nearest kept."""
-    lines = table_at(world.lines, 2 * LINES, 4)
+    lines = table_at(world.half_planes, 2 * HALF_PLANES, 4)
     walls = table_at(world.walls, world.n_walls, 4)
     discs = table_at(world.discs, world.n_discs, 3)
-    x, y, n = own.pose[0], own.pose[1], 0
+    x, y, n = state.pose[0], state.pose[1], 0
     for k in range(world.n_walls):
         ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
         if (ax < x - sight and bx < x - sight) or (ax > x + sight and bx > x + sight):
@@ -76,20 +78,25 @@ def _walls_round(world: Any, own: Any, radius: float, sight: float, p: Any) -> i
         far = dx * dx + dy * dy
         if far < sight * sight and far > 0.0 and n < _WALLS:
             d = math.sqrt(far)
-            n = keep_from_wall(lines, n, dx / d, dy / d, d - radius, p.wall_horizon)
-    rows, moving = rows_at(world.movers, world.n_movers), moving_at(world.moving, world.n_movers)
+            n = avoid_wall(lines, n, dx / d, dy / d, d - radius, p.wall_horizon)
+    rows, actor_states = (
+        actors_at(world.actors, world.n_actors),
+        actor_states_at(world.actor_states, world.n_actors),
+    )
     for k in range(world.n_fixed_discs):
-        n = _thing(lines, n, x, y, radius, sight, discs[k, 0], discs[k, 1], discs[k, 2], p)
-    for k in range(world.n_movers):
-        row, at = rows[k], moving[k].pose
+        n = _avoid_static_disc(
+            lines, n, x, y, radius, sight, discs[k, 0], discs[k, 1], discs[k, 2], p
+        )
+    for k in range(world.n_actors):
+        row, at = rows[k], actor_states[k].pose
         things = row.kind != PERSON and row.kind != DOOR and row.size[1] == 0.0
-        if things and moving[k].there:
-            n = _thing(lines, n, x, y, radius, sight, at[0], at[1], row.size[0], p)
+        if things and actor_states[k].is_present:
+            n = _avoid_static_disc(lines, n, x, y, radius, sight, at[0], at[1], row.size[0], p)
     return n
 
 
 @borrowing_kernel
-def _thing(
+def _avoid_static_disc(
     lines: Array,
     n: int,
     x: float,
@@ -105,12 +112,12 @@ def _thing(
     ex, ey = x - dx, y - dy
     d = math.sqrt(ex * ex + ey * ey)
     if d - r < sight and d > 0.0 and n < _WALLS:
-        return keep_from_wall(lines, n, ex / d, ey / d, d - r - radius, p.wall_horizon)
+        return avoid_wall(lines, n, ex / d, ey / d, d - r - radius, p.wall_horizon)
     return n
 
 
 @borrowing_kernel
-def _hidden(world: Any, x: float, y: float, ex: float, ey: float) -> bool:
+def _is_occluded(world: Any, x: float, y: float, ex: float, ey: float) -> bool:
     """Whether a wall or a leaf stands between two points."""
     walls = table_at(world.walls, world.n_walls, 4)
     left, right, low, high = min(x, ex), max(x, ex), min(y, ey), max(y, ey)
@@ -127,27 +134,30 @@ def _hidden(world: Any, x: float, y: float, ex: float, ey: float) -> bool:
 
 
 @borrowing_kernel
-def _outline_line(p: Any, own: Any, row: Any, n: int, lines: Array, pose: Array) -> int:
+def _avoid_outline(p: Any, state: Any, row: Any, n: int, lines: Array, pose: Array) -> int:
     """The chair's outline as a wall, for who sees it; nobody presses on who touches it."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    dx, dy = own.pose[0] - pose[0], own.pose[1] - pose[1]
-    px, py = c * dx + s * dy, c * dy - s * dx
+    dx, dy = state.pose[0] - pose[0], state.pose[1] - pose[1]
+    px, py = world_to_body(c, s, dx, dy)
     qx = min(p.outline[0], max(-p.outline[1], px))
     qy = min(p.outline[2], max(-p.outline[2], py))
     ex, ey = px - qx, py - qy
     d = math.sqrt(ex * ex + ey * ey)
     gap = d - row.size[0]
     nx, ny = (c * ex - s * ey) / max(d, 1e-9), (s * ex + c * ey) / max(d, 1e-9)
-    if d > 0.0 and gap < (p.sight, p.notice, 0.0)[EVERYBODY - row.heeds]:
-        return keep_from_wall(lines, n, nx, ny, gap - _MANNERS, 2.0 * p.wall_horizon)
+    if (
+        d > 0.0
+        and gap < (p.neighbour_distance, p.inattentive_distance, 0.0)[EVERYBODY - row.avoids]
+    ):
+        return avoid_wall(lines, n, nx, ny, gap - _PERSONAL_SPACE, 2.0 * p.wall_horizon)
     if d > 0.0 and gap < _TOUCH:
-        return keep_from_wall(lines, n, nx, ny, 0.0, p.wall_horizon)
+        return avoid_wall(lines, n, nx, ny, 0.0, p.wall_horizon)
     return n
 
 
 @borrowing_kernel
-def _chair_lines(
-    p: Any, own: Any, row: Any, vx: float, vy: float, n: int, lines: Array, pose: Array,
+def _avoid_chair(
+    p: Any, state: Any, row: Any, vx: float, vy: float, n: int, lines: Array, pose: Array,
     twist: Array,
 ) -> int:  # fmt: skip
     """Lines of the chair as two discs that cover its outline; it is not relied on to give way."""
@@ -156,48 +166,57 @@ def _chair_lines(
     radius = math.sqrt(quarter * quarter + p.outline[2] * p.outline[2]) + row.size[0]
     for part in range(2):
         ahead = (3.0 if part == 0 else 1.0) * quarter - p.outline[1]
-        dx = pose[0] + c * ahead - own.pose[0]
-        dy = pose[1] + s * ahead - own.pose[1]
-        if dx * dx + dy * dy < (p.sight + radius) * (p.sight + radius):
+        dx = pose[0] + c * ahead - state.pose[0]
+        dy = pose[1] + s * ahead - state.pose[1]
+        if dx * dx + dy * dy < (p.neighbour_distance + radius) * (p.neighbour_distance + radius):
             ux, uy = twist[0] * c - twist[1] * s * ahead, twist[0] * s + twist[1] * c * ahead
-            n = keep_from_disc(
-                lines, n, dx, dy, radius, vx, vy, ux, uy, 1.0, p.horizon, p.choose_every * p.dt
+            n = avoid_disc(
+                lines, n, dx, dy, radius, vx, vy, ux, uy, 1.0, p.horizon, p.decide_every * p.dt
             )
     return n
 
 
 @borrowing_kernel
-def _avoid(
+def _choose_velocity(
     world: Any, p: Any, k: int, wx: float, wy: float, pose: Array, twist: Array
 ) -> tuple[float, float]:
     """The velocity that person k chooses for a preferred one (wx, wy) [m/s]."""
-    rows, moving = rows_at(world.movers, world.n_movers), moving_at(world.moving, world.n_movers)
-    row, own = rows[k], moving[k]
-    lines = table_at(world.lines, 2 * LINES, 4)
-    radius, vx, vy = row.size[0], own.twist[0], own.twist[1]
+    rows, actor_states = (
+        actors_at(world.actors, world.n_actors),
+        actor_states_at(world.actor_states, world.n_actors),
+    )
+    row, state = rows[k], actor_states[k]
+    lines = table_at(world.half_planes, 2 * HALF_PLANES, 4)
+    radius, vx, vy = row.size[0], state.twist[0], state.twist[1]
     hard = 0
-    if row.heeds != NOBODY:
-        hard = _walls_round(world, own, radius, radius + row.speed * p.wall_horizon, p)
-    hard = n = _outline_line(p, own, row, hard, lines, pose)
-    if row.heeds == EVERYBODY:
-        n = _chair_lines(p, own, row, vx, vy, n, lines, pose, twist)
-    if row.heeds != NOBODY:
-        for j in range(world.n_movers):
-            other, at = rows[j], moving[j].pose
-            dx, dy = at[0] - own.pose[0], at[1] - own.pose[1]
-            if j == k or other.kind != PERSON or dx * dx + dy * dy > p.sight * p.sight:
+    if row.avoids != NOBODY:
+        hard = _static_half_planes(world, state, radius, radius + row.speed * p.wall_horizon, p)
+    hard = n = _avoid_outline(p, state, row, hard, lines, pose)
+    if row.avoids == EVERYBODY:
+        n = _avoid_chair(p, state, row, vx, vy, n, lines, pose, twist)
+    if row.avoids != NOBODY:
+        for j in range(world.n_actors):
+            other, at = rows[j], actor_states[j].pose
+            dx, dy = at[0] - state.pose[0], at[1] - state.pose[1]
+            if (
+                j == k
+                or other.kind != PERSON
+                or dx * dx + dy * dy > p.neighbour_distance * p.neighbour_distance
+            ):
                 continue
-            if _hidden(world, own.pose[0], own.pose[1], at[0], at[1]):
+            if _is_occluded(world, state.pose[0], state.pose[1], at[0], at[1]):
                 continue
-            ux, uy = moving[j].twist[0], moving[j].twist[1]
-            share = 1.0 if other.heeds == NOBODY else 0.5
-            both, soon = radius + other.size[0], p.choose_every * p.dt
-            n = keep_from_disc(lines, n, dx, dy, both, vx, vy, ux, uy, share, p.horizon, soon)
-    return choose(lines, hard, n, row.speed, wx, wy)
+            ux, uy = actor_states[j].twist[0], actor_states[j].twist[1]
+            share = 1.0 if other.avoids == NOBODY else 0.5
+            both, soon = radius + other.size[0], p.decide_every * p.dt
+            n = avoid_disc(lines, n, dx, dy, both, vx, vy, ux, uy, share, p.horizon, soon)
+    return best_velocity(lines, hard, n, row.speed, wx, wy)
 
 
 @borrowing_kernel
-def walk(world: Any, p: Any, key: np.uint64, tick: int, pose: Array, twist: Array) -> None:
+def choose_velocities(
+    world: Any, p: Any, key: np.uint64, tick: int, pose: Array, twist: Array
+) -> None:
     """Everyone chooses a velocity anew, all by what they see at one instant.
 
     Args:
@@ -208,28 +227,35 @@ def walk(world: Any, p: Any, key: np.uint64, tick: int, pose: Array, twist: Arra
         pose: of the chair (3,) [m, m, rad].
         twist: of the chair (2,) [m/s, rad/s].
     """
-    rows, moving = rows_at(world.movers, world.n_movers), moving_at(world.moving, world.n_movers)
+    rows, actor_states = (
+        actors_at(world.actors, world.n_actors),
+        actor_states_at(world.actor_states, world.n_actors),
+    )
     route = table_at(world.routes, world.n_routes, 2)
-    period = p.choose_every * p.dt
-    for k in range(world.n_movers):
-        row, own = rows[k], moving[k]
+    period = p.decide_every * p.dt
+    for k in range(world.n_actors):
+        row, state = rows[k], actor_states[k]
         if row.kind != PERSON:
             continue
-        _next_point(world, row, own)
-        at = row.first + own.toward
-        dx, dy = route[at, 0] - own.pose[0], route[at, 1] - own.pose[1]
+        _next_waypoint(world, row, state)
+        at = row.first + state.waypoint
+        dx, dy = route[at, 0] - state.pose[0], route[at, 1] - state.pose[1]
         far = math.sqrt(dx * dx + dy * dy)
         if far < _REACHED and row.points < 2:
-            own.want[0], own.want[1] = 0.0, 0.0
+            state.preferred_velocity[0], state.preferred_velocity[1] = 0.0, 0.0
             continue
         speed = min(row.speed, far / period)
-        sway = 0.0 if row.heeds == NOBODY else _SWAY * normal(key, tick, MOVERS, k)
+        sway = 0.0 if row.avoids == NOBODY else _HEADING_NOISE * normal(key, tick, ACTORS, k)
         turn = math.atan2(dy, dx) + sway
         wx, wy = speed * math.cos(turn), speed * math.sin(turn)
-        own.want[0], own.want[1] = _avoid(world, p, k, wx, wy, pose, twist)
-        got = (own.twist[0] * dx + own.twist[1] * dy) / max(far, 1e-9)
-        own.waited = max(0.0, own.waited + (period if got < _SLOW * speed else -period))
-        limit = row.patience * (0.5 + uniform(key, tick, MOVERS, world.n_movers + k))
-        if own.waited > limit and row.points > 1:
-            own.ahead, own.waited = -own.ahead, 0.0
-            own.toward = min(row.points - 1, max(0, own.toward + own.ahead))
+        state.preferred_velocity[0], state.preferred_velocity[1] = _choose_velocity(
+            world, p, k, wx, wy, pose, twist
+        )
+        got = (state.twist[0] * dx + state.twist[1] * dy) / max(far, 1e-9)
+        state.blocked_for = max(
+            0.0, state.blocked_for + (period if got < _SLOW * speed else -period)
+        )
+        limit = row.patience * (0.5 + uniform(key, tick, ACTORS, world.n_actors + k))
+        if state.blocked_for > limit and row.points > 1:
+            state.direction, state.blocked_for = -state.direction, 0.0
+            state.waypoint = min(row.points - 1, max(0, state.waypoint + state.direction))

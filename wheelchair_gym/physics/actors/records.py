@@ -1,6 +1,6 @@
 """What moves in a world besides the chair, as arrays: people, doors, obstacles, furniture.
 
-A mover is a record of MOVER; ways that people walk stand in one table beside it. The simulation
+A actor is a record of ACTOR; ways that people walk stand in one table beside it. The simulation
 moves them, the sensors see their discs and segments, and this page says which those are.
 """
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.void]
 
 PERSON, DOOR, OBSTACLE, FURNITURE = range(4)
-KINDS: Final = ("person", "door", "obstacle", "furniture")
+ACTOR_KINDS: Final = ("person", "door", "obstacle", "furniture")
 
 # What a person keeps clear of, beside walls and things.
 NOBODY, PEOPLE, EVERYBODY = range(3)
@@ -33,7 +33,7 @@ LEAF_TURN: Final = 1.0  # rad/s of a swing door: 90 degrees in under 2 s
 LEAF_SPEED: Final = 0.5  # m/s of a sliding door
 LEAF_WIDTH: Final = 0.04  # m, thickness of a leaf: DIN 68706-1, 39 to 42 mm
 
-MOVER = np.dtype(
+ACTOR = np.dtype(
     [
         ("kind", "i8"),
         ("pose", "f8", (3,)),  # m, m, rad at the beginning: the centre; of a door: its hinge, shut
@@ -41,7 +41,7 @@ MOVER = np.dtype(
         ("mass", "f8"),  # kg; inf: nothing moves it but itself
         ("friction", "f8"),  # on the floor
         ("speed", "f8"),  # m/s, or rad/s of a leaf that swings
-        ("heeds", "i8"),  # NOBODY, PEOPLE, EVERYBODY
+        ("avoids", "i8"),  # NOBODY, PEOPLE, EVERYBODY
         ("first", "i8"),  # of its way points, in the table of routes
         ("points", "i8"),  # that its route has
         ("patience", "f8"),  # s without getting on, after which a person turns back
@@ -57,10 +57,10 @@ MOVER = np.dtype(
 )
 
 
-class Movers(NamedTuple):
-    """All movers of an episode."""
+class Actors(NamedTuple):
+    """All actors of an episode."""
 
-    rows: Rows  # (k,) of MOVER
+    rows: Rows  # (k,) of ACTOR
     routes: Array  # (r, 2) m: way points of all people, one after another
 
     def __len__(self) -> int:
@@ -94,97 +94,97 @@ class Movers(NamedTuple):
         return self.routes[row["first"] : row["first"] + row["points"]]
 
 
-class Mover(NamedTuple):
-    """One mover before it is put with others."""
+class Actor(NamedTuple):
+    """One actor before it is put with others."""
 
-    row: Rows  # (1,) of MOVER
+    row: Rows  # (1,) of ACTOR
     route: Array  # (n, 2) m
 
 
-def no_movers() -> Movers:
+def no_actors() -> Actors:
     """Those of a world where nothing else moves."""
-    return Movers(np.zeros(0, MOVER), np.empty((0, 2)))
+    return Actors(np.zeros(0, ACTOR), np.empty((0, 2)))
 
 
-def checked(movers: Movers) -> Movers:
-    """The movers, once every number is one that kernels can take.
+def check_actors(actors: Actors) -> Actors:
+    """The actors, once every number is one that kernels can take.
 
     Raises:
         InputError: an array has a wrong shape or type, or a value is out of bounds.
     """
-    rows = as_array(movers.rows, MOVER, (None,), "Movers.rows")
-    routes = as_array(movers.routes, np.float64, (None, 2), "Movers.routes", FARTHEST)
+    rows = as_array(actors.rows, ACTOR, (None,), "Actors.rows")
+    routes = as_array(actors.routes, np.float64, (None, 2), "Actors.routes", FARTHEST)
     for name in ("pose", "size", "friction", "speed", "travel", "least"):
         as_array(
-            rows[name], np.float64, (None, *MOVER[name].shape), f"Movers.rows.{name}", FARTHEST
+            rows[name], np.float64, (None, *ACTOR[name].shape), f"Actors.rows.{name}", FARTHEST
         )
     walks = rows["kind"] == PERSON
     first, points = rows["first"], rows["points"]
     right = {
-        "kind": (rows["kind"] >= 0) & (rows["kind"] < len(KINDS)),
+        "kind": (rows["kind"] >= 0) & (rows["kind"] < len(ACTOR_KINDS)),
         "size": (rows["size"][:, 0] > 0.0) & (rows["size"][:, 1] >= 0.0),
         "mass": rows["mass"] > 0.0,
         "friction": rows["friction"] >= 0.0,
         "speed": rows["speed"] >= 0.0,
-        "heeds": (rows["heeds"] >= NOBODY) & (rows["heeds"] <= EVERYBODY),
+        "avoids": (rows["avoids"] >= NOBODY) & (rows["avoids"] <= EVERYBODY),
         "first": (first >= 0) & (first <= len(routes)),
         "points": (points >= walks) & (points <= len(routes) - first),
     } | {name: rows[name] >= 0.0 for name in ("patience", "near", "since", "stay", "every")}
     for name, fits in right.items():
         if not fits.all():
             k = int(np.flatnonzero(~fits)[0])
-            raise InputError(f"mover {k}: {name} is {rows[name][k]}, which is out of bounds")
-    return Movers(rows, routes)
+            raise InputError(f"actor {k}: {name} is {rows[name][k]}, which is out of bounds")
+    return Actors(rows, routes)
 
 
-def together(movers: Iterable[Mover]) -> Movers:
-    """Movers as the arrays of one episode."""
+def combine(actors: Iterable[Actor]) -> Actors:
+    """Actors as the arrays of one episode."""
     rows, routes, begin = [], [np.empty((0, 2))], 0
-    for row, route in movers:
+    for row, route in actors:
         kept = row.copy()
         kept["first"], kept["points"] = begin, len(route)
         begin += len(route)
         rows.append(kept)
         routes.append(route)
     if not rows:
-        return no_movers()
-    return Movers(np.concatenate(rows), np.ascontiguousarray(np.concatenate(routes)))
+        return no_actors()
+    return Actors(np.concatenate(rows), np.ascontiguousarray(np.concatenate(routes)))
 
 
-def _mover(kind: int, route: ArrayLike = (), **fields: Any) -> Mover:
-    row = np.zeros(1, MOVER)
+def _actor(kind: int, route: ArrayLike = (), **fields: Any) -> Actor:
+    row = np.zeros(1, ACTOR)
     row["kind"], row["mass"] = kind, math.inf
     for name in ("near", "stay", "every"):
         row[name] = math.inf
     for name, value in fields.items():
         row[name] = value
         if not (np.asarray(value, np.float64) == np.asarray(value, np.float64)).all():
-            raise InputError(f"{KINDS[kind]}: {name} is NaN; expected a number")
+            raise InputError(f"{ACTOR_KINDS[kind]}: {name} is NaN; expected a number")
     size = row["size"][0]
     if not (size[0] > 0.0 and size[1] >= 0.0 and row["mass"][0] > 0.0 and row["speed"][0] >= 0.0):
         raise InputError(
-            f"{KINDS[kind]}: size {size.tolist()}, mass {row['mass'][0]:g}, "
+            f"{ACTOR_KINDS[kind]}: size {size.tolist()}, mass {row['mass'][0]:g}, "
             f"speed {row['speed'][0]:g}; expected positive numbers"
         )
-    return Mover(row, np.asarray(route, np.float64).reshape(-1, 2))
+    return Actor(row, np.asarray(route, np.float64).reshape(-1, 2))
 
 
 def person(
     route: ArrayLike,
     speed: float = SPEED,
     *,
-    heeds: int = EVERYBODY,
+    avoids: int = EVERYBODY,
     radius: float = RADIUS,
     mass: float = MASS,
     patience: float = 4.0,
     at: ArrayLike | None = None,
-) -> Mover:
+) -> Actor:
     """Someone who walks a route there and back, again and again.
 
     Args:
         route: way points (n, 2) [m], one at least.
         speed: preferred [m/s].
-        heeds: EVERYBODY, PEOPLE (pays no attention: notices the chair when it is a step away) or
+        avoids: EVERYBODY, PEOPLE (pays no attention: notices the chair when it is a step away) or
             NOBODY (a crossing cylinder, as in DynaBARN).
         radius: [m].
         mass: [kg].
@@ -198,8 +198,8 @@ def person(
     if not len(points):
         raise InputError("person: the route has no way points; expected one at least")
     x, y = points[0] if at is None else np.asarray(at, np.float64)
-    return _mover(
-        PERSON, points, pose=(x, y, 0.0), size=(radius, 0.0), mass=mass, speed=speed, heeds=heeds,
+    return _actor(
+        PERSON, points, pose=(x, y, 0.0), size=(radius, 0.0), mass=mass, speed=speed, avoids=avoids,
         patience=patience,
     )  # fmt: skip
 
@@ -218,7 +218,7 @@ def door(
     every: float = math.inf,
     least: float = 0.10,
     width: float = LEAF_WIDTH,
-) -> Mover:
+) -> Actor:
     """A leaf that opens on a timetable, or for whoever is near its doorway's middle.
 
     It never moves towards anything nearer than `least`: what it meets holds it, as EN 16005 asks of
@@ -245,7 +245,7 @@ def door(
         raise InputError(f"door: width {width:g} m; expected a positive number")
     if speed is None:
         speed = LEAF_TURN if swings else LEAF_SPEED
-    return _mover(
+    return _actor(
         DOOR, pose=(*hinge, heading), size=(length, width), speed=speed, travel=travel,
         swings=swings, near=near, since=since, stay=stay, every=every, least=least,
     )  # fmt: skip
@@ -259,7 +259,7 @@ def obstacle(
     stay: float = 10.0,
     near: float = math.inf,
     least: float = 1.2,
-) -> Mover:
+) -> Actor:
     """Something round that appears once, stays for a while and is gone again.
 
     Args:
@@ -270,7 +270,7 @@ def obstacle(
         near: appears once the chair's outline is so near [m].
         least: never nearer to the chair's outline than this [m]; more than its stopping distance.
     """
-    return _mover(
+    return _actor(
         OBSTACLE, pose=(*place, 0.0), size=(radius, 0.0), since=since, stay=stay, near=near,
         least=least,
     )  # fmt: skip
@@ -281,7 +281,7 @@ def furniture(
     size: tuple[float, float],
     mass: float,
     friction: float = FLOOR,
-) -> Mover:
+) -> Actor:
     """Something light that can be pushed: a box, or a disc where the width is 0.
 
     Args:
@@ -290,19 +290,19 @@ def furniture(
         mass: [kg].
         friction: on the floor.
     """
-    return _mover(FURNITURE, pose=pose, size=size, mass=mass, friction=friction)
+    return _actor(FURNITURE, pose=pose, size=size, mass=mass, friction=friction)
 
 
-def shapes(movers: Movers, poses: Array) -> tuple[Array, Array]:
-    """Discs (m, 3) and segments (s, 4) [m] that movers show at poses (k, 3) [m, m, rad].
+def actor_shapes(actors: Actors, poses: Array) -> tuple[Array, Array]:
+    """Discs (m, 3) and segments (s, 4) [m] that actors show at poses (k, 3) [m, m, rad].
 
     What is not there (its pose is NaN) shows nothing.
     """
     discs, segments = [np.empty((0, 3))], [np.empty((0, 4))]
-    for row, (x, y, yaw) in zip(movers.rows, poses, strict=True):
+    for row, (x, y, yaw) in zip(actors.rows, poses, strict=True):
         if not math.isfinite(x):
             continue
-        outline = outline_of(row, x, y, yaw)
+        outline = actor_outline(row, x, y, yaw)
         if len(outline) == 1:
             discs.append(np.array([(x, y, row["size"][0])]))
         else:
@@ -310,8 +310,8 @@ def shapes(movers: Movers, poses: Array) -> tuple[Array, Array]:
     return np.concatenate(discs), np.concatenate(segments)
 
 
-def outline_of(row: Any, x: float, y: float, yaw: float) -> Array:
-    """Points of a mover at a pose: its centre (1, 2) if round, else its corners (4, 2) [m]."""
+def actor_outline(row: Any, x: float, y: float, yaw: float) -> Array:
+    """Points of a actor at a pose: its centre (1, 2) if round, else its corners (4, 2) [m]."""
     length, width = row["size"]
     c, s = math.cos(yaw), math.sin(yaw)
     if width == 0.0:

@@ -1,4 +1,4 @@
-"""What sensors see of movers: segments and discs behind the walls and discs that stay."""
+"""What sensors see of actors: segments and discs behind the walls and discs that stay."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import doubles_at, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.physics.actors.bodies import is_box, moving_at, rows_at
+from wheelchair_gym.physics.actors.bodies import actor_states_at, actors_at, is_box
 from wheelchair_gym.physics.actors.records import DOOR
 
 Array = NDArray[np.float64]
 
 
 @borrowing_kernel
-def show(world: Any) -> None:
-    """Write what sensors see of the movers behind the walls and discs that stay."""
-    n = world.n_movers
-    rows, moving = rows_at(world.movers, n), moving_at(world.moving, n)
+def write_actor_shapes(world: Any) -> None:
+    """Write what sensors see of the actors behind the walls and discs that stay."""
+    n = world.n_actors
+    rows, actor_states = actors_at(world.actors, n), actor_states_at(world.actor_states, n)
     walls = table_at(world.walls, world.n_walls, 4)
     discs = table_at(world.discs, world.n_discs, 3)
     for k in range(n):
-        row, own = rows[k], moving[k]
-        x, y = own.pose[0], own.pose[1]
-        at = own.slot
+        row, state = rows[k], actor_states[k]
+        x, y = state.pose[0], state.pose[1]
+        at = state.slot
         if not is_box(row):
             discs[at, 0], discs[at, 1], discs[at, 2] = x, y, row.size[0]
             continue
-        c, s = math.cos(own.pose[2]), math.sin(own.pose[2])
+        c, s = math.cos(state.pose[2]), math.sin(state.pose[2])
         front, b = row.size[0] if row.kind == DOOR else 0.5 * row.size[0], 0.5 * row.size[1]
         rear = front - row.size[0]
         px, py = x + c * rear - s * b, y + s * rear + c * b
@@ -53,22 +53,26 @@ def _copy(source: Array, first: int, last: int, out: Array, at: int) -> int:
 
 
 @borrowing_kernel
-def take_shot(world: Any, which: int) -> None:
-    """Keep what a ranger sees of the movers at the instant when it fires."""
-    show(world)
+def save_actor_shapes(world: Any, which: int) -> None:
+    """Keep what a ranger sees of the actors at the instant when it fires."""
+    write_actor_shapes(world)
     walls = table_at(world.walls, world.n_walls, 4)
     discs = table_at(world.discs, world.n_discs, 3)
-    shot = doubles_at(world.shots, world.shot * (which + 1))[world.shot * which :]
+    shot = doubles_at(world.snapshots, world.snapshot_size * (which + 1))[
+        world.snapshot_size * which :
+    ]
     at = _copy(walls, world.n_fixed_walls, world.n_walls, shot, 0)
     _copy(discs, world.n_fixed_discs, world.n_discs, shot, at)
 
 
 @borrowing_kernel
-def show_shot(world: Any, which: int) -> None:
-    """Show the movers as a ranger saw them when it fired."""
+def restore_actor_shapes(world: Any, which: int) -> None:
+    """Show the actors as a ranger saw them when it fired."""
     walls = table_at(world.walls, world.n_walls, 4)
     discs = table_at(world.discs, world.n_discs, 3)
-    shot = doubles_at(world.shots, world.shot * (which + 1))[world.shot * which :]
+    shot = doubles_at(world.snapshots, world.snapshot_size * (which + 1))[
+        world.snapshot_size * which :
+    ]
     at = 0
     for k in range(world.n_fixed_walls, world.n_walls):
         for i in range(4):

@@ -1,4 +1,4 @@
-"""The rig: what all chairs of a kind share, as one record that kernels take in one piece."""
+"""The suite: what all chairs of a kind share, as one record that kernels take in one piece."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from wheelchair_gym.sensors.ultrasonic import UltrasonicArrays
 _LASER_FIELDS = ("first", "per_angle", "reach", "nearest", "sigma", "no_echo", "bias")
 _RANGER_FIELDS = ("slope", "reach", "blind", "sigma", "ghosts", "loss_from", "loss_at")
 
-RIG = np.dtype(
+SUITE = np.dtype(
     [("beams", "i8"), ("cosine", "u8"), ("sine", "u8"), ("salt", "u8"), ("laser_mount", "u8")]
     + [(f"laser_{name}", "f8") for name in _LASER_FIELDS]
     + [("rangers", "i8"), ("ranger_mount", "u8"), ("order", "u8")]
@@ -46,7 +46,7 @@ _TARGETS = {
 }
 
 
-class Rig:
+class SensorSuite:
     """Sensors and engine of a kind of chair; `record` (1,) points to what it keeps alive.
 
     It never changes: a copy in this process is itself, one in another process is made anew.
@@ -56,7 +56,7 @@ class Rig:
         self._sensors = sensors
         self.laser = LaserArrays.of(sensors.laser, sensors.noise)
         self.rangers = UltrasonicArrays.of(sensors.ultrasonic, sensors.noise)
-        self.pointers = pointers = Pointers(np.zeros(1, RIG), _TARGETS, constant=True)
+        self.pointers = pointers = Pointers(np.zeros(1, SUITE), _TARGETS, constant=True)
         self.record: NDArray[np.void] = pointers.record
         r: Any = self.record[0]
         for name in ENGINE.names or ():
@@ -73,42 +73,42 @@ class Rig:
         for name in _RANGER_FIELDS:
             pointers.point(f"ranger_{name}", getattr(self.rangers, name))
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Rig:
+    def __deepcopy__(self, memo: dict[int, Any]) -> SensorSuite:
         return self
 
-    def __reduce__(self) -> tuple[type[Rig], tuple[SensorSettings]]:
+    def __reduce__(self) -> tuple[type[SensorSuite], tuple[SensorSettings]]:
         return type(self), (self._sensors,)
 
 
 @inlined
-def laser_of(rig: Any) -> LaserArrays:
-    """The laser of a rig's record."""
+def laser_of(suite: Any) -> LaserArrays:
+    """The laser of a suite's record."""
     return LaserArrays(
-        floats_at(rig.cosine, rig.beams),
-        floats_at(rig.sine, rig.beams),
-        words_at(rig.salt, rig.beams),
-        rig.laser_first,
-        rig.laser_per_angle,
-        doubles_at(rig.laser_mount, 3),
-        rig.laser_reach,
-        rig.laser_nearest,
-        rig.laser_sigma,
-        rig.laser_no_echo,
-        rig.laser_bias,
+        floats_at(suite.cosine, suite.beams),
+        floats_at(suite.sine, suite.beams),
+        words_at(suite.salt, suite.beams),
+        suite.laser_first,
+        suite.laser_per_angle,
+        doubles_at(suite.laser_mount, 3),
+        suite.laser_reach,
+        suite.laser_nearest,
+        suite.laser_sigma,
+        suite.laser_no_echo,
+        suite.laser_bias,
     )
 
 
 @inlined
-def rangers_of(rig: Any) -> UltrasonicArrays:
-    """The ultrasonics of a rig's record."""
+def rangers_of(suite: Any) -> UltrasonicArrays:
+    """The ultrasonics of a suite's record."""
     return UltrasonicArrays(
-        table_at(rig.ranger_mount, rig.rangers, 3),
-        doubles_at(rig.ranger_slope, rig.rangers),
-        doubles_at(rig.ranger_reach, rig.rangers),
-        doubles_at(rig.ranger_blind, rig.rangers),
-        doubles_at(rig.ranger_sigma, rig.rangers),
-        doubles_at(rig.ranger_ghosts, rig.rangers),
-        doubles_at(rig.ranger_loss_from, rig.rangers),
-        doubles_at(rig.ranger_loss_at, rig.rangers),
-        integers_at(rig.order, rig.rangers),
+        table_at(suite.ranger_mount, suite.rangers, 3),
+        doubles_at(suite.ranger_slope, suite.rangers),
+        doubles_at(suite.ranger_reach, suite.rangers),
+        doubles_at(suite.ranger_blind, suite.rangers),
+        doubles_at(suite.ranger_sigma, suite.rangers),
+        doubles_at(suite.ranger_ghosts, suite.rangers),
+        doubles_at(suite.ranger_loss_from, suite.rangers),
+        doubles_at(suite.ranger_loss_at, suite.rangers),
+        integers_at(suite.order, suite.rangers),
     )

@@ -1,0 +1,72 @@
+"""The keys of `info`, one row each: the single and the vector environment fill them from it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from wheelchair_gym.task.rewards import Verdict
+from wheelchair_gym.types import Reading, Truth
+
+
+class InfoKey(NamedTuple):
+    """One key of `info`."""
+
+    name: str
+    source: str  # truth, reading, verdict or success
+    field: str  # of Truth, Reading or Verdict
+    meaning: str
+
+    @property
+    def column(self) -> str:
+        """Its field in a record of SENSED, where truth's pose and twist stand beside estimates."""
+        return f"true_{self.field}" if self.source == "truth" and self.name in TRUE else self.field
+
+
+TRUE = ("pose", "twist")
+INFO_KEYS = (
+    InfoKey("pose", "truth", "pose", "true pose (3,) [m, m, rad]"),
+    InfoKey("twist", "truth", "twist", "true twist (2,) [m/s, rad/s]"),
+    InfoKey("pose_estimate", "reading", "pose", "the chair's own estimate of its pose (3,)"),
+    InfoKey("is_success", "success", "", "at the goal by truth, and nothing was touched"),
+    InfoKey("arrived", "verdict", "arrived", "at the goal by the chair's own estimate"),
+    InfoKey("bumped", "reading", "bumped", "a bumper strip is pressed"),
+    InfoKey("contact", "truth", "contact", "touched anything during the last control period"),
+    InfoKey(
+        "at_fault", "truth", "at_fault",
+        "the chair approached at more than 0.05 m/s, and faster than what it touched approached it",
+    ),
+    InfoKey("contact_with", "truth", "contact_with", "number of the actor touched; -1: none"),
+    InfoKey("approach_speed", "truth", "approach_speed", "of the chair at that contact [m/s]"),
+    InfoKey("other_approach_speed", "truth", "other_approach_speed", "of the other thing [m/s]"),
+    InfoKey("clearance", "truth", "clearance", "from the outline to the nearest obstacle [m]"),
+    InfoKey("energy", "truth", "energy", "drawn from the battery since reset [Wh]"),
+    InfoKey("distance", "truth", "distance", "driven since reset [m]"),
+    InfoKey("time", "reading", "stamp", "since reset [s]"),
+    InfoKey("valid_beams", "verdict", "valid_beams", "finite ranges of the scan"),
+    InfoKey("geodesic", "verdict", "geodesic", "shortest way from start to goal [m]"),
+)  # fmt: skip
+
+
+def info_of(truth: Truth, reading: Reading, verdict: Verdict, success: bool) -> dict[str, Any]:
+    """What one environment tells of a step, but for its reward terms and its shield."""
+    sources = {"truth": truth, "reading": reading, "verdict": verdict}
+    return {
+        key.name: getattr(sources[key.source], key.field) if key.field else success
+        for key in INFO_KEYS
+    }
+
+
+def info_of_rows(sensed: Any, verdicts: Any, success: Any) -> dict[str, Any]:
+    """The same of many environments, from records (n,) of SENSED and VERDICT."""
+    return {
+        key.name: (verdicts if key.source == "verdict" else sensed)[key.column]
+        if key.field
+        else success
+        for key in INFO_KEYS
+    }
+
+
+def info_table() -> str:
+    """All keys as a table in Markdown."""
+    rows = (f"| {key.name} | {key.meaning} |" for key in INFO_KEYS)
+    return "\n    ".join(["| key | meaning |", "| --- | --- |", *rows])
