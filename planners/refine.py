@@ -61,14 +61,14 @@ def _refined(
 class Shortcut:
     """The cheapest way over the path's own points; never dearer."""
 
-    weight: float = setting(
+    obstacle_weight: float = setting(
         default=0.0,
         doc="Extra cost of a metre at an obstacle, in metres in the open; 0 for length alone.",
         source="design choice: length alone",
         low=0.0,
         high=1000.0,
     )
-    comfort: float = setting(
+    desired_clearance: float = setting(
         default=0.5,
         doc="Clearance from which on a metre costs no more.",
         unit="m",
@@ -81,7 +81,7 @@ class Shortcut:
         """Straighten; the generator is not used."""
 
         def better(arrays: SpaceArrays, path: Array) -> Array | str:
-            short = shortcut(path, problem.free, self.weight, self.comfort)
+            short = shortcut(path, problem.free, self.obstacle_weight, self.desired_clearance)
             return short if len(short) < len(path) else "no point of it can be left out"
 
         return _refined(plan, problem, better)
@@ -202,14 +202,14 @@ class Woa:
 class Clearance:
     """Pushed off what is solid to a comfortable distance, where there is room."""
 
-    weight: float = setting(
+    obstacle_weight: float = setting(
         default=10.0,
         doc="Extra cost of a metre at an obstacle, in metres in the open.",
         source="design choice",
         low=0.0,
         high=1000.0,
     )
-    comfort: float = setting(
+    desired_clearance: float = setting(
         default=0.5,
         doc="Clearance from which on a metre costs no more.",
         unit="m",
@@ -239,11 +239,17 @@ class Clearance:
             if blocked_edges(arrays, points).any():  # along slanted walls, digits may forbid some
                 points = path
             points = push_off_walls(
-                arrays, points, self.weight, self.comfort, 0.25 * self.comfort, self.sweeps
+                arrays,
+                points,
+                self.obstacle_weight,
+                self.desired_clearance,
+                0.25 * self.desired_clearance,
+                self.sweeps,
             )
-            points = shortcut(points, problem.free, self.weight, self.comfort)
+            points = shortcut(points, problem.free, self.obstacle_weight, self.desired_clearance)
             before, after = (
-                path_cost(arrays, way, self.weight, self.comfort) for way in (path, points)
+                path_cost(arrays, way, self.obstacle_weight, self.desired_clearance)
+                for way in (path, points)
             )
             return points if after < before else "there is no cheaper path near it"
 

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 # What planners are told for driving: who seeks the shortest path, to keep away from walls; who
 # turns in place and backs, how slowly that goes where nobody looks.
 DRIVING: dict[str, dict[str, Any]] = {
-    "a_star": {"weight": 4.0, "comfort": 0.7},
+    "a_star": {"obstacle_weight": 4.0, "desired_clearance": 0.7},
     "lattice": {"pivot_speed_ratio": 0.25, "reverse_cost": 4.0, "limits": {"backward": 0.1}},
 }
 

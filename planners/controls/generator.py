@@ -193,13 +193,13 @@ class ControlGenerator:
         low=0.0,
         source="design choice",
     )
-    stride: float = setting(
+    max_segment_length: float = setting(
         default=1.5, doc="Longest segment.", unit="m", low=0.1, source="design choice"
     )
-    shortest: float = setting(
+    min_first_segment_length: float = setting(
         default=0.25, doc="Shortest first segment.", unit="m", low=0.0, source="design choice"
     )
-    roam: float = setting(
+    search_range: float = setting(
         default=1.0,
         doc="How far the commands of a segment may lead off it.",
         unit="m",
@@ -209,7 +209,7 @@ class ControlGenerator:
     margin: float = setting(
         default=0.02, doc="Least gap to obstacles.", unit="m", low=0.0, source="design choice"
     )
-    comfortable: float = setting(
+    desired_clearance: float = setting(
         default=0.15,
         doc="Clearance from which on more costs no less.",
         unit="m",
@@ -255,13 +255,13 @@ class ControlGenerator:
     def targets(self, path: Array, start: Array) -> tuple[Array, bool]:
         """Ends (n, 2) of the segments to drive from a start (3,); is the last the path's end?"""
         points, to_rest = ahead(path, start[:2], self.horizon)
-        near = np.hypot(*(points - start[:2]).T) < self.shortest
+        near = np.hypot(*(points - start[:2]).T) < self.min_first_segment_length
         near[[0, -1]] = False
         begun = near.argmin() if near[1:].all() else 1 + int(near[1:].argmin())
         points = simplified(np.vstack([points[:1], points[begun:]]), self.tolerance)
         pieces = []
         for a, b in pairwise(points):
-            k = max(1, math.ceil(math.hypot(*(b - a)) / self.stride))
+            k = max(1, math.ceil(math.hypot(*(b - a)) / self.max_segment_length))
             pieces.append(a + np.arange(1, k + 1)[:, None] / k * (b - a))
         return np.vstack(pieces), to_rest
 
@@ -316,10 +316,17 @@ class ControlGenerator:
             heading=self.heading_weight,
             time=self.time_weight,
             clearance=self.clearance_weight,
-            comfortable=self.comfortable,
+            comfortable=self.desired_clearance,
         )
         commands, reached, free = follow(
-            targets, start, world, self.roam, to_rest, aims, self.whales.parameters, stream(rng)
+            targets,
+            start,
+            world,
+            self.search_range,
+            to_rest,
+            aims,
+            self.whales.parameters,
+            stream(rng),
         )
         poses, twists, times = rollout(commands, pose, twist, world.limits)
         gaps = np.hypot(*(poses[:, :2] - targets[-1]).T)

@@ -69,7 +69,7 @@ class Geometric(PlannerBase):
     halves. It is short and quick among few things, may fail among many, and proves nothing.
     """
 
-    turns: int = setting(
+    max_turns: int = setting(
         default=200,
         doc="Largest number of corners to go around.",
         low=0,
@@ -94,7 +94,7 @@ class Geometric(PlannerBase):
                 note = "no corner lies beside a line that is blocked"
             elif edge in asked or corner in edge:
                 note = "a line that is blocked leads back to itself"
-            elif len(asked) >= self.turns:
+            elif len(asked) >= self.max_turns:
                 note = "more turns than allowed"
             elif perf_counter() >= end:
                 note = "out of time"

@@ -224,14 +224,14 @@ SHORTCUT: Final = setting(
     doc="Whether the path is straightened, at no higher cost.",
     source="straighten the grid path, at no higher cost",
 )
-WEIGHT: Final = setting(
+OBSTACLE_WEIGHT: Final = setting(
     default=0.0,
     doc="Extra cost of a metre at an obstacle, in metres in the open; 0 for length alone.",
     low=0.0,
     high=1000.0,
     source="design choice: length alone",
 )
-COMFORT: Final = setting(
+DESIRED_CLEARANCE: Final = setting(
     default=0.5,
     doc="Clearance from which on a metre costs no more.",
     unit="m",
@@ -329,12 +329,14 @@ class AStar(PlannerBase):
     connectivity: Literal[4, 8] = CONNECTIVITY
     refinements: int = REFINEMENTS
     shortcut: bool = SHORTCUT
-    weight: float = WEIGHT
-    comfort: float = COMFORT
+    obstacle_weight: float = OBSTACLE_WEIGHT
+    desired_clearance: float = DESIRED_CLEARANCE
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """The path over the grid; the generator is not used."""
-        order = Order(LENGTH, 1.0, self.connectivity == 8, False, self.weight, self.comfort)
+        order = Order(
+            LENGTH, 1.0, self.connectivity == 8, False, self.obstacle_weight, self.desired_clearance
+        )
         return _planned(problem, self.resolution, self.refinements, order, self.shortcut, end)
 
 
@@ -346,12 +348,14 @@ class Dijkstra(PlannerBase):
     connectivity: Literal[4, 8] = CONNECTIVITY
     refinements: int = REFINEMENTS
     shortcut: bool = SHORTCUT
-    weight: float = WEIGHT
-    comfort: float = COMFORT
+    obstacle_weight: float = OBSTACLE_WEIGHT
+    desired_clearance: float = DESIRED_CLEARANCE
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """The path over the grid; the generator is not used."""
-        order = Order(LENGTH, 0.0, self.connectivity == 8, False, self.weight, self.comfort)
+        order = Order(
+            LENGTH, 0.0, self.connectivity == 8, False, self.obstacle_weight, self.desired_clearance
+        )
         return _planned(problem, self.resolution, self.refinements, order, self.shortcut, end)
 
 

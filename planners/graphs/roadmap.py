@@ -152,7 +152,7 @@ class Prm(PlannerBase):
         low=1,
         source="design choice: enough for doors of 1 m",
     )
-    first: int = setting(
+    initial_samples: int = setting(
         default=500, doc="Samples of the first roadmap.", low=1, source="design choice"
     )
     radius_factor: float = setting(
@@ -173,7 +173,7 @@ class Prm(PlannerBase):
         drawn, tested = 0, 0
         path, pairs = np.empty((0, 2)), np.empty((0, 2), dtype=np.int64)
         while drawn < self.iterations and not len(path):
-            more = min(max(drawn, self.first), self.iterations - drawn)
+            more = min(max(drawn, self.initial_samples), self.iterations - drawn)
             nodes = np.vstack([nodes, _free_samples(arrays, more, state)])
             drawn += more
             radius = self.radius_factor * least * math.sqrt(math.log(len(nodes)) / len(nodes))

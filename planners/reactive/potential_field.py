@@ -99,7 +99,7 @@ class PotentialField(PlannerBase):
         low=1e-3,
         source="design choice: a tenth of the width of a door",
     )
-    least_step: float = setting(
+    min_step: float = setting(
         default=1e-3,
         doc="Shortest step that is tried before a local minimum is reported.",
         unit="m",
@@ -109,14 +109,14 @@ class PotentialField(PlannerBase):
     headings: int = setting(
         default=32, doc="Headings tried at each step.", low=3, source="design choice: 11 deg"
     )
-    reach: float = setting(
+    obstacle_range: float = setting(
         default=1.0,
         doc="Distance from which on obstacles do not repel.",
         unit="m",
         low=1e-3,
         source="design choice: the width of a door",
     )
-    strength: float = setting(
+    repulsion: float = setting(
         default=0.05,
         doc="Weight of the repulsive potential.",
         unit="m^3",
@@ -127,13 +127,13 @@ class PotentialField(PlannerBase):
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Walk down to the goal, or until nothing leads down; the generator is not used."""
         x, y = (float(v) for v in problem.goal[:2])
-        field = Field(x, y, self.strength, self.reach, self.step, self.headings)
+        field = Field(x, y, self.repulsion, self.obstacle_range, self.step, self.headings)
         walk = np.empty((self.iterations + 2, 2))
         walk[0] = problem.start[:2]
         count, how, status, note = 1, WALKING, Status.EXHAUSTED, "steps or time ran out"
         while how == WALKING and count <= self.iterations:
             budget = min(count + CHUNK, self.iterations + 1)
-            count, how = descend(problem.free.arrays, field, walk, count, budget, self.least_step)
+            count, how = descend(problem.free.arrays, field, walk, count, budget, self.min_step)
             if perf_counter() >= end:
                 break
         if how == HELD:

@@ -158,7 +158,7 @@ def test_prm_falls_with_points_to_the_optimum():
     best = make_planner("visibility").plan(problem, np.random.default_rng(0)).length
     lengths = []
     for first in (50, 500, 5000):
-        planner = make_planner({"name": "prm", "first": first})
+        planner = make_planner({"name": "prm", "initial_samples": first})
         plans = [planner.plan(problem, np.random.default_rng(seed)) for seed in range(5)]
         lengths.append(np.mean([plan.length for plan in plans]))
     assert lengths[0] > lengths[1] > lengths[2] >= best
@@ -188,7 +188,7 @@ def test_weight_keeps_to_the_middle_of_a_door():
     rng = np.random.default_rng(0)
     heights = {}
     for weight in (0.0, 20.0):
-        settings = {"name": "a_star", "weight": weight, "comfort": 0.5}
+        settings = {"name": "a_star", "obstacle_weight": weight, "desired_clearance": 0.5}
         path = make_planner(settings).plan(problem, rng).path
         dense = np.concatenate([np.linspace(a, b, 200) for a, b in itertools.pairwise(path)])
         inside = dense[(dense[:, 0] > 4.0) & (dense[:, 0] < 4.5)]
@@ -199,7 +199,7 @@ def test_weight_keeps_to_the_middle_of_a_door():
 @pytest.mark.parametrize("weight", [0.0, 5.0])
 def test_shortcuts_never_cost_more(weight):
     problem = on(ROOMS, (1, 1), (9, 1))
-    spec = {"name": "a_star", "shortcut": False, "weight": weight}
+    spec = {"name": "a_star", "shortcut": False, "obstacle_weight": weight}
     path = make_planner(spec).plan(problem, np.random.default_rng(0)).path
     short = shortcut(path, problem.free, weight, 0.5)
     assert cost(short, problem, weight, 0.5) <= cost(path, problem, weight, 0.5) * 1.01

@@ -113,7 +113,7 @@ def test_a_curve_gets_knots_until_it_is_free(name):
 def test_clearance_moves_to_the_middle_of_a_door():
     problem = on([(4, 0, 4.5, 4), (4, 5.2, 4.5, 10)], (1, 1), (9, 1))
     given = make_planner("visibility").plan(problem, np.random.default_rng(0))
-    path = refined("clearance", given, problem, comfort=0.6).path
+    path = refined("clearance", given, problem, desired_clearance=0.6).path
     dense = np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(path)])
     inside = dense[(dense[:, 0] > 4.0) & (dense[:, 0] < 4.5)]
     assert np.abs(inside[:, 1] - 4.6).max() < 0.25
