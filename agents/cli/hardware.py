@@ -204,7 +204,7 @@ def _calibrate_distance(given: argparse.Namespace, settings: Any) -> int:
         f"{result.counts_per_metre:.1f} counts per metre, deviation {result.deviation:.1f} in "
         f"{len(runs)} runs; the config says {configured:g}\n"
     )
-    text += "".join(f"{r.measured:.3f} m measured, {r.counted:.3f} m counted\n" for r in runs)
+    text += "".join(f"{r.measured:.3f} m measured, {r.odometry:.3f} m counted\n" for r in runs)
     if given.write:
         counts = round(result.counts_per_metre, 1)
         with _boards(settings) as (senses, clock):

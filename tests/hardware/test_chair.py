@@ -117,7 +117,7 @@ def test_two_runs_are_equal_to_the_bit():
         rng = np.random.default_rng(5)
         readings += [hosted.chair.drive(rng.uniform(-0.3, 0.5, 2)) for _ in range(8)]
         for reading in readings:
-            for value in reading:
+            for value in reading[:9]:  # what the chair itself fills in
                 digest.update(repr(value).encode() if np.isscalar(value) else value.tobytes())
         digests.append(digest.hexdigest())
         hosted.close()
