@@ -160,7 +160,7 @@ def tune(given: argparse.Namespace) -> int:
     if given.plot:
         _plot(given.plot, step, "turn [rad/s]" if given.turn else "speed [m/s]")
     text = "  ".join(f"{name} {value:.3f}" for name, value in step.figures.items())
-    used = {name: getattr(motor, name) for name in GAINS}
+    used = {name: getattr(motor, field) for name, field in GAINS.items()}
     report(given, {"gains": used, "step": given.step, "figures": step.figures}, text)
     return 0
 

@@ -35,7 +35,7 @@ class Oracle:
 
     def __init__(self, chair, episode, fixed=None):
         p = chair.parameters[0]
-        centre, friction = p["centre"], chair.settings.body.wall_friction
+        centre, friction = p["centre_of_mass"], chair.settings.body.wall_friction
         self.space = pymunk.Space()
         self.space.collision_slop = self.space.collision_bias = 1e-4
         static = self.space.static_body

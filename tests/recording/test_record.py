@@ -259,7 +259,7 @@ def test_a_map_that_grows_is_sent_again_slowly_and_kept(tmp_path):
         env.step(np.zeros(2, np.float32))
     env.close()
     maps = [(stamp, np.frombuffer(m.data, np.int8)) for _, stamp, m in told(file, "/map")]
-    assert chair.built_maped == 5  # at 0.0, 0.5, ... 2.0 s
+    assert chair.built_maps == 5  # at 0.0, 0.5, ... 2.0 s
     assert [int((cells == 0).sum()) for _, cells in maps[1:]] == [1, 2, 3, 4, 5]
     np.testing.assert_array_equal(np.diff([stamp for stamp, _ in maps[1:]]), 500_000_000)
     (chapter,) = read_recording(file)
@@ -448,7 +448,7 @@ def test_movers_are_recorded_and_replayed_where_they_were(tmp_path):
     seen = []
     for _ in range(5):
         env.step(np.zeros(2, np.float32))
-        seen.append(env.unwrapped.chair.truth.actors)
+        seen.append(env.unwrapped.chair.truth.actor_poses)
     picture, actors = env.render(), env.unwrapped.episode.actors
     env.close()
     (chapter,) = read_recording(tmp_path / "run.mcap")
@@ -458,7 +458,7 @@ def test_movers_are_recorded_and_replayed_where_they_were(tmp_path):
     again.reset(options={"episode": chapter.episode})
     for action, poses in zip(chapter.actions, seen, strict=True):
         again.step(action)
-        np.testing.assert_array_equal(again.chair.truth.actors, poses)
+        np.testing.assert_array_equal(again.chair.truth.actor_poses, poses)
     assert len(seen[-1]) >= 3
     np.testing.assert_array_equal(again.render(), picture)
     with (tmp_path / "run.mcap").open("rb") as stream:

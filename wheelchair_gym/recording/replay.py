@@ -251,6 +251,7 @@ def _take(chapters: list[RecordedEpisode], topic: str, content: Record) -> None:
         number(content, "reward")
         for name in value_of(content, "terms", dict):
             number(content["terms"], name)
+        content["terms"] = migrated(content["terms"], "task.reward")
         chapters[-1].verdicts.append(content)
 
 

@@ -59,7 +59,8 @@ def drive_parameters(chair: ChairSettings) -> dict[str, float]:
     # The chair is to slow at this rate; so that it does, the board's set point falls faster.
     del values["protective"]
     values |= {"track": drive.track, "counts_per_metre": drive.counts_per_metre}
-    values |= {name: float(getattr(motor, name)) for name in ("kp", "ki", "kd", "ka", "smoothing")}
+    values |= {name: float(getattr(motor, name)) for name in ("kp", "ki", "kd", "ka")}
+    values["smoothing"] = motor.filter_time
     values["feed"] = motor.torque_constant / drive.wheel_radius
     values["under_voltage"] = chair.battery.empty_voltage
     values["missing"] = max(_MISSING, _COUNTS / drive.counts_per_metre)

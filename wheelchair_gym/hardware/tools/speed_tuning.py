@@ -17,7 +17,8 @@ Array = NDArray[np.float64]
 LOOK = 0.005  # s between two looks at the lines
 BEFORE, AFTER = 0.2, 1.5  # s that are recorded of standing still, and of coming to rest
 SETTLED = 0.05  # share of the step within which a speed counts as settled
-GAINS = ("kp", "ki", "kd", "ka", "smoothing")  # of MotorSettings, and parameters of the board
+# Parameter of the drive board -> field of MotorSettings.
+GAINS = {"kp": "kp", "ki": "ki", "kd": "kd", "ka": "ka", "smoothing": "filter_time"}
 
 
 @dataclass(frozen=True)

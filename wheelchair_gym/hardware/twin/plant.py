@@ -145,7 +145,7 @@ def step_plant(
         state.spin[i] -= slower
         state.turned[i] += slower * p.dt
         # An open motor draws nothing: its voltage is that which it makes itself.
-        free = p.constant * state.spin[i] / state.voltage
+        free = p.torque_constant * state.spin[i] / state.voltage
         state.duty[i] = (left if i == 0 else right) if powered[i] else free
         if held[i]:
             state.spin[i], state.duty[i] = 0.0, 0.0
