@@ -41,7 +41,7 @@ def sizes():
 def untouched(board, first, last):
     """RAM between the static data and the deepest stack so far [bytes]: still zero."""
     address = first
-    while address <= last and board.peek(address) == 0:
+    while address <= last and board.read_memory(address) == 0:
         address += 1
     return address - first
 

@@ -219,11 +219,11 @@ def test_baud_rates_are_those_of_the_wire(pilot):
     """The emulator does not model a mismatch: the registers themselves are looked at."""
     pilot.run(0.02)
     for board in (pilot.twin.drive, pilot.twin.range):
-        ubrr, double = board.peek_word(0xC4), board.peek(0xC0) & 0x02
+        ubrr, double = board.read_word(0xC4), board.read_memory(0xC0) & 0x02
         assert double
         assert FREQUENCY / (8 * (ubrr + 1)) == BAUD
-    ubrr = pilot.twin.drive.peek_word(0xCC)
-    assert pilot.twin.drive.peek(0xC8) & 0x02
+    ubrr = pilot.twin.drive.read_word(0xCC)
+    assert pilot.twin.drive.read_memory(0xC8) & 0x02
     assert FREQUENCY / (8 * (ubrr + 1)) == pytest.approx(IBUS_BAUD, rel=0.022)
 
 
