@@ -170,8 +170,8 @@ def _plot(file: str, step: Any, name: str) -> None:
 
     figure = Figure(figsize=(8, 6), layout="constrained")
     above, below = figure.subplots(2, sharex=True)
-    above.plot(step.times, step.asked, label="set point")
-    above.plot(step.times, step.done, label="wheels")
+    above.plot(step.times, step.set_point, label="set point")
+    above.plot(step.times, step.measured, label="wheels")
     above.set_ylabel(name)
     above.legend()
     below.plot(step.times, step.duties, label=["left", "right"])
@@ -252,7 +252,7 @@ def _pushed_runs(given: argparse.Namespace, settings: Any) -> list[Any]:
             while clock.now() < end:
                 senses.poll()
                 clock.wait(clock.now() + POLL_PERIOD)
-            if why := senses.silent(clock.now()):
+            if why := senses.stale(clock.now()):
                 raise ValueError(why)
             see_wall = distance_calibration.measure_wall
             wall = None if given.tape else see_wall(senses, clock, senses.poll)
