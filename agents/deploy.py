@@ -32,23 +32,16 @@ _LOG = logging.getLogger(__name__)
 class Deployment:
     """How fast a policy may drive, and how long it may be kept from driving."""
 
-    first: float = setting(
-        default=0.2, doc="Cap of the speed at the start and after each halt.", unit="m/s",
-        low=0.02, source="design choice",
-    )  # fmt: skip
+    first: float = setting(default=0.2, unit="m/s", low=0.02, source="design choice")
+    """Cap of the speed at the start and after each halt."""
     rise: float = setting(
-        default=0.05, doc="Rate at which the cap rises while the chair drives.", unit="m/s2",
-        low=0.0, source="design choice; 0.8 m/s after 12 s",
-    )  # fmt: skip
-    most: float = setting(
-        default=2.0, doc="Highest cap; the limits of the chair hold besides.", unit="m/s",
-        low=0.02, high=2.0, source="design choice",
-    )  # fmt: skip
-    patience: float = setting(
-        default=20.0,
-        doc="Time after which a chair that sensors or a latched shield halt is given up.",
-        unit="s", low=0.0, source="design choice",
-    )  # fmt: skip
+        default=0.05, unit="m/s2", low=0.0, source="design choice; 0.8 m/s after 12 s"
+    )
+    """Rate at which the cap rises while the chair drives."""
+    most: float = setting(default=2.0, unit="m/s", low=0.02, high=2.0, source="design choice")
+    """Highest cap; the limits of the chair hold besides."""
+    patience: float = setting(default=20.0, unit="s", low=0.0, source="design choice")
+    """Time after which a chair that sensors or a latched shield halt is given up."""
 
     def __post_init__(self) -> None:
         if self.most < self.first:

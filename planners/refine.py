@@ -62,20 +62,13 @@ class Shortcut:
     """The cheapest way over the path's own points; never dearer."""
 
     obstacle_weight: float = setting(
-        default=0.0,
-        doc="Extra cost of a metre at an obstacle, in metres in the open; 0 for length alone.",
-        source="design choice: length alone",
-        low=0.0,
-        high=1000.0,
+        default=0.0, low=0.0, high=1000.0, source="design choice: length alone"
     )
+    """Extra cost of a metre at an obstacle, in metres in the open; 0 for length alone."""
     desired_clearance: float = setting(
-        default=0.5,
-        doc="Clearance from which on a metre costs no more.",
-        unit="m",
-        source="half the width of a door",
-        low=0.01,
-        high=100.0,
+        default=0.5, unit="m", low=0.01, high=100.0, source="half the width of a door"
     )
+    """Clearance from which on a metre costs no more."""
 
     def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
         """Straighten; the generator is not used."""
@@ -150,33 +143,21 @@ class Woa:
     """A swarm of paths near the path, as in the thesis's global variant; never longer."""
 
     whales: WhaleSettings = setting(
-        default=WhaleSettings(population=30, iterations=100),
-        doc="The swarm.",
-        source="design choice",
+        default=WhaleSettings(population=30, iterations=100), source="design choice"
     )
-    shortness_weight: float = setting(
-        default=10.0, doc="Cost of length.", unit="1/m", source="thesis, figure 3.1", low=0
-    )
+    """The swarm."""
+    shortness_weight: float = setting(default=10.0, unit="1/m", low=0, source="thesis, figure 3.1")
+    """Cost of length."""
     collision_free_weight: float = setting(
         default=1e4,
-        doc="Cost of each blocked edge.",
+        low=0.0,
         source="design choice: above the length of any path, so that free paths lead",
-        low=0.0,
     )
-    width_bound: float = setting(
-        default=2.5,
-        doc="Largest shift of a point in x.",
-        unit="m",
-        source="thesis, figure 3.1",
-        low=0.0,
-    )
-    height_bound: float = setting(
-        default=2.5,
-        doc="Largest shift of a point in y.",
-        unit="m",
-        source="thesis, figure 3.1",
-        low=0.0,
-    )
+    """Cost of each blocked edge."""
+    width_bound: float = setting(default=2.5, unit="m", low=0.0, source="thesis, figure 3.1")
+    """Largest shift of a point in x."""
+    height_bound: float = setting(default=2.5, unit="m", low=0.0, source="thesis, figure 3.1")
+    """Largest shift of a point in y."""
 
     def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
         """Shorten."""
@@ -202,34 +183,18 @@ class Woa:
 class Clearance:
     """Pushed off what is solid to a comfortable distance, where there is room."""
 
-    obstacle_weight: float = setting(
-        default=10.0,
-        doc="Extra cost of a metre at an obstacle, in metres in the open.",
-        source="design choice",
-        low=0.0,
-        high=1000.0,
-    )
+    obstacle_weight: float = setting(default=10.0, low=0.0, high=1000.0, source="design choice")
+    """Extra cost of a metre at an obstacle, in metres in the open."""
     desired_clearance: float = setting(
-        default=0.5,
-        doc="Clearance from which on a metre costs no more.",
-        unit="m",
-        source="half the width of a door",
-        low=0.01,
-        high=100.0,
+        default=0.5, unit="m", low=0.01, high=100.0, source="half the width of a door"
     )
-    spacing: float = setting(
-        default=0.5,
-        doc="Distance of the points that are moved.",
-        unit="m",
-        source="design choice",
-        low=0.01,
-    )
+    """Clearance from which on a metre costs no more."""
+    spacing: float = setting(default=0.5, unit="m", low=0.01, source="design choice")
+    """Distance of the points that are moved."""
     sweeps: int = setting(
-        default=20,
-        doc="Passes over all points.",
-        source="measurement: cost within 0.5 % of that after 80",
-        low=1,
+        default=20, low=1, source="measurement: cost within 0.5 % of that after 80"
     )
+    """Passes over all points."""
 
     def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
         """Push; the generator is not used."""

@@ -46,7 +46,7 @@ SCENES: Final[dict[str, Any]] = {
     "crossing": {
         "name": "crowd",
         "place": "hall",
-        "people": {"density": (0.05, 0.12), "crossing": 0.5, "blind": 0.5},
+        "people": {"density": (0.05, 0.12), "crossing_share": 0.5, "inattentive_share": 0.5},
     },
     "building": {"name": "crowd", "place": "building"},
     # As wide as two beams at a stopping distance and the way of a reaction, or wider.

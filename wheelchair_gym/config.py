@@ -1,4 +1,4 @@
-"""Settings: frozen dataclasses whose fields know doc, unit, bounds, source; a strict JSON loader.
+"""Settings: frozen dataclasses whose fields have unit, bounds, source, doc; a strict JSON loader.
 
 Nothing is merged and nothing is guessed: an unknown key, a wrong type or a value out of bounds is
 an error that names the place, the value and what was expected.
@@ -6,10 +6,14 @@ an error that names the place, the value and what was expected.
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import difflib
+import inspect
+import itertools
 import math
 import os
+import textwrap
 import types
 import typing
 from collections.abc import Iterable, Mapping, Sequence
@@ -43,24 +47,47 @@ def suggest(name: object, known: Iterable[str]) -> str:
 def setting(
     *,
     default: Any,
-    doc: str = "",
     unit: str = "",
     low: float | None = None,
     high: float | None = None,
     source: str = "",
+    doc: str = "",
 ) -> Any:
-    """A field of a settings class.
+    """A field of a settings class; the string below the field says what the setting does.
 
     Args:
         default: the value when none is given.
-        doc: what the setting does, in one sentence.
         unit: SI unit; empty for a number without unit.
         low: the least value that is accepted.
         high: the greatest value that is accepted.
         source: where the default comes from: a publication, a data sheet, a measurement, a choice.
+        doc: what the setting does, for one that several classes share.
     """
-    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "source": source}
+    metadata = {"unit": unit, "low": low, "high": high, "source": source, "doc": doc}
     return dataclasses.field(default=default, metadata=metadata)
+
+
+def setting_docs(cls: type) -> dict[str, str]:
+    """What each setting of a class does: the strings below its fields, inherited ones too."""
+    docs: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        if not dataclasses.is_dataclass(base):
+            continue
+        shared = {f.name: f.metadata.get("doc", "") for f in dataclasses.fields(base)}
+        docs |= {name: doc for name, doc in shared.items() if doc}
+        try:
+            tree = ast.parse(textwrap.dedent(inspect.getsource(base)))
+        except (OSError, TypeError):  # a class without source has no docs of its own
+            continue
+        body = typing.cast(ast.ClassDef, tree.body[0]).body
+        for field, below in itertools.pairwise(body):
+            match field, below:
+                case (
+                    ast.AnnAssign(target=ast.Name(id=name)),
+                    ast.Expr(value=ast.Constant(value=str(doc))),
+                ):
+                    docs[name] = " ".join(doc.split())
+    return docs
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(setting, dataclasses.field))

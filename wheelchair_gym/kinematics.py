@@ -37,29 +37,29 @@ class Limits:
     forward: float = setting(
         default=0.8,
         unit="m/s",
-        source="people drive indoors far below the maximum",
         low=0.05,
         high=2.0,
+        source="people drive indoors far below the maximum",
     )
     backward: float = setting(
-        default=0.3, unit="m/s", source="nothing looks back", low=0.0, high=2.0
+        default=0.3, unit="m/s", low=0.0, high=2.0, source="nothing looks back"
     )
     turn: float = setting(
-        default=1.0, unit="rad/s", source="indoor powered chairs", low=0.05, high=4.0
+        default=1.0, unit="rad/s", low=0.05, high=4.0, source="indoor powered chairs"
     )
-    acceleration: float = setting(default=0.5, unit="m/s2", source="comfort", low=0.05, high=5.0)
-    deceleration: float = setting(default=0.8, unit="m/s2", source="comfort", low=0.05, high=5.0)
+    acceleration: float = setting(default=0.5, unit="m/s2", low=0.05, high=5.0, source="comfort")
+    deceleration: float = setting(default=0.8, unit="m/s2", low=0.05, high=5.0, source="comfort")
     protective: float = setting(
-        default=1.5, unit="m/s2", source="emergency stop, exempt from jerk", low=0.05, high=5.0
+        default=1.5, unit="m/s2", low=0.05, high=5.0, source="emergency stop, exempt from jerk"
     )
     turn_acceleration: float = setting(
-        default=1.5, unit="rad/s2", source="comfort", low=0.05, high=10.0
+        default=1.5, unit="rad/s2", low=0.05, high=10.0, source="comfort"
     )
     jerk: float = setting(
-        default=1.0, unit="m/s3", source="comfort grows worse with jerk", low=0.1, high=100.0
+        default=1.0, unit="m/s3", low=0.1, high=100.0, source="comfort grows worse with jerk"
     )
     turn_jerk: float = setting(
-        default=6.0, unit="rad/s3", source="full turn acceleration in 0.25 s", low=0.1, high=100.0
+        default=6.0, unit="rad/s3", low=0.1, high=100.0, source="full turn acceleration in 0.25 s"
     )
 
     @property
@@ -107,10 +107,10 @@ class Limits:
 class DriveGeometry:
     """The two drive wheels, as the chair's own computer believes them to be."""
 
-    track: float = setting(default=0.54, unit="m", source="common hub motors", low=0.1)
-    wheel_radius: float = setting(default=0.165, unit="m", source="common hub motors", low=0.02)
+    track: float = setting(default=0.54, unit="m", low=0.1, source="common hub motors")
+    wheel_radius: float = setting(default=0.165, unit="m", low=0.02, source="common hub motors")
     counts_per_metre: float = setting(
-        default=4346.0, unit="1/m", source="encoder of the prototype", low=1.0
+        default=4346.0, unit="1/m", low=1.0, source="encoder of the prototype"
     )
 
 

@@ -105,8 +105,8 @@ def called_planners(planner: Any) -> tuple[str, ...]:
     A planner in its settings that is not called, such as the tree of RRT*-WOA, is left out.
     """
     kinds: dict[str, Any] = dict(PLANNERS)
-    code = {kind.plan.__code__: name for name, kind in kinds.items()}
-    own = type(planner).plan.__code__
+    code = {kind.solve.__code__: name for name, kind in kinds.items()}
+    own = getattr(type(planner), "solve", type(planner).plan).__code__
     seen = dict.fromkeys(named_planners(dump(planner)))
 
     def watch(frame: FrameType, event: str, _: Any) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.cli.arguments import report, spec
 from agents.evaluation.provenance import write_text
-from wheelchair_gym.config import InputError, dump, suggest
+from wheelchair_gym.config import InputError, dump, setting_docs, suggest
 from wheelchair_gym.scenes import SCENES, make_scene
 from wheelchair_gym.scenes.describe import scene_statistics
 
@@ -85,7 +85,7 @@ def all_settings() -> dict[str, type]:
 
 def settings_rows(cls: type, prefix: str = "") -> list[dict[str, Any]]:
     """A row for each setting of a class; nested settings have dotted names."""
-    hints = typing.get_type_hints(cls)
+    hints, docs = typing.get_type_hints(cls), setting_docs(cls)
     rows = []
     for field in dataclasses.fields(cls):
         default = field.default
@@ -96,9 +96,17 @@ def settings_rows(cls: type, prefix: str = "") -> list[dict[str, Any]]:
             rows += settings_rows(type(default), f"{prefix}{field.name}.")
             continue
         hint = hints[field.name]
-        row = {key: field.metadata.get(key) for key in ("unit", "low", "high", "doc", "source")}
+        row = {key: field.metadata.get(key) for key in ("unit", "low", "high", "source")}
         kind = getattr(hint, "__name__", str(hint)) if isinstance(hint, type) else str(hint)
-        rows.append({"name": prefix + field.name, "type": kind, "default": dump(default), **row})
+        rows.append(
+            {
+                "name": prefix + field.name,
+                "type": kind,
+                "default": dump(default),
+                "doc": docs.get(field.name, ""),
+                **row,
+            }
+        )
     return rows
 
 

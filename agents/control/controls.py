@@ -29,9 +29,9 @@ class ControlsFollower:
     generator: ControlGenerator = ControlGenerator(
         whales=WhaleSettings(population=10, iterations=5), horizon=2.0, margin=0.06
     )
-    seed: int = setting(default=0, source="of the whales, anew for every path", low=0)
-    again: float = setting(default=0.5, unit="s", source="five control periods", low=0.1)
-    margin: float = setting(default=0.04, unit="m", source="laser sigma 15 mm, 3 sigma", low=0.0)
+    seed: int = setting(default=0, low=0, source="of the whales, anew for every path")
+    again: float = setting(default=0.5, unit="s", low=0.1, source="five control periods")
+    margin: float = setting(default=0.04, unit="m", low=0.0, source="laser sigma 15 mm, 3 sigma")
 
     def make(self) -> GeneratedControls:
         """A follower at rest."""

@@ -26,9 +26,9 @@ class Window:
     floor: so a fast turn is a candidate from rest, too, which it is not to the classic window.
     """
 
-    hold: float = setting(default=0.4, unit="s", source="four periods at 10 Hz", low=0.1)
-    margin: float = setting(default=0.05, unit="m", source="laser sigma 15 mm, 3 sigma", low=0.0)
-    backward: float = setting(default=0.2, unit="m/s", source="nothing looks back", low=0.0)
+    hold: float = setting(default=0.4, unit="s", low=0.1, source="four periods at 10 Hz")
+    margin: float = setting(default=0.05, unit="m", low=0.0, source="laser sigma 15 mm, 3 sigma")
+    backward: float = setting(default=0.2, unit="m/s", low=0.0, source="nothing looks back")
     objective: Objective = Objective()
 
     def fan(self, chair: Motion) -> Array:
@@ -48,14 +48,14 @@ class DynamicWindow:
     it takes the best that it can still stop from. Objective and outline are those of the others.
     """
 
-    hold: float = setting(default=0.4, unit="s", source="four periods at 10 Hz", low=0.1)
-    margin: float = setting(default=0.05, unit="m", source="laser sigma 15 mm, 3 sigma", low=0.0)
-    backward: float = setting(default=0.2, unit="m/s", source="nothing looks back", low=0.0)
+    hold: float = setting(default=0.4, unit="s", low=0.1, source="four periods at 10 Hz")
+    margin: float = setting(default=0.05, unit="m", low=0.0, source="laser sigma 15 mm, 3 sigma")
+    backward: float = setting(default=0.2, unit="m/s", low=0.0, source="nothing looks back")
     reach: float = setting(
-        default=0.5, unit="s", source="the window: what is reached so soon", low=0.05
+        default=0.5, unit="s", low=0.05, source="the window: what is reached so soon"
     )
-    speeds: int = setting(default=7, source="of the grid", low=2, high=50)
-    turns: int = setting(default=15, source="of the grid", low=3, high=99)
+    speeds: int = setting(default=7, low=2, high=50, source="of the grid")
+    turns: int = setting(default=15, low=3, high=99, source="of the grid")
     objective: Objective = Objective()
 
     def fan(self, chair: Motion) -> Array:

@@ -18,26 +18,27 @@ from wheelchair_gym.config import setting, settings
 class Objective:
     """What a roll-out is worth; every term counts in metres of way."""
 
-    horizon: float = setting(default=1.5, unit="s", source="tuned on training floor plans", low=0.3)
+    horizon: float = setting(default=1.5, unit="s", low=0.3, source="tuned on training floor plans")
     foresight: float = setting(
-        default=4.0, unit="s", source="of movers: a chair at rest leaves its place in 3", low=0.3
+        default=4.0, unit="s", low=0.3, source="of movers: a chair at rest leaves its place in 3"
     )
-    wish: float = setting(default=0.20, unit="m", source="half the play in a 1.0 m door", low=0.01)
+    wish: float = setting(default=0.20, unit="m", low=0.01, source="half the play in a 1.0 m door")
     room: float = setting(
-        default=0.45, unit="m", source="from what moves: personal space begins there", low=0.01
+        default=0.45, unit="m", low=0.01, source="from what moves: personal space begins there"
     )
-    progress: float = setting(default=1.0, source="m per m along the path: the unit", low=0.0)
+    progress: float = setting(default=1.0, low=0.0, source="m per m along the path: the unit")
     clearance: float = setting(
-        default=0.8, source="m per m in touch; less than progress, or nothing tight is entered",
+        default=0.8,
         low=0.0,
-    )  # fmt: skip
-    path: float = setting(default=1.5, source="m per m beside the path; tuned", low=0.0)
-    comfort: float = setting(
-        default=0.05, unit="s", source="of a change of the twist, against wobble; tuned", low=0.0
+        source="m per m in touch; less than progress, or nothing tight is entered",
     )
-    reverse: float = setting(default=0.5, source="m per m in reverse; tuned", low=0.0)
+    path: float = setting(default=1.5, low=0.0, source="m per m beside the path; tuned")
+    comfort: float = setting(
+        default=0.05, unit="s", low=0.0, source="of a change of the twist, against wobble; tuned"
+    )
+    reverse: float = setting(default=0.5, low=0.0, source="m per m in reverse; tuned")
     struck: float = setting(
-        default=6.0, unit="m", source="of being where a mover comes; tuned", low=0.0
+        default=6.0, unit="m", low=0.0, source="of being where a mover comes; tuned"
     )
 
     @property

@@ -19,15 +19,15 @@ Array = NDArray[np.float64]
 class PathIntegral:
     """MPPI (Williams et al. 2017) on the shared roll-out; warm-started every period."""
 
-    samples: int = setting(default=72, source="10 ms on one core", low=4, high=10_000)
-    pieces: int = setting(default=4, source="twists within the horizon", low=1, high=50)
-    spread_v: float = setting(default=0.20, unit="m/s", source="of the noise; tuned", low=0.0)
-    spread_w: float = setting(default=0.30, unit="rad/s", source="of the noise; tuned", low=0.0)
-    temperature: float = setting(default=0.03, unit="m", source="of the weights; tuned", low=1e-6)
-    hold: float = setting(default=0.4, unit="s", source="four periods at 10 Hz", low=0.1)
-    margin: float = setting(default=0.05, unit="m", source="laser sigma 15 mm, 3 sigma", low=0.0)
-    backward: float = setting(default=0.2, unit="m/s", source="nothing looks back", low=0.0)
-    seed: int = setting(default=0, source="of the noise, anew for every path", low=0)
+    samples: int = setting(default=72, low=4, high=10_000, source="10 ms on one core")
+    pieces: int = setting(default=4, low=1, high=50, source="twists within the horizon")
+    spread_v: float = setting(default=0.20, unit="m/s", low=0.0, source="of the noise; tuned")
+    spread_w: float = setting(default=0.30, unit="rad/s", low=0.0, source="of the noise; tuned")
+    temperature: float = setting(default=0.03, unit="m", low=1e-6, source="of the weights; tuned")
+    hold: float = setting(default=0.4, unit="s", low=0.1, source="four periods at 10 Hz")
+    margin: float = setting(default=0.05, unit="m", low=0.0, source="laser sigma 15 mm, 3 sigma")
+    backward: float = setting(default=0.2, unit="m/s", low=0.0, source="nothing looks back")
+    seed: int = setting(default=0, low=0, source="of the noise, anew for every path")
     objective: Objective = Objective()
 
     def make(self) -> Follower:

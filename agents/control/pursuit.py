@@ -20,16 +20,16 @@ Array = NDArray[np.float64]
 class PurePursuit:
     """Regulated pure pursuit: slower in curves, near walls and near the goal."""
 
-    lookahead: float = setting(default=0.45, unit="m", source="least; about half a chair", low=0.05)
-    lookahead_time: float = setting(default=0.7, unit="s", source="further when faster", low=0.0)
+    lookahead: float = setting(default=0.45, unit="m", low=0.05, source="least; about half a chair")
+    lookahead_time: float = setting(default=0.7, unit="s", low=0.0, source="further when faster")
     lateral: float = setting(
-        default=0.35, unit="m/s2", source="sideways acceleration in curves", low=0.01
+        default=0.35, unit="m/s2", low=0.01, source="sideways acceleration in curves"
     )
     pivot: float = setting(
-        default=0.9, unit="rad", source="turn in place above this error", low=0.1, high=3.1
+        default=0.9, unit="rad", low=0.1, high=3.1, source="turn in place above this error"
     )
-    margin: float = setting(default=0.05, unit="m", source="laser sigma 15 mm, 3 sigma", low=0.0)
-    slowest: float = setting(default=0.1, unit="m/s", source="walking-stick speed", low=0.01)
+    margin: float = setting(default=0.05, unit="m", low=0.0, source="laser sigma 15 mm, 3 sigma")
+    slowest: float = setting(default=0.1, unit="m/s", low=0.01, source="walking-stick speed")
 
     def make(self) -> Follower:
         """A follower at rest."""

@@ -34,10 +34,10 @@ class WhaleFollower:
     whales: WhaleSettings = setting(
         default=WhaleSettings(population=24, iterations=4), source="10 ms on one core"
     )
-    hold: float = setting(default=0.4, unit="s", source="four periods at 10 Hz", low=0.1)
-    margin: float = setting(default=0.05, unit="m", source="laser sigma 15 mm, 3 sigma", low=0.0)
-    backward: float = setting(default=0.2, unit="m/s", source="nothing looks back", low=0.0)
-    seed: int = setting(default=0, source="of the whales, anew for every path", low=0)
+    hold: float = setting(default=0.4, unit="s", low=0.1, source="four periods at 10 Hz")
+    margin: float = setting(default=0.05, unit="m", low=0.0, source="laser sigma 15 mm, 3 sigma")
+    backward: float = setting(default=0.2, unit="m/s", low=0.0, source="nothing looks back")
+    seed: int = setting(default=0, low=0, source="of the whales, anew for every path")
     objective: Objective = Objective()
 
     def make(self) -> Follower:

@@ -121,8 +121,8 @@ class Trace:
         self.twists.append(np.array(info["twist"], dtype=np.float64))
         self.clearances.append(float(info["clearance"]))
         self.contact = self.contact or bool(info["contact"]) or bool(info["bumped"])
-        self.caused = self.caused or bool(info.get("caused", False))
-        self.met = self.met or int(info.get("met", -1)) >= 0
+        self.caused = self.caused or bool(info["at_fault"])
+        self.met = self.met or int(info["contact_with"]) >= 0
 
 
 def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:

@@ -97,7 +97,7 @@ class Teacher:
         for key, size in weights.layout.sizes:
             if key in PRIVILEGED:
                 continue
-            at = layout.slice_of(f"hidden_{key}")
+            at = layout.slice_of(f"privileged_{key}")
             at = at if at.stop else layout.slice_of(key)
             if at.stop - at.start != size:
                 raise InputError(

@@ -19,162 +19,91 @@ TUNED = "tuned on training worlds"
 class OnPolicy:
     """Parameters of PPO (Schulman et al. 2017) and recurrent PPO, named as in stable-baselines3."""
 
-    n_steps: int = setting(
-        default=64,
-        doc="Steps of each environment between two updates.",
-        low=2,
-        source="design choice",
-    )
+    n_steps: int = setting(default=64, low=2, source="design choice")
+    """Steps of each environment between two updates."""
     batch_size: int = setting(
-        default=4096,
-        doc="Steps in a minibatch.",
-        low=2,
-        source="measured: the fastest on a processor without a GPU",
+        default=4096, low=2, source="measured: the fastest on a processor without a GPU"
     )
-    n_epochs: int = setting(
-        default=2, doc="Passes over the collected steps in an update.", low=1, source=TUNED
-    )
-    learning_rate: float = setting(
-        default=1e-3,
-        doc="Initial learning rate; it decreases linearly to 0 over the run.",
-        low=0.0,
-        source=TUNED,
-    )
-    gamma: float = setting(
-        default=0.99, doc="Discount factor per step.", low=0.0, high=1.0, source=SB3
-    )
-    gae_lambda: float = setting(
-        default=0.95,
-        doc="Lambda of generalized advantage estimation.",
-        low=0.0,
-        high=1.0,
-        source="Schulman et al. 2016",
-    )
-    clip_range: float = setting(
-        default=0.2,
-        doc="Bound of the change of the probability ratio in an update.",
-        low=0.0,
-        source="Schulman et al. 2017",
-    )
-    ent_coef: float = setting(
-        default=0.002, doc="Weight of the entropy in the loss.", low=0.0, source=TUNED
-    )
-    log_std_init: float = setting(
-        default=-0.5,
-        doc="Initial logarithm of the standard deviation of the actions.",
-        source=TUNED,
-    )
-    vf_coef: float = setting(default=0.5, doc="Weight of the critic's loss.", low=0.0, source=SB3)
-    max_grad_norm: float = setting(
-        default=0.5, doc="Norm to which gradients are clipped.", low=0.0, source=SB3
-    )
-    lstm_hidden_size: int = setting(
-        default=128,
-        doc="Units of the recurrent layer of recurrent_ppo.",
-        low=1,
-        source="design choice",
-    )
+    """Steps in a minibatch."""
+    n_epochs: int = setting(default=2, low=1, source=TUNED)
+    """Passes over the collected steps in an update."""
+    learning_rate: float = setting(default=1e-3, low=0.0, source=TUNED)
+    """Initial learning rate; it decreases linearly to 0 over the run."""
+    gamma: float = setting(default=0.99, low=0.0, high=1.0, source=SB3)
+    """Discount factor per step."""
+    gae_lambda: float = setting(default=0.95, low=0.0, high=1.0, source="Schulman et al. 2016")
+    """Lambda of generalized advantage estimation."""
+    clip_range: float = setting(default=0.2, low=0.0, source="Schulman et al. 2017")
+    """Bound of the change of the probability ratio in an update."""
+    ent_coef: float = setting(default=0.002, low=0.0, source=TUNED)
+    """Weight of the entropy in the loss."""
+    log_std_init: float = setting(default=-0.5, source=TUNED)
+    """Initial logarithm of the standard deviation of the actions."""
+    vf_coef: float = setting(default=0.5, low=0.0, source=SB3)
+    """Weight of the critic's loss."""
+    max_grad_norm: float = setting(default=0.5, low=0.0, source=SB3)
+    """Norm to which gradients are clipped."""
+    lstm_hidden_size: int = setting(default=128, low=1, source="design choice")
+    """Units of the recurrent layer of recurrent_ppo."""
 
 
 @settings
 class OffPolicy:
     """Parameters of SAC, TD3 and TQC, named as in stable-baselines3."""
 
-    buffer_size: int = setting(
-        default=500_000, doc="Steps in the replay buffer.", low=100, source="design choice"
-    )
-    batch_size: int = setting(
-        default=1024, doc="Steps in a minibatch.", low=2, source="design choice"
-    )
-    learning_starts: int = setting(
-        default=20_000,
-        doc="Steps of random actions before the first update.",
-        low=0,
-        source="design choice",
-    )
-    gradient_steps: int = setting(
-        default=4, doc="Gradient steps after each step of all environments.", low=1, source=TUNED
-    )
-    learning_rate: float = setting(
-        default=1e-3,
-        doc="Initial learning rate; it decreases linearly to 0 over the run.",
-        low=0.0,
-        source=TUNED,
-    )
-    gamma: float = setting(
-        default=0.99, doc="Discount factor per step.", low=0.0, high=1.0, source=SB3
-    )
+    buffer_size: int = setting(default=500_000, low=100, source="design choice")
+    """Steps in the replay buffer."""
+    batch_size: int = setting(default=1024, low=2, source="design choice")
+    """Steps in a minibatch."""
+    learning_starts: int = setting(default=20_000, low=0, source="design choice")
+    """Steps of random actions before the first update."""
+    gradient_steps: int = setting(default=4, low=1, source=TUNED)
+    """Gradient steps after each step of all environments."""
+    learning_rate: float = setting(default=1e-3, low=0.0, source=TUNED)
+    """Initial learning rate; it decreases linearly to 0 over the run."""
+    gamma: float = setting(default=0.99, low=0.0, high=1.0, source=SB3)
+    """Discount factor per step."""
     tau: float = setting(
         default=0.01,
-        doc="Coefficient of the soft update of target networks.",
         low=0.0,
         high=1.0,
         source="measured: half or twice as much gives the same success",
     )
-    action_noise: float = setting(
-        default=0.1,
-        doc="Standard deviation of the exploration noise on the actions of TD3.",
-        low=0.0,
-        source="Fujimoto et al. 2018",
-    )
+    """Coefficient of the soft update of target networks."""
+    action_noise: float = setting(default=0.1, low=0.0, source="Fujimoto et al. 2018")
+    """Standard deviation of the exploration noise on the actions of TD3."""
 
 
 @settings
 class Curriculum:
     """Starts that move away from the goal as success grows; needs the guidance 'poses'."""
 
-    initial_time: float = setting(
-        default=12.0,
-        doc="Longest planned travel time from the first starts to the goal; 0 disables the "
-        "curriculum.",
-        unit="s",
-        low=0.0,
-        source=TUNED,
-    )
-    growth: float = setting(
-        default=1.15,
-        doc="Factor by which the travel time grows at each advance.",
-        low=1.0,
-        source=TUNED,
-    )
-    success_threshold: float = setting(
-        default=0.75,
-        doc="Success rate above which the curriculum advances.",
-        low=0.0,
-        high=1.0,
-        source=TUNED,
-    )
-    episodes: int = setting(
-        default=1024,
-        doc="Episodes over which the success rate is measured.",
-        low=1,
-        source="design choice",
-    )
+    initial_time: float = setting(default=12.0, unit="s", low=0.0, source=TUNED)
+    """Longest planned travel time from the first starts to the goal; 0 disables the curriculum."""
+    growth: float = setting(default=1.15, low=1.0, source=TUNED)
+    """Factor by which the travel time grows at each advance."""
+    success_threshold: float = setting(default=0.75, low=0.0, high=1.0, source=TUNED)
+    """Success rate above which the curriculum advances."""
+    episodes: int = setting(default=1024, low=1, source="design choice")
+    """Episodes over which the success rate is measured."""
     max_time: float = setting(
-        default=120.0,
-        doc="Largest planned travel time, at which the curriculum ends.",
-        unit="s",
-        low=0.0,
-        source="longer than any plan in the training worlds",
+        default=120.0, unit="s", low=0.0, source="longer than any plan in the training worlds"
     )
+    """Largest planned travel time, at which the curriculum ends."""
 
 
 @settings
 class Evaluation:
     """Evaluation during training on a fixed set of worlds that training never sees."""
 
-    episodes: int = setting(
-        default=128, doc="Episodes; 0 disables evaluation.", low=0, source="design choice"
-    )
-    frequency: int = setting(
-        default=2, doc="Checkpoints between two evaluations.", low=1, source="design choice"
-    )
+    episodes: int = setting(default=128, low=0, source="design choice")
+    """Episodes; 0 disables evaluation."""
+    frequency: int = setting(default=2, low=1, source="design choice")
+    """Checkpoints between two evaluations."""
     seed: int = setting(
-        default=1_000_003,
-        doc="Seed of the first world.",
-        low=0,
-        source="design choice: apart from the seeds of training",
+        default=1_000_003, low=0, source="design choice: apart from the seeds of training"
     )
+    """Seed of the first world."""
 
 
 @settings
@@ -185,63 +114,37 @@ class Kickstarting:
     path from the actor alone.
     """
 
-    teacher: str | None = setting(
-        default=None, doc="Weights of the teacher: a file or a shipped name."
-    )
-    coefficient: float = setting(
-        default=4.0,
-        doc="Initial weight of the squared distance between the actions of actor and teacher.",
-        low=0.0,
-        source=TUNED,
-    )
-    duration: float = setting(
-        default=0.6,
-        doc="Share of the run's frames over which the weight decreases linearly to 0.",
-        low=0.01,
-        high=1.0,
-        source=TUNED,
-    )
+    teacher: str | None = setting(default=None)
+    """Weights of the teacher: a file or a shipped name."""
+    coefficient: float = setting(default=4.0, low=0.0, source=TUNED)
+    """Initial weight of the squared distance between the actions of actor and teacher."""
+    duration: float = setting(default=0.6, low=0.01, high=1.0, source=TUNED)
+    """Share of the run's frames over which the weight decreases linearly to 0."""
 
 
 @settings
 class Training:
     """A whole training run."""
 
-    algorithm: Algorithm = setting(
-        default="ppo", doc="The learning algorithm.", source="measured: the best of them here"
-    )
+    algorithm: Algorithm = setting(default="ppo", source="measured: the best of them here")
+    """The learning algorithm."""
     env: Any = setting(
         default=None,
-        doc="Settings of the environment, as in a file for `--config` of `wheelchair simulate`.",
         source="default: those of ppo_guided without the critic's privileged observation",
     )
-    n_envs: int = setting(
-        default=512, doc="Environments stepped at once.", low=1, source="design choice"
-    )
-    frames: int = setting(
-        default=24_000_000,
-        doc="Environment steps of the whole run, over all environments.",
-        low=1,
-        source="measured: success no longer grows",
-    )
-    checkpoint_frequency: int = setting(
-        default=10,
-        doc="Updates between two checkpoints; all environments reset at a checkpoint.",
-        low=1,
-        source="design choice",
-    )
-    net_arch: tuple[int, ...] = setting(
-        default=(256, 256),
-        doc="Units of each hidden layer of actor and critic.",
-        low=1,
-        source="design choice",
-    )
-    threads: int = setting(
-        default=2, doc="Threads of torch and of the environments.", low=1, source="design choice"
-    )
-    warm_start: str | None = setting(
-        default=None, doc="Initial weights of the actor: a file or a shipped name."
-    )
+    """Settings of the environment, as in a file for `--config` of `wheelchair simulate`."""
+    n_envs: int = setting(default=512, low=1, source="design choice")
+    """Environments stepped at once."""
+    frames: int = setting(default=24_000_000, low=1, source="measured: success no longer grows")
+    """Environment steps of the whole run, over all environments."""
+    checkpoint_frequency: int = setting(default=10, low=1, source="design choice")
+    """Updates between two checkpoints; all environments reset at a checkpoint."""
+    net_arch: tuple[int, ...] = setting(default=(256, 256), low=1, source="design choice")
+    """Units of each hidden layer of actor and critic."""
+    threads: int = setting(default=2, low=1, source="design choice")
+    """Threads of torch and of the environments."""
+    warm_start: str | None = setting(default=None)
+    """Initial weights of the actor: a file or a shipped name."""
     on_policy: OnPolicy = OnPolicy()
     off_policy: OffPolicy = OffPolicy()
     kickstarting: Kickstarting = Kickstarting()
@@ -391,34 +294,21 @@ def as_json(config: Training) -> dict[str, Any]:
 class Imitation:
     """How a scripted policy is imitated."""
 
-    expert: Any = setting(
-        default="lattice+window",
-        doc="The policy that is imitated: a name or an object of settings.",
-        source="measured: the best scripted policy",
-    )
-    env: Any = setting(default=None, doc="Settings of the environment, as those of a training run.")
-    episodes: int = setting(
-        default=200, doc="Episodes in each round.", low=1, source="design choice"
-    )
-    rounds: int = setting(
-        default=3,
-        doc="Rounds; the expert drives in the first one, the student in the others.",
-        low=1,
-        source="design choice",
-    )
-    n_epochs: int = setting(
-        default=20,
-        doc="Passes over all collected steps after each round.",
-        low=1,
-        source="design choice",
-    )
-    batch_size: int = setting(
-        default=1024, doc="Steps in a minibatch.", low=1, source="design choice"
-    )
-    learning_rate: float = setting(
-        default=1e-3, doc="Learning rate of Adam.", low=0.0, source="Kingma and Ba 2015"
-    )
-    net_arch: tuple[int, ...] = setting(
-        default=(256, 256), doc="Units of each hidden layer.", low=1, source="design choice"
-    )
-    jobs: int = setting(default=1, doc="Processes that drive.", low=1, source="design choice")
+    expert: Any = setting(default="lattice+window", source="measured: the best scripted policy")
+    """The policy that is imitated: a name or an object of settings."""
+    env: Any = setting(default=None)
+    """Settings of the environment, as those of a training run."""
+    episodes: int = setting(default=200, low=1, source="design choice")
+    """Episodes in each round."""
+    rounds: int = setting(default=3, low=1, source="design choice")
+    """Rounds; the expert drives in the first one, the student in the others."""
+    n_epochs: int = setting(default=20, low=1, source="design choice")
+    """Passes over all collected steps after each round."""
+    batch_size: int = setting(default=1024, low=1, source="design choice")
+    """Steps in a minibatch."""
+    learning_rate: float = setting(default=1e-3, low=0.0, source="Kingma and Ba 2015")
+    """Learning rate of Adam."""
+    net_arch: tuple[int, ...] = setting(default=(256, 256), low=1, source="design choice")
+    """Units of each hidden layer."""
+    jobs: int = setting(default=1, low=1, source="design choice")
+    """Processes that drive."""

@@ -52,18 +52,11 @@ class Ompl:
     """
 
     algorithm: Literal["RRTConnect", "InformedRRTstar", "BITstar"]
-    exact: bool = setting(
-        default=True,
-        doc="Test edges by our exact test, which is faster, or by OMPL's own, "
-        "which samples edges and lets paths through walls.",
-    )
-    limit: float = setting(
-        default=10.0,
-        doc="Time limit of a call without a deadline.",
-        unit="s",
-        low=0.0,
-        source="design choice",
-    )
+    exact: bool = setting(default=True)
+    """Test edges by our exact test, which is faster, or by OMPL's own, which samples edges and lets
+    paths through walls."""
+    limit: float = setting(default=10.0, unit="s", low=0.0, source="design choice")
+    """Time limit of a call without a deadline."""
 
     def prepare(self, case: Any) -> OmplOnMap:
         """The planner for a map."""

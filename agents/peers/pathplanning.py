@@ -24,30 +24,14 @@ class Tree:
     """Trees among axis-aligned boxes, with exact tests of edges; a path may not touch a box."""
 
     planner: Literal["rrt_connect", "rrt_star"]
-    step: float = setting(
-        default=5.0,
-        doc="Length of an extension.",
-        unit="m",
-        source="measured: the best on maps of 50 m",
-    )
-    gamma: float = setting(
-        default=70.0,
-        doc="Factor of the radius of rewiring.",
-        source="measured; the default of 2 never improves a path",
-    )
-    iterations: int = setting(
-        default=10_000,
-        doc="Iterations of rrt_star without a deadline.",
-        low=1,
-        source="default of pathplanning",
-    )
-    limit: float = setting(
-        default=10.0,
-        doc="Time limit of rrt_connect without a deadline.",
-        unit="s",
-        low=0.0,
-        source="design choice",
-    )
+    step: float = setting(default=5.0, unit="m", source="measured: the best on maps of 50 m")
+    """Length of an extension."""
+    gamma: float = setting(default=70.0, source="measured; the default of 2 never improves a path")
+    """Factor of the radius of rewiring."""
+    iterations: int = setting(default=10_000, low=1, source="default of pathplanning")
+    """Iterations of rrt_star without a deadline."""
+    limit: float = setting(default=10.0, unit="s", low=0.0, source="design choice")
+    """Time limit of rrt_connect without a deadline."""
 
     def prepare(self, case: Any) -> TreeOnMap | None:
         """The planner for a map of rectangles; None for any other map."""
@@ -102,9 +86,8 @@ class TreeOnMap:
 class LazyThetaStar:
     """Any-angle search on a grid, in which a cell that meets an obstacle is blocked."""
 
-    resolution: float = setting(
-        default=0.1, doc="Size of a cell.", unit="m", low=0.01, source="as our a_star"
-    )
+    resolution: float = setting(default=0.1, unit="m", low=0.01, source="as our a_star")
+    """Size of a cell."""
 
     def prepare(self, case: Any) -> ThetaOnMap:
         """The planner for a map."""

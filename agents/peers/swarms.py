@@ -110,15 +110,12 @@ class PathSwarm:
 
     package: Literal["mealpy", "niapy"]
     algorithm: Literal["WOA", "PSO"]
-    population: int = setting(
-        default=10, doc="Paths in the swarm.", low=5, source="thesis, figure 3.1"
-    )
-    way_points: int = setting(
-        default=20, doc="Least number of inner points.", low=1, source="as measured for the others"
-    )
-    iterations: int = setting(
-        default=100, doc="Iterations of a run.", low=1, source="as rrt_star_woa_global"
-    )
+    population: int = setting(default=10, low=5, source="thesis, figure 3.1")
+    """Paths in the swarm."""
+    way_points: int = setting(default=20, low=1, source="as measured for the others")
+    """Least number of inner points."""
+    iterations: int = setting(default=100, low=1, source="as rrt_star_woa_global")
+    """Iterations of a run."""
 
     def prepare(self, case: Any) -> PathSwarm:
         """The planner for a map; nothing is prepared."""

@@ -32,35 +32,24 @@ class Explore:
 
     planner: Mapping[str, Any] = field(default_factory=lambda: {"name": "lattice"})
     follower: Mapping[str, Any] = field(default_factory=lambda: {"name": "window"})
-    seek: bool = setting(default=True, doc="Drive to the goal; false: map all there is.")
-    towards: float = setting(
-        default=1.0,
-        doc="Weight of the distance from a frontier to the goal, against the path to the frontier.",
-        low=0.0, source="design choice",
-    )  # fmt: skip
-    gain: float = setting(
-        default=0.5, doc="Path length that a metre of frontier is worth.", low=0.0,
-        source="design choice",
-    )  # fmt: skip
+    seek: bool = setting(default=True)
+    """Drive to the goal; false: map all there is."""
+    towards: float = setting(default=1.0, low=0.0, source="design choice")
+    """Weight of the distance from a frontier to the goal, against the path to the frontier."""
+    gain: float = setting(default=0.5, low=0.0, source="design choice")
+    """Path length that a metre of frontier is worth."""
     clearance: float = setting(
-        default=0.36, doc="Clearance of the paths to frontiers.", unit="m", low=0.0,
-        source="half the chair's width and a cell",
-    )  # fmt: skip
-    least: float = setting(
-        default=0.4, doc="Least length of a frontier; shorter ones are gaps between beams.",
-        unit="m", low=0.0, source="design choice",
-    )  # fmt: skip
-    look: float = setting(
-        default=1.0, doc="Time between two searches for frontiers.", unit="s", low=0.1,
-        source="design choice",
-    )  # fmt: skip
-    patience: float = setting(
-        default=25.0, doc="Time for one frontier, after which it is given up.", unit="s", low=1.0,
-        source="design choice",
-    )  # fmt: skip
-    seed: int = setting(
-        default=0, doc="Seed of the planner, with the episode's key.", low=0, source="design choice"
+        default=0.36, unit="m", low=0.0, source="half the chair's width and a cell"
     )
+    """Clearance of the paths to frontiers."""
+    least: float = setting(default=0.4, unit="m", low=0.0, source="design choice")
+    """Least length of a frontier; shorter ones are gaps between beams."""
+    look: float = setting(default=1.0, unit="s", low=0.1, source="design choice")
+    """Time between two searches for frontiers."""
+    patience: float = setting(default=25.0, unit="s", low=1.0, source="design choice")
+    """Time for one frontier, after which it is given up."""
+    seed: int = setting(default=0, low=0, source="design choice")
+    """Seed of the planner, with the episode's key."""
 
     def __post_init__(self) -> None:
         self.planned()

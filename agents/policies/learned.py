@@ -36,12 +36,10 @@ SLACK = 4.0  # s: till then a chair may have strayed so far from the way
 class Learned:
     """A learned policy, by the name or the file of its weights (.npz, or .onnx as exported)."""
 
-    weights: str = setting(
-        default="", doc="Name of weights that come with the package, or a file of them."
-    )
-    digest: str | None = setting(
-        default=None, doc="SHA-256 that the file of weights must have; None: any."
-    )
+    weights: str = setting(default="")
+    """Name of weights that come with the package, or a file of them."""
+    digest: str | None = setting(default=None)
+    """SHA-256 that the file of weights must have; None: any."""
 
     def __post_init__(self) -> None:
         if self.weights:

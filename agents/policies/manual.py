@@ -12,22 +12,14 @@ from wheelchair_gym.types import Command, Mission, Reading
 class Manual:
     """Drives as a person's hands say; needs the window, which has the keyboard's attention."""
 
-    speed: float = setting(
-        default=0.6, doc="Share of the full speed that a key asks for.", low=0.0, high=1.0,
-        source="design choice",
-    )  # fmt: skip
-    turn: float = setting(
-        default=0.6, doc="Share of the full turn rate that a key asks for.", low=0.0, high=1.0,
-        source="design choice",
-    )  # fmt: skip
-    slow: float = setting(
-        default=0.4, doc="Factor on both while shift is held.", low=0.0, high=1.0,
-        source="design choice",
-    )  # fmt: skip
-    idle: float = setting(
-        default=0.12, doc="Dead zone of a stick, as a share of its travel.", low=0.0, high=0.9,
-        source="design choice",
-    )  # fmt: skip
+    speed: float = setting(default=0.6, low=0.0, high=1.0, source="design choice")
+    """Share of the full speed that a key asks for."""
+    turn: float = setting(default=0.6, low=0.0, high=1.0, source="design choice")
+    """Share of the full turn rate that a key asks for."""
+    slow: float = setting(default=0.4, low=0.0, high=1.0, source="design choice")
+    """Factor on both while shift is held."""
+    idle: float = setting(default=0.12, low=0.0, high=0.9, source="design choice")
+    """Dead zone of a stick, as a share of its travel."""
 
     def make(self) -> Driver:
         """A fresh policy."""

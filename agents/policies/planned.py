@@ -66,39 +66,31 @@ class Planned:
 
     planner: Mapping[str, Any] = field(default_factory=lambda: {"name": "a_star"})
     follower: Mapping[str, Any] = field(default_factory=lambda: {"name": "window"})
-    seed: int = setting(
-        default=0, doc="Seed of the planner, with the episode's key.", low=0, source="design choice"
-    )
+    seed: int = setting(default=0, low=0, source="design choice")
+    """Seed of the planner, with the episode's key."""
     clearance: float = setting(
         default=0.40,
-        doc="Clearance that a plan is asked for first; less where no path leads to the goal.",
-        unit="m", low=0.0, source="half the chair's width, the pose error and a margin",
-    )  # fmt: skip
+        unit="m",
+        low=0.0,
+        source="half the chair's width, the pose error and a margin",
+    )
+    """Clearance that a plan is asked for first; less where no path leads to the goal."""
     least: float = setting(
-        default=0.28, doc="Least clearance that a plan is asked for.", unit="m", low=0.0,
-        source="a cell under half the chair's width",
-    )  # fmt: skip
-    astray: float = setting(
-        default=0.8, doc="Distance from the path above which a new one is planned.", unit="m",
-        low=0.05, source="design choice",
-    )  # fmt: skip
-    beyond: float = setting(
-        default=BEYOND,
-        doc="Distance beyond the known map that paths through the unknown may use.", unit="m",
-        low=0.5, source="design choice",
-    )  # fmt: skip
-    redraw: float = setting(
-        default=0.5, doc="Time between two looks at a map that grows.", unit="s", low=0.0,
-        source="design choice",
-    )  # fmt: skip
-    patience: float = setting(
-        default=4.0, doc="Time without progress after which a recovery begins.", unit="s", low=0.5,
-        source="design choice",
-    )  # fmt: skip
+        default=0.28, unit="m", low=0.0, source="a cell under half the chair's width"
+    )
+    """Least clearance that a plan is asked for."""
+    astray: float = setting(default=0.8, unit="m", low=0.05, source="design choice")
+    """Distance from the path above which a new one is planned."""
+    beyond: float = setting(default=BEYOND, unit="m", low=0.5, source="design choice")
+    """Distance beyond the known map that paths through the unknown may use."""
+    redraw: float = setting(default=0.5, unit="s", low=0.0, source="design choice")
+    """Time between two looks at a map that grows."""
+    patience: float = setting(default=4.0, unit="s", low=0.5, source="design choice")
+    """Time without progress after which a recovery begins."""
     backing: float = setting(
-        default=2.5, doc="Time for which the chair backs out.", unit="s", low=0.1,
-        source="design choice; about half the chair's length",
-    )  # fmt: skip
+        default=2.5, unit="s", low=0.1, source="design choice; about half the chair's length"
+    )
+    """Time for which the chair backs out."""
 
     def __post_init__(self) -> None:
         make_planner(dict(self.planner))

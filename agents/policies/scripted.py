@@ -19,13 +19,10 @@ def episode_rng(mission: Mission, seed: int) -> np.random.Generator:
 class RandomPolicy:
     """Twists drawn evenly, each held for a while."""
 
-    seed: int = setting(
-        default=0, doc="Seed of the actions, with the episode's key.", low=0, source="design choice"
-    )
-    hold: float = setting(
-        default=0.5, doc="Time for which each action is held; inertia averages out shorter ones.",
-        unit="s", low=0.0, source="design choice",
-    )  # fmt: skip
+    seed: int = setting(default=0, low=0, source="design choice")
+    """Seed of the actions, with the episode's key."""
+    hold: float = setting(default=0.5, unit="s", low=0.0, source="design choice")
+    """Time for which each action is held; inertia averages out shorter ones."""
 
     def make(self) -> RandomDriver:
         """A fresh policy."""
@@ -56,13 +53,10 @@ class RandomDriver:
 class StraightPolicy:
     """Turns to the goal and drives there, whatever stands between."""
 
-    gain: float = setting(
-        default=1.5, doc="Turn rate per heading error.", unit="1/s", low=0.0, source="design choice"
-    )
-    pivot: float = setting(
-        default=0.5, doc="Heading error above which the chair turns in place.", unit="rad",
-        low=0.0, source="design choice",
-    )  # fmt: skip
+    gain: float = setting(default=1.5, unit="1/s", low=0.0, source="design choice")
+    """Turn rate per heading error."""
+    pivot: float = setting(default=0.5, unit="rad", low=0.0, source="design choice")
+    """Heading error above which the chair turns in place."""
 
     def make(self) -> StraightDriver:
         """A fresh policy."""

@@ -175,82 +175,47 @@ class ControlGenerator:
     """How commands are searched, and what they are worth."""
 
     whales: WhaleSettings = setting(
-        default=WhaleSettings(population=12, iterations=10),
-        doc="The swarm that searches the commands of a segment.",
-        source="design choice",
+        default=WhaleSettings(population=12, iterations=10), source="design choice"
     )
-    horizon: float | None = setting(
-        default=None,
-        doc="Length of the path to follow; null for the whole path.",
-        unit="m",
-        low=0.1,
-        source="design choice",
-    )
-    tolerance: float = setting(
-        default=0.05,
-        doc="Distance from the simplified path up to which points are left out.",
-        unit="m",
-        low=0.0,
-        source="design choice",
-    )
-    max_segment_length: float = setting(
-        default=1.5, doc="Longest segment.", unit="m", low=0.1, source="design choice"
-    )
+    """The swarm that searches the commands of a segment."""
+    horizon: float | None = setting(default=None, unit="m", low=0.1, source="design choice")
+    """Length of the path to follow; null for the whole path."""
+    tolerance: float = setting(default=0.05, unit="m", low=0.0, source="design choice")
+    """Distance from the simplified path up to which points are left out."""
+    max_segment_length: float = setting(default=1.5, unit="m", low=0.1, source="design choice")
+    """Longest segment."""
     min_first_segment_length: float = setting(
-        default=0.25, doc="Shortest first segment.", unit="m", low=0.0, source="design choice"
+        default=0.25, unit="m", low=0.0, source="design choice"
     )
-    search_range: float = setting(
-        default=1.0,
-        doc="How far the commands of a segment may lead off it.",
-        unit="m",
-        low=0.0,
-        source="design choice",
-    )
-    margin: float = setting(
-        default=0.02, doc="Least gap to obstacles.", unit="m", low=0.0, source="design choice"
-    )
+    """Shortest first segment."""
+    search_range: float = setting(default=1.0, unit="m", low=0.0, source="design choice")
+    """How far the commands of a segment may lead off it."""
+    margin: float = setting(default=0.02, unit="m", low=0.0, source="design choice")
+    """Least gap to obstacles."""
     desired_clearance: float = setting(
-        default=0.15,
-        doc="Clearance from which on more costs no less.",
-        unit="m",
-        low=1e-3,
-        high=0.5,
-        source="design choice",
+        default=0.15, unit="m", low=1e-3, high=0.5, source="design choice"
     )
+    """Clearance from which on more costs no less."""
     end_weight: float = setting(
-        default=10.0,
-        doc="Cost of the distance from the end of a segment.",
-        unit="s/m",
-        low=0.0,
-        source="design choice: 5 cm cost 0.5 s",
+        default=10.0, unit="s/m", low=0.0, source="design choice: 5 cm cost 0.5 s"
     )
+    """Cost of the distance from the end of a segment."""
     arrival_weight: float = setting(
-        default=50.0,
-        doc="Cost of the distance from the goal.",
-        unit="s/m",
-        low=0.0,
-        source="design choice: 2 cm cost 1 s",
+        default=50.0, unit="s/m", low=0.0, source="design choice: 2 cm cost 1 s"
     )
+    """Cost of the distance from the goal."""
     heading_weight: float = setting(
-        default=1.5,
-        doc="Cost of the heading error at the end of a segment.",
-        unit="s/rad",
-        low=0.0,
-        source="duration of a turn in place, with its ramps",
+        default=1.5, unit="s/rad", low=0.0, source="duration of a turn in place, with its ramps"
     )
-    time_weight: float = setting(
-        default=1.0, doc="Cost of time.", low=0.0, source="unit of the other weights"
-    )
-    clearance_weight: float = setting(
-        default=2.0, doc="Cost of a lack of clearance.", unit="s", low=0.0, source="design choice"
-    )
+    """Cost of the heading error at the end of a segment."""
+    time_weight: float = setting(default=1.0, low=0.0, source="unit of the other weights")
+    """Cost of time."""
+    clearance_weight: float = setting(default=2.0, unit="s", low=0.0, source="design choice")
+    """Cost of a lack of clearance."""
     arrival: float = setting(
-        default=0.10,
-        doc="Distance from the goal that counts as arrived.",
-        unit="m",
-        low=0.0,
-        source="design choice: below the 0.30 m of the task",
+        default=0.10, unit="m", low=0.0, source="design choice: below the 0.30 m of the task"
     )
+    """Distance from the goal that counts as arrived."""
 
     def targets(self, path: Array, start: Array) -> tuple[Array, bool]:
         """Ends (n, 2) of the segments to drive from a start (3,); is the last the path's end?"""

@@ -246,11 +246,8 @@ class CellDecomposition(PlannerBase):
     of the windows between cells, straightened.
     """
 
-    shortcut: bool = setting(
-        default=True,
-        doc="Whether the path is straightened.",
-        source="straighten the path, which is never longer then",
-    )
+    shortcut: bool = setting(default=True, source="straighten the path, which is never longer then")
+    """Whether the path is straightened."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Find a path, within a deadline [s] if there is one; the generator is not used."""

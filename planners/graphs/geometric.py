@@ -70,11 +70,9 @@ class Geometric(PlannerBase):
     """
 
     max_turns: int = setting(
-        default=200,
-        doc="Largest number of corners to go around.",
-        low=0,
-        source="design choice: 20 are common on 50 m of clutter",
+        default=200, low=0, source="design choice: 20 are common on 50 m of clutter"
     )
+    """Largest number of corners to go around."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Find a path, or say why the method ends; the generator is not used."""

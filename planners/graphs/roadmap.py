@@ -147,20 +147,15 @@ class Prm(PlannerBase):
     """
 
     iterations: int = setting(
-        default=40_000,
-        doc="Largest number of samples.",
-        low=1,
-        source="design choice: enough for doors of 1 m",
+        default=40_000, low=1, source="design choice: enough for doors of 1 m"
     )
-    initial_samples: int = setting(
-        default=500, doc="Samples of the first roadmap.", low=1, source="design choice"
-    )
+    """Largest number of samples."""
+    initial_samples: int = setting(default=500, low=1, source="design choice")
+    """Samples of the first roadmap."""
     radius_factor: float = setting(
-        default=1.1,
-        doc="Connection radius, in multiples of the least radius that converges.",
-        low=0.1,
-        source="Karaman and Frazzoli 2011: above 1",
+        default=1.1, low=0.1, source="Karaman and Frazzoli 2011: above 1"
     )
+    """Connection radius, in multiples of the least radius that converges."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer with the shortest way over the first roadmap that joins start and goal.

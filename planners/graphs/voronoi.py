@@ -56,19 +56,14 @@ class Voronoi(PlannerBase):
 
     spacing: float = setting(
         default=0.4,
-        doc="Distance of the boundary samples at first.",
         unit="m",
         low=0.005,
         high=100.0,
         source="design choice: half the width of a door",
     )
-    refinements: int = setting(
-        default=4,
-        doc="How often the spacing is halved where no path is found.",
-        low=0,
-        high=8,
-        source="design choice",
-    )
+    """Distance of the boundary samples at first."""
+    refinements: int = setting(default=4, low=0, high=8, source="design choice")
+    """How often the spacing is halved where no path is found."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Find a path; samples prove nothing, so failure is `exhausted`. No use of `rng`."""

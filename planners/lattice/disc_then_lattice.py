@@ -64,13 +64,8 @@ class DiscThenLattice(PlannerBase):
     """
 
     lattice: Lattice = Lattice()
-    lateral_margin: float = setting(
-        default=0.10,
-        doc="Extra radius of the disc, because arcs cut corners.",
-        unit="m",
-        source="design choice",
-        low=0.0,
-    )
+    lateral_margin: float = setting(default=0.10, unit="m", low=0.0, source="design choice")
+    """Extra radius of the disc, because arcs cut corners."""
 
     def trivial(self, problem: Problem) -> Plan | None:
         """Nothing: the planners that this one asks know trivial problems."""

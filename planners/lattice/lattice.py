@@ -89,122 +89,62 @@ class Lattice(PlannerBase):
     footprint: Footprint = Footprint()
     limits: Limits = Limits()
     move_length: float = setting(
-        default=0.2,
-        doc="Length of a move.",
-        unit="m",
-        source="design choice: a fifth of the chair",
-        low=0.02,
-        high=1.0,
+        default=0.2, unit="m", low=0.02, high=1.0, source="design choice: a fifth of the chair"
     )
+    """Length of a move."""
     pivot_angle: float = setting(
-        default=0.2,
-        doc="Angle of a pivot.",
-        unit="rad",
-        source="design choice: as the turn of an arc",
-        low=0.02,
-        high=1.5,
+        default=0.2, unit="rad", low=0.02, high=1.5, source="design choice: as the turn of an arc"
     )
+    """Angle of a pivot."""
     curvatures: tuple[float, ...] = setting(
         default=(0.8, 1.6),
-        doc="Curvatures of the arcs, to both sides.",
         unit="1/m",
+        low=0.0,
         source="design choice: a wide turn, and one in a corridor of 1.2 m",
-        low=0.0,
     )
-    headings: int = setting(
-        default=32,
-        doc="Number of heading cells; 11 deg is below the turn of every move.",
-        source="design choice",
-        low=8,
-        high=360,
-    )
+    """Curvatures of the arcs, to both sides."""
+    headings: int = setting(default=32, low=8, high=360, source="design choice")
+    """Number of heading cells; 11 deg is below the turn of every move."""
     cell_size: float = setting(
-        default=0.10,
-        doc="Size of a position cell.",
-        unit="m",
-        source="design choice: half a move",
-        low=0.02,
+        default=0.10, unit="m", low=0.02, source="design choice: half a move"
     )
-    refinements: int = setting(
-        default=1,
-        doc="How often moves and cells are halved where no path is found.",
-        source="design choice",
-        low=0,
-        high=4,
-    )
+    """Size of a position cell."""
+    refinements: int = setting(default=1, low=0, high=4, source="design choice")
+    """How often moves and cells are halved where no path is found."""
     desired_clearance: float = setting(
-        default=0.25,
-        doc="Gap beyond which more clearance costs no less.",
-        unit="m",
-        source="free space beside the chair in a door of 1.1 m",
-        low=0.01,
+        default=0.25, unit="m", low=0.01, source="free space beside the chair in a door of 1.1 m"
     )
-    obstacle_weight: float = setting(
-        default=3.0,
-        doc="Extra cost factor of a move at no gap.",
-        source="tuned on training seeds",
-        low=0.0,
-    )
+    """Gap beyond which more clearance costs no less."""
+    obstacle_weight: float = setting(default=3.0, low=0.0, source="tuned on training seeds")
+    """Extra cost factor of a move at no gap."""
     lateral_acceleration: float = setting(
-        default=0.35,
-        doc="Lateral acceleration that bounds the speed in curves.",
-        unit="m/s2",
-        source="comfort, as in the followers",
-        low=0.01,
+        default=0.35, unit="m/s2", low=0.01, source="comfort, as in the followers"
     )
+    """Lateral acceleration that bounds the speed in curves."""
     pivot_speed_ratio: float = setting(
-        default=0.6,
-        doc="Angular velocity of a pivot, as a share of the limit.",
-        source="speed of the followers turning in place",
-        low=0.05,
-        high=1.0,
+        default=0.6, low=0.05, high=1.0, source="speed of the followers turning in place"
     )
+    """Angular velocity of a pivot, as a share of the limit."""
     reverse_cost: float = setting(
-        default=2.0,
-        doc="Cost factor of reverse motion.",
-        source="design choice: no sensor looks back",
-        low=1.0,
+        default=2.0, low=1.0, source="design choice: no sensor looks back"
     )
-    curvature_weight: float = setting(
-        default=0.03,
-        doc="Cost of a change of curvature, against oscillation.",
-        unit="s m",
-        source="design choice",
-        low=0.0,
-    )
+    """Cost factor of reverse motion."""
+    curvature_weight: float = setting(default=0.03, unit="s m", low=0.0, source="design choice")
+    """Cost of a change of curvature, against oscillation."""
     heuristic_weight: float = setting(
-        default=1.6,
-        doc="Factor of the heuristic: higher is faster and less optimal.",
-        source="tuned on training seeds",
-        low=1.0,
-        high=10.0,
+        default=1.6, low=1.0, high=10.0, source="tuned on training seeds"
     )
-    stop_ratio: float = setting(
-        default=0.8,
-        doc="Stop when no path can cost less than this share of the best path.",
-        source="tuned on training seeds",
-        low=0.1,
-        high=1.0,
-    )
-    heading_weight: float = setting(
-        default=0.5,
-        doc="Share of the time to turn to the path ahead that the heuristic counts.",
-        source="tuned on training seeds",
-        low=0.0,
-    )
+    """Factor of the heuristic: higher is faster and less optimal."""
+    stop_ratio: float = setting(default=0.8, low=0.1, high=1.0, source="tuned on training seeds")
+    """Stop when no path can cost less than this share of the best path."""
+    heading_weight: float = setting(default=0.5, low=0.0, source="tuned on training seeds")
+    """Share of the time to turn to the path ahead that the heuristic counts."""
     goal_connection_distance: float = setting(
-        default=1.5,
-        doc="Distance from which exact connections to the goal are tried.",
-        unit="m",
-        source="design choice",
-        low=0.1,
+        default=1.5, unit="m", low=0.1, source="design choice"
     )
-    iterations: int = setting(
-        default=200_000,
-        doc="Largest number of expanded poses.",
-        source="design choice: 200 MB of memory",
-        low=0,
-    )
+    """Distance from which exact connections to the goal are tried."""
+    iterations: int = setting(default=200_000, low=0, source="design choice: 200 MB of memory")
+    """Largest number of expanded poses."""
 
     def trivial(self, problem: Problem) -> Plan | None:
         """The plan where the axle cannot stand at an end; the rectangle is tested later."""

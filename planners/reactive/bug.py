@@ -234,11 +234,8 @@ class Bug2(PlannerBase):
     Complete: it proves it where there is no path.
     """
 
-    turn: Literal["left", "right"] = setting(
-        default="left",
-        doc="Side to which the robot turns at an obstacle.",
-        source="Lumelsky and Stepanov 1987",
-    )
+    turn: Literal["left", "right"] = setting(default="left", source="Lumelsky and Stepanov 1987")
+    """Side to which the robot turns at an obstacle."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Walk to the goal; the generator is not used."""

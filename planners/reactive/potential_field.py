@@ -89,40 +89,26 @@ class PotentialField(PlannerBase):
     It may be held in a local minimum, and says so: `stuck`; the tree shows how far it came.
     """
 
-    iterations: int = setting(
-        default=20_000, doc="Largest number of steps.", low=1, source="design choice: 2 km"
-    )
+    iterations: int = setting(default=20_000, low=1, source="design choice: 2 km")
+    """Largest number of steps."""
     step: float = setting(
-        default=0.1,
-        doc="Length of a step.",
-        unit="m",
-        low=1e-3,
-        source="design choice: a tenth of the width of a door",
+        default=0.1, unit="m", low=1e-3, source="design choice: a tenth of the width of a door"
     )
+    """Length of a step."""
     min_step: float = setting(
-        default=1e-3,
-        doc="Shortest step that is tried before a local minimum is reported.",
-        unit="m",
-        low=1e-9,
-        source="design choice: far below the errors of a chair",
+        default=1e-3, unit="m", low=1e-9, source="design choice: far below the errors of a chair"
     )
-    headings: int = setting(
-        default=32, doc="Headings tried at each step.", low=3, source="design choice: 11 deg"
-    )
+    """Shortest step that is tried before a local minimum is reported."""
+    headings: int = setting(default=32, low=3, source="design choice: 11 deg")
+    """Headings tried at each step."""
     obstacle_range: float = setting(
-        default=1.0,
-        doc="Distance from which on obstacles do not repel.",
-        unit="m",
-        low=1e-3,
-        source="design choice: the width of a door",
+        default=1.0, unit="m", low=1e-3, source="design choice: the width of a door"
     )
+    """Distance from which on obstacles do not repel."""
     repulsion: float = setting(
-        default=0.05,
-        doc="Weight of the repulsive potential.",
-        unit="m^3",
-        low=0.0,
-        source="design choice: equals the goal at 0.33 m",
+        default=0.05, unit="m^3", low=0.0, source="design choice: equals the goal at 0.33 m"
     )
+    """Weight of the repulsive potential."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Walk down to the goal, or until nothing leads down; the generator is not used."""

@@ -37,11 +37,11 @@ class LengthFree:
     """Shortness and freedom from collisions, weighed: the thesis, section 2.8."""
 
     shortness_weight: float = setting(
-        default=10.0, doc="Cost of length.", unit="1/m", low=0.0, source="thesis, figure 3.1"
+        default=10.0, unit="1/m", low=0.0, source="thesis, figure 3.1"
     )
-    collision_free_weight: float = setting(
-        default=1e4, doc="Cost of each blocked edge.", low=0.0, source=_EACH + "; thesis: 1"
-    )
+    """Cost of length."""
+    collision_free_weight: float = setting(default=1e4, low=0.0, source=_EACH + "; thesis: 1")
+    """Cost of each blocked edge."""
 
     @property
     def path_cost(self) -> PathCost:
@@ -58,17 +58,10 @@ class Smooth:
     smallest where the path turns in a way of its own, and only way points are tested.
     """
 
-    penalty: float = setting(
-        default=100.0,
-        doc="Cost factor of a path with a blocked edge.",
-        low=0.0,
-        source="'considerable' in P1 (7)",
-    )
-    faithful: bool = setting(
-        default=False,
-        doc="Whether the source's own tests are used in place of exact ones.",
-        source=_FAITHFUL,
-    )
+    penalty: float = setting(default=100.0, low=0.0, source="'considerable' in P1 (7)")
+    """Cost factor of a path with a blocked edge."""
+    faithful: bool = setting(default=False, source=_FAITHFUL)
+    """Whether the source's own tests are used in place of exact ones."""
 
     @property
     def path_cost(self) -> PathCost:
@@ -88,26 +81,14 @@ class Violation:
     and blocked edges cost, too. Faithful: D from sampled points, and nothing else is tested.
     """
 
-    penalty: float = setting(
-        default=100.0,
-        doc="Cost factor of the mean violation.",
-        low=0.0,
-        source="Yarpiz, whose program P2 follows",
-    )
-    violation_range: float = setting(
-        default=1.2,
-        doc="Radii from a centre up to which a disc is violated.",
-        low=0.0,
-        source="P2 (20)",
-    )
-    blocked_cost: float = setting(
-        default=100.0, doc="Cost of each blocked edge.", unit="m", low=0.0, source=_EACH
-    )
-    faithful: bool = setting(
-        default=False,
-        doc="Whether the source's own tests are used in place of exact ones.",
-        source=_FAITHFUL,
-    )
+    penalty: float = setting(default=100.0, low=0.0, source="Yarpiz, whose program P2 follows")
+    """Cost factor of the mean violation."""
+    violation_range: float = setting(default=1.2, low=0.0, source="P2 (20)")
+    """Radii from a centre up to which a disc is violated."""
+    blocked_cost: float = setting(default=100.0, unit="m", low=0.0, source=_EACH)
+    """Cost of each blocked edge."""
+    faithful: bool = setting(default=False, source=_FAITHFUL)
+    """Whether the source's own tests are used in place of exact ones."""
 
     @property
     def path_cost(self) -> PathCost:
@@ -130,33 +111,20 @@ class WayPoints:
     at: where one falls into a disc (d^2 <= r^2 + slack) it is pushed out and drawn again.
     """
 
-    penalty: float = setting(
-        default=100.0,
-        doc="Cost factor of the mean violation.",
-        low=0.0,
-        source="design choice: as P2",
-    )
+    penalty: float = setting(default=100.0, low=0.0, source="design choice: as P2")
+    """Cost factor of the mean violation."""
     violation_range: float = setting(
         default=1.0 + 5.0 / DISC_SIDES**2,
-        doc="Radii from a centre up to which a disc is violated.",
         low=0.0,
         source="pi^2 / 2 n^2: the corners of the polygon of a disc",
     )
-    blocked_cost: float = setting(
-        default=100.0, doc="Cost of each blocked edge.", unit="m", low=0.0, source=_EACH
-    )
-    slack: float = setting(
-        default=1.0,
-        doc="Square that is added to that of a radius.",
-        unit="m^2",
-        low=0.0,
-        source="R1, section 5.3",
-    )
-    faithful: bool = setting(
-        default=False,
-        doc="Whether the source's own tests are used in place of exact ones.",
-        source=_FAITHFUL,
-    )
+    """Radii from a centre up to which a disc is violated."""
+    blocked_cost: float = setting(default=100.0, unit="m", low=0.0, source=_EACH)
+    """Cost of each blocked edge."""
+    slack: float = setting(default=1.0, unit="m^2", low=0.0, source="R1, section 5.3")
+    """Square that is added to that of a radius."""
+    faithful: bool = setting(default=False, source=_FAITHFUL)
+    """Whether the source's own tests are used in place of exact ones."""
 
     @property
     def path_cost(self) -> PathCost:

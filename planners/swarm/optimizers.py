@@ -52,28 +52,14 @@ _INERTIA_RAMP: Final = setting(
 class Woa:
     """Whales (Mirjalili and Lewis 2016), with the thesis's thresholds mu and lambda."""
 
-    a: float = setting(
-        default=WhaleSettings.a,
-        doc="Initial bound of the factor A; it falls to 0 over a run.",
-        source=_WHALES,
-        low=0.0,
-    )
-    b: float = setting(
-        default=WhaleSettings.b, doc="Shape of the logarithmic spiral.", source=_WHALES
-    )
-    mu: float = setting(
-        default=WhaleSettings.mu,
-        doc="Probability of a move other than the spiral.",
-        source=_WHALES,
-        low=0.0,
-        high=1.0,
-    )
-    lam: float = setting(
-        default=WhaleSettings.lam,
-        doc="Bound of |A| below which a whale encircles the best.",
-        source=_WHALES,
-        low=0.0,
-    )
+    a: float = setting(default=WhaleSettings.a, low=0.0, source=_WHALES)
+    """Initial bound of the factor A; it falls to 0 over a run."""
+    b: float = setting(default=WhaleSettings.b, source=_WHALES)
+    """Shape of the logarithmic spiral."""
+    mu: float = setting(default=WhaleSettings.mu, low=0.0, high=1.0, source=_WHALES)
+    """Probability of a move other than the spiral."""
+    lam: float = setting(default=WhaleSettings.lam, low=0.0, source=_WHALES)
+    """Bound of |A| below which a whale encircles the best."""
 
     @property
     def parameters(self) -> MoveParameters:
@@ -91,9 +77,8 @@ class WoaModified:
     a map of free and solid has no third case.
     """
 
-    whales: Woa = setting(
-        default=Woa(), doc="The whales, but for the factor C.", source="P1: as WOA"
-    )
+    whales: Woa = setting(default=Woa(), source="P1: as WOA")
+    """The whales, but for the factor C."""
 
     @property
     def parameters(self) -> MoveParameters:
@@ -107,30 +92,16 @@ class WoaModified:
 class Pso:
     """Particles whose inertia is damped: P2's PSO, or a fixed inertia at damping 1."""
 
-    inertia: float = setting(
-        default=1.0, doc="Initial inertia.", source=_P2 + ", its listing", low=0.0
-    )
-    damping: float = setting(
-        default=0.98, doc="Factor of the inertia per move.", source=_P2, low=0.0, high=1.0
-    )
-    c1: float = setting(
-        default=2.0,
-        doc="Acceleration towards the personal best (c1).",
-        source=_P2 + "; its listing has 1.5",
-        low=0.0,
-    )
-    c2: float = setting(
-        default=2.0,
-        doc="Acceleration towards the best of the swarm (c2).",
-        source=_P2 + "; its listing has 1.5",
-        low=0.0,
-    )
-    max_step: float = setting(
-        default=0.1,
-        doc="Longest step of a coordinate, as a share of the width of its bounds.",
-        source=_YARPIZ,
-        low=0.0,
-    )
+    inertia: float = setting(default=1.0, low=0.0, source=_P2 + ", its listing")
+    """Initial inertia."""
+    damping: float = setting(default=0.98, low=0.0, high=1.0, source=_P2)
+    """Factor of the inertia per move."""
+    c1: float = setting(default=2.0, low=0.0, source=_P2 + "; its listing has 1.5")
+    """Acceleration towards the personal best (c1)."""
+    c2: float = setting(default=2.0, low=0.0, source=_P2 + "; its listing has 1.5")
+    """Acceleration towards the best of the swarm (c2)."""
+    max_step: float = setting(default=0.1, low=0.0, source=_YARPIZ)
+    """Longest step of a coordinate, as a share of the width of its bounds."""
     neighbours: int = _NEIGHBOURS
     inertia_ramp: bool = _INERTIA_RAMP
 
@@ -153,30 +124,22 @@ class Pso:
 class PsoChaotic:
     """Particles whose falling inertia is multiplied by a logistic map: P2 (13)-(17)."""
 
-    inertia: float = setting(default=0.9, doc="Initial inertia.", source=_P2, low=0.0)
-    min_inertia: float = setting(default=0.3, doc="Final inertia.", source=_P2, low=0.0)
+    inertia: float = setting(default=0.9, low=0.0, source=_P2)
+    """Initial inertia."""
+    min_inertia: float = setting(default=0.3, low=0.0, source=_P2)
+    """Final inertia."""
     chaos: float = setting(
-        default=0.3,
-        doc="Initial state of the logistic map.",
-        source="P2 prints 3, outside the domain of the map",
-        low=0.0,
-        high=1.0,
+        default=0.3, low=0.0, high=1.0, source="P2 prints 3, outside the domain of the map"
     )
-    mu: float = setting(
-        default=4.0, doc="Parameter of the logistic map.", source=_P2, low=0.0, high=4.0
-    )
-    c1: float = setting(
-        default=2.0, doc="Acceleration towards the personal best (c1).", source=_P2, low=0.0
-    )
-    c2: float = setting(
-        default=2.0, doc="Acceleration towards the best of the swarm (c2).", source=_P2, low=0.0
-    )
-    max_step: float = setting(
-        default=0.1,
-        doc="Longest step of a coordinate, as a share of the width of its bounds.",
-        source=_YARPIZ,
-        low=0.0,
-    )
+    """Initial state of the logistic map."""
+    mu: float = setting(default=4.0, low=0.0, high=4.0, source=_P2)
+    """Parameter of the logistic map."""
+    c1: float = setting(default=2.0, low=0.0, source=_P2)
+    """Acceleration towards the personal best (c1)."""
+    c2: float = setting(default=2.0, low=0.0, source=_P2)
+    """Acceleration towards the best of the swarm (c2)."""
+    max_step: float = setting(default=0.1, low=0.0, source=_YARPIZ)
+    """Longest step of a coordinate, as a share of the width of its bounds."""
 
     @property
     def parameters(self) -> MoveParameters:
@@ -195,14 +158,12 @@ class PsoChaotic:
 class PsoVariable:
     """Particles whose inertia falls by a constant factor; c1 and c2 follow it: R1 (2.1)-(2.4)."""
 
-    inertia: float = setting(default=0.9, doc="Initial inertia.", source=_NOT_GIVEN, low=1e-3)
-    min_inertia: float = setting(default=0.4, doc="Final inertia.", source=_NOT_GIVEN, low=1e-3)
-    max_step: float = setting(
-        default=0.16,
-        doc="Longest step of a coordinate, as a share of the width of its bounds.",
-        source=_R1 + ": 4 m of 25 m",
-        low=0.0,
-    )
+    inertia: float = setting(default=0.9, low=1e-3, source=_NOT_GIVEN)
+    """Initial inertia."""
+    min_inertia: float = setting(default=0.4, low=1e-3, source=_NOT_GIVEN)
+    """Final inertia."""
+    max_step: float = setting(default=0.16, low=0.0, source=_R1 + ": 4 m of 25 m")
+    """Longest step of a coordinate, as a share of the width of its bounds."""
     neighbours: int = _NEIGHBOURS
     inertia_ramp: bool = _INERTIA_RAMP
 
@@ -231,20 +192,16 @@ class PsoVariable:
 class PsoAdaptive:
     """Particles whose inertia follows the gain of the last move: R1 (2.5)-(2.6)."""
 
-    inertia: float = setting(default=0.9, doc="Initial inertia.", source=_NOT_GIVEN, low=0.0)
-    min_inertia: float = setting(default=0.4, doc="Final inertia.", source=_NOT_GIVEN, low=0.0)
-    c1: float = setting(
-        default=2.05, doc="Acceleration towards the personal best (c1).", source=_R1, low=0.0
-    )
-    c2: float = setting(
-        default=2.05, doc="Acceleration towards the best of the swarm (c2).", source=_R1, low=0.0
-    )
-    max_step: float = setting(
-        default=0.16,
-        doc="Longest step of a coordinate, as a share of the width of its bounds.",
-        source=_R1 + ": 4 m of 25 m",
-        low=0.0,
-    )
+    inertia: float = setting(default=0.9, low=0.0, source=_NOT_GIVEN)
+    """Initial inertia."""
+    min_inertia: float = setting(default=0.4, low=0.0, source=_NOT_GIVEN)
+    """Final inertia."""
+    c1: float = setting(default=2.05, low=0.0, source=_R1)
+    """Acceleration towards the personal best (c1)."""
+    c2: float = setting(default=2.05, low=0.0, source=_R1)
+    """Acceleration towards the best of the swarm (c2)."""
+    max_step: float = setting(default=0.16, low=0.0, source=_R1 + ": 4 m of 25 m")
+    """Longest step of a coordinate, as a share of the width of its bounds."""
     neighbours: int = _NEIGHBOURS
     inertia_ramp: bool = _INERTIA_RAMP
 
@@ -267,12 +224,8 @@ class PsoAdaptive:
 class Gwo:
     """Grey wolves (Mirjalili, Mirjalili and Lewis 2014)."""
 
-    a: float = setting(
-        default=2.0,
-        doc="Initial bound of the factor A; it falls to 0 over a run.",
-        source="Mirjalili et al. 2014",
-        low=0.0,
-    )
+    a: float = setting(default=2.0, low=0.0, source="Mirjalili et al. 2014")
+    """Initial bound of the factor A; it falls to 0 over a run."""
 
     @property
     def parameters(self) -> MoveParameters:
@@ -287,27 +240,23 @@ class PsoGwo:
     """Particles fly, then wolves hunt from where these ended (R1)."""
 
     inertia: Literal["fixed", "variable", "adaptive"] = setting(
-        default="adaptive", doc="How the inertia of the particles changes.", source="R1's best"
+        default="adaptive", source="R1's best"
     )
+    """How the inertia of the particles changes."""
     fixed: Pso = setting(
-        default=Pso(inertia=0.9, damping=1.0, c1=2.05, c2=2.05, max_step=0.16),
-        doc="Particles of a fixed inertia.",
-        source=_R1,
+        default=Pso(inertia=0.9, damping=1.0, c1=2.05, c2=2.05, max_step=0.16), source=_R1
     )
-    variable: PsoVariable = setting(
-        default=PsoVariable(), doc="Particles of a variable inertia.", source=_R1
-    )
-    adaptive: PsoAdaptive = setting(
-        default=PsoAdaptive(), doc="Particles of an adaptive inertia.", source=_R1
-    )
-    wolves: Gwo = setting(default=Gwo(), doc="The wolves.", source=_R1)
+    """Particles of a fixed inertia."""
+    variable: PsoVariable = setting(default=PsoVariable(), source=_R1)
+    """Particles of a variable inertia."""
+    adaptive: PsoAdaptive = setting(default=PsoAdaptive(), source=_R1)
+    """Particles of an adaptive inertia."""
+    wolves: Gwo = setting(default=Gwo(), source=_R1)
+    """The wolves."""
     particle_share: float = setting(
-        default=0.5,
-        doc="Share of a run in which particles move; then wolves follow.",
-        source="R1, section 5.4: 150 of 300 iterations",
-        low=0.01,
-        high=0.99,
+        default=0.5, low=0.01, high=0.99, source="R1, section 5.4: 150 of 300 iterations"
     )
+    """Share of a run in which particles move; then wolves follow."""
 
     @property
     def parameters(self) -> MoveParameters:
@@ -331,15 +280,10 @@ class PsoGwo:
 class Abc:
     """An artificial bee colony (Karaboga 2005); two moves are one cycle of it."""
 
-    acceleration: float = setting(
-        default=1.0, doc="Bound of a step, in differences of two sources.", source=_YARPIZ, low=0.0
-    )
-    trial_limit: float = setting(
-        default=0.6,
-        doc="Failed trials per coordinate and bee after which a source is left.",
-        source=_YARPIZ,
-        low=0.0,
-    )
+    acceleration: float = setting(default=1.0, low=0.0, source=_YARPIZ)
+    """Bound of a step, in differences of two sources."""
+    trial_limit: float = setting(default=0.6, low=0.0, source=_YARPIZ)
+    """Failed trials per coordinate and bee after which a source is left."""
 
     @property
     def parameters(self) -> MoveParameters:
@@ -353,27 +297,16 @@ class Abc:
 class Firefly:
     """Fireflies that fly towards all brighter ones (Yang 2009), the best of old and new kept."""
 
-    attraction: float = setting(
-        default=2.0, doc="Attraction beta at distance 0.", source=_YARPIZ, low=0.0
-    )
-    absorption: float = setting(
-        default=1.0,
-        doc="Light absorption gamma, per square of the distance in diagonals of the bounds.",
-        source=_YARPIZ,
-        low=0.0,
-    )
-    randomness: float = setting(
-        default=0.2, doc="Initial factor alpha of the random step.", source=_YARPIZ, low=0.0
-    )
-    damping: float = setting(
-        default=0.98, doc="Factor of the random step per move.", source=_YARPIZ, low=0.0, high=1.0
-    )
-    step: float = setting(
-        default=0.05,
-        doc="Random step, as a share of the width of the bounds.",
-        source=_YARPIZ,
-        low=0.0,
-    )
+    attraction: float = setting(default=2.0, low=0.0, source=_YARPIZ)
+    """Attraction beta at distance 0."""
+    absorption: float = setting(default=1.0, low=0.0, source=_YARPIZ)
+    """Light absorption gamma, per square of the distance in diagonals of the bounds."""
+    randomness: float = setting(default=0.2, low=0.0, source=_YARPIZ)
+    """Initial factor alpha of the random step."""
+    damping: float = setting(default=0.98, low=0.0, high=1.0, source=_YARPIZ)
+    """Factor of the random step per move."""
+    step: float = setting(default=0.05, low=0.0, source=_YARPIZ)
+    """Random step, as a share of the width of the bounds."""
 
     @property
     def parameters(self) -> MoveParameters:
@@ -389,34 +322,17 @@ class Ga:
     """A real-coded genetic algorithm with roulette, the best of parents and children kept."""
 
     crossover_share: float = setting(
-        default=0.73,
-        doc="Share of the children that have two parents; the others are mutants.",
-        source="Yarpiz: 0.8 n by crossover, 0.3 n mutants",
-        low=0.0,
-        high=1.0,
+        default=0.73, low=0.0, high=1.0, source="Yarpiz: 0.8 n by crossover, 0.3 n mutants"
     )
-    extension: float = setting(
-        default=0.4,
-        doc="How far beyond its parents a child may lie, as a share of their distance (gamma).",
-        source=_YARPIZ,
-        low=0.0,
-    )
-    mutation_rate: float = setting(
-        default=0.1,
-        doc="Probability that a coordinate of a mutant changes (mu).",
-        source=_YARPIZ,
-        low=0.0,
-        high=1.0,
-    )
-    mutation_step: float = setting(
-        default=0.1,
-        doc="Standard deviation of a mutation, as a share of the width of the bounds (sigma).",
-        source=_YARPIZ,
-        low=0.0,
-    )
-    selection_pressure: float = setting(
-        default=8.0, doc="Exponent beta of the roulette selection.", source=_YARPIZ, low=0.0
-    )
+    """Share of the children that have two parents; the others are mutants."""
+    extension: float = setting(default=0.4, low=0.0, source=_YARPIZ)
+    """How far beyond its parents a child may lie, as a share of their distance (gamma)."""
+    mutation_rate: float = setting(default=0.1, low=0.0, high=1.0, source=_YARPIZ)
+    """Probability that a coordinate of a mutant changes (mu)."""
+    mutation_step: float = setting(default=0.1, low=0.0, source=_YARPIZ)
+    """Standard deviation of a mutation, as a share of the width of the bounds (sigma)."""
+    selection_pressure: float = setting(default=8.0, low=0.0, source=_YARPIZ)
+    """Exponent beta of the roulette selection."""
 
     @property
     def parameters(self) -> MoveParameters:
@@ -437,19 +353,12 @@ class Ga:
 class De:
     """Differential evolution, DE/rand/1/bin (Storn and Price 1997)."""
 
-    min_factor: float = setting(
-        default=0.2, doc="Least differential weight F.", source=_YARPIZ, low=0.0
-    )
-    max_factor: float = setting(
-        default=0.8, doc="Greatest differential weight F.", source=_YARPIZ, low=0.0
-    )
-    crossover_rate: float = setting(
-        default=0.2,
-        doc="Probability of a coordinate to come from the mutant (CR).",
-        source=_YARPIZ,
-        low=0.0,
-        high=1.0,
-    )
+    min_factor: float = setting(default=0.2, low=0.0, source=_YARPIZ)
+    """Least differential weight F."""
+    max_factor: float = setting(default=0.8, low=0.0, source=_YARPIZ)
+    """Greatest differential weight F."""
+    crossover_rate: float = setting(default=0.2, low=0.0, high=1.0, source=_YARPIZ)
+    """Probability of a coordinate to come from the mutant (CR)."""
 
     @property
     def parameters(self) -> MoveParameters:

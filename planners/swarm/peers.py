@@ -21,14 +21,10 @@ LEAST_TIME = 0.1  # s: mealpy refuses less
 class Mealpy:
     """An optimiser of the library mealpy, which the extra `peers` installs."""
 
-    algorithm: str = setting(
-        default="OriginalWOA",
-        doc="Name of a class of mealpy.",
-        source="a class of mealpy, by its name",
-    )
-    options: Mapping[str, Any] | None = setting(
-        default=None, doc="Arguments of that class.", source="its own, see mealpy"
-    )
+    algorithm: str = setting(default="OriginalWOA", source="a class of mealpy, by its name")
+    """Name of a class of mealpy."""
+    options: Mapping[str, Any] | None = setting(default=None, source="its own, see mealpy")
+    """Arguments of that class."""
 
     def search(
         self,

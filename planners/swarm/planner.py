@@ -47,80 +47,38 @@ class SwarmPlanner(PlannerBase):
     from a straight line or from nothing a swarm may find no valid path: Status.EXHAUSTED.
     """
 
-    optimizer: Any = setting(
-        default="pso",
-        doc="How the swarm moves: a name or an object with a name.",
-        source="measured with the planner benchmark",
-    )
-    objective: Any = setting(
-        default="length_free",
-        doc="The path cost: a name or an object with a name.",
-        source="thesis, section 2.8",
-    )
+    optimizer: Any = setting(default="pso", source="measured with the planner benchmark")
+    """How the swarm moves: a name or an object with a name."""
+    objective: Any = setting(default="length_free", source="thesis, section 2.8")
+    """The path cost: a name or an object with a name."""
     curve: Literal["polyline", "pchip", "spline", "natural"] = setting(
-        default="polyline",
-        doc="The curve through the way points.",
-        source="design choice: exact edges",
+        default="polyline", source="design choice: exact edges"
     )
-    chordal: bool = setting(
-        default=True,
-        doc="Whether knots are spaced by the distance of the way points.",
-        source="design choice; the papers space them evenly",
-    )
-    pieces: int | None = setting(
-        default=None,
-        doc="Straight pieces of each leg; null for 1 of a polyline and 20 of a curve.",
-        low=1,
-        source="design choice",
-    )
-    way_points: int = setting(
-        default=0,
-        doc="Least number of way points; a first path may have more.",
-        low=0,
-        source="design choice",
-    )
+    """The curve through the way points."""
+    chordal: bool = setting(default=True, source="design choice; the papers space them evenly")
+    """Whether knots are spaced by the distance of the way points."""
+    pieces: int | None = setting(default=None, low=1, source="design choice")
+    """Straight pieces of each leg; null for 1 of a polyline and 20 of a curve."""
+    way_points: int = setting(default=0, low=0, source="design choice")
+    """Least number of way points; a first path may have more."""
     population: int = setting(
-        default=30,
-        doc="Number of paths.",
-        low=MIN_POPULATION,
-        source="design choice: as rrt_star_woa_global",
+        default=30, low=MIN_POPULATION, source="design choice: as rrt_star_woa_global"
     )
-    iterations: int = setting(
-        default=100,
-        doc="Largest number of moves.",
-        low=0,
-        source="design choice: as rrt_star_woa_global",
-    )
-    cycle: int = setting(
-        default=100,
-        doc="Moves after which the decreasing factors start again.",
-        low=1,
-        source="design choice: as iterations",
-    )
-    first: Any = setting(
-        default="rrt_connect",
-        doc="Planner of the first path, 'line' for the straight line, or null for none.",
-        source="design choice",
-    )
+    """Number of paths."""
+    iterations: int = setting(default=100, low=0, source="design choice: as rrt_star_woa_global")
+    """Largest number of moves."""
+    cycle: int = setting(default=100, low=1, source="design choice: as iterations")
+    """Moves after which the decreasing factors start again."""
+    first: Any = setting(default="rrt_connect", source="design choice")
+    """Planner of the first path, 'line' for the straight line, or null for none."""
     scatter: Literal["disc", "bow", "along", "uniform"] = setting(
-        default="disc",
-        doc="How the population is drawn around the first path.",
-        source="thesis: disc; P1: along; P2 and R1: uniform",
+        default="disc", source="thesis: disc; P1: along; P2 and R1: uniform"
     )
-    width_bound: float = setting(
-        default=2.5,
-        doc="Largest shift of a way point in x.",
-        unit="m",
-        low=0.0,
-        source="thesis, figure 3.1",
-    )
-    height_bound: float = setting(
-        default=2.5,
-        doc="Largest shift of a way point in y.",
-        unit="m",
-        low=0.0,
-        source="thesis, figure 3.1",
-    )
+    """How the population is drawn around the first path."""
+    width_bound: float = setting(default=2.5, unit="m", low=0.0, source="thesis, figure 3.1")
+    """Largest shift of a way point in x."""
+    height_bound: float = setting(default=2.5, unit="m", low=0.0, source="thesis, figure 3.1")
+    """Largest shift of a way point in y."""
 
     def __post_init__(self) -> None:
         """Look at names and settings of the parts now, and keep them as plain objects."""

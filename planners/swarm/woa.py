@@ -86,36 +86,18 @@ def move_whales(
 class WhaleSettings:
     """Size and duration of a whale swarm, and the choice of its moves."""
 
-    population: int = setting(
-        default=10, doc="Number of whales.", source="thesis, figure 3.1", low=1
-    )
-    iterations: int = setting(
-        default=10, doc="Moves of the swarm.", source="thesis, figure 3.1", low=0
-    )
-    a: float = setting(
-        default=2.0,
-        doc="Initial bound of the factor A; it falls to 0 over a run.",
-        source="Mirjalili and Lewis 2016",
-        low=0.0,
-    )
-    b: float = setting(
-        default=1.0,
-        doc="Shape of the logarithmic spiral.",
-        source="Mirjalili and Lewis 2016; thesis, figure 3.1",
-    )
-    mu: float = setting(
-        default=0.5,
-        doc="Probability of a move other than the spiral; 1 never spirals.",
-        source="Mirjalili and Lewis 2016",
-        low=0.0,
-        high=1.0,
-    )
-    lam: float = setting(
-        default=1.0,
-        doc="Bound of |A| below which a whale encircles the best; 0 always searches.",
-        source="Mirjalili and Lewis 2016",
-        low=0.0,
-    )
+    population: int = setting(default=10, low=1, source="thesis, figure 3.1")
+    """Number of whales."""
+    iterations: int = setting(default=10, low=0, source="thesis, figure 3.1")
+    """Moves of the swarm."""
+    a: float = setting(default=2.0, low=0.0, source="Mirjalili and Lewis 2016")
+    """Initial bound of the factor A; it falls to 0 over a run."""
+    b: float = setting(default=1.0, source="Mirjalili and Lewis 2016; thesis, figure 3.1")
+    """Shape of the logarithmic spiral."""
+    mu: float = setting(default=0.5, low=0.0, high=1.0, source="Mirjalili and Lewis 2016")
+    """Probability of a move other than the spiral; 1 never spirals."""
+    lam: float = setting(default=1.0, low=0.0, source="Mirjalili and Lewis 2016")
+    """Bound of |A| below which a whale encircles the best; 0 always searches."""
 
     @property
     def parameters(self) -> WhaleParameters:

@@ -152,28 +152,19 @@ class SplineRrtStar(PlannerBase):
     """
 
     tree: InformedRrtStar = setting(
-        default=InformedRrtStar(iterations=2_000), doc="The tree search.", source="design choice"
+        default=InformedRrtStar(iterations=2_000), source="design choice"
     )
-    tangent_scale: float = setting(
-        default=1.0,
-        doc="Length of the tangents, in lengths of the edge.",
-        low=0.0,
-        high=3.0,
-        source="Catmull and Rom 1974",
-    )
+    """The tree search."""
+    tangent_scale: float = setting(default=1.0, low=0.0, high=3.0, source="Catmull and Rom 1974")
+    """Length of the tangents, in lengths of the edge."""
     halvings: int = setting(
-        default=8,
-        doc="How often blocked curves halve their tangents before they are straight.",
-        low=0,
-        source="design choice: tangents of 1/256 bend invisibly",
+        default=8, low=0, source="design choice: tangents of 1/256 bend invisibly"
     )
+    """How often blocked curves halve their tangents before they are straight."""
     tolerance: float = setting(
-        default=1e-3,
-        doc="Largest distance of the polyline from the curve.",
-        unit="m",
-        low=1e-9,
-        source="design choice: below the noise of sensors",
+        default=1e-3, unit="m", low=1e-9, source="design choice: below the noise of sensors"
     )
+    """Largest distance of the polyline from the curve."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with a smooth free path; a deadline is the tree's."""

@@ -36,35 +36,19 @@ class Rrt(PlannerBase):
     """A rapidly exploring random tree (LaValle 1998); it ends with its first path."""
 
     iterations: int = setting(
-        default=20_000,
-        doc="Largest number of samples.",
-        low=1,
-        source="design choice: enough for doors of 1 m on maps of 50 m",
+        default=20_000, low=1, source="design choice: enough for doors of 1 m on maps of 50 m"
     )
-    nodes: int = setting(
-        default=20_000, doc="Largest number of nodes of a tree.", low=2, source="design choice"
-    )
+    """Largest number of samples."""
+    nodes: int = setting(default=20_000, low=2, source="design choice")
+    """Largest number of nodes of a tree."""
     step: float = setting(
-        default=2.0,
-        doc="Longest edge towards a sample.",
-        unit="m",
-        low=1e-3,
-        source="design choice: rooms and doors of buildings",
+        default=2.0, unit="m", low=1e-3, source="design choice: rooms and doors of buildings"
     )
-    goal_bias: float = setting(
-        default=0.05,
-        doc="Share of the samples that are the goal.",
-        low=0.0,
-        high=1.0,
-        source="LaValle and Kuffner 2001",
-    )
-    goal_reach: float = setting(
-        default=2.0,
-        doc="Distance from which a node is connected to the goal.",
-        unit="m",
-        low=0.0,
-        source="design choice: as the step",
-    )
+    """Longest edge towards a sample."""
+    goal_bias: float = setting(default=0.05, low=0.0, high=1.0, source="LaValle and Kuffner 2001")
+    """Share of the samples that are the goal."""
+    goal_reach: float = setting(default=2.0, unit="m", low=0.0, source="design choice: as the step")
+    """Distance from which a node is connected to the goal."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the first path found."""
@@ -80,35 +64,23 @@ class RrtConnect(PlannerBase):
     """
 
     iterations: int = setting(
-        default=100_000,
-        doc="Largest number of samples.",
-        low=1,
-        source="design choice: mazes take some thousands",
+        default=100_000, low=1, source="design choice: mazes take some thousands"
     )
-    nodes: int = setting(
-        default=20_000, doc="Largest number of nodes of a tree.", low=2, source="design choice"
-    )
+    """Largest number of samples."""
+    nodes: int = setting(default=20_000, low=2, source="design choice")
+    """Largest number of nodes of a tree."""
     step: float = setting(
-        default=4.0,
-        doc="Longest edge towards a sample.",
-        unit="m",
-        low=1e-3,
-        source="design choice: rooms and doors of buildings",
+        default=4.0, unit="m", low=1e-3, source="design choice: rooms and doors of buildings"
     )
+    """Longest edge towards a sample."""
     corner_share: float = setting(
-        default=0.5,
-        doc="Share of the samples near the corners of obstacles.",
-        low=0.0,
-        high=1.0,
-        source="measured with the planner benchmark",
+        default=0.5, low=0.0, high=1.0, source="measured with the planner benchmark"
     )
+    """Share of the samples near the corners of obstacles."""
     corner_radius: float = setting(
-        default=1.0,
-        doc="Largest distance of such a sample from its corner.",
-        unit="m",
-        low=0.0,
-        source="design choice: about the width of a door",
+        default=1.0, unit="m", low=0.0, source="design choice: about the width of a door"
     )
+    """Largest distance of such a sample from its corner."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the first path found; the straight line is tried before all."""
@@ -132,50 +104,26 @@ class RrtStar(PlannerBase):
     `radius_factor` times the least value that makes the paths converge to the shortest.
     """
 
-    iterations: int = setting(
-        default=10_000, doc="Number of samples.", low=1, source="thesis, figure 3.1"
-    )
-    nodes: int = setting(
-        default=100_000, doc="Largest number of nodes of a tree.", low=2, source="design choice"
-    )
+    iterations: int = setting(default=10_000, low=1, source="thesis, figure 3.1")
+    """Number of samples."""
+    nodes: int = setting(default=100_000, low=2, source="design choice")
+    """Largest number of nodes of a tree."""
     step: float = setting(
-        default=4.0,
-        doc="Longest edge towards a sample.",
-        unit="m",
-        low=1e-3,
-        source="design choice: rooms and doors of buildings",
+        default=4.0, unit="m", low=1e-3, source="design choice: rooms and doors of buildings"
     )
-    search_radius: float | None = setting(
-        default=None,
-        doc="Radius of the neighbourhood; null for the shrinking radius.",
-        unit="m",
-        low=1e-3,
-    )
+    """Longest edge towards a sample."""
+    search_radius: float | None = setting(default=None, unit="m", low=1e-3)
+    """Radius of the neighbourhood; null for the shrinking radius."""
     radius_factor: float = setting(
-        default=1.2,
-        doc="Shrinking radius, in multiples of the least that converges.",
-        low=0.1,
-        source="measured with the planner benchmark",
+        default=1.2, low=0.1, source="measured with the planner benchmark"
     )
-    goal_bias: float = setting(
-        default=0.05,
-        doc="Share of the samples that are the goal.",
-        low=0.0,
-        high=1.0,
-        source="LaValle and Kuffner 2001",
-    )
-    goal_reach: float = setting(
-        default=4.0,
-        doc="Distance from which a node is connected to the goal.",
-        unit="m",
-        low=0.0,
-        source="design choice: as the step",
-    )
-    return_on_first_path: bool = setting(
-        default=False,
-        doc="Whether the search stops at the first path.",
-        source="more samples, shorter paths",
-    )
+    """Shrinking radius, in multiples of the least that converges."""
+    goal_bias: float = setting(default=0.05, low=0.0, high=1.0, source="LaValle and Kuffner 2001")
+    """Share of the samples that are the goal."""
+    goal_reach: float = setting(default=4.0, unit="m", low=0.0, source="design choice: as the step")
+    """Distance from which a node is connected to the goal."""
+    return_on_first_path: bool = setting(default=False, source="more samples, shorter paths")
+    """Whether the search stops at the first path."""
 
     @classmethod
     def thesis(cls) -> RrtStar:
@@ -220,61 +168,37 @@ class InformedRrtStar(PlannerBase):
     path is the straight line.
     """
 
-    iterations: int = setting(
-        default=10_000, doc="Largest number of samples.", low=1, source="design choice: as rrt_star"
-    )
-    nodes: int = setting(
-        default=100_000, doc="Largest number of nodes of a tree.", low=2, source="design choice"
-    )
+    iterations: int = setting(default=10_000, low=1, source="design choice: as rrt_star")
+    """Largest number of samples."""
+    nodes: int = setting(default=100_000, low=2, source="design choice")
+    """Largest number of nodes of a tree."""
     step: float = setting(
-        default=4.0,
-        doc="Longest edge towards a sample.",
-        unit="m",
-        low=1e-3,
-        source="design choice: rooms and doors of buildings",
+        default=4.0, unit="m", low=1e-3, source="design choice: rooms and doors of buildings"
     )
+    """Longest edge towards a sample."""
     radius_factor: float = setting(
-        default=1.0,
-        doc="Shrinking radius, in multiples of the least that converges.",
-        low=0.1,
-        source="Karaman and Frazzoli 2011: the least",
+        default=1.0, low=0.1, source="Karaman and Frazzoli 2011: the least"
     )
+    """Shrinking radius, in multiples of the least that converges."""
     beacon_share: float = setting(
-        default=0.3,
-        doc="Share of the samples near the best path's vertices.",
-        low=0.0,
-        high=1.0,
-        source="measured with the planner benchmark",
+        default=0.3, low=0.0, high=1.0, source="measured with the planner benchmark"
     )
+    """Share of the samples near the best path's vertices."""
     beacon_radius: float = setting(
-        default=4.0,
-        doc="Largest distance of such a sample from its vertex.",
-        unit="m",
-        low=0.0,
-        source="design choice: as the step",
+        default=4.0, unit="m", low=0.0, source="design choice: as the step"
     )
-    beacon_min_scale: float = setting(
-        default=1e-5,
-        doc="Least factor of that distance, drawn log-uniformly.",
-        low=1e-12,
-        high=1.0,
-        source="design choice",
-    )
+    """Largest distance of such a sample from its vertex."""
+    beacon_min_scale: float = setting(default=1e-5, low=1e-12, high=1.0, source="design choice")
+    """Least factor of that distance, drawn log-uniformly."""
 
     corner_share: float = setting(
-        default=0.5,
-        doc="Share of the samples near the corners of obstacles.",
-        low=0.0,
-        high=1.0,
-        source="measured with the planner benchmark",
+        default=0.5, low=0.0, high=1.0, source="measured with the planner benchmark"
     )
+    """Share of the samples near the corners of obstacles."""
     corner_radius: float = setting(
-        default=1.0,
-        doc="Largest distance of such a sample from its corner.",
-        unit="m",
-        low=0.0,
-        source="design choice: about the width of a door",
+        default=1.0, unit="m", low=0.0, source="design choice: about the width of a door"
     )
+    """Largest distance of such a sample from its corner."""
 
     @property
     def growth(self) -> Growth:
@@ -311,21 +235,16 @@ class RrtStarSmart(PlannerBase):
     those that stay are beacons, round which a share of the samples falls.
     """
 
-    tree: RrtStar = setting(default=RrtStar(), doc="The tree search.", source="design choice")
+    tree: RrtStar = setting(default=RrtStar(), source="design choice")
+    """The tree search."""
     beacon_share: float = setting(
-        default=0.5,
-        doc="Share of the samples near the best path's vertices.",
-        low=0.0,
-        high=1.0,
-        source="Nasir et al. 2013: biasing ratio 2",
+        default=0.5, low=0.0, high=1.0, source="Nasir et al. 2013: biasing ratio 2"
     )
+    """Share of the samples near the best path's vertices."""
     beacon_radius: float = setting(
-        default=1.0,
-        doc="Largest distance of such a sample from its vertex.",
-        unit="m",
-        low=1e-6,
-        source="design choice: about the width of a door",
+        default=1.0, unit="m", low=1e-6, source="design choice: about the width of a door"
     )
+    """Largest distance of such a sample from its vertex."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the best path of all samples, or with the first."""
@@ -343,9 +262,8 @@ class RrtStarFn(PlannerBase):
     bounded and paths still improve.
     """
 
-    tree: RrtStar = setting(
-        default=RrtStar(nodes=1_000), doc="The tree search.", source="design choice"
-    )
+    tree: RrtStar = setting(default=RrtStar(nodes=1_000), source="design choice")
+    """The tree search."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the best path of all samples, or with the first."""
@@ -364,17 +282,13 @@ class RrtStarLimited(PlannerBase):
     """
 
     tree: RrtStar = setting(
-        default=RrtStar(return_on_first_path=True),
-        doc="The tree search.",
-        source="thesis, section 3.2",
+        default=RrtStar(return_on_first_path=True), source="thesis, section 3.2"
     )
+    """The tree search."""
     widening: float = setting(
-        default=0.1,
-        doc="By how much each blocked edge widens the strip on each side.",
-        unit="m",
-        low=0.0,
-        source="design choice; the thesis gives no value",
+        default=0.1, unit="m", low=0.0, source="design choice; the thesis gives no value"
     )
+    """By how much each blocked edge widens the strip on each side."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer a problem with the first path, or the best of all samples, as `tree` says."""
@@ -393,50 +307,26 @@ class RrtStarWoaLocal(PlannerBase):
     goal, seen from the node to extend, and, what counts less, with the goal in sight.
     """
 
-    tree: RrtStar = setting(
-        default=RrtStar(return_on_first_path=True),
-        doc="The tree search.",
-        source="thesis, figure 3.1",
-    )
-    whales: WhaleSettings = setting(
-        default=WhaleSettings(), doc="The swarm.", source="thesis, figure 3.1"
-    )
-    width_bound: float = setting(
-        default=2.5,
-        doc="Half the width of the search box around a point.",
-        unit="m",
-        low=0.0,
-        source=_FIGURE,
-    )
-    height_bound: float = setting(
-        default=2.5, doc="Half the height of that box.", unit="m", low=0.0, source=_FIGURE
-    )
-    sample_weight: float = setting(
-        default=1.0,
-        doc="Cost of the distance from the random sample.",
-        unit="1/m",
-        low=0.0,
-        source="design choice",
-    )
-    goal_weight: float = setting(
-        default=1.0,
-        doc="Cost of the distance from the goal.",
-        unit="1/m",
-        low=0.0,
-        source="design choice",
-    )
+    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source="thesis, figure 3.1")
+    """The tree search."""
+    whales: WhaleSettings = setting(default=WhaleSettings(), source="thesis, figure 3.1")
+    """The swarm."""
+    width_bound: float = setting(default=2.5, unit="m", low=0.0, source=_FIGURE)
+    """Half the width of the search box around a point."""
+    height_bound: float = setting(default=2.5, unit="m", low=0.0, source=_FIGURE)
+    """Half the height of that box."""
+    sample_weight: float = setting(default=1.0, unit="1/m", low=0.0, source="design choice")
+    """Cost of the distance from the random sample."""
+    goal_weight: float = setting(default=1.0, unit="1/m", low=0.0, source="design choice")
+    """Cost of the distance from the goal."""
     node_hidden_cost: float = setting(
-        default=1000.0,
-        doc="Cost if an obstacle hides the node to extend.",
-        low=0.0,
-        source="design choice: above the length of any path",
+        default=1000.0, low=0.0, source="design choice: above the length of any path"
     )
+    """Cost if an obstacle hides the node to extend."""
     goal_hidden_cost: float = setting(
-        default=10.0,
-        doc="Cost if an obstacle hides the goal.",
-        low=0.0,
-        source="design choice: below node_hidden_cost",
+        default=10.0, low=0.0, source="design choice: below node_hidden_cost"
     )
+    """Cost if an obstacle hides the goal."""
 
     @classmethod
     def thesis(cls) -> RrtStarWoaLocal:
@@ -462,35 +352,24 @@ class RrtStarWoaLocal(PlannerBase):
 class RrtStarWoaGlobal(PlannerBase):
     """RRT* whose path a swarm of paths then shortens (thesis, section 2.8 and algorithm 5)."""
 
-    tree: RrtStar = setting(
-        default=RrtStar(return_on_first_path=True),
-        doc="The tree search.",
-        source="thesis, figure 3.1",
-    )
+    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source="thesis, figure 3.1")
+    """The tree search."""
     whales: WhaleSettings = setting(
-        default=WhaleSettings(population=30, iterations=100),
-        doc="The swarm.",
-        source="thesis, figure 3.1",
+        default=WhaleSettings(population=30, iterations=100), source="thesis, figure 3.1"
     )
-    shortness_weight: float = setting(
-        default=10.0, doc="Cost of length.", unit="1/m", low=0.0, source=_FIGURE
-    )
+    """The swarm."""
+    shortness_weight: float = setting(default=10.0, unit="1/m", low=0.0, source=_FIGURE)
+    """Cost of length."""
     collision_free_weight: float = setting(
         default=1e4,
-        doc="Cost of each blocked edge.",
         low=0.0,
         source="design choice: above the length of any path, so that free paths lead",
     )
-    width_bound: float = setting(
-        default=2.5,
-        doc="Half the width of the search box around a point.",
-        unit="m",
-        low=0.0,
-        source=_FIGURE,
-    )
-    height_bound: float = setting(
-        default=2.5, doc="Half the height of that box.", unit="m", low=0.0, source=_FIGURE
-    )
+    """Cost of each blocked edge."""
+    width_bound: float = setting(default=2.5, unit="m", low=0.0, source=_FIGURE)
+    """Half the width of the search box around a point."""
+    height_bound: float = setting(default=2.5, unit="m", low=0.0, source=_FIGURE)
+    """Half the height of that box."""
 
     @classmethod
     def thesis(cls) -> RrtStarWoaGlobal:
@@ -530,24 +409,20 @@ class RrtWoa(PlannerBase):
     The first whale is the RRT's path, the others are points drawn from 100 along it, in order.
     """
 
-    tree: Rrt = setting(default=Rrt(), doc="The tree search.", source=_P1)
-    whales: WoaModified = setting(
-        default=WoaModified(), doc="The whales.", source=_P1 + " (17)-(19)"
-    )
-    objective: Smooth = setting(default=Smooth(), doc="The path cost.", source=_P1 + " (1)-(8)")
+    tree: Rrt = setting(default=Rrt(), source=_P1)
+    """The tree search."""
+    whales: WoaModified = setting(default=WoaModified(), source=_P1 + " (17)-(19)")
+    """The whales."""
+    objective: Smooth = setting(default=Smooth(), source=_P1 + " (1)-(8)")
+    """The path cost."""
     population: int = setting(
-        default=30,
-        doc="Number of whales.",
-        low=MIN_POPULATION,
-        source="design choice: as swarm; not given in P1",
+        default=30, low=MIN_POPULATION, source="design choice: as swarm; not given in P1"
     )
-    iterations: int = setting(default=20, doc="Moves of the swarm.", low=0, source=_P1)
-    cycle: int = setting(
-        default=20,
-        doc="Moves after which the decreasing factors start again.",
-        low=1,
-        source="design choice: as iterations",
-    )
+    """Number of whales."""
+    iterations: int = setting(default=20, low=0, source=_P1)
+    """Moves of the swarm."""
+    cycle: int = setting(default=20, low=1, source="design choice: as iterations")
+    """Moves after which the decreasing factors start again."""
 
     @property
     def swarm(self) -> SwarmPlanner:

@@ -270,7 +270,7 @@ def test_a_copy_that_was_pickled_shares_nothing_with_what_it_is_a_copy_of():
         one.reset(seed=3)
         one.step(np.array([0.5, 0.1]))
     made = copy.deepcopy(by_pickle(copy.deepcopy(env)))
-    for array in (env.episode.walls, env.episode.discs, env._course.geodesic.extended):
+    for array in (env.episode.walls, env.episode.discs, env._prepared.geodesic.extended):
         array[:] = np.nan
     laser = env.chair.chairs.suite.laser
     for array in (*env.shield._guard.laser[:2], *laser[:2], env.task._directions):

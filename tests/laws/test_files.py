@@ -42,7 +42,7 @@ OWN = {
     "compiled.second_process.locked": "an empty file that is a lock",
     "compiled.second_process.compile_beside": "the null device",
     "hardware.boards.ports.open_port": "a serial port",
-    "hardware.boards.ports.runs": "of the kernel",
+    "hardware.boards.ports.is_running": "of the kernel",
     "hardware.twin.serve.pump": "the twin's own lines",
     "hardware.twin.serve._flush": "the twin's own lines",
     "hardware.twin.protocol_twin.open": "the twin's own lines",

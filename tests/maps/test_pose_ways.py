@@ -122,7 +122,7 @@ def test_ways_turn_with_the_map():
 def test_a_policy_sees_poses_ahead_and_the_reward_is_time_won():
     env = NavigationEnv(**POSED)
     observation, _ = env.reset(seed=0)
-    ways = env._course.cost_to_go
+    ways = env._prepared.cost_to_go
     for k in range(8):
         assert env.observation_space.contains(observation)
         pose = env.task.reading.pose

@@ -243,7 +243,7 @@ def test_the_predicate_is_the_one_decided():
         (person([(-4.0, -4.0)]), True, -1),  # far off: the wall it is
     ],
 )
-def test_who_drives_into_something_caused_it(thing, caused, met):
+def test_who_drives_into_something_is_at_fault(thing, at_fault, contact_with):
     chair = exact_chair()
     chair.reset(among(thing, half=3.0), 0)
     for _ in range(120):
@@ -253,11 +253,11 @@ def test_who_drives_into_something_caused_it(thing, caused, met):
     truth = chair.truth
     assert truth.contact
     assert reading.bumped
-    assert truth.contact_with == met
+    assert truth.contact_with == contact_with
     own, other = truth.approach_speed, truth.other_approach_speed
     assert truth.at_fault == (own > AT_FAULT_SPEED and own > other)
-    assert caused is None or truth.at_fault == caused
-    if met == -1 or caused:
+    assert at_fault is None or truth.at_fault == at_fault
+    if contact_with == -1 or at_fault:
         assert own == pytest.approx(0.8, abs=0.35)
 
 

@@ -96,7 +96,7 @@ def test_what_one_beam_meets_again_stops_it(radius):
     rng = np.random.default_rng(0)
     for key in range(15):
         post = (1.0, rng.uniform(0.0, 0.010), radius)
-        assert max(t.closing * t.caused for t in charge(key, discs=post)) <= 0.05
+        assert max(t.approach_speed * t.at_fault for t in charge(key, discs=post)) <= 0.05
 
 
 def test_ghosts_that_one_beam_meets_do_not_stop_it():
@@ -438,7 +438,7 @@ def test_who_has_left_its_view_may_stand_behind_it():
     """Somebody walks past a chair that turns, and on behind it, where the laser sees nothing."""
     passer = person([(3.0, -1.2), (-4.0, -1.2)], 1.2, avoids=NOBODY)
     told = among_people(passer, twist=LEFT, seconds=4.5)
-    ahead = [to_frame(truth.actors[:1, :2], truth.pose)[0, 0] for _, truth, _ in told]
+    ahead = [to_frame(truth.actor_poses[:1, :2], truth.pose)[0, 0] for _, truth, _ in told]
     turns = np.array([LEVER * truth.twist[1] for _, truth, _ in told])
     seen, hidden = np.array(ahead) > 0.0, np.array(ahead) < -1.4
     assert turns[seen].max() > 0.07  # as fast as it may where nobody has seen

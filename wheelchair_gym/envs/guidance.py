@@ -36,20 +36,22 @@ class PoseGuidance:
     poses = True  # what `Task` asks a guidance for
     ways: CostToGoSettings = CostToGoSettings()
     max_detour: float | None = setting(
-        default=None, unit="s", low=0.0,
+        default=None,
+        unit="s",
+        low=0.0,
         source="only ways so much dearer than from the start are sought; none: all",
-    )  # fmt: skip
+    )
     degraded_share: float = setting(
-        default=0.0, source="of worlds whose map is told less than well", low=0.0, high=1.0
+        default=0.0, low=0.0, high=1.0, source="of worlds whose map is told less than well"
     )
     patch_density: float = setting(
-        default=0.02, unit="1/m2", source="patches, of such a map", low=0.0
+        default=0.02, unit="1/m2", low=0.0, source="patches, of such a map"
     )
-    patch_radius: float = setting(default=0.8, unit="m", source="radius of a patch", low=0.0)
+    patch_radius: float = setting(default=0.8, unit="m", low=0.0, source="radius of a patch")
     known_radius: float = setting(
-        default=2.0, unit="m", source="round start and goal: well", low=0.0
+        default=2.0, unit="m", low=0.0, source="round start and goal: well"
     )
-    shift_sigma: float = setting(default=0.03, unit="m", source="sigma, of such a map", low=0.0)
+    shift_sigma: float = setting(default=0.03, unit="m", low=0.0, source="sigma, of such a map")
 
     def __call__(self, task: Task) -> CostToGo:
         """The ways of the outline to the task's goal."""

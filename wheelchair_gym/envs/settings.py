@@ -28,12 +28,12 @@ class BankSettings:
     """A bank of worlds that episodes share; off by default."""
 
     size: int = setting(
-        default=0, source="worlds an episode draws from; 0: each its own", low=0, high=10_000_000
+        default=0, low=0, high=10_000_000, source="worlds an episode draws from; 0: each its own"
     )
     turnover: float = setting(
-        default=0.1, source="worlds exchanged per episode of an environment", low=0.0, high=1000.0
+        default=0.1, low=0.0, high=1000.0, source="worlds exchanged per episode of an environment"
     )
-    seed: int = setting(default=0, source="of the worlds", low=0)
+    seed: int = setting(default=0, low=0, source="of the worlds")
     cache: str | None = setting(
         default=None, source="folder that keeps worlds with their guidance from run to run"
     )
@@ -44,9 +44,9 @@ class StartSettings:
     """Where episodes begin: at the scene's start, or anywhere not too far from the goal."""
 
     max_time: float = setting(
-        default=0.0, unit="s", source="of the goal, by plan time; 0: at the scene's start", low=0.0
+        default=0.0, unit="s", low=0.0, source="of the goal, by plan time; 0: at the scene's start"
     )
-    min_time: float = setting(default=1.0, unit="s", source="from the goal", low=0.0)
+    min_time: float = setting(default=1.0, unit="s", low=0.0, source="from the goal")
 
 
 @settings
@@ -56,7 +56,7 @@ class EnvSettings:
     scene: Any = setting(
         default="floor_plan", source="a name, a mapping with a name, or the Path of a map file"
     )
-    rate: float = setting(default=10.0, unit="Hz", source="of control", low=0.5, high=200.0)
+    rate: float = setting(default=10.0, unit="Hz", low=0.5, high=200.0, source="of control")
     guidance: Any = setting(
         default=None,
         source="none, 'geodesic', 'poses', 'module:function', or a mapping with 'call'",
@@ -73,15 +73,20 @@ class EnvSettings:
         default=None, source="none: what a policy asks for is driven; a real chair always has one"
     )
     unshielded: float = setting(
-        default=0.0, source="of simulated episodes, driven without the shield: for training only",
-        low=0.0, high=1.0,
-    )  # fmt: skip
+        default=0.0,
+        low=0.0,
+        high=1.0,
+        source="of simulated episodes, driven without the shield: for training only",
+    )
     hardware: HardwareSettings = HardwareSettings()
     render_width: int = setting(
-        default=640, unit="pixels", source="of every frame, whatever the shape of its world",
-        low=64, high=4096,
-    )  # fmt: skip
-    render_height: int = setting(default=640, unit="pixels", source="likewise", low=64, high=4096)
+        default=640,
+        unit="pixels",
+        low=64,
+        high=4096,
+        source="of every frame, whatever the shape of its world",
+    )
+    render_height: int = setting(default=640, unit="pixels", low=64, high=4096, source="likewise")
 
     def __post_init__(self) -> None:
         if isinstance(self.scene, Mapping):  # plain, so that settings can be written as JSON

@@ -28,34 +28,22 @@ EV_SYN, EV_KEY, EV_ABS, SYN_DROPPED = 0, 1, 3, 3
 class JoystickSettings:
     """Which joystick, and what its axes and buttons do; codes are Linux's input event codes."""
 
-    device: str = setting(
-        default="", doc="Path such as /dev/input/event3; any: the first one; empty: no joystick."
-    )
-    forward_axis: int = setting(
-        default=1, low=0, high=63, doc="Axis of the speed; forward is negative.", source="ABS_Y"
-    )
-    turn_axis: int = setting(
-        default=0, low=0, high=63, doc="Axis of the turn; left is negative.", source="ABS_X"
-    )
-    dead_man_button: int = setting(
-        default=310, low=256, high=767, doc="Button that is held to drive.", source="BTN_TL"
-    )
-    release_button: int = setting(
-        default=315, low=256, high=767, doc="Button that returns control to the program.",
-        source="BTN_START",
-    )  # fmt: skip
-    rearm_button: int = setting(
-        default=314, low=256, high=767, doc="Button that re-arms the chair, with centred sticks.",
-        source="BTN_SELECT",
-    )  # fmt: skip
-    dead_zone: float = setting(
-        default=0.08, low=0.0, high=0.9, source="design choice",
-        doc="Fraction of the stick's travel around its centre that counts as centred.",
-    )  # fmt: skip
-    speed_fraction: float = setting(
-        default=0.6, low=0.0, high=1.0, source="design choice",
-        doc="Speed and turn at full deflection, as a fraction of the chair's limits.",
-    )  # fmt: skip
+    device: str = setting(default="")
+    """Path such as /dev/input/event3; any: the first one; empty: no joystick."""
+    forward_axis: int = setting(default=1, low=0, high=63, source="ABS_Y")
+    """Axis of the speed; forward is negative."""
+    turn_axis: int = setting(default=0, low=0, high=63, source="ABS_X")
+    """Axis of the turn; left is negative."""
+    dead_man_button: int = setting(default=310, low=256, high=767, source="BTN_TL")
+    """Button that is held to drive."""
+    release_button: int = setting(default=315, low=256, high=767, source="BTN_START")
+    """Button that returns control to the program."""
+    rearm_button: int = setting(default=314, low=256, high=767, source="BTN_SELECT")
+    """Button that re-arms the chair, with centred sticks."""
+    dead_zone: float = setting(default=0.08, low=0.0, high=0.9, source="design choice")
+    """Fraction of the stick's travel around its centre that counts as centred."""
+    speed_fraction: float = setting(default=0.6, low=0.0, high=1.0, source="design choice")
+    """Speed and turn at full deflection, as a fraction of the chair's limits."""
 
     def __post_init__(self) -> None:
         buttons = {self.dead_man_button, self.release_button, self.rearm_button}

@@ -29,39 +29,37 @@ class LogFormat:
     """Where a line holds what, and the robot that wrote it."""
 
     wheel_radius: float = setting(
-        default=0.077, unit="m", low=1e-3, doc="Radius of a wheel.", source="BreezySLAM, MinesRover"
+        default=0.077, unit="m", low=1e-3, source="BreezySLAM, MinesRover"
     )
+    """Radius of a wheel."""
     track: float = setting(
-        default=0.330, unit="m", low=1e-2, doc="Distance between the wheels.",
-        source="BreezySLAM: twice 165 mm of half axle",
-    )  # fmt: skip
-    ticks_per_turn: int = setting(
-        default=2000, low=1, doc="Encoder ticks per turn of a wheel.",
-        source="BreezySLAM, MinesRover",
-    )  # fmt: skip
-    left_column: int = setting(
-        default=2, low=1, doc="Column of the left wheel's ticks, counted from 0.",
-        source="BreezySLAM",
-    )  # fmt: skip
-    right_column: int = setting(
-        default=3, low=1, doc="Column of the right wheel's ticks, counted from 0.",
-        source="BreezySLAM",
-    )  # fmt: skip
-    first_range_column: int = setting(
-        default=24, low=1, doc="Column of the first range, counted from 0.", source="BreezySLAM"
+        default=0.330, unit="m", low=1e-2, source="BreezySLAM: twice 165 mm of half axle"
     )
-    max_wheel_speed: float = setting(
-        default=5.0, unit="m/s", low=0.1, doc="Rim speed above which a line is rejected.",
-        source="design choice",
-    )  # fmt: skip
+    """Distance between the wheels."""
+    ticks_per_turn: int = setting(default=2000, low=1, source="BreezySLAM, MinesRover")
+    """Encoder ticks per turn of a wheel."""
+    left_column: int = setting(default=2, low=1, source="BreezySLAM")
+    """Column of the left wheel's ticks, counted from 0."""
+    right_column: int = setting(default=3, low=1, source="BreezySLAM")
+    """Column of the right wheel's ticks, counted from 0."""
+    first_range_column: int = setting(default=24, low=1, source="BreezySLAM")
+    """Column of the first range, counted from 0."""
+    max_wheel_speed: float = setting(default=5.0, unit="m/s", low=0.1, source="design choice")
+    """Rim speed above which a line is rejected."""
     laser: LaserSettings = setting(
         default=LaserSettings(
-            x=0.145, beams=682, fov=math.radians(681 * 360.0 / 1024.0), reach=5.6, range_min=0.02,
-            sigma=0.03, dropout=0.0, bias=0.0,
+            x=0.145,
+            beams=682,
+            fov=math.radians(681 * 360.0 / 1024.0),
+            reach=5.6,
+            range_min=0.02,
+            sigma=0.03,
+            dropout=0.0,
+            bias=0.0,
         ),
-        doc="The laser and its mount.",
         source="URG-04LX: 240 deg, below 20 mm stand error codes; mounted as in BreezySLAM",
-    )  # fmt: skip
+    )
+    """The laser and its mount."""
 
 
 class SensorLog(NamedTuple):

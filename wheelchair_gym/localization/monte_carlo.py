@@ -211,118 +211,81 @@ class LocalizationSettings:
     """Settings of Monte Carlo localisation."""
 
     max_beams: int = setting(
-        default=60, low=4, doc="Beams of a scan that are used, evenly chosen.",
-        source="neighbouring beams carry the same information",
-    )  # fmt: skip
-    sigma: float = setting(
-        default=0.06, unit="m", low=0.001,
-        doc="Standard deviation of the gap between a beam's end and the surface.",
-        source="the laser's noise and a map of 5 cm cells",
-    )  # fmt: skip
-    outlier_share: float = setting(
-        default=0.1, low=1e-6, high=0.9, doc="Share of beams that hit what the map does not show.",
-        source="design choice",
-    )  # fmt: skip
-    independent_beams: float = setting(
-        default=12.0, low=0.1,
-        doc="Number of beams with independent errors for which a scan counts.",
-        source="design choice",
-    )  # fmt: skip
-    min_particles: int = setting(
-        default=300, low=10, high=16_000, doc="Least number of particles.", source="design choice"
+        default=60, low=4, source="neighbouring beams carry the same information"
     )
-    max_particles: int = setting(
-        default=5000, low=10, high=16_000, doc="Greatest number of particles.",
-        source="design choice",
-    )  # fmt: skip
-    kld_error: float = setting(
-        default=0.05, low=1e-3,
-        doc="Error of the particles' distribution, kept with probability 0.99.", source="Fox 2001",
-    )  # fmt: skip
-    bin_size: float = setting(
-        default=0.25, unit="m", low=0.01, doc="Side of the bins by which particles are counted.",
-        source="design choice",
-    )  # fmt: skip
+    """Beams of a scan that are used, evenly chosen."""
+    sigma: float = setting(
+        default=0.06, unit="m", low=0.001, source="the laser's noise and a map of 5 cm cells"
+    )
+    """Standard deviation of the gap between a beam's end and the surface."""
+    outlier_share: float = setting(default=0.1, low=1e-6, high=0.9, source="design choice")
+    """Share of beams that hit what the map does not show."""
+    independent_beams: float = setting(default=12.0, low=0.1, source="design choice")
+    """Number of beams with independent errors for which a scan counts."""
+    min_particles: int = setting(default=300, low=10, high=16_000, source="design choice")
+    """Least number of particles."""
+    max_particles: int = setting(default=5000, low=10, high=16_000, source="design choice")
+    """Greatest number of particles."""
+    kld_error: float = setting(default=0.05, low=1e-3, source="Fox 2001")
+    """Error of the particles' distribution, kept with probability 0.99."""
+    bin_size: float = setting(default=0.25, unit="m", low=0.01, source="design choice")
+    """Side of the bins by which particles are counted."""
     bin_angle: float = setting(
-        default=math.radians(10.0), unit="rad", low=0.01, doc="Heading range of these bins.",
-        source="design choice",
-    )  # fmt: skip
+        default=math.radians(10.0), unit="rad", low=0.01, source="design choice"
+    )
+    """Heading range of these bins."""
     translation_by_translation: float = setting(
-        default=0.03, unit="m/m", low=0.0,
-        doc="Standard deviation of translation per translation.", source="design choice",
-    )  # fmt: skip
+        default=0.03, unit="m/m", low=0.0, source="design choice"
+    )
+    """Standard deviation of translation per translation."""
     translation_by_rotation: float = setting(
-        default=0.01, unit="m/rad", low=0.0, doc="Standard deviation of translation per rotation.",
-        source="design choice",
-    )  # fmt: skip
+        default=0.01, unit="m/rad", low=0.0, source="design choice"
+    )
+    """Standard deviation of translation per rotation."""
     rotation_by_translation: float = setting(
-        default=0.04, unit="rad/m", low=0.0, doc="Standard deviation of rotation per translation.",
-        source="design choice",
-    )  # fmt: skip
+        default=0.04, unit="rad/m", low=0.0, source="design choice"
+    )
+    """Standard deviation of rotation per translation."""
     rotation_by_rotation: float = setting(
-        default=0.05, unit="rad/rad", low=0.0, doc="Standard deviation of rotation per rotation.",
-        source="design choice",
-    )  # fmt: skip
-    lateral_slip: float = setting(
-        default=0.03, unit="m/m", low=0.0,
-        doc="Standard deviation of lateral slip per translation.", source="design choice",
-    )  # fmt: skip
-    initial_position_sigma: float = setting(
-        default=0.05, unit="m", low=0.0, doc="Standard deviation of the initial position.",
-        source="design choice",
-    )  # fmt: skip
+        default=0.05, unit="rad/rad", low=0.0, source="design choice"
+    )
+    """Standard deviation of rotation per rotation."""
+    lateral_slip: float = setting(default=0.03, unit="m/m", low=0.0, source="design choice")
+    """Standard deviation of lateral slip per translation."""
+    initial_position_sigma: float = setting(default=0.05, unit="m", low=0.0, source="design choice")
+    """Standard deviation of the initial position."""
     initial_heading_sigma: float = setting(
-        default=math.radians(2.0), unit="rad", low=0.0,
-        doc="Standard deviation of the initial heading.", source="design choice",
-    )  # fmt: skip
+        default=math.radians(2.0), unit="rad", low=0.0, source="design choice"
+    )
+    """Standard deviation of the initial heading."""
     update_distance: float = setting(
-        default=0.01, unit="m", low=0.0, doc="Distance driven before a scan is weighed.",
-        source="a standing chair gains no information",
-    )  # fmt: skip
-    update_angle: float = setting(
-        default=0.01, unit="rad", low=0.0, doc="Angle turned before a scan is weighed.",
-        source="as update_distance",
-    )  # fmt: skip
+        default=0.01, unit="m", low=0.0, source="a standing chair gains no information"
+    )
+    """Distance driven before a scan is weighed."""
+    update_angle: float = setting(default=0.01, unit="rad", low=0.0, source="as update_distance")
+    """Angle turned before a scan is weighed."""
     alpha_fast: float = setting(
-        default=0.2, low=0.0, high=1.0, doc="Rate of the short-term average of the scan's fit.",
-        source="Thrun, Burgard and Fox 2005, table 8.3",
-    )  # fmt: skip
+        default=0.2, low=0.0, high=1.0, source="Thrun, Burgard and Fox 2005, table 8.3"
+    )
+    """Rate of the short-term average of the scan's fit."""
     alpha_slow: float = setting(
-        default=0.005, low=0.0, high=1.0, doc="Rate of the long-term average of the scan's fit.",
-        source="Thrun, Burgard and Fox 2005, table 8.3",
-    )  # fmt: skip
-    lost_ratio: float = setting(
-        default=0.7, low=0.0,
-        doc="Ratio of the two averages below which the chair counts as lost.",
-        source="design choice",
-    )  # fmt: skip
-    recovered_ratio: float = setting(
-        default=0.9, low=0.0,
-        doc="Ratio of the two averages from which a lost chair counts as found.",
-        source="design choice",
-    )  # fmt: skip
-    initial_fit: float = setting(
-        default=0.9, low=0.0, high=1.0, doc="Both averages at the beginning.",
-        source="design choice",
-    )  # fmt: skip
-    min_informative_beams: int = setting(
-        default=8, low=1,
-        doc="Least number of beams at or behind a surface for a scan to be judged.",
-        source="design choice",
-    )  # fmt: skip
-    global_samples: int = setting(
-        default=2000, low=1, high=16_000, doc="Random poses per scan that a lost chair tries.",
-        source="design choice",
-    )  # fmt: skip
-    global_candidates: int = setting(
-        default=10, low=1, doc="Best of these poses, each of which is refined.",
-        source="design choice",
-    )  # fmt: skip
-    estimate_radius: float = setting(
-        default=1.0, unit="m", low=0.01,
-        doc="Radius about the best particle within which poses are averaged.",
-        source="design choice",
-    )  # fmt: skip
+        default=0.005, low=0.0, high=1.0, source="Thrun, Burgard and Fox 2005, table 8.3"
+    )
+    """Rate of the long-term average of the scan's fit."""
+    lost_ratio: float = setting(default=0.7, low=0.0, source="design choice")
+    """Ratio of the two averages below which the chair counts as lost."""
+    recovered_ratio: float = setting(default=0.9, low=0.0, source="design choice")
+    """Ratio of the two averages from which a lost chair counts as found."""
+    initial_fit: float = setting(default=0.9, low=0.0, high=1.0, source="design choice")
+    """Both averages at the beginning."""
+    min_informative_beams: int = setting(default=8, low=1, source="design choice")
+    """Least number of beams at or behind a surface for a scan to be judged."""
+    global_samples: int = setting(default=2000, low=1, high=16_000, source="design choice")
+    """Random poses per scan that a lost chair tries."""
+    global_candidates: int = setting(default=10, low=1, source="design choice")
+    """Best of these poses, each of which is refined."""
+    estimate_radius: float = setting(default=1.0, unit="m", low=0.01, source="design choice")
+    """Radius about the best particle within which poses are averaged."""
 
     def __post_init__(self) -> None:
         if self.max_particles < self.min_particles:

@@ -207,46 +207,44 @@ class MappingSettings:
     """How beams become a map."""
 
     resolution: float = setting(
-        default=0.04, unit="m", low=0.005, high=1.0, doc="Side of a cell.",
+        default=0.04,
+        unit="m",
+        low=0.005,
+        high=1.0,
         source="measured: gmapping's 0.05 errs a quarter more",
-    )  # fmt: skip
-    p_hit: float = setting(
-        default=0.7, low=0.51, high=0.99, doc="Probability that a cell with an echo is occupied.",
-        source="Hornung et al. 2013",
-    )  # fmt: skip
-    p_miss: float = setting(
-        default=0.4, low=0.01, high=0.49,
-        doc="Probability that a cell that a beam passed is occupied.",
-        source="Hornung et al. 2013",
-    )  # fmt: skip
-    p_min: float = setting(
-        default=0.12, low=1e-4, high=0.49, doc="Least probability that a cell can reach.",
-        source="Hornung et al. 2013",
-    )  # fmt: skip
-    p_max: float = setting(
-        default=0.97, low=0.51, high=0.9999, doc="Greatest probability that a cell can reach.",
-        source="Hornung et al. 2013",
-    )  # fmt: skip
-    occupied_threshold: float = setting(
-        default=0.65, low=0.51, high=0.99,
-        doc="Probability from which a cell is occupied on the map.", source="map_server",
-    )  # fmt: skip
+    )
+    """Side of a cell."""
+    p_hit: float = setting(default=0.7, low=0.51, high=0.99, source="Hornung et al. 2013")
+    """Probability that a cell with an echo is occupied."""
+    p_miss: float = setting(default=0.4, low=0.01, high=0.49, source="Hornung et al. 2013")
+    """Probability that a cell that a beam passed is occupied."""
+    p_min: float = setting(default=0.12, low=1e-4, high=0.49, source="Hornung et al. 2013")
+    """Least probability that a cell can reach."""
+    p_max: float = setting(default=0.97, low=0.51, high=0.9999, source="Hornung et al. 2013")
+    """Greatest probability that a cell can reach."""
+    occupied_threshold: float = setting(default=0.65, low=0.51, high=0.99, source="map_server")
+    """Probability from which a cell is occupied on the map."""
     free_threshold: float = setting(
-        default=0.41, low=0.01, high=0.49,
-        doc="Probability up to which a cell is free on the map.",
-        source="gmapping: one beam is enough",
-    )  # fmt: skip
+        default=0.41, low=0.01, high=0.49, source="gmapping: one beam is enough"
+    )
+    """Probability up to which a cell is free on the map."""
     free_range: float = setting(
-        default=3.0, unit="m", low=0.0, high=100.0,
-        doc="Range up to which a beam without echo frees cells.",
+        default=3.0,
+        unit="m",
+        low=0.0,
+        high=100.0,
         source="black and slanted walls give no echo, either",
-    )  # fmt: skip
+    )
+    """Range up to which a beam without echo frees cells."""
     surface_sigma: float = setting(
-        default=0.02, unit="m", low=0.001, high=1.0,
-        doc="Standard deviation of the field round a wall.",
+        default=0.02,
+        unit="m",
+        low=0.001,
+        high=1.0,
         source="measured: a scanner's noise and a little; wider fields bias matches towards "
         "mapped walls",
-    )  # fmt: skip
+    )
+    """Standard deviation of the field round a wall."""
 
     def __post_init__(self) -> None:
         if self.free_threshold <= self.p_min:

@@ -257,40 +257,38 @@ class MatchSettings:
     """How scans are laid onto maps."""
 
     search_window: float = setting(
-        default=0.20, unit="m", low=0.0, high=5.0,
-        doc="Distance searched on each side of the guess.", source="design choice",
-    )  # fmt: skip
+        default=0.20, unit="m", low=0.0, high=5.0, source="design choice"
+    )
+    """Distance searched on each side of the guess."""
     search_angle: float = setting(
-        default=0.12, unit="rad", low=0.0, high=3.2,
-        doc="Angle searched on each side of the guess.", source="design choice",
-    )  # fmt: skip
+        default=0.12, unit="rad", low=0.0, high=3.2, source="design choice"
+    )
+    """Angle searched on each side of the guess."""
     angle_step: float = setting(
-        default=0.015, unit="rad", low=0.001, high=0.5, doc="Angle step of the search.",
-        source="a cell at 3.3 m",
-    )  # fmt: skip
+        default=0.015, unit="rad", low=0.001, high=0.5, source="a cell at 3.3 m"
+    )
+    """Angle step of the search."""
     point_spacing: float = setting(
-        default=0.03, unit="m", low=0.001, high=1.0,
-        doc="Least spacing of a scan's points across its beams.",
+        default=0.03,
+        unit="m",
+        low=0.001,
+        high=1.0,
         source="nearer points carry the same information",
-    )  # fmt: skip
-    max_points: int = setting(
-        default=300, low=10, high=20000, doc="Greatest number of points, evenly thinned.",
-        source="design choice",
-    )  # fmt: skip
+    )
+    """Least spacing of a scan's points across its beams."""
+    max_points: int = setting(default=300, low=10, high=20000, source="design choice")
+    """Greatest number of points, evenly thinned."""
     residual_sigma: float = setting(
-        default=0.25, low=0.01, high=100.0,
-        doc="Standard deviation of 1 - M at one point, M being the field.",
+        default=0.25,
+        low=0.01,
+        high=100.0,
         source="widened, as neighbouring points have correlated errors",
-    )  # fmt: skip
-    search_threshold: float = setting(
-        default=0.5, low=0.0, high=1.0,
-        doc="Mean (1 - M)^2 above which a match by descent alone is followed by a search.",
-        source="design choice",
-    )  # fmt: skip
-    iterations: int = setting(
-        default=10, low=0, high=1000, doc="Greatest number of Gauss-Newton iterations.",
-        source="design choice",
-    )  # fmt: skip
+    )
+    """Standard deviation of 1 - M at one point, M being the field."""
+    search_threshold: float = setting(default=0.5, low=0.0, high=1.0, source="design choice")
+    """Mean (1 - M)^2 above which a match by descent alone is followed by a search."""
+    iterations: int = setting(default=10, low=0, high=1000, source="design choice")
+    """Greatest number of Gauss-Newton iterations."""
 
 
 class Match(NamedTuple):

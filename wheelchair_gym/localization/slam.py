@@ -168,50 +168,56 @@ class SlamSettings:
     """Number of particles, update rule and odometry noise of SLAM."""
 
     particles: int = setting(
-        default=8, low=1, high=10000, doc="Number of particles; 1 is plain scan matching.",
+        default=8,
+        low=1,
+        high=10000,
         source="measured: gmapping's 30 are no better in 24 floor plans",
-    )  # fmt: skip
+    )
+    """Number of particles; 1 is plain scan matching."""
     update_distance: float = setting(
-        default=0.4, unit="m", low=0.0, high=10.0,
-        doc="Distance driven before the next scan is used.",
+        default=0.4,
+        unit="m",
+        low=0.0,
+        high=10.0,
         source="measured: half as far drifts a quarter more, twice as far localizes worse",
-    )  # fmt: skip
-    update_angle: float = setting(
-        default=0.5, unit="rad", low=0.0, high=7.0,
-        doc="Angle turned before the next scan is used.", source="gmapping",
-    )  # fmt: skip
+    )
+    """Distance driven before the next scan is used."""
+    update_angle: float = setting(default=0.5, unit="rad", low=0.0, high=7.0, source="gmapping")
+    """Angle turned before the next scan is used."""
     resample_threshold: float = setting(
-        default=0.5, low=0.0, high=1.0,
-        doc="Share of effective particles below which particles are resampled.",
-        source="Grisetti et al. 2007",
-    )  # fmt: skip
+        default=0.5, low=0.0, high=1.0, source="Grisetti et al. 2007"
+    )
+    """Share of effective particles below which particles are resampled."""
     likelihood_smoothing: float = setting(
-        default=3.0, low=0.01, high=1000.0,
-        doc="Root of the likelihood taken per particle, since beams have correlated errors.",
-        source="gmapping's ogain",
-    )  # fmt: skip
+        default=3.0, low=0.01, high=1000.0, source="gmapping's ogain"
+    )
+    """Root of the likelihood taken per particle, since beams have correlated errors."""
     translation_error: float = setting(
-        default=0.05, low=0.0, high=1.0, doc="Standard deviation of translation per translation.",
-        source="gmapping's srr is 0.1 for worse wheels",
-    )  # fmt: skip
-    rotation_error: float = setting(
-        default=0.05, low=0.0, high=1.0, doc="Standard deviation of rotation per rotation.",
-        source="gmapping's stt is 0.2",
-    )  # fmt: skip
+        default=0.05, low=0.0, high=1.0, source="gmapping's srr is 0.1 for worse wheels"
+    )
+    """Standard deviation of translation per translation."""
+    rotation_error: float = setting(default=0.05, low=0.0, high=1.0, source="gmapping's stt is 0.2")
+    """Standard deviation of rotation per rotation."""
     rotation_per_translation: float = setting(
-        default=0.05, unit="rad/m", low=0.0, high=10.0,
-        doc="Standard deviation of rotation per translation.", source="gmapping's srt is 0.1",
-    )  # fmt: skip
+        default=0.05, unit="rad/m", low=0.0, high=10.0, source="gmapping's srt is 0.1"
+    )
+    """Standard deviation of rotation per translation."""
     translation_floor: float = setting(
-        default=0.010, unit="m", low=1e-4, high=1.0,
-        doc="Standard deviation of translation without motion.",
+        default=0.010,
+        unit="m",
+        low=1e-4,
+        high=1.0,
         source="an encoder's quanta and the motion during a scan",
-    )  # fmt: skip
+    )
+    """Standard deviation of translation without motion."""
     rotation_floor: float = setting(
-        default=0.010, unit="rad", low=1e-4, high=1.0,
-        doc="Standard deviation of rotation without motion.",
+        default=0.010,
+        unit="rad",
+        low=1e-4,
+        high=1.0,
         source="an encoder's quanta at 0.5 m of track",
-    )  # fmt: skip
+    )
+    """Standard deviation of rotation without motion."""
     mapping: MappingSettings = MappingSettings()
     matching: MatchSettings = MatchSettings()
 

@@ -38,51 +38,32 @@ _UNSEEN, _SETTLED = -1, -2  # of states that wait in no bucket
 class CostToGoSettings:
     """How the cost-to-go of the outline is computed."""
 
-    cell: float = setting(
-        default=0.1, unit="m", low=0.02, high=0.5, doc="Side of a lattice cell.",
-        source="half a move",
-    )  # fmt: skip
-    headings: int = setting(
-        default=32, low=8, high=128, doc="Number of headings of the lattice.",
-        source="11 deg, the least turn of a move",
-    )  # fmt: skip
-    step_length: float = setting(
-        default=0.2, unit="m", low=0.02, doc="Length of a move.", source="a fifth of the chair"
-    )
+    cell: float = setting(default=0.1, unit="m", low=0.02, high=0.5, source="half a move")
+    """Side of a lattice cell."""
+    headings: int = setting(default=32, low=8, high=128, source="11 deg, the least turn of a move")
+    """Number of headings of the lattice."""
+    step_length: float = setting(default=0.2, unit="m", low=0.02, source="a fifth of the chair")
+    """Length of a move."""
     desired_clearance: float = setting(
-        default=0.25, unit="m", low=0.01, doc="Clearance beyond which more brings no lower cost.",
-        source="clearance beside the chair in a 1.1 m door",
-    )  # fmt: skip
+        default=0.25, unit="m", low=0.01, source="clearance beside the chair in a 1.1 m door"
+    )
+    """Clearance beyond which more brings no lower cost."""
     obstacle_weight: float = setting(
-        default=3.0, low=0.0, high=6.0,
-        doc="Additional cost of a move without clearance, as a multiple of its time.",
-        source="as the planner lattice",
-    )  # fmt: skip
-    lateral_acceleration: float = setting(
-        default=0.35, unit="m/s2", low=0.01, doc="Greatest lateral acceleration in curves.",
-        source="comfort",
-    )  # fmt: skip
-    pivot_speed_ratio: float = setting(
-        default=0.6, low=0.05, high=1.0, doc="Turn rate of pivots as a share of the limit.",
-        source="design choice",
-    )  # fmt: skip
-    reverse_factor: float = setting(
-        default=2.0, low=1.0, high=4.0, doc="Cost of reversing as a multiple of its time.",
-        source="design choice",
-    )  # fmt: skip
-    margin: float = setting(
-        default=0.02, unit="m", low=0.0, doc="Clearance that the outline keeps.",
-        source="design choice",
-    )  # fmt: skip
-    shrink_step: float = setting(
-        default=0.02, unit="m", low=0.0,
-        doc="Amount by which the outline shrinks on each side when no path exists.",
-        source="design choice",
-    )  # fmt: skip
-    shrink_tries: int = setting(
-        default=5, low=1, doc="Number of outlines that are tried.",
-        source="8 cm less on each side at most",
-    )  # fmt: skip
+        default=3.0, low=0.0, high=6.0, source="as the planner lattice"
+    )
+    """Additional cost of a move without clearance, as a multiple of its time."""
+    lateral_acceleration: float = setting(default=0.35, unit="m/s2", low=0.01, source="comfort")
+    """Greatest lateral acceleration in curves."""
+    pivot_speed_ratio: float = setting(default=0.6, low=0.05, high=1.0, source="design choice")
+    """Turn rate of pivots as a share of the limit."""
+    reverse_factor: float = setting(default=2.0, low=1.0, high=4.0, source="design choice")
+    """Cost of reversing as a multiple of its time."""
+    margin: float = setting(default=0.02, unit="m", low=0.0, source="design choice")
+    """Clearance that the outline keeps."""
+    shrink_step: float = setting(default=0.02, unit="m", low=0.0, source="design choice")
+    """Amount by which the outline shrinks on each side when no path exists."""
+    shrink_tries: int = setting(default=5, low=1, source="8 cm less on each side at most")
+    """Number of outlines that are tried."""
 
 
 @kernel

@@ -14,31 +14,31 @@ class BodySettings:
     """Mass and what it stands on."""
 
     mass: float = setting(
-        default=135.0, unit="kg", source="60 kg chair + 75 kg person", low=20.0, high=400.0
+        default=135.0, unit="kg", low=20.0, high=400.0, source="60 kg chair + 75 kg person"
     )
     centre_of_mass: float = setting(
-        default=0.15, unit="m", source="centre of mass ahead of the axle", low=0.0, high=0.5
+        default=0.15, unit="m", low=0.0, high=0.5, source="centre of mass ahead of the axle"
     )
     radius_of_gyration: float = setting(
         default=0.33,
         unit="m",
-        source="radius of gyration: 1.00 m x 0.62 m plate",
         low=0.05,
         high=1.0,
+        source="radius of gyration: 1.00 m x 0.62 m plate",
     )
     wheelbase: float = setting(
-        default=0.48, unit="m", source="ahead of the axle", low=0.1, high=1.5
+        default=0.48, unit="m", low=0.1, high=1.5, source="ahead of the axle"
     )
-    caster_track: float = setting(default=0.46, unit="m", source="between them", low=0.0, high=1.0)
+    caster_track: float = setting(default=0.46, unit="m", low=0.0, high=1.0, source="between them")
     caster_drag: float = setting(
-        default=0.03, source="rolling and swivelling, share of their load", low=0.0, high=1.0
+        default=0.03, low=0.0, high=1.0, source="rolling and swivelling, share of their load"
     )
     rolling_resistance: float = setting(
-        default=0.015, source="rolling resistance of pneumatic tyres", low=0.0, high=1.0
+        default=0.015, low=0.0, high=1.0, source="rolling resistance of pneumatic tyres"
     )
-    friction: float = setting(default=0.7, source="tyre on floor", low=0.05, high=2.0)
-    wall_friction: float = setting(default=0.3, source="outline on wall", low=0.0, high=2.0)
-    bumper_force: float = setting(default=20.0, unit="N", source="strip switches", low=0.0)
+    friction: float = setting(default=0.7, low=0.05, high=2.0, source="tyre on floor")
+    wall_friction: float = setting(default=0.3, low=0.0, high=2.0, source="outline on wall")
+    bumper_force: float = setting(default=20.0, unit="N", low=0.0, source="strip switches")
 
     def __post_init__(self) -> None:
         if self.centre_of_mass >= self.wheelbase:
@@ -50,22 +50,22 @@ class MotorSettings:
     """Two equal hub motors with their drivers, as brushed direct-current machines."""
 
     torque_constant: float = setting(
-        default=3.7, unit="V s/rad", source="1.6 m/s at 36 V without load", low=0.01
+        default=3.7, unit="V s/rad", low=0.01, source="1.6 m/s at 36 V without load"
     )
     resistance: float = setting(default=1.0, unit="ohm", low=0.01)
-    current_limit: float = setting(default=12.0, unit="A", source="driver's limit: 44 N m", low=0.1)
-    inertia: float = setting(default=0.15, unit="kg m2", source="rotor and wheel", low=0.001)
-    kp: float = setting(default=40.0, unit="V s/m", source="closed loop of about 50 ms", low=0.0)
+    current_limit: float = setting(default=12.0, unit="A", low=0.1, source="driver's limit: 44 N m")
+    inertia: float = setting(default=0.15, unit="kg m2", low=0.001, source="rotor and wheel")
+    kp: float = setting(default=40.0, unit="V s/m", low=0.0, source="closed loop of about 50 ms")
     ki: float = setting(default=120.0, unit="V/m", low=0.0)
     kd: float = setting(default=0.0, unit="V s2/m", low=0.0)
     ka: float = setting(
-        default=3.0, unit="V s2/m", source="feed-forward of acceleration: 135 kg", low=0.0
+        default=3.0, unit="V s2/m", low=0.0, source="feed-forward of acceleration: 135 kg"
     )
     filter_time: float = setting(
-        default=0.02, unit="s", source="low-pass of the encoder's speed", low=0.0, high=1.0
+        default=0.02, unit="s", low=0.0, high=1.0, source="low-pass of the encoder's speed"
     )
     control_rate: float = setting(
-        default=100.0, unit="Hz", source="speed control", low=10.0, high=2000.0
+        default=100.0, unit="Hz", low=10.0, high=2000.0, source="speed control"
     )
 
 
@@ -73,18 +73,18 @@ class MotorSettings:
 class BatterySettings:
     """Two 36 V, 4 Ah packs in parallel."""
 
-    capacity: float = setting(default=288.0, unit="Wh", source="2 x 36 V x 4 Ah", low=1.0)
+    capacity: float = setting(default=288.0, unit="Wh", low=1.0, source="2 x 36 V x 4 Ah")
     full_voltage: float = setting(
-        default=42.0, unit="V", source="10 lithium cells at 4.2 V", low=1.0
+        default=42.0, unit="V", low=1.0, source="10 lithium cells at 4.2 V"
     )
     empty_voltage: float = setting(
-        default=30.0, unit="V", source="10 lithium cells at 3.0 V", low=1.0
+        default=30.0, unit="V", low=1.0, source="10 lithium cells at 3.0 V"
     )
-    initial_charge: float = setting(default=0.9, source="share at reset", low=0.0, high=1.0)
+    initial_charge: float = setting(default=0.9, low=0.0, high=1.0, source="share at reset")
     resistance: float = setting(default=0.1, unit="ohm", low=0.0)
-    idle_power: float = setting(default=15.0, unit="W", source="computer and sensors", low=0.0)
+    idle_power: float = setting(default=15.0, unit="W", low=0.0, source="computer and sensors")
     regeneration: float = setting(
-        default=0.5, source="share of braking energy stored", low=0.0, high=0.95
+        default=0.5, low=0.0, high=0.95, source="share of braking energy stored"
     )
 
 
@@ -93,10 +93,10 @@ class RandomSettings:
     """Chair parameters drawn anew each episode, uniform within these bounds."""
 
     mass: tuple[float, float] = setting(
-        default=(100.0, 180.0), unit="kg", source="ISO 7176-11 dummies", low=20.0
+        default=(100.0, 180.0), unit="kg", low=20.0, source="ISO 7176-11 dummies"
     )
-    friction: tuple[float, float] = setting(default=(0.5, 0.9), source="wet to rubber", low=0.05)
-    gain: tuple[float, float] = setting(default=(0.9, 1.1), source="of the motors", low=0.1)
+    friction: tuple[float, float] = setting(default=(0.5, 0.9), low=0.05, source="wet to rubber")
+    gain: tuple[float, float] = setting(default=(0.9, 1.1), low=0.1, source="of the motors")
 
 
 @settings
@@ -155,29 +155,32 @@ class PeopleSettings:
     """How people move: optimal reciprocal collision avoidance, and legs of limited force."""
 
     decision_period: float = setting(
-        default=0.1, unit="s", source="between two choices of a velocity", low=0.01, high=1.0
+        default=0.1, unit="s", low=0.01, high=1.0, source="between two choices of a velocity"
     )
     horizon: float = setting(
-        default=2.0, unit="s", source="kept clear of people and chair: RVO2", low=0.1, high=10.0
+        default=2.0, unit="s", low=0.1, high=10.0, source="kept clear of people and chair: RVO2"
     )
     wall_horizon: float = setting(
-        default=0.5, unit="s", source="kept clear of walls", low=0.05, high=10.0
+        default=0.5, unit="s", low=0.05, high=10.0, source="kept clear of walls"
     )
     neighbour_distance: float = setting(
-        default=4.0, unit="m", source="farther people are not heeded", low=0.5, high=20.0
+        default=4.0, unit="m", low=0.5, high=20.0, source="farther people are not heeded"
     )
     inattentive_distance: float = setting(
-        default=1.0, unit="m", source="who pays no attention sees a chair so near: a step away",
-        low=0.0, high=20.0,
-    )  # fmt: skip
+        default=1.0,
+        unit="m",
+        low=0.0,
+        high=20.0,
+        source="who pays no attention sees a chair so near: a step away",
+    )
     relaxation_time: float = setting(
-        default=0.3, unit="s", source="to take up a velocity: below a step's time", low=0.02
+        default=0.3, unit="s", low=0.02, source="to take up a velocity: below a step's time"
     )
     max_force: float = setting(
         default=200.0,
         unit="N",
-        source="75 kg at 2.7 m/s2: 1.34 m/s in 0.5 s (Helbing and Molnar 1995)",
         low=1.0,
+        source="75 kg at 2.7 m/s2: 1.34 m/s in 0.5 s (Helbing and Molnar 1995)",
     )
 
 
@@ -185,7 +188,7 @@ class PeopleSettings:
 class PhysicsSettings:
     """How finely time is cut, and how people move."""
 
-    step: float = setting(default=0.01, unit="s", source="ten in a period", low=0.0005, high=0.05)
+    step: float = setting(default=0.01, unit="s", low=0.0005, high=0.05, source="ten in a period")
     people: PeopleSettings = PeopleSettings()
 
 

@@ -45,26 +45,16 @@ _LOG = logging.getLogger(__name__)
 class RecordingSettings:
     """Rates of messages that are not sent with every reading."""
 
-    refresh_period: float = setting(
-        default=1.0, unit="s", low=0.01,
-        doc="Period of what changes seldom: map, path, mounts, outline and trail.",
-        source="design choice",
-    )  # fmt: skip
-    trail_spacing: float = setting(
-        default=0.05, unit="m", low=0.001, doc="Spacing of the trail's points.",
-        source="design choice",
-    )  # fmt: skip
-    image_rate: float = setting(
-        default=0.0, unit="Hz", low=0.0, high=60.0,
-        doc="Rate of rendered pictures; 0 records none.", source="design choice",
-    )  # fmt: skip
-    jpeg_quality: int = setting(
-        default=80, low=1, high=100, doc="JPEG quality of the pictures.", source="design choice"
-    )
-    when_full: Literal["go-on", "end"] = setting(
-        default="go-on",
-        doc="Whether the run goes on when the disk is full; the recording ends in any case.",
-    )  # fmt: skip
+    refresh_period: float = setting(default=1.0, unit="s", low=0.01, source="design choice")
+    """Period of what changes seldom: map, path, mounts, outline and trail."""
+    trail_spacing: float = setting(default=0.05, unit="m", low=0.001, source="design choice")
+    """Spacing of the trail's points."""
+    image_rate: float = setting(default=0.0, unit="Hz", low=0.0, high=60.0, source="design choice")
+    """Rate of rendered pictures; 0 records none."""
+    jpeg_quality: int = setting(default=80, low=1, high=100, source="design choice")
+    """JPEG quality of the pictures."""
+    when_full: Literal["go-on", "end"] = setting(default="go-on")
+    """Whether the run goes on when the disk is full; the recording ends in any case."""
 
 
 def packed(values: ArrayLike, kind: DTypeLike) -> str:

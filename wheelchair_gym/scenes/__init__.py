@@ -51,16 +51,10 @@ class Scene(Protocol):
 class Mixture:
     """Worlds of several scenes, each drawn with its share."""
 
-    scenes: tuple[Any, ...] = setting(
-        default=("floor_plan", "clutter"),
-        doc="Scenes, as names or as objects with a name.",
-        source="design choice",
-    )
-    weights: tuple[float, ...] = setting(
-        default=(0.6, 0.4), low=0.0,
-        doc="Relative frequency of each scene; their sum is not restricted.",
-        source="design choice",
-    )  # fmt: skip
+    scenes: tuple[Any, ...] = setting(default=("floor_plan", "clutter"), source="design choice")
+    """Scenes, as names or as objects with a name."""
+    weights: tuple[float, ...] = setting(default=(0.6, 0.4), low=0.0, source="design choice")
+    """Relative frequency of each scene; their sum is not restricted."""
 
     def __post_init__(self) -> None:
         if not self.scenes or len(self.scenes) != len(self.weights) or sum(self.weights) <= 0.0:

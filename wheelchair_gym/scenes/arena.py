@@ -84,19 +84,15 @@ class EmptyRoom:
     """An empty rectangular room, its lower-left corner at (0, 0): for first steps and physics."""
 
     size: tuple[float, float] = setting(
-        default=(8.0, 6.0), unit="m", low=2.0, high=200.0, doc="Length along x and y of the room.",
-        source="design choice",
-    )  # fmt: skip
-    start: Pose | None = setting(
-        default=None, unit="m, m, rad", doc="Start pose; null draws it at random."
+        default=(8.0, 6.0), unit="m", low=2.0, high=200.0, source="design choice"
     )
-    goal: Pose | None = setting(
-        default=None, unit="m, m, rad", doc="Goal pose; null draws it at random."
-    )
-    min_distance: float = setting(
-        default=2.0, unit="m", low=0.0, doc="Least distance from start to goal.",
-        source="design choice",
-    )  # fmt: skip
+    """Length along x and y of the room."""
+    start: Pose | None = setting(default=None, unit="m, m, rad")
+    """Start pose; null draws it at random."""
+    goal: Pose | None = setting(default=None, unit="m, m, rad")
+    """Goal pose; null draws it at random."""
+    min_distance: float = setting(default=2.0, unit="m", low=0.0, source="design choice")
+    """Least distance from start to goal."""
 
     def __post_init__(self) -> None:
         if self.min_distance > 0.4 * math.hypot(*self.size):
@@ -153,30 +149,25 @@ class Clutter:
     """
 
     length: float = setting(
-        default=10.0, unit="m", low=4.0, high=50.0, doc="Distance from start to goal.",
-        source="BARN benchmark (Perille et al. 2020)",
-    )  # fmt: skip
+        default=10.0, unit="m", low=4.0, high=50.0, source="BARN benchmark (Perille et al. 2020)"
+    )
+    """Distance from start to goal."""
     width: float = setting(
-        default=4.5, unit="m", low=1.5, high=30.0, doc="Width of the corridor.",
-        source="BARN benchmark (Perille et al. 2020)",
-    )  # fmt: skip
-    density: float = setting(
-        default=0.4, unit="1/m2", low=0.0, high=5.0, doc="Cylinders per area.",
-        source="design choice",
-    )  # fmt: skip
+        default=4.5, unit="m", low=1.5, high=30.0, source="BARN benchmark (Perille et al. 2020)"
+    )
+    """Width of the corridor."""
+    density: float = setting(default=0.4, unit="1/m2", low=0.0, high=5.0, source="design choice")
+    """Cylinders per area."""
     radius: tuple[float, float] = setting(
-        default=(0.075, 0.25), unit="m", low=0.03, high=1.0,
-        doc="Smallest and largest radius of a cylinder.", source="BARN's cylinders upwards",
-    )  # fmt: skip
-    min_gap: float = setting(
-        default=0.9, unit="m", low=0.0, high=3.0,
-        doc="Least gap between cylinders that do not overlap.", source="design choice",
-    )  # fmt: skip
+        default=(0.075, 0.25), unit="m", low=0.03, high=1.0, source="BARN's cylinders upwards"
+    )
+    """Smallest and largest radius of a cylinder."""
+    min_gap: float = setting(default=0.9, unit="m", low=0.0, high=3.0, source="design choice")
+    """Least gap between cylinders that do not overlap."""
     passage_margin: float = setting(
-        default=0.10, unit="m", low=0.0, high=0.5,
-        doc="Clearance on each side of the chair that a solvable corridor leaves.",
-        source="design choice",
-    )  # fmt: skip
+        default=0.10, unit="m", low=0.0, high=0.5, source="design choice"
+    )
+    """Clearance on each side of the chair that a solvable corridor leaves."""
 
     def __post_init__(self) -> None:
         if self.radius[0] > self.radius[1]:
@@ -236,22 +227,18 @@ class Doorway:
     The start is in the corridor, along it; the goal in the room.
     """
 
-    door_width: float = setting(
-        default=0.90, unit="m", low=0.65, high=2.0, doc="Clear width of the door.",
-        source="design choice",
-    )  # fmt: skip
+    door_width: float = setting(default=0.90, unit="m", low=0.65, high=2.0, source="design choice")
+    """Clear width of the door."""
     corridor_width: float = setting(
-        default=1.20, unit="m", low=0.75, high=4.0, doc="Clear width of the corridor.",
-        source="design choice",
-    )  # fmt: skip
+        default=1.20, unit="m", low=0.75, high=4.0, source="design choice"
+    )
+    """Clear width of the corridor."""
     corridor_length: float = setting(
-        default=7.0, unit="m", low=4.0, high=30.0, doc="Length of the corridor.",
-        source="design choice",
-    )  # fmt: skip
-    room_depth: float = setting(
-        default=3.5, unit="m", low=2.0, high=10.0, doc="Depth of the room behind the door.",
-        source="design choice",
-    )  # fmt: skip
+        default=7.0, unit="m", low=4.0, high=30.0, source="design choice"
+    )
+    """Length of the corridor."""
+    room_depth: float = setting(default=3.5, unit="m", low=2.0, high=10.0, source="design choice")
+    """Depth of the room behind the door."""
 
     @property
     def margin(self) -> float:

@@ -130,23 +130,16 @@ class Barn:
     Drawn by the benchmark's own cellular automaton, or one of a file.
     """
 
-    path: str = setting(
-        default="",
-        doc="JSON file of worlds, [{world, start, goal, circles}, ...]; empty draws new worlds.",
-    )  # fmt: skip
-    world: int | None = setting(
-        default=None, doc="Number of one world of the file; null draws any of them."
-    )
+    path: str = setting(default="")
+    """JSON file of worlds, [{world, start, goal, circles}, ...]; empty draws new worlds."""
+    world: int | None = setting(default=None)
+    """Number of one world of the file; null draws any of them."""
     passage_margin: float = setting(
-        default=0.05, unit="m", low=0.0, high=0.5,
-        doc="Clearance on each side of the chair at the narrowest spot of drawn worlds.",
-        source="design choice",
-    )  # fmt: skip
-    map_margin: float = setting(
-        default=1.5, unit="m", low=0.5,
-        doc="Distance from cylinders, start and goal to the border of the map.",
-        source="design choice",
-    )  # fmt: skip
+        default=0.05, unit="m", low=0.0, high=0.5, source="design choice"
+    )
+    """Clearance on each side of the chair at the narrowest spot of drawn worlds."""
+    map_margin: float = setting(default=1.5, unit="m", low=0.5, source="design choice")
+    """Distance from cylinders, start and goal to the border of the map."""
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The world asked for, or any that a chair of this footprint can pass.

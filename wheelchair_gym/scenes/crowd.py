@@ -50,37 +50,25 @@ class PeopleSettings:
     """Number and behaviour of people."""
 
     density: tuple[float, float] = setting(
-        default=(0.03, 0.08), unit="1/m2", low=0.0, high=1.0,
-        doc="Least and greatest number of people per free area.", source="design choice",
-    )  # fmt: skip
-    speed: float = setting(
-        default=SPEED, unit="m/s", low=0.1, doc="Mean preferred walking speed.",
-        source="Weidmann 1993",
-    )  # fmt: skip
-    speed_sigma: float = setting(
-        default=0.26, unit="m/s", low=0.0,
-        doc="Standard deviation of the preferred walking speed.", source="Weidmann 1993",
-    )  # fmt: skip
+        default=(0.03, 0.08), unit="1/m2", low=0.0, high=1.0, source="design choice"
+    )
+    """Least and greatest number of people per free area."""
+    speed: float = setting(default=SPEED, unit="m/s", low=0.1, source="Weidmann 1993")
+    """Mean preferred walking speed."""
+    speed_sigma: float = setting(default=0.26, unit="m/s", low=0.0, source="Weidmann 1993")
+    """Standard deviation of the preferred walking speed."""
     min_speed: float = setting(
-        default=0.4, unit="m/s", low=0.05, doc="Least preferred walking speed.",
-        source="a person with a walking frame",
-    )  # fmt: skip
-    inattentive_share: float = setting(
-        default=0.1, low=0.0, high=1.0, doc="Share of people who do not see the chair.",
-        source="design choice",
-    )  # fmt: skip
-    crossing_share: float = setting(
-        default=0.0, low=0.0, high=1.0, doc="Share of moving cylinders that avoid nobody.",
-        source="DynaBARN",
-    )  # fmt: skip
-    patience: float = setting(
-        default=4.0, unit="s", low=0.5,
-        doc="Time without progress after which a person turns back.", source="design choice",
-    )  # fmt: skip
-    start_distance: float = setting(
-        default=2.0, unit="m", low=0.8, doc="Least distance of people from the chair's start.",
-        source="design choice",
-    )  # fmt: skip
+        default=0.4, unit="m/s", low=0.05, source="a person with a walking frame"
+    )
+    """Least preferred walking speed."""
+    inattentive_share: float = setting(default=0.1, low=0.0, high=1.0, source="design choice")
+    """Share of people who do not see the chair."""
+    crossing_share: float = setting(default=0.0, low=0.0, high=1.0, source="DynaBARN")
+    """Share of moving cylinders that avoid nobody."""
+    patience: float = setting(default=4.0, unit="s", low=0.5, source="design choice")
+    """Time without progress after which a person turns back."""
+    start_distance: float = setting(default=2.0, unit="m", low=0.8, source="design choice")
+    """Least distance of people from the chair's start."""
 
     def __post_init__(self) -> None:
         if self.density[0] > self.density[1]:
@@ -91,19 +79,14 @@ class PeopleSettings:
 class DoorSettings:
     """Powered leaves of doors."""
 
-    leaf_share: float = setting(
-        default=0.4, low=0.0, high=1.0, doc="Share of doors that have a powered leaf.",
-        source="design choice",
-    )  # fmt: skip
-    sliding_share: float = setting(
-        default=0.5, low=0.0, high=1.0,
-        doc="Share of leaves that slide where the wall has room; the others swing.",
-        source="design choice",
-    )  # fmt: skip
+    leaf_share: float = setting(default=0.4, low=0.0, high=1.0, source="design choice")
+    """Share of doors that have a powered leaf."""
+    sliding_share: float = setting(default=0.5, low=0.0, high=1.0, source="design choice")
+    """Share of leaves that slide where the wall has room; the others swing."""
     trigger_distance: float = setting(
-        default=2.0, unit="m", low=0.5, doc="Distance at which a leaf opens for somebody.",
-        source="EN 16005, sensors of powered doors",
-    )  # fmt: skip
+        default=2.0, unit="m", low=0.5, source="EN 16005, sensors of powered doors"
+    )
+    """Distance at which a leaf opens for somebody."""
 
 
 def free_area(grid: OccupancyGrid) -> float:
@@ -290,20 +273,19 @@ _COLUMNS = 0.02  # 1/m2 of a hall
 class Crowd:
     """People who walk through a building or a hall, with powered doors and light furniture."""
 
-    place: Literal["any", "building", "hall"] = setting(
-        default="any", doc="Where people walk; any draws one of the two.", source="design choice"
-    )
+    place: Literal["any", "building", "hall"] = setting(default="any", source="design choice")
+    """Where people walk; any draws one of the two."""
     people: PeopleSettings = PeopleSettings()
     doors: DoorSettings = DoorSettings()
     furniture_density: float = setting(
-        default=0.01, unit="1/m2", low=0.0, high=1.0,
-        doc="Movable pieces of furniture per free area.", source="design choice",
-    )  # fmt: skip
+        default=0.01, unit="1/m2", low=0.0, high=1.0, source="design choice"
+    )
+    """Movable pieces of furniture per free area."""
     building: FloorPlan = FloorPlan()
     hall_size: tuple[float, float] = setting(
-        default=(9.0, 14.0), unit="m", low=5.0, high=60.0,
-        doc="Least and greatest side of a hall.", source="design choice",
-    )  # fmt: skip
+        default=(9.0, 14.0), unit="m", low=5.0, high=60.0, source="design choice"
+    )
+    """Least and greatest side of a hall."""
 
     def __post_init__(self) -> None:
         if self.hall_size[0] > self.hall_size[1]:
@@ -374,32 +356,28 @@ class Temporary:
     The chair plans a new path round them or waits until they are gone (docs/sources.md, T1).
     """
 
-    count: tuple[int, int] = setting(
-        default=(1, 3), low=0, high=20, doc="Least and greatest number of obstacles.",
-        source="design choice",
-    )  # fmt: skip
+    count: tuple[int, int] = setting(default=(1, 3), low=0, high=20, source="design choice")
+    """Least and greatest number of obstacles."""
     radius: tuple[float, float] = setting(
-        default=(0.15, 0.35), unit="m", low=0.05, high=1.0,
-        doc="Least and greatest radius of an obstacle.", source="from a bag to a trolley",
-    )  # fmt: skip
+        default=(0.15, 0.35), unit="m", low=0.05, high=1.0, source="from a bag to a trolley"
+    )
+    """Least and greatest radius of an obstacle."""
     trigger_distance: tuple[float, float] = setting(
-        default=(1.5, 3.0), unit="m", low=0.1,
-        doc="Least and greatest distance of the chair at which an obstacle appears.",
-        source="design choice",
-    )  # fmt: skip
+        default=(1.5, 3.0), unit="m", low=0.1, source="design choice"
+    )
+    """Least and greatest distance of the chair at which an obstacle appears."""
     min_distance: float = setting(
-        default=1.2, unit="m", low=0.9,
-        doc="Distance of the chair below which no obstacle appears.",
-        source="a stop from 0.8 m/s takes 0.88 m",
-    )  # fmt: skip
+        default=1.2, unit="m", low=0.9, source="a stop from 0.8 m/s takes 0.88 m"
+    )
+    """Distance of the chair below which no obstacle appears."""
     duration: tuple[float, float] = setting(
-        default=(5.0, 20.0), unit="s", low=0.1, high=600.0,
-        doc="Shortest and longest time for which an obstacle stays.", source="design choice",
-    )  # fmt: skip
+        default=(5.0, 20.0), unit="s", low=0.1, high=600.0, source="design choice"
+    )
+    """Shortest and longest time for which an obstacle stays."""
     lateral_offset: float = setting(
-        default=0.15, unit="m", low=0.0, high=1.0,
-        doc="Largest offset of an obstacle from the path, along x and y.", source="design choice",
-    )  # fmt: skip
+        default=0.15, unit="m", low=0.0, high=1.0, source="design choice"
+    )
+    """Largest offset of an obstacle from the path, along x and y."""
     building: FloorPlan = FloorPlan()
 
     def __post_init__(self) -> None:

@@ -46,38 +46,32 @@ class FloorPlan:
     are kept clear on both sides) and is checked.
     """
 
-    kind: Literal["any", "home", "clinic"] = setting(
-        default="any", doc="Kind of building; any draws one of the two.", source="design choice"
-    )
+    kind: Literal["any", "home", "clinic"] = setting(default="any", source="design choice")
+    """Kind of building; any draws one of the two."""
     door_width: tuple[float, float] = setting(
-        default=(1.0, 1.2), unit="m", low=0.7, high=2.0,
-        doc="Least and greatest clear width of doors.", source="design choice",
-    )  # fmt: skip
+        default=(1.0, 1.2), unit="m", low=0.7, high=2.0, source="design choice"
+    )
+    """Least and greatest clear width of doors."""
     corridor_width: tuple[float, float] = setting(
-        default=(1.2, 1.8), unit="m", low=0.8, high=4.0,
-        doc="Least and greatest clear width of corridors.", source="design choice",
-    )  # fmt: skip
+        default=(1.2, 1.8), unit="m", low=0.8, high=4.0, source="design choice"
+    )
+    """Least and greatest clear width of corridors."""
     building_size: tuple[float, float] = setting(
-        default=(10.0, 18.0), unit="m", low=9.0, high=40.0,
-        doc="Least and greatest side of the building.", source="design choice",
-    )  # fmt: skip
+        default=(10.0, 18.0), unit="m", low=9.0, high=40.0, source="design choice"
+    )
+    """Least and greatest side of the building."""
     furniture_density: float = setting(
-        default=0.25, unit="1/m2", low=0.0, high=2.0,
-        doc="Pieces of furniture that are tried per area of a room.", source="design choice",
-    )  # fmt: skip
-    passage_width: float = setting(
-        default=1.2, unit="m", low=0.7, high=3.0, doc="Clear width that furniture leaves.",
-        source="design choice",
-    )  # fmt: skip
+        default=0.25, unit="1/m2", low=0.0, high=2.0, source="design choice"
+    )
+    """Pieces of furniture that are tried per area of a room."""
+    passage_width: float = setting(default=1.2, unit="m", low=0.7, high=3.0, source="design choice")
+    """Clear width that furniture leaves."""
     path_length: tuple[float, float] = setting(
-        default=(5.0, 30.0), unit="m", low=0.0,
-        doc="Least and greatest length of the shortest path from start to goal.",
-        source="design choice",
-    )  # fmt: skip
-    clearance: float = setting(
-        default=0.15, unit="m", low=0.0, high=0.5,
-        doc="Clearance of the footprint at start and goal.", source="design choice",
-    )  # fmt: skip
+        default=(5.0, 30.0), unit="m", low=0.0, source="design choice"
+    )
+    """Least and greatest length of the shortest path from start to goal."""
+    clearance: float = setting(default=0.15, unit="m", low=0.0, high=0.5, source="design choice")
+    """Clearance of the footprint at start and goal."""
 
     def __post_init__(self) -> None:
         for name in ("door_width", "corridor_width", "building_size", "path_length"):

@@ -46,28 +46,19 @@ def _ground(path: Path, stamp: int, unknown_is_solid: bool) -> tuple[OccupancyGr
 class MapFile:
     """A map file; start and goal are given, or drawn from where the chair can stand."""
 
-    path: str = setting(
-        default="",
-        doc="Map file: map_server's YAML, MovingAI's .map or HouseExpo's JSON; empty takes the "
-        "clinic of the package.",
-    )  # fmt: skip
-    start: Pose | None = setting(
-        default=None, unit="m, m, rad", doc="Start pose; null draws it at random."
-    )
-    goal: Pose | None = setting(
-        default=None, unit="m, m, rad", doc="Goal pose; null draws it at random."
-    )
-    min_path_length: float = setting(
-        default=3.0, unit="m", low=0.0,
-        doc="Least length of the path from a drawn start to a drawn goal.", source="design choice",
-    )  # fmt: skip
-    clearance: float = setting(
-        default=0.15, unit="m", low=0.0, high=0.5,
-        doc="Clearance of the footprint at drawn poses.", source="design choice",
-    )  # fmt: skip
-    unknown_is_solid: bool = setting(
-        default=False, doc="Whether walls are put round unknown cells, too."
-    )
+    path: str = setting(default="")
+    """Map file: map_server's YAML, MovingAI's .map or HouseExpo's JSON; empty takes the clinic of
+    the package."""
+    start: Pose | None = setting(default=None, unit="m, m, rad")
+    """Start pose; null draws it at random."""
+    goal: Pose | None = setting(default=None, unit="m, m, rad")
+    """Goal pose; null draws it at random."""
+    min_path_length: float = setting(default=3.0, unit="m", low=0.0, source="design choice")
+    """Least length of the path from a drawn start to a drawn goal."""
+    clearance: float = setting(default=0.15, unit="m", low=0.0, high=0.5, source="design choice")
+    """Clearance of the footprint at drawn poses."""
+    unknown_is_solid: bool = setting(default=False)
+    """Whether walls are put round unknown cells, too."""
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw what is not given, for a chair of this footprint.

@@ -39,7 +39,7 @@ def _define_maps(scene: type[Any], count: int, doc: str) -> None:
             "__annotations__": {"number": int},
             "__doc__": f"{doc} {k}.",
             "__module__": __name__,
-            "number": setting(default=k, low=k, high=k, doc="Number of the map."),
+            "number": setting(default=k, low=k, high=k),
         }
         globals()[name] = settings(type(name, (scene,), fields))
 
@@ -96,9 +96,8 @@ DESIGN_LAB_INFLATION: Final = 0.4  # m: the paper's
 class Lab:
     """A laboratory of the thesis on limited tree expansion; upright walls, 7 m x 5 m."""
 
-    number: int = setting(
-        default=1, low=1, high=3, doc="Which of the three laboratories.", source="the first one"
-    )
+    number: int = setting(default=1, low=1, high=3, source="the first one")
+    """Which of the three laboratories."""
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
@@ -113,9 +112,8 @@ class Lab:
 class DesignLab:
     """An engineering design lab with the two ways of the paper on RRT smoothed by whales."""
 
-    path: Literal[1, 2] = setting(
-        default=1, doc="Which of the paper's two pairs of start and goal.", source="the first one"
-    )
+    path: Literal[1, 2] = setting(default=1, source="the first one")
+    """Which of the paper's two pairs of start and goal."""
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
@@ -170,12 +168,13 @@ class GreyWolf:
     """
 
     goal: Literal["5,20", "15,5", "12,12", "15,22", "20,20", "10,2.5"] = setting(
-        default="20,20", doc="Which of the report's six goals.", source="beyond all obstacles"
+        default="20,20", source="beyond all obstacles"
     )
+    """Which of the report's six goals."""
     margin: float = setting(
-        default=2.0, unit="m", low=1.0, doc="Width of the ground beyond the report's square.",
-        source="room for the chair at the start",
-    )  # fmt: skip
+        default=2.0, unit="m", low=1.0, source="room for the chair at the start"
+    )
+    """Width of the ground beyond the report's square."""
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
@@ -272,16 +271,14 @@ _MAPS: Final[tuple[Callable[[float, int], Arena], ...]] = (
 class ThesisMap:
     """One of the five maps; the same world for every generator."""
 
-    number: int = setting(
-        default=1, low=1, high=5, doc="Which of the five maps.", source="the first one"
-    )
+    number: int = setting(default=1, low=1, high=5, source="the first one")
+    """Which of the five maps."""
     gap: float = setting(
-        default=1.2, unit="m", low=0.7, high=3.0, doc="Width of the narrow passages.",
-        source="wide enough for the chair",
-    )  # fmt: skip
-    seed: int = setting(
-        default=5, low=0, doc="Seed of the clutter of map 5.", source="design choice"
+        default=1.2, unit="m", low=0.7, high=3.0, source="wide enough for the chair"
     )
+    """Width of the narrow passages."""
+    seed: int = setting(default=5, low=0, source="design choice")
+    """Seed of the clutter of map 5."""
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""

@@ -22,26 +22,26 @@ class LaserSettings:
     x: float = setting(default=0.66, unit="m", source="in front, low; frame: drive axle's centre")
     y: float = setting(default=0.0, unit="m")
     yaw: float = setting(default=0.0, unit="rad")
-    beams: int = setting(default=1081, source="0.25 deg between beams", low=2, high=20000)
+    beams: int = setting(default=1081, low=2, high=20000, source="0.25 deg between beams")
     fov: float = setting(
-        default=math.radians(270.0), unit="rad", source="UST-10LX", low=0.1, high=2 * math.pi
+        default=math.radians(270.0), unit="rad", low=0.1, high=2 * math.pi, source="UST-10LX"
     )
     reach: float = setting(
-        default=10.0, unit="m", source="specified up to 10 m", low=0.5, high=100.0
+        default=10.0, unit="m", low=0.5, high=100.0, source="specified up to 10 m"
     )
     range_min: float = setting(
-        default=0.06, unit="m", source="UST-10LX: nearer is invalid", low=0.0
+        default=0.06, unit="m", low=0.0, source="UST-10LX: nearer is invalid"
     )
     sigma: float = setting(
-        default=0.015, unit="m", source="0.5-2 cm repeatability at 10 m", low=0.0, high=1.0
+        default=0.015, unit="m", low=0.0, high=1.0, source="0.5-2 cm repeatability at 10 m"
     )
-    dropout: float = setting(default=0.005, source="share of beams without echo", low=0.0, high=1.0)
+    dropout: float = setting(default=0.005, low=0.0, high=1.0, source="share of beams without echo")
     bias: float = setting(
         default=0.002,
         unit="m",
-        source="standard deviation of one offset an episode",
         low=0.0,
         high=1.0,
+        source="standard deviation of one offset an episode",
     )
 
     @property
@@ -63,32 +63,32 @@ class UltrasonicModel:
     field_of_view: float = setting(
         default=math.radians(15.0),
         unit="rad",
-        source="HC-SR04: full opening angle",
         low=0.01,
         high=3.0,
+        source="HC-SR04: full opening angle",
     )
-    reach: float = setting(default=4.0, unit="m", source="HC-SR04", low=0.1, high=20.0)
+    reach: float = setting(default=4.0, unit="m", low=0.1, high=20.0, source="HC-SR04")
     range_min: float = setting(
-        default=0.02, unit="m", source="HC-SR04: nearer echoes read as this", low=0.0
+        default=0.02, unit="m", low=0.0, source="HC-SR04: nearer echoes read as this"
     )
-    sigma: float = setting(default=0.010, unit="m", source="", low=0.0, high=1.0)
+    sigma: float = setting(default=0.010, unit="m", low=0.0, high=1.0, source="")
     ghost_share: float = setting(
         default=0.01,
-        source="share of readings that show an echo that is not there",
         low=0.0,
         high=1.0,
+        source="share of readings that show an echo that is not there",
     )
     loss_from: float = setting(
         default=math.radians(15.0),
         unit="rad",
-        source="incidence at which echoes begin to be lost",
         low=0.0,
+        source="incidence at which echoes begin to be lost",
     )
     loss_at: float = setting(
         default=math.radians(25.0),
         unit="rad",
-        source="incidence beyond which all are lost",
         low=0.0,
+        source="incidence beyond which all are lost",
     )
 
     def __post_init__(self) -> None:
@@ -144,7 +144,7 @@ class UltrasonicSettings:
         default=(0, 4, 1, 5, 2, 6, 3, 7), source="opposite sides in turn, against cross-talk"
     )
     interval: float = setting(
-        default=0.06, unit="s", source="between two firings: 50-65 ms a cycle", low=0.01, high=1.0
+        default=0.06, unit="s", low=0.01, high=1.0, source="between two firings: 50-65 ms a cycle"
     )
 
     def __post_init__(self) -> None:
@@ -162,15 +162,15 @@ class OdometrySettings:
 
     diameter_error: float = setting(
         default=0.005,
-        source="E_d: relative difference of wheel diameters, uniform within",
         low=0.0,
         high=0.2,
+        source="E_d: relative difference of wheel diameters, uniform within",
     )
     track_error: float = setting(
-        default=0.01, source="E_b: relative error of the track, uniform within", low=0.0, high=0.2
+        default=0.01, low=0.0, high=0.2, source="E_b: relative error of the track, uniform within"
     )
     variance: float = setting(
-        default=1e-6, unit="m2/m", source="of each wheel's way", low=0.0, high=1.0
+        default=1e-6, unit="m2/m", low=0.0, high=1.0, source="of each wheel's way"
     )
 
 
@@ -182,14 +182,14 @@ class ModelledPose:
     """
 
     position: float = setting(
-        default=0.02, unit="m", source="standard deviation of x and of y; measured", low=0.0
+        default=0.02, unit="m", low=0.0, source="standard deviation of x and of y; measured"
     )
     heading: float = setting(
-        default=math.radians(0.4), unit="rad", source="standard deviation; measured", low=0.0
+        default=math.radians(0.4), unit="rad", low=0.0, source="standard deviation; measured"
     )
-    time: float = setting(default=10.0, unit="s", source="correlation time; measured", low=0.01)
-    position_max: float = setting(default=0.10, unit="m", source="clip", low=0.0)
-    heading_max: float = setting(default=math.radians(3.0), unit="rad", source="clip", low=0.0)
+    time: float = setting(default=10.0, unit="s", low=0.01, source="correlation time; measured")
+    position_max: float = setting(default=0.10, unit="m", low=0.0, source="clip")
+    heading_max: float = setting(default=math.radians(3.0), unit="rad", low=0.0, source="clip")
 
 
 @settings
@@ -199,9 +199,9 @@ class FaultSettings:
     One of laser, ultrasonics and wheel encoders, silent or frozen, at a time drawn evenly.
     """
 
-    share: float = setting(default=0.0, source="of episodes with a fault", low=0.0, high=1.0)
+    share: float = setting(default=0.0, low=0.0, high=1.0, source="of episodes with a fault")
     onset: tuple[float, float] = setting(
-        default=(1.0, 5.0), unit="s", source="when it begins: from, to", low=0.0
+        default=(1.0, 5.0), unit="s", low=0.0, source="when it begins: from, to"
     )
 
     def __post_init__(self) -> None:

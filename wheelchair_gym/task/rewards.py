@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.config import setting_docs
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.task.settings import RewardWeights
 from wheelchair_gym.task.side_clearance import proximity_speed
@@ -52,8 +53,10 @@ class Verdict(NamedTuple):
 
 def reward_table() -> str:
     """All reward terms as a table in Markdown."""
-    fields = dataclasses.fields(RewardWeights)
-    rows = [f"| {f.name} | {f.metadata['doc']} | {f.default:g} |" for f in fields]
+    docs = setting_docs(RewardWeights)
+    rows = [
+        f"| {f.name} | {docs[f.name]} | {f.default:g} |" for f in dataclasses.fields(RewardWeights)
+    ]
     return "\n    ".join(["| term | what is weighted | weight |", "| --- | --- | --- |", *rows])
 
 

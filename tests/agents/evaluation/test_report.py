@@ -252,7 +252,7 @@ def test_a_long_video_plays_from_beside_the_page(tmp_path, monkeypatch):
 
 
 def test_a_ladder_of_doors_is_drawn_with_its_physical_limit(monkeypatch):
-    rungs = [{"name": "doorway", "door": door, "corridor": 1.05} for door in (0.95, 0.85)]
+    rungs = [{"name": "doorway", "door_width": door, "corridor_width": 1.05} for door in (0.95, 0.85)]
     provenance = {**evaluation()["provenance"], "config": {"scenes": rungs}}
     drawn = []
     monkeypatch.setattr(figures, "as_svg", lambda figure: drawn.append(figure) or b"")

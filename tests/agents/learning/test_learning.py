@@ -183,7 +183,7 @@ def test_a_teacher_tells_its_student_what_it_would_do_where_it_sees_the_way(trai
     seen = np.random.default_rng(3).uniform(0.1, 3.0, (20, hidden.size)).astype(np.float32)
     told = np.zeros((20, shown.size), np.float32)
     for key, _ in shown.sizes:
-        secret = hidden.slice_of(f"hidden_{key}")
+        secret = hidden.slice_of(f"privileged_{key}")
         told[:, shown.slice_of(key)] = seen[:, secret if secret.stop else hidden.slice_of(key)]
     wanted, student = Network(guided)(told), env_settings({**env, "starts": {}})
     assert np.abs(wanted).max() > 0.01

@@ -35,12 +35,9 @@ class BrakeSettings:
     """The spring brakes on the motors' axles: closed without current."""
 
     torque: float = setting(
-        default=32.0,
-        unit="N m",
-        low=1.0,
-        doc="Torque of each spring brake at its wheel.",
-        source="stops 180 kg at 1.5 m/s2 or more",
+        default=32.0, unit="N m", low=1.0, source="stops 180 kg at 1.5 m/s2 or more"
     )
+    """Torque of each spring brake at its wheel."""
 
 
 class Motion(NamedTuple):
