@@ -30,8 +30,8 @@ MEANINGS = {
     "that stands: beside it, and where that is less than 0.1 m, in its turns, too; least of all "
     "episodes",
     "collision": "any contact by truth, or a bumper strip pressed",
-    "caused": "touched something while some point of the chair's outline closed on it at more than "
-    "0.05 m/s, and faster than it closed on the chair: share of all episodes",
+    "at_fault": "touched something while some point of the chair's outline closed on it at more "
+    "than 0.05 m/s, and faster than it closed on the chair: share of all episodes",
     "timeout": "still under way when the time limit ended the episode; success, collision and "
     "timeout fall short of 100 % by those that stopped at what they wrongly believed to be the "
     "goal",

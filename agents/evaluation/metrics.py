@@ -110,8 +110,8 @@ class Trace:
     twists: list[Array] = field(default_factory=list)
     clearances: list[float] = field(default_factory=list)
     contact: bool = False
-    caused: bool = False
-    met: bool = False
+    at_fault: bool = False
+    touched_actor: bool = False
     acts_s: list[float] = field(default_factory=list)
     plan_s: float = 0.0
 
@@ -121,8 +121,8 @@ class Trace:
         self.twists.append(np.array(info["twist"], dtype=np.float64))
         self.clearances.append(float(info["clearance"]))
         self.contact = self.contact or bool(info["contact"]) or bool(info["bumped"])
-        self.caused = self.caused or bool(info["at_fault"])
-        self.met = self.met or int(info["contact_with"]) >= 0
+        self.at_fault = self.at_fault or bool(info["at_fault"])
+        self.touched_actor = self.touched_actor or int(info["contact_with"]) >= 0
 
 
 def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
@@ -135,9 +135,10 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
 
     Returns:
         A record without the policy, scene and seed. Success means by truth and without contact;
-        `missed` means that the chair believed to have arrived and had not; `caused`, that it
-        caused a contact; `met`, that it touched something that moves. `sct` is success weighted by
-        completion time (Yokoyama et al. 2021), against the shortest way at the chair's top speed.
+        `missed` means that the chair believed to have arrived and had not; `at_fault`, that it
+        caused a contact; `touched_actor`, that it touched something that moves. `sct` is success
+        weighted by completion time (Yokoyama et al. 2021), against the shortest way at the chair's
+        top speed.
     """
     success = bool(info["is_success"]) and not trace.contact
     if success:
@@ -158,8 +159,8 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         "success": success,
         "arrived": bool(info["arrived"]),
         "contact": trace.contact,
-        "caused": trace.caused,
-        "met": trace.met,
+        "at_fault": trace.at_fault,
+        "touched_actor": trace.touched_actor,
         "margin": trace.margin,
         "time": seconds,
         "length": length,
@@ -217,8 +218,8 @@ def summarise(records: Sequence[Record]) -> list[Record]:
                 ("success", "success"), ("collision", "collision"), ("timeout", "timeout"),
             ):  # fmt: skip
                 row |= _share(of, outcome, name)
-            for key in ("caused", "met"):
-                row[key] = sum(record.get(key, False) for record in of) / len(of)
+            for key in ("at_fault", "touched_actor"):
+                row[key] = sum(record[key] for record in of) / len(of)
             row["arrived"] = sum(record["arrived"] for record in of) / len(of)
             row["missed"] = sum(record["outcome"] == "missed" for record in of) / len(of)
             wide = [r for r in of if r["margin"] is not None and r["margin"] >= WIDE]

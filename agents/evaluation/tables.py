@@ -26,7 +26,7 @@ COLUMNS = (
     Column("wide", "success, 5 cm of margin", "%", 1, 100.0, interval=True),
     Column("margin", "least margin", "m", 3),
     Column("collision", "collision", "%", 1, 100.0, interval=True),
-    Column("caused", "caused by the chair", "%", 1, 100.0),
+    Column("at_fault", "caused by the chair", "%", 1, 100.0),
     Column("timeout", "timeout", "%", 1, 100.0, interval=True),
     Column("arrived", "own estimate arrived", "%", 1, 100.0),
     Column("spl", "SPL", digits=3),

@@ -78,7 +78,7 @@ def info(x, **other):
     base = {
         "pose": np.array([x, 0.0, 0.0]), "twist": np.array([0.5, 0.0]), "clearance": 0.3,
         "contact": False, "bumped": False, "is_success": False, "arrived": False,
-        "geodesic": 1.0, "time": x / 0.5, "energy": 0.02 * x,
+        "geodesic": 1.0, "time": x / 0.5, "energy": 0.02 * x, "at_fault": False, "contact_with": -1,
     }  # fmt: skip
     return base | other
 
@@ -133,3 +133,12 @@ def test_a_summary_adds_up():
         assert row["success_low"] < row["success"] < row["success_high"]
         assert row["time"] == good["time"]  # of successes only
         assert all(math.isfinite(value) for value in row.values() if isinstance(value, float))
+
+
+def test_who_is_at_fault_and_who_was_touched_is_counted():
+    """One step in the middle of an episode is enough."""
+    harmed = episode({}, at_fault=True, contact_with=2, contact=True)
+    assert harmed["at_fault"]
+    assert harmed["touched_actor"]
+    assert not episode({})["at_fault"]
+    assert not episode({})["touched_actor"]

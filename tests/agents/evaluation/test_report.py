@@ -46,7 +46,7 @@ def evaluation():
             "success": 1 / 3 + 0.1 * p, "success_low": 0.097, "success_high": 0.7,
             "collision": 1 / 3, "collision_low": 0.0968, "collision_high": 0.7,
             "timeout": 1 / 3, "timeout_low": 0.0968, "timeout_high": 0.7, "arrived": 1 / 3,
-            "caused": 1 / 6, "wide": 0.5, "wide_low": 0.15, "wide_high": 0.85, "margin": 0.07,
+            "at_fault": 1 / 6, "wide": 0.5, "wide_low": 0.15, "wide_high": 0.85, "margin": 0.07,
             "barn": 0.21, "barn_own": 0.34, "halts": 1.5, "replans": 2.25, "accel_rms": 0.2,
             "spl": 0.31 + p, "time": 11.5, "length": 7.03, "clearance_min": 0.123,
             "clearance_mean": 0.5, "jerk_rms": 0.456, "rough_share": 0.017, "energy_per_m": None,
@@ -252,7 +252,9 @@ def test_a_long_video_plays_from_beside_the_page(tmp_path, monkeypatch):
 
 
 def test_a_ladder_of_doors_is_drawn_with_its_physical_limit(monkeypatch):
-    rungs = [{"name": "doorway", "door_width": door, "corridor_width": 1.05} for door in (0.95, 0.85)]
+    rungs = [
+        {"name": "doorway", "door_width": door, "corridor_width": 1.05} for door in (0.95, 0.85)
+    ]
     provenance = {**evaluation()["provenance"], "config": {"scenes": rungs}}
     drawn = []
     monkeypatch.setattr(figures, "as_svg", lambda figure: drawn.append(figure) or b"")
