@@ -20,7 +20,7 @@ from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry import footprint_clearance
-from wheelchair_gym.kinematics import Limits, approach, arc_step
+from wheelchair_gym.kinematics import Limits, approach_twist, arc_step
 from wheelchair_gym.physics.actors.bodies import actor_states_at
 from wheelchair_gym.physics.state import FAULTS
 from wheelchair_gym.random import episode_key, uniform
@@ -234,10 +234,7 @@ def stopping_time(v: float, w: float, limits: Limits) -> float:
     """How long a chair needs to rest from a twist, within the limits of comfort [s]."""
     t, sv, av, sw, aw = 0.0, v, 0.0, w, 0.0
     while max(abs(sv), abs(sw)) > 1e-3 and t < 10.0:
-        sv, av = approach(sv, av, 0.0, limits.acceleration, limits.deceleration, limits.jerk, 0.05)
-        sw, aw = approach(
-            sw, aw, 0.0, limits.turn_acceleration, limits.turn_acceleration, limits.turn_jerk, 0.05
-        )
+        sv, av, sw, aw = approach_twist(sv, av, sw, aw, 0.0, 0.0, limits.array, 0.05)
         t += 0.05
     return t
 

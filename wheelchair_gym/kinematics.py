@@ -6,8 +6,9 @@ A twist is (v, w) [m/s, rad/s].
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,21 +64,9 @@ class Limits:
     )
 
     @property
-    def array(self) -> Array:
-        """The nine limits in the order above, as kernels take them."""
-        return np.array(
-            [
-                self.forward,
-                self.backward,
-                self.turn,
-                self.acceleration,
-                self.deceleration,
-                self.protective,
-                self.turn_acceleration,
-                self.jerk,
-                self.turn_jerk,
-            ]
-        )
+    def array(self) -> Any:
+        """A record of LIMITS with the fields above, as kernels take it."""
+        return np.array(dataclasses.astuple(self), LIMITS)[()]
 
     def twist(self, action: NDArray[np.floating]) -> Array:
         """The target twist (2,) [m/s, rad/s] that an action (2,) in [-1, 1] asks for.
@@ -101,6 +90,9 @@ class Limits:
         a = v / self.forward if v > 0 else (v / self.backward if self.backward > 0 else 0.0)
         action: Array = np.clip(np.array([a, w / self.turn]), -1.0, 1.0)
         return action
+
+
+LIMITS: Final = np.dtype([(f.name, "f8") for f in dataclasses.fields(Limits)], align=True)
 
 
 @settings
@@ -205,6 +197,46 @@ def approach(
     if there and abs(slope) <= 2.0 * jerk * dt:
         return target, 0.0
     return after, slope
+
+
+@kernel
+def approach_twist(
+    v: float,
+    v_rate: float,
+    w: float,
+    w_rate: float,
+    to_v: float,
+    to_w: float,
+    limits: Any,
+    dt: float,
+) -> tuple[float, float, float, float]:
+    """Move speed and turn, each with its rate of change, towards a target twist.
+
+    Args:
+        v: speed now [m/s].
+        v_rate: its rate of change [m/s2].
+        w: turn now [rad/s].
+        w_rate: its rate of change [rad/s2].
+        to_v: target speed [m/s].
+        to_w: target turn [rad/s].
+        limits: a record of LIMITS.
+        dt: time step [s].
+
+    Returns:
+        Speed, its rate, turn and its rate after the step.
+    """
+    up, down = limits.acceleration, limits.deceleration
+    v, v_rate = approach(v, v_rate, to_v, up, down, limits.jerk, dt)
+    turn = limits.turn_acceleration
+    w, w_rate = approach(w, w_rate, to_w, turn, turn, limits.turn_jerk, dt)
+    return v, v_rate, w, w_rate
+
+
+@kernel
+def clip_to_limits(v: float, w: float, limits: Any) -> tuple[float, float]:
+    """A twist [m/s, rad/s] clipped to a record of LIMITS."""
+    v = min(limits.forward, max(-limits.backward, v))
+    return v, min(limits.turn, max(-limits.turn, w))
 
 
 @kernel

@@ -15,7 +15,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.kinematics import STOP_RAMP_FACTOR, approach, brake, wheels_of_twist
+from wheelchair_gym.kinematics import (
+    STOP_RAMP_FACTOR,
+    approach_twist,
+    brake,
+    clip_to_limits,
+    wheels_of_twist,
+)
 from wheelchair_gym.physics.engine import ANGLE, FX, FY, TORQUE, VX, VY, W, body_view, step_space
 from wheelchair_gym.physics.settings import GRAVITY
 
@@ -83,13 +89,13 @@ def ramp_set_point(state: Any, p: Any, v: float, w: float, protective: bool, dt:
     limits = p.limits
     if protective:
         v, w = state.v, state.w
-        state.v, state.w = brake(v, w, STOP_RAMP_FACTOR * limits[5] * dt, p.nominal_track)
+        state.v, state.w = brake(v, w, STOP_RAMP_FACTOR * limits.protective * dt, p.nominal_track)
         state.v_rate, state.w_rate = (state.v - v) / dt, (state.w - w) / dt
         return
-    v = min(limits[0], max(-limits[1], v))
-    w = min(limits[2], max(-limits[2], w))
-    state.v, state.v_rate = approach(state.v, state.v_rate, v, limits[3], limits[4], limits[7], dt)
-    state.w, state.w_rate = approach(state.w, state.w_rate, w, limits[6], limits[6], limits[8], dt)
+    v, w = clip_to_limits(v, w, limits)
+    state.v, state.v_rate, state.w, state.w_rate = approach_twist(
+        state.v, state.v_rate, state.w, state.w_rate, v, w, limits, dt
+    )
 
 
 @borrowing_kernel
@@ -100,9 +106,11 @@ def update_explained_motion(state: Any, p: Any, k: DriveConstants) -> None:
     """
     motors = 2.0 * p.gain * p.torque_constant * p.current_limit / p.nominal_radius
     force = min(motors, 2.0 * k.bound / p.dt)
-    slower = _BRAKING_SHARE * k.run * min(p.limits[4], force / p.mass)
+    slower = _BRAKING_SHARE * k.run * min(p.limits.deceleration, force / p.mass)
     a22 = k.matrix[2]
-    turn_slower = _BRAKING_SHARE * k.run * min(p.limits[6], 0.5 * p.track * force / a22)
+    turn_slower = (
+        _BRAKING_SHARE * k.run * min(p.limits.turn_acceleration, 0.5 * p.track * force / a22)
+    )
     own = state.explained
     own[0], own[1] = min(state.v, own[0] + slower), max(state.v, own[1] - slower)
     own[2], own[3] = min(state.w, own[2] + turn_slower), max(state.w, own[3] - turn_slower)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.kinematics import LIMITS
 from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings, integer_ratio
 from wheelchair_gym.random import PARAMETERS, uniform
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
@@ -44,7 +45,7 @@ PARAMETER = np.dtype(
         ("kd", "f8"),
         ("ka", "f8"),
         ("filter_time", "f8"),  # s
-        ("limits", "f8", (9,)),  # Limits.array
+        ("limits", LIMITS),
         # battery
         ("capacity", "f8"),  # J
         ("full_voltage", "f8"),  # V
