@@ -40,28 +40,53 @@ class Limits:
         unit="m/s",
         low=0.05,
         high=2.0,
-        source="people drive indoors far below the maximum",
+        source="design choice: indoors people drive far below the maximum",
     )
+    """Largest speed forward."""
     backward: float = setting(
-        default=0.3, unit="m/s", low=0.0, high=2.0, source="nothing looks back"
+        default=0.3, unit="m/s", low=0.0, high=2.0, source="design choice: no sensor looks back"
     )
+    """Largest speed backward."""
     turn: float = setting(
-        default=1.0, unit="rad/s", low=0.05, high=4.0, source="indoor powered chairs"
+        default=1.0, unit="rad/s", low=0.05, high=4.0, source="common indoor powered chairs"
     )
-    acceleration: float = setting(default=0.5, unit="m/s2", low=0.05, high=5.0, source="comfort")
-    deceleration: float = setting(default=0.8, unit="m/s2", low=0.05, high=5.0, source="comfort")
+    """Largest turn rate."""
+    acceleration: float = setting(
+        default=0.5, unit="m/s2", low=0.05, high=5.0, source="design choice: comfort"
+    )
+    """Largest acceleration away from rest."""
+    deceleration: float = setting(
+        default=0.8, unit="m/s2", low=0.05, high=5.0, source="design choice: comfort"
+    )
+    """Largest deceleration towards rest."""
     protective: float = setting(
-        default=1.5, unit="m/s2", low=0.05, high=5.0, source="emergency stop, exempt from jerk"
+        default=1.5,
+        unit="m/s2",
+        low=0.05,
+        high=5.0,
+        source="design choice: above comfort, within the grip of the tyres",
     )
+    """Deceleration of a protective stop, which is exempt from jerk."""
     turn_acceleration: float = setting(
-        default=1.5, unit="rad/s2", low=0.05, high=10.0, source="comfort"
+        default=1.5, unit="rad/s2", low=0.05, high=10.0, source="design choice: comfort"
     )
+    """Largest turn acceleration."""
     jerk: float = setting(
-        default=1.0, unit="m/s3", low=0.1, high=100.0, source="comfort grows worse with jerk"
+        default=1.0,
+        unit="m/s3",
+        low=0.1,
+        high=100.0,
+        source="design choice: comfort grows worse with jerk",
     )
+    """Largest change of acceleration per second."""
     turn_jerk: float = setting(
-        default=6.0, unit="rad/s3", low=0.1, high=100.0, source="full turn acceleration in 0.25 s"
+        default=6.0,
+        unit="rad/s3",
+        low=0.1,
+        high=100.0,
+        source="design choice: full turn acceleration in 0.25 s",
     )
+    """Largest change of turn acceleration per second."""
 
     @property
     def array(self) -> Any:
@@ -100,10 +125,13 @@ class DriveGeometry:
     """The two drive wheels, as the chair's own computer believes them to be."""
 
     track: float = setting(default=0.54, unit="m", low=0.1, source="common hub motors")
+    """Distance between the two drive wheels."""
     wheel_radius: float = setting(default=0.165, unit="m", low=0.02, source="common hub motors")
+    """Radius of the drive wheels."""
     counts_per_metre: float = setting(
         default=4346.0, unit="1/m", low=1.0, source="encoder of the prototype"
     )
+    """Encoder counts per metre of a wheel's path."""
 
 
 @kernel
