@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.controls.rollout import MOTION, STEP, Motion, World, brake, drive, time_to_cover
-from planners.random_stream import Stream, uniform
 from planners.swarm.woa import WhaleParameters, move_whales
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
+from wheelchair_gym.random import Stream, next_uniform
 
 Array = NDArray[np.float64]
 
@@ -203,7 +203,7 @@ def bridge(
         for j in range(_SIZE):
             # The duration of a command varies with itself, a speed with its whole range.
             room = X[j] if j % 3 == 2 else upper[j] - lower[j]
-            X[j] += 0.3 * room * (2.0 * uniform(state) - 1.0)
+            X[j] += 0.3 * room * (2.0 * next_uniform(state) - 1.0)
             X[j] = min(max(X[j], lower[j]), upper[j])
     best, least = population[0].copy(), np.inf
     for t in range(swarm.iterations + 1):
