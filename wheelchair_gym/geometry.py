@@ -77,6 +77,14 @@ def body_to_world(c: float, s: float, x: float, y: float) -> tuple[float, float]
     return c * x - s * y, s * x + c * y
 
 
+@inlined
+def point_to_world(
+    c: float, s: float, x: float, y: float, ahead: float, left: float
+) -> tuple[float, float]:
+    """A point of a frame at (x, y) whose yaw has cosine c and sine s, in the world."""
+    return x + c * ahead - s * left, y + s * ahead + c * left
+
+
 def to_frame(points: ArrayLike, pose: ArrayLike) -> Array:
     """Points (..., 2) [m] of the world, seen from a pose (3,) (x, y, yaw)."""
     x, y, yaw = np.asarray(pose, dtype=np.float64)
@@ -182,14 +190,7 @@ def rectangle_point_gap(px: float, py: float, footprint: Array) -> float:
 
 @kernel
 def rectangle_segment_gap(
-    x: float,
-    y: float,
-    yaw: float,
-    footprint: Array,
-    ax: float,
-    ay: float,
-    bx: float,
-    by: float,
+    x: float, y: float, yaw: float, footprint: Array, ax: float, ay: float, bx: float, by: float
 ) -> float:
     """Distance [m] between a footprint at a pose and the segment a-b; 0 where they overlap.
 

@@ -116,13 +116,7 @@ def begin_chair(i: int, batch: Batch, chairs: Rows, results: Results, ranges: Fl
 
 @borrowing_kernel
 def begin_chairs(
-    low: int,
-    high: int,
-    chosen: Flags,
-    batch: Batch,
-    chairs: Rows,
-    results: Results,
-    ranges: Floats,
+    low: int, high: int, chosen: Flags, batch: Batch, chairs: Rows, results: Results, ranges: Floats
 ) -> None:
     """Begin the next episode of the chosen ones of rows low to high; see `step_chairs`."""
     for i in range(low, high):
@@ -142,19 +136,7 @@ def step_chairs(
     finals: Results,
     ranges: Floats,
 ) -> None:
-    """One control period of rows low to high.
-
-    Args:
-        low: first row; what it works on belongs to no other call.
-        high: one beyond the last.
-        same_step: begin the next episode in the step that ended one, and not in the step after.
-        actions: (n, 2) in [-1, 1]; beyond is clipped.
-        batch: what the chairs are about.
-        chairs: (1,) of CHAIRS, with a workspace that no other call uses.
-        results: of the step, or of the reset where an episode was begun.
-        finals: of the step where an episode ended and the next was begun at once.
-        ranges: (beams,) room for a scan.
-    """
+    """One control period of rows low to high."""
     rule, is_over = batch.rules[0], batch.is_over
     sensed, verdicts = results.sensed, results.verdicts
     for i in range(low, high):

@@ -345,7 +345,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         terms = verdicts["terms"]
         values: Info = info_of_rows(sensed, verdicts, results.success) | {
             "reward_terms": {name: terms[name] for name in TERMS}
-            | {f"_{name}": mask for name in TERMS},
+            | {f"_{name}": mask for name in TERMS}
         }
         if self.settings.shield is not None:
             decided = {"reason": _REASONS[results.reason]}

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.geometry import body_to_world, world_to_body
 from wheelchair_gym.kinematics import (
     STOP_RAMP_FACTOR,
     approach_twist,
@@ -108,9 +109,8 @@ def update_explained_motion(state: Any, p: Any, k: DriveConstants) -> None:
     force = min(motors, 2.0 * k.bound / p.dt)
     slower = _BRAKING_SHARE * k.run * min(p.limits.deceleration, force / p.mass)
     a22 = k.matrix[2]
-    turn_slower = (
-        _BRAKING_SHARE * k.run * min(p.limits.turn_acceleration, 0.5 * p.track * force / a22)
-    )
+    turn_rate = min(p.limits.turn_acceleration, 0.5 * p.track * force / a22)
+    turn_slower = _BRAKING_SHARE * k.run * turn_rate
     own = state.explained
     own[0], own[1] = min(state.v, own[0] + slower), max(state.v, own[1] - slower)
     own[2], own[3] = min(state.w, own[2] + turn_slower), max(state.w, own[3] - turn_slower)
@@ -154,14 +154,6 @@ def physics_step(
 ) -> float:
     """One physics step: motors push, tyres hold, Munk2D moves.
 
-    Args:
-        state: of the chair.
-        p: its parameters.
-        k: what was worked out of them.
-        space: address of the cpSpace.
-        body: address of the chair's cpBody.
-        engine: address of cpSpaceStep.
-
     Returns:
         The impulse of contact [N s]; 0 but for rounding where nothing is touched.
     """
@@ -170,8 +162,7 @@ def physics_step(
     turning = fields[W]
     middle = fields[ANGLE] + 1.5 * turning * dt  # heading half-way through the next step
     c, s = math.cos(middle), math.sin(middle)
-    ahead = c * fields[VX] + s * fields[VY]
-    aside = c * fields[VY] - s * fields[VX]
+    ahead, aside = world_to_body(c, s, fields[VX], fields[VY])
 
     # Drag of two casters, at their places.
     push, shove, twist = 0.0, 0.0, 0.0
@@ -237,7 +228,8 @@ def physics_step(
             side_speed, w = side_speed + change / mass, w - arm * change / moment
 
     px, py = jl + jr + push, jy + shove
-    fx, fy = (c * px - s * py) / dt, (s * px + c * py) / dt
+    fx, fy = body_to_world(c, s, px, py)
+    fx, fy = fx / dt, fy / dt
     torque = (half * (jr - jl) - arm * jy + twist) / dt
     vx, vy = fields[VX], fields[VY]
     fields[FX], fields[FY], fields[TORQUE] = fx, fy, torque

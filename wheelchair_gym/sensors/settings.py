@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ from wheelchair_gym.config import InputError, setting, settings
 Array = NDArray[np.float64]
 
 RANGERS = 8  # ultrasonics of a chair, whatever it is
+PoseSource = Literal["truth", "odometry", "modelled", "mcl", "slam"]
+POSE_SOURCES: Final = get_args(PoseSource)
 
 
 @settings
@@ -241,9 +243,7 @@ class SensorSettings:
     odometry: OdometrySettings = OdometrySettings()
     modelled: ModelledPose = ModelledPose()
     faults: FaultSettings = FaultSettings()
-    pose_source: Literal["truth", "odometry", "modelled", "mcl", "slam"] = setting(
-        default="truth", source="design choice"
-    )
+    pose_source: PoseSource = setting(default="truth", source="design choice")
     """What the chair takes for its pose: the truth, dead reckoning, a model of a localizer,
     Monte Carlo localization or SLAM."""
     noise: bool = setting(default=True, source="design choice")

@@ -287,14 +287,7 @@ def write_local_point(c: float, s: float, dx: float, dy: float, out: Floats) -> 
 
 @kernel
 def write_path_ahead(path: Array, pose: Array, distances: Array, out: Floats) -> None:
-    """Points of a path (n, 2) at distances (k,) [m] beyond the nearest one, in the chair's frame.
-
-    Args:
-        path: what to follow; beyond its end the end itself is seen.
-        pose: of the chair (3,) [m, m, rad].
-        distances: rising [m].
-        out: (2 k,) x and y of each [m].
-    """
+    """Points (k, 2) [m] of a path (n, 2) at distances (k,) [m] ahead, in the chair's frame."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     segment, share, _ = project(path, pose[0], pose[1])
     last = path.shape[0] - 2
@@ -328,16 +321,6 @@ def write_poses_ahead(
     """Poses at plan times (k,) [s] on the outline's way from a pose, in the chair's frame.
 
     Where no way is known they lie straight ahead to the goal, as if driven at `STRAIGHT`.
-
-    Args:
-        states: of the ways.
-        moves: of the ways.
-        cell: of the ways [m].
-        origin: of the ways (3,) [m, m, rad].
-        pose: of the chair (3,) [m, m, rad].
-        goal: (3,) [m, m, rad].
-        times: rising [s].
-        out: (4 k,) x and y [m], cosine and sine of the heading, of each.
     """
     x, y, yaw = to_local(origin, pose[0], pose[1], pose[2])
     c, s = math.cos(yaw), math.sin(yaw)
@@ -433,18 +416,7 @@ def observe(
     ultrasonic: Floats,
     out: Floats,
 ) -> int:
-    """Write what a policy observes of a reading; returns how many beams are finite.
-
-    Args:
-        rules: record of RULES (`task.records`).
-        prepared: record of PREPARED.
-        progress: record of PROGRESS.
-        pose: (3,) of the reading [m, m, rad].
-        twist: (2,) [m/s, rad/s].
-        laser: (beams of the laser,) [m].
-        ultrasonic: (rangers,) [m].
-        out: the keys of `OBSERVATION_KEYS` that are present, one after another.
-    """
+    """Write what a policy observes of a reading; returns how many beams are finite."""
     size = rules.size
     at = size.laser
     valid = pool_beams(laser, rules.laser_reach, out[:at])
