@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+_RANGER = {"cone": "field_of_view", "blind": "range_min", "ghosts": "ghost_share"}
 # Earlier name -> name now, by section of the environment's settings, and of `truth` in a recording
 # and of the keys of an observation.
 RENAMED: Final[dict[str, dict[str, str]]] = {
@@ -37,16 +38,8 @@ RENAMED: Final[dict[str, dict[str, str]]] = {
         "legs": "max_force",
     },
     "sensors.laser": {"nearest": "range_min", "no_echo": "dropout"},
-    "sensors.ultrasonic.narrow": {
-        "cone": "field_of_view",
-        "blind": "range_min",
-        "ghosts": "ghost_share",
-    },
-    "sensors.ultrasonic.wide": {
-        "cone": "field_of_view",
-        "blind": "range_min",
-        "ghosts": "ghost_share",
-    },
+    "sensors.ultrasonic.narrow": _RANGER,
+    "sensors.ultrasonic.wide": _RANGER,
     "sensors.modelled": {"position_most": "position_max", "heading_most": "heading_max"},
     "sensors.faults": {"since": "onset"},
     "starts": {"within": "max_time", "least": "min_time"},

@@ -156,29 +156,20 @@ def stop_people(world: Any, state: Any, p: Any, chair: Motion) -> float:
 
 @borrowing_kernel
 def _touch_disc(
-    world: Any, state: Any, p: Any, number: int, chair: Motion, other: Motion, x: float, y: float,
-    radius: float,
-) -> None:  # fmt: skip
+    world: Any, state: Any, p: Any, number: int, chair: Motion, other: Motion, disc: Array
+) -> None:
     """Record a disc if it touches the outline."""
-    px, py, nx, ny, far = nearest_point(state, p, x, y)
-    if far <= radius + _TOUCHING:
+    px, py, nx, ny, far = nearest_point(state, p, disc[0], disc[1])
+    if far <= disc[2] + _TOUCHING:
         _record_contact(world, state, p, number, chair, other, px, py, nx, ny)
 
 
 @borrowing_kernel
 def _touch_segment(
-    world: Any,
-    state: Any,
-    p: Any,
-    number: int,
-    chair: Motion,
-    other: Motion,
-    ax: float,
-    ay: float,
-    bx: float,
-    by: float,
+    world: Any, state: Any, p: Any, number: int, chair: Motion, other: Motion, segment: Array
 ) -> None:
     """Record a segment if it touches the outline: its ends on the sides, and corners on it."""
+    ax, ay, bx, by = segment[0], segment[1], segment[2], segment[3]
     x, y, yaw = state.pose[0], state.pose[1], state.pose[2]
     front, rear, half = p.outline[0], p.outline[1], p.outline[2]
     reach = math.sqrt(max(front, rear) ** 2 + half * half) + _TOUCHING
@@ -222,10 +213,9 @@ def record_contacts(world: Any, state: Any, p: Any, chair: Motion) -> None:
     walls, discs = shapes_of(world)
     rest = (0.0, 0.0, 0.0, 0.0, 0.0)
     for k in range(world.n_fixed_walls):
-        w = walls[k]
-        _touch_segment(world, state, p, -1, chair, rest, w[0], w[1], w[2], w[3])
+        _touch_segment(world, state, p, -1, chair, rest, walls[k])
     for k in range(world.n_fixed_discs):
-        _touch_disc(world, state, p, -1, chair, rest, discs[k, 0], discs[k, 1], discs[k, 2])
+        _touch_disc(world, state, p, -1, chair, rest, discs[k])
     rows, actor_states = actors_of(world)
     for k in range(world.n_actors):
         row, actor_state, at = rows[k], actor_states[k], actor_states[k].slot
@@ -233,10 +223,9 @@ def record_contacts(world: Any, state: Any, p: Any, chair: Motion) -> None:
         other = (pose[0], pose[1], twist[0], twist[1], twist[2])
         if is_box(row):
             for i in range(4):
-                w = walls[at + i]
-                _touch_segment(world, state, p, k, chair, other, w[0], w[1], w[2], w[3])
+                _touch_segment(world, state, p, k, chair, other, walls[at + i])
         else:
-            _touch_disc(world, state, p, k, chair, other, discs[at, 0], discs[at, 1], discs[at, 2])
+            _touch_disc(world, state, p, k, chair, other, discs[at])
 
 
 @borrowing_kernel

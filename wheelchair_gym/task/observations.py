@@ -308,23 +308,19 @@ def write_path_ahead(path: Array, pose: Array, distances: Array, out: Floats) ->
 
 
 @borrowing_kernel
-def write_poses_ahead(
-    states: NDArray[np.uint32],
-    moves: NDArray[np.int32],
-    cell: float,
-    origin: Array,
-    pose: Array,
-    goal: Array,
-    times: Array,
-    out: Floats,
-) -> None:
-    """Poses at plan times (k,) [s] on the outline's way from a pose, in the chair's frame.
+def write_poses_ahead(prepared: Any, pose: Array, times: Array, out: Floats) -> None:
+    """Poses (4 k,) at plan times (k,) [s] ahead of a pose (3,), in the chair's frame.
 
-    Where no way is known they lie straight ahead to the goal, as if driven at `STRAIGHT`.
+    Of each pose: x and y [m], cosine and sine of the heading. Where no way is known they lie on the
+    straight line to the goal, as if driven at `STRAIGHT`.
     """
-    x, y, yaw = to_local(origin, pose[0], pose[1], pose[2])
+    goal = prepared.goal
+    rows, cols, headings = prepared.state_rows, prepared.state_cols, prepared.headings
+    states = states_at(prepared.packed_states, rows, cols, headings)
+    moves = moves_at(prepared.moves, prepared.n_moves, headings, 3)
+    x, y, yaw = to_local(prepared.state_origin, pose[0], pose[1], pose[2])
     c, s = math.cos(yaw), math.sin(yaw)
-    left = poses_ahead(states, moves, cell, x, y, yaw, times, out)
+    left = poses_ahead(states, moves, prepared.state_cell, x, y, yaw, times, out)
     if math.isnan(left):
         c, s = math.cos(pose[2]), math.sin(pose[2])
         dx, dy = goal[0] - pose[0], goal[1] - pose[1]
@@ -382,18 +378,7 @@ def write_guidance(rules: Any, prepared: Any, pose: Array, out: Floats) -> None:
     """Points or poses of the guidance ahead of a pose (3,)."""
     ahead = doubles_at(rules.ahead, rules.points)
     if rules.has_poses:
-        write_poses_ahead(
-            states_at(
-                prepared.packed_states, prepared.state_rows, prepared.state_cols, prepared.headings
-            ),
-            moves_at(prepared.moves, prepared.n_moves, prepared.headings, 3),
-            prepared.state_cell,
-            prepared.state_origin,
-            pose,
-            prepared.goal,
-            ahead,
-            out,
-        )
+        write_poses_ahead(prepared, pose, ahead, out)
     else:
         write_path_ahead(table_at(prepared.path, prepared.points, 2), pose, ahead, out)
 
