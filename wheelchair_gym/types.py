@@ -43,10 +43,7 @@ class Reading(NamedTuple):
     halted: str = ""  # why the chair stands whatever the command; empty: it obeys commands
     # The environment fills these in for a policy (`NavigationEnv.reading`).
     action: tuple[float, float] = (0.0, 0.0)  # the last one asked of the chair, in [-1, 1]
-    shield_intervention: tuple[float, float] = (
-        0.0,
-        0.0,
-    )  # m/s, rad/s: what the shield took from its twist
+    shield_intervention: tuple[float, float] = (0.0, 0.0)  # taken from its twist [m/s, rad/s]
     map: OccupancyGrid | None = None  # drawn so far, where the chair draws its own map
 
 

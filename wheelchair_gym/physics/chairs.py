@@ -39,14 +39,7 @@ def size_workspace(rows: Pointers, segments: int) -> None:
 
 
 class SimulatedChairs:
-    """State of simulated chairs and their worlds.
-
-    Args:
-        chair: body, motors, limits.
-        sensors: what they sense and how they err.
-        physics: the physics step.
-        period: control period [s].
-        n: how many.
+    """State of n simulated chairs and their worlds, which share a control period [s].
 
     Attributes:
         suite: sensors and engine.

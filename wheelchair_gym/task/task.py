@@ -37,42 +37,19 @@ TWIST_RANGE = 1.5  # a chair pushed or overshooting is seen up to this multiple 
 
 
 class Task:
-    """Navigation to a goal; made once, reset for each episode.
+    """Navigation to a goal; made once, reset for each episode."""
 
-    Attributes:
-        map: what the chair knows of the world: the given map, or the one it has built.
-        built_map: gives the map it has built, if the world is unknown.
-        start: where the episode begins (3,) [m, m, rad].
-        goal: (3,) [m, m, rad].
-        geodesic: the shortest distances to the goal.
-        tolerance: [m].
-        time_limit: [s].
-        period: control period [s].
-        chair, sensors: settings of the chair.
-        footprint, limits, drive: those of its parts.
-        shield: settings of what filters its commands, or None.
-        reading: the latest; its pose is the chair's estimate.
-        observation, verdict: of that reading.
-        is_shielded: a shield filters the commands.
-        action: the last one (2,), of a policy or of what stands between it and the task.
-        shield_intervention: what the shield took from the twist that it asked for [m/s, rad/s].
-        path: of the guidance (n, 2) [m], or None.
-        key: of the episode's randomness; seeds whatever a policy draws.
-        spaces: the space of each key of an observation, in the order in which kernels write them.
-        observation_size: numbers in an observation.
-        rules: what kernels need to know of all this (1,), a record of RULES.
-    """
-
-    start: Array
-    goal: Array
-    geodesic: Geodesic
-    reading: Reading
-    observation: Observation
-    verdict: Verdict
-    key: int
-    is_shielded: bool
-    action: Array
-    shield_intervention: tuple[float, float]
+    # Of the present episode; `map` is what the chair knows of its world.
+    start: Array  # (3,) m, m, rad
+    goal: Array  # (3,) m, m, rad
+    geodesic: Geodesic  # the shortest distances to the goal
+    key: int  # of the episode's randomness; seeds what a policy draws
+    is_shielded: bool  # a shield filters the commands
+    reading: Reading  # the latest; its pose is the chair's estimate
+    observation: Observation  # of that reading
+    verdict: Verdict  # of that reading
+    action: Array  # (2,) the last one, in [-1, 1]
+    shield_intervention: tuple[float, float]  # taken from the last twist [m/s, rad/s]
 
     def __init__(
         self,
@@ -89,12 +66,12 @@ class Task:
             )
         self.settings = settings
         self.chair, self.sensors, self.shield = chair, sensors, shield
-        self.footprint, self.limits, self.drive = chair.footprint, chair.limits, chair.drive
+        self.footprint, self.limits = chair.footprint, chair.limits
         self.period = period
         self.guidance = guidance
-        self.tolerance = settings.tolerance
-        self.time_limit = settings.time_base
-        self.path: Array | None = None
+        self.tolerance = settings.tolerance  # m
+        self.time_limit = settings.time_base  # s
+        self.path: Array | None = None  # (n, 2) m: of the guidance
         self.built_map: Callable[[], OccupancyGrid] | None = None
         rangers = sensors.ultrasonic
         self._reaches = np.array(
