@@ -1,4 +1,4 @@
-"""Angles, frames, segments and footprints: pure functions, used by every room.
+"""Angles, frames, segments and footprints: pure functions.
 
 Frames follow REP-103: x forward, y left, angles counter-clockwise [rad]; lengths in metres.
 Scalar kernels serve compiled loops; functions on arrays accept any batch axes.
@@ -203,20 +203,20 @@ def rectangle_segment_gap(
     overlap = True
     for k in range(4):
         if k == 0:
-            step, room = -ex, px - back
+            step, space = -ex, px - back
         elif k == 1:
-            step, room = ex, front - px
+            step, space = ex, front - px
         elif k == 2:
-            step, room = -ey, py + half
+            step, space = -ey, py + half
         else:
-            step, room = ey, half - py
+            step, space = ey, half - py
         if step == 0.0:
-            if room < 0.0:
+            if space < 0.0:
                 overlap = False
         elif step < 0.0:
-            t0 = max(t0, room / step)
+            t0 = max(t0, space / step)
         else:
-            t1 = min(t1, room / step)
+            t1 = min(t1, space / step)
     if overlap and t0 <= t1:
         return 0.0
     # Apart: the nearest pair has an end of the segment, or a corner of the rectangle.
