@@ -207,6 +207,23 @@ def approach(
     return after, slope
 
 
+@borrowing_kernel
+def approach_twist(
+    limits: Any, v: float, v_slope: float, w: float, w_slope: float, to_v: float, to_w: float,
+    dt: float,
+) -> tuple[float, float, float, float]:  # fmt: skip
+    """A twist and its slopes after a step towards another twist, see `approach`.
+
+    `limits` is anything with the fields of `Limits`.
+    """
+    v, v_slope = approach(
+        v, v_slope, to_v, limits.acceleration, limits.deceleration, limits.jerk, dt
+    )
+    turn = limits.turn_acceleration
+    w, w_slope = approach(w, w_slope, to_w, turn, turn, limits.turn_jerk, dt)
+    return v, v_slope, w, w_slope
+
+
 @kernel
 def peak_speed(speed: float, slope: float, jerk: float) -> float:
     """How fast something is or is yet to be while its slope is brought to nothing.

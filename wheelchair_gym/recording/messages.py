@@ -197,10 +197,7 @@ def _fan(cone: float) -> list[tuple[float, float]]:
 
 
 def cones(
-    now: int,
-    rangers: UltrasonicSettings,
-    ranges: NDArray[np.float32],
-    ages: NDArray[np.float32],
+    now: int, rangers: UltrasonicSettings, ranges: NDArray[np.float32], ages: NDArray[np.float32]
 ) -> Any:
     """What each ultrasonic says, as a cone in its own frame: paler with age, palest without echo.
 

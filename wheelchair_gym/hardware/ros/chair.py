@@ -240,7 +240,4 @@ class RosChair(NotCopyable):
 
 def _twist(v: float, w: float) -> dict[str, dict[str, float]]:
     """A geometry_msgs/Twist."""
-    return {
-        "linear": {"x": v, "y": 0.0, "z": 0.0},
-        "angular": {"x": 0.0, "y": 0.0, "z": w},
-    }
+    return {"linear": {"x": v, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": w}}
