@@ -79,6 +79,14 @@ def transform(x: float, y: float, c: float, s: float, px: float, py: float) -> t
     return x + c * px - s * py, y + s * px + c * py
 
 
+@inlined
+def point_to_world(
+    c: float, s: float, x: float, y: float, ahead: float, left: float
+) -> tuple[float, float]:
+    """A point of a frame at (x, y) whose yaw has cosine c and sine s, in the world."""
+    return x + c * ahead - s * left, y + s * ahead + c * left
+
+
 def to_frame(points: ArrayLike, pose: ArrayLike) -> Array:
     """Points (..., 2) [m] of the world, seen from a pose (3,) (x, y, yaw)."""
     x, y, yaw = np.asarray(pose, dtype=np.float64)

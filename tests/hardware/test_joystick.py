@@ -8,6 +8,7 @@ import pytest
 from tests.hardware.hosted import Hosted
 from tests.physics.worlds import box
 from wheelchair_gym.config import InputError
+from wheelchair_gym.hardware.connection import RETRY
 from wheelchair_gym.hardware.joystick import (
     EV_ABS,
     EV_KEY,
@@ -17,7 +18,6 @@ from wheelchair_gym.hardware.joystick import (
     Joystick,
     JoystickSettings,
 )
-from wheelchair_gym.hardware.reconnect import RETRY
 from wheelchair_gym.kinematics import Limits
 
 OWN = JoystickSettings(device="fake")

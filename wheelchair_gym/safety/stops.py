@@ -117,12 +117,12 @@ STOPS: Final = (
         Ends.ITSELF, "see to the node that publishes it; it waits until it is heard",
     ),
     Stop(
-        "pose unknown", "link", r"\S+ does not tell where ",
+        "pose unknown", "link", r"\S+ does not report where ",
         "transforms do not lead from the map to the chair", Ends.ITSELF,
         "see to the localiser; it waits until the pose is told",
     ),
     Stop(
-        "clock stands", "link", r"\S+ has (told no time|stood still) ",
+        "clock stands", "link", r"\S+ has (reported no time|stood still) ",
         "the simulated clock of ROS does not go on", Ends.ITSELF,
         "start the simulation; it waits until the clock goes on",
     ),
