@@ -74,12 +74,6 @@ def body_to_world(c: float, s: float, x: float, y: float) -> tuple[float, float]
 
 
 @inlined
-def transform(x: float, y: float, c: float, s: float, px: float, py: float) -> tuple[float, float]:
-    """A point of a frame at (x, y) whose yaw has cosine c and sine s, in the world."""
-    return x + c * px - s * py, y + s * px + c * py
-
-
-@inlined
 def point_to_world(
     c: float, s: float, x: float, y: float, ahead: float, left: float
 ) -> tuple[float, float]:

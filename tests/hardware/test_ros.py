@@ -314,8 +314,8 @@ STAMPS = {
     "an infinite part": ('{"sec": 1, "nanosec": Infinity}', "expected 0 to"),
     "negative": ('{"sec": -5, "nanosec": 0}', "expected 0 to"),
     "beyond 32 bits": ('{"sec": 4294967296, "nanosec": 0}', "expected 0 to"),
-    "years ahead": ('{"sec": 1900000000, "nanosec": 0}', "later than its clock told"),
-    "an hour ahead": ('{"sec": 15946, "nanosec": 0}', "later than its clock told"),
+    "years ahead": ('{"sec": 1900000000, "nanosec": 0}', "later than its clock showed"),
+    "an hour ahead": ('{"sec": 15946, "nanosec": 0}', "later than its clock showed"),
     "years behind": ('{"sec": 5, "nanosec": 0}', "older than the one before"),
 }
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import (
     clearance_to_points,
+    point_to_world,
     required_clearance,
     signed_clearance,
-    transform,
     world_to_body,
 )
 from wheelchair_gym.kinematics import (
@@ -97,7 +97,7 @@ def may_reach_person(
         if outward_speed(g, k, v, v, w, w) <= g.creep_speed:
             continue
         ax = g.samples[k].x
-        px, py = transform(x, y, c, sn, ax, g.samples[k].y)
+        px, py = point_to_world(c, sn, x, y, ax, g.samples[k].y)
         for i in range(s.n_moving):
             reach = g.stop_margin + _BETWEEN + (starts if s.standing_for[i] > _STOOD else walks)
             if s.hidden_for[i] > 0.0:
@@ -134,7 +134,7 @@ def enters_unseen_space(
     for k in range(SAMPLES):
         if outward_speed(g, k, v, v1, w, w1) <= most:
             continue
-        px, py = transform(x, y, c, sn, g.samples[k].x, g.samples[k].y)
+        px, py = point_to_world(c, sn, x, y, g.samples[k].x, g.samples[k].y)
         if not was_seen(s, px, py, since):
             return True
     return False
@@ -267,7 +267,7 @@ def _sweep_static(
                 g, s, bx, by, byaw, vl, vh, wl, wh, since + k * STEP, unseen
             ):
                 return UNSEEN
-            wx, wy = transform(px, py, c0, s0, x, y)
+            wx, wy = point_to_world(c0, s0, px, py, x, y)
             if enters_unseen_space(g, s, wx, wy, yaw0 + yaw, vl, vh, wl, wh, since + t, unseen):
                 return UNSEEN
         if rises:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import transform
+from wheelchair_gym.geometry import point_to_world
 from wheelchair_gym.safety.state import CELL, CELLS
 from wheelchair_gym.sensors.echoes import atan2_f32
 
@@ -38,7 +38,7 @@ class Frame(NamedTuple):
 def laser_frame(g: Any, pose: Array) -> Frame:
     """The laser's frame at a pose (3,) of the chair (dead-reckoned)."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    x, y = transform(pose[0], pose[1], c, s, g.mount[0], g.mount[1])
+    x, y = point_to_world(c, s, pose[0], pose[1], g.mount[0], g.mount[1])
     yaw = pose[2] + g.mount[2]
     return Frame(x, y, math.cos(yaw), math.sin(yaw))
 

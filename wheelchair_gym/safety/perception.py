@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import floats_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.geometry import signed_clearance, transform, world_to_body
+from wheelchair_gym.geometry import point_to_world, signed_clearance, world_to_body
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.safety.faults import check_sensors
 from wheelchair_gym.safety.grid import Frame, laser_frame, recenter_grid, update_grid, was_empty
@@ -150,7 +150,7 @@ def _add_point(g: Any, s: Any, marks: int, frame: Frame, x: float, y: float) -> 
     n = s.n_points
     if n >= FRESH + KEPT:
         return
-    px, py = transform(frame.x, frame.y, frame.c, frame.s, x, y)
+    px, py = point_to_world(frame.c, frame.s, frame.x, frame.y, x, y)
     point = s.points[n]
     point.x, point.y = px, py
     s.n_points = n + 1
@@ -174,7 +174,7 @@ def _add_hit(g: Any, s: Any, frame: Frame, x: float, y: float) -> None:
 
     Ghost echoes do not repeat at one place; thin objects do, though not in every scan.
     """
-    px, py = transform(frame.x, frame.y, frame.c, frame.s, x, y)
+    px, py = point_to_world(frame.c, frame.s, frame.x, frame.y, x, y)
     far = math.sqrt(x * x + y * y)
     ux, uy = (px - frame.x) / far, (py - frame.y) / far
     beside = _HIT_BESIDE + far / g.per_angle
@@ -339,7 +339,7 @@ def update_echoes(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
             way, turn = 0.0, 0.0
         bx, by, yaw = arc_step(s.pose[0], s.pose[1], s.pose[2], -way, -turn, 1.0)
         mount = g.ranger_mount[k]
-        x, y = transform(bx, by, math.cos(yaw), math.sin(yaw), mount[0], mount[1])
+        x, y = point_to_world(math.cos(yaw), math.sin(yaw), bx, by, mount[0], mount[1])
         yaw += mount[2]
         if _is_explained(g, s, k, x, y, yaw, r):
             s.n_arc[k], s.doubtful[k] = 0, math.nan

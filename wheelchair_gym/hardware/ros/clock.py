@@ -64,8 +64,7 @@ class SimulatedClock:
                 f"{self.topic} has reported no time for {stalled:.1f} s: start the simulation, or "
                 "set use_sim_time to false in the chair's settings"
             )
-        return f"{self.topic} has stood still for {stalled:.1f} s: the simulation is paused or has "
-            "ended"
+        return f"{self.topic} has stood still for {stalled:.1f} s: the simulation is paused or over"
 
     @property
     def stalled_for(self) -> float:

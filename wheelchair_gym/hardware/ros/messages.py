@@ -34,7 +34,8 @@ def seconds(time: Mapping[str, Any]) -> float:
     part = time["nsecs"] if "nsecs" in time else time["nanosec"]
     if not (0 <= second < _MAX_STAMP and 0 <= part < 1e9):  # false of NaN, too
         raise ValueError(
-            f"is stamped {second!r:.20} s, {part!r:.20} ns; expected 0 to {_MAX_STAMP} s and < 1e9 ns"
+            f"is stamped {second!r:.20} s, {part!r:.20} ns; expected 0 to {_MAX_STAMP} s and "
+            "< 1e9 ns"
         )
     return float(second) + 1e-9 * float(part)
 
@@ -109,9 +110,7 @@ def transforms(message: Mapping[str, Any]) -> list[tuple[str, str, Array]]:
             parent, child = str(edge["header"]["frame_id"]), str(edge["child_frame_id"])
             move = edge["transform"]
             pose = _pose(move["translation"], move["rotation"])
-        except (
-            ValueError
-        ):  # such as that of a camera on its side; a needed one is reported as missing
+        except ValueError:  # a camera on its side; `stale` reports a transform that is needed
             continue
         except (KeyError, TypeError) as error:
             broken = error

@@ -25,7 +25,7 @@ from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
 
 _LOG = logging.getLogger(__name__)
 
-OnMessage = Callable[[str, Any, float], None]
+Callback = Callable[[str, Any, float], None]
 
 
 def load_websockets() -> None:
@@ -58,9 +58,7 @@ class Rosbridge:
         InputError: the extra 'ros' is not installed, or no rosbridge answers there.
     """
 
-    def __init__(
-        self, host: str, port: int, on_message: OnMessage, link: RosbridgeSettings
-    ) -> None:
+    def __init__(self, host: str, port: int, on_message: Callback, link: RosbridgeSettings) -> None:
         load_websockets()
         from websockets.exceptions import ConnectionClosed, WebSocketException
         from websockets.sync.client import connect
