@@ -210,9 +210,8 @@ def drive_run(
         counted = abs(float(pose[0]))
         if wall is not None:
             done = sign * (wall.distance - _nearest(senses, reading.laser, wall))
-        if done >= distance or (wall is None and counted >= distance):
-            break
-        if counted >= TIMES * distance:
+        moved = counted if wall is None else done
+        if max(done, moved) >= distance or counted >= TIMES * distance:
             break
         if not back and _gap(chair, reading.laser) < ROOM:
             break

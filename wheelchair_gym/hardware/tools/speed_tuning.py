@@ -40,11 +40,8 @@ class Step:
         acceleration and jerk.
         """
         up = (self.times >= 0.0) & (self.times < self.duration)
-        t, target, speed = (
-            self.times[up],
-            self.set_point[up] / self.size,
-            self.measured[up] / self.size,
-        )
+        t, target = self.times[up], self.set_point[up] / self.size
+        speed = self.measured[up] / self.size
         last = t > self.duration - 0.3
         off = np.flatnonzero(np.abs(speed - 1.0) > SETTLED)
         return {

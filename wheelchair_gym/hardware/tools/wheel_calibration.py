@@ -85,12 +85,13 @@ def calibrate(squares: Sequence[Square], track: float) -> Calibration:
         return np.concatenate([_error(s, track * values[0], values[1]) for s in squares])
 
     best = least_squares(errors, [1.0, 1.0], x_scale=[1e-3, 1e-3]).x
+
+    def end_error(track: float, ratio: float) -> float:
+        ends = [np.hypot(*_error(square, track, ratio)[:2]) for square in squares]
+        return float(np.sqrt(np.mean(np.square(ends))))
+
     fitted = float(track * best[0]), float(best[1])
-    before, after = (
-        float(np.sqrt(np.mean([np.sum(_error(s, *values)[:2] ** 2) for s in squares])))
-        for values in ((track, 1.0), fitted)
-    )
-    return Calibration(*fitted, before, after)
+    return Calibration(*fitted, end_error(track, 1.0), end_error(*fitted))
 
 
 def drive_square(
