@@ -211,13 +211,13 @@ def drive_run(
         if wall is not None:
             done = sign * (wall.distance - _nearest(senses, reading.laser, wall))
         moved = counted if wall is None else done
-        if max(done, moved) >= distance or counted >= TIMES * distance:
+        if moved >= distance or counted >= TIMES * distance:
             break
         if not back and _gap(chair, reading.laser) < ROOM:
             break
         if clock.now() - begun > _SECONDS:
             raise ValueError(f"{distance:g} m were not done within {_SECONDS:g} s")
-        fast = SPEED if max(done, 0.0 if wall is not None else counted) > FEEL else SLOW
+        fast = SPEED if moved > FEEL else SLOW
         if wall is not None and counted > 1e-3 and done > FEEL:
             fast *= min(2.0, counted / done)  # to the true speed
         turn = -2.0 * float(wrap_angle(pose[2])) - sign * 1.0 * float(pose[1])
