@@ -8,8 +8,8 @@ board's receiver instead.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,60 +52,7 @@ class JoystickSettings:
             raise InputError("JoystickSettings: the three buttons and the two axes must differ")
 
 
-class Event(NamedTuple):
-    """An input event of a device."""
-
-    type: int
-    code: int
-    value: int
-
-
-class Device(Protocol):
-    """An open input device."""
-
-    @property
-    def axes(self) -> dict[int, tuple[int, int]]:
-        """Minimum and maximum value of each axis."""
-        ...
-
-    def read(self) -> Iterable[Event]:
-        """The events since the last call; never waits.
-
-        Raises:
-            OSError: it is gone.
-        """
-        ...
-
-    def close(self) -> None:
-        """Close it."""
-        ...
-
-
-Opener = Callable[[JoystickSettings], Device]
-
-
-class _Evdev:
-    """A device of Linux's evdev."""
-
-    def __init__(self, device: Any) -> None:
-        self._device = device
-        self.axes = {code: (info.min, info.max) for code, info in _axes(device)}
-
-    def read(self) -> Iterable[Event]:
-        """See `Device.read`."""
-        try:
-            return [Event(e.type, e.code, e.value) for e in self._device.read()]
-        except BlockingIOError:
-            return []
-
-    def close(self) -> None:
-        """See `Device.close`."""
-        self._device.close()
-
-
-def _axes(device: Any) -> list[tuple[int, Any]]:
-    found: list[tuple[int, Any]] = device.capabilities(absinfo=True).get(EV_ABS, [])
-    return found
+Opener = Callable[[JoystickSettings], Any]  # returns an `evdev.InputDevice`
 
 
 def load_evdev() -> Any:
@@ -121,7 +68,13 @@ def load_evdev() -> Any:
     return evdev
 
 
-def open_evdev(settings: JoystickSettings) -> Device:
+def _axes(device: Any) -> dict[int, tuple[int, int]]:
+    """Minimum and maximum of each axis of a device."""
+    axes = device.capabilities(absinfo=True).get(EV_ABS, [])
+    return {code: (info.min, info.max) for code, info in axes}
+
+
+def open_evdev(settings: JoystickSettings) -> Any:
     """Open the joystick of the settings, or the first that has its axes and its button.
 
     Raises:
@@ -129,14 +82,12 @@ def open_evdev(settings: JoystickSettings) -> Device:
         OSError: there is none.
     """
     evdev = load_evdev()
+    wanted = {settings.forward_axis, settings.turn_axis}
     for path in evdev.list_devices() if settings.device == ANY else [settings.device]:
         device = evdev.InputDevice(path)
-        axes = {code for code, _ in _axes(device)}
-        if {
-            settings.forward_axis,
-            settings.turn_axis,
-        } <= axes and settings.dead_man_button in device.capabilities().get(EV_KEY, []):
-            return _Evdev(device)
+        buttons = device.capabilities().get(EV_KEY, [])
+        if wanted <= _axes(device).keys() and settings.dead_man_button in buttons:
+            return device
         device.close()
     where = "at any /dev/input/event*" if settings.device == ANY else f"at {settings.device}"
     raise OSError(
@@ -165,7 +116,8 @@ class Joystick:
     ) -> None:
         self.settings, self.in_control = settings, False
         self._rearm = rearm
-        self._line = Reconnecting(lambda: opener(settings))
+        self._axes: dict[int, tuple[int, int]] = {}
+        self._line = Reconnecting(lambda: opener(settings), self._begin)
         self._release()
 
     @property
@@ -190,6 +142,9 @@ class Joystick:
         self._release()
         self._line.close()
 
+    def _begin(self, device: Any) -> None:
+        self._axes = _axes(device)
+
     def _release(self) -> None:
         self._held, self._values = False, dict[int, int]()
 
@@ -200,11 +155,13 @@ class Joystick:
         try:
             for event in device.read():
                 self._handle(event)
+        except BlockingIOError:  # no events
+            return
         except OSError as error:
             self._release()
             self._line.lose(error)
 
-    def _handle(self, event: Event) -> None:
+    def _handle(self, event: Any) -> None:
         settings = self.settings
         pressed = event.type == EV_KEY and event.value == 1
         if event.type == EV_SYN and event.code == SYN_DROPPED:
@@ -229,7 +186,7 @@ class Joystick:
         """The deflection of a stick, -1 to 1; 0 before its first event."""
         if self._line.connection is None or axis not in self._values:
             return 0.0
-        least, most = self._line.connection.axes[axis]
+        least, most = self._axes[axis]
         if most <= least:
             return 0.0
         tilt = min(1.0, max(-1.0, 2.0 * (self._values[axis] - least) / (most - least) - 1.0))

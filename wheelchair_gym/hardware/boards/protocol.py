@@ -10,7 +10,8 @@ import enum
 import math
 import struct
 import zlib
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
 
 
 class CommandFlag(enum.IntFlag):
@@ -92,6 +93,40 @@ class Board(enum.IntEnum):
     RANGE_BOARD = 2
 
 
+VERSION = 2
+BAUD = 500_000  # 1/s: exact on a 16 MHz AVR
+RANGERS = 8
+PAYLOAD_MAX = 48
+_HEAD, _CRC = 3, 4
+BODY_MAX = _HEAD + PAYLOAD_MAX + _CRC
+ENCODED_MAX = BODY_MAX + 1
+
+
+class Layout(NamedTuple):
+    """The wire format of a message: a code of `struct` and the value of one step, per field."""
+
+    kind: int
+    message: type[Any]
+    codes: str
+    steps: tuple[float, ...]
+
+
+LAYOUTS: list[Layout] = []
+MessageClass = TypeVar("MessageClass", bound=type[Any])
+
+
+def _layout(kind: int, codes: str, **steps: float) -> Callable[[MessageClass], MessageClass]:
+    """Declare the wire format of a message; fields without a step have 1."""
+
+    def declare(message: MessageClass) -> MessageClass:
+        wire_steps = tuple(steps.get(name, 1.0) for name in message._fields)
+        LAYOUTS.append(Layout(kind, message, "<" + codes, wire_steps))
+        return message
+
+    return declare
+
+
+@_layout(0x01, "hhB", v=1e-4, w=1e-4)
 class Command(NamedTuple):
     """Host to drive board: the target twist; it also shows that the host works."""
 
@@ -100,18 +135,21 @@ class Command(NamedTuple):
     flags: int = 0  # CommandFlag
 
 
+@_layout(0x02, "H")
 class Rearm(NamedTuple):
     """Host to drive board: a person has removed the causes of these faults."""
 
     faults: int  # Fault
 
 
+@_layout(0x03, "B")
 class Get(NamedTuple):
     """Host to board: request a parameter."""
 
     number: int
 
 
+@_layout(0x04, "Bf")
 class Set(NamedTuple):
     """Host to board: change a parameter; only at rest."""
 
@@ -119,14 +157,29 @@ class Set(NamedTuple):
     value: float
 
 
+@_layout(0x05, "")
 class Save(NamedTuple):
     """Host to board: save all parameters in EEPROM."""
 
 
+@_layout(0x06, "")
 class Identify(NamedTuple):
     """Host to board: request an Identity."""
 
 
+@_layout(
+    0x81,
+    "IiihhhhhhHBHBBBHB",
+    stamp=1e-3,
+    speed_left=1e-4,
+    speed_right=1e-4,
+    v=1e-4,
+    w=1e-4,
+    duty_left=1e-4,
+    duty_right=1e-4,
+    battery=1e-3,
+    age=1e-3,
+)
 class Odometry(NamedTuple):
     """Drive board to host, 50 Hz."""
 
@@ -157,6 +210,7 @@ class Range(NamedTuple):
     status: int  # RangeStatus
 
 
+@_layout(0x82, "IH" + RANGERS * "HHB", stamp=1e-3)
 class Ranges(NamedTuple):
     """Range board to host, after each firing."""
 
@@ -165,6 +219,7 @@ class Ranges(NamedTuple):
     ranges: tuple[Range, ...]  # eight, in the order of mounting
 
 
+@_layout(0x83, "BBfff")
 class Parameter(NamedTuple):
     """Board to host: the answer to Get and Set."""
 
@@ -175,6 +230,7 @@ class Parameter(NamedTuple):
     high: float
 
 
+@_layout(0x84, "BBB")
 class Answer(NamedTuple):
     """Board to host: the answer to Rearm and Save, and to unknown messages."""
 
@@ -183,6 +239,7 @@ class Answer(NamedTuple):
     status: int  # Status
 
 
+@_layout(0x85, "BBBB")
 class Identity(NamedTuple):
     """Board to host: the answer to Identify; sent once after a reset, too."""
 
@@ -199,71 +256,8 @@ class Unknown(NamedTuple):
     payload: bytes
 
 
-Message = (
-    Command
-    | Rearm
-    | Get
-    | Set
-    | Save
-    | Identify
-    | Odometry
-    | Ranges
-    | Parameter
-    | Answer
-    | Identity
-    | Unknown
-)
+Message = tuple[Any, ...]  # one of these
 
-
-VERSION = 2
-BAUD = 500_000  # 1/s: exact on a 16 MHz AVR
-RANGERS = 8
-PAYLOAD_MAX = 48
-_HEAD, _CRC = 3, 4
-BODY_MAX = _HEAD + PAYLOAD_MAX + _CRC
-ENCODED_MAX = BODY_MAX + 1
-
-
-class Layout(NamedTuple):
-    """The wire format of a message: a code of `struct` and the value of one step, per field."""
-
-    kind: int
-    message: type[Any]
-    codes: str
-    steps: tuple[float, ...]
-
-
-def _layout(kind: int, message: type[Any], codes: str, **steps: float) -> Layout:
-    return Layout(kind, message, "<" + codes, tuple(steps.get(f, 1.0) for f in message._fields))
-
-
-_RANGE = "HHB"
-LAYOUTS = (
-    _layout(0x01, Command, "hhB", v=1e-4, w=1e-4),
-    _layout(0x02, Rearm, "H"),
-    _layout(0x03, Get, "B"),
-    _layout(0x04, Set, "Bf"),
-    _layout(0x05, Save, ""),
-    _layout(0x06, Identify, ""),
-    _layout(
-        0x81,
-        Odometry,
-        "IiihhhhhhHBHBBBHB",
-        stamp=1e-3,
-        speed_left=1e-4,
-        speed_right=1e-4,
-        v=1e-4,
-        w=1e-4,
-        duty_left=1e-4,
-        duty_right=1e-4,
-        battery=1e-3,
-        age=1e-3,
-    ),
-    _layout(0x82, Ranges, "IH" + RANGERS * _RANGE, stamp=1e-3),
-    _layout(0x83, Parameter, "BBfff"),
-    _layout(0x84, Answer, "BBB"),
-    _layout(0x85, Identity, "BBBB"),
-)
 _BY_KIND = {layout.kind: layout for layout in LAYOUTS}
 _BY_TYPE = {layout.message: layout for layout in LAYOUTS}
 _RANGE_STEPS = (1e-3, 1e-3, 1.0)

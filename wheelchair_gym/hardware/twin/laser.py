@@ -118,23 +118,21 @@ def to_millimetres(ranges: NDArray[np.float32]) -> NDArray[np.int64]:
 
 
 class TwinLaser:
-    """A laser in the simulated world, and the connection to it.
-
-    It is itself the port that `Hokuyo` opens: `Hokuyo("twin", opener=lambda _: twin.laser)`.
+    """A laser in the simulated world, and the port that `Hokuyo` opens.
 
     Args:
-        look: the ranges (beams,) [m] of a turn, by its number.
+        scan: returns the ranges (beams,) [m] of a turn, by its number.
         settings: of the sensor.
 
     Attributes:
         plugged: false: the host gets an error.
-        silent: it says nothing.
+        silent: it sends nothing.
     """
 
-    def __init__(self, look: Callable[[int], NDArray[np.float32]], settings: LaserSettings) -> None:
-        self._look, self._settings = look, settings
+    def __init__(self, scan: Callable[[int], NDArray[np.float32]], settings: LaserSettings) -> None:
+        self._scan, self._settings = scan, settings
         self._sensor: ScipSensor | None = None
-        self._numbers = b""
+        self._output = b""
         self.plugged, self.silent = True, False
 
     def turn(self, milliseconds: int) -> None:
@@ -147,13 +145,13 @@ class TwinLaser:
 
     @property
     def in_waiting(self) -> int:
-        """Bytes that can be read at once."""
+        """Bytes that can be read without waiting."""
         self._check()
         return len(self._output)
 
     def read(self, size: int) -> bytes:
         """At most this many bytes, without waiting."""
-        data, self._numbers = self._output[:size], self._output[size:]
+        data, self._output = self._output[:size], self._output[size:]
         return data
 
     def write(self, data: bytes) -> int:
@@ -168,7 +166,7 @@ class TwinLaser:
 
     def close(self) -> None:
         """Stop the sensor: the host has closed the connection."""
-        self._sensor, self._numbers = None, b""
+        self._sensor, self._output = None, b""
 
     def _check(self) -> None:
         if not self.plugged:
