@@ -20,6 +20,7 @@ from wheelchair_gym.kinematics import (
     STOP_RAMP_FACTOR,
     approach_twist,
     brake,
+    clip_to_limits,
     odometric_step,
     peak_speed,
 )
@@ -186,7 +187,7 @@ def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
     for k in range(_MAX_STEPS):
         v0, w0 = sv, sw
         if k < hold:
-            sv, av, sw, aw = approach_twist(limits, sv, av, sw, aw, v, w, STEP)
+            sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
         else:
             sv, sw = brake(sv, sw, limits.protective * STEP, g.track)
         x, y, yaw = odometric_step(x, y, yaw, 0.5 * (v0 + sv) * STEP, 0.5 * (w0 + sw) * STEP)
@@ -237,7 +238,7 @@ def _sweep_static(
         if k == hold:
             v, w = 0.0, 0.0
         v0, w0 = sv, sw
-        sv, av, sw, aw = approach_twist(limits, sv, av, sw, aw, v, w, STEP)
+        sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
         x, y, yaw = odometric_step(x, y, yaw, 0.5 * (v0 + sv) * STEP, 0.5 * (w0 + sw) * STEP)
         t += STEP
         speed, turn = abs(sv), abs(sw)
@@ -346,8 +347,7 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
         a comfort stop is no longer enough.
     """
     limits, setpoint = g.limits, s.setpoint
-    v = min(limits.forward, max(-limits.backward, v))
-    w = min(limits.turn, max(-limits.turn, w))
+    v, w = clip_to_limits(v, w, limits)
     s.asked[0], s.asked[1] = v, w
     s.rearmed = s.rearmed and s.latched != NOTHING
     share, reason = 0.0, s.latched
@@ -368,7 +368,7 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
     dt = g.period / n
     for _ in range(n):
         setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope = approach_twist(
-            limits, setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope, v, w, dt
+            setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope, v, w, limits, dt
         )
         delay_setpoint(g, s, dt)
     return v, w, False

@@ -8,7 +8,7 @@ of uncorrected dead reckoning, so that near objects keep their place.
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, fields
+from dataclasses import fields
 from typing import Any, Final
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.address import Pointers, Target
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError
-from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.kinematics import LIMITS
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.stops import SHIELD_FAULTS
@@ -62,7 +62,7 @@ DISTANT = np.dtype([(name, _F8) for name in ("x", "y", "distance")])  # m
 
 CONSTANTS = np.dtype(
     [
-        ("limits", [(field.name, _F8) for field in fields(Limits)]),
+        ("limits", LIMITS),
         ("outline", "f8", (3,)),  # Footprint.array
         ("samples", SAMPLE, (SAMPLES,)),  # outward normals; 0, 0 at the rear corners
         ("period", "f8"),  # s
@@ -211,7 +211,7 @@ class ShieldConstants:
         self.pointers = pointers = Pointers(np.zeros(1, CONSTANTS), targets, constant=True)
         self.record: Rows = pointers.record
         g: Any = self.record[0]
-        g["limits"], g["outline"] = astuple(chair.limits), chair.footprint.array
+        g["limits"], g["outline"] = chair.limits.array, chair.footprint.array
         g["samples"] = outline_samples(*chair.footprint.array.tolist())
         g["period"], g["track"] = period, chair.drive.track
         for name in COPIED:

@@ -14,7 +14,6 @@ chair's own computer must stop it when no command comes.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,9 +32,6 @@ from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Belief, Episode, NotCopyable, Reading, Truth
 
 Array = NDArray[np.float64]
-
-# As plain Python: `Limits` is no record.
-_approach_twist: Any = approach_twist.py_func  # type: ignore[attr-defined]
 
 
 class RosChair(NotCopyable):
@@ -213,7 +209,7 @@ class RosChair(NotCopyable):
 
     def _approach(self, v: float, w: float) -> None:
         """Command the twist nearest to (v, w) that the limits allow within a period."""
-        self._setpoint = _approach_twist(self._loop.limits, *self._setpoint, v, w, self.period)
+        self._setpoint = approach_twist(*self._setpoint, v, w, self._loop.limits.array, self.period)
         twist = _twist(self._setpoint[0], self._setpoint[2])
         self._link.publish(self.settings.velocity, twist)
 
