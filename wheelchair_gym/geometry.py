@@ -272,3 +272,45 @@ def best_clearance_heading(
     gaps = [footprint_clearance(x, y, yaw, outline.array, walls, discs, 2.0) for yaw in yaws]
     best = int(np.argmax(gaps))
     return float(yaws[best]), float(gaps[best])
+
+
+@kernel
+def clearance_to_points(
+    x: float, y: float, yaw: float, footprint: Array, points: Array, interest: float
+) -> float:
+    """Distance [m] from a footprint at a pose to the nearest of points, at most `interest`.
+
+    Points (k, 3) hold x, y and a lower bound of the distance from the origin, in rising order.
+    """
+    c, s = math.cos(yaw), math.sin(yaw)
+    middle = 0.5 * (footprint[0] - footprint[1])
+    half_length, half_width = 0.5 * (footprint[0] + footprint[1]), footprint[2]
+    mx, my = x + c * middle, y + s * middle
+    reach = math.hypot(x, y) + interest
+    reach += math.hypot(max(footprint[0], footprint[1]), half_width)
+    best = interest * interest
+    for k in range(points.shape[0]):
+        if points[k, 2] > reach:
+            break
+        px, py = world_to_body(c, s, points[k, 0] - mx, points[k, 1] - my)
+        dx, dy = max(abs(px) - half_length, 0.0), max(abs(py) - half_width, 0.0)
+        best = min(best, dx * dx + dy * dy)
+    return math.sqrt(best)
+
+
+@kernel
+def signed_clearance(px: float, py: float, footprint: Array) -> float:
+    """Distance [m] from a point in the footprint's own frame to its edge; below 0 inside."""
+    dx = max(px - footprint[0], -footprint[1] - px)
+    dy = abs(py) - footprint[2]
+    if dx > 0.0 and dy > 0.0:
+        return math.sqrt(dx * dx + dy * dy)
+    return float(max(dx, dy))
+
+
+@kernel
+def required_clearance(
+    margin: float, headway: float, speed: float, turn: float, lever: float, creep: float
+) -> float:
+    """Clearance [m] required around a footprint: `margin`, and more with its speed."""
+    return margin + headway * max(0.0, speed + 0.5 * lever * turn - creep)

@@ -22,7 +22,7 @@ from wheelchair_gym.types import Episode
 # Modules with records of addresses: their tables of what each address is of.
 TABLES = {
     "wheelchair_gym.safety.shield": ("SHIELDS",),
-    "wheelchair_gym.safety.state": ("GUARD",),
+    "wheelchair_gym.safety.state": ("CONSTANTS",),
     "wheelchair_gym.physics.chairs": ("WORLD", "CHAIRS"),
     "wheelchair_gym.physics.sensor_suite": ("SUITE",),
     "wheelchair_gym.task.prepared_episode": ("PREPARED",),

@@ -29,7 +29,7 @@ from wheelchair_gym.physics.chairs import SimulatedChairs, size_workspace
 from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.random import episode_key
 from wheelchair_gym.safety.shield import SHIELDS, point_to_shields
-from wheelchair_gym.safety.state import REASONS, SHIELD, Guard
+from wheelchair_gym.safety.state import REASONS, SHIELD, ShieldConstants
 from wheelchair_gym.task.prepared_episode import PREPARED, PreparedEpisode
 from wheelchair_gym.task.records import PROGRESS
 from wheelchair_gym.task.rewards import TERMS, VERDICT
@@ -138,9 +138,9 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         bounds = np.linspace(0, n, self.num_threads + 1).astype(int)
         self._shares = list(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True))
         self.chairs = SimulatedChairs(s.chair, s.sensors, s.physics, 1.0 / s.rate, n)
-        self._guard: Guard | None = None
+        self._guard: ShieldConstants | None = None
         if s.shield is not None:
-            self._guard = Guard(s.shield, s.chair, s.sensors, 1.0 / s.rate)
+            self._guard = ShieldConstants(s.shield, s.chair, s.sensors, 1.0 / s.rate)
         self._progress = np.zeros(n, PROGRESS)
         self._shields = np.zeros(n if s.shield else 0, SHIELD)
         self._over = np.zeros(n, np.bool_)
