@@ -232,7 +232,7 @@ def test_what_is_no_wall_or_no_straight_way_is_refused():
         fit_wall(seen(2.0, 0.0, noise=0.2))
     with pytest.raises(ValueError, match="turned by"):
         fit_wall(seen(2.0, 0.8, noise=0.0))
-    with pytest.raises(ValueError, match="straight way"):
+    with pytest.raises(ValueError, match="straight run"):
         check_straight(np.array([1.0, 1.1]))
     for runs, why in (
         ([Run(1.0, 11.0)], "10 times apart"),
