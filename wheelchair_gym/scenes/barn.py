@@ -183,7 +183,7 @@ class Barn:
         cols, rows = (to_cells(side) for side in points.max(axis=0) + self.map_margin - low)
         check_cells(rows, cols, name)
         cells = np.zeros((rows, cols), dtype=np.int8)
-        paint_discs(cells, discs, low[0], low[1], CELL, OCCUPIED)
+        paint_discs(cells, discs, low[0], low[1], OCCUPIED)
         grid = OccupancyGrid(cells, CELL, (low[0], low[1], 0.0))
         return Episode(grid, start, goal, discs=discs, tolerance=1.0, time_limit=100.0, name=name)
 
