@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import world_to_body, wrap
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.maps.distance import distance_to_occupied
+from wheelchair_gym.maps.distance import bilinear, distance_to_occupied
 from wheelchair_gym.random import uniform
 
 Array = NDArray[np.float64]
@@ -47,12 +47,8 @@ def make_likelihood_field(
 @inlined
 def _gap(field: LikelihoodField, u: float, v: float) -> float:
     """Gap at a place [cells from the centre of cell (0, 0)], between those of four cells."""
-    j, i = int(u), int(v)
-    p, q = u - j, v - i
-    low = field.gap[i, j] * (1.0 - p) + field.gap[i, j + 1] * p
-    high = field.gap[i + 1, j] * (1.0 - p) + field.gap[i + 1, j + 1] * p
-    gap: float = low * (1.0 - q) + high * q
-    return gap
+    col, row = int(u), int(v)
+    return bilinear(field.gap, row, col, u - col, v - row)
 
 
 @inlined
