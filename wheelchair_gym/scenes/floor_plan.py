@@ -13,10 +13,10 @@ from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import Footprint, footprint_clearance
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic, interpolate
 from wheelchair_gym.maps.grid import boundary
+from wheelchair_gym.random import NumpyStream, numpy_integer, numpy_stream, numpy_uniform
 from wheelchair_gym.scenes.furniture import furnish
 from wheelchair_gym.scenes.layout import FloorLayout, generate_layout
 from wheelchair_gym.scenes.poses import FOOTPRINT, check_ranges, passing_radius
-from wheelchair_gym.scenes.random_stream import RandomStream, random_stream, uniform, uniform_int
 from wheelchair_gym.scenes.raster import CELL, Rects, paint_discs, paint_polygon, paint_rects
 from wheelchair_gym.types import Episode
 
@@ -77,7 +77,7 @@ class FloorPlan:
     def __post_init__(self) -> None:
         check_ranges(self, "door_width", "corridor_width", "building_size", "path_length")
 
-    def storey(self, source: RandomStream, home: bool, width: float, height: float) -> Storey:
+    def storey(self, source: NumpyStream, home: bool, width: float, height: float) -> Storey:
         """One storey of a given kind and size [m]; which side is which is drawn."""
         sizes = self.door_width, self.corridor_width, self.furniture_density, self.passage_width
         return _draw_storey(source, home, width, height, *sizes)
@@ -98,18 +98,20 @@ class FloorPlan:
         Raises:
             InputError: fifty storeys had none.
         """
-        source = random_stream(rng)
+        source = numpy_stream(rng)
         start, goal = np.empty(3), np.empty(3)
         least, most = self.building_size
         for _ in range(_TRIES):
-            home = self.kind == "home" or (self.kind == "any" and uniform(source, 0.0, 1.0) < 0.5)
-            width = uniform(source, least, most)
-            height = uniform(source, least, (least + most) / 2 if home else most)
+            home = self.kind == "home" or (
+                self.kind == "any" and numpy_uniform(source, 0.0, 1.0) < 0.5
+            )
+            width = numpy_uniform(source, least, most)
+            height = numpy_uniform(source, least, (least + most) / 2 if home else most)
             layout, cells, walls, discs = self.storey(source, home, width, height)
             grid = OccupancyGrid(cells, CELL)
             ground = layout.rooms, walls, discs, footprint.array, self.clearance
             for _ in range(_GOALS):
-                goal_room = uniform_int(source, len(layout.rooms))
+                goal_room = numpy_integer(source, len(layout.rooms))
                 if not sample_pose(source, goal_room, *ground, 20, goal):
                     continue
                 lengths = geodesic(grid, goal[:2], passing_radius(footprint)).extended
@@ -122,7 +124,7 @@ class FloorPlan:
 
 @kernel
 def _draw_storey(
-    source: RandomStream,
+    source: NumpyStream,
     home: bool,
     width: float,
     height: float,
@@ -154,7 +156,7 @@ def _draw_storey(
 
 @borrowing_kernel
 def sample_pose(
-    source: RandomStream,
+    source: NumpyStream,
     room: int,
     rooms: Rects,
     walls: Array,
@@ -167,9 +169,9 @@ def sample_pose(
     """Draw poses in a room until the footprint is free; whether one was found."""
     x0, y0, x1, y1 = rooms[room].x0, rooms[room].y0, rooms[room].x1, rooms[room].y1
     for _ in range(tries):
-        pose[0] = uniform(source, x0 * CELL + _INSET, x1 * CELL - _INSET)
-        pose[1] = uniform(source, y0 * CELL + _INSET, y1 * CELL - _INSET)
-        pose[2] = uniform(source, -math.pi, math.pi)
+        pose[0] = numpy_uniform(source, x0 * CELL + _INSET, x1 * CELL - _INSET)
+        pose[1] = numpy_uniform(source, y0 * CELL + _INSET, y1 * CELL - _INSET)
+        pose[2] = numpy_uniform(source, -math.pi, math.pi)
         reach = clearance + 0.01
         gap = footprint_clearance(pose[0], pose[1], pose[2], outline, walls, discs, reach)
         if gap >= clearance and gap > 0.0:
@@ -179,7 +181,7 @@ def sample_pose(
 
 @borrowing_kernel
 def _draw_start(
-    source: RandomStream,
+    source: NumpyStream,
     goal_room: int,
     rooms: Rects,
     walls: Array,
@@ -192,7 +194,7 @@ def _draw_start(
 ) -> bool:
     """Whether a start in another room was found, with a path of the required length."""
     for _ in range(_STARTS):
-        room = uniform_int(source, len(rooms))
+        room = numpy_integer(source, len(rooms))
         if room != goal_room and sample_pose(
             source, room, rooms, walls, discs, outline, clearance, as_int(5), start
         ):

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.geometry import body_to_world
+from wheelchair_gym.random import NumpyStream, numpy_integer, numpy_uniform
 from wheelchair_gym.scenes.layout import FloorLayout
-from wheelchair_gym.scenes.random_stream import RandomStream, uniform, uniform_int
 from wheelchair_gym.scenes.raster import CELL, RECT, Rects, cell_count, put
 
 Array = NDArray[np.float64]
@@ -105,21 +105,21 @@ def _meet(a: Rects, i: int, b: Rects, j: int, apart: int) -> bool:
 
 
 @borrowing_kernel
-def _place_free(source: RandomStream, room: Rects, half: int, gap: int, box: Rects) -> bool:
+def _place_free(source: NumpyStream, room: Rects, half: int, gap: int, box: Rects) -> bool:
     """A square of 2 x half cells in the room, a gap from its walls; false if it does not fit."""
     apart = gap + half
     wide, high = room[0].x1 - room[0].x0 - 2 * apart, room[0].y1 - room[0].y0 - 2 * apart
     if wide < 1 or high < 1:
         return False
-    x = room[0].x0 + apart + uniform_int(source, wide)
-    y = room[0].y0 + apart + uniform_int(source, high)
+    x = room[0].x0 + apart + numpy_integer(source, wide)
+    y = room[0].y0 + apart + numpy_integer(source, high)
     put(box, as_int(0), x - half, y - half, x + half, y + half)
     return True
 
 
 @borrowing_kernel
 def _place_at_wall(
-    source: RandomStream,
+    source: NumpyStream,
     room: Rects,
     side: int,
     along: int,
@@ -134,7 +134,7 @@ def _place_at_wall(
         begin, end, low, high = low, high, begin, end
     if deep + gap > high - low or along > end - begin:
         return False
-    choice = uniform_int(source, as_int(4))
+    choice = numpy_integer(source, as_int(4))
     if len(neighbour) > 0:
         first, last = neighbour[0].x0, neighbour[0].x1
         if side > 1:
@@ -147,7 +147,7 @@ def _place_at_wall(
         if choice < 2:
             x = begin if choice else end - along
         elif end - begin >= along + 2 * gap:
-            x = begin + gap + uniform_int(source, end - begin - 2 * gap - along + 1)
+            x = begin + gap + numpy_integer(source, end - begin - 2 * gap - along + 1)
         else:
             return False
         first, last = x, x + along
@@ -163,7 +163,7 @@ def _place_at_wall(
 
 @kernel
 def furnish(
-    source: RandomStream, plan: FloorLayout, home: bool, density: float, passage: float
+    source: NumpyStream, plan: FloorLayout, home: bool, density: float, passage: float
 ) -> Furniture:
     """Put furniture into every room; a piece that finds no place is left out.
 
@@ -181,18 +181,18 @@ def furnish(
         if r == 0 and plan.lobby:
             page = 0 if home else _LOBBY
         elif home:
-            page = _HOME_ROOMS + uniform_int(source, as_int(_HOMES))
+            page = _HOME_ROOMS + numpy_integer(source, as_int(_HOMES))
         else:
-            page = _CLINIC_ROOMS + uniform_int(source, as_int(_CLINICS))
+            page = _CLINIC_ROOMS + numpy_integer(source, as_int(_CLINICS))
         count = nil  # placed in this room
         latest[:] = -1  # the last piece on each side
         wide, high = room[0].x1 - room[0].x0, room[0].y1 - room[0].y0
         for _ in range(int(np.rint(density * wide * high * CELL**2))):
-            piece = _PIECES[_BEGIN[page] + uniform_int(source, _BEGIN[page + 1] - _BEGIN[page])]
-            along = cell_count(uniform(source, piece.along_least, piece.along_most))
-            deep = cell_count(uniform(source, piece.deep_least, piece.deep_most))
+            piece = _PIECES[_BEGIN[page] + numpy_integer(source, _BEGIN[page + 1] - _BEGIN[page])]
+            along = cell_count(numpy_uniform(source, piece.along_least, piece.along_most))
+            deep = cell_count(numpy_uniform(source, piece.deep_least, piece.deep_most))
             for _ in range(4):
-                side = uniform_int(source, four)
+                side = numpy_integer(source, four)
                 neighbour = latest[side] if piece.stance == WALL else -1
                 if piece.stance == WALL:
                     beside = placed[max(neighbour, nil) : neighbour + 1]
@@ -218,7 +218,7 @@ def furnish(
                     discs[n_discs] = x, y, along / 2 * CELL
                     n_discs += 1
                 else:
-                    yaw = uniform(source, 0.0, math.pi)
+                    yaw = numpy_uniform(source, 0.0, math.pi)
                     c, s = math.cos(yaw), math.sin(yaw)
                     for k in range(4):  # corners, counter-clockwise
                         forth = along * CELL / 2 * (1.0 if k in (1, 2) else -1.0)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
-from wheelchair_gym.scenes.random_stream import RandomStream, uniform, uniform_int
+from wheelchair_gym.random import NumpyStream, numpy_integer, numpy_uniform
 from wheelchair_gym.scenes.raster import CELL, RECT, Rects, cell_count, put, to_cells
 
 Array = NDArray[np.float64]
@@ -60,11 +60,11 @@ class FloorLayout(NamedTuple):
 
 
 @kernel
-def _split(source: RandomStream, length: int, parts: int, least: int) -> Index:
+def _split(source: NumpyStream, length: int, parts: int, least: int) -> Index:
     """Whole numbers that sum to length, uneven by up to a quarter, none below least if possible."""
     share, total = np.empty(parts), 0.0
     for k in range(parts):
-        share[k] = uniform(source, 0.75, 1.25)
+        share[k] = numpy_uniform(source, 0.75, 1.25)
         total += share[k]
     sizes = np.empty(parts, np.int64)
     rest, most = length, 0
@@ -93,7 +93,7 @@ def _mirror(rects: Rects, width: int, height: int, swap: int, flip_x: int, flip_
 
 @kernel
 def generate_layout(
-    source: RandomStream,
+    source: NumpyStream,
     home: bool,
     width: float,
     height: float,
@@ -108,16 +108,17 @@ def generate_layout(
     rooms, corridors, openings = np.empty(most, RECT), np.empty(3, RECT), np.empty(3 * most, RECT)
     along_x, is_door = np.zeros(3 * most, np.bool_), np.zeros(3 * most, np.bool_)
     n, d, two = as_int(0), as_int(0), as_int(2)
-    lobby = home or uniform(source, 0.0, 1.0) < 0.6
+    lobby = home or numpy_uniform(source, 0.0, 1.0) < 0.6
     if lobby:
-        deep = cell_count(uniform(source, 4.0, 5.5) if home else uniform(source, 3.0, 4.5))
+        low, high = (4.0, 5.5) if home else (3.0, 4.5)  # m
+        deep = cell_count(numpy_uniform(source, low, high))
         n = put(rooms, n, left, outer, left + deep, h - outer)
         left += deep + INNER
     count = 1 if home or h < _SECOND_CORRIDOR else 2  # of corridors along the building
     depth = h - 2 * OUTER - 2 * count * INNER
     widths = np.empty(count, np.int64)
     for k in range(count):
-        widths[k] = cell_count(uniform(source, corridor_width[0], corridor_width[1]))
+        widths[k] = cell_count(numpy_uniform(source, corridor_width[0], corridor_width[1]))
         depth -= widths[k]
     row_depths = _split(source, depth, count + 1, _ROOM_LEAST)
     y = outer
@@ -128,15 +129,15 @@ def generate_layout(
             d = put(openings, d, left - INNER, y, left, y + widths[k])
         y += widths[k] + INNER
     corridor_count, end_1 = count, right
-    if count == 2 and (not lobby or uniform(source, 0.0, 1.0) < 0.5):
-        across = right - cell_count(uniform(source, corridor_width[0], corridor_width[1]))
+    if count == 2 and (not lobby or numpy_uniform(source, 0.0, 1.0) < 0.5):
+        across = right - cell_count(numpy_uniform(source, corridor_width[0], corridor_width[1]))
         corridor_count = put(corridors, two, across, corridors[0].y1, right, corridors[1].y0)
         end_1 = across - INNER
     y0 = outer
     for k in range(count + 1):
         y1 = y0 + row_depths[k]
         end = end_1 if k == 1 else right
-        apart = cell_count(uniform(source, 3.0, 4.8))
+        apart = cell_count(numpy_uniform(source, 3.0, 4.8))
         parts = max(1, int(np.rint((end - left) / apart)))
         x = left
         sizes = _split(source, end - left - (parts - 1) * INNER, parts, _ROOM_LEAST)
@@ -145,20 +146,21 @@ def generate_layout(
             n = put(rooms, n, x, y0, x + size, y1)
             # Towards the corridor below, the one above, or both.
             first, last = (0 if k > 0 else 1), (1 if k < count else 0)
-            if first < last and uniform(source, 0.0, 1.0) >= 0.3:
-                first = last = uniform_int(source, two)
+            if first < last and numpy_uniform(source, 0.0, 1.0) >= 0.3:
+                first = last = numpy_integer(source, two)
             for side in range(first, last + 1):
-                wide = cell_count(uniform(source, door_width[0], door_width[1]))
-                nook = not home and uniform(source, 0.0, 1.0) < 0.1
+                wide = cell_count(numpy_uniform(source, door_width[0], door_width[1]))
+                nook = not home and numpy_uniform(source, 0.0, 1.0) < 0.1
                 if nook:  # a waiting nook stands open
                     wide = max(wide, min(size - 2 * JAMB, _NOOK))
-                at = x + JAMB + uniform_int(source, size - 2 * JAMB - wide + 1)
+                at = x + JAMB + numpy_integer(source, size - 2 * JAMB - wide + 1)
                 along_x[d], is_door[d] = True, not nook
                 wall = y1 if side else y0 - INNER
                 d = put(openings, d, at, wall, at + wide, wall + INNER)
-            if (number > 0 or lobby) and uniform(source, 0.0, 1.0) < (0.25 if home else 0.08):
-                wide = cell_count(uniform(source, door_width[0], door_width[1]))  # between rooms
-                at = y0 + JAMB + uniform_int(source, y1 - y0 - 2 * JAMB - wide + 1)
+            if (number > 0 or lobby) and numpy_uniform(source, 0.0, 1.0) < (0.25 if home else 0.08):
+                # From room to room.
+                wide = cell_count(numpy_uniform(source, door_width[0], door_width[1]))
+                at = y0 + JAMB + numpy_integer(source, y1 - y0 - 2 * JAMB - wide + 1)
                 is_door[d] = True
                 d = put(openings, d, x - INNER, at, x, at + wide)
             x += size + INNER
@@ -167,15 +169,15 @@ def generate_layout(
     rooms, corridors, openings = rooms[:n], corridors[:corridor_count], openings[:d]
     zones = np.empty(d, RECT)
     for k in range(d):
-        x0, low, x1, high = openings[k].x0, openings[k].y0, openings[k].x1, openings[k].y1
+        x0, bottom, x1, top = openings[k].x0, openings[k].y0, openings[k].x1, openings[k].y1
         if along_x[k]:
             wide = max(0, ZONE - (x1 - x0) + 1) // 2
-            put(zones, k, x0 - wide, low - ZONE, x1 + wide, high + ZONE)
+            put(zones, k, x0 - wide, bottom - ZONE, x1 + wide, top + ZONE)
         else:
-            wide = max(0, ZONE - (high - low) + 1) // 2
-            put(zones, k, x0 - ZONE, low - wide, x1 + ZONE, high + wide)
-    swap, flip_x = uniform_int(source, two), uniform_int(source, two)
-    flip_y = uniform_int(source, two)
+            wide = max(0, ZONE - (top - bottom) + 1) // 2
+            put(zones, k, x0 - ZONE, bottom - wide, x1 + ZONE, top + wide)
+    swap, flip_x = numpy_integer(source, two), numpy_integer(source, two)
+    flip_y = numpy_integer(source, two)
     for rects in (rooms, corridors, openings, zones):
         _mirror(rects, w, h, swap, flip_x, flip_y)
     if swap:

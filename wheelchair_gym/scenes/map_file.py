@@ -18,9 +18,9 @@ from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.files import modified
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import FREE, OccupancyGrid, geodesic, read_any_map, write_map
+from wheelchair_gym.random import numpy_stream
 from wheelchair_gym.scenes.floor_plan import FloorPlan
 from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose, passing_radius
-from wheelchair_gym.scenes.random_stream import random_stream
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode, no_discs
 
@@ -115,7 +115,7 @@ SIZE: Final = (15.0, 12.0)  # m
 
 def example_clinic() -> OccupancyGrid:
     """A small clinic of 15 m x 12 m, always the same, its lower-left corner at (0, 0)."""
-    source = random_stream(np.random.default_rng(SEED))
+    source = numpy_stream(np.random.default_rng(SEED))
     return OccupancyGrid(FloorPlan(kind="clinic").storey(source, False, *SIZE).cells, CELL)
 
 
