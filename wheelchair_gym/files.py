@@ -239,6 +239,33 @@ def is_coordinate(value: Any) -> bool:
     return abs(value) <= LIMITS["coordinate"].most  # false for NaN
 
 
+def coordinates(value: Any, counts: tuple[int, ...], where: str) -> list[float]:
+    """A list from a file as coordinates [m]; `counts` are the lengths that it may have.
+
+    Raises:
+        InputError: it is no list of so many coordinates.
+    """
+    good = isinstance(value, list) and len(value) in counts
+    if not good or not all(map(is_coordinate, value)):
+        expected = f"expected a list of {' or '.join(map(str, counts))} coordinates [m]"
+        raise InputError(f"{where} is {shorten(value)}; {expected}")
+    return [float(number) for number in value]
+
+
+def coordinate_lists(value: Any, count: int, where: str) -> list[list[float]]:
+    """A list of lists from a file, each of `count` coordinates [m].
+
+    Raises:
+        InputError: it is no such list, or is longer than the limit.
+    """
+    if not isinstance(value, list):
+        raise InputError(f"{where} is {shorten(value)}; expected a list")
+    if len(value) > LIMITS["outline"].most:
+        expected = f"expected at most {LIMITS['outline'].most:,}"
+        raise InputError(f"{where} has {len(value):,} elements; {expected}")
+    return [coordinates(item, (count,), f"{where}[{k}]") for k, item in enumerate(value)]
+
+
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """A name to write to; renamed to `path` at the end, removed after an error.

@@ -138,6 +138,12 @@ def polygon_edges(polygon: ArrayLike) -> Array:
     return np.hstack([points, np.roll(points, -1, axis=0)])  # (k, 4)
 
 
+def signed_area(polygon: Array) -> float:
+    """Area [m2] of a polygon (k, 2), negative where its corners run clockwise."""
+    x, y = polygon.T
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+
+
 @kernel
 def point_segment_distance(
     px: float, py: float, ax: float, ay: float, bx: float, by: float
