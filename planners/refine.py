@@ -1,7 +1,7 @@
-"""Refinement: a valid path in, a valid path out that is shorter, smoother or less crowded.
+"""Refinement: a valid path in, a valid path out that is shorter, smoother or has more clearance.
 
-`REFINERS` names them; a refiner is its settings. Where it can make nothing better that is free, the
-plan stays as it is, and its note says why.
+`REFINERS` names them; a refiner is its settings. Where it finds no better free path, the plan stays
+as it is, and its note says why.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from time import perf_counter
-from typing import Final, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,8 +20,7 @@ from planners.random_stream import stream
 from planners.smoothing.comfort import path_cost, push_off_walls, resample
 from planners.smoothing.shortcut import shortcut
 from planners.smoothing.smooth import blocked_edges, pchip, smooth_curve, spline
-from planners.swarm.search import shorten_path
-from planners.swarm.woa import WhaleSettings
+from planners.swarm.search import PathShortening
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import path_length
 
@@ -71,7 +70,7 @@ class Shortcut:
     """Clearance from which on a metre costs no more."""
 
     def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
-        """Straighten; the generator is not used."""
+        """A straightened path; the generator is not used."""
 
         def better(arrays: SpaceArrays, path: Array) -> Array | str:
             short = shortcut(path, problem.free, self.obstacle_weight, self.desired_clearance)
@@ -80,99 +79,53 @@ class Shortcut:
         return _refined(plan, problem, better)
 
 
-_TOLERANCE: Final = setting(
-    default=0.005,
-    doc="Largest distance from the curve to its polyline.",
-    unit="m",
-    source="design choice",
-    low=1e-6,
-    high=1.0,
-)
-_SPACING: Final = setting(
-    default=2.0,
-    doc="Largest distance of knots at first.",
-    unit="m",
-    source="design choice: rooms and doors of buildings",
-    low=1e-2,
-)
-_ROUNDS: Final = setting(
-    default=16,
-    doc="How often knots are added where the curve is blocked.",
-    source="design choice: 2 m halved to 30 um",
-    low=0,
-    high=40,
-)
+@settings
+class SmoothCurve:
+    """What the refiners that draw a smooth curve share."""
+
+    tolerance: float = setting(default=0.005, unit="m", low=1e-6, high=1.0, source="design choice")
+    """Largest distance from the curve to its polyline."""
+    spacing: float = setting(
+        default=2.0, unit="m", low=1e-2, source="design choice: rooms and doors of buildings"
+    )
+    """Largest distance of knots at first."""
+    rounds: int = setting(default=16, low=0, high=40, source="design choice: 2 m halved to 30 um")
+    """How often knots are added where the curve is blocked."""
+
+    through = staticmethod(pchip)
+
+    def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
+        """A smooth path; the generator is not used."""
+
+        def better(arrays: SpaceArrays, path: Array) -> Array | str:
+            return smooth_curve(
+                arrays, path, self.through, self.tolerance, self.spacing, self.rounds
+            )
+
+        return _refined(plan, problem, better)
 
 
 @settings
-class Pchip:
+class Pchip(SmoothCurve):
     """A curve that never overshoots its knots: the first paper's (PCHIP), with exact edges."""
 
-    tolerance: float = _TOLERANCE
-    spacing: float = _SPACING
-    rounds: int = _ROUNDS
-
-    def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
-        """Smooth; the generator is not used."""
-
-        def better(arrays: SpaceArrays, path: Array) -> Array | str:
-            return smooth_curve(arrays, path, pchip, self.tolerance, self.spacing, self.rounds)
-
-        return _refined(plan, problem, better)
-
 
 @settings
-class Spline:
+class Spline(SmoothCurve):
     """A natural cubic spline, smoother than PCHIP and farther off its knots, with exact edges."""
 
-    tolerance: float = _TOLERANCE
-    spacing: float = _SPACING
-    rounds: int = _ROUNDS
-
-    def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
-        """Smooth; the generator is not used."""
-
-        def better(arrays: SpaceArrays, path: Array) -> Array | str:
-            return smooth_curve(arrays, path, spline, self.tolerance, self.spacing, self.rounds)
-
-        return _refined(plan, problem, better)
+    through = staticmethod(spline)
 
 
 @settings
-class Woa:
+class Woa(PathShortening):
     """A swarm of paths near the path, as in the thesis's global variant; never longer."""
 
-    whales: WhaleSettings = setting(
-        default=WhaleSettings(population=30, iterations=100), source="design choice"
-    )
-    """The swarm."""
-    shortness_weight: float = setting(default=10.0, unit="1/m", low=0, source="thesis, figure 3.1")
-    """Cost of length."""
-    collision_free_weight: float = setting(
-        default=1e4,
-        low=0.0,
-        source="design choice: above the length of any path, so that free paths lead",
-    )
-    """Cost of each blocked edge."""
-    width_bound: float = setting(default=2.5, unit="m", low=0.0, source="thesis, figure 3.1")
-    """Largest shift of a point in x."""
-    height_bound: float = setting(default=2.5, unit="m", low=0.0, source="thesis, figure 3.1")
-    """Largest shift of a point in y."""
-
     def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
-        """Shorten."""
+        """A shorter path."""
 
         def better(arrays: SpaceArrays, path: Array) -> Array | str:
-            shorter = shorten_path(
-                arrays,
-                path,
-                self.whales.parameters,
-                self.shortness_weight,
-                self.collision_free_weight,
-                self.width_bound,
-                self.height_bound,
-                stream(rng),
-            )
+            shorter = self.shorten(arrays, path, stream(rng))
             gained = path_length(shorter) < path_length(path) - 1e-9  # beyond rounding
             return shorter if gained else "no shorter path was found near it"
 
@@ -181,7 +134,7 @@ class Woa:
 
 @settings
 class Clearance:
-    """Pushed off what is solid to a comfortable distance, where there is room."""
+    """Pushes the path off obstacles to a comfortable distance, where there is space."""
 
     obstacle_weight: float = setting(default=10.0, low=0.0, high=1000.0, source="design choice")
     """Extra cost of a metre at an obstacle, in metres in the open."""
@@ -197,7 +150,7 @@ class Clearance:
     """Passes over all points."""
 
     def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
-        """Push; the generator is not used."""
+        """A path with more clearance; the generator is not used."""
 
         def better(arrays: SpaceArrays, path: Array) -> Array | str:
             points = resample(path, self.spacing)

@@ -72,7 +72,7 @@ class TreeOnMap:
             contracts.ContinuousProblem(self, start, contracts.GoalState(goal)),
             planner=own.planner,
             params=params.RrtParams(
-                max_iters=own.iterations if limit is None else UNLIMITED,
+                max_iters=own.iterations if own.planner == "rrt_star" else UNLIMITED,
                 step_size=own.step,
                 rrt_star_radius_gamma=own.gamma,
                 time_budget_s=limit,

@@ -58,11 +58,7 @@ class Space:
     """
 
     def __init__(
-        self,
-        solid: Any,
-        bounds: ArrayLike,
-        discs: ArrayLike = (),
-        edges: Array | None = None,
+        self, solid: Any, bounds: ArrayLike, discs: ArrayLike = (), edges: Array | None = None
     ) -> None:
         """Take what is solid, or the edges (n, 4) of what is free, and the map's bounds [m].
 

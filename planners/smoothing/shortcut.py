@@ -18,13 +18,7 @@ WINDOW = 250  # corners that one shortcut may skip at most: bounds the work on v
 
 @borrowing_kernel
 def edge_cost(
-    arrays: SpaceArrays,
-    ax: float,
-    ay: float,
-    bx: float,
-    by: float,
-    weight: float,
-    comfort: float,
+    arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float, weight: float, comfort: float
 ) -> float:
     """Length [m] of the edge from a to b times 1 + weight max(0, 1 - clearance/comfort).
 

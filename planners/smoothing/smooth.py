@@ -1,7 +1,7 @@
-"""Smooth free curves through the points of a path.
+"""Smooth free curves through the points of a path, as polylines whose edges are tested exactly.
 
-A curve passes through knots on the path. Where it is not free, knots are added, so that it
-approaches the path, which is free.
+`smooth_curve` adds knots where its curve is not free; `hermite_path` shortens tangents there. So
+both approach the path, which is free.
 """
 
 from __future__ import annotations
@@ -137,3 +137,56 @@ def smooth_curve(
         knots = _more_knots(arrays, knots, where)
     x, y = trial.points[int(np.flatnonzero(blocked)[0])] if blocked.any() else (math.nan, math.nan)
     return f"no smooth curve is free: {int(blocked.sum())} edges are not, near ({x:.2f}, {y:.2f})"
+
+
+def _hermite_edge(start: Array, step: Array, tangents: Array, tolerance: float) -> Array:
+    """Points (n - 1, 2) [m] of a cubic Hermite curve over an edge, without its ends.
+
+    A polyline of n equal pieces errs by at most |p''| / (8 n^2); p'' is linear, so that its ends
+    bound it.
+    """
+    u, v = tangents
+    ends = np.array([6.0 * step - 4.0 * u - 2.0 * v, 6.0 * step - 2.0 * u - 4.0 * v])
+    bend = np.hypot(*ends.T).max()
+    n = max(math.ceil(math.sqrt(bend / (8.0 * tolerance))), 1)
+    t = np.arange(1, n)[:, None] / n
+    s = 1.0 - t
+    a, b, c = t * s * s, t * t * s, t * t * (3.0 - 2.0 * t)
+    return np.asarray(start + a * u - b * v + c * step)
+
+
+def hermite_path(
+    arrays: SpaceArrays, path: Array, tangent_scale: float, halvings: int, tolerance: float
+) -> tuple[Array, int]:
+    """A free polyline (k, 2) [m] along cubic Hermite curves, and how many edges stay straight.
+
+    Args:
+        arrays: what is free.
+        path: points (n, 2) [m], each edge free, no two successive points the same.
+        tangent_scale: length of the tangents, in lengths of the edge; 1 is Catmull and Rom's.
+        halvings: how often a blocked curve halves its tangents before it is straight.
+        tolerance: largest distance of the polyline from the curve [m].
+    """
+    steps = np.diff(path, axis=0)
+    lengths = np.hypot(*steps.T)
+    units = np.vstack([np.zeros(2), steps / lengths[:, None], np.zeros(2)])
+    bisectors = units[:-1] + units[1:]
+    sizes = np.hypot(*bisectors.T)[:, None]
+    # A path that turns straight back has no tangent there.
+    directions = np.divide(bisectors, sizes, out=np.zeros_like(path), where=sizes > 0.0)
+    points, straight = [path[0]], 0
+    for i, step in enumerate(steps):
+        size = tangent_scale * lengths[i]
+        for trial in range(halvings + 1):
+            if trial == halvings:
+                size = 0.0
+                straight += 1
+            if size == 0.0:
+                break
+            inner = _hermite_edge(path[i], step, size * directions[i : i + 2], tolerance)
+            if not blocked_edges(arrays, np.vstack([points[-1], inner, path[i + 1]])).any():
+                points += list(inner)
+                break
+            size *= 0.5
+        points.append(path[i + 1])
+    return np.array(points), straight

@@ -493,12 +493,7 @@ def to_plan(trees: TreeSearch) -> Plan:
     if goal != NONE:
         path = path_from_root(start_tree, goal)
         counters["first_path_iterations"] = first
-    return Plan(
-        Status.EXHAUSTED if goal == NONE else Status.SOLVED,
-        path,
-        tree,
-        counters,
-    )
+    return Plan(Status.EXHAUSTED if goal == NONE else Status.SOLVED, path, tree, counters)
 
 
 def search(
