@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from planners.collision.polygon_tests import SpaceArrays
 from planners.problem import Plan, Problem, Status
 from planners.random_stream import stream
-from planners.smoothing.comfort import path_cost, push_off_walls, resample
-from planners.smoothing.shortcut import shortcut
+from planners.smoothing.shortcut import path_cost, push_off_walls, resample, shortcut
 from planners.smoothing.smooth import blocked_edges, pchip, smooth_curve, spline
 from planners.swarm.search import PathShortening
 from wheelchair_gym.config import setting, settings

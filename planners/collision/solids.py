@@ -82,8 +82,8 @@ def polygonal(geometry: Any) -> Any:
 def inflate(solid: Any, radius: float) -> Any:
     """A geometry that holds every point nearer than the radius [m] to a solid.
 
-    Straight sides move out by the radius; round corners become polygons whose sides touch the arc
-    (shapely's own buffer cuts corners: its arcs lie inside).
+    Straight sides move out by the radius; round corners become polygons whose sides touch the arc.
+    See `inflation` for when this is used, and why shapely's buffer is not.
     """
     radius += 2 * GRID  # rounding below may not bring anything nearer
     pieces = [solid]

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from planners.collision.orient2d import orient2d
-from planners.collision.polygon_tests import SpaceArrays
+from planners.collision.polygon_tests import SpaceArrays, orient2d
 from planners.graphs.roadmap import shortest
 from planners.problem import Plan, PlannerBase, Problem, Status
 from planners.smoothing.shortcut import shortcut

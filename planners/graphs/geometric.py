@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.collision.boundary_walk import blocking_segments
+from planners.collision.boundary import blocking_segments
 from planners.collision.polygon_tests import edge_free
 from planners.collision.space import Space
 from planners.problem import Plan, PlannerBase, Problem, Status

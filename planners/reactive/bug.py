@@ -14,8 +14,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.boundary_walk import (
-    Indices,
+from planners.collision.boundary import (
+    Index,
     blocking_segments,
     boundary_loop,
     fraction_along,
@@ -24,8 +24,7 @@ from planners.collision.boundary_walk import (
     line_intersection,
     segment_links,
 )
-from planners.collision.orient2d import orient2d
-from planners.collision.polygon_tests import SpaceArrays, edge_free
+from planners.collision.polygon_tests import SpaceArrays, edge_free, orient2d
 from planners.problem import Plan, PlannerBase, Problem, Status
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
@@ -52,8 +51,8 @@ class Solids(NamedTuple):
     """What a bug may touch."""
 
     arrays: SpaceArrays
-    following: Indices
-    preceding: Indices
+    following: Index
+    preceding: Index
 
 
 Detour = Callable[[Solids, Hit, Array], "Array | None"]
@@ -126,7 +125,7 @@ def round_and_back(solids: Solids, hit: Hit, goal: Array) -> Array | None:
 
 @kernel
 def _way_off(
-    arrays: SpaceArrays, loop: Indices, forward: bool, origin: Array, goal: Array, part: float
+    arrays: SpaceArrays, loop: Index, forward: bool, origin: Array, goal: Array, part: float
 ) -> tuple[int, float, float]:
     """Where a walk meets the line again, nearer to the goal and free to go on.
 

@@ -139,20 +139,26 @@ def smooth_curve(
     return f"no smooth curve is free: {int(blocked.sum())} edges are not, near ({x:.2f}, {y:.2f})"
 
 
-def _hermite_edge(start: Array, step: Array, tangents: Array, tolerance: float) -> Array:
-    """Points (n - 1, 2) [m] of a cubic Hermite curve over an edge, without its ends.
+@kernel
+def _hermite_edge(start: Array, end: Array, u: Array, v: Array, tolerance: float) -> Array:
+    """Points (n + 1, 2) [m] of a cubic Hermite curve over an edge, with tangents u and v.
 
     A polyline of n equal pieces errs by at most |p''| / (8 n^2); p'' is linear, so that its ends
     bound it.
     """
-    u, v = tangents
-    ends = np.array([6.0 * step - 4.0 * u - 2.0 * v, 6.0 * step - 2.0 * u - 4.0 * v])
-    bend = np.hypot(*ends.T).max()
+    step = end - start
+    first, last = 6.0 * step - 4.0 * u - 2.0 * v, 6.0 * step - 2.0 * u - 4.0 * v
+    bend = max(math.hypot(first[0], first[1]), math.hypot(last[0], last[1]))
     n = max(math.ceil(math.sqrt(bend / (8.0 * tolerance))), 1)
-    t = np.arange(1, n)[:, None] / n
-    s = 1.0 - t
-    a, b, c = t * s * s, t * t * s, t * t * (3.0 - 2.0 * t)
-    return np.asarray(start + a * u - b * v + c * step)
+    points = np.empty((n + 1, 2))
+    points[0], points[n] = start, end
+    for k in range(1, n):
+        t = k / n
+        s = 1.0 - t
+        a, b, c = t * s * s, t * t * s, t * t * (3.0 - 2.0 * t)
+        for axis in range(2):
+            points[k, axis] = start[axis] + a * u[axis] - b * v[axis] + c * step[axis]
+    return points
 
 
 def hermite_path(
@@ -174,19 +180,17 @@ def hermite_path(
     sizes = np.hypot(*bisectors.T)[:, None]
     # A path that turns straight back has no tangent there.
     directions = np.divide(bisectors, sizes, out=np.zeros_like(path), where=sizes > 0.0)
-    points, straight = [path[0]], 0
-    for i, step in enumerate(steps):
-        size = tangent_scale * lengths[i]
-        for trial in range(halvings + 1):
-            if trial == halvings:
-                size = 0.0
-                straight += 1
-            if size == 0.0:
-                break
-            inner = _hermite_edge(path[i], step, size * directions[i : i + 2], tolerance)
-            if not blocked_edges(arrays, np.vstack([points[-1], inner, path[i + 1]])).any():
-                points += list(inner)
+    pieces, straight = [path[:1]], 0
+    for i, length in enumerate(lengths):
+        piece, size = path[i : i + 2], tangent_scale * length
+        for _ in range(halvings if size > 0.0 else 0):
+            u, v = size * directions[i : i + 2]
+            curve = _hermite_edge(path[i], path[i + 1], u, v, tolerance)
+            if not blocked_edges(arrays, curve).any():
+                piece = curve
                 break
             size *= 0.5
-        points.append(path[i + 1])
-    return np.array(points), straight
+        else:
+            straight += size > 0.0
+        pieces.append(piece[1:])
+    return np.concatenate(pieces), straight

@@ -23,8 +23,7 @@ from planners.swarm.path_cost import Smooth
 from planners.swarm.planner import SwarmPlanner
 from planners.swarm.search import PathShortening, ShiftBounds
 from planners.swarm.woa import WhaleSettings
-from planners.trees.sampling import SteeringCost
-from planners.trees.tree import Growth
+from planners.trees.sampling import Growth, SteeringCost
 from planners.trees.tree_search import search
 from wheelchair_gym.config import setting, settings
 
