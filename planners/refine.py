@@ -6,15 +6,14 @@ as it is, and its note says why.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from time import perf_counter
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.collision.polygon_tests import SpaceArrays
+from planners.collision.space import Space
 from planners.problem import Plan, Problem, Status
 from planners.random_stream import stream
 from planners.smoothing.shortcut import path_cost, push_off_walls, resample, shortcut
@@ -26,37 +25,37 @@ from wheelchair_gym.geometry import path_length
 Array = NDArray[np.float64]
 
 
-class Refiner(Protocol):
+class Refiner(ABC):
     """A frozen settings object that refines: same plan, same rng state, same answer."""
 
     def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
-        """A better plan, or the same with a note that says why; headings are dropped."""
-        ...
+        """A better plan, or the same with a note that says why; headings are dropped.
 
+        The plan may be a path (n, 2 or 3) [m].
+        """
+        began = perf_counter()
+        given = plan if isinstance(plan, Plan) else Plan(Status.SOLVED, np.asarray(plan, float))
+        if given.status != Status.SOLVED:
+            return replace(given, note=given.note or "there is no path to refine")
+        path = np.ascontiguousarray(given.path[:, :2], dtype=np.float64)
+        arrays = problem.free.arrays
+        if not np.isfinite(path).all() or len(path) < 2 or blocked_edges(arrays, path).any():
+            return replace(given, note="not refined: the path itself is not free")
+        answer = self.better(problem.free, path, rng)
+        if not isinstance(answer, str) and blocked_edges(arrays, answer).any():
+            answer = "the precision of coordinates does not tell whether the new path is free"
+        if isinstance(answer, str):
+            return replace(given, note=f"not refined: {answer}")
+        timings = {**given.timings, "refine_s": perf_counter() - began}
+        return replace(given, path=answer, timings=timings, note="")
 
-def _refined(
-    plan: Plan | ArrayLike, problem: Problem, better: Callable[[SpaceArrays, Array], Array | str]
-) -> Plan:
-    """A plan, or a path (n, 2 or 3) [m], with a better path or with the reason against it."""
-    began = perf_counter()
-    given = plan if isinstance(plan, Plan) else Plan(Status.SOLVED, np.asarray(plan, np.float64))
-    if given.status != Status.SOLVED:
-        return replace(given, note=given.note or "there is no path to refine")
-    path = np.ascontiguousarray(given.path[:, :2], dtype=np.float64)
-    arrays = problem.free.arrays
-    if not np.isfinite(path).all() or len(path) < 2 or blocked_edges(arrays, path).any():
-        return replace(given, note="not refined: the path itself is not free")
-    answer = better(arrays, path)
-    if not isinstance(answer, str) and blocked_edges(arrays, answer).any():
-        answer = "digits do not tell whether the new path is free"
-    if isinstance(answer, str):
-        return replace(given, note=f"not refined: {answer}")
-    timings = {**given.timings, "refine_s": perf_counter() - began}
-    return replace(given, path=answer, timings=timings, note="")
+    @abstractmethod
+    def better(self, free: Space, path: Array, rng: np.random.Generator) -> Array | str:
+        """A better path (k, 2) [m] than a free path (n, 2), or why there is none."""
 
 
 @settings
-class Shortcut:
+class Shortcut(Refiner):
     """The cheapest way over the path's own points; never dearer."""
 
     obstacle_weight: float = setting(
@@ -68,18 +67,14 @@ class Shortcut:
     )
     """Clearance from which on a metre costs no more."""
 
-    def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
+    def better(self, free: Space, path: Array, rng: np.random.Generator) -> Array | str:
         """A straightened path; the generator is not used."""
-
-        def better(arrays: SpaceArrays, path: Array) -> Array | str:
-            short = shortcut(path, problem.free, self.obstacle_weight, self.desired_clearance)
-            return short if len(short) < len(path) else "no point of it can be left out"
-
-        return _refined(plan, problem, better)
+        short = shortcut(path, free, self.obstacle_weight, self.desired_clearance)
+        return short if len(short) < len(path) else "no point of it can be left out"
 
 
 @settings
-class SmoothCurve:
+class SmoothCurve(Refiner):
     """What the refiners that draw a smooth curve share."""
 
     tolerance: float = setting(default=0.005, unit="m", low=1e-6, high=1.0, source="design choice")
@@ -93,15 +88,11 @@ class SmoothCurve:
 
     through = staticmethod(pchip)
 
-    def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
+    def better(self, free: Space, path: Array, rng: np.random.Generator) -> Array | str:
         """A smooth path; the generator is not used."""
-
-        def better(arrays: SpaceArrays, path: Array) -> Array | str:
-            return smooth_curve(
-                arrays, path, self.through, self.tolerance, self.spacing, self.rounds
-            )
-
-        return _refined(plan, problem, better)
+        return smooth_curve(
+            free.arrays, path, self.through, self.tolerance, self.spacing, self.rounds
+        )
 
 
 @settings
@@ -117,22 +108,18 @@ class Spline(SmoothCurve):
 
 
 @settings
-class Woa(PathShortening):
+class Woa(PathShortening, Refiner):
     """A swarm of paths near the path, as in the thesis's global variant; never longer."""
 
-    def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
+    def better(self, free: Space, path: Array, rng: np.random.Generator) -> Array | str:
         """A shorter path."""
-
-        def better(arrays: SpaceArrays, path: Array) -> Array | str:
-            shorter = self.shorten(arrays, path, stream(rng))
-            gained = path_length(shorter) < path_length(path) - 1e-9  # beyond rounding
-            return shorter if gained else "no shorter path was found near it"
-
-        return _refined(plan, problem, better)
+        shorter = self.shorten(free.arrays, path, stream(rng))
+        gained = path_length(shorter) < path_length(path) - 1e-9  # beyond rounding
+        return shorter if gained else "no shorter path was found near it"
 
 
 @settings
-class Clearance:
+class Clearance(Refiner):
     """Pushes the path off obstacles to a comfortable distance, where there is space."""
 
     obstacle_weight: float = setting(default=10.0, low=0.0, high=1000.0, source="design choice")
@@ -148,26 +135,22 @@ class Clearance:
     )
     """Passes over all points."""
 
-    def refine(self, plan: Plan | ArrayLike, problem: Problem, rng: np.random.Generator) -> Plan:
+    def better(self, free: Space, path: Array, rng: np.random.Generator) -> Array | str:
         """A path with more clearance; the generator is not used."""
-
-        def better(arrays: SpaceArrays, path: Array) -> Array | str:
-            points = resample(path, self.spacing)
-            if blocked_edges(arrays, points).any():  # along slanted walls, digits may forbid some
-                points = path
-            points = push_off_walls(
-                arrays,
-                points,
-                self.obstacle_weight,
-                self.desired_clearance,
-                0.25 * self.desired_clearance,
-                self.sweeps,
-            )
-            points = shortcut(points, problem.free, self.obstacle_weight, self.desired_clearance)
-            before, after = (
-                path_cost(arrays, way, self.obstacle_weight, self.desired_clearance)
-                for way in (path, points)
-            )
-            return points if after < before else "there is no cheaper path near it"
-
-        return _refined(plan, problem, better)
+        arrays, points = free.arrays, resample(path, self.spacing)
+        if blocked_edges(arrays, points).any():  # along slanted walls, rounding may block some
+            points = path
+        points = push_off_walls(
+            arrays,
+            points,
+            self.obstacle_weight,
+            self.desired_clearance,
+            0.25 * self.desired_clearance,
+            self.sweeps,
+        )
+        points = shortcut(points, free, self.obstacle_weight, self.desired_clearance)
+        before, after = (
+            path_cost(arrays, way, self.obstacle_weight, self.desired_clearance)
+            for way in (path, points)
+        )
+        return points if after < before else "there is no cheaper path near it"

@@ -74,10 +74,10 @@ def _more(array: Array) -> Array:
 def decompose(
     segments: Array, lines: Array, begin: Pairs, finish: Pairs
 ) -> tuple[Pairs, Array, Pairs, Array]:
-    """Sweep a line from left to right.
+    """Sweep a line from left to right over the boundary (n, 4) [m], the solid on its left.
 
     Args:
-        segments: the boundary (n, 4) [m], what is solid on the left.
+        segments: the boundary.
         lines: x of all corners, ascending, once each [m].
         begin: segments that are not vertical, by their left ends.
         finish: the same, by their right ends.
@@ -182,42 +182,20 @@ def cells_at(arrays: SpaceArrays, walls: Pairs, spans: Array, x: float, y: float
     return held[:count]
 
 
-@kernel
-def joined(sides: Pairs, cells: int, start_in: Pairs, goal_in: Pairs, per: int) -> Pairs:
+def pairs_in_cells(sides: Pairs, cells: int, start_in: Pairs, goal_in: Pairs, per: int) -> Pairs:
     """Pairs of nodes (k, 2) that lie in one cell: start, goal, then `per` nodes of each window."""
-    total = 2 + per * sides.shape[0]
-    first = np.zeros(cells + 1, dtype=np.int64)
-    for k in range(2):
-        for cell in start_in if k == 0 else goal_in:
-            first[cell + 1] += 1
-    for w in range(sides.shape[0]):
-        for k in range(2):
-            first[sides[w, k] + 1] += per
-    for cell in range(cells):
-        first[cell + 1] += first[cell]
-    members, fill = np.empty(first[cells], dtype=np.int64), first[:cells].copy()
-    for k in range(2):
-        for cell in start_in if k == 0 else goal_in:
-            members[fill[cell]] = k
-            fill[cell] += 1
-    for w in range(sides.shape[0]):
-        for k in range(2):
-            for m in range(per):
-                members[fill[sides[w, k]]] = 2 + per * w + m
-                fill[sides[w, k]] += 1
-    count = 0
-    for cell in range(cells):
-        size = first[cell + 1] - first[cell]
-        count += size * (size - 1) // 2
-    pairs = np.empty((count, 2), dtype=np.int64)
-    count = 0
-    for cell in range(cells):
-        for p in range(first[cell], first[cell + 1]):
-            for q in range(p + 1, first[cell + 1]):
-                if members[p] < total and members[p] != members[q]:
-                    pairs[count, 0], pairs[count, 1] = members[p], members[q]
-                    count += 1
-    return pairs[:count]
+    cell = np.concatenate([start_in, goal_in, np.repeat(sides, per, axis=0).T.ravel()])
+    ends, of_windows = np.repeat([0, 1], [len(start_in), len(goal_in)]), np.arange(per * len(sides))
+    order = np.argsort(cell, kind="stable")
+    node, place = (
+        np.concatenate([ends, 2 + of_windows, 2 + of_windows])[order],
+        np.arange(len(cell)),
+    )
+    later = np.cumsum(np.bincount(cell, minlength=cells))[cell[order]] - place - 1  # in its cell
+    first = np.repeat(place, later)
+    second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(later) - later, later)
+    pairs = np.stack([node[first], node[second]], axis=1)
+    return pairs[pairs[:, 0] != pairs[:, 1]]
 
 
 WINDOW_NODES = 3  # middle, low and high end: paths bend at corners, which are ends of windows
@@ -257,7 +235,7 @@ class CellDecomposition(PlannerBase):
         start_in, goal_in = (cells_at(arrays, walls, spans, *point) for point in ends)
         x, low, high = windows.T
         corners = np.stack([x, 0.5 * (low + high), x, low, x, high], axis=1).reshape(-1, 2)
-        pairs = joined(sides, cells, start_in, goal_in, WINDOW_NODES)
+        pairs = pairs_in_cells(sides, cells, start_in, goal_in, WINDOW_NODES)
         way = shortest(arrays, np.vstack([ends, corners]), pairs, end)
         path, status, note = way.path, Status.SOLVED, ""
         if not len(path):
