@@ -188,15 +188,9 @@ def stretch_gap(
 ) -> float:
     """Least gap [m] while stretch m is driven, at most `enough`; 0 where something is touched.
 
-    Args:
-        sweeps: the stretches.
-        m: which.
-        outline: (3,) m: front, rear, half width.
-        segments: (n, 4) m: the boundary in the chair's frame at the beginning; each end of a
-            segment that matters is the first end of one of them, or of one farther than `enough`.
-        count: how many of the segments count.
-        enough: gaps beyond this are not looked for [m].
-        least: a gap below this ends the search [m]; then any below it is returned.
+    `segments` (n, 4) [m], `count` of them, are the boundary in the chair's frame at the beginning:
+    each end of a segment that matters is the first end of one of them, or of one farther than
+    `enough`. A gap below `least` ends the search; then any gap below it is returned.
     """
     gap = enough
     straight = sweeps.turn[m] == 0.0

@@ -373,14 +373,10 @@ def _offset_boundary(arrays: SpaceArrays, radii: Array, bounds: Array) -> Array 
 
 
 def inflated_boundary(arrays: SpaceArrays, radius: float) -> Array:
-    """Segments (n, 4) [m] round where a disc's centre may be; what it may not enter on their left.
+    """Segments (n, 4) [m] around where a disc's centre may be; the rest is on their left.
 
-    No point of what they leave is nearer than the radius to anything, and no point that keeps
-    radius / cos(ARC / 2) is lost.
-
-    Args:
-        arrays: of what is free; its borders move in by exactly the radius, if that can be.
-        radius: of the disc [m], above 0.
+    No point inside is nearer than the radius [m] to anything, and no point that keeps
+    radius / cos(ARC / 2) is lost. The map's borders move in by exactly the radius, if possible.
 
     Raises:
         ValueError: pieces do not fit together, as where segments lie nearer to each other than

@@ -107,19 +107,10 @@ def nearby(space: Space, reach: float) -> Nearby:
 def segments_in_view(
     near: Nearby, x: float, y: float, yaw: float, box: Array, enough: float, seen: Array
 ) -> int:
-    """Write the segments within `enough` of a box (in the chair's frame) at a pose.
+    """Write the segments within `enough` [m] of a box at a pose [m, m, rad] on the map.
 
-    Args:
-        near: what lies where.
-        x: the pose [m], on the map; then y [m] and yaw [rad].
-        y: see x.
-        yaw: see x.
-        box: xmin, ymin, xmax, ymax [m] in the chair's frame.
-        enough: how far beyond the box [m].
-        seen: (k, 4) m, where they are written, in the chair's frame.
-
-    Returns:
-        How many there are.
+    The box (xmin, ymin, xmax, ymax) and the segments (k, 4), written to `seen`, are in the chair's
+    frame. Returns how many there are.
     """
     cell = int((y - near.origin[1]) / CELL) * near.columns + int((x - near.origin[0]) / CELL)
     c, s = math.cos(yaw), math.sin(yaw)

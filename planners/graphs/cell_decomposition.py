@@ -1,8 +1,8 @@
 """Exact cell decomposition: from cell to cell through the windows between them.
 
-What is free is cut up and down from every corner. A cell lies between two boundary segments, its
-floor and its ceiling, and between two vertical lines; it is convex. A window is where two cells
-meet on such a line, if only in one point.
+Vertical lines through all corners cut free space into cells. A cell lies between two boundary
+segments, its floor and its ceiling, and between two vertical lines; it is convex. A window is where
+two cells meet on such a line, even in one point.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from wheelchair_gym.config import setting, settings
 Array = NDArray[np.float64]
 Pairs = NDArray[np.int64]
 
-SLACK = 1e-9  # m: windows that rounding may have closed; what leads through is tested exactly
+SLACK = 1e-9  # m: rounding may close windows; edges through them are tested exactly
 
 
 @borrowing_kernel
@@ -58,13 +58,13 @@ def _above(segments: Array, k: int, other: int) -> bool:
 
 @borrowing_kernel
 def _free_between(segments: Array, low: int, high: int) -> bool:
-    """Whether what lies between two segments, next to each other on the line, is free."""
+    """Whether the space between two neighbouring segments on the line is free."""
     return bool(segments[low, 0] > segments[low, 2] and segments[high, 0] < segments[high, 2])
 
 
 @kernel
 def _more(array: Array) -> Array:
-    """The same rows with room for as many again."""
+    """The same rows in an array of twice as many."""
     wider = np.empty((2 * array.shape[0], array.shape[1]), array.dtype)
     wider[: array.shape[0]] = array
     return wider
@@ -119,7 +119,7 @@ def decompose(
                 active[m] = active[m - 1]
             active[low] = k
             passing += 1
-        # The cells that go on, those that end here and those that begin here, upwards.
+        # Cells that go on, that end here, and that begin here, upwards.
         opened = ending = 0
         for m in range(passing - 1):
             f, c = active[m], active[m + 1]
@@ -163,7 +163,7 @@ def decompose(
                     windows[found, 1], windows[found, 2] = bottom, max(bottom, top)
                     found += 1
                 elif q >= ending and bottom > a_high + SLACK:
-                    break  # what begins here lies higher and higher
+                    break  # cells that begin here come from low to high
     return walls[:cells], spans[:cells], sides[:found], windows[:found]
 
 
@@ -195,7 +195,7 @@ def pairs_in_cells(sides: Pairs, cells: int, start_in: Pairs, goal_in: Pairs, pe
     first = np.repeat(place, later)
     second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(later) - later, later)
     pairs = np.stack([node[first], node[second]], axis=1)
-    return pairs[pairs[:, 0] != pairs[:, 1]]
+    return np.asarray(pairs[pairs[:, 0] != pairs[:, 1]])
 
 
 WINDOW_NODES = 3  # middle, low and high end: paths bend at corners, which are ends of windows
@@ -217,10 +217,10 @@ def cut(arrays: SpaceArrays) -> tuple[Pairs, Array, Pairs, Array]:
 
 @settings
 class CellDecomposition(PlannerBase):
-    """Vertical cell decomposition (Chazelle 1987; Latombe 1991): complete, and soon done.
+    """Vertical cell decomposition (Chazelle 1987; Latombe 1991): complete and quick.
 
-    It proves it where there is no path. The path is the shortest through the middles and the ends
-    of the windows between cells, straightened.
+    It proves that there is no path. The path is the shortest through the middles and the ends of
+    the windows between cells, straightened.
     """
 
     shortcut: bool = setting(default=True, source="straighten the path, which is never longer then")
@@ -241,11 +241,11 @@ class CellDecomposition(PlannerBase):
         if not len(path):
             links = coo_array((np.ones(len(sides)), sides.T), shape=(cells, cells))
             _, part = connected_components(links, directed=False)
-            status, note = Status.NO_PATH, "start and goal lie in parts that do not meet"
+            status, note = Status.NO_PATH, "start and goal lie in separate parts of free space"
             if not way.in_time:
                 status, note = Status.EXHAUSTED, "out of time"
             elif np.isin(part[start_in], part[goal_in]).any():
-                status, note = Status.EXHAUSTED, "too narrow for the digits of its coordinates"
+                status, note = Status.EXHAUSTED, "too narrow for the precision of coordinates"
         elif self.shortcut:
             path = shortcut(path, problem.free)
         return Plan(

@@ -287,18 +287,10 @@ def _advance(search: _Search, queue: _Queue, known: Mask, spare: int, most: int)
 def shortest(
     mesh: Mesh, corners: Corners, start: Array, goal: Array, most: int
 ) -> tuple[Array, bool, int, int]:
-    """The shortest path from a start to a goal.
+    """The shortest path (k, 2) [m] from a start to a goal (2,), both free; empty if none was found.
 
-    Args:
-        mesh: of what is free.
-        corners: of what is solid.
-        start: (2,) [m], free.
-        goal: (2,) [m], free.
-        most: cones, before it gives up.
-
-    Returns:
-        The path (k, 2) [m], empty if none was found; whether that is proven; corners settled and
-        cones made.
+    It gives up after `most` cones. Also returns whether the answer is proven, how many corners were
+    settled, and how many cones were made.
     """
     n, m, triangles = corners.place.shape[0], mesh.points.shape[0], mesh.corners.shape[0]
     points = np.empty((m + 2, 2))

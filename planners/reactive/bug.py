@@ -28,7 +28,7 @@ from planners.collision.polygon_tests import SpaceArrays, edge_free, orient2d
 from planners.problem import Plan, PlannerBase, Problem, Status
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import path_length
+from wheelchair_gym.geometry import path_length, without_repeats
 
 Array = NDArray[np.float64]
 
@@ -203,12 +203,10 @@ class Bug(PlannerBase):
                     break
         except RoundingError:
             pass
-        walk = np.vstack([*path, goal])
-        moved = np.ones(len(walk), dtype=np.bool_)
-        moved[1:] = (np.diff(walk, axis=0) != 0.0).any(axis=1)
+        walk = without_repeats(np.vstack([*path, goal]))
         return Plan(
             status,
-            walk[moved] if status == Status.SOLVED else np.empty((0, 2)),
+            walk if status == Status.SOLVED else np.empty((0, 2)),
             counters={"hits": hits},
             note=note,
         )

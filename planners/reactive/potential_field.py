@@ -50,15 +50,10 @@ def potential(arrays: SpaceArrays, field: Field, x: float, y: float) -> float:
 def descend(
     arrays: SpaceArrays, field: Field, path: Array, count: int, budget: int, least: float
 ) -> tuple[int, int]:
-    """Take at most so many steps down from the last of the points; their number, and how it is.
+    """Take steps down from the last of `count` points of a path (n, 2) [m], up to `budget` points.
 
-    Args:
-        arrays: what is free.
-        field: the potential.
-        path: room for points (n, 2) [m].
-        count: how many of them are there.
-        budget: how many there may be.
-        least: shortest step [m]; where no heading leads down by it, the walk is held.
+    Where no heading leads down by a step of at least `least` [m], the walk is held. Returns how
+    many points there are, and WALKING, ARRIVED or HELD.
     """
     while count < budget:
         x, y = path[count - 1, 0], path[count - 1, 1]

@@ -79,13 +79,8 @@ def spline_slopes(
 ) -> None:
     """Slopes that make the second derivative continuous (de Boor 1978, chapter IV).
 
-    Args:
-        knots: (n,), rising.
-        points: (n, 2).
-        n: how many count, at least 2.
-        natural: no bend at the ends; otherwise the first two pieces are one cubic, as the last.
-        band: (n,) room.
-        slopes: (n, 2), written.
+    Of n points, at least 2, at rising knots. Natural: no bend at the ends; otherwise the first two
+    pieces are one cubic, and so are the last two.
     """
     for c in range(2):
         first = (points[1, c] - points[0, c]) / (knots[1] - knots[0])
@@ -131,16 +126,10 @@ def spline_slopes(
 def sample_curve(
     kind: int, chordal: bool, points: Array, n: int, pieces: int, room: CurveWorkspace, line: Array
 ) -> int:
-    """Cut a curve through points into straight pieces; returns how many points were written.
+    """Cut a curve through n points [m] into straight pieces; returns how many points are written.
 
-    Args:
-        kind: POLYLINE, PCHIP, SPLINE or NATURAL.
-        chordal: knots as far apart as the points are; otherwise 0, 1, 2 ...
-        points: (n, 2) m.
-        n: how many count, at least 2.
-        pieces: of each leg between two points, at least 1.
-        room: for n points.
-        line: ((n - 1) * pieces + 1, 2) m, written; it holds the points themselves.
+    Knots are as far apart as the points (chordal), or 0, 1, 2 ... Each leg between two points gets
+    `pieces`; the line ((n - 1) * pieces + 1, 2) holds the points themselves.
     """
     knots, slopes = room.knots, room.slopes
     if kind != POLYLINE and pieces > 1:

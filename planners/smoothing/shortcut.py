@@ -143,15 +143,10 @@ def path_cost(arrays: SpaceArrays, path: Array, weight: float, comfort: float) -
 def push_off_walls(
     arrays: SpaceArrays, path: Array, weight: float, comfort: float, step: float, sweeps: int
 ) -> Array:
-    """The path (n, 2) after coordinate descent of its inner points on `edge_cost`.
+    """The path (n, 2) [m], each edge free, after coordinate descent of its points on `edge_cost`.
 
-    Args:
-        arrays: what is free.
-        path: points [m], all edges free.
-        weight: of `edge_cost`.
-        comfort: of `edge_cost` [m].
-        step: first distance by which a point is moved [m]; halved when no point moves any more.
-        sweeps: how often all points are tried.
+    `step` [m] is the first distance of a move; it is halved when no point moves any more. `sweeps`
+    is how often all points are tried.
     """
     points = path.copy()
     settled = np.zeros(points.shape[0], dtype=np.bool_)  # since it or a neighbour moved

@@ -17,6 +17,7 @@ from scipy.interpolate import CubicHermiteSpline
 from planners.collision.polygon_tests import SpaceArrays, edge_free
 from planners.smoothing.curves import pchip_slopes, spline_slopes
 from wheelchair_gym.compiled.kernel import kernel
+from wheelchair_gym.geometry import arc_lengths, without_repeats
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -104,17 +105,11 @@ def smooth_curve(
 ) -> Array | str:
     """A free polyline (k, 2) [m] along a smooth curve through a free path, or why there is none.
 
-    Args:
-        arrays: what is free.
-        path: (n, 2) m, each edge free.
-        through: makes the curve of the way [m] made at each knot, and the knots.
-        tolerance: how far the curve may lie from its polyline [m].
-        spacing: knots are at most this far apart [m] at first.
-        rounds: how often knots are put in.
+    `through` makes the curve of the arc length [m] at each knot, and of the knots. The curve lies
+    within the tolerance [m] of its polyline; knots are at most `spacing` [m] apart at first; they
+    are added up to `rounds` times.
     """
-    moved = np.ones(len(path), dtype=np.bool_)
-    moved[1:] = (np.diff(path, axis=0) != 0.0).any(axis=1)
-    knots = path[moved]
+    knots = without_repeats(path)
     if len(knots) < 3:
         return "a straight path is smooth already"
     for _ in range(64):  # halving any way that doubles hold
@@ -125,7 +120,7 @@ def smooth_curve(
             break
     trial, blocked = Sampled(knots, np.arange(len(knots) - 1)), np.zeros(0, dtype=np.bool_)
     for _ in range(rounds + 1):
-        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(knots, axis=0).T))])
+        way = arc_lengths(knots)
         if not (np.diff(way) > 0.0).all():
             break
         trial = sampled(through(way, knots), knots, tolerance)

@@ -29,6 +29,7 @@ from planners.swarm.search import (
     split_legs,
 )
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import without_repeats
 
 Array = NDArray[np.float64]
 
@@ -200,5 +201,4 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
         timings = {"first_s": first_s}
         if path is None:
             return Plan(Status.EXHAUSTED, counters=counters, timings=timings)
-        apart = np.append(True, (np.diff(path, axis=0) != 0.0).any(axis=1))
-        return Plan(Status.SOLVED, path[apart], first.tree, counters, timings)
+        return Plan(Status.SOLVED, without_repeats(path), first.tree, counters, timings)

@@ -44,6 +44,7 @@ from planners.swarm.path_cost import (
 from planners.swarm.woa import WhaleSettings
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import arc_lengths
 
 Array = NDArray[np.float64]
 
@@ -87,7 +88,7 @@ def scatter_bowed(
 
 def sample_along(path: Array, count: int, among: int, rng: np.random.Generator) -> Array:
     """Way points (count, 2) drawn, in order, from `among` points evenly along a path: P1."""
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    way = arc_lengths(path)
     at = np.linspace(0.0, way[-1], among)
     drawn = np.sort(rng.choice(at, count, replace=count > among))
     return np.stack([np.interp(drawn, way, path[:, 0]), np.interp(drawn, way, path[:, 1])], axis=1)
