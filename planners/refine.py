@@ -56,7 +56,7 @@ class Refiner(ABC):
 
 @settings
 class Shortcut(Refiner):
-    """The cheapest way over the path's own points; never dearer."""
+    """The cheapest path over points of the path; never costlier."""
 
     obstacle_weight: float = setting(
         default=0.0, low=0.0, high=1000.0, source="design choice: length alone"

@@ -136,15 +136,15 @@ def edges_within_frame(walls: ArrayLike, bounds: tuple[float, float, float, floa
     ):
         on = (lines[:, axis] == at) & (lines[:, axis + 2] == at)
         keep &= ~on
-        spans = np.sort(lines[on][:, [1 - axis, 3 - axis]], axis=1)
-        spans = spans[np.argsort(spans[:, 0])]
+        covered = np.sort(lines[on][:, [1 - axis, 3 - axis]], axis=1)
+        covered = covered[np.argsort(covered[:, 0])]
         low, high = min(begin, end), max(begin, end)
-        gaps = np.stack([np.append(low, spans[:, 1]), np.append(spans[:, 0], high)], axis=1)
-        gaps = gaps[gaps[:, 0] < gaps[:, 1]]
+        free = np.stack([np.append(low, covered[:, 1]), np.append(covered[:, 0], high)], axis=1)
+        free = free[free[:, 0] < free[:, 1]]
         if begin > end:
-            gaps = gaps[:, ::-1]
-        piece = np.full((len(gaps), 4), at)
-        piece[:, [1 - axis, 3 - axis]] = gaps
+            free = free[:, ::-1]
+        piece = np.full((len(free), 4), at)
+        piece[:, [1 - axis, 3 - axis]] = free
         pieces.append(piece)
     return np.concatenate([lines[keep], *pieces])
 

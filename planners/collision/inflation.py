@@ -1,7 +1,7 @@
 """Inflation of obstacles: the region in which the centre of a disc may be.
 
 Its boundary consists of segments offset by the radius and of arcs around convex corners. A piece of
-these is exposed where every other segment is at least that segment's own radius away. A
+these is exposed where every other segment is at least that segment's radius away. A
 circumscribed polygon replaces each arc, so the region is never too large; where two pieces would
 cross, their arcs get shorter sides.
 
@@ -28,50 +28,48 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 ARC = math.pi / 8  # rad: at most this much of an arc per side of its polygon
-# Radii grow by this share: far below what any map knows, far above rounding. On a raster many
+# Radii grow by this share: far below the precision of maps, far above rounding. On a raster many
 # circles of one radius meet in one point or just touch; of a radius like this, no three ever do.
 SHIFT = 7.310585e-7
-JOIN = 1e-9  # m: two ends of edge are one point if nearer than this
+JOIN = 1e-9  # m: ends of pieces nearer than this are one point
 FINEST = 10  # times that the sides of an arc are halved where it would cross another
-
-
 MOST_GAPS = 64  # exposed intervals of one segment or arc
 
 
 class Pieces(NamedTuple):
     """Pieces of the inflated boundary, with the solid on their left."""
 
-    source: Index  # (k,) segment moved out, or -1 - segment: the arc round its first corner
+    source: Index  # (k,) segment moved out, or -1 - segment: the arc around its first corner
     low: Array  # (k,) m along the segment, or rad: where it begins
     high: Array  # (k,) where it ends
-    whole: Mask  # (k, 2) whether the segment or arc itself begins and ends there
+    complete: Mask  # (k, 2) whether the segment or arc itself begins and ends there
     ends: Array  # (k, 4) m: where it begins and ends
 
 
 @borrowing_kernel
-def _subtract_interval(gaps: Array, count: int, low: float, high: float) -> int:
+def _subtract_interval(exposed: Array, count: int, low: float, high: float) -> int:
     """Subtract a covered interval from the exposed ones (count, 2); returns how many remain."""
     k = 0
     while k < count:
-        a, b = gaps[k, 0], gaps[k, 1]
+        a, b = exposed[k, 0], exposed[k, 1]
         if high <= a or low >= b:
             k += 1
         elif low > a and high < b:
-            if count == gaps.shape[0]:
+            if count == exposed.shape[0]:
                 return -1
-            gaps[count, 0], gaps[count, 1] = high, b
-            gaps[k, 1] = low
+            exposed[count, 0], exposed[count, 1] = high, b
+            exposed[k, 1] = low
             count += 1
             k += 1
         elif low > a:
-            gaps[k, 1] = low
+            exposed[k, 1] = low
             k += 1
         elif high < b:
-            gaps[k, 0] = high
+            exposed[k, 0] = high
             k += 1
         else:
             count -= 1
-            gaps[k, 0], gaps[k, 1] = gaps[count, 0], gaps[count, 1]
+            exposed[k, 0], exposed[k, 1] = exposed[count, 0], exposed[count, 1]
     return count
 
 
@@ -85,8 +83,8 @@ def _covered_on_segment(
     """
     ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
     cx, cy, dx, dy = segments[j, 0], segments[j, 1], segments[j, 2], segments[j, 3]
-    length, span = math.hypot(bx - ax, by - ay), math.hypot(dx - cx, dy - cy)
-    ux, uy, vx, vy = (bx - ax) / length, (by - ay) / length, (dx - cx) / span, (dy - cy) / span
+    length, extent = math.hypot(bx - ax, by - ay), math.hypot(dx - cx, dy - cy)
+    ux, uy, vx, vy = (bx - ax) / length, (by - ay) / length, (dx - cx) / extent, (dy - cy) / extent
     px, py = ax + radius * uy, ay - radius * ux
     low, high = math.inf, -math.inf
     shared = 0.0  # how steeply j turns away from k's outside at a common corner
@@ -111,9 +109,9 @@ def _covered_on_segment(
     elif abs(wide) >= other:
         return low, high
     if abs(step) > 1e-14:
-        s, t = -far / step, (span - far) / step
+        s, t = -far / step, (extent - far) / step
         first, last = max(first, min(s, t)), min(last, max(s, t))
-    elif far <= 0.0 or far >= span:
+    elif far <= 0.0 or far >= extent:
         return low, high
     if first < last:
         low, high = min(low, first), max(high, last)
@@ -134,9 +132,9 @@ def _covered_on_circle(
     The discs around the points of j cover adjoining arcs, so this is one interval.
     """
     cx, cy, dx, dy = segments[j, 0], segments[j, 1], segments[j, 2], segments[j, 3]
-    span = math.hypot(dx - cx, dy - cy)
-    vx, vy = (dx - cx) / span, (dy - cy) / span
-    foot = min(max((x - cx) * vx + (y - cy) * vy, 0.0), span)
+    extent = math.hypot(dx - cx, dy - cy)
+    vx, vy = (dx - cx) / extent, (dy - cy) / extent
+    foot = min(max((x - cx) * vx + (y - cy) * vy, 0.0), extent)
     sx, sy = cx + foot * vx - x, cy + foot * vy - y
     gap = math.hypot(sx, sy)
     if gap >= radius + other:
@@ -164,7 +162,7 @@ def _covered_on_circle(
             for k in range(2):
                 angle = up + (math.acos(turn) if k == 0 else -math.acos(turn))
                 qx, qy = x + radius * math.cos(angle) - cx, y + radius * math.sin(angle) - cy
-                if 0.0 < qx * vx + qy * vy < span:
+                if 0.0 < qx * vx + qy * vy < extent:
                     at = _wrapped(angle - middle)
                     low, high = min(low, at), max(high, at)
     return middle + low, middle + high
@@ -179,16 +177,16 @@ def _half_angle(far: float, radius: float, other: float) -> float:
 
 @kernel
 def exposed_pieces(arrays: SpaceArrays, radii: Array) -> tuple[Pieces, bool]:
-    """All exposed pieces, and whether the arrays held them; segments move out by radii (n,) [m]."""
+    """All exposed pieces of segments moved out by radii (n,) [m]; False: the arrays are full."""
     segments, before, grid = arrays.segments, arrays.before, arrays.grid
     rows, columns = arrays.corner_free.shape
     n, widest = segments.shape[0], 0.0
     for k in range(n):
         widest = max(widest, radii[k])
-    room = 4 * n + 64
-    source, low, high = np.empty(room, np.int64), np.empty(room), np.empty(room)
-    whole, ends = np.empty((room, 2), np.bool_), np.empty((room, 4))
-    gaps, seen, count, good = np.empty((MOST_GAPS, 2)), np.full(n, -1, np.int64), 0, True
+    capacity = 4 * n + 64
+    source, low, high = np.empty(capacity, np.int64), np.empty(capacity), np.empty(capacity)
+    complete, ends = np.empty((capacity, 2), np.bool_), np.empty((capacity, 4))
+    exposed, seen, count, good = np.empty((MOST_GAPS, 2)), np.full(n, -1, np.int64), 0, True
     for item in range(2 * n):
         k, arc = item // 2, item % 2 == 0
         ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
@@ -217,7 +215,7 @@ def exposed_pieces(arrays: SpaceArrays, radii: Array) -> tuple[Pieces, bool]:
             wx, wy = ux, uy
             x0, x1 = min(ax, bx) + radius * ux, max(ax, bx) + radius * ux
             y0, y1 = min(ay, by) + radius * uy, max(ay, by) + radius * uy
-        gaps[0, 0], gaps[0, 1] = begin, end
+        exposed[0, 0], exposed[0, 1] = begin, end
         left = 1
         i0 = max(0, int((y0 - widest - grid[1]) / grid[2]))
         i1 = min(rows - 1, int((y1 + widest - grid[1]) / grid[2]))
@@ -241,30 +239,30 @@ def exposed_pieces(arrays: SpaceArrays, radii: Array) -> tuple[Pieces, bool]:
                 ):  # behind: its points are no nearer than the corner or segment itself
                     continue
                 if arc:
-                    own = segments[j, 2] == ax and segments[j, 3] == ay
-                    if own and segments[j, 0] == before[k, 0] and segments[j, 1] == before[k, 1]:
+                    meets = segments[j, 2] == ax and segments[j, 3] == ay
+                    if meets and segments[j, 0] == before[k, 0] and segments[j, 1] == before[k, 1]:
                         continue
                     a, b = _covered_on_circle(segments, ax, ay, j, radius, radii[j])
                     if a < b:
                         for r in range(-1, 2):
                             shift = r * 2.0 * math.pi
                             if left > 0:
-                                left = _subtract_interval(gaps, left, a + shift, b + shift)
+                                left = _subtract_interval(exposed, left, a + shift, b + shift)
                 else:
                     a, b = _covered_on_segment(segments, k, j, radius, radii[j])
                     if a < b:
-                        left = _subtract_interval(gaps, left, a, b)
+                        left = _subtract_interval(exposed, left, a, b)
                 if left <= 0:
                     break
             if left <= 0:
                 break
-        good = left >= 0 and count + left <= room
+        good = left >= 0 and count + left <= capacity
         if not good:
             break
         for g in range(left):
-            a, b = gaps[g, 0], gaps[g, 1]
+            a, b = exposed[g, 0], exposed[g, 1]
             source[count], low[count], high[count] = (-1 - k if arc else k), a, b
-            whole[count, 0], whole[count, 1] = a == begin, b == end
+            complete[count, 0], complete[count, 1] = a == begin, b == end
             for m in range(2):
                 t = a if m == 0 else b
                 if arc:
@@ -274,7 +272,7 @@ def exposed_pieces(arrays: SpaceArrays, radii: Array) -> tuple[Pieces, bool]:
                     ends[count, 2 * m] = ax + radius * ux - t * uy
                     ends[count, 2 * m + 1] = ay + radius * uy + t * ux
             count += 1
-    pieces = Pieces(source[:count], low[:count], high[:count], whole[:count], ends[:count])
+    pieces = Pieces(source[:count], low[:count], high[:count], complete[:count], ends[:count])
     return pieces, good
 
 
@@ -284,15 +282,15 @@ def _offset_polygons(
 ) -> tuple[Array, Index, Index]:
     """Corners (v, 2) of the polygons that the pieces form, each one's successor and its piece.
 
-    Where a segment passes into the arc round its end there is no corner.
+    Where a segment passes into the arc around its end there is no corner.
     """
     count, last = 0, np.empty(len(follows), np.int64)
     sides = np.zeros(len(follows), np.int64)
     for k in range(len(follows)):
         last[follows[k]] = k
         if pieces.source[k] < 0:
-            span = pieces.high[k] - pieces.low[k]
-            sides[k] = math.ceil(span / ARC) << halvings[k]
+            extent = pieces.high[k] - pieces.low[k]
+            sides[k] = math.ceil(extent / ARC) << halvings[k]
         count += sides[k] + 1
     corners, owner = np.empty((count, 2)), np.empty(count, np.int64)
     next_one, done = np.empty(count, np.int64), np.zeros(len(follows), np.bool_)
@@ -301,7 +299,7 @@ def _offset_polygons(
         k, first = begin, count
         while not done[k]:
             done[k] = True
-            if not (pieces.whole[k, 0] and pieces.whole[last[k], 1]):
+            if not (pieces.complete[k, 0] and pieces.complete[last[k], 1]):
                 corners[count] = pieces.ends[k, :2]
                 owner[count] = k
                 count += 1
@@ -348,7 +346,7 @@ def _self_intersections(arrays: SpaceArrays, follows: Index) -> Mask:
 
 
 def _offset_boundary(arrays: SpaceArrays, radii: Array, bounds: Array) -> Array | None:
-    """Segments round what is left where each segment moves out by its own radius, or None."""
+    """Segments around what remains where each segment moves out by its radius, or None."""
     pieces, good = exposed_pieces(arrays, radii)
     if not good or not len(pieces.source):
         return np.empty((0, 4)) if good else None

@@ -1,4 +1,4 @@
-"""What of a map's boundary lies near a place, and how it looks from a pose there."""
+"""The parts of a map's boundary near a position, and in the frame of a pose there."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _list_near(
     first: NDArray[np.int64],
     members: NDArray[np.int32],
 ) -> None:
-    """Count each cell's runs in `first`, or, if `members` has room, put them there."""
+    """Count each cell's runs in `first`, or, if `members` is not empty, write them there."""
     for k in range(spines.shape[0]):
         ax, ay, bx, by = spines[k, 0], spines[k, 1], spines[k, 2], spines[k, 3]
         far = reach + spines[k, 4] + CELL / math.sqrt(2.0)  # from the cell's centre
@@ -88,7 +88,7 @@ def _list_near(
 
 
 def nearby(space: Space, reach: float) -> Nearby:
-    """What of a space's boundary lies within a reach [m] of each place on its map."""
+    """The parts of a space's boundary within a reach [m] of each cell of its map."""
     arrays = space.arrays
     low, high = arrays.bounds[:2].copy(), arrays.bounds[2:]
     runs, spines = np.empty(len(arrays.segments) + 1, np.int32), np.empty((len(arrays.segments), 5))

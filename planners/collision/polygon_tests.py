@@ -212,7 +212,7 @@ def blocking_segment(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: f
 
 @borrowing_kernel
 def way_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> bool:
-    """Whether the edge from a point a, known to be free, to b [m] is free."""
+    """Whether the edge from a free point a to b [m] is free."""
     return blocking_segment(arrays, ax, ay, bx, by) == -1
 
 
@@ -260,7 +260,7 @@ def fill_buckets(
     first: NDArray[np.int64],
     members: NDArray[np.int32],
 ) -> None:
-    """Count each bucket's segments in `first`, or, if `members` has room, put them there."""
+    """Count each bucket's segments in `first`, or, if `members` is not empty, write them there."""
     size, slack = grid[2], 1e-6 * grid[2]
     for k in range(segments.shape[0]):
         ax, ay = segments[k, 0] - grid[0], segments[k, 1] - grid[1]
@@ -294,12 +294,12 @@ def mark_free_corners(arrays: SpaceArrays) -> None:
         for j in range(columns):
             x = grid[0] + j * grid[2]
             if j > 0:  # from the left
-                bucket, known = i * columns + j - 1, free[i, j - 1]
+                bucket, neighbour_free = i * columns + j - 1, free[i, j - 1]
                 x0, y0 = grid[0] + (j - 1) * grid[2], y
             elif i > 0:  # from below
-                bucket, known = (i - 1) * columns, free[i - 1, 0]
+                bucket, neighbour_free = (i - 1) * columns, free[i - 1, 0]
                 x0, y0 = x, grid[1] + (i - 1) * grid[2]
             else:
                 continue
             near = arrays.members[arrays.first[bucket] : arrays.first[bucket + 1]]
-            free[i, j] = _free_inside(segments, near, x0, y0, x, y, known)
+            free[i, j] = _free_inside(segments, near, x0, y0, x, y, neighbour_free)

@@ -170,16 +170,16 @@ def decompose(
 @kernel
 def cells_at(arrays: SpaceArrays, walls: Pairs, spans: Array, x: float, y: float) -> Pairs:
     """The cells that hold a point [m]; several where they meet."""
-    held = np.empty(walls.shape[0], dtype=np.int64)
+    found = np.empty(walls.shape[0], dtype=np.int64)
     count = 0
     for cell in range(walls.shape[0]):
         if spans[cell, 0] <= x <= spans[cell, 1]:
             ax, ay, bx, by = _rightward(arrays.segments, walls[cell, 0])
             cx, cy, dx, dy = _rightward(arrays.segments, walls[cell, 1])
             if orient2d(ax, ay, bx, by, x, y) >= 0.0 and orient2d(cx, cy, dx, dy, x, y) <= 0.0:
-                held[count] = cell
+                found[count] = cell
                 count += 1
-    return held[:count]
+    return found[:count]
 
 
 def pairs_in_cells(sides: Pairs, cells: int, start_in: Pairs, goal_in: Pairs, per: int) -> Pairs:

@@ -4,7 +4,7 @@ A*, Dijkstra, breadth-first, depth-first and any-angle search are values of one 
 tested against the polygons themselves: a cell that no wall comes near needs no test.
 
 Each finds a path whenever one exists that stays farther than step / sqrt(2) from everything solid,
-its ends included; the step is the resolution, halved as often as `refinements` says where nothing
+its ends included; the step is the resolution, halved up to `refinements` times where no path
 is found. A grid cannot prove that there is no path: failure is `exhausted`.
 """
 
@@ -174,13 +174,13 @@ def search_grid(
                                 crowding[w] = max(0.0, near)
                         far *= 1.0 + 0.5 * order.weight * (crowding[u] + crowding[v])
                 counts[2] += 1
-                worth = cost[origin] + far
+                new_cost = cost[origin] + far
                 if order.by != LENGTH:
-                    worth = cost[u] + 1.0 if order.by == EDGES else -float(counts[2])
-                if worth < cost[v]:
-                    cost[v], parent[v] = worth, origin
+                    new_cost = cost[u] + 1.0 if order.by == EDGES else -float(counts[2])
+                if new_cost < cost[v]:
+                    cost[v], parent[v] = new_cost, origin
                     left = order.ahead * TIE * _way_left(gx - vx, gy - vy, order)
-                    push(keys, items, counts[0], worth + left, v)
+                    push(keys, items, counts[0], new_cost + left, v)
                     counts[0] += 1
         if (abs(gx - x) <= NEAR * step and abs(gy - y) <= NEAR * step) or u == n:
             seen = edge_free(arrays, x, y, gx, gy)
@@ -189,12 +189,12 @@ def search_grid(
             far = edge_cost(arrays, x, y, gx, gy, order.weight, order.comfort)
             if u != n and far > 0.0:  # counted as by the grid, or the estimate were no bound
                 far *= _way_left(gx - x, gy - y, order) / math.hypot(gx - x, gy - y)
-            worth = cost[u] + far
+            new_cost = cost[u] + far
             if order.by != LENGTH:
-                worth = cost[u] + 1.0 if order.by == EDGES else -math.inf
-            if seen and worth < cost[n + 1]:
-                cost[n + 1], parent[n + 1] = worth, u
-                push(keys, items, counts[0], worth, n + 1)
+                new_cost = cost[u] + 1.0 if order.by == EDGES else -math.inf
+            if seen and new_cost < cost[n + 1]:
+                cost[n + 1], parent[n + 1] = new_cost, u
+                push(keys, items, counts[0], new_cost, n + 1)
                 counts[0] += 1
     return False
 
@@ -219,9 +219,9 @@ def _way(arrays: SpaceArrays, grid: Grid, order: Order, end: float) -> tuple[Arr
     over = False
     while not over:
         size = int(frontier.counts[0])
-        room = size + START_PUSHES + MOST_PUSHES * CHUNK
-        if len(frontier.keys) < room:  # left untouched beyond its size: it costs no time
-            keys, items = np.empty(2 * room), np.empty(2 * room, dtype=np.int64)
+        capacity = size + START_PUSHES + MOST_PUSHES * CHUNK
+        if len(frontier.keys) < capacity:  # np.empty touches no memory, so that more costs no time
+            keys, items = np.empty(2 * capacity), np.empty(2 * capacity, dtype=np.int64)
             keys[:size], items[:size] = frontier.keys[:size], frontier.items[:size]
             frontier = frontier._replace(keys=keys, items=items)
         over = search_grid(arrays, grid, order, frontier, CHUNK)

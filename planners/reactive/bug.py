@@ -92,7 +92,7 @@ def _reached(solids: Solids, corners: Array, to: Array, goal: Array) -> Array:
 
 
 def round_and_back(solids: Solids, hit: Hit, goal: Array) -> Array | None:
-    """Bug1: all the way round, then to the point nearest to the goal; None: no way on from there.
+    """Bug1: all the way around, then to the point nearest to the goal; None: no way on from there.
 
     Returns:
         The points walked (n, 2) [m], the hit point first.
@@ -115,8 +115,8 @@ def round_and_back(solids: Solids, hit: Hit, goal: Array) -> Array | None:
     ends = segments[loop, 2:]
     ahead = np.vstack([hit.point, ends[:m]])
     back = np.vstack([hit.point, ends[m:][::-1]]) if m > 0 else ahead
-    ways = [np.vstack([corners, leave]) for corners in (ahead, back)]
-    shorter = ahead if path_length(ways[0]) <= path_length(ways[1]) else back
+    walks = [np.vstack([corners, leave]) for corners in (ahead, back)]
+    shorter = ahead if path_length(walks[0]) <= path_length(walks[1]) else back
     return np.vstack([hit.point, ends, _reached(solids, shorter, leave, goal)])
 
 

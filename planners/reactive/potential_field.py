@@ -1,4 +1,4 @@
-"""The potential field: the goal attracts, what is solid repels, and the lowest step is taken."""
+"""The potential field: the goal attracts, obstacles repel, and each step is the lowest one."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ def potential(arrays: SpaceArrays, field: Field, x: float, y: float) -> float:
     is the lowest point even beside a wall.
     """
     left = math.hypot(field.x - x, field.y - y)
-    room = clearance(arrays, x, y)
-    if room >= field.reach or left == 0.0:
+    distance = clearance(arrays, x, y)
+    if distance >= field.reach or left == 0.0:
         return left
     fading = min(1.0, left / field.reach) ** 2
-    return left + 0.5 * field.strength * fading * (1.0 / room - 1.0 / field.reach) ** 2
+    return left + 0.5 * field.strength * fading * (1.0 / distance - 1.0 / field.reach) ** 2
 
 
 @borrowing_kernel
@@ -81,7 +81,7 @@ def descend(
 class PotentialField(PlannerBase):
     """An artificial potential field (Khatib 1986), followed downwards in free steps.
 
-    It may be held in a local minimum, and says so: `stuck`; the tree shows how far it came.
+    In a local minimum it ends `stuck`; the tree shows how far it came.
     """
 
     iterations: int = setting(default=20_000, low=1, source="design choice: 2 km")

@@ -97,7 +97,7 @@ def shortcut(path: ArrayLike, space: Space, weight: float = 0.0, comfort: float 
         comfort: from this clearance [m] on a metre costs no more.
 
     Returns:
-        (k, 2), k <= n, from the same start to the same goal; never dearer than the path.
+        (k, 2), k <= n, from the same start to the same goal; never costlier than the path.
     """
     points = np.ascontiguousarray(np.asarray(path, dtype=np.float64)[:, :2])
     if len(points) < 3:

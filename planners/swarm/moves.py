@@ -79,7 +79,7 @@ def new_swarm(population: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Swar
         targets=np.arange(k),
         trials=np.zeros(k, np.int64),
         best=positions[0].copy(),
-        c_range=np.full(d, np.nan),  # until an optimiser sets its own
+        c_range=np.full(d, np.nan),  # until an optimizer sets it
         lower=low,
         upper=high,
         fixed=np.zeros((k, d), np.bool_),
@@ -116,7 +116,7 @@ def store(swarm: Swarm, i: int, j: int) -> None:
 
 @borrowing_kernel
 def clip_to_bounds(swarm: Swarm) -> None:
-    """Bring every position within the bounds; a velocity that led out turns round."""
+    """Clip every position to the bounds; a velocity that led out changes its sign."""
     k, d = swarm.positions.shape
     for i in range(k):
         for c in range(d):

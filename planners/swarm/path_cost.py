@@ -33,7 +33,7 @@ class PathProblem(NamedTuple):
     """A problem as a swarm of paths sees it."""
 
     space: SpaceArrays  # what is free for a point
-    discs: Array  # (m, 3) x, y, radius [m]: what of the solid is round, exactly
+    discs: Array  # (m, 3) x, y, radius [m]: the round obstacles, exactly
     start: Array  # (2,) m
     goal: Array  # (2,) m
     anchors: Array  # (n, 2) m: way points are these plus a position's coordinates
@@ -252,8 +252,15 @@ def push_out_of_discs(
     return inside
 
 
-_FAITHFUL = "exact tests; true: the source's own"
 _EACH = "an edge inside weighs more than all lengths on a map"
+
+
+@settings
+class FaithfulOption:
+    """The choice between our exact tests and those of an objective's source."""
+
+    faithful: bool = setting(default=False, source="exact tests; true: the source's own")
+    """Whether the source's own tests are used in place of exact ones."""
 
 
 @settings
@@ -274,7 +281,7 @@ class LengthFree:
 
 
 @settings
-class Smooth:
+class Smooth(FaithfulOption):
     """Smoothness, length and validity: P1 (8), f1 + f2 (1 + f3).
 
     f1 is the mean absolute turning angle [rad] of the way points, f2 the length [m] of the curve,
@@ -284,8 +291,6 @@ class Smooth:
 
     penalty: float = setting(default=100.0, low=0.0, source="'considerable' in P1 (7)")
     """Cost factor of a path with a blocked edge."""
-    faithful: bool = setting(default=False, source=_FAITHFUL)
-    """Whether the source's own tests are used in place of exact ones."""
 
     @property
     def path_cost(self) -> PathCost:
@@ -298,7 +303,7 @@ class Smooth:
 
 
 @settings
-class Violation:
+class Violation(FaithfulOption):
     """Length of the curve, times one and the violation of round obstacles: P2 (18)-(21).
 
     The violation is the mean over the curve of max(violation_range - D / R, 0), with D from the
@@ -312,8 +317,6 @@ class Violation:
     """Radii from a centre up to which a disc is violated."""
     blocked_cost: float = setting(default=100.0, unit="m", low=0.0, source=_EACH)
     """Cost of each blocked edge."""
-    faithful: bool = setting(default=False, source=_FAITHFUL)
-    """Whether the source's own tests are used in place of exact ones."""
 
     @property
     def path_cost(self) -> PathCost:
@@ -328,7 +331,7 @@ class Violation:
 
 
 @settings
-class WayPoints:
+class WayPoints(FaithfulOption):
     """R1's loss, the root of the sum of squared legs.
 
     Ours is in metres, the length where all legs are as long, and adds P2's violation along the
@@ -348,8 +351,6 @@ class WayPoints:
     """Cost of each blocked edge."""
     slack: float = setting(default=1.0, unit="m^2", low=0.0, source="R1, section 5.3")
     """Square that is added to that of a radius."""
-    faithful: bool = setting(default=False, source=_FAITHFUL)
-    """Whether the source's own tests are used in place of exact ones."""
 
     @property
     def path_cost(self) -> PathCost:

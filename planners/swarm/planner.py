@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 # Times that the legs of a first path are halved until a curve through it is free.
 _HALVINGS: Final = 8
 _AMONG: Final = 100  # points along the first path from which others are drawn: P1
-_MODES: Final = 3  # waves that bend a path as a whole
+_MODES: Final = 3  # sine waves along a path
 _CURVED: Final = 20  # pieces of a curve's leg, where none are asked for
 
 

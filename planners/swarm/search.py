@@ -73,7 +73,7 @@ def scatter_in_ellipses(k: int, n: int, width: float, height: float, state: Stre
 def scatter_bowed(
     k: int, n: int, width: float, height: float, modes: int, rng: np.random.Generator
 ) -> Array:
-    """Shifts (k, 2 n) [m] of n way points that bend a path as a whole; none of the first one's.
+    """Shifts (k, 2 n) [m] of n way points by waves along the path; the first path is not shifted.
 
     Sine waves over the path's points, the m-th of an amplitude within 1 / m of the bounds, so that
     neighbours move together and a population passes obstacles on both sides.

@@ -31,8 +31,8 @@ def remainder(problem: Problem, path: Array) -> Array:
     begins, legs = path[:-1], np.diff(path, axis=0)
     squares = np.maximum((legs**2).sum(axis=1), np.finfo(np.float64).tiny)
     along = np.clip(((start - begins) * legs).sum(axis=1) / squares, 0.0, 1.0)
-    gaps = np.hypot(*(begins + along[:, None] * legs - start).T)
-    k = int(np.flatnonzero(gaps == gaps.min())[-1]) + 1
+    distances = np.hypot(*(begins + along[:, None] * legs - start).T)
+    k = int(np.flatnonzero(distances == distances.min())[-1]) + 1
     if not edge_free(problem.free.arrays, *start, *path[k]):
         k -= 1
     if (path[k] == start).all() and k < len(path) - 1:
@@ -52,7 +52,7 @@ def replan(
     The rest of the old path is the first path if it is free; otherwise its free ends join the start
     tree and the goal tree. The old tree's edges that are still free follow; then sampling goes on.
     So the plan is never longer than a free rest of the old path. It starts from nothing if the goal
-    has moved. The thesis plans anew at each temporary obstacle (section 3.2.2).
+    has moved. The thesis starts from nothing at each temporary obstacle (section 3.2.2).
 
     Args:
         problem: the space as it is now, the pose now as the start, the goal.

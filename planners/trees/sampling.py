@@ -150,7 +150,7 @@ class TreeSearch(NamedTuple):
 
 @borrowing_kernel
 def edge_is_free(space: SpaceArrays, run: Any, ax: float, ay: float, bx: float, by: float) -> bool:
-    """Whether the edge from a, known to be free, to b [m] is free; counts the test."""
+    """Whether the edge from a free point a to b [m] is free; counts the test."""
     run.edges_tested += 1
     return way_free(space, ax, ay, bx, by)
 
