@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.space import Space
 from planners.problem import Plan, Problem, Status
-from planners.random_stream import stream
 from planners.smoothing.shortcut import path_cost, push_off_walls, resample, shortcut
 from planners.smoothing.smooth import blocked_edges, pchip, smooth_curve, spline
 from planners.swarm.search import PathShortening
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import path_length
+from wheelchair_gym.random import stream
 
 Array = NDArray[np.float64]
 

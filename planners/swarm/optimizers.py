@@ -16,11 +16,11 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.random_stream import stream
 from planners.swarm import moves as kinds
 from planners.swarm.moves import MIN_POPULATION, MoveParameters, Swarm, new_swarm, store_and_move
 from planners.swarm.woa import WhaleMoves
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.random import stream
 
 _YARPIZ = "Yarpiz (program library)"
 _P2 = "P2: Al-Nayar, Dagher and Hadi, results"

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, point_free
 from planners.problem import begin
-from planners.random_stream import Stream, in_disc
 from planners.smoothing.curves import POLYLINE, sample_curve
 from planners.smoothing.smooth import blocked_edges
 from planners.swarm.moves import (
@@ -45,6 +44,7 @@ from planners.swarm.woa import WhaleSettings
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import arc_lengths
+from wheelchair_gym.random import Stream, next_in_disc
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def scatter_in_ellipses(k: int, n: int, width: float, height: float, state: Stre
     population = np.zeros((k, 2 * n))
     for j in range(n):
         for i in range(1, k):
-            u, v = in_disc(state)
+            u, v = next_in_disc(state)
             population[i, 2 * j] = u * width
             population[i, 2 * j + 1] = v * height
     return population

@@ -15,7 +15,6 @@ from time import perf_counter
 import numpy as np
 
 from planners.problem import Plan, PlannerBase, Problem, Status
-from planners.random_stream import stream
 from planners.smoothing.smooth import hermite_path
 from planners.swarm.moves import MIN_POPULATION
 from planners.swarm.optimizers import WoaModified
@@ -26,6 +25,7 @@ from planners.swarm.woa import WhaleSettings
 from planners.trees.sampling import Growth, SteeringCost
 from planners.trees.tree_search import search
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.random import stream
 
 _ROOMS = "design choice: rooms and doors of buildings"
 _DOOR = "design choice: about the width of a door"

@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.kinematics import STOP_RAMP_FACTOR, approach, brake, odometric_step, peak_speed
+from wheelchair_gym.kinematics import (
+    STOP_RAMP_FACTOR,
+    approach_twist,
+    brake,
+    clip_to_limits,
+    odometric_step,
+    peak_speed,
+)
 from wheelchair_gym.safety.clearance import (
     clearance_to_points,
     required_clearance,
@@ -152,7 +159,7 @@ def needs_protective_stop(g: Any, s: Any) -> bool:
 @borrowing_kernel
 def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
     """Check one period and a protective stop against moving objects and all other points."""
-    limits, outline = g.limits[:], g.outline[:]
+    limits, outline = g.limits, g.outline[:]
     near, moving = s.near[: s.n_near], s.moving[: s.n_moving]
     lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
     sv, av, sw, aw = s.set[0], s.set[1], s.set[2], s.set[3]
@@ -163,10 +170,9 @@ def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
     for k in range(_LONGEST):
         v0, w0 = sv, sw
         if k < hold:
-            sv, av = approach(sv, av, v, limits[3], limits[4], limits[7], STEP)
-            sw, aw = approach(sw, aw, w, limits[6], limits[6], limits[8], STEP)
+            sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
         else:
-            sv, sw = brake(sv, sw, limits[5] * STEP, g.track)
+            sv, sw = brake(sv, sw, limits.protective * STEP, g.track)
         x, y, yaw = odometric_step(x, y, yaw, 0.5 * (v0 + sv) * STEP, 0.5 * (w0 + sw) * STEP)
         t += STEP
         fastest = abs(sv) + lever * abs(sw)
@@ -194,7 +200,7 @@ def _sweep_still(
 
     It keeps a margin [m] and a time headway [s], and enters unseen space no faster than `unseen`.
     """
-    limits, outline, near = g.limits[:], g.outline[:], s.near[: s.n_near]
+    limits, outline, near = g.limits, g.outline[:], s.near[: s.n_near]
     sv, av, sw, aw = s.set[0], s.set[1], s.set[2], s.set[3]
     lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
     px, py, yaw0 = s.pose[0], s.pose[1], s.pose[2]
@@ -214,8 +220,7 @@ def _sweep_still(
         if k == hold:
             v, w = 0.0, 0.0
         v0, w0 = sv, sw
-        sv, av = approach(sv, av, v, limits[3], limits[4], limits[7], STEP)
-        sw, aw = approach(sw, aw, w, limits[6], limits[6], limits[8], STEP)
+        sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
         x, y, yaw = odometric_step(x, y, yaw, 0.5 * (v0 + sv) * STEP, 0.5 * (w0 + sw) * STEP)
         t += STEP
         speed, turn = abs(sv), abs(sw)
@@ -254,8 +259,8 @@ def _sweep_still(
             bx, by, byaw = odometric_step(bx, by, byaw, way, turned)
         if (
             k >= hold
-            and peak_speed(sv, av, limits[7]) < _REST
-            and peak_speed(sw, aw, limits[8]) < _TURN_REST
+            and peak_speed(sv, av, limits.jerk) < _REST
+            and peak_speed(sw, aw, limits.turn_jerk) < _TURN_REST
         ):
             break
     return NOTHING
@@ -332,9 +337,8 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
         The twist, and whether the chair makes a protective stop instead: after a fault, and where
         a comfort stop is no longer enough.
     """
-    limits = g.limits[:]
-    v = min(limits[0], max(-limits[1], v))
-    w = min(limits[2], max(-limits[2], w))
+    limits = g.limits
+    v, w = clip_to_limits(v, w, limits)
     s.asked[0], s.asked[1] = v, w
     s.rearmed = s.rearmed and s.latched != NOTHING
     share, reason = 0.0, s.latched
@@ -347,7 +351,7 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
         s.latched, s.rearmed = NOTHING, False
     if s.protective:
         s.set[0], s.set[2] = brake(
-            s.set[0], s.set[2], STOP_RAMP_FACTOR * limits[5] * g.period, g.track
+            s.set[0], s.set[2], STOP_RAMP_FACTOR * limits.protective * g.period, g.track
         )
         s.set[1], s.set[3] = 0.0, 0.0
         delay_setpoint(g, s, g.period)
@@ -355,7 +359,8 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
     n = max(1, round(g.period / _FINE))
     dt = g.period / n
     for _ in range(n):
-        s.set[0], s.set[1] = approach(s.set[0], s.set[1], v, limits[3], limits[4], limits[7], dt)
-        s.set[2], s.set[3] = approach(s.set[2], s.set[3], w, limits[6], limits[6], limits[8], dt)
+        s.set[0], s.set[1], s.set[2], s.set[3] = approach_twist(
+            s.set[0], s.set[1], s.set[2], s.set[3], v, w, limits, dt
+        )
         delay_setpoint(g, s, dt)
     return v, w, False
