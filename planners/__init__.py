@@ -1,4 +1,4 @@
-"""Planners: what is free (`Space`), what is asked (`Problem`), and who answers (`PLANNERS`).
+"""Planners: free space (`Space`), a question in it (`Problem`), and its solvers (`PLANNERS`).
 
 A planner is its settings; `plan(problem, rng)` returns a `Plan`.
 """

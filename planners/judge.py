@@ -74,15 +74,15 @@ class Judge:
         )
         for k in np.flatnonzero(~shapely.covers(self._map, edges)):
             found.append(f"edge {k} leaves the map")
-        # Tangled only if they meet at all, which a prepared geometry tells sooner.
+        # A prepared geometry finds quickly which edges meet it at all.
         near = np.flatnonzero(shapely.intersects(self._core, edges))
         for k in near[shapely.relate_pattern(edges[near], self._core, "T********")]:
             inside = edges[k].intersection(self._core).length
             found.append(f"edge {k} is inside an obstacle for {inside} m")
         if self._clearance > 0.0:
-            gaps = shapely.distance(edges, self._solid)
-            for k in np.flatnonzero(gaps < self._clearance - TOLERANCE):
-                found.append(f"edge {k} is {gaps[k]} m from an obstacle")
+            clearances = shapely.distance(edges, self._solid)
+            for k in np.flatnonzero(clearances < self._clearance - TOLERANCE):
+                found.append(f"edge {k} is {clearances[k]} m from an obstacle")
         return found
 
 

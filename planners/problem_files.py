@@ -10,45 +10,50 @@ import numpy as np
 
 from planners.collision.space import Space
 from planners.problem import Problem
+from wheelchair_gym.config import FARTHEST, load, setting, settings
 from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import LIMITS, coordinate_lists, coordinates, is_coordinate, read_json
+from wheelchair_gym.files import LIMITS, read_json
 
-KEYS = {"name", "size", "rects", "start", "goal", "optimum"}
+
+@settings
+class StoredProblem:
+    """A problem as a file has it."""
+
+    name: str
+    size: float = setting(default=1.0, unit="m", low=1e-9, high=FARTHEST, source="required")
+    """Side of the square map."""
+    rects: tuple[tuple[float, float, float, float], ...] = setting(default=(), source="required")
+    """Obstacles: x0, y0, x1, y1 [m] each."""
+    start: tuple[float, float] = setting(
+        default=(0.0, 0.0), unit="m", low=-FARTHEST, high=FARTHEST, source="required"
+    )
+    """Start."""
+    goal: tuple[float, float] = setting(
+        default=(0.0, 0.0), unit="m", low=-FARTHEST, high=FARTHEST, source="required"
+    )
+    """Goal."""
+    optimum: float | None = setting(
+        default=None, unit="m", low=0.0, high=FARTHEST, source="null: unknown"
+    )
+    """Length of the shortest path."""
 
 
 def _problem(data: Any, where: str) -> tuple[Problem, float | None]:
-    if not isinstance(data, Mapping):
-        raise InputError(
-            f"{where} is {shorten(data)}; expected an object with {', '.join(sorted(KEYS))}"
-        )
-    for key in data:
-        if key not in KEYS:
-            named = key if len(key) < 80 else shorten(key)
-            raise InputError(f"{where}.{named} is not a key; it has {', '.join(sorted(KEYS))}")
-    for key in sorted(KEYS - {"optimum"}):
-        if key not in data:
+    for key in ("name", "size", "rects", "start", "goal"):
+        if isinstance(data, Mapping) and key not in data:
             raise InputError(f"{where}.{key} is missing")
-    if not isinstance(data["name"], str):
-        raise InputError(f"{where}.name is {shorten(data['name'])}; expected text")
-    size = data["size"]
-    if not is_coordinate(size) or size <= 0:
-        expected = f"expected metres, above 0 and at most {LIMITS['coordinate'].most:,}"
-        raise InputError(f"{where}.size is {shorten(size)}; {expected}")
-    rectangles = coordinate_lists(data["rects"], 4, f"{where}.rects")
-    for index, (x0, y0, x1, y1) in enumerate(rectangles):
-        if x1 <= x0 or y1 <= y0:
-            expected = "expected x0 < x1 and y0 < y1"
-            raise InputError(f"{where}.rects[{index}] is {[x0, y0, x1, y1]}; {expected}")
-    optimum = data.get("optimum")
-    if optimum is not None and (not is_coordinate(optimum) or optimum < 0):
-        raise InputError(f"{where}.optimum is {shorten(optimum)}; expected metres or null")
-    problem = Problem(
-        Space.from_rectangles(rectangles, (0.0, 0.0, size, size)),
-        np.array(coordinates(data["start"], (2,), f"{where}.start")),
-        np.array(coordinates(data["goal"], (2,), f"{where}.goal")),
-        name=data["name"],
-    )
-    return problem, None if optimum is None else float(optimum)
+    stored = load(StoredProblem, data, where)
+    if len(stored.rects) > LIMITS["outline"].most:
+        expected = f"expected at most {LIMITS['outline'].most:,}"
+        raise InputError(f"{where}.rects has {len(stored.rects):,} rectangles; {expected}")
+    for index, (x0, y0, x1, y1) in enumerate(stored.rects):
+        if not (-FARTHEST <= x0 < x1 <= FARTHEST and -FARTHEST <= y0 < y1 <= FARTHEST):
+            value = shorten(data["rects"][index])
+            expected = f"expected x0 < x1 and y0 < y1, at most {FARTHEST:,.0f} m from 0"
+            raise InputError(f"{where}.rects[{index}] is {value}; {expected}")
+    space = Space.from_rectangles(stored.rects, (0.0, 0.0, stored.size, stored.size))
+    start, goal = np.array(stored.start), np.array(stored.goal)
+    return Problem(space, start, goal, name=stored.name), stored.optimum
 
 
 def read_problems(path: str | Path) -> list[tuple[Problem, float | None]]:

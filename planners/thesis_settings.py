@@ -1,6 +1,6 @@
-"""The thesis's own settings file (its figure 3.1), read as ours: a planner and how a map is taken.
+"""The thesis's own settings file (its figure 3.1), read as settings of our planners and maps.
 
-Its optimiser's keys alone make the global variant; a trailing comma, as in the figure, is allowed.
+Trailing commas are allowed, as in the figure.
 """
 
 from __future__ import annotations
@@ -8,9 +8,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from planners.registries import PLANNERS
 from wheelchair_gym.config import LARGEST
 from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import parse_json, read_text
@@ -38,24 +40,12 @@ KEYS: Final[dict[str, tuple[type, float, tuple[str, ...]]]] = {
     "PathOptimizer_Height_Bound": (float, 0, ("height_bound",)),
 }
 KINDS: Final = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
-# What each of our planners takes of the file.
-TAKES: Final[dict[str, tuple[str, ...]]] = {
-    "rrt_star": ("tree",),
-    "rrt_star_woa_local": ("tree", "whales", "width_bound", "height_bound"),
-    "rrt_star_woa_global": (
-        "tree",
-        "whales",
-        "width_bound",
-        "height_bound",
-        "shortness_weight",
-        "collision_free_weight",
-    ),
-}
+PLANNERS_OF_FILE: Final = ("rrt_star", "rrt_star_woa_local", "rrt_star_woa_global")
 GLOBAL: Final = "rrt_star_woa_global"
 
 
 class ThesisFile(NamedTuple):
-    """What such a file says; keys that it lacks are left to our defaults."""
+    """The content of such a file; missing keys keep our defaults."""
 
     settings: Mapping[str, Any]  # of the global variant
     map_name: str  # "1" to "5", or a file; empty if not given
@@ -66,15 +56,14 @@ class ThesisFile(NamedTuple):
         """The settings of one of the thesis's planners, as `make_planner` takes them.
 
         Raises:
-            InputError: the file says nothing of such a planner.
+            InputError: the thesis has no such planner.
         """
-        if name not in TAKES:
-            known = ", ".join(sorted(TAKES))
+        if name not in PLANNERS_OF_FILE:
+            known = ", ".join(PLANNERS_OF_FILE)
             raise InputError(f"planner {name!r} is none of the thesis's; expected {known}")
-        taken = {key: self.settings[key] for key in TAKES[name] if key in self.settings}
-        if name == "rrt_star":
-            taken = dict(taken.get("tree", {}))
-        return {"name": name, **taken}
+        values = self.settings.get("tree", {}) if name == "rrt_star" else self.settings
+        names = {field.name for field in fields(PLANNERS[name])}
+        return {"name": name, **{key: value for key, value in values.items() if key in names}}
 
 
 def _checked(key: str, value: Any, path: Path) -> Any:

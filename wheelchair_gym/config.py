@@ -93,7 +93,8 @@ def setting_docs(cls: type) -> dict[str, str]:
 @dataclass_transform(frozen_default=True, field_specifiers=(setting, dataclasses.field))
 def settings(cls: type[T]) -> type[T]:
     """Make a frozen dataclass whose values are checked whenever one is made."""
-    check_class = getattr(cls, "__post_init__", None)
+    rule = getattr(cls, "__post_init__", None)
+    rule = getattr(rule, "rule", rule)  # of an inherited check only the rule between settings
 
     def check(self: Any) -> None:
         hints = typing.get_type_hints(type(self))
@@ -103,9 +104,10 @@ def settings(cls: type[T]) -> type[T]:
             value = _convert(value, hints[field.name], where)
             _bounded(value, field.metadata, where)
             object.__setattr__(self, field.name, value)
-        if check_class is not None:
-            check_class(self)
+        if rule is not None:
+            rule(self)
 
+    check.rule = rule  # type: ignore[attr-defined]
     cls.__post_init__ = check  # type: ignore[attr-defined]
     cls.__deepcopy__ = lambda self, memo: self  # type: ignore[attr-defined]  # it never changes
     return dataclasses.dataclass(frozen=True)(cls)

@@ -132,6 +132,19 @@ def path_length(path: ArrayLike) -> float:
     return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
 
+def arc_lengths(path: ArrayLike) -> Array:
+    """The length (n,) [m] of a polyline (n, 2 or 3) from its start to each of its points."""
+    points = np.asarray(path, dtype=np.float64)[:, :2]
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+
+
+def without_repeats(path: Array) -> Array:
+    """The polyline (n, 2) without points that repeat the point before."""
+    moved = np.append(True, (np.diff(path, axis=0) != 0.0).any(axis=1))
+    kept: Array = path[moved[: len(path)]]
+    return kept
+
+
 def polygon_edges(polygon: ArrayLike) -> Array:
     """The closed outline of a polygon (k, 2) as segments (k, 4) [m]: x0, y0, x1, y1."""
     points = np.asarray(polygon, dtype=np.float64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import import_module
@@ -9,6 +10,12 @@ from typing import Any
 
 from wheelchair_gym.config import dump, load, suggest
 from wheelchair_gym.errors import InputError, shorten
+
+
+def in_module(module: str, classes: str) -> dict[str, str]:
+    """Places of the classes of one module, by their names in lower case: `a_star` for `AStar`."""
+    names = {re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower(): name for name in classes.split()}
+    return {key: f"{module}:{name}" for key, name in names.items()}
 
 
 @cache

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from agents.benchmarks.cases import Case
-from agents.peers import PEERS, installed
+from agents.peers import PEERS, installed, prepare
 from planners import PLANNERS, Plan, Problem, Space, make_planner
 from wheelchair_gym.config import InputError, dump
 
@@ -46,8 +46,10 @@ class Entrant:
         """The planners for a map, without and with a deadline; None if it cannot take the map."""
         if self.package is None:
             return self.config, self.unlimited
-        ready = self.config.at(case)
-        return None if ready is None else (ready, ready)
+        ready = prepare(self.config, case)
+        if ready is None or self.unlimited is self.config:
+            return None if ready is None else (ready, ready)
+        return ready, prepare(self.unlimited, case)
 
     @property
     def description(self) -> dict[str, Any]:
@@ -104,14 +106,14 @@ def called_planners(planner: Any) -> tuple[str, ...]:
 
     A planner in its settings that is not called, such as the tree of RRT*-WOA, is left out.
     """
-    kinds: dict[str, Any] = dict(PLANNERS)
-    code = {kind.solve.__code__: name for name, kind in kinds.items()}
-    own = getattr(type(planner), "solve", type(planner).plan).__code__
     seen = dict.fromkeys(named_planners(dump(planner)))
 
     def watch(frame: FrameType, event: str, _: Any) -> None:
-        if event == "call" and frame.f_code in code and frame.f_code is not own:
-            seen[code[frame.f_code]] = None
+        if event == "call" and frame.f_code.co_name == "solve":
+            called = frame.f_locals.get("self")
+            name = None if called is planner else PLANNERS.name_of(called)
+            if name is not None:
+                seen[name] = None
 
     before = sys.getprofile()
     sys.setprofile(watch)
@@ -151,9 +153,9 @@ def make_entrants(specs: Sequence[Any], peers: Sequence[str]) -> list[Entrant]:
     for name in peers:
         peer = PEERS[name]
         package = f"{peer.package} {importlib.metadata.version(peer.package)}"
-        ready = peer.settings.at(small)
-        calls = called_planners(ready)
-        found.append(Entrant(name, peer.settings, peer.settings, package, peer.timed, calls))
+        calls = called_planners(prepare(peer.settings, small))
+        unlimited = with_iterations(peer.settings, UNLIMITED)
+        found.append(Entrant(name, peer.settings, unlimited, package, peer.timed, calls))
     return found
 
 

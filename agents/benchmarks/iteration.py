@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from time import process_time
 from typing import Any
 
@@ -11,13 +12,10 @@ import numpy as np
 
 from agents.benchmarks.cases import Case
 from agents.peers import PEERS
-from agents.peers.swarms import FIRST, WEIGHTS, Cost, PathSwarm, scatter, subdivide
 from planners import make_planner
-from planners.swarm.search import shorten_path
-from planners.swarm.woa import WhaleSettings
-from wheelchair_gym.random import stream
+from planners.swarm.planner import SwarmPlanner
 
-POPULATION, WAY_POINTS = 10, 20
+OURS = SwarmPlanner(optimizer="woa", population=10, way_points=20)
 ITERATIONS, REPEATS = 100, 5
 
 Row = dict[str, Any]
@@ -45,33 +43,22 @@ def iteration_rows(cases: Sequence[Case], peers: Sequence[str]) -> list[Row]:
     """
     for case in cases:
         problem = case.problem
-        first = make_planner(FIRST).plan(problem, np.random.default_rng(0))
+        first = make_planner(OURS.first).plan(problem, np.random.default_rng(0))
         if len(first.path) > 2:
             break
     else:
         return []
-    path = subdivide(first.path, WAY_POINTS)
-    arrays = problem.free.arrays
-    start = scatter(path, POPULATION, np.random.default_rng(0))
+    start = OURS.start(problem, first.path, np.random.default_rng(0))
 
-    def ours(count: int) -> object:
-        return shorten_path(
-            arrays,
-            path,
-            WhaleSettings(population=POPULATION, iterations=count).parameters,
-            WEIGHTS.shortness_weight,
-            WEIGHTS.collision_free_weight,
-            WEIGHTS.width_bound,
-            WEIGHTS.height_bound,
-            stream(np.random.default_rng(0)),
+    def run(planner: SwarmPlanner) -> Callable[[int], object]:
+        return lambda count: replace(planner, iterations=count, cycle=count).search(
+            start, np.random.default_rng(0)
         )
 
-    def of(swarm: PathSwarm) -> Callable[[int], object]:
-        return lambda count: swarm.search(Cost(problem, path), start, count, 0)
-
-    runs: dict[str, Callable[[int], object]] = {"whales (ours)": ours}
-    for name in peers:
-        if isinstance(PEERS[name].settings, PathSwarm):
-            runs[name] = of(PEERS[name].settings)
-    facts = {"problem": case.name, "population": POPULATION, "way_points": len(path) - 2}
-    return [{"swarm": name, "us": _microseconds(run), **facts} for name, run in runs.items()]
+    swarms = {name: PEERS[name].settings for name in peers}
+    runs = {"whales (ours)": run(OURS)} | {
+        name: run(swarm) for name, swarm in swarms.items() if isinstance(swarm, SwarmPlanner)
+    }
+    way_points = len(start.path_problem.anchors)
+    facts = {"problem": case.name, "population": OURS.population, "way_points": way_points}
+    return [{"swarm": name, "us": _microseconds(one), **facts} for name, one in runs.items()]

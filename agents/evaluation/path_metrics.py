@@ -12,7 +12,7 @@ from planners.collision.polygon_tests import SpaceArrays, clearance
 from planners.problem import Problem
 from planners.swarm import path_cost
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import path_length
+from wheelchair_gym.geometry import path_length, without_repeats
 
 Array = NDArray[np.float64]
 
@@ -43,9 +43,7 @@ def backing(path: ArrayLike) -> float:
 
 def _apart(path: ArrayLike) -> Array:
     """The points (n, 2) of a path without those that repeat the one before."""
-    points = np.asarray(path, dtype=np.float64)[:, :2]
-    kept: Array = points[np.append(True, (np.diff(points, axis=0) != 0.0).any(axis=1))]
-    return kept
+    return without_repeats(np.asarray(path, dtype=np.float64)[:, :2])
 
 
 @borrowing_kernel

@@ -1,7 +1,8 @@
 """Simulators and planners of other packages in the same worlds (extra `peers`).
 
-A planner is a settings object whose `prepare(case)` returns an object for one map, untimed, with
-`plan(problem, rng, deadline)` as our planners have it; or None if it cannot take the map.
+A peer is a planner of ours with an optimizer of another package, or a settings object whose
+`prepare(case)` returns an object for one map, untimed, with `plan(problem, rng, deadline)` as our
+planners have it; or None if it cannot take the map.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 from agents.peers.ompl import Ompl
 from agents.peers.pathplanning import LazyThetaStar, Tree
-from agents.peers.swarms import PathSwarm
+from planners.swarm.planner import SwarmPlanner
 
 
 class Peer(NamedTuple):
@@ -20,6 +21,15 @@ class Peer(NamedTuple):
     package: str
     settings: Any
     timed: bool = True  # whether it takes a deadline
+
+
+def _swarm(package: str, algorithm: str) -> SwarmPlanner:
+    """A swarm on the way points of a free path: from random starts no swarm finds one in clutter.
+
+    Each run of 100 iterations starts around the best path so far.
+    """
+    optimizer = {"name": package, "algorithm": algorithm}
+    return SwarmPlanner(optimizer=optimizer, population=10, way_points=20)
 
 
 PEERS: Final[dict[str, Peer]] = {
@@ -33,12 +43,17 @@ PEERS: Final[dict[str, Peer]] = {
     "pathplanning_rrt_star_5": Peer("pathplanning", Tree("rrt_star")),
     "pathplanning_rrt_star_1": Peer("pathplanning", Tree("rrt_star", step=1.0)),
     "pathplanning_lazy_theta_star": Peer("pathplanning", LazyThetaStar(), timed=False),
-    "mealpy_woa": Peer("mealpy", PathSwarm("mealpy", "WOA")),
-    "mealpy_pso": Peer("mealpy", PathSwarm("mealpy", "PSO")),
-    "niapy_pso": Peer("niapy", PathSwarm("niapy", "PSO")),
+    "mealpy_woa": Peer("mealpy", _swarm("mealpy", "OriginalWOA")),
+    "mealpy_pso": Peer("mealpy", _swarm("mealpy", "OriginalPSO")),
+    "niapy_pso": Peer("niapy", _swarm("niapy", "ParticleSwarmAlgorithm")),
 }
 
 
 def installed(package: str) -> bool:
     """Whether a package can be imported."""
     return importlib.util.find_spec(package) is not None
+
+
+def prepare(settings: Any, case: Any) -> Any:
+    """The planner of a peer's settings for the map of a case; None if it cannot take the map."""
+    return settings.prepare(case) if hasattr(settings, "prepare") else settings

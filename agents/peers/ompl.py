@@ -5,7 +5,9 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Callable
+from functools import partial
 from time import perf_counter
+from types import SimpleNamespace
 from typing import Any, Literal, cast
 
 import numba
@@ -58,60 +60,59 @@ class Ompl:
     limit: float = setting(default=10.0, unit="s", low=0.0, source="design choice")
     """Time limit of a call without a deadline."""
 
-    def prepare(self, case: Any) -> OmplOnMap:
+    def prepare(self, case: Any) -> SimpleNamespace:
         """The planner for a map."""
-        return OmplOnMap(self, case.problem)
-
-
-class OmplOnMap:
-    """OMPL's description of one map."""
-
-    def __init__(self, own: Ompl, problem: Problem) -> None:
         base = importlib.import_module("ompl.base")
         util = importlib.import_module("ompl.util")
         util.setLogLevel(util.LOG_NONE)
-        self.own = own
-        edge_free, point_free = collision_tests(problem.free.arrays)
-        space = base.RealVectorStateSpace(2)
-        bounds = base.RealVectorBounds(2)
+        free = case.problem.free
+        edge_free, point_free = collision_tests(free.arrays)
+        space, bounds = base.RealVectorStateSpace(2), base.RealVectorBounds(2)
         for axis in range(2):
-            bounds.setLow(axis, problem.free.bounds[axis])
-            bounds.setHigh(axis, problem.free.bounds[axis + 2])
+            bounds.setLow(axis, free.bounds[axis])
+            bounds.setHigh(axis, free.bounds[axis + 2])
         space.setBounds(bounds)
-        self.information = base.SpaceInformation(space)
-        self.information.setStateValidityChecker(lambda state: point_free(state[0], state[1]))
-        if own.exact:
+        information = base.SpaceInformation(space)
+        information.setStateValidityChecker(lambda state: point_free(state[0], state[1]))
+        validator = None
+        if self.exact:
 
             class ExactMotionValidator(base.MotionValidator):  # type: ignore[misc, name-defined]
                 def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: N802
                     return edge_free(a[0], a[1], b[0], b[1])
 
-            self.validator = ExactMotionValidator(self.information)
-            self.information.setMotionValidator(self.validator)
-        self.information.setup()
+            validator = ExactMotionValidator(information)
+            information.setMotionValidator(validator)
+        information.setup()
+        # OMPL does not keep the validator alive.
+        return SimpleNamespace(plan=partial(self.plan, information), validator=validator)
 
     def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+        self,
+        information: Any,
+        problem: Problem,
+        rng: np.random.Generator,
+        deadline: float | None = None,
     ) -> Plan:
         """The best path at the deadline, or the first path without one."""
         base = importlib.import_module("ompl.base")
         geometric = importlib.import_module("ompl.geometric")
         begun = perf_counter()
-        definition = base.ProblemDefinition(self.information)
+        definition = base.ProblemDefinition(information)
         ends = []
         for point in (problem.start, problem.goal):
-            state = self.information.allocState()
+            state = information.allocState()
             state[0], state[1] = float(point[0]), float(point[1])
             ends.append(state)
         definition.setStartAndGoalStates(*ends)
-        left = self.own.limit
+        left = self.limit
         if deadline is None:  # any path will do
-            objective = base.PathLengthOptimizationObjective(self.information)
+            objective = base.PathLengthOptimizationObjective(information)
             objective.setCostThreshold(base.Cost(math.inf))
             definition.setOptimizationObjective(objective)
         else:
             left = max(deadline - (perf_counter() - begun), 0.0)
-        planner = getattr(geometric, self.own.algorithm)(self.information)
+        planner = getattr(geometric, self.algorithm)(information)
         planner.setProblemDefinition(definition)
         planner.setup()
         planner.solve(base.timedPlannerTerminationCondition(left))

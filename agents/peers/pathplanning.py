@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+from functools import partial
 from time import perf_counter
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -33,48 +35,41 @@ class Tree:
     limit: float = setting(default=10.0, unit="s", low=0.0, source="design choice")
     """Time limit of rrt_connect without a deadline."""
 
-    def prepare(self, case: Any) -> TreeOnMap | None:
+    def prepare(self, case: Any) -> SimpleNamespace | None:
         """The planner for a map of rectangles; None for any other map."""
         if case.rectangles is None or case.problem.clearance > 0.0:
             return None
-        return TreeOnMap(self, case.problem, case.rectangles)
-
-
-class TreeOnMap:
-    """The package's description of one map."""
-
-    def __init__(self, own: Tree, problem: Problem, rectangles: Array) -> None:
         model = importlib.import_module("pathplanning.native.continuous_model")
-        self.own = own
-        self.bounds = np.array(problem.space.bounds).reshape(2, 2)
-        self._model = model.NativeContinuousSpaceModel(
-            *self.bounds, box_minima=rectangles[:, :2], box_maxima=rectangles[:, 2:]
+        bounds = np.array(case.problem.space.bounds).reshape(2, 2)
+        boxes = {"box_minima": case.rectangles[:, :2], "box_maxima": case.rectangles[:, 2:]}
+        native = model.NativeContinuousSpaceModel(*bounds, **boxes)
+        space = SimpleNamespace(  # as the package wants it
+            bounds=bounds,
+            dimension=2,
+            distance_metric="euclidean",
+            to_native_model=lambda: native,
         )
-        self.dimension, self.distance_metric = 2, "euclidean"
-
-    def to_native_model(self) -> Any:
-        """The map for the native code."""
-        return self._model
+        return SimpleNamespace(plan=partial(self.plan, space))
 
     def plan(
-        self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
+        self, space: Any, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
         """The first path, or the best one at the deadline or after all iterations."""
         api = importlib.import_module("pathplanning.api")
         contracts = importlib.import_module("pathplanning.core.contracts")
         params = importlib.import_module("pathplanning.core.params")
-        own, limit = self.own, deadline
-        if deadline is None and own.planner == "rrt_connect":
-            limit = own.limit
+        limit = deadline
+        if deadline is None and self.planner == "rrt_connect":
+            limit = self.limit
         begun = perf_counter()
         start, goal = (np.array(end[:2]) for end in (problem.start, problem.goal))
         found = api.plan_continuous(
-            contracts.ContinuousProblem(self, start, contracts.GoalState(goal)),
-            planner=own.planner,
+            contracts.ContinuousProblem(space, start, contracts.GoalState(goal)),
+            planner=self.planner,
             params=params.RrtParams(
-                max_iters=own.iterations if limit is None else UNLIMITED,
-                step_size=own.step,
-                rrt_star_radius_gamma=own.gamma,
+                max_iters=self.iterations if self.planner == "rrt_star" else UNLIMITED,
+                step_size=self.step,
+                rrt_star_radius_gamma=self.gamma,
                 time_budget_s=limit,
             ),
             rng=rng,
@@ -97,13 +92,13 @@ class LazyThetaStar:
 class ThetaOnMap:
     """The grid of one map."""
 
-    def __init__(self, own: LazyThetaStar, problem: Problem) -> None:
+    def __init__(self, config: LazyThetaStar, problem: Problem) -> None:
         grid = importlib.import_module("pathplanning.spaces.grid2d")
-        self.own = own
+        self.resolution = config.resolution
         free = problem.free
         self._arrays = free.arrays
         x0, y0, x1, y1 = free.bounds
-        step = own.resolution
+        step = self.resolution
         columns, rows = int((x1 - x0) / step + 1e-9), int((y1 - y0) / step + 1e-9)
         left, low = np.meshgrid(x0 + step * np.arange(columns), y0 + step * np.arange(rows))
         cells = shapely.box(left + 1e-9, low + 1e-9, left + step - 1e-9, low + step - 1e-9)
@@ -114,7 +109,7 @@ class ThetaOnMap:
         self.space.set_occupancy(shapely.intersects(solid, cells))
 
     def _cell(self, point: Array) -> tuple[int, int]:
-        place = ((np.asarray(point)[:2] - self.origin) / self.own.resolution + 1e-9).astype(int)
+        place = ((np.asarray(point)[:2] - self.origin) / self.resolution + 1e-9).astype(int)
         column, row = np.clip(place, 0, self.shape - 1)
         return int(column), int(row)
 
@@ -143,7 +138,7 @@ class ThetaOnMap:
         )
         path = found.path
         if path is not None:
-            middles = self.origin + (np.asarray(path) + 0.5) * self.own.resolution
+            middles = self.origin + (np.asarray(path) + 0.5) * self.resolution
             path = self._joined(start, list(middles), goal)
         return _plan(path, found, begun)
 

@@ -259,18 +259,18 @@ def among_discs(job: Job, seed: int) -> Record:
 
 def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[Any, Array]:
     """A swarm's search, and the least cost after each iteration (n,)."""
-    from planners.registries import make_objective, make_optimizer
+    from planners.registries import OBJECTIVES, OPTIMIZERS
+    from planners.swarm.moves import new_swarm
     from planners.swarm.path_cost import new_workspace
     from planners.swarm.search import BestValid, SearchResult, iterate
-    from planners.swarm.state import new_swarm
     from wheelchair_gym.random import stream
 
     start = planner.start(problem, None, rng)
     task, swarm = start.path_problem, new_swarm(start.population, start.lower, start.upper)
     room = new_workspace(len(task.anchors), task.pieces)
     valid = BestValid(np.empty_like(room.line), np.full(1, np.inf), np.zeros(1, np.int64))
-    path_cost = make_objective(planner.objective).path_cost
-    parameters = make_optimizer(planner.optimizer).parameters
+    path_cost = OBJECTIVES.make(planner.objective).path_cost
+    parameters = OPTIMIZERS.make(planner.optimizer).parameters
     state, costs = stream(rng), np.empty(planner.iterations)
     for t in range(planner.iterations):  # equal to one call for all iterations
         iterate(task, path_cost, parameters, swarm, valid, t, t + 1, planner.cycle, room, state)

@@ -1,9 +1,9 @@
-"""What a footprint sweeps, exactly: the least gap between a moving rectangle and a map's boundary.
+"""The exact least gap between a moving rectangular footprint and a map's boundary.
 
-A stretch is a way driven while turning at a constant rate: straight, an arc, or a pivot. In the
-chair's frame at its beginning the rectangle turns about one point (or moves along x). Then the gap
-to a segment is least where a corner's arc comes nearest to it, or where one of its ends comes
-nearest to the rectangle; either happens at an end of the stretch or in one of a few directions.
+A stretch is a motion with a constant rate of turn: straight, an arc, or a pivot. In the chair's
+frame at its beginning the rectangle turns about one point (or moves along x). The gap to a segment
+is least where a corner's arc comes nearest to it, or where one of its ends comes nearest to the
+rectangle; either happens at an end of the stretch or in one of a few directions.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ class Sweeps(NamedTuple):
 
     way: Array  # (m,) m, backwards below 0
     turn: Array  # (m,) rad, to the left above 0
-    box: Array  # (m, 4) m: xmin, ymin, xmax, ymax round all that is swept
+    box: Array  # (m, 4) m: xmin, ymin, xmax, ymax around all that is swept
     long: Array  # (m, 3) m: front, rear, half width of the rectangle swept by a straight one
     centre: Array  # (m,) m: y of the point turned about; its x is 0
     rotation: Array  # (m, 2) cosine and sine of the turn
     first: Array  # (m, 4, 2) m: corners as seen from the centre, where their arc begins...
     last: Array  # (m, 4, 2) ... and ends, counter-clockwise
     radius: Array  # (m, 4) m
-    around: Array  # (m, 4, 4) m: boxes round the corners' arcs, in the chair's frame
+    around: Array  # (m, 4, 4) m: boxes around the corners' arcs, in the chair's frame
 
 
 def sweeps(count: int) -> Sweeps:
-    """Room for so many stretches; `sweep` writes them."""
+    """Arrays for so many stretches; `sweep` writes them."""
     shapes = ((), (), (4,), (3,), (), (2,), (4, 2), (4, 2), (4,), (4, 4))
     return Sweeps(*(np.zeros((count, *shape)) for shape in shapes))
 
@@ -96,7 +96,7 @@ def sweep(sweeps: Sweeps, m: int, way: float, turn: float, outline: Array) -> No
 
 @borrowing_kernel
 def _apart(box: Array, px: float, py: float, qx: float, qy: float, gap: float) -> bool:
-    """Whether a segment's own box is at least a gap away from a box, along x or y."""
+    """Whether the box of a segment is at least a gap away from another, along x or y."""
     return bool(
         min(px, qx) - box[2] >= gap
         or box[0] - max(px, qx) >= gap
@@ -188,15 +188,9 @@ def stretch_gap(
 ) -> float:
     """Least gap [m] while stretch m is driven, at most `enough`; 0 where something is touched.
 
-    Args:
-        sweeps: the stretches.
-        m: which.
-        outline: (3,) m: front, rear, half width.
-        segments: (n, 4) m: the boundary in the chair's frame at the beginning; each end of a
-            segment that matters is the first end of one of them, or of one farther than `enough`.
-        count: how many of the segments count.
-        enough: gaps beyond this are not looked for [m].
-        least: a gap below this ends the search [m]; then any below it is returned.
+    `segments` (n, 4) [m], `count` of them, are the boundary in the chair's frame at the beginning:
+    each end of a segment that matters is the first end of one of them, or of one farther than
+    `enough`. A gap below `least` ends the search; then any gap below it is returned.
     """
     gap = enough
     straight = sweeps.turn[m] == 0.0
@@ -230,7 +224,7 @@ def stretch_between(
 
 
 @kernel
-def _path_gap(segments: Array, path: Array, outline: Array, room: Sweeps, enough: float) -> float:
+def _path_gap(segments: Array, path: Array, outline: Array, work: Sweeps, enough: float) -> float:
     seen = np.empty_like(segments)
     gap = enough
     for m in range(max(1, path.shape[0] - 1)):
@@ -242,8 +236,8 @@ def _path_gap(segments: Array, path: Array, outline: Array, room: Sweeps, enough
             for e in range(2):
                 ax, ay = segments[k, 2 * e] - x, segments[k, 2 * e + 1] - y
                 seen[k, 2 * e], seen[k, 2 * e + 1] = c * ax + s * ay, c * ay - s * ax
-        sweep(room, 0, way, turn, outline)
-        gap = stretch_gap(room, 0, outline, seen, segments.shape[0], gap, 0.0)
+        sweep(work, 0, way, turn, outline)
+        gap = stretch_gap(work, 0, outline, seen, segments.shape[0], gap, 0.0)
     return gap
 
 

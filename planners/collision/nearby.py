@@ -1,4 +1,4 @@
-"""What of a map's boundary lies near a place, and how it looks from a pose there."""
+"""The parts of a map's boundary near a position, and in the frame of a pose there."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _list_near(
     first: NDArray[np.int64],
     members: NDArray[np.int32],
 ) -> None:
-    """Count each cell's runs in `first`, or, if `members` has room, put them there."""
+    """Count each cell's runs in `first`, or, if `members` is not empty, write them there."""
     for k in range(spines.shape[0]):
         ax, ay, bx, by = spines[k, 0], spines[k, 1], spines[k, 2], spines[k, 3]
         far = reach + spines[k, 4] + CELL / math.sqrt(2.0)  # from the cell's centre
@@ -88,7 +88,7 @@ def _list_near(
 
 
 def nearby(space: Space, reach: float) -> Nearby:
-    """What of a space's boundary lies within a reach [m] of each place on its map."""
+    """The parts of a space's boundary within a reach [m] of each cell of its map."""
     arrays = space.arrays
     low, high = arrays.bounds[:2].copy(), arrays.bounds[2:]
     runs, spines = np.empty(len(arrays.segments) + 1, np.int32), np.empty((len(arrays.segments), 5))
@@ -107,19 +107,10 @@ def nearby(space: Space, reach: float) -> Nearby:
 def segments_in_view(
     near: Nearby, x: float, y: float, yaw: float, box: Array, enough: float, seen: Array
 ) -> int:
-    """Write the segments within `enough` of a box (in the chair's frame) at a pose.
+    """Write the segments within `enough` [m] of a box at a pose [m, m, rad] on the map.
 
-    Args:
-        near: what lies where.
-        x: the pose [m], on the map; then y [m] and yaw [rad].
-        y: see x.
-        yaw: see x.
-        box: xmin, ymin, xmax, ymax [m] in the chair's frame.
-        enough: how far beyond the box [m].
-        seen: (k, 4) m, where they are written, in the chair's frame.
-
-    Returns:
-        How many there are.
+    The box (xmin, ymin, xmax, ymax) and the segments (k, 4), written to `seen`, are in the chair's
+    frame. Returns how many there are.
     """
     cell = int((y - near.origin[1]) / CELL) * near.columns + int((x - near.origin[0]) / CELL)
     c, s = math.cos(yaw), math.sin(yaw)

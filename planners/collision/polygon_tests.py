@@ -1,7 +1,8 @@
 """Exact tests of points and edges against polygons, and the distance to them, as kernels.
 
-They are exact for the given numbers, since `orient2d` is. A uniform grid of buckets holds the
-segments near each cell, and whether its lower left corner is free, so a test reads few segments.
+They are exact for the given numbers, since the orientation predicate `orient2d` is. A uniform grid
+of buckets holds the segments near each cell, and whether its lower left corner is free, so a test
+reads few segments.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.orient2d import orient2d
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel
 from wheelchair_gym.geometry import point_segment_distance
 
@@ -29,6 +29,52 @@ class SpaceArrays(NamedTuple):
     first: NDArray[np.int64]  # (rows * columns + 1,): where each bucket's members begin
     members: NDArray[np.int32]  # indices of segments, bucket by bucket
     corner_free: NDArray[np.bool_]  # (rows, columns): is each bucket's lower left corner free
+
+
+@borrowing_kernel
+def _two_product(a: float, b: float) -> tuple[float, float]:
+    """Product of a and b as the sum of two doubles, exactly (Dekker 1971)."""
+    p = a * b
+    t = 134217729.0 * a
+    ah = t - (t - a)
+    t = 134217729.0 * b
+    bh = t - (t - b)
+    al, bl = a - ah, b - bh
+    return p, ((ah * bh - p) + ah * bl + al * bh) + al * bl
+
+
+@borrowing_kernel
+def _two_diff(a: float, b: float) -> tuple[float, float]:
+    """Difference a - b as the sum of two doubles, exactly (Knuth)."""
+    d = a - b
+    t = d - a
+    return d, (a - (d - t)) - (b + t)
+
+
+@borrowing_kernel
+def _orient2d_extended(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """The predicate in double-double arithmetic."""
+    ux, ux_low = _two_diff(bx, ax)
+    uy, uy_low = _two_diff(by, ay)
+    vx, vx_low = _two_diff(cx, ax)
+    vy, vy_low = _two_diff(cy, ay)
+    p, p_low = _two_product(ux, vy)
+    q, q_low = _two_product(uy, vx)
+    low = (p_low - q_low) + ((ux * vy_low + ux_low * vy) - (uy * vx_low + uy_low * vx))
+    return (p - q) + low
+
+
+@borrowing_kernel
+def orient2d(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Positive if c lies left of the line from a to b, negative if right, 0 if exactly on it.
+
+    Double precision decides, or double-double where rounding could decide the sign.
+    """
+    p, q = (bx - ax) * (cy - ay), (by - ay) * (cx - ax)
+    area = p - q
+    if abs(area) > 4e-16 * (abs(p) + abs(q)) or (p == 0.0 and q == 0.0):
+        return area
+    return _orient2d_extended(ax, ay, bx, by, cx, cy)
 
 
 @borrowing_kernel
@@ -166,7 +212,7 @@ def blocking_segment(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: f
 
 @borrowing_kernel
 def way_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> bool:
-    """Whether the edge from a point a, known to be free, to b [m] is free."""
+    """Whether the edge from a free point a to b [m] is free."""
     return blocking_segment(arrays, ax, ay, bx, by) == -1
 
 
@@ -214,7 +260,7 @@ def fill_buckets(
     first: NDArray[np.int64],
     members: NDArray[np.int32],
 ) -> None:
-    """Count each bucket's segments in `first`, or, if `members` has room, put them there."""
+    """Count each bucket's segments in `first`, or, if `members` is not empty, write them there."""
     size, slack = grid[2], 1e-6 * grid[2]
     for k in range(segments.shape[0]):
         ax, ay = segments[k, 0] - grid[0], segments[k, 1] - grid[1]
@@ -248,12 +294,12 @@ def mark_free_corners(arrays: SpaceArrays) -> None:
         for j in range(columns):
             x = grid[0] + j * grid[2]
             if j > 0:  # from the left
-                bucket, known = i * columns + j - 1, free[i, j - 1]
+                bucket, neighbour_free = i * columns + j - 1, free[i, j - 1]
                 x0, y0 = grid[0] + (j - 1) * grid[2], y
             elif i > 0:  # from below
-                bucket, known = (i - 1) * columns, free[i - 1, 0]
+                bucket, neighbour_free = (i - 1) * columns, free[i - 1, 0]
                 x0, y0 = x, grid[1] + (i - 1) * grid[2]
             else:
                 continue
             near = arrays.members[arrays.first[bucket] : arrays.first[bucket + 1]]
-            free[i, j] = _free_inside(segments, near, x0, y0, x, y, known)
+            free[i, j] = _free_inside(segments, near, x0, y0, x, y, neighbour_free)

@@ -1,4 +1,4 @@
-"""What is solid, as shapely geometry: unions, even-odd loops, and growth that is never too small.
+"""Obstacles as shapely geometry: unions, even-odd loops, and inflation that is never too small.
 
 Used once per map, never in a loop of a planner.
 """
@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-GRID = 1e-9  # m: grown outlines are rounded to this; far below what any map knows
+GRID = 1e-9  # m: grown outlines are rounded to this; far below the precision of maps
 ARC = math.pi / 8  # rad: at most this much of a round corner per side of its circumscribed polygon
-DISC_SIDES = 32  # of the polygon round a disc: 0.5 % of the radius too large at its corners
+DISC_SIDES = 32  # of the polygon around a disc: 0.5 % of the radius too large at its corners
 
 
 def union(polygons: Iterable[ArrayLike]) -> Any:
@@ -38,7 +38,7 @@ def union(polygons: Iterable[ArrayLike]) -> Any:
 
 
 def disc(x: float, y: float, radius: float) -> Array:
-    """The regular polygon (DISC_SIDES, 2) round a disc, whose sides touch it."""
+    """The regular polygon (DISC_SIDES, 2) around a disc, whose sides touch it."""
     angles = np.arange(DISC_SIDES) * (2 * math.pi / DISC_SIDES)
     reach = radius / math.cos(math.pi / DISC_SIDES)
     return np.stack([x + reach * np.cos(angles), y + reach * np.sin(angles)], axis=1)
@@ -82,8 +82,8 @@ def polygonal(geometry: Any) -> Any:
 def inflate(solid: Any, radius: float) -> Any:
     """A geometry that holds every point nearer than the radius [m] to a solid.
 
-    Straight sides move out by the radius; round corners become polygons whose sides touch the arc
-    (shapely's own buffer cuts corners: its arcs lie inside).
+    Straight sides move out by the radius; round corners become polygons whose sides touch the arc.
+    See `inflation` for when this is used, and why shapely's buffer is not.
     """
     radius += 2 * GRID  # rounding below may not bring anything nearer
     pieces = [solid]

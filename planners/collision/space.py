@@ -1,6 +1,6 @@
-"""What is free: a map without what is solid, as polygons, and as arrays for exact kernels.
+"""Free space: a map without obstacles, as polygons, and as arrays for exact kernels.
 
-The boundary belongs to what is free: a path may touch an obstacle, run along its side, pass through
+The boundary belongs to free space: a path may touch an obstacle, run along its side, pass through
 its corner, or between two obstacles that meet in one point. It may not enter an obstacle, nor leave
 the map; where an obstacle touches the map's border, nothing passes.
 """
@@ -44,7 +44,7 @@ class Grid(Protocol):
         ...
 
     def walls(self, unknown_is_solid: bool = False) -> Array:
-        """Loops (n, 4) [m] round what is solid, which lies on their left."""
+        """Loops (n, 4) [m] around obstacles, which lie on their left."""
         ...
 
 
@@ -53,16 +53,12 @@ class Space:
 
     Attributes:
         bounds: (xmin, ymin, xmax, ymax) [m] of the map; an empty map has its maxima below.
-        discs: (m, 3) x, y, radius [m]: what of the solid is known to be round, for costs that
-            measure from centres; the solid holds polygons round them.
+        discs: (m, 3) x, y, radius [m]: round obstacles, for costs that measure from centres; the
+            solid geometry has polygons around them.
     """
 
     def __init__(
-        self,
-        solid: Any,
-        bounds: ArrayLike,
-        discs: ArrayLike = (),
-        edges: Array | None = None,
+        self, solid: Any, bounds: ArrayLike, discs: ArrayLike = (), edges: Array | None = None
     ) -> None:
         """Take what is solid, or the edges (n, 4) of what is free, and the map's bounds [m].
 
@@ -95,7 +91,7 @@ class Space:
     def from_walls(cls, walls: ArrayLike, discs: ArrayLike, bounds: ArrayLike) -> Space:
         """A map with walls (n, 4) [m], closed loops, and discs (m, 3) [m]: x, y, radius.
 
-        What lies inside an odd number of loops is solid; a disc becomes a polygon round it.
+        What lies inside an odd number of loops is solid; a disc becomes a polygon around it.
         """
         round_ones = np.asarray(discs, dtype=np.float64).reshape(-1, 3)
         solid = solids.union(solids.disc(x, y, radius) for x, y, radius in round_ones)
@@ -103,7 +99,7 @@ class Space:
 
     @classmethod
     def from_grid(cls, grid: Grid, unknown_is_solid: bool = False) -> Space:
-        """The map of an occupancy grid; its walls say what is solid."""
+        """The map of an occupancy grid; its walls enclose obstacles."""
         walls = grid.walls(unknown_is_solid)
         edges = edges_within_frame(walls, grid.bounds)
         if edges is not None:

@@ -1,9 +1,9 @@
-"""What is free as triangles between the corners of what is solid, each knowing its neighbours.
+"""Free space as triangles between the corners of obstacles, with the neighbours of each.
 
-One sweep over the corners from low to high (Hertel and Mehlhorn 1983). Between two sides that bound
-a free stretch of the sweep line hangs a chain of corners, below which all is triangles already; a
-new corner is joined to all of the chain that it sees. Corners at one height come from left to
-right, as if the map were sheared by next to nothing; every choice is an exact sign.
+One sweep over the corners from low to high (Hertel and Mehlhorn 1983). Each free stretch of the
+sweep line has a chain of corners, below which all is triangles; a new corner is joined to all
+corners of the chain that it sees. Corners at one height come from left to right; every choice is an
+exact sign.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Index = NDArray[np.int64]
 
 
 class Mesh(NamedTuple):
-    """Triangles that fill what is free; where two free parts meet in a point, they share it."""
+    """Triangles that fill free space; where two free parts meet in a point, they share it."""
 
     points: Array  # (m, 2) m: corners of what is solid, by y, then x
     corners: Index  # (t, 3) points, counter-clockwise
@@ -32,7 +32,7 @@ class Mesh(NamedTuple):
 
 
 class _Sweep(NamedTuple):
-    """All that grows while the line moves up."""
+    """What grows while the line moves up."""
 
     points: Array  # (m, 2)
     corners: Index  # (2 n, 3)
@@ -47,7 +47,7 @@ class _Sweep(NamedTuple):
 
 @borrowing_kernel
 def _link(sweep: _Sweep, point: int) -> int:
-    """A new link of a chain, not yet tied to any."""
+    """A new link, not yet in a chain."""
     k = sweep.used[1]
     sweep.used[1] += 1
     sweep.place[k], sweep.left[k], sweep.right[k] = point, NONE, NONE
@@ -64,7 +64,7 @@ def _edge(sweep: _Sweep) -> int:
 
 @borrowing_kernel
 def _beside(sweep: _Sweep, edge: int, code: int) -> None:
-    """Tell an edge of a triangle's side along it: the second one becomes the first's neighbour."""
+    """Add a triangle's side to an edge: the second side becomes the first one's neighbour."""
     other = sweep.waiting[edge]
     if other == NONE:
         sweep.waiting[edge] = code
@@ -101,9 +101,9 @@ def _join_rightward(sweep: _Sweep, link: int, p: int, edge: int) -> int:
         _fill(sweep, link, b, p, edge, beyond)
         link, edge = b, beyond
         b = sweep.right[link]
-    own = _link(sweep, p)
-    sweep.right[own], sweep.edge[own], sweep.left[link] = link, edge, own
-    return own
+    new = _link(sweep, p)
+    sweep.right[new], sweep.edge[new], sweep.left[link] = link, edge, new
+    return new
 
 
 @borrowing_kernel
@@ -115,9 +115,9 @@ def _join_leftward(sweep: _Sweep, link: int, p: int, edge: int) -> int:
         _fill(sweep, a, link, p, beyond, edge)
         link, edge = a, beyond
         a = sweep.left[link]
-    own = _link(sweep, p)
-    sweep.left[own], sweep.right[link], sweep.edge[link] = link, own, edge
-    return own
+    new = _link(sweep, p)
+    sweep.left[new], sweep.right[link], sweep.edge[link] = link, new, edge
+    return new
 
 
 @borrowing_kernel
@@ -137,19 +137,13 @@ def _where(points: Array, low: Index, high: Index, status: Index, count: int, p:
 def triangulate(
     points: Array, begins: Index, ends: Index
 ) -> tuple[Index, Index, Index, Index, bool]:
-    """Triangles between closed loops of segments with what is solid on their left.
+    """Triangles between closed loops of segments, from points (m, 2) sorted by y, then x.
 
-    Args:
-        points: (m, 2), sorted by y, then x.
-        begins: (n,) the point at which each segment begins.
-        ends: (n,) see begins.
-
-    Returns:
-        Corners and neighbours (t, 3), the triangles round each point (see `Mesh`), and whether
-        the loops were such: closed, and crossing nowhere.
+    Returns corners and neighbours (t, 3), the triangles around each point (see `Mesh`), and whether
+    the loops are closed and never cross.
     """
     n, m = begins.shape[0], points.shape[0]
-    whole = _Sweep(
+    sweep = _Sweep(
         points,
         np.empty((2 * n + 8, 3), np.int64),
         np.empty((2 * n + 8, 3), np.int64),
@@ -196,19 +190,19 @@ def triangulate(
         if not good:
             break
         for k in range(at + begin, at + below - 1, 2):  # free stretches that end here
-            _join_rightward(whole, head[status[k]], p, _edge(whole))
+            _join_rightward(sweep, head[status[k]], p, _edge(sweep))
         mine = NONE
         if below == 0 and free_left:  # something solid begins within a free stretch
             stretch = status[at - 1]
-            q, edge = last[stretch], _edge(whole)
-            rest = whole.right[q]
-            twin = _link(whole, whole.place[q])  # the latest link belongs to both chains
-            whole.right[twin], whole.edge[twin] = rest, whole.edge[q]
+            q, edge = last[stretch], _edge(sweep)
+            rest = sweep.right[q]
+            twin = _link(sweep, sweep.place[q])  # the latest link belongs to both chains
+            sweep.right[twin], sweep.edge[twin] = rest, sweep.edge[q]
             if rest != NONE:
-                whole.left[rest] = twin
+                sweep.left[rest] = twin
             end = tail[stretch] if tail[stretch] != q else twin
-            mine = _join_leftward(whole, q, p, edge)
-            other = _join_rightward(whole, twin, p, edge)
+            mine = _join_leftward(sweep, q, p, edge)
+            other = _join_rightward(sweep, twin, p, edge)
             tail[stretch] = last[stretch] = mine
             right = new[above - 1]
             head[right] = last[right] = other
@@ -216,11 +210,11 @@ def triangulate(
         elif below > 0:
             if free_left:
                 stretch = status[at - 1]
-                mine = _join_leftward(whole, tail[stretch], p, _edge(whole))
+                mine = _join_leftward(sweep, tail[stretch], p, _edge(sweep))
                 tail[stretch] = last[stretch] = mine
             if free_right:
                 stretch = status[at + below - 1]
-                other = _join_rightward(whole, head[stretch], p, _edge(whole))
+                other = _join_rightward(sweep, head[stretch], p, _edge(sweep))
                 end = tail[stretch]
                 if above > 0:
                     right = new[above - 1]
@@ -228,13 +222,12 @@ def triangulate(
                     tail[right] = end
                 else:  # two free stretches become one
                     stretch = status[at - 1]
-                    rest = whole.right[other]
-                    whole.right[mine], whole.edge[mine] = rest, whole.edge[other]
-                    whole.left[rest] = mine
+                    rest = sweep.right[other]
+                    sweep.right[mine], sweep.edge[mine] = rest, sweep.edge[other]
+                    sweep.left[rest] = mine
                     tail[stretch] = end
         for k in range(begin, above - 1, 2):  # free stretches that begin here
-            own = _link(whole, p)
-            head[new[k]] = tail[new[k]] = last[new[k]] = own
+            head[new[k]] = tail[new[k]] = last[new[k]] = _link(sweep, p)
         if above > below:
             for k in range(count - 1, at + below - 1, -1):
                 status[k + above - below] = status[k]
@@ -244,11 +237,11 @@ def triangulate(
         count += above - below
         for k in range(above):
             status[at + k] = new[k]
-    total = whole.used[0]
-    corners = whole.corners[:total].copy()
+    total = sweep.used[0]
+    corners = sweep.corners[:total].copy()
     first, around = np.empty(m + 1, np.int64), np.empty(3 * total, np.int64)
     group_by_point(corners.ravel(), first, around)
-    return corners, whole.across[:total].copy(), first, around, good and count == 0
+    return corners, sweep.across[:total].copy(), first, around, good and count == 0
 
 
 def mesh(boundary: Boundary) -> Mesh:

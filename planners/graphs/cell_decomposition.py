@@ -1,8 +1,8 @@
 """Exact cell decomposition: from cell to cell through the windows between them.
 
-What is free is cut up and down from every corner. A cell lies between two boundary segments, its
-floor and its ceiling, and between two vertical lines; it is convex. A window is where two cells
-meet on such a line, if only in one point.
+Vertical lines through all corners cut free space into cells. A cell lies between two boundary
+segments, its floor and its ceiling, and between two vertical lines; it is convex. A window is where
+two cells meet on such a line, even in one point.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from planners.collision.orient2d import orient2d
-from planners.collision.polygon_tests import SpaceArrays
+from planners.collision.polygon_tests import SpaceArrays, orient2d
 from planners.graphs.roadmap import shortest
 from planners.problem import Plan, PlannerBase, Problem, Status
 from planners.smoothing.shortcut import shortcut
@@ -23,7 +22,7 @@ from wheelchair_gym.config import setting, settings
 Array = NDArray[np.float64]
 Pairs = NDArray[np.int64]
 
-SLACK = 1e-9  # m: windows that rounding may have closed; what leads through is tested exactly
+SLACK = 1e-9  # m: rounding may close windows; edges through them are tested exactly
 
 
 @borrowing_kernel
@@ -59,13 +58,13 @@ def _above(segments: Array, k: int, other: int) -> bool:
 
 @borrowing_kernel
 def _free_between(segments: Array, low: int, high: int) -> bool:
-    """Whether what lies between two segments, next to each other on the line, is free."""
+    """Whether the space between two neighbouring segments on the line is free."""
     return bool(segments[low, 0] > segments[low, 2] and segments[high, 0] < segments[high, 2])
 
 
 @kernel
 def _more(array: Array) -> Array:
-    """The same rows with room for as many again."""
+    """The same rows in an array of twice as many."""
     wider = np.empty((2 * array.shape[0], array.shape[1]), array.dtype)
     wider[: array.shape[0]] = array
     return wider
@@ -75,10 +74,10 @@ def _more(array: Array) -> Array:
 def decompose(
     segments: Array, lines: Array, begin: Pairs, finish: Pairs
 ) -> tuple[Pairs, Array, Pairs, Array]:
-    """Sweep a line from left to right.
+    """Sweep a line from left to right over the boundary (n, 4) [m], the solid on its left.
 
     Args:
-        segments: the boundary (n, 4) [m], what is solid on the left.
+        segments: the boundary.
         lines: x of all corners, ascending, once each [m].
         begin: segments that are not vertical, by their left ends.
         finish: the same, by their right ends.
@@ -120,7 +119,7 @@ def decompose(
                 active[m] = active[m - 1]
             active[low] = k
             passing += 1
-        # The cells that go on, those that end here and those that begin here, upwards.
+        # Cells that go on, that end here, and that begin here, upwards.
         opened = ending = 0
         for m in range(passing - 1):
             f, c = active[m], active[m + 1]
@@ -164,61 +163,39 @@ def decompose(
                     windows[found, 1], windows[found, 2] = bottom, max(bottom, top)
                     found += 1
                 elif q >= ending and bottom > a_high + SLACK:
-                    break  # what begins here lies higher and higher
+                    break  # cells that begin here come from low to high
     return walls[:cells], spans[:cells], sides[:found], windows[:found]
 
 
 @kernel
 def cells_at(arrays: SpaceArrays, walls: Pairs, spans: Array, x: float, y: float) -> Pairs:
     """The cells that hold a point [m]; several where they meet."""
-    held = np.empty(walls.shape[0], dtype=np.int64)
+    found = np.empty(walls.shape[0], dtype=np.int64)
     count = 0
     for cell in range(walls.shape[0]):
         if spans[cell, 0] <= x <= spans[cell, 1]:
             ax, ay, bx, by = _rightward(arrays.segments, walls[cell, 0])
             cx, cy, dx, dy = _rightward(arrays.segments, walls[cell, 1])
             if orient2d(ax, ay, bx, by, x, y) >= 0.0 and orient2d(cx, cy, dx, dy, x, y) <= 0.0:
-                held[count] = cell
+                found[count] = cell
                 count += 1
-    return held[:count]
+    return found[:count]
 
 
-@kernel
-def joined(sides: Pairs, cells: int, start_in: Pairs, goal_in: Pairs, per: int) -> Pairs:
+def pairs_in_cells(sides: Pairs, cells: int, start_in: Pairs, goal_in: Pairs, per: int) -> Pairs:
     """Pairs of nodes (k, 2) that lie in one cell: start, goal, then `per` nodes of each window."""
-    total = 2 + per * sides.shape[0]
-    first = np.zeros(cells + 1, dtype=np.int64)
-    for k in range(2):
-        for cell in start_in if k == 0 else goal_in:
-            first[cell + 1] += 1
-    for w in range(sides.shape[0]):
-        for k in range(2):
-            first[sides[w, k] + 1] += per
-    for cell in range(cells):
-        first[cell + 1] += first[cell]
-    members, fill = np.empty(first[cells], dtype=np.int64), first[:cells].copy()
-    for k in range(2):
-        for cell in start_in if k == 0 else goal_in:
-            members[fill[cell]] = k
-            fill[cell] += 1
-    for w in range(sides.shape[0]):
-        for k in range(2):
-            for m in range(per):
-                members[fill[sides[w, k]]] = 2 + per * w + m
-                fill[sides[w, k]] += 1
-    count = 0
-    for cell in range(cells):
-        size = first[cell + 1] - first[cell]
-        count += size * (size - 1) // 2
-    pairs = np.empty((count, 2), dtype=np.int64)
-    count = 0
-    for cell in range(cells):
-        for p in range(first[cell], first[cell + 1]):
-            for q in range(p + 1, first[cell + 1]):
-                if members[p] < total and members[p] != members[q]:
-                    pairs[count, 0], pairs[count, 1] = members[p], members[q]
-                    count += 1
-    return pairs[:count]
+    cell = np.concatenate([start_in, goal_in, np.repeat(sides, per, axis=0).T.ravel()])
+    ends, of_windows = np.repeat([0, 1], [len(start_in), len(goal_in)]), np.arange(per * len(sides))
+    order = np.argsort(cell, kind="stable")
+    node, place = (
+        np.concatenate([ends, 2 + of_windows, 2 + of_windows])[order],
+        np.arange(len(cell)),
+    )
+    later = np.cumsum(np.bincount(cell, minlength=cells))[cell[order]] - place - 1  # in its cell
+    first = np.repeat(place, later)
+    second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(later) - later, later)
+    pairs = np.stack([node[first], node[second]], axis=1)
+    return np.asarray(pairs[pairs[:, 0] != pairs[:, 1]])
 
 
 WINDOW_NODES = 3  # middle, low and high end: paths bend at corners, which are ends of windows
@@ -240,10 +217,10 @@ def cut(arrays: SpaceArrays) -> tuple[Pairs, Array, Pairs, Array]:
 
 @settings
 class CellDecomposition(PlannerBase):
-    """Vertical cell decomposition (Chazelle 1987; Latombe 1991): complete, and soon done.
+    """Vertical cell decomposition (Chazelle 1987; Latombe 1991): complete and quick.
 
-    It proves it where there is no path. The path is the shortest through the middles and the ends
-    of the windows between cells, straightened.
+    It proves that there is no path. The path is the shortest through the middles and the ends of
+    the windows between cells, straightened.
     """
 
     shortcut: bool = setting(default=True, source="straighten the path, which is never longer then")
@@ -258,17 +235,17 @@ class CellDecomposition(PlannerBase):
         start_in, goal_in = (cells_at(arrays, walls, spans, *point) for point in ends)
         x, low, high = windows.T
         corners = np.stack([x, 0.5 * (low + high), x, low, x, high], axis=1).reshape(-1, 2)
-        pairs = joined(sides, cells, start_in, goal_in, WINDOW_NODES)
+        pairs = pairs_in_cells(sides, cells, start_in, goal_in, WINDOW_NODES)
         way = shortest(arrays, np.vstack([ends, corners]), pairs, end)
         path, status, note = way.path, Status.SOLVED, ""
         if not len(path):
             links = coo_array((np.ones(len(sides)), sides.T), shape=(cells, cells))
             _, part = connected_components(links, directed=False)
-            status, note = Status.NO_PATH, "start and goal lie in parts that do not meet"
+            status, note = Status.NO_PATH, "start and goal lie in separate parts of free space"
             if not way.in_time:
                 status, note = Status.EXHAUSTED, "out of time"
             elif np.isin(part[start_in], part[goal_in]).any():
-                status, note = Status.EXHAUSTED, "too narrow for the digits of its coordinates"
+                status, note = Status.EXHAUSTED, "too narrow for the precision of coordinates"
         elif self.shortcut:
             path = shortcut(path, problem.free)
         return Plan(

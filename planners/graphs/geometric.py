@@ -1,4 +1,4 @@
-"""The geometric method: from a blocked straight line to a corner beside it, and so on."""
+"""The geometric method: a blocked straight line bends around a corner beside it, recursively."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.collision.boundary_walk import blocking_segments
+from planners.collision.boundary import blocking_segments
 from planners.collision.polygon_tests import edge_free
 from planners.collision.space import Space
 from planners.problem import Plan, PlannerBase, Problem, Status
@@ -20,7 +20,7 @@ Point = tuple[float, float]
 
 
 class Obstacles(NamedTuple):
-    """The separate solid things of a space."""
+    """The connected obstacles of a space."""
 
     corners: Array  # (n, 2) m: those within the map
     owner: NDArray[np.int64]  # (n,) whose corner each is
@@ -28,7 +28,7 @@ class Obstacles(NamedTuple):
 
 
 def _obstacles(space: Space) -> Obstacles:
-    """What is solid, thing by thing: those that hang together are one."""
+    """The obstacles; connected ones are one."""
     parts = shapely.get_parts(space.solid)
     corners, owner = shapely.get_coordinates(parts, return_index=True)
     xmin, ymin, xmax, ymax = space.bounds
@@ -46,7 +46,7 @@ def _obstacles(space: Space) -> Obstacles:
 
 
 def _turn(space: Space, obstacles: Obstacles, a: Point, b: Point) -> Point | None:
-    """The corner to go round on the way from a to b: see `Geometric`; None if there is none."""
+    """The corner to go around from a to b: see `Geometric`; None if there is none."""
     hit = obstacles.owner_of_segment[blocking_segments(space.arrays, *a, *b)[0]]
     corners = obstacles.corners[np.isin(obstacles.owner, hit[hit >= 0])]
     off = (b[0] - a[0]) * (corners[:, 1] - a[1]) - (b[1] - a[1]) * (corners[:, 0] - a[0])
@@ -64,9 +64,9 @@ def _turn(space: Space, obstacles: Obstacles, a: Point, b: Point) -> Point | Non
 class Geometric(PlannerBase):
     """The geometric method of a thesis (its section 3.3), with exact edges.
 
-    Where things block the straight line, perpendiculars are drawn to it from their corners; of the
-    longest on each side the shorter one's corner becomes a point of the path, and so on for both
-    halves. It is short and quick among few things, may fail among many, and proves nothing.
+    Where obstacles block the straight line, it has perpendiculars from their corners; of the
+    longest on each side, the shorter one's corner becomes a point of the path, and so on for both
+    halves. It is quick and short among few obstacles, may fail among many, and proves nothing.
     """
 
     max_turns: int = setting(
@@ -75,7 +75,7 @@ class Geometric(PlannerBase):
     """Largest number of corners to go around."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Find a path, or say why the method ends; the generator is not used."""
+        """A path, or why the method ends; the generator is not used."""
         space = problem.free
         obstacles = _obstacles(space)
         start: Point = (float(problem.start[0]), float(problem.start[1]))

@@ -4,15 +4,16 @@ A*, Dijkstra, breadth-first, depth-first and any-angle search are values of one 
 tested against the polygons themselves: a cell that no wall comes near needs no test.
 
 Each finds a path whenever one exists that stays farther than step / sqrt(2) from everything solid,
-its ends included; the step is the resolution, halved as often as `refinements` says where nothing
+its ends included; the step is the resolution, halved up to `refinements` times where no path
 is found. A grid cannot prove that there is no path: failure is `exhausted`.
 """
 
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from time import perf_counter
-from typing import Final, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,13 +174,13 @@ def search_grid(
                                 crowding[w] = max(0.0, near)
                         far *= 1.0 + 0.5 * order.weight * (crowding[u] + crowding[v])
                 counts[2] += 1
-                worth = cost[origin] + far
+                new_cost = cost[origin] + far
                 if order.by != LENGTH:
-                    worth = cost[u] + 1.0 if order.by == EDGES else -float(counts[2])
-                if worth < cost[v]:
-                    cost[v], parent[v] = worth, origin
+                    new_cost = cost[u] + 1.0 if order.by == EDGES else -float(counts[2])
+                if new_cost < cost[v]:
+                    cost[v], parent[v] = new_cost, origin
                     left = order.ahead * TIE * _way_left(gx - vx, gy - vy, order)
-                    push(keys, items, counts[0], worth + left, v)
+                    push(keys, items, counts[0], new_cost + left, v)
                     counts[0] += 1
         if (abs(gx - x) <= NEAR * step and abs(gy - y) <= NEAR * step) or u == n:
             seen = edge_free(arrays, x, y, gx, gy)
@@ -188,57 +189,18 @@ def search_grid(
             far = edge_cost(arrays, x, y, gx, gy, order.weight, order.comfort)
             if u != n and far > 0.0:  # counted as by the grid, or the estimate were no bound
                 far *= _way_left(gx - x, gy - y, order) / math.hypot(gx - x, gy - y)
-            worth = cost[u] + far
+            new_cost = cost[u] + far
             if order.by != LENGTH:
-                worth = cost[u] + 1.0 if order.by == EDGES else -math.inf
-            if seen and worth < cost[n + 1]:
-                cost[n + 1], parent[n + 1] = worth, u
-                push(keys, items, counts[0], worth, n + 1)
+                new_cost = cost[u] + 1.0 if order.by == EDGES else -math.inf
+            if seen and new_cost < cost[n + 1]:
+                cost[n + 1], parent[n + 1] = new_cost, u
+                push(keys, items, counts[0], new_cost, n + 1)
                 counts[0] += 1
     return False
 
 
 MOST_NODES = 8_000_000  # of one grid: some 300 MB
 CHUNK = 20_000  # nodes expanded between two looks at the clock: some 5 ms
-
-RESOLUTION: Final = setting(
-    default=0.1,
-    doc="Spacing of the grid points at first.",
-    unit="m",
-    low=0.005,
-    high=10.0,
-    source="design choice: a tenth of the width of a door",
-)
-CONNECTIVITY: Final = setting(
-    default=8, doc="Neighbours of a grid point.", source="design choice: fewer turns than with 4"
-)
-REFINEMENTS: Final = setting(
-    default=2,
-    doc="How often the resolution is halved where no path is found.",
-    low=0,
-    high=6,
-    source="design choice",
-)
-SHORTCUT: Final = setting(
-    default=True,
-    doc="Whether the path is straightened, at no higher cost.",
-    source="straighten the grid path, at no higher cost",
-)
-OBSTACLE_WEIGHT: Final = setting(
-    default=0.0,
-    doc="Extra cost of a metre at an obstacle, in metres in the open; 0 for length alone.",
-    low=0.0,
-    high=1000.0,
-    source="design choice: length alone",
-)
-DESIRED_CLEARANCE: Final = setting(
-    default=0.5,
-    doc="Clearance from which on a metre costs no more.",
-    unit="m",
-    low=0.01,
-    high=100.0,
-    source="design choice: half the width of a door",
-)
 
 
 def _way(arrays: SpaceArrays, grid: Grid, order: Order, end: float) -> tuple[Array, int, bool]:
@@ -257,9 +219,9 @@ def _way(arrays: SpaceArrays, grid: Grid, order: Order, end: float) -> tuple[Arr
     over = False
     while not over:
         size = int(frontier.counts[0])
-        room = size + START_PUSHES + MOST_PUSHES * CHUNK
-        if len(frontier.keys) < room:  # left untouched beyond its size: it costs no time
-            keys, items = np.empty(2 * room), np.empty(2 * room, dtype=np.int64)
+        capacity = size + START_PUSHES + MOST_PUSHES * CHUNK
+        if len(frontier.keys) < capacity:  # np.empty touches no memory, so that more costs no time
+            keys, items = np.empty(2 * capacity), np.empty(2 * capacity, dtype=np.int64)
             keys[:size], items[:size] = frontier.keys[:size], frontier.items[:size]
             frontier = frontier._replace(keys=keys, items=items)
         over = search_grid(arrays, grid, order, frontier, CHUNK)
@@ -278,129 +240,146 @@ def _way(arrays: SpaceArrays, grid: Grid, order: Order, end: float) -> tuple[Arr
     )
 
 
-def _planned(
-    problem: Problem,
-    resolution: float,
-    refinements: int,
-    order: Order,
-    straighten: bool,
-    end: float,
-) -> Plan:
-    """The plan of a search in some order, on finer and finer grids."""
-    arrays = problem.free.arrays
-    ends = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
-    xmin, ymin, xmax, ymax = problem.free.bounds
-    path, total, halvings, note = np.empty((0, 2)), 0, 0, "no way over the finest grid"
-    for halvings in range(refinements + 1):
-        step = resolution / 2**halvings
-        columns, rows = int((xmax - xmin) / step) + 1, int((ymax - ymin) / step) + 1
-        if rows * columns > MOST_NODES:
-            note = f"a grid of {step:g} m has more than {MOST_NODES:,} points here"
-            break
-        walls_near = np.zeros(rows * columns, dtype=np.int64)
-        corner, nothing = np.array([xmin, ymin, step]), np.empty(0, dtype=np.int32)
-        fill_buckets(arrays.segments, corner, rows, columns, walls_near, nothing)
-        grid = Grid(walls_near, xmin, ymin, step, columns, ends)
-        path, expanded, in_time = _way(arrays, grid, order, end)
-        total += expanded
-        if not in_time:
-            note = "out of time"
-            break
-        if len(path):
-            break
-    if len(path) and straighten:
-        path = shortcut(path, problem.free, order.weight, order.comfort)
-    return Plan(
-        Status.SOLVED if len(path) else Status.EXHAUSTED,
-        path,
-        counters={"nodes": total, "halvings": halvings},
-        note="" if len(path) else note,
+@settings
+class GridPlanner(PlannerBase):
+    """What all planners on grids share."""
+
+    resolution: float = setting(
+        default=0.1,
+        unit="m",
+        low=0.005,
+        high=10.0,
+        source="design choice: a tenth of the width of a door",
     )
+    """Spacing of the grid points at first."""
+    refinements: int = setting(default=2, low=0, high=6, source="design choice")
+    """How often the resolution is halved where no path is found."""
+    shortcut: bool = setting(default=True, source="design choice: no higher cost")
+    """Whether the path is straightened, at no higher cost."""
+
+    @property
+    @abstractmethod
+    def order(self) -> Order:
+        """The order of the search."""
+
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """The path over finer and finer grids; the generator is not used."""
+        arrays, order = problem.free.arrays, self.order
+        ends = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
+        xmin, ymin, xmax, ymax = problem.free.bounds
+        path, total, halvings, note = np.empty((0, 2)), 0, 0, "no way over the finest grid"
+        for halvings in range(self.refinements + 1):
+            step = self.resolution / 2**halvings
+            columns, rows = int((xmax - xmin) / step) + 1, int((ymax - ymin) / step) + 1
+            if rows * columns > MOST_NODES:
+                note = f"a grid of {step:g} m has more than {MOST_NODES:,} points here"
+                break
+            walls_near = np.zeros(rows * columns, dtype=np.int64)
+            corner, nothing = np.array([xmin, ymin, step]), np.empty(0, dtype=np.int32)
+            fill_buckets(arrays.segments, corner, rows, columns, walls_near, nothing)
+            grid = Grid(walls_near, xmin, ymin, step, columns, ends)
+            path, expanded, in_time = _way(arrays, grid, order, end)
+            total += expanded
+            if not in_time:
+                note = "out of time"
+                break
+            if len(path):
+                break
+        if len(path) and self.shortcut:
+            path = shortcut(path, problem.free, order.weight, order.comfort)
+        return Plan(
+            Status.SOLVED if len(path) else Status.EXHAUSTED,
+            path,
+            counters={"nodes": total, "halvings": halvings},
+            note="" if len(path) else note,
+        )
 
 
 @settings
-class AStar(PlannerBase):
+class NeighbourGrid(GridPlanner):
+    """Grids whose points are joined to their neighbours."""
+
+    connectivity: Literal[4, 8] = setting(
+        default=8, source="design choice: fewer turns than with 4"
+    )
+    """Neighbours of a grid point."""
+
+
+@settings
+class WeightedGrid(NeighbourGrid):
+    """Grids on which a metre near an obstacle costs more."""
+
+    obstacle_weight: float = setting(
+        default=0.0, low=0.0, high=1000.0, source="design choice: length alone"
+    )
+    """Extra cost of a metre at an obstacle, in metres in the open; 0 for length alone."""
+    desired_clearance: float = setting(
+        default=0.5,
+        unit="m",
+        low=0.01,
+        high=100.0,
+        source="design choice: half the width of a door",
+    )
+    """Clearance from which on a metre costs no more."""
+
+    heuristic_weight = 1.0
+
+    @property
+    def order(self) -> Order:
+        """The cheapest path first."""
+        return Order(
+            LENGTH,
+            self.heuristic_weight,
+            self.connectivity == 8,
+            False,
+            self.obstacle_weight,
+            self.desired_clearance,
+        )
+
+
+@settings
+class AStar(WeightedGrid):
     """The cheapest path over the grid (Hart, Nilsson and Raphael 1968), straightened.
 
-    With a weight it keeps a comfortable distance where there is room.
+    With a weight it keeps a comfortable distance where there is space.
     """
 
-    resolution: float = RESOLUTION
-    connectivity: Literal[4, 8] = CONNECTIVITY
-    refinements: int = REFINEMENTS
-    shortcut: bool = SHORTCUT
-    obstacle_weight: float = OBSTACLE_WEIGHT
-    desired_clearance: float = DESIRED_CLEARANCE
 
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The path over the grid; the generator is not used."""
-        order = Order(
-            LENGTH, 1.0, self.connectivity == 8, False, self.obstacle_weight, self.desired_clearance
-        )
-        return _planned(problem, self.resolution, self.refinements, order, self.shortcut, end)
+@settings
+class Dijkstra(WeightedGrid):
+    """A* without a heuristic: the same cost, more nodes (Dijkstra 1959)."""
+
+    heuristic_weight = 0.0
 
 
 @settings
-class Dijkstra(PlannerBase):
-    """As A*, without looking towards the goal: the same cost, more nodes (Dijkstra 1959)."""
-
-    resolution: float = RESOLUTION
-    connectivity: Literal[4, 8] = CONNECTIVITY
-    refinements: int = REFINEMENTS
-    shortcut: bool = SHORTCUT
-    obstacle_weight: float = OBSTACLE_WEIGHT
-    desired_clearance: float = DESIRED_CLEARANCE
-
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The path over the grid; the generator is not used."""
-        order = Order(
-            LENGTH, 0.0, self.connectivity == 8, False, self.obstacle_weight, self.desired_clearance
-        )
-        return _planned(problem, self.resolution, self.refinements, order, self.shortcut, end)
-
-
-@settings
-class Bfs(PlannerBase):
+class Bfs(NeighbourGrid):
     """Breadth first: the grid path of fewest edges (Moore 1959), straightened."""
 
-    resolution: float = RESOLUTION
-    connectivity: Literal[4, 8] = CONNECTIVITY
-    refinements: int = REFINEMENTS
-    shortcut: bool = SHORTCUT
-
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The path over the grid; the generator is not used."""
-        order = Order(EDGES, 0.0, self.connectivity == 8, False, 0.0, 1.0)
-        return _planned(problem, self.resolution, self.refinements, order, self.shortcut, end)
+    @property
+    def order(self) -> Order:
+        """The fewest edges first."""
+        return Order(EDGES, 0.0, self.connectivity == 8, False, 0.0, 1.0)
 
 
 @settings
-class Dfs(PlannerBase):
-    """Depth first: some grid path, as long as it may be (Tarjan 1972), straightened."""
+class Dfs(NeighbourGrid):
+    """Depth first: some grid path of any length (Tarjan 1972), straightened."""
 
-    resolution: float = RESOLUTION
-    connectivity: Literal[4, 8] = CONNECTIVITY
-    refinements: int = REFINEMENTS
-    shortcut: bool = SHORTCUT
-
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The path over the grid; the generator is not used."""
-        order = Order(DEPTH, 0.0, self.connectivity == 8, False, 0.0, 1.0)
-        return _planned(problem, self.resolution, self.refinements, order, self.shortcut, end)
+    @property
+    def order(self) -> Order:
+        """The latest node first."""
+        return Order(DEPTH, 0.0, self.connectivity == 8, False, 0.0, 1.0)
 
 
 @settings
-class ThetaStar(PlannerBase):
+class ThetaStar(GridPlanner):
     """Lazy Theta* (Nash, Koenig and Tovey 2010): grid points joined by edges of any angle.
 
-    Short, but not always the shortest way over the grid's points.
+    Short, but not always the shortest path over the grid's points.
     """
 
-    resolution: float = RESOLUTION
-    refinements: int = REFINEMENTS
-    shortcut: bool = SHORTCUT
-
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The path over the grid; the generator is not used."""
-        order = Order(LENGTH, 1.0, True, True, 0.0, 1.0)
-        return _planned(problem, self.resolution, self.refinements, order, self.shortcut, end)
+    @property
+    def order(self) -> Order:
+        """The shortest path first, with edges of any angle."""
+        return Order(LENGTH, 1.0, True, True, 0.0, 1.0)

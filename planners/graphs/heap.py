@@ -13,7 +13,7 @@ Items = NDArray[np.int64]
 
 @borrowing_kernel
 def push(keys: Array, items: Items, size: int, key: float, item: int) -> None:
-    """Put an item into a heap of `size` items; the arrays must have room for it."""
+    """Put an item into a heap of `size` items; the arrays must be longer than that."""
     k = size
     while k > 0:
         up = (k - 1) // 2

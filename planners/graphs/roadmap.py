@@ -19,6 +19,7 @@ from planners.graphs.heap import pop, push
 from planners.problem import Plan, PlannerBase, Problem, Status
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import without_repeats
 from wheelchair_gym.random import Stream, next_uniform, stream
 
 Array = NDArray[np.float64]
@@ -88,13 +89,10 @@ class Way(NamedTuple):
 
 
 def shortest(arrays: SpaceArrays, nodes: Array, pairs: Pairs, end: float) -> Way:
-    """The shortest free way over a roadmap from its first node to its second.
+    """The shortest free path over a roadmap from its first node to its second.
 
-    Args:
-        arrays: what is free.
-        nodes: (n, 2) m: start, goal, the others.
-        pairs: (m, 2) indices of nodes that a straight way may join, either way.
-        end: when to give up, by `perf_counter` [s].
+    Pairs (m, 2) of nodes (n, 2) [m] may be joined by a straight edge, in both directions. The
+    search gives up when `perf_counter` shows `end` [s].
     """
     n = len(nodes)
     both = np.concatenate([pairs, pairs[:, ::-1]])
@@ -116,10 +114,8 @@ def shortest(arrays: SpaceArrays, nodes: Array, pairs: Pairs, end: float) -> Way
     chosen = [GOAL] if search.parent[GOAL] >= 0 else []
     while chosen and chosen[-1] != START:
         chosen.append(int(search.parent[chosen[-1]]))
-    path = nodes[chosen[::-1]]
-    moved = np.ones(len(path), dtype=np.bool_)
-    moved[1:] = (np.diff(path, axis=0) != 0.0).any(axis=1)
-    return Way(path[moved], int(search.counts[2]), in_time)
+    path = without_repeats(nodes[chosen[::-1]])
+    return Way(path, int(search.counts[2]), in_time)
 
 
 @kernel

@@ -1,8 +1,8 @@
 """The exact optimum for a point: best-first search through triangles, by cones of sight.
 
 A shortest path bends only at convex corners, and only round them. A corner, once the shortest path
-to it is known, looks on past itself: through the triangles, by cones whose sides are sight lines
-past other corners, the cone that promises the shortest path first (after Polyanya: Cui, Harabor and
+to it is found, expands past itself through the triangles: by cones whose sides are sight lines
+past other corners, the cone with the least bound first (after Polyanya: Cui, Harabor and
 Grastien 2017). Whether a corner lies in a cone is an exact sign, so what is found is the optimum.
 """
 
@@ -26,7 +26,7 @@ from wheelchair_gym.config import settings
 
 Array = NDArray[np.float64]
 
-SLACK = 1e-12  # of an edge: how much more of it a cone is thought to see, for rounding
+SLACK = 1e-12  # of an edge: a cone may see so much more, for rounding
 
 
 @absorbed_kernel
@@ -101,7 +101,7 @@ Mask = NDArray[np.bool_]
 
 
 class _Search(NamedTuple):
-    """What a search knows; corner n is the start and corner n + 1 the goal, points m and m + 1."""
+    """The state of a search. Corner n (point m) is the start, corner n + 1 (m + 1) the goal."""
 
     points: Array  # (m + 2, 2) m
     mesh: Mesh
@@ -112,11 +112,11 @@ class _Search(NamedTuple):
 
 
 class _Queue(NamedTuple):
-    """What waits: corners, as -1 - corner, and cones; first what promises the shortest way."""
+    """The open list: corners, as -1 - corner, and cones, by the least bound on their path."""
 
-    keys: Array  # (room,) m
-    items: Index  # (room,)
-    cones: Index  # (more room, 4) root; 3 * triangle + side it enters by; right and left bound
+    keys: Array  # (capacity,) m
+    items: Index  # (capacity,)
+    cones: Index  # (capacity, 4) root; 3 * triangle + side it enters by; right and left bound
     used: Index  # (2,) how many wait, and how many cones there are
 
 
@@ -154,7 +154,7 @@ def _relax(search: _Search, queue: _Queue, root: int, x: int) -> None:
 def _push_cone(
     search: _Search, queue: _Queue, root: int, code: int, a: int, b: int, right: int, left: int
 ) -> None:
-    """Let a cone wait that leaves a triangle by its side `code`, whose right end is a."""
+    """Push a cone that leaves a triangle by its side `code`, whose right end is a."""
     enters = search.mesh.across[code // 3, code % 3]
     if enters == NONE:
         return
@@ -169,7 +169,7 @@ def _push_cone(
 
 @absorbed_kernel
 def _expand_cone(search: _Search, queue: _Queue, cone: Index) -> None:
-    """Let a cone through the triangle that it enters."""
+    """Expand a cone through the triangle that it enters."""
     points, mesh, goal = search.points, search.mesh, search.points.shape[0] - 1
     root, right, left = cone[0], cone[2], cone[3]
     u, t, i = _place(search, root), cone[1] // 3, cone[1] % 3
@@ -192,7 +192,7 @@ def _expand_cone(search: _Search, queue: _Queue, cone: Index) -> None:
 
 @borrowing_kernel
 def _expand_start(search: _Search, queue: _Queue, t: int) -> None:
-    """Let the start, in a triangle, look to all sides."""
+    """Expand the start, in a triangle, to all sides."""
     points, n, m = search.points, search.corners.place.shape[0], search.points.shape[0] - 2
     triangle = search.mesh.corners[t]
     if search.there[t]:
@@ -206,10 +206,10 @@ def _expand_start(search: _Search, queue: _Queue, t: int) -> None:
 
 @absorbed_kernel
 def _expand_corner(search: _Search, queue: _Queue, root: int, code: int) -> None:
-    """Let a corner, one of a triangle's, look past itself: the way bends round it and is taut.
+    """Expand a corner of a triangle past itself: the path bends around it and is taut.
 
-    What is solid lies to the left (hand: 1) or right of the way there. So from straight on it looks
-    to that hand, until the line of sight runs along the side of the solid that leads on.
+    The obstacle lies to the left (hand: 1) or right of the path. So the corner sees from straight
+    ahead to that hand, until the line of sight runs along the next side of the obstacle.
     """
     points, corners, goal = search.points, search.corners, search.points.shape[0] - 1
     u, came = corners.place[root], _place(search, search.parent[root])
@@ -241,16 +241,18 @@ def _expand_corner(search: _Search, queue: _Queue, root: int, code: int) -> None
 
 
 @borrowing_kernel
-def _mark_containing(mesh: Mesh, points: Array, p: int, held: Mask) -> None:
-    """Mark the triangles that hold a point; their rims belong to them."""
+def _mark_containing(mesh: Mesh, points: Array, p: int, inside: Mask) -> None:
+    """Mark the triangles that contain a point; their borders belong to them."""
     x, y, boxes = points[p, 0], points[p, 1], mesh.boxes
-    for t in range(held.shape[0]):
-        # Without `and`: a jump costs more than what it skips.
-        held[t] = (boxes[0, t] <= x) & (x <= boxes[1, t]) & (boxes[2, t] <= y) & (y <= boxes[3, t])
-    for t in range(held.shape[0]):
-        if held[t]:
+    for t in range(inside.shape[0]):
+        # Without `and`: a branch costs more than what it skips.
+        inside[t] = (
+            (boxes[0, t] <= x) & (x <= boxes[1, t]) & (boxes[2, t] <= y) & (y <= boxes[3, t])
+        )
+    for t in range(inside.shape[0]):
+        if inside[t]:
             a, b, c = mesh.corners[t, 0], mesh.corners[t, 1], mesh.corners[t, 2]
-            held[t] = (
+            inside[t] = (
                 orientation(points, a, b, p) >= 0.0
                 and orientation(points, b, c, p) >= 0.0
                 and orientation(points, c, a, p) >= 0.0
@@ -258,23 +260,23 @@ def _mark_containing(mesh: Mesh, points: Array, p: int, held: Mask) -> None:
 
 
 @borrowing_kernel
-def _advance(search: _Search, queue: _Queue, known: Mask, spare: int, most: int) -> int:
-    """Follow what promises most, as long as there is spare room; how many corners were settled.
+def _advance(search: _Search, queue: _Queue, closed: Mask, spare: int, most: int) -> int:
+    """Expand what has the least bound while capacity lasts; returns how many corners are settled.
 
-    No more than `most` cones are made, or a few more.
+    It makes about `most` cones.
     """
     n, settled = search.corners.place.shape[0], 0
     first, around, used = search.mesh.first, search.mesh.around, queue.used
-    room = queue.keys.shape[0] - spare
-    most = min(most, room)
-    while 0 < used[0] <= room and used[1] <= most and not known[n + 1]:
+    capacity = queue.keys.shape[0] - spare
+    most = min(most, capacity)
+    while 0 < used[0] <= capacity and used[1] <= most and not closed[n + 1]:
         item = pop(queue.keys, queue.items, used[0])
         used[0] -= 1
         root = -1 - item
         if item >= 0:
             _expand_cone(search, queue, queue.cones[item])
-        elif not known[root]:
-            known[root] = True
+        elif not closed[root]:
+            closed[root] = True
             settled += 1
             if root < n:
                 u = search.corners.place[root]
@@ -287,62 +289,57 @@ def _advance(search: _Search, queue: _Queue, known: Mask, spare: int, most: int)
 def shortest(
     mesh: Mesh, corners: Corners, start: Array, goal: Array, most: int
 ) -> tuple[Array, bool, int, int]:
-    """The shortest path from a start to a goal.
+    """The shortest path (k, 2) [m] from a start to a goal (2,), both free; empty if none was found.
 
-    Args:
-        mesh: of what is free.
-        corners: of what is solid.
-        start: (2,) [m], free.
-        goal: (2,) [m], free.
-        most: cones, before it gives up.
-
-    Returns:
-        The path (k, 2) [m], empty if none was found; whether that is proven; corners settled and
-        cones made.
+    It gives up after `most` cones. Also returns whether the answer is proven, how many corners were
+    settled, and how many cones were made.
     """
     n, m, triangles = corners.place.shape[0], mesh.points.shape[0], mesh.corners.shape[0]
     points = np.empty((m + 2, 2))
     points[:m], points[m], points[m + 1] = mesh.points, start, goal
     cost, parent = np.full(n + 2, math.inf), np.full(n + 2, NONE, np.int64)
-    known, there = np.zeros(n + 2, np.bool_), np.empty(triangles, np.bool_)
+    closed, there = np.zeros(n + 2, np.bool_), np.empty(triangles, np.bool_)
     search = _Search(points, mesh, corners, cost, parent, there)
     spare = n + 3 * triangles + 8  # one step adds no more
-    room = 2 * spare
+    capacity = 2 * spare
     queue = _Queue(
-        np.empty(room),
-        np.empty(room, np.int64),
-        np.empty((room, 4), np.int64),
+        np.empty(capacity),
+        np.empty(capacity, np.int64),
+        np.empty((capacity, 4), np.int64),
         np.zeros(2, np.int64),
     )
     _mark_containing(mesh, points, m, there)
     begin = np.flatnonzero(there)
     _mark_containing(mesh, points, m + 1, there)
-    cost[n], known[n] = 0.0, True
+    cost[n], closed[n] = 0.0, True
     for t in begin:
         _expand_start(search, queue, int(t))
     settled = 1
     while True:
-        settled += _advance(search, queue, known, spare, most)
-        if queue.used[0] == 0 or known[n + 1] or queue.used[1] > most:
+        settled += _advance(search, queue, closed, spare, most)
+        if queue.used[0] == 0 or closed[n + 1] or queue.used[1] > most:
             break
-        old, room = queue, 2 * room
+        old, capacity = queue, 2 * capacity
         queue = _Queue(
-            np.empty(room), np.empty(room, np.int64), np.empty((room, 4), np.int64), old.used
+            np.empty(capacity),
+            np.empty(capacity, np.int64),
+            np.empty((capacity, 4), np.int64),
+            old.used,
         )
         queue.keys[: len(old.keys)], queue.items[: len(old.keys)] = old.keys, old.items
         queue.cones[: len(old.keys)] = old.cones
     count, v = 0, n + 1
-    while known[n + 1] and v != NONE:
+    while closed[n + 1] and v != NONE:
         count, v = count + 1, parent[v]
     path, v = np.empty((count, 2)), n + 1
     for k in range(count - 1, -1, -1):
         path[k] = points[_place(search, v)]
         v = parent[v]
-    proven = known[n + 1] or queue.used[0] == 0
+    proven = closed[n + 1] or queue.used[0] == 0
     return path, proven, settled, queue.used[1]
 
 
-ALL = 2**62  # cones: more than there is room for
+ALL = 2**62  # cones: no limit
 FIRST, MORE = (
     20_000,
     4,
@@ -360,8 +357,8 @@ class Visibility(PlannerBase):
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Find the shortest path; the generator is not used.
 
-        A search that would outlast the deadline [s] begins anew with more cones while there is
-        time, and ends `exhausted`; what a map needs once (arrays, triangles) is not cut short.
+        A search with a deadline [s] starts again with more cones while there is time, and then ends
+        `exhausted`. What a map needs once (arrays, triangles) ignores the deadline.
         """
         mesh, corners = problem.free.mesh, problem.free.corners
         start, goal = (np.array(p[:2], dtype=np.float64) for p in (problem.start, problem.goal))

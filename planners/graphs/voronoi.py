@@ -1,4 +1,4 @@
-"""Along the medial axis: as far from everything solid as there is room."""
+"""Paths along the medial axis: as far from obstacles as possible."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def _boundary_samples(arrays: SpaceArrays, spacing: float) -> Array:
     parts = np.maximum(2, np.ceil(lengths / spacing)).astype(np.int64)
     first = np.cumsum(parts) - parts
     t = (np.arange(parts.sum()) - np.repeat(first, parts)) / np.repeat(parts, parts)
-    whole = np.repeat(segments, parts, axis=0)
-    return np.unique(whole[:, :2] + t[:, None] * (whole[:, 2:] - whole[:, :2]), axis=0)
+    repeated = np.repeat(segments, parts, axis=0)
+    return np.unique(repeated[:, :2] + t[:, None] * (repeated[:, 2:] - repeated[:, :2]), axis=0)
 
 
 def _axis(samples: Array, ends: Array) -> tuple[Array, Pairs]:
@@ -78,7 +78,7 @@ class Voronoi(PlannerBase):
                 break
             try:
                 nodes, pairs = _axis(samples, ends)
-            except QhullError:  # a map too thin for its own coordinates
+            except QhullError:  # a map too thin for the precision of coordinates
                 note = "the boundary is too thin for a diagram"
                 break
             way = shortest(arrays, nodes, pairs, end)

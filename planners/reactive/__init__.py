@@ -1,1 +1,1 @@
-"""Planners that know no map: what is near leads them, and each says when it is stuck."""
+"""Planners without a map: they react to what is near, and report when they are stuck."""

@@ -1,21 +1,21 @@
-"""Bugs: straight to the goal, and round what is in the way, along its boundary itself.
+"""Bug algorithms: straight to the goal, and around obstacles, exactly along their boundary.
 
-Touching is allowed, so what a bug walks is a free path. A bug that has been all the way round a
-thing and found no way to leave it has proved that there is no path.
+Touching is allowed, so the walk of a bug is a free path. A bug that goes all the way around an
+obstacle and finds no point to leave it proves that there is no path.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from abc import abstractmethod
 from time import perf_counter
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.boundary_walk import (
-    Indices,
+from planners.collision.boundary import (
+    Index,
     blocking_segments,
     boundary_loop,
     fraction_along,
@@ -24,18 +24,17 @@ from planners.collision.boundary_walk import (
     line_intersection,
     segment_links,
 )
-from planners.collision.orient2d import orient2d
-from planners.collision.polygon_tests import SpaceArrays, edge_free
+from planners.collision.polygon_tests import SpaceArrays, edge_free, orient2d
 from planners.problem import Plan, PlannerBase, Problem, Status
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import path_length
+from wheelchair_gym.geometry import path_length, without_repeats
 
 Array = NDArray[np.float64]
 
-# How far a point that should lie on a slanted side may lie off it, for its digits are rounded [m].
+# m: how far rounding may move a point off a slanted side.
 NUDGES = (0.0, *(10.0**k for k in range(-16, -5)))
-CLOSE = 1e-9  # of a way: what it meets at once, but for rounding
+CLOSE = 1e-9  # of a way: segments met at one point but for rounding
 
 
 class Hit(NamedTuple):
@@ -52,15 +51,12 @@ class Solids(NamedTuple):
     """What a bug may touch."""
 
     arrays: SpaceArrays
-    following: Indices
-    preceding: Indices
-
-
-Detour = Callable[[Solids, Hit, Array], "Array | None"]
+    following: Index
+    preceding: Index
 
 
 class RoundingError(ArithmeticError):
-    """The digits of the coordinates do not tell on which side of a boundary a point lies."""
+    """Rounding hides on which side of a boundary a point lies."""
 
 
 def _hit(solids: Solids, origin: Array, goal: Array) -> Hit | None:
@@ -96,7 +92,7 @@ def _reached(solids: Solids, corners: Array, to: Array, goal: Array) -> Array:
 
 
 def round_and_back(solids: Solids, hit: Hit, goal: Array) -> Array | None:
-    """Bug1: all the way round, then to the point nearest to the goal; None: no way on from there.
+    """Bug1: all the way around, then to the point nearest to the goal; None: no way on from there.
 
     Returns:
         The points walked (n, 2) [m], the hit point first.
@@ -119,27 +115,20 @@ def round_and_back(solids: Solids, hit: Hit, goal: Array) -> Array | None:
     ends = segments[loop, 2:]
     ahead = np.vstack([hit.point, ends[:m]])
     back = np.vstack([hit.point, ends[m:][::-1]]) if m > 0 else ahead
-    ways = [np.vstack([corners, leave]) for corners in (ahead, back)]
-    shorter = ahead if path_length(ways[0]) <= path_length(ways[1]) else back
+    walks = [np.vstack([corners, leave]) for corners in (ahead, back)]
+    shorter = ahead if path_length(walks[0]) <= path_length(walks[1]) else back
     return np.vstack([hit.point, ends, _reached(solids, shorter, leave, goal)])
 
 
 @kernel
 def _way_off(
-    arrays: SpaceArrays, loop: Indices, forward: bool, origin: Array, goal: Array, part: float
+    arrays: SpaceArrays, loop: Index, forward: bool, origin: Array, goal: Array, part: float
 ) -> tuple[int, float, float]:
-    """Where a walk meets the line again, nearer to the goal and free to go on.
+    """Where a walk along segments `loop` (n,) meets the line from origin to goal (2,) [m] again.
 
-    Args:
-        arrays: what is free.
-        loop: the segments (n,) in the order in which they are walked.
-        forward: whether each is walked from its beginning.
-        origin: where the line begins (2,) [m].
-        goal: where it ends (2,) [m].
-        part: of the line, up to the hit.
-
-    Returns:
-        How many corners are passed before, -1 if the walk never meets the line so; the point [m].
+    There, the rest of the line is shorter, and free at first. `forward`: each segment is walked
+    from its beginning; `part` is the fraction of the line before the hit. Returns how many corners
+    are passed before, -1 if the walk never meets the line so, and the point [m].
     """
     ox, oy, gx, gy = origin[0], origin[1], goal[0], goal[1]
     segments, n = arrays.segments, loop.shape[0]
@@ -180,67 +169,71 @@ def round_to_the_line(
     return _reached(solids, np.vstack([hit.point, ends]), np.array([x, y]), goal)
 
 
-def _walked(problem: Problem, end: float, detour: Detour) -> Plan:
-    """The plan of a bug that goes round things in its own way."""
-    solids = Solids(problem.free.arrays, *segment_links(problem.free.arrays))
-    goal = np.array(problem.goal[:2], dtype=np.float64)
-    path, hits = [np.array([problem.start[:2]], dtype=np.float64)], 0
-    status, note = Status.EXHAUSTED, "too narrow for the digits of its coordinates"
-    try:
-        # Each detour ends nearer to the goal, and no two begin in one place.
-        while hits <= len(solids.following):
-            hit = _hit(solids, path[-1][-1], goal)
-            if hit is None:
-                status, note = Status.SOLVED, ""
-                break
-            hits += 1
-            walked = detour(solids, hit, goal)
-            if walked is None:
-                status, note = Status.NO_PATH, "all round it there is no way on to the goal"
-                break
-            path += [hit.base[None], walked]
-            if perf_counter() >= end:
-                note = "out of time"
-                break
-    except RoundingError:
-        pass
-    walk = np.vstack([*path, goal])
-    moved = np.ones(len(walk), dtype=np.bool_)
-    moved[1:] = (np.diff(walk, axis=0) != 0.0).any(axis=1)
-    return Plan(
-        status,
-        walk[moved] if status == Status.SOLVED else np.empty((0, 2)),
-        counters={"hits": hits},
-        note=note,
-    )
+class Bug(PlannerBase):
+    """A bug that goes around obstacles in its own way."""
 
-
-@settings
-class Bug1(PlannerBase):
-    """Bug1 (Lumelsky and Stepanov 1987): once round each thing, then on from its nearest point.
-
-    Complete: it proves it where there is no path. At most 1.5 times round each thing it meets.
-    """
+    @abstractmethod
+    def detour(self, solids: Solids, hit: Hit, goal: Array) -> Array | None:
+        """The points walked (n, 2) [m] around an obstacle, the hit point first; None: no way on."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Walk to the goal, circuits and all; the generator is not used."""
-        return _walked(problem, end, round_and_back)
+        """The walk to the goal, circuits included; the generator is not used."""
+        solids = Solids(problem.free.arrays, *segment_links(problem.free.arrays))
+        goal = np.array(problem.goal[:2], dtype=np.float64)
+        path, hits = [np.array([problem.start[:2]], dtype=np.float64)], 0
+        status, note = Status.EXHAUSTED, "too narrow for the precision of coordinates"
+        try:
+            # Each detour ends nearer to the goal, and no two begin in one place.
+            while hits <= len(solids.following):
+                hit = _hit(solids, path[-1][-1], goal)
+                if hit is None:
+                    status, note = Status.SOLVED, ""
+                    break
+                hits += 1
+                walked = self.detour(solids, hit, goal)
+                if walked is None:
+                    status, note = (
+                        Status.NO_PATH,
+                        "no way leads on from this obstacle to the goal",
+                    )
+                    break
+                path += [hit.base[None], walked]
+                if perf_counter() >= end:
+                    note = "out of time"
+                    break
+        except RoundingError:
+            pass
+        walk = without_repeats(np.vstack([*path, goal]))
+        return Plan(
+            status,
+            walk if status == Status.SOLVED else np.empty((0, 2)),
+            counters={"hits": hits},
+            note=note,
+        )
 
 
 @settings
-class Bug2(PlannerBase):
-    """Bug2 (Lumelsky and Stepanov 1987): round each thing until the straight line goes on.
+class Bug1(Bug):
+    """Bug1 (Lumelsky and Stepanov 1987): once around each obstacle, then on from its nearest point.
 
-    Complete: it proves it where there is no path.
+    Complete: it proves that there is no path. It walks at most 1.5 times around each obstacle.
+    """
+
+    def detour(self, solids: Solids, hit: Hit, goal: Array) -> Array | None:
+        """All the way around, then to the point nearest to the goal."""
+        return round_and_back(solids, hit, goal)
+
+
+@settings
+class Bug2(Bug):
+    """Bug2 (Lumelsky and Stepanov 1987): around each obstacle until the straight line goes on.
+
+    Complete: it proves that there is no path.
     """
 
     turn: Literal["left", "right"] = setting(default="left", source="Lumelsky and Stepanov 1987")
     """Side to which the robot turns at an obstacle."""
 
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Walk to the goal; the generator is not used."""
-
-        def detour(solids: Solids, hit: Hit, goal: Array) -> Array | None:
-            return round_to_the_line(solids, hit, goal, self.turn)
-
-        return _walked(problem, end, detour)
+    def detour(self, solids: Solids, hit: Hit, goal: Array) -> Array | None:
+        """Along the boundary until the line to the goal goes on."""
+        return round_to_the_line(solids, hit, goal, self.turn)

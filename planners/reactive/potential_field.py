@@ -1,4 +1,4 @@
-"""The potential field: the goal attracts, what is solid repels, and the lowest step is taken."""
+"""The potential field: the goal attracts, obstacles repel, and each step is the lowest one."""
 
 from __future__ import annotations
 
@@ -39,26 +39,21 @@ def potential(arrays: SpaceArrays, field: Field, x: float, y: float) -> float:
     is the lowest point even beside a wall.
     """
     left = math.hypot(field.x - x, field.y - y)
-    room = clearance(arrays, x, y)
-    if room >= field.reach or left == 0.0:
+    distance = clearance(arrays, x, y)
+    if distance >= field.reach or left == 0.0:
         return left
     fading = min(1.0, left / field.reach) ** 2
-    return left + 0.5 * field.strength * fading * (1.0 / room - 1.0 / field.reach) ** 2
+    return left + 0.5 * field.strength * fading * (1.0 / distance - 1.0 / field.reach) ** 2
 
 
 @borrowing_kernel
 def descend(
     arrays: SpaceArrays, field: Field, path: Array, count: int, budget: int, least: float
 ) -> tuple[int, int]:
-    """Take at most so many steps down from the last of the points; their number, and how it is.
+    """Take steps down from the last of `count` points of a path (n, 2) [m], up to `budget` points.
 
-    Args:
-        arrays: what is free.
-        field: the potential.
-        path: room for points (n, 2) [m].
-        count: how many of them are there.
-        budget: how many there may be.
-        least: shortest step [m]; where no heading leads down by it, the walk is held.
+    Where no heading leads down by a step of at least `least` [m], the walk is held. Returns how
+    many points there are, and WALKING, ARRIVED or HELD.
     """
     while count < budget:
         x, y = path[count - 1, 0], path[count - 1, 1]
@@ -86,7 +81,7 @@ def descend(
 class PotentialField(PlannerBase):
     """An artificial potential field (Khatib 1986), followed downwards in free steps.
 
-    It may be held in a local minimum, and says so: `stuck`; the tree shows how far it came.
+    In a local minimum it ends `stuck`; the tree shows how far it came.
     """
 
     iterations: int = setting(default=20_000, low=1, source="design choice: 2 km")

@@ -25,7 +25,7 @@ _APART = 1e-9
 
 
 class CurveWorkspace(NamedTuple):
-    """Room to draw a curve through at most n points."""
+    """Arrays for a curve through at most n points."""
 
     knots: Array  # (n,)
     slopes: Array  # (n, 2) of x and y over the knots
@@ -33,13 +33,13 @@ class CurveWorkspace(NamedTuple):
 
 
 def new_curve_workspace(n: int) -> CurveWorkspace:
-    """Room for curves through n points."""
+    """Arrays for curves through n points."""
     return CurveWorkspace(np.empty(n), np.empty((n, 2)), np.empty(n))
 
 
 @inlined
 def _end_slope(h: float, g: float, near: float, far: float) -> float:
-    """PCHIP's slope at an end: three points, held to the data's shape (Moler 2004, section 3.6)."""
+    """PCHIP's slope at an end: three points, within the data's shape (Moler 2004, section 3.6)."""
     slope = ((2.0 * h + g) * near - h * far) / (h + g)
     if slope * near <= 0.0:
         slope = 0.0
@@ -79,13 +79,8 @@ def spline_slopes(
 ) -> None:
     """Slopes that make the second derivative continuous (de Boor 1978, chapter IV).
 
-    Args:
-        knots: (n,), rising.
-        points: (n, 2).
-        n: how many count, at least 2.
-        natural: no bend at the ends; otherwise the first two pieces are one cubic, as the last.
-        band: (n,) room.
-        slopes: (n, 2), written.
+    Of n points, at least 2, at rising knots. Natural: no bend at the ends; otherwise the first two
+    pieces are one cubic, and so are the last two.
     """
     for c in range(2):
         first = (points[1, c] - points[0, c]) / (knots[1] - knots[0])
@@ -129,20 +124,14 @@ def spline_slopes(
 
 @borrowing_kernel
 def sample_curve(
-    kind: int, chordal: bool, points: Array, n: int, pieces: int, room: CurveWorkspace, line: Array
+    kind: int, chordal: bool, points: Array, n: int, pieces: int, work: CurveWorkspace, line: Array
 ) -> int:
-    """Cut a curve through points into straight pieces; returns how many points were written.
+    """Cut a curve through n points [m] into straight pieces; returns how many points are written.
 
-    Args:
-        kind: POLYLINE, PCHIP, SPLINE or NATURAL.
-        chordal: knots as far apart as the points are; otherwise 0, 1, 2 ...
-        points: (n, 2) m.
-        n: how many count, at least 2.
-        pieces: of each leg between two points, at least 1.
-        room: for n points.
-        line: ((n - 1) * pieces + 1, 2) m, written; it holds the points themselves.
+    Knots are as far apart as the points (chordal), or 0, 1, 2 ... Each leg between two points gets
+    `pieces`; the line ((n - 1) * pieces + 1, 2) holds the points themselves.
     """
-    knots, slopes = room.knots, room.slopes
+    knots, slopes = work.knots, work.slopes
     if kind != POLYLINE and pieces > 1:
         knots[0] = 0.0
         for k in range(1, n):
@@ -154,7 +143,7 @@ def sample_curve(
         if kind == PCHIP:
             pchip_slopes(knots, points, n, slopes)
         else:
-            spline_slopes(knots, points, n, kind == NATURAL, room.band, slopes)
+            spline_slopes(knots, points, n, kind == NATURAL, work.band, slopes)
     count = 0
     for k in range(n - 1):
         if pieces == 1:
@@ -200,7 +189,7 @@ def curve(points: ArrayLike, name: str = "pchip", pieces: int = 20, chordal: boo
         chordal: knots as far apart as the points are; otherwise 0, 1, 2 ...
 
     Returns:
-        ((n - 1) * pieces + 1, 2) m. Nothing is said about obstacles: test its edges.
+        ((n - 1) * pieces + 1, 2) m. It may meet obstacles: test its edges.
 
     Raises:
         InputError: the name is unknown, or there are too few points or pieces.

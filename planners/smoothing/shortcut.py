@@ -1,4 +1,4 @@
-"""Shortcuts: the cheapest path over some points of a path, and the cost of an edge."""
+"""The cost of a path near obstacles; shortcuts and pushes off walls that lower it."""
 
 from __future__ import annotations
 
@@ -13,18 +13,13 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
 
+HEADINGS = 8  # directions in which a point is moved
 WINDOW = 250  # corners that one shortcut may skip at most: bounds the work on very long paths
 
 
 @borrowing_kernel
 def edge_cost(
-    arrays: SpaceArrays,
-    ax: float,
-    ay: float,
-    bx: float,
-    by: float,
-    weight: float,
-    comfort: float,
+    arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float, weight: float, comfort: float
 ) -> float:
     """Length [m] of the edge from a to b times 1 + weight max(0, 1 - clearance/comfort).
 
@@ -102,10 +97,85 @@ def shortcut(path: ArrayLike, space: Space, weight: float = 0.0, comfort: float 
         comfort: from this clearance [m] on a metre costs no more.
 
     Returns:
-        (k, 2), k <= n, from the same start to the same goal; never dearer than the path.
+        (k, 2), k <= n, from the same start to the same goal; never costlier than the path.
     """
     points = np.ascontiguousarray(np.asarray(path, dtype=np.float64)[:, :2])
     if len(points) < 3:
         return points
     arrays = space.arrays
     return _cheapest(arrays, _straightened(arrays, points), weight, comfort)
+
+
+@kernel
+def resample(path: Array, spacing: float) -> Array:
+    """The same path with points at most a spacing [m] apart."""
+    n = path.shape[0]
+    count = 1
+    for k in range(n - 1):
+        length = math.hypot(path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1])
+        count += max(1, math.ceil(length / spacing))
+    points = np.empty((count, 2))
+    points[0] = path[0]
+    count = 1
+    for k in range(n - 1):
+        dx, dy = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1]
+        parts = max(1, math.ceil(math.hypot(dx, dy) / spacing))
+        for m in range(1, parts):
+            points[count, 0] = path[k, 0] + m / parts * dx
+            points[count, 1] = path[k, 1] + m / parts * dy
+            count += 1
+        points[count] = path[k + 1]
+        count += 1
+    return points
+
+
+@kernel
+def path_cost(arrays: SpaceArrays, path: Array, weight: float, comfort: float) -> float:
+    """The sum of `edge_cost` over a path (n, 2)."""
+    total = 0.0
+    for k in range(path.shape[0] - 1):
+        ax, ay, bx, by = path[k, 0], path[k, 1], path[k + 1, 0], path[k + 1, 1]
+        total += edge_cost(arrays, ax, ay, bx, by, weight, comfort)
+    return total
+
+
+@kernel
+def push_off_walls(
+    arrays: SpaceArrays, path: Array, weight: float, comfort: float, step: float, sweeps: int
+) -> Array:
+    """The path (n, 2) [m], each edge free, after coordinate descent of its points on `edge_cost`.
+
+    `step` [m] is the first distance of a move; it is halved when no point moves any more. `sweeps`
+    is how often all points are tried.
+    """
+    points = path.copy()
+    settled = np.zeros(points.shape[0], dtype=np.bool_)  # since it or a neighbour moved
+    for _ in range(sweeps):
+        moves = 0
+        for i in range(1, points.shape[0] - 1):
+            if settled[i]:
+                continue
+            settled[i] = True
+            ax, ay, bx, by = points[i - 1, 0], points[i - 1, 1], points[i + 1, 0], points[i + 1, 1]
+            x, y = points[i, 0], points[i, 1]
+            least = edge_cost(arrays, ax, ay, x, y, weight, comfort)
+            least += edge_cost(arrays, x, y, bx, by, weight, comfort)
+            least *= 1.0 - 1e-9  # rounding is no gain
+            for k in range(HEADINGS):
+                angle = 2.0 * math.pi * k / HEADINGS
+                to_x, to_y = x + step * math.cos(angle), y + step * math.sin(angle)
+                if not edge_free(arrays, ax, ay, to_x, to_y):
+                    continue
+                cost = edge_cost(arrays, ax, ay, to_x, to_y, weight, comfort)
+                if cost >= least or not edge_free(arrays, to_x, to_y, bx, by):
+                    continue
+                cost += edge_cost(arrays, to_x, to_y, bx, by, weight, comfort)
+                if cost < least:
+                    least = cost
+                    points[i, 0], points[i, 1] = to_x, to_y
+                    settled[i - 1] = settled[i] = settled[i + 1] = False
+                    moves += 1
+        if moves == 0:
+            step *= 0.5
+            settled[:] = False
+    return points

@@ -1,7 +1,7 @@
-"""Smooth free curves through the points of a path.
+"""Smooth free curves through the points of a path, as polylines whose edges are tested exactly.
 
-A curve passes through knots on the path. Where it is not free, knots are added, so that it
-approaches the path, which is free.
+`smooth_curve` adds knots where its curve is not free; `hermite_path` shortens tangents there. So
+both approach the path, which is free.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from scipy.interpolate import CubicHermiteSpline
 from planners.collision.polygon_tests import SpaceArrays, edge_free
 from planners.smoothing.curves import pchip_slopes, spline_slopes
 from wheelchair_gym.compiled.kernel import kernel
+from wheelchair_gym.geometry import arc_lengths, without_repeats
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -104,17 +105,11 @@ def smooth_curve(
 ) -> Array | str:
     """A free polyline (k, 2) [m] along a smooth curve through a free path, or why there is none.
 
-    Args:
-        arrays: what is free.
-        path: (n, 2) m, each edge free.
-        through: makes the curve of the way [m] made at each knot, and the knots.
-        tolerance: how far the curve may lie from its polyline [m].
-        spacing: knots are at most this far apart [m] at first.
-        rounds: how often knots are put in.
+    `through` makes the curve of the arc length [m] at each knot, and of the knots. The curve lies
+    within the tolerance [m] of its polyline; knots are at most `spacing` [m] apart at first; they
+    are added up to `rounds` times.
     """
-    moved = np.ones(len(path), dtype=np.bool_)
-    moved[1:] = (np.diff(path, axis=0) != 0.0).any(axis=1)
-    knots = path[moved]
+    knots = without_repeats(path)
     if len(knots) < 3:
         return "a straight path is smooth already"
     for _ in range(64):  # halving any way that doubles hold
@@ -125,7 +120,7 @@ def smooth_curve(
             break
     trial, blocked = Sampled(knots, np.arange(len(knots) - 1)), np.zeros(0, dtype=np.bool_)
     for _ in range(rounds + 1):
-        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(knots, axis=0).T))])
+        way = arc_lengths(knots)
         if not (np.diff(way) > 0.0).all():
             break
         trial = sampled(through(way, knots), knots, tolerance)
@@ -137,3 +132,60 @@ def smooth_curve(
         knots = _more_knots(arrays, knots, where)
     x, y = trial.points[int(np.flatnonzero(blocked)[0])] if blocked.any() else (math.nan, math.nan)
     return f"no smooth curve is free: {int(blocked.sum())} edges are not, near ({x:.2f}, {y:.2f})"
+
+
+@kernel
+def _hermite_edge(start: Array, end: Array, u: Array, v: Array, tolerance: float) -> Array:
+    """Points (n + 1, 2) [m] of a cubic Hermite curve over an edge, with tangents u and v.
+
+    A polyline of n equal pieces errs by at most |p''| / (8 n^2); p'' is linear, so that its ends
+    bound it.
+    """
+    step = end - start
+    first, last = 6.0 * step - 4.0 * u - 2.0 * v, 6.0 * step - 2.0 * u - 4.0 * v
+    bend = max(math.hypot(first[0], first[1]), math.hypot(last[0], last[1]))
+    n = max(math.ceil(math.sqrt(bend / (8.0 * tolerance))), 1)
+    points = np.empty((n + 1, 2))
+    points[0], points[n] = start, end
+    for k in range(1, n):
+        t = k / n
+        s = 1.0 - t
+        a, b, c = t * s * s, t * t * s, t * t * (3.0 - 2.0 * t)
+        for axis in range(2):
+            points[k, axis] = start[axis] + a * u[axis] - b * v[axis] + c * step[axis]
+    return points
+
+
+def hermite_path(
+    arrays: SpaceArrays, path: Array, tangent_scale: float, halvings: int, tolerance: float
+) -> tuple[Array, int]:
+    """A free polyline (k, 2) [m] along cubic Hermite curves, and how many edges stay straight.
+
+    Args:
+        arrays: what is free.
+        path: points (n, 2) [m], each edge free, no two successive points the same.
+        tangent_scale: length of the tangents, in lengths of the edge; 1 is Catmull and Rom's.
+        halvings: how often a blocked curve halves its tangents before it is straight.
+        tolerance: largest distance of the polyline from the curve [m].
+    """
+    steps = np.diff(path, axis=0)
+    lengths = np.hypot(*steps.T)
+    units = np.vstack([np.zeros(2), steps / lengths[:, None], np.zeros(2)])
+    bisectors = units[:-1] + units[1:]
+    sizes = np.hypot(*bisectors.T)[:, None]
+    # A path that turns straight back has no tangent there.
+    directions = np.divide(bisectors, sizes, out=np.zeros_like(path), where=sizes > 0.0)
+    pieces, straight = [path[:1]], 0
+    for i, length in enumerate(lengths):
+        piece, size = path[i : i + 2], tangent_scale * length
+        for _ in range(halvings if size > 0.0 else 0):
+            u, v = size * directions[i : i + 2]
+            curve = _hermite_edge(path[i], path[i + 1], u, v, tolerance)
+            if not blocked_edges(arrays, curve).any():
+                piece = curve
+                break
+            size *= 0.5
+        else:
+            straight += size > 0.0
+        pieces.append(piece[1:])
+    return np.concatenate(pieces), straight

@@ -1,1 +1,1 @@
-"""Whales: how a swarm moves, and swarms of whole paths."""
+"""Swarm optimizers, and the planner whose swarm consists of paths."""

@@ -1,57 +1,400 @@
-"""Every optimiser's move behind one door, for compiled loops and for Python alike."""
+"""How swarms move: the memory of a swarm, and the update rule of every optimizer.
+
+A swarm holds positions to be evaluated. `store` replaces a remembered position by a better one:
+the personal best of a particle, a food source of bees, or a parent of an evolution.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+import math
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.swarm.state import MIN_POPULATION, Swarm, clip_to_bounds, competitor, new_swarm, store
-from planners.swarm.update_rules import (
-    BeeParameters,
-    DifferenceParameters,
-    FireflyParameters,
-    GeneticParameters,
-    ParticleParameters,
-    move_bees,
-    move_differential,
-    move_fireflies,
-    move_genetic,
-    move_particles,
-    move_wolves,
-    next_inertia,
-)
-from planners.swarm.woa import move_whales as circle
+from planners.swarm.woa import move_whales
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import InputError
-from wheelchair_gym.random import Stream, stream
+from wheelchair_gym.random import Stream, next_uniform
 
 Array = NDArray[np.float64]
 
+MIN_POPULATION = 4  # positions: differential evolution draws three others
+WORST = -1  # target of a position that competes with the worst remembered one
+
+RECORD: Final = np.dtype(
+    [
+        ("move_count", "i8"),  # moves made
+        ("best_cost", "f8"),  # cost of the best position
+        ("previous_best_cost", "f8"),  # the same, one move ago
+        ("chaos", "f8"),  # state of the logistic map
+    ]
+)
+
+
+class Swarm(NamedTuple):
+    """Positions to be valued next, and what the swarm remembers."""
+
+    positions: Array  # (k, d)
+    costs: Array  # (k,) of the positions, as far as they were valued
+    velocities: Array  # (k, d) per move
+    personal_best: Array  # (k, d) remembered positions: personal bests, food sources, parents
+    personal_best_costs: Array  # (k,)
+    targets: NDArray[np.int64]  # (k,) which remembered position each competes with, or WORST
+    trials: NDArray[np.int64]  # (k,) vain ones since each was remembered
+    best: Array  # (d,) of all positions valued so far
+    c_range: Array  # (d,) of the whales' factor C
+    lower: Array  # (d,) bounds of the positions
+    upper: Array  # (d,)
+    fixed: NDArray[np.bool_]  # (k, d) coordinates that particles leave where they are
+    record: Any  # (1,) RECORD
+
+
+def new_swarm(population: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Swarm:
+    """A swarm at given positions, for any optimizer.
+
+    Args:
+        population: (k, d); copied. All optimizers but whales need `MIN_POPULATION`.
+        lower: lower bounds of the positions, a number or (d,); may be infinite.
+        upper: upper bounds, likewise.
+
+    Raises:
+        InputError: no positions, or bounds that are crossed.
+    """
+    positions = np.array(population, dtype=np.float64)
+    if positions.ndim != 2 or len(positions) < 1:
+        raise InputError(f"population has shape {positions.shape}; expected (1 or more, d)")
+    k, d = positions.shape
+    low, high = (np.array(np.broadcast_to(np.asarray(b, np.float64), d)) for b in (lower, upper))
+    if not (low <= high).all():
+        raise InputError(f"bounds are {low.tolist()} and {high.tolist()}; expected lower <= upper")
+    record = np.zeros(1, RECORD)
+    record["best_cost"] = record["previous_best_cost"] = np.inf
+    return Swarm(
+        positions=positions,
+        costs=np.full(k, np.inf),
+        velocities=np.zeros((k, d)),
+        personal_best=positions.copy(),
+        personal_best_costs=np.full(k, np.inf),
+        targets=np.arange(k),
+        trials=np.zeros(k, np.int64),
+        best=positions[0].copy(),
+        c_range=np.full(d, np.nan),  # until an optimizer sets it
+        lower=low,
+        upper=high,
+        fixed=np.zeros((k, d), np.bool_),
+        record=record,
+    )
+
+
+@borrowing_kernel
+def competitor(swarm: Swarm, i: int) -> int:
+    """The remembered position that position i competes with."""
+    target = swarm.targets[i]
+    if target != WORST:
+        return int(target)
+    worst = 0
+    for j in range(1, swarm.personal_best_costs.shape[0]):
+        if swarm.personal_best_costs[j] > swarm.personal_best_costs[worst]:
+            worst = j
+    return worst
+
+
+@borrowing_kernel
+def store(swarm: Swarm, i: int, j: int) -> None:
+    """Keep position i, which costs less, in place of the remembered one j; perhaps as the best."""
+    cost, record = swarm.costs[i], swarm.record[0]
+    swarm.personal_best_costs[j] = cost
+    swarm.trials[j] = 0
+    for c in range(swarm.positions.shape[1]):
+        swarm.personal_best[j, c] = swarm.positions[i, c]
+    if cost < record.best_cost:
+        record.best_cost = cost
+        for c in range(swarm.positions.shape[1]):
+            swarm.best[c] = swarm.positions[i, c]
+
+
+@borrowing_kernel
+def clip_to_bounds(swarm: Swarm) -> None:
+    """Clip every position to the bounds; a velocity that led out changes its sign."""
+    k, d = swarm.positions.shape
+    for i in range(k):
+        for c in range(d):
+            x = min(max(swarm.positions[i, c], swarm.lower[c]), swarm.upper[c])
+            if x != swarm.positions[i, c]:
+                swarm.positions[i, c] = x
+                swarm.velocities[i, c] = -swarm.velocities[i, c]
+
+
+@borrowing_kernel
+def bound_width(swarm: Swarm, c: int) -> float:
+    """How wide a coordinate's bounds lie apart; 1 where they are infinite."""
+    width = swarm.upper[c] - swarm.lower[c]
+    return width if width < math.inf else 1.0
+
+
 WHALES, PARTICLES, WOLVES, PARTICLES_THEN_WOLVES, BEES, FIREFLIES, GENES, DIFFERENCE = range(8)
+DAMPED, CHAOTIC, VARIABLE, ADAPTIVE = range(4)
 
 
 class MoveParameters(NamedTuple):
-    """An optimiser as kernels take it: its kind, and the numbers of all kinds."""
+    """An optimizer as kernels take it; fields named as a setting of `optimizers` have its value."""
 
-    kind: int
-    a: float = 2.0  # whales, and wolves: see their equations
+    kind: int  # which rule moves the swarm: WHALES, PARTICLES, ...
+    # Whales, and wolves: see their equations.
+    a: float = 2.0
     b: float = 1.0
-    mu: float = 0.5
+    mu: float = 0.5  # of chaotic particles: parameter of the logistic map
     lam: float = 1.0
-    c_range: float = (
-        2.0  # of the whales' factor C; where occupancy counts, that of a free way point
-    )
-    by_occupancy: bool = False  # C is 0 for way points of the best that are not free
-    particle_share: float = 0.5  # of a run that particles fly before wolves hunt
-    particles: ParticleParameters = ParticleParameters(
-        0, 1.0, 1.0, 1.0, 2.0, 2.0, 0.1, 0.3, 4.0, 0, False
-    )
-    bees: BeeParameters = BeeParameters(1.0, 0.6)
-    fireflies: FireflyParameters = FireflyParameters(2.0, 1.0, 0.2, 0.98, 0.05)
-    genes: GeneticParameters = GeneticParameters(0.7, 0.4, 0.1, 0.1, 8.0)
-    difference: DifferenceParameters = DifferenceParameters(0.2, 0.8, 0.2)
+    c_range: float = 2.0  # of the whales' factor C
+    by_occupancy: bool = False  # C is 0 at way points of the best path that are not free
+    particle_share: float = 0.5
+    rule: int = DAMPED  # of the inertia: DAMPED, CHAOTIC, VARIABLE or ADAPTIVE
+    inertia: float = 1.0
+    min_inertia: float = 1.0
+    damping: float = 1.0  # factor per move of the inertia, or of the fireflies' random step
+    c1: float = 2.0
+    c2: float = 2.0
+    max_step: float = 0.1
+    chaos: float = 0.3
+    neighbours: int = 0
+    inertia_ramp: bool = False
+    # Bees.
+    acceleration: float = 1.0
+    trial_limit: float = 0.6
+    # Fireflies.
+    attraction: float = 2.0
+    absorption: float = 1.0
+    randomness: float = 0.2
+    step: float = 0.05
+    # Genetic algorithm.
+    crossover_share: float = 0.7
+    extension: float = 0.4
+    mutation_rate: float = 0.1
+    mutation_step: float = 0.1
+    selection_pressure: float = 8.0
+    # Differential evolution.
+    min_factor: float = 0.2
+    max_factor: float = 0.8
+    crossover_rate: float = 0.2
+
+
+@borrowing_kernel
+def next_inertia(swarm: Swarm, moves: MoveParameters, progress: float) -> float:
+    """The inertia of the next move."""
+    record = swarm.record[0]
+    high, low = moves.inertia, moves.min_inertia
+    if moves.rule == CHAOTIC:
+        if record.move_count == 0:
+            record.chaos = moves.chaos
+        record.chaos = moves.mu * record.chaos * (1.0 - record.chaos)  # P2 (13)
+        return (high - (high - low) * progress) * float(record.chaos)  # P2 (14), (15)
+    if moves.rule == VARIABLE:  # R1 (2.1), (2.2)
+        return math.exp(-(progress * (math.log(high) - math.log(low)) - math.log(high)))
+    if moves.rule == ADAPTIVE:  # R1 (2.5), (2.6)
+        gain = (
+            record.best_cost / record.previous_best_cost
+            if record.previous_best_cost < math.inf and record.previous_best_cost > 0.0
+            else 1.0
+        )
+        record.previous_best_cost = record.best_cost
+        return (high + low) * gain - high * progress
+    return high * float(moves.damping**record.move_count)
+
+
+@borrowing_kernel
+def move_particles(swarm: Swarm, moves: MoveParameters, inertia: float, state: Stream) -> None:
+    """Move every particle once, in place, but for its fixed coordinates: P2 (9)-(12)."""
+    X, V = swarm.positions, swarm.velocities
+    c1, c2 = moves.c1, moves.c2
+    if moves.rule == VARIABLE:
+        c1, c2 = math.cos(inertia), math.sin(inertia)  # R1 (2.3), (2.4)
+    k, d = X.shape
+    for i in range(k):
+        guide = swarm.best
+        if moves.neighbours > 0:
+            nearest = i
+            for step in range(-moves.neighbours, moves.neighbours + 1):
+                j = (i + step) % k
+                if swarm.personal_best_costs[j] < swarm.personal_best_costs[nearest]:
+                    nearest = j
+            guide = swarm.personal_best[nearest]
+        for c in range(d):
+            if swarm.fixed[i, c]:
+                continue
+            limit = moves.max_step * bound_width(swarm, c)
+            w = inertia * min(1.0, math.sqrt(c // 2) / 4.0) if moves.inertia_ramp else inertia
+            v = (
+                w * V[i, c]
+                + c1 * next_uniform(state) * (swarm.personal_best[i, c] - X[i, c])
+                + c2 * next_uniform(state) * (guide[c] - X[i, c])
+            )
+            V[i, c] = min(max(v, -limit), limit)
+            X[i, c] += V[i, c]
+
+
+@borrowing_kernel
+def move_wolves(swarm: Swarm, a: float, state: Stream) -> None:
+    """Move every wolf once, in place: R1 (4.3)-(4.11), with the D of the original in (4.6)-(4.8).
+
+    The leaders alpha, beta and delta are the three best remembered positions.
+    """
+    X, costs = swarm.positions, swarm.personal_best_costs
+    k, d = X.shape
+    alpha, beta, delta = -1, -1, -1
+    for i in range(k):
+        if alpha < 0 or costs[i] < costs[alpha]:
+            alpha, beta, delta = i, alpha, beta
+        elif beta < 0 or costs[i] < costs[beta]:
+            beta, delta = i, beta
+        elif delta < 0 or costs[i] < costs[delta]:
+            delta = i
+    for i in range(k):
+        for c in range(d):
+            total = 0.0
+            for leader in (alpha, beta, delta):
+                A = 2.0 * a * next_uniform(state) - a  # (4.10)
+                C = 2.0 * next_uniform(state)  # (4.11)
+                prey = swarm.personal_best[leader, c]
+                total += prey - A * abs(C * prey - X[i, c])  # (4.3)-(4.8)
+            X[i, c] = total / 3.0  # (4.9)
+
+
+@borrowing_kernel
+def other_index(i: int, k: int, state: Stream) -> int:
+    """A number below k, uniform, that is not i."""
+    j = int(next_uniform(state) * (k - 1))
+    return j + 1 if j >= i else j
+
+
+@borrowing_kernel
+def roulette(sums: Array, state: Stream) -> int:
+    """A number drawn by roulette, from the running sums (k,) of the weights."""
+    k = sums.shape[0]
+    at = next_uniform(state) * sums[k - 1]
+    i = 0
+    while i < k - 1 and sums[i] < at:
+        i += 1
+    return i
+
+
+@borrowing_kernel
+def move_bees(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
+    """Send the bees out once, in place: employed bees and onlookers in turn (Karaboga 2005).
+
+    On the turn of the employed bees, scouts leave sources that failed too often for random ones.
+    Two moves are one cycle of the original.
+    """
+    k, d = swarm.positions.shape
+    onlookers = swarm.record[0].move_count % 2 == 1
+    bounded = True
+    for c in range(d):
+        bounded &= swarm.upper[c] - swarm.lower[c] < math.inf
+    if onlookers:
+        mean, total = 0.0, 0.0
+        for i in range(k):
+            mean += swarm.personal_best_costs[i] / k
+        for i in range(k):  # fitness exp(-cost / mean), as a running sum
+            total += math.exp(-swarm.personal_best_costs[i] / mean) if mean > 0.0 else 1.0
+            swarm.costs[i] = total
+    for i in range(k):
+        source = roulette(swarm.costs, state) if onlookers else i
+        swarm.targets[i] = source
+        if not onlookers and bounded and swarm.trials[i] >= moves.trial_limit * k * d:
+            swarm.personal_best_costs[i] = math.inf
+            for c in range(d):
+                width = swarm.upper[c] - swarm.lower[c]
+                swarm.positions[i, c] = swarm.lower[c] + next_uniform(state) * width
+            continue
+        j = other_index(source, k, state)
+        for c in range(d):
+            phi = moves.acceleration * (2.0 * next_uniform(state) - 1.0)
+            x = swarm.personal_best[source, c]
+            swarm.positions[i, c] = x + phi * (x - swarm.personal_best[j, c])
+
+
+@borrowing_kernel
+def move_fireflies(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
+    """Move every firefly towards all brighter ones, in place (Yang 2009); the best k live on."""
+    X, parents, costs = swarm.positions, swarm.personal_best, swarm.personal_best_costs
+    k, d = X.shape
+    alpha = moves.randomness * moves.damping ** swarm.record[0].move_count
+    diagonal = 0.0
+    for c in range(d):
+        diagonal += bound_width(swarm, c) ** 2
+    for i in range(k):
+        swarm.targets[i] = WORST
+        for c in range(d):
+            X[i, c] = parents[i, c]
+        for j in range(k):
+            if costs[j] < costs[i]:
+                square = 0.0
+                for c in range(d):
+                    square += (parents[j, c] - X[i, c]) ** 2
+                beta = moves.attraction * math.exp(-moves.absorption * square / diagonal)
+                for c in range(d):
+                    X[i, c] += beta * next_uniform(state) * (parents[j, c] - X[i, c])
+        for c in range(d):
+            step = moves.step * bound_width(swarm, c)
+            X[i, c] += alpha * step * (2.0 * next_uniform(state) - 1.0)
+
+
+@borrowing_kernel
+def move_genetic(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
+    """Make as many children as there are parents, in place; the best of both live on."""
+    X, parents, costs = swarm.positions, swarm.personal_best, swarm.personal_best_costs
+    k, d = X.shape
+    worst = 0.0
+    for i in range(k):
+        worst = max(worst, costs[i])
+    total = 0.0
+    for i in range(k):
+        total += (
+            math.exp(-moves.selection_pressure * costs[i] / worst)
+            if 0.0 < worst < math.inf
+            else 1.0
+        )
+        swarm.costs[i] = total
+    for i in range(k):
+        swarm.targets[i] = WORST
+        if i < moves.crossover_share * k:
+            p, q = roulette(swarm.costs, state), roulette(swarm.costs, state)
+            for c in range(d):
+                share = (1.0 + 2.0 * moves.extension) * next_uniform(state) - moves.extension
+                X[i, c] = share * parents[p, c] + (1.0 - share) * parents[q, c]
+        else:
+            parent, sure = int(next_uniform(state) * k), int(next_uniform(state) * d)
+            for c in range(d):
+                X[i, c] = parents[parent, c]
+                if c == sure or next_uniform(state) < moves.mutation_rate:
+                    # Box and Muller 1958.
+                    radius = math.sqrt(-2.0 * math.log(1.0 - next_uniform(state)))
+                    normal = radius * math.cos(2.0 * math.pi * next_uniform(state))
+                    X[i, c] += moves.mutation_step * bound_width(swarm, c) * normal
+
+
+@borrowing_kernel
+def move_differential(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
+    """Make a competitor of each position from three others, in place: DE/rand/1/bin.
+
+    F is drawn anew for each coordinate (Storn and Price 1997).
+    """
+    X, parents = swarm.positions, swarm.personal_best
+    k, d = X.shape
+    for i in range(k):
+        p = other_index(i, k, state)
+        q = other_index(i, k, state)
+        while q == p:
+            q = other_index(i, k, state)
+        r = other_index(i, k, state)
+        while r in (p, q):
+            r = other_index(i, k, state)
+        sure = int(next_uniform(state) * d)
+        for c in range(d):
+            X[i, c] = parents[i, c]
+            if c == sure or next_uniform(state) <= moves.crossover_rate:
+                F = moves.min_factor + next_uniform(state) * (moves.max_factor - moves.min_factor)
+                X[i, c] = parents[p, c] + F * (parents[q, c] - parents[r, c])
 
 
 @borrowing_kernel
@@ -64,22 +407,19 @@ def is_particle_move(moves: MoveParameters, progress: float) -> bool:
 
 @borrowing_kernel
 def move_swarm(swarm: Swarm, moves: MoveParameters, progress: float, state: Stream) -> float:
-    """Move a swarm once, in place; returns the inertia, where particles flew.
+    """Move an evaluated swarm once, in place; returns the inertia of particles, or 0.
 
-    Args:
-        swarm: its positions are valued, and remembered.
-        moves: how.
-        progress: the part of the run that is over, in [0, 1].
-        state: stream of random numbers.
+    `progress` is the finished part of the run, in [0, 1].
     """
     inertia, kind = 0.0, moves.kind
     if kind == WHALES:
         if not swarm.c_range[0] >= 0.0:
             swarm.c_range[:] = moves.c_range
-        circle(
+        a = moves.a * (1.0 - progress)
+        move_whales(
             swarm.positions,
             swarm.best,
-            moves.a * (1.0 - progress),
+            a,
             moves.b,
             moves.mu,
             moves.lam,
@@ -90,21 +430,21 @@ def move_swarm(swarm: Swarm, moves: MoveParameters, progress: float, state: Stre
         )
     elif is_particle_move(moves, progress):
         flown = progress / moves.particle_share if kind == PARTICLES_THEN_WOLVES else progress
-        inertia = next_inertia(swarm, moves.particles, flown)
-        move_particles(swarm, moves.particles, inertia, state)
+        inertia = next_inertia(swarm, moves, flown)
+        move_particles(swarm, moves, inertia, state)
     elif kind == WOLVES:
         move_wolves(swarm, moves.a * (1.0 - progress), state)
     elif kind == PARTICLES_THEN_WOLVES:
         move_wolves(swarm, moves.a * (1.0 - progress) / (1.0 - moves.particle_share), state)
     elif kind == BEES:
-        move_bees(swarm, moves.bees, state)
+        move_bees(swarm, moves, state)
     elif kind == FIREFLIES:
-        move_fireflies(swarm, moves.fireflies, state)
+        move_fireflies(swarm, moves, state)
     elif kind == GENES:
-        move_genetic(swarm, moves.genes, state)
+        move_genetic(swarm, moves, state)
     else:
-        move_differential(swarm, moves.difference, state)
-    if kind != WHALES:  # they keep within by themselves
+        move_differential(swarm, moves, state)
+    if kind != WHALES:  # whales stay within the bounds by themselves
         clip_to_bounds(swarm)
     swarm.record[0].move_count += 1
     return inertia
@@ -112,7 +452,7 @@ def move_swarm(swarm: Swarm, moves: MoveParameters, progress: float, state: Stre
 
 @kernel
 def store_and_move(swarm: Swarm, moves: MoveParameters, progress: float, state: Stream) -> None:
-    """Take the costs of a swarm's positions for good, and move it."""
+    """Store the positions that are better than remembered ones, and move the swarm."""
     for i in range(swarm.positions.shape[0]):
         j = competitor(swarm, i)
         if swarm.costs[i] < swarm.personal_best_costs[j]:
@@ -120,67 +460,3 @@ def store_and_move(swarm: Swarm, moves: MoveParameters, progress: float, state: 
         else:
             swarm.trials[j] += 1
     move_swarm(swarm, moves, progress, state)
-
-
-class Optimizer(Protocol):
-    """Settings that say how a swarm moves."""
-
-    @property
-    def parameters(self) -> MoveParameters:
-        """The settings as kernels take them."""
-        ...
-
-    def move(
-        self,
-        population: ArrayLike,
-        costs: ArrayLike,
-        best: ArrayLike,
-        progress: float,
-        rng: np.random.Generator,
-        memory: Swarm | None = None,
-    ) -> Array:
-        """A population (k, d) moved once; see `move`."""
-        ...
-
-
-class _Moving(Protocol):
-    @property
-    def parameters(self) -> MoveParameters: ...
-
-
-def move(
-    self: _Moving,
-    population: ArrayLike,
-    costs: ArrayLike,
-    best: ArrayLike,
-    progress: float,
-    rng: np.random.Generator,
-    memory: Swarm | None = None,
-) -> Array:
-    """A population moved once: the next positions to be valued.
-
-    Args:
-        self: the optimiser's settings.
-        population: positions (k, d); left as they are.
-        costs: their costs (k,).
-        best: the best position so far (d,); a memory knows it by itself.
-        progress: the part of the run that is over, in [0, 1].
-        rng: draws the numbers.
-        memory: what `begin` made for this run, changed in place: velocities, personal bests,
-            parents, trials, bounds. Without it nothing is remembered: a first move, unbounded.
-
-    Raises:
-        InputError: fewer than FEWEST positions, and these are no whales.
-    """
-    swarm = memory
-    if swarm is None:
-        swarm = new_swarm(population, -np.inf, np.inf)
-        swarm.best[:] = best
-        swarm.record["best_cost"] = -np.inf
-    k = len(swarm.positions)
-    if k < MIN_POPULATION and self.parameters.kind != WHALES:
-        raise InputError(f"population has {k} positions; expected at least {MIN_POPULATION}")
-    swarm.positions[:] = population
-    swarm.costs[:] = costs
-    store_and_move(swarm, self.parameters, progress, stream(rng))
-    return swarm.positions.copy()

@@ -10,67 +10,81 @@
 
 from __future__ import annotations
 
-from typing import Final, Literal
+from dataclasses import fields
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from planners.swarm import moves as kinds
-from planners.swarm.moves import MoveParameters, Optimizer, move
-from planners.swarm.update_rules import (
-    ADAPTIVE,
-    CHAOTIC,
-    DAMPED,
-    VARIABLE,
-    BeeParameters,
-    DifferenceParameters,
-    FireflyParameters,
-    GeneticParameters,
-    ParticleParameters,
-)
-from planners.swarm.woa import WhaleSettings
-from wheelchair_gym.config import setting, settings
+from planners.swarm.moves import MIN_POPULATION, MoveParameters, Swarm, new_swarm, store_and_move
+from planners.swarm.woa import WhaleMoves
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.random import stream
 
-_WHALES = "Mirjalili and Lewis 2016"
 _YARPIZ = "Yarpiz (program library)"
 _P2 = "P2: Al-Nayar, Dagher and Hadi, results"
 _NOT_GIVEN = "usual value, not given in R1"
 _R1 = "R1: project report on PSO and GWO, section 5.4"
 
 
-_NEIGHBOURS: Final = setting(
-    default=0,
-    doc="Neighbours on each side whose best a particle knows; 0 for the whole swarm.",
-    source="design choice",
-    low=0,
-)
-_INERTIA_RAMP: Final = setting(
-    default=False,
-    doc="Whether the inertia of way point j counts min(1, sqrt(j) / 4).",
-    source="R1, section 5.7",
-)
+class Optimizer:
+    """Settings that say how a swarm moves."""
 
-
-@settings
-class Woa:
-    """Whales (Mirjalili and Lewis 2016), with the thesis's thresholds mu and lambda."""
-
-    a: float = setting(default=WhaleSettings.a, low=0.0, source=_WHALES)
-    """Initial bound of the factor A; it falls to 0 over a run."""
-    b: float = setting(default=WhaleSettings.b, source=_WHALES)
-    """Shape of the logarithmic spiral."""
-    mu: float = setting(default=WhaleSettings.mu, low=0.0, high=1.0, source=_WHALES)
-    """Probability of a move other than the spiral."""
-    lam: float = setting(default=WhaleSettings.lam, low=0.0, source=_WHALES)
-    """Bound of |A| below which a whale encircles the best."""
+    moves: ClassVar[MoveParameters]  # the kind of moves, before the settings
 
     @property
     def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
-        return MoveParameters(kinds.WHALES, a=self.a, b=self.b, mu=self.mu, lam=self.lam)
+        values: Any = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+        return self.moves._replace(**values)
 
-    move = move
+    def move(
+        self,
+        population: ArrayLike,
+        costs: ArrayLike,
+        best: ArrayLike,
+        progress: float,
+        rng: np.random.Generator,
+        memory: Swarm | None = None,
+    ) -> NDArray[np.float64]:
+        """A population moved once: the next positions to be evaluated.
+
+        Args:
+            population: positions (k, d); they stay unchanged.
+            costs: their costs (k,).
+            best: the best position so far (d,); ignored where there is a memory.
+            progress: the finished part of the run, in [0, 1].
+            rng: draws the numbers.
+            memory: what `new_swarm` made for this run, changed in place: velocities, personal
+                bests, parents, trials, bounds. Without it, this is a first move, unbounded.
+
+        Raises:
+            InputError: fewer than `MIN_POPULATION` positions, unless whales move them.
+        """
+        swarm = memory
+        if swarm is None:
+            swarm = new_swarm(population, -np.inf, np.inf)
+            swarm.best[:] = best
+            swarm.record["best_cost"] = -np.inf
+        k = len(swarm.positions)
+        if k < MIN_POPULATION and self.parameters.kind != kinds.WHALES:
+            raise InputError(f"population has {k} positions; expected at least {MIN_POPULATION}")
+        swarm.positions[:] = population
+        swarm.costs[:] = costs
+        store_and_move(swarm, self.parameters, progress, stream(rng))
+        return swarm.positions.copy()
 
 
 @settings
-class WoaModified:
+class Woa(WhaleMoves, Optimizer):
+    """Whales (Mirjalili and Lewis 2016), with the thesis's thresholds mu and lambda."""
+
+    moves = MoveParameters(kinds.WHALES)
+
+
+@settings
+class WoaModified(Optimizer):
     """Whales whose factor C counts where the best path is free: P1 (17)-(19).
 
     C lies in [0, w], w = 1 where a way point of the best path is free and 0 where it is occupied;
@@ -85,12 +99,22 @@ class WoaModified:
         """The settings as kernels take them."""
         return self.whales.parameters._replace(c_range=1.0, by_occupancy=True)
 
-    move = move
+
+@settings
+class Particles(Optimizer):
+    """What the particle swarms of R1 and P2 share."""
+
+    neighbours: int = setting(default=0, low=0, source="design choice")
+    """Neighbours on each side whose best a particle knows; 0 for the whole swarm."""
+    inertia_ramp: bool = setting(default=False, source="R1, section 5.7")
+    """Whether the inertia of way point j counts min(1, sqrt(j) / 4)."""
 
 
 @settings
-class Pso:
+class Pso(Particles):
     """Particles whose inertia is damped: P2's PSO, or a fixed inertia at damping 1."""
+
+    moves = MoveParameters(kinds.PARTICLES, rule=kinds.DAMPED)
 
     inertia: float = setting(default=1.0, low=0.0, source=_P2 + ", its listing")
     """Initial inertia."""
@@ -102,27 +126,13 @@ class Pso:
     """Acceleration towards the best of the swarm (c2)."""
     max_step: float = setting(default=0.1, low=0.0, source=_YARPIZ)
     """Longest step of a coordinate, as a share of the width of its bounds."""
-    neighbours: int = _NEIGHBOURS
-    inertia_ramp: bool = _INERTIA_RAMP
-
-    @property
-    def parameters(self) -> MoveParameters:
-        """The settings as kernels take them."""
-        inertia = self.inertia, self.inertia, self.damping
-        pulls = self.c1, self.c2, self.max_step
-        return MoveParameters(
-            kinds.PARTICLES,
-            particles=ParticleParameters(
-                DAMPED, *inertia, *pulls, 0.0, 0.0, self.neighbours, self.inertia_ramp
-            ),
-        )
-
-    move = move
 
 
 @settings
-class PsoChaotic:
+class PsoChaotic(Optimizer):
     """Particles whose falling inertia is multiplied by a logistic map: P2 (13)-(17)."""
+
+    moves = MoveParameters(kinds.PARTICLES, rule=kinds.CHAOTIC)
 
     inertia: float = setting(default=0.9, low=0.0, source=_P2)
     """Initial inertia."""
@@ -141,22 +151,12 @@ class PsoChaotic:
     max_step: float = setting(default=0.1, low=0.0, source=_YARPIZ)
     """Longest step of a coordinate, as a share of the width of its bounds."""
 
-    @property
-    def parameters(self) -> MoveParameters:
-        """The settings as kernels take them."""
-        inertia = self.inertia, self.min_inertia, 1.0
-        pulls = self.c1, self.c2, self.max_step
-        return MoveParameters(
-            kinds.PARTICLES,
-            particles=ParticleParameters(CHAOTIC, *inertia, *pulls, self.chaos, self.mu, 0, False),
-        )
-
-    move = move
-
 
 @settings
-class PsoVariable:
+class PsoVariable(Particles):
     """Particles whose inertia falls by a constant factor; c1 and c2 follow it: R1 (2.1)-(2.4)."""
+
+    moves = MoveParameters(kinds.PARTICLES, rule=kinds.VARIABLE)
 
     inertia: float = setting(default=0.9, low=1e-3, source=_NOT_GIVEN)
     """Initial inertia."""
@@ -164,33 +164,13 @@ class PsoVariable:
     """Final inertia."""
     max_step: float = setting(default=0.16, low=0.0, source=_R1 + ": 4 m of 25 m")
     """Longest step of a coordinate, as a share of the width of its bounds."""
-    neighbours: int = _NEIGHBOURS
-    inertia_ramp: bool = _INERTIA_RAMP
-
-    @property
-    def parameters(self) -> MoveParameters:
-        """The settings as kernels take them."""
-        particles = ParticleParameters(
-            VARIABLE,
-            self.inertia,
-            self.min_inertia,
-            1.0,
-            0.0,
-            0.0,
-            self.max_step,
-            0.0,
-            0.0,
-            self.neighbours,
-            self.inertia_ramp,
-        )
-        return MoveParameters(kinds.PARTICLES, particles=particles)
-
-    move = move
 
 
 @settings
-class PsoAdaptive:
+class PsoAdaptive(Particles):
     """Particles whose inertia follows the gain of the last move: R1 (2.5)-(2.6)."""
+
+    moves = MoveParameters(kinds.PARTICLES, rule=kinds.ADAPTIVE)
 
     inertia: float = setting(default=0.9, low=0.0, source=_NOT_GIVEN)
     """Initial inertia."""
@@ -202,42 +182,21 @@ class PsoAdaptive:
     """Acceleration towards the best of the swarm (c2)."""
     max_step: float = setting(default=0.16, low=0.0, source=_R1 + ": 4 m of 25 m")
     """Longest step of a coordinate, as a share of the width of its bounds."""
-    neighbours: int = _NEIGHBOURS
-    inertia_ramp: bool = _INERTIA_RAMP
-
-    @property
-    def parameters(self) -> MoveParameters:
-        """The settings as kernels take them."""
-        inertia = self.inertia, self.min_inertia, 1.0
-        pulls = self.c1, self.c2, self.max_step
-        return MoveParameters(
-            kinds.PARTICLES,
-            particles=ParticleParameters(
-                ADAPTIVE, *inertia, *pulls, 0.0, 0.0, self.neighbours, self.inertia_ramp
-            ),
-        )
-
-    move = move
 
 
 @settings
-class Gwo:
+class Gwo(Optimizer):
     """Grey wolves (Mirjalili, Mirjalili and Lewis 2014)."""
+
+    moves = MoveParameters(kinds.WOLVES)
 
     a: float = setting(default=2.0, low=0.0, source="Mirjalili et al. 2014")
     """Initial bound of the factor A; it falls to 0 over a run."""
 
-    @property
-    def parameters(self) -> MoveParameters:
-        """The settings as kernels take them."""
-        return MoveParameters(kinds.WOLVES, a=self.a)
-
-    move = move
-
 
 @settings
-class PsoGwo:
-    """Particles fly, then wolves hunt from where these ended (R1)."""
+class PsoGwo(Optimizer):
+    """Particles fly; then wolves hunt from where the particles ended (R1)."""
 
     inertia: Literal["fixed", "variable", "adaptive"] = setting(
         default="adaptive", source="R1's best"
@@ -261,41 +220,29 @@ class PsoGwo:
     @property
     def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
-        particles: dict[str, Optimizer] = {
-            "fixed": self.fixed,
-            "variable": self.variable,
-            "adaptive": self.adaptive,
-        }
-        return MoveParameters(
-            kinds.PARTICLES_THEN_WOLVES,
-            a=self.wolves.a,
-            particle_share=self.particle_share,
-            particles=particles[self.inertia].parameters.particles,
+        particles: Optimizer = getattr(self, self.inertia)
+        return particles.parameters._replace(
+            kind=kinds.PARTICLES_THEN_WOLVES, a=self.wolves.a, particle_share=self.particle_share
         )
-
-    move = move
 
 
 @settings
-class Abc:
+class Abc(Optimizer):
     """An artificial bee colony (Karaboga 2005); two moves are one cycle of it."""
+
+    moves = MoveParameters(kinds.BEES)
 
     acceleration: float = setting(default=1.0, low=0.0, source=_YARPIZ)
     """Bound of a step, in differences of two sources."""
     trial_limit: float = setting(default=0.6, low=0.0, source=_YARPIZ)
     """Failed trials per coordinate and bee after which a source is left."""
 
-    @property
-    def parameters(self) -> MoveParameters:
-        """The settings as kernels take them."""
-        return MoveParameters(kinds.BEES, bees=BeeParameters(self.acceleration, self.trial_limit))
-
-    move = move
-
 
 @settings
-class Firefly:
+class Firefly(Optimizer):
     """Fireflies that fly towards all brighter ones (Yang 2009), the best of old and new kept."""
+
+    moves = MoveParameters(kinds.FIREFLIES)
 
     attraction: float = setting(default=2.0, low=0.0, source=_YARPIZ)
     """Attraction beta at distance 0."""
@@ -308,18 +255,12 @@ class Firefly:
     step: float = setting(default=0.05, low=0.0, source=_YARPIZ)
     """Random step, as a share of the width of the bounds."""
 
-    @property
-    def parameters(self) -> MoveParameters:
-        """The settings as kernels take them."""
-        values = self.attraction, self.absorption, self.randomness, self.damping, self.step
-        return MoveParameters(kinds.FIREFLIES, fireflies=FireflyParameters(*values))
-
-    move = move
-
 
 @settings
-class Ga:
+class Ga(Optimizer):
     """A real-coded genetic algorithm with roulette, the best of parents and children kept."""
+
+    moves = MoveParameters(kinds.GENES)
 
     crossover_share: float = setting(
         default=0.73, low=0.0, high=1.0, source="Yarpiz: 0.8 n by crossover, 0.3 n mutants"
@@ -334,24 +275,12 @@ class Ga:
     selection_pressure: float = setting(default=8.0, low=0.0, source=_YARPIZ)
     """Exponent beta of the roulette selection."""
 
-    @property
-    def parameters(self) -> MoveParameters:
-        """The settings as kernels take them."""
-        values = (
-            self.crossover_share,
-            self.extension,
-            self.mutation_rate,
-            self.mutation_step,
-            self.selection_pressure,
-        )
-        return MoveParameters(kinds.GENES, genes=GeneticParameters(*values))
-
-    move = move
-
 
 @settings
-class De:
+class De(Optimizer):
     """Differential evolution, DE/rand/1/bin (Storn and Price 1997)."""
+
+    moves = MoveParameters(kinds.DIFFERENCE)
 
     min_factor: float = setting(default=0.2, low=0.0, source=_YARPIZ)
     """Least differential weight F."""
@@ -359,13 +288,3 @@ class De:
     """Greatest differential weight F."""
     crossover_rate: float = setting(default=0.2, low=0.0, high=1.0, source=_YARPIZ)
     """Probability of a coordinate to come from the mutant (CR)."""
-
-    @property
-    def parameters(self) -> MoveParameters:
-        """The settings as kernels take them."""
-        return MoveParameters(
-            kinds.DIFFERENCE,
-            difference=DifferenceParameters(self.min_factor, self.max_factor, self.crossover_rate),
-        )
-
-    move = move

@@ -1,4 +1,8 @@
-"""What a path is terms: one compiled cost with the terms of all objectives, exactly tested."""
+"""The cost of a path of a swarm: its terms, and the objectives that weigh them.
+
+`OBJECTIVES` names the cost functions of the sources. Each tests edges exactly; `faithful` keeps
+the tests of its source, sound or not.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, edge_free, point_free
+from planners.collision.solids import DISC_SIDES
 from planners.smoothing.curves import CurveWorkspace, new_curve_workspace, sample_curve
 from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import point_segment_distance
 
 Array = NDArray[np.float64]
 
-LENGTH, ENERGY, PRINTED_ENERGY = range(3)  # how a path's size is taken
-NO_TURNING, MEAN_TURNING, PRINTED_TURNING = range(3)  # and its turning
-EDGES, WAY_POINTS, NOTHING = range(3)  # what is tested against what is solid
+LENGTH, ENERGY, PRINTED_ENERGY = range(3)  # measures of a path's size
+NO_TURNING, MEAN_TURNING, PRINTED_TURNING = range(3)
+EDGES, WAY_POINTS, NOTHING = range(3)  # what is tested for collisions
 NO_PUSH, TO_RIM, DOUBLED = range(3)  # how way points leave discs
 
 _TINY = 1e-12  # m: keeps a leg without length from dividing by zero
@@ -27,7 +33,7 @@ class PathProblem(NamedTuple):
     """A problem as a swarm of paths sees it."""
 
     space: SpaceArrays  # what is free for a point
-    discs: Array  # (m, 3) x, y, radius [m]: what of the solid is round, exactly
+    discs: Array  # (m, 3) x, y, radius [m]: the round obstacles, exactly
     start: Array  # (2,) m
     goal: Array  # (2,) m
     anchors: Array  # (n, 2) m: way points are these plus a position's coordinates
@@ -37,32 +43,31 @@ class PathProblem(NamedTuple):
 
 
 class PathCost(NamedTuple):
-    """The terms of a cost.
+    """The terms of a cost; by default the length of the curve.
 
-    cost = turning + weight x size x (1 + violation x mean intrusion + blocked x [any edge blocked])
-    + each_blocked x blocked edges
+    cost = turning
+         + weight x size x (1 + violation x mean intrusion + blocked_factor x [any edge blocked])
+         + blocked_edge_cost x blocked edges
     """
 
-    length_measure: (
-        int  # LENGTH [m] of the curve; of the way points: ENERGY sqrt(legs x sum of squares) [m],
-    )
-    # which is the length where all legs are as long; PRINTED_ENERGY sqrt(sum of squares)
-    weight: float  # cost per metre of size
-    turning: (
-        int  # NO_TURNING; MEAN_TURNING: mean absolute angle [rad] between legs; PRINTED: P1 (5)
-    )
-    violation_range: float  # discs' radii count times this in intrusions; 0: none are looked for
-    points_only: bool  # intrusions at the curve's points alone, not along its pieces
-    violation: float  # factor of the mean intrusion, as a part of the radius
-    collision_test: int  # EDGES, WAY_POINTS or NOTHING
-    blocked_factor: float  # part of the size that being blocked costs
-    blocked_edge_cost: float  # cost of each blocked edge
-    push: int  # NO_PUSH, TO_RIM, DOUBLED: way points are pushed out of discs before they are valued
-    slack: float  # m^2 that are added to a disc's radius squared there
+    # LENGTH: of the curve [m]; ENERGY: sqrt(legs x sum of squared legs) [m] of the way points,
+    # the length where all legs are as long; PRINTED_ENERGY: sqrt(sum of squared legs) [m].
+    length_measure: int = LENGTH
+    weight: float = 1.0  # cost per metre of size
+    # MEAN_TURNING: mean absolute angle [rad] between legs; PRINTED_TURNING: P1 (5).
+    turning: int = NO_TURNING
+    violation_range: float = 0.0  # factor of discs' radii in intrusions; 0: no intrusions
+    points_only: bool = False  # intrusions at the curve's points alone, not along its pieces
+    violation: float = 0.0  # factor of the mean intrusion, as a part of the radius
+    collision_test: int = EDGES
+    blocked_factor: float = 0.0  # part of the size that being blocked costs
+    blocked_edge_cost: float = 0.0
+    push: int = NO_PUSH  # TO_RIM, DOUBLED: way points leave discs before they are evaluated
+    slack: float = 0.0  # m^2, added to a disc's squared radius there
 
 
 class Workspace(NamedTuple):
-    """Room to value a path."""
+    """Arrays for one path."""
 
     points: Array  # (n + 2, 2) way points and both ends
     curve: CurveWorkspace
@@ -70,7 +75,7 @@ class Workspace(NamedTuple):
 
 
 def new_workspace(way_points: int, pieces: int) -> Workspace:
-    """Room for paths of so many way points."""
+    """Arrays for paths of so many way points."""
     n = way_points + 2
     return Workspace(np.empty((n, 2)), new_curve_workspace(n), np.empty(((n - 1) * pieces + 1, 2)))
 
@@ -164,29 +169,16 @@ def evaluate(
     valid_limit: float,
     workspace: Workspace,
 ) -> tuple[float, float]:
-    """What a position costs, and what it costs if its path is exactly valid (infinity if not).
+    """The cost of a position (2 n,), and its cost without penalties if its path is exactly valid.
 
-    Tests end as soon as the cost reaches `limit` and the path is of no use as the best valid one:
-    then the costs returned are bounds that are not below the limits.
-
-    Args:
-        problem: the problem.
-        terms: the terms of the cost.
-        position: way points (2 n,).
-        limit: costs above this need not be exact.
-        valid_limit: the least cost of a valid path so far.
-        workspace: for the path; its line is the position's afterwards.
+    The second is infinite for an invalid path. Tests end as soon as the cost reaches `limit` and
+    the path cannot cost less than `valid_limit` without penalties; then the costs returned are
+    bounds that are not below the limits. The workspace's line is the position's afterwards.
     """
     points, line = workspace.points, workspace.line
     n = write_way_points(problem, position, points)
     m = sample_curve(
-        problem.curve,
-        problem.chordal,
-        points,
-        n,
-        problem.pieces,
-        workspace.curve,
-        line,
+        problem.curve, problem.chordal, points, n, problem.pieces, workspace.curve, line
     )
     if terms.length_measure == LENGTH:
         size = polyline_length(line, m)
@@ -230,11 +222,11 @@ def evaluate(
 
 @borrowing_kernel
 def push_out_of_discs(
-    problem: PathProblem, terms: PathCost, position: Array, held: NDArray[np.bool_]
+    problem: PathProblem, terms: PathCost, position: Array, fixed: NDArray[np.bool_]
 ) -> int:
-    """Push way points out of discs, and hold (2 n,) the others; returns how many were inside.
+    """Push way points out of discs and mark the others fixed (2 n,); returns how many were inside.
 
-    As printed in R1, the vector from a centre is added, which doubles it; ours ends on the rim.
+    DOUBLED adds the vector from a centre, as R1 prints it; TO_RIM ends on the rim.
     """
     inside = 0
     for i in range(problem.anchors.shape[0]):
@@ -255,6 +247,119 @@ def push_out_of_discs(
         position[2 * i] += dx
         position[2 * i + 1] += dy
         pushed = dx != 0.0 or dy != 0.0
-        held[2 * i], held[2 * i + 1] = not pushed, not pushed
+        fixed[2 * i], fixed[2 * i + 1] = not pushed, not pushed
         inside += pushed
     return inside
+
+
+_EACH = "an edge inside weighs more than all lengths on a map"
+
+
+@settings
+class FaithfulOption:
+    """The choice between our exact tests and those of an objective's source."""
+
+    faithful: bool = setting(default=False, source="exact tests; true: the source's own")
+    """Whether the source's own tests are used in place of exact ones."""
+
+
+@settings
+class LengthFree:
+    """Shortness and freedom from collisions, weighed: the thesis, section 2.8."""
+
+    shortness_weight: float = setting(
+        default=10.0, unit="1/m", low=0.0, source="thesis, figure 3.1"
+    )
+    """Cost of length."""
+    collision_free_weight: float = setting(default=1e4, low=0.0, source=_EACH + "; thesis: 1")
+    """Cost of each blocked edge."""
+
+    @property
+    def path_cost(self) -> PathCost:
+        """The terms of the cost."""
+        return PathCost(weight=self.shortness_weight, blocked_edge_cost=self.collision_free_weight)
+
+
+@settings
+class Smooth(FaithfulOption):
+    """Smoothness, length and validity: P1 (8), f1 + f2 (1 + f3).
+
+    f1 is the mean absolute turning angle [rad] of the way points, f2 the length [m] of the curve,
+    f3 the penalty where any of its edges is blocked. Faithful: f1 is (5) with (3) as printed, and
+    only way points are tested.
+    """
+
+    penalty: float = setting(default=100.0, low=0.0, source="'considerable' in P1 (7)")
+    """Cost factor of a path with a blocked edge."""
+
+    @property
+    def path_cost(self) -> PathCost:
+        """The terms of the cost."""
+        return PathCost(
+            turning=PRINTED_TURNING if self.faithful else MEAN_TURNING,
+            collision_test=WAY_POINTS if self.faithful else EDGES,
+            blocked_factor=self.penalty,
+        )
+
+
+@settings
+class Violation(FaithfulOption):
+    """Length of the curve, times one and the violation of round obstacles: P2 (18)-(21).
+
+    The violation is the mean over the curve of max(violation_range - D / R, 0), with D from the
+    curve's pieces; blocked edges have a cost. Faithful: D is from sampled points, and nothing else
+    is tested.
+    """
+
+    penalty: float = setting(default=100.0, low=0.0, source="Yarpiz, whose program P2 follows")
+    """Cost factor of the mean violation."""
+    violation_range: float = setting(default=1.2, low=0.0, source="P2 (20)")
+    """Radii from a centre up to which a disc is violated."""
+    blocked_cost: float = setting(default=100.0, unit="m", low=0.0, source=_EACH)
+    """Cost of each blocked edge."""
+
+    @property
+    def path_cost(self) -> PathCost:
+        """The terms of the cost."""
+        return PathCost(
+            violation_range=self.violation_range,
+            points_only=self.faithful,
+            violation=self.penalty,
+            collision_test=NOTHING if self.faithful else EDGES,
+            blocked_edge_cost=0.0 if self.faithful else self.blocked_cost,
+        )
+
+
+@settings
+class WayPoints(FaithfulOption):
+    """R1's loss, the root of the sum of squared legs.
+
+    Ours is in metres, the length where all legs are as long, and adds P2's violation along the
+    exact segments. Faithful: as printed; only way points are tested, and one that falls into a disc
+    (d^2 <= r^2 + slack) is pushed out and drawn again.
+    """
+
+    penalty: float = setting(default=100.0, low=0.0, source="design choice: as P2")
+    """Cost factor of the mean violation."""
+    violation_range: float = setting(
+        default=1.0 + 5.0 / DISC_SIDES**2,
+        low=0.0,
+        source="pi^2 / 2 n^2: the corners of the polygon of a disc",
+    )
+    """Radii from a centre up to which a disc is violated."""
+    blocked_cost: float = setting(default=100.0, unit="m", low=0.0, source=_EACH)
+    """Cost of each blocked edge."""
+    slack: float = setting(default=1.0, unit="m^2", low=0.0, source="R1, section 5.3")
+    """Square that is added to that of a radius."""
+
+    @property
+    def path_cost(self) -> PathCost:
+        """The terms of the cost."""
+        if self.faithful:
+            return PathCost(PRINTED_ENERGY, collision_test=NOTHING, push=DOUBLED, slack=self.slack)
+        return PathCost(
+            length_measure=ENERGY,
+            violation_range=self.violation_range,
+            violation=self.penalty,
+            blocked_edge_cost=self.blocked_cost,
+        )

@@ -1,92 +1,170 @@
-"""Any optimiser of mealpy, with the same tasks, costs and exact tests as ours."""
+"""Optimizers of other packages in the planner `swarm`, with our path costs and exact tests."""
 
 from __future__ import annotations
 
+import contextlib
+import importlib
+import importlib.util
 from collections.abc import Mapping
-from typing import Any
+from time import perf_counter
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.problem import begin
 from planners.swarm.path_cost import PathCost, evaluate, new_workspace
 from planners.swarm.search import InitialSwarm, SearchResult
 from wheelchair_gym.config import InputError, setting, settings
 
 Array = NDArray[np.float64]
 
-LEAST_TIME = 0.1  # s: mealpy refuses less
+
+class Evaluator:
+    """The cost of a position (d,); it keeps the best position and the best exactly valid path."""
+
+    def __init__(self, start: InitialSwarm, path_cost: PathCost, end: float) -> None:
+        self.problem, self.path_cost, self.end = start.path_problem, path_cost, end
+        self.workspace = new_workspace(len(self.problem.anchors), self.problem.pieces)
+        self.calls, self.best, self.least = 0, start.population[0], np.inf
+        self.line, self.valid_cost, self.found_call = np.empty((0, 2)), np.inf, 0
+
+    def __call__(self, position: Any) -> float:
+        """The cost of a position; TimeoutError once `perf_counter` has shown `end` [s]."""
+        if perf_counter() > self.end and self.calls > 0:
+            raise TimeoutError
+        at = np.array(position, dtype=np.float64)
+        cost, plain = evaluate(
+            self.problem, self.path_cost, at, np.inf, self.valid_cost, self.workspace
+        )
+        self.calls += 1
+        if plain < self.valid_cost:
+            self.line, self.valid_cost = self.workspace.line.copy(), float(plain)
+            self.found_call = self.calls
+        if cost < self.least:
+            self.best, self.least = at, float(cost)
+        return float(cost)
 
 
-@settings
-class Mealpy:
-    """An optimiser of the library mealpy, which the extra `peers` installs."""
+class PeerOptimizer:
+    """An optimizer of another package, which the extra `peers` installs."""
 
-    algorithm: str = setting(default="OriginalWOA", source="a class of mealpy, by its name")
-    """Name of a class of mealpy."""
-    options: Mapping[str, Any] | None = setting(default=None, source="its own, see mealpy")
-    """Arguments of that class."""
+    package: ClassVar[str]
+    algorithm: str
+
+    def run(self, cost: Evaluator, start: InitialSwarm, iterations: int, seed: int) -> None:
+        """Search once; the evaluator keeps the best."""
+        raise NotImplementedError
 
     def search(
         self,
         start: InitialSwarm,
         path_cost: PathCost,
         iterations: int,
+        cycle: int,
         rng: np.random.Generator,
         deadline: float | None = None,
     ) -> SearchResult:
-        """Let it search from a start.
+        """The best of runs of `cycle` iterations, each scattered around the best of those before.
 
         Args:
-            start: the path_problem and the population.
-            path_cost: what paths are path_cost.
-            iterations: most epochs, at least one is made.
-            rng: seeds the run.
+            start: the problem and the population of the first run.
+            path_cost: the terms of the cost.
+            iterations: largest number of iterations in all; at least one is made.
+            cycle: iterations of a run.
+            rng: seeds the runs.
             deadline: seconds of wall time from now; None for none.
 
         Raises:
-            InputError: mealpy is not installed, or has no such optimiser.
+            InputError: the package is not installed, or has no such optimizer.
         """
-        try:
-            import mealpy
-        except ImportError:
+        if importlib.util.find_spec(self.package) is None:
             needs = "pip install 'wheelchair_gym[peers]'"
-            raise InputError(f"optimizer mealpy needs: {needs}") from None
+            raise InputError(f"optimizer {self.package} needs: {needs}")
+        _, end = begin(deadline)
+        cost, scattered, made = Evaluator(start, path_cost, end), start, 0
+        while made == 0 or (made < iterations and perf_counter() < end):
+            count = max(1, min(cycle, iterations - made))
+            with contextlib.suppress(TimeoutError):
+                self.run(cost, scattered, count, int(rng.integers(2**31)))
+            made += count
+            population = cost.best + start.population - start.population[0]
+            scattered = start._replace(population=np.clip(population, start.lower, start.upper))
+        k, workspace = len(start.population), cost.workspace
+        evaluate(cost.problem, path_cost, cost.best, np.inf, np.inf, workspace)
+        return SearchResult(
+            cost.line,
+            cost.valid_cost,
+            max(0, cost.found_call - 1) // k,
+            workspace.line,
+            cost.least,
+            workspace.points,
+            max(0, cost.calls // k - 1),
+        )
+
+
+@settings
+class Mealpy(PeerOptimizer):
+    """An optimizer of the library mealpy."""
+
+    package = "mealpy"
+
+    algorithm: str = setting(default="OriginalWOA", source="a class of mealpy, by its name")
+    """Name of a class of mealpy."""
+    options: Mapping[str, Any] | None = setting(default=None, source="its own, see mealpy")
+    """Arguments of that class."""
+
+    def run(self, cost: Evaluator, start: InitialSwarm, iterations: int, seed: int) -> None:
+        """Search once; the evaluator keeps the best."""
+        mealpy = importlib.import_module("mealpy")
         try:
-            k, _ = start.population.shape
             model = mealpy.get_optimizer_by_class(self.algorithm)(
-                epoch=max(1, iterations), pop_size=k, **(self.options or {})
+                epoch=iterations, pop_size=len(start.population), **(self.options or {})
             )
         except Exception as error:  # whatever it raises, it is about what was asked for
             raise InputError(f"optimizer mealpy: {self.algorithm}: {error}") from None
-        workspace = new_workspace(len(start.path_problem.anchors), start.path_problem.pieces)
-        found: list[Any] = [np.inf, np.empty((0, 2))]
-
-        def cost_of(position: Array) -> float:
-            cost, plain = evaluate(
-                start.path_problem, path_cost, np.asarray(position), np.inf, found[0], workspace
-            )
-            if plain < found[0]:
-                found[:] = plain, workspace.line.copy()
-            return float(cost)
-
         bounds = mealpy.FloatVar(lb=start.lower, ub=start.upper)
-        best = model.solve(
-            {"obj_func": cost_of, "bounds": bounds, "minmax": "min", "log_to": None},
-            starting_solutions=list(start.population),
-            seed=int(rng.integers(2**31)),
-            termination=None if deadline is None else {"max_time": max(deadline, LEAST_TIME)},
-        )
-        costs = np.array([agent.target.fitness for agent in model.history.list_global_best])
-        evaluate(
-            start.path_problem, path_cost, np.asarray(best.solution), np.inf, np.inf, workspace
-        )
-        least = float(best.target.fitness)
-        return SearchResult(
-            found[1],
-            float(found[0]),
-            int((costs > least).sum()),
-            workspace.line,
-            least,
-            workspace.points,
-            len(costs) - 1,
-        )
+        problem = {"bounds": bounds, "minmax": "min", "obj_func": cost, "log_to": None}
+        model.solve(problem, starting_solutions=list(start.population), seed=seed)
+
+
+@settings
+class Niapy(PeerOptimizer):
+    """An optimizer of the library NiaPy."""
+
+    package = "niapy"
+
+    algorithm: str = setting(default="ParticleSwarmAlgorithm", source="a class of niapy, by name")
+    """Name of a class of niapy.algorithms.basic."""
+    options: Mapping[str, Any] | None = setting(default=None, source="its own, see niapy")
+    """Arguments of that class."""
+
+    def run(self, cost: Evaluator, start: InitialSwarm, iterations: int, seed: int) -> None:
+        """Search once; the evaluator keeps the best."""
+        basic = importlib.import_module("niapy.algorithms.basic")
+        problems = importlib.import_module("niapy.problems")
+        niapy_task = importlib.import_module("niapy.task")
+
+        class PathProblem(problems.Problem):  # type: ignore[misc, name-defined]
+            def _evaluate(self, x: Any) -> float:
+                return cost(x)
+
+        def initial(task: Any, **_: Any) -> tuple[Array, Array]:
+            return start.population.copy(), np.array([task.eval(x) for x in start.population])
+
+        try:
+            swarm = getattr(basic, self.algorithm)(
+                population_size=len(start.population),
+                initialization_function=initial,
+                seed=seed,
+                **(self.options or {}),
+            )
+        except Exception as error:
+            raise InputError(f"optimizer niapy: {self.algorithm}: {error}") from None
+        task = niapy_task.Task(PathProblem(len(start.lower), start.lower, start.upper))
+        population, costs, more = swarm.init_population(task)
+        best, least = swarm.get_best(population, costs)
+        for _ in range(iterations):
+            population, costs, best, least, more = swarm.run_iteration(
+                task, population, costs, best, least, **more
+            )

@@ -1,4 +1,4 @@
-"""The planner `swarm`: way points that an optimiser moves, and a curve through them."""
+"""The planner `swarm`: an optimizer moves way points, and a curve leads through them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from planners.problem import Plan, PlannerBase, Problem, Status, remaining
 from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
 from planners.smoothing.curves import POLYLINE, curve, curve_kind
+from planners.swarm.moves import MIN_POPULATION, new_swarm
 from planners.swarm.path_cost import PathProblem
-from planners.swarm.peers import Mealpy
+from planners.swarm.peers import PeerOptimizer
 from planners.swarm.search import (
     InitialSwarm,
     SearchResult,
+    ShiftBounds,
     blocked_legs,
     sample_along,
     scatter_bowed,
@@ -25,9 +27,8 @@ from planners.swarm.search import (
     search,
     split_legs,
 )
-from planners.swarm.state import MIN_POPULATION
-from planners.swarm.state import new_swarm as begin_swarm
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import without_repeats
 from wheelchair_gym.random import stream
 
 Array = NDArray[np.float64]
@@ -35,12 +36,12 @@ Array = NDArray[np.float64]
 # Times that the legs of a first path are halved until a curve through it is free.
 _HALVINGS: Final = 8
 _AMONG: Final = 100  # points along the first path from which others are drawn: P1
-_MODES: Final = 3  # waves that bend a path as a whole
+_MODES: Final = 3  # sine waves along a path
 _CURVED: Final = 20  # pieces of a curve's leg, where none are asked for
 
 
 @settings
-class SwarmPlanner(PlannerBase):
+class SwarmPlanner(ShiftBounds, PlannerBase):
     """A swarm of paths: a particle is way points, its cost that of a curve through them.
 
     With a planner for the first path this is a hybrid, which cannot fail where that one succeeds;
@@ -75,34 +76,25 @@ class SwarmPlanner(PlannerBase):
         default="disc", source="thesis: disc; P1: along; P2 and R1: uniform"
     )
     """How the population is drawn around the first path."""
-    width_bound: float = setting(default=2.5, unit="m", low=0.0, source="thesis, figure 3.1")
-    """Largest shift of a way point in x."""
-    height_bound: float = setting(default=2.5, unit="m", low=0.0, source="thesis, figure 3.1")
-    """Largest shift of a way point in y."""
 
     def __post_init__(self) -> None:
-        """Look at names and settings of the parts now, and keep them as plain objects."""
-        specs = {
-            "optimizer": SWARM_OPTIMIZERS.spec(self.optimizer),
-            "objective": OBJECTIVES.spec(self.objective),
-        }
-        SWARM_OPTIMIZERS.make(specs["optimizer"])
-        OBJECTIVES.make(specs["objective"])
+        """Check the names and settings of the parts, and keep them as plain objects."""
+        parts = {"optimizer": SWARM_OPTIMIZERS, "objective": OBJECTIVES}
         if self.first not in (None, "line"):
-            specs["first"] = FIRST_PLANNERS.spec(self.first)
-            FIRST_PLANNERS.make(specs["first"])
+            parts["first"] = FIRST_PLANNERS
         elif self.way_points < 1:
             raise InputError("way_points is 0; without a first path it must be at least 1")
         elif self.first is None and self.scatter != "uniform":
             raise InputError(
                 f"scatter is {self.scatter!r}; without a first path it must be uniform"
             )
-        for key, spec in specs.items():
-            plain = spec["name"] if len(spec) == 1 else spec
-            object.__setattr__(self, key, plain)
+        for key, registry in parts.items():
+            spec = registry.spec(getattr(self, key))
+            registry.make(spec)
+            object.__setattr__(self, key, spec["name"] if len(spec) == 1 else spec)
 
     def start(self, problem: Problem, path: Array | None, rng: np.random.Generator) -> InitialSwarm:
-        """The path_problem and the population that a search begins with.
+        """The problem and the population that a search begins with.
 
         Args:
             problem: what is asked.
@@ -125,7 +117,7 @@ class SwarmPlanner(PlannerBase):
                 blocked = blocked_legs(free.arrays, line, len(path) - 1)
                 if not blocked.any():
                     break
-                # Neighbours, too: it is from them that a leg has its slopes.
+                # Neighbours, too: the slopes of a leg depend on them.
                 blocked[1:] |= blocked[:-1].copy()
                 blocked[:-1] |= blocked[1:].copy()
                 path = split_legs(path, blocked)
@@ -159,22 +151,22 @@ class SwarmPlanner(PlannerBase):
     def search(
         self, start: InitialSwarm, rng: np.random.Generator, deadline: float | None = None
     ) -> SearchResult:
-        """Let the swarm search from a start, which is left as it is.
+        """The result of a search from a start, which stays unchanged.
 
         Args:
-            start: the path_problem and the population.
+            start: the problem and the population.
             rng: draws the moves.
             deadline: seconds of wall time from now; None for none.
         """
         optimizer = SWARM_OPTIMIZERS.make(self.optimizer)
         path_cost = OBJECTIVES.make(self.objective).path_cost
-        if isinstance(optimizer, Mealpy):
-            return optimizer.search(start, path_cost, self.iterations, rng, deadline)
+        if isinstance(optimizer, PeerOptimizer):
+            return optimizer.search(start, path_cost, self.iterations, self.cycle, rng, deadline)
         return search(
             start.path_problem,
             path_cost,
             optimizer.parameters,
-            begin_swarm(start.population, start.lower, start.upper),
+            new_swarm(start.population, start.lower, start.upper),
             self.iterations,
             self.cycle,
             stream(rng),
@@ -182,20 +174,20 @@ class SwarmPlanner(PlannerBase):
         )
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Answer a problem with the valid path that costs least of all that the swarm tried.
+        """The valid path of least cost of all that the swarm tried.
 
-        The planner of the first path has the whole deadline: one that never stops by itself leaves
-        the swarm one iteration. `first_iterations` counts its own, which replay a plan with it.
+        The planner of the first path may use the full deadline; then the swarm makes one
+        iteration. The counter `first_iterations` is its iterations, which replay a plan.
         """
         began = perf_counter()
         path: Array | None = None
-        first = Plan(Status.EXHAUSTED)
-        if self.first not in (None, "line"):
+        first, hybrid = Plan(Status.EXHAUSTED), self.first not in (None, "line")
+        if hybrid:
             first = FIRST_PLANNERS.make(self.first).plan(problem, rng, remaining(end))
         counters = {"nodes": first.counters.get("nodes", 0), "iterations": 0}
         if "iterations" in first.counters:
             counters["first_iterations"] = first.counters["iterations"]
-        if self.first not in (None, "line"):
+        if hybrid:
             if first.status != Status.SOLVED:
                 return replace(first, counters=dict(first.counters) | counters)
             path = first.path[:, :2]
@@ -209,5 +201,4 @@ class SwarmPlanner(PlannerBase):
         timings = {"first_s": first_s}
         if path is None:
             return Plan(Status.EXHAUSTED, counters=counters, timings=timings)
-        apart = np.append(True, (np.diff(path, axis=0) != 0.0).any(axis=1))
-        return Plan(Status.SOLVED, path[apart], first.tree, counters, timings)
+        return Plan(Status.SOLVED, without_repeats(path), first.tree, counters, timings)

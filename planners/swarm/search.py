@@ -7,20 +7,31 @@ rates it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from time import perf_counter
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.polygon_tests import SpaceArrays, edge_free, point_free
+from planners.collision.polygon_tests import SpaceArrays, point_free
 from planners.problem import begin
 from planners.smoothing.curves import POLYLINE, sample_curve
-from planners.swarm.moves import WHALES, MoveParameters, is_particle_move, move_swarm
-from planners.swarm.objectives import length_free
+from planners.smoothing.smooth import blocked_edges
+from planners.swarm.moves import (
+    WHALES,
+    MoveParameters,
+    Swarm,
+    clip_to_bounds,
+    competitor,
+    is_particle_move,
+    move_particles,
+    move_swarm,
+    new_swarm,
+    store,
+)
 from planners.swarm.path_cost import (
     NO_PUSH,
+    LengthFree,
     PathCost,
     PathProblem,
     Workspace,
@@ -29,17 +40,17 @@ from planners.swarm.path_cost import (
     push_out_of_discs,
     write_way_points,
 )
-from planners.swarm.state import Swarm, clip_to_bounds, competitor, new_swarm, store
-from planners.swarm.update_rules import move_particles
-from planners.swarm.woa import WhaleParameters
+from planners.swarm.woa import WhaleSettings
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import arc_lengths
 from wheelchair_gym.random import Stream, next_in_disc
 
 Array = NDArray[np.float64]
 
 
 class InitialSwarm(NamedTuple):
-    """A problem and a population: the same for every optimiser of a fair race."""
+    """A problem and a population, with which any optimizer can begin."""
 
     path_problem: PathProblem
     population: Array  # (k, d)
@@ -62,7 +73,7 @@ def scatter_in_ellipses(k: int, n: int, width: float, height: float, state: Stre
 def scatter_bowed(
     k: int, n: int, width: float, height: float, modes: int, rng: np.random.Generator
 ) -> Array:
-    """Shifts (k, 2 n) [m] of n way points that bend a path as a whole; none of the first one's.
+    """Shifts (k, 2 n) [m] of n way points by waves along the path; the first path is not shifted.
 
     Sine waves over the path's points, the m-th of an amplitude within 1 / m of the bounds, so that
     neighbours move together and a population passes obstacles on both sides.
@@ -77,7 +88,7 @@ def scatter_bowed(
 
 def sample_along(path: Array, count: int, among: int, rng: np.random.Generator) -> Array:
     """Way points (count, 2) drawn, in order, from `among` points evenly along a path: P1."""
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    way = arc_lengths(path)
     at = np.linspace(0.0, way[-1], among)
     drawn = np.sort(rng.choice(at, count, replace=count > among))
     return np.stack([np.interp(drawn, way, path[:, 0]), np.interp(drawn, way, path[:, 1])], axis=1)
@@ -91,8 +102,7 @@ def split_legs(path: Array, legs: NDArray[np.bool_]) -> Array:
 
 def blocked_legs(arrays: SpaceArrays, line: Array, legs: int) -> NDArray[np.bool_]:
     """Which legs (legs,) of a curve's line (n, 2) are not free."""
-    blocked = np.array([not edge_free(arrays, *a, *b) for a, b in pairwise(line)])
-    return np.asarray(blocked.reshape(legs, -1).any(axis=1))
+    return np.asarray(blocked_edges(arrays, line).reshape(legs, -1).any(axis=1))
 
 
 # Between two looks at the clock pass about this many seconds.
@@ -119,9 +129,9 @@ def evaluate_swarm(
     iteration: int,
     workspace: Workspace,
 ) -> None:
-    """Value every position, keep what is path_cost it, and the best valid path."""
+    """Evaluate every position; store better positions and the best valid path."""
     for i in range(swarm.positions.shape[0]):
-        # Whales know the best alone: of what is worse nothing is kept.
+        # Whales remember the best position only.
         j = 0 if moves.kind == WHALES else competitor(swarm, i)
         limit = swarm.record[0].best_cost if moves.kind == WHALES else swarm.personal_best_costs[j]
         cost, plain = evaluate(
@@ -151,19 +161,10 @@ def iterate(
     workspace: Workspace,
     state: Stream,
 ) -> None:
-    """Run iterations `first` to `last`, that one excluded; the very first values the start, too.
+    """Run iterations from `first` up to, but not including, `last`; 0 evaluates the start, too.
 
-    Args:
-        problem: the problem.
-        path_cost: what paths are path_cost.
-        moves: how the swarm moves.
-        swarm: positions, and all that is remembered.
-        valid: the best valid path, kept.
-        first: iterations made before.
-        last: iterations made after.
-        cycle: iterations over which inertia and ranges fall; then they begin again.
-        workspace: for one path; the best one's afterwards.
-        state: stream of random numbers.
+    Inertia and ranges fall over `cycle` iterations; then they start again. The workspace holds the
+    best path afterwards.
     """
     if first == 0:
         evaluate_swarm(problem, path_cost, moves, swarm, valid, 0, workspace)
@@ -186,20 +187,13 @@ def iterate(
                     )
                 if inside == 0 or not flew or k == _MAX_PUSHES - 1:
                     break
-                move_particles(swarm, moves.particles, inertia, state)
+                move_particles(swarm, moves, inertia, state)
                 clip_to_bounds(swarm)
             swarm.fixed[:] = False
         evaluate_swarm(problem, path_cost, moves, swarm, valid, t + 1, workspace)
     n = write_way_points(problem, swarm.best, workspace.points)
-    sample_curve(
-        problem.curve,
-        problem.chordal,
-        workspace.points,
-        n,
-        problem.pieces,
-        workspace.curve,
-        workspace.line,
-    )
+    curve, line = workspace.curve, workspace.line
+    sample_curve(problem.curve, problem.chordal, workspace.points, n, problem.pieces, curve, line)
 
 
 @dataclass(frozen=True)
@@ -225,17 +219,9 @@ def search(
     state: Stream,
     deadline: float | None = None,
 ) -> SearchResult:
-    """Let a swarm search for so many iterations, or until a deadline.
+    """The result of a swarm's search over `iterations`, or until a deadline [s] from now.
 
-    Args:
-        problem: the problem.
-        path_cost: what paths are path_cost.
-        moves: how the swarm moves.
-        swarm: where it begins; changed in place.
-        iterations: most moves.
-        cycle: iterations over which inertia and ranges fall; then they begin again.
-        state: stream of random numbers.
-        deadline: seconds of wall time from now; None for none.
+    The swarm is changed in place; see `iterate`.
     """
     _, end = begin(deadline)
     workspace = new_workspace(len(problem.anchors), problem.pieces)
@@ -244,16 +230,7 @@ def search(
     while True:
         before = perf_counter()
         iterate(
-            problem,
-            path_cost,
-            moves,
-            swarm,
-            valid,
-            made,
-            made + chunk,
-            cycle,
-            workspace,
-            state,
+            problem, path_cost, moves, swarm, valid, made, made + chunk, cycle, workspace, state
         )
         made += chunk
         if made >= iterations:
@@ -263,7 +240,7 @@ def search(
         if left <= 0.0:
             break
         spent = (now - before) / max(chunk, 1)
-        # The first call valued a population, too, and may have been compiled.
+        # The first call evaluated a population, too, and may have been compiled.
         chunk = max(1, min(2 * chunk, int(min(_CLOCK_PERIOD, left) / max(spent, 1e-9))))
         chunk = min(chunk, iterations - made)
     solved = valid.cost[0] < np.inf
@@ -279,45 +256,44 @@ def search(
     )
 
 
-def shorten_path(
-    space: SpaceArrays,
-    path: Array,
-    swarm: WhaleParameters,
-    shortness: float,
-    collision_free: float,
-    width: float,
-    height: float,
-    state: Stream,
-) -> Array:
-    """The shortest free path that a swarm finds near a free path; never a longer one.
+@settings
+class ShiftBounds:
+    """How far a swarm may shift a point of a path."""
 
-    A particle is the shifts of the inner points; the first is the path itself. The cost is
-    shortness x length + collision_free x edges that are not free. Where the weights let a path
-    through a wall lead the swarm, the best free path is still the one returned.
+    width_bound: float = setting(default=2.5, unit="m", low=0.0, source="thesis, figure 3.1")
+    """Largest shift of a point in x."""
+    height_bound: float = setting(default=2.5, unit="m", low=0.0, source="thesis, figure 3.1")
+    """Largest shift of a point in y."""
 
-    Args:
-        space: what is free.
-        path: points (n, 2) [m], all edges free.
-        swarm: how many whales, how long, how they move.
-        shortness: cost per metre of length.
-        collision_free: cost of an edge that is not free.
-        width: the points move at most this far in x [m], and start in the disc within.
-        height: at most this far in y [m].
-        state: stream of random numbers.
-    """
-    n = len(path) - 2
-    if n < 1:
-        return path
-    box = np.tile([width, height], n)
-    anchors = np.ascontiguousarray(path[1:-1])
-    problem = PathProblem(space, np.empty((0, 3)), path[0], path[-1], anchors, POLYLINE, False, 1)
-    found = search(
-        problem,
-        length_free(shortness, collision_free),
-        MoveParameters(WHALES, a=swarm.a, b=swarm.b, mu=swarm.mu, lam=swarm.lam),
-        new_swarm(scatter_in_ellipses(swarm.population, n, width, height, state), -box, box),
-        swarm.iterations,
-        max(1, swarm.iterations),
-        state,
+
+@settings
+class PathShortening(LengthFree, ShiftBounds):
+    """A swarm of whales that shortens a path (thesis, section 2.8)."""
+
+    whales: WhaleSettings = setting(
+        default=WhaleSettings(population=30, iterations=100), source="thesis, figure 3.1"
     )
-    return found.line if len(found.line) else path
+    """The swarm."""
+
+    def shorten(self, space: SpaceArrays, path: Array, state: Stream) -> Array:
+        """The shortest free path that the swarm finds near a free path (n, 2) [m]; never longer.
+
+        A particle is the shifts of the inner points; the first is the path itself. Where the
+        weights favour a path through a wall, the result is still the best free path.
+        """
+        n, whales = len(path) - 2, self.whales
+        if n < 1:
+            return path
+        box = np.tile([self.width_bound, self.height_bound], n)
+        size = whales.population, n, self.width_bound, self.height_bound
+        anchors = np.ascontiguousarray(path[1:-1])
+        found = search(
+            PathProblem(space, np.empty((0, 3)), path[0], path[-1], anchors, POLYLINE, False, 1),
+            self.path_cost,
+            MoveParameters(WHALES, a=whales.a, b=whales.b, mu=whales.mu, lam=whales.lam),
+            new_swarm(scatter_in_ellipses(*size, state), -box, box),
+            whales.iterations,
+            max(1, whales.iterations),
+            state,
+        )
+        return found.line if len(found.line) else path

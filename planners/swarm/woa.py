@@ -43,22 +43,13 @@ def move_whales(
     upper: Array,
     state: Stream,
 ) -> None:
-    """Move every whale once, in place: equations (2.1)-(2.8), then clip to the bounds.
+    """Move every whale once, in place: equations (2.1)-(2.8), then clip to the bounds (d,).
 
     A whale draws one A and one p, which choose its move, and one C per coordinate. A and C are
-    independent draws, as in the original paper.
-
-    Args:
-        population: positions X (k, d).
-        best: the best position found so far X* (d,).
-        a: bound of A at this iteration; it falls to 0 over a run.
-        b: shape of the logarithmic spiral.
-        mu: a whale with p below this encircles or searches; the others take the spiral.
-        lam: a whale with |A| below this encircles the best; the others search.
-        c_range: C lies in [0, c_range]: (d,), 2 in (2.4); P1 weights it by occupancy.
-        lower: bounds of the positions (d,).
-        upper: the same (d,).
-        state: stream of random numbers.
+    independent draws, as in the original paper. `a` bounds A at this iteration and falls to 0 over
+    a run. A whale with p below `mu` encircles the best (d,), or, with |A| of at least `lam`,
+    searches around another whale; with p from `mu` on it spirals. C lies in [0, c_range] (d,): 2
+    in (2.4); P1 weights it by occupancy.
     """
     k, d = population.shape
     for i in range(k):
@@ -83,13 +74,9 @@ def move_whales(
 
 
 @settings
-class WhaleSettings:
-    """Size and duration of a whale swarm, and the choice of its moves."""
+class WhaleMoves:
+    """The choice of a whale's moves."""
 
-    population: int = setting(default=10, low=1, source="thesis, figure 3.1")
-    """Number of whales."""
-    iterations: int = setting(default=10, low=0, source="thesis, figure 3.1")
-    """Moves of the swarm."""
     a: float = setting(default=2.0, low=0.0, source="Mirjalili and Lewis 2016")
     """Initial bound of the factor A; it falls to 0 over a run."""
     b: float = setting(default=1.0, source="Mirjalili and Lewis 2016; thesis, figure 3.1")
@@ -98,6 +85,16 @@ class WhaleSettings:
     """Probability of a move other than the spiral; 1 never spirals."""
     lam: float = setting(default=1.0, low=0.0, source="Mirjalili and Lewis 2016")
     """Bound of |A| below which a whale encircles the best; 0 always searches."""
+
+
+@settings
+class WhaleSettings(WhaleMoves):
+    """Size and duration of a whale swarm, and the choice of its moves."""
+
+    population: int = setting(default=10, low=1, source="thesis, figure 3.1")
+    """Number of whales."""
+    iterations: int = setting(default=10, low=0, source="thesis, figure 3.1")
+    """Moves of the swarm."""
 
     @property
     def parameters(self) -> WhaleParameters:

@@ -9,10 +9,11 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.polygon_tests import SpaceArrays, edge_free
+from planners.collision.polygon_tests import edge_free
 from planners.problem import Plan, Problem, begin, trivial
-from planners.trees.tree import NONE, Growth, Tree, Workspace, edge_is_free, insert
-from planners.trees.tree_search import TreeSearch, grow_until, new_search, to_plan, with_capacity
+from planners.trees.sampling import TreeSearch, edge_is_free
+from planners.trees.tree import NONE, Tree, insert
+from planners.trees.tree_search import grow_until, new_search, to_plan, with_capacity
 from planners.trees.variants import InformedRrtStar
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.random import stream
@@ -30,8 +31,8 @@ def remainder(problem: Problem, path: Array) -> Array:
     begins, legs = path[:-1], np.diff(path, axis=0)
     squares = np.maximum((legs**2).sum(axis=1), np.finfo(np.float64).tiny)
     along = np.clip(((start - begins) * legs).sum(axis=1) / squares, 0.0, 1.0)
-    gaps = np.hypot(*(begins + along[:, None] * legs - start).T)
-    k = int(np.flatnonzero(gaps == gaps.min())[-1]) + 1
+    distances = np.hypot(*(begins + along[:, None] * legs - start).T)
+    k = int(np.flatnonzero(distances == distances.min())[-1]) + 1
     if not edge_free(problem.free.arrays, *start, *path[k]):
         k -= 1
     if (path[k] == start).all() and k < len(path) - 1:
@@ -51,7 +52,7 @@ def replan(
     The rest of the old path is the first path if it is free; otherwise its free ends join the start
     tree and the goal tree. The old tree's edges that are still free follow; then sampling goes on.
     So the plan is never longer than a free rest of the old path. It starts from nothing if the goal
-    has moved. The thesis plans anew at each temporary obstacle (section 3.2.2).
+    has moved. The thesis starts from nothing at each temporary obstacle (section 3.2.2).
 
     Args:
         problem: the space as it is now, the pose now as the start, the goal.
@@ -80,9 +81,7 @@ def replan(
         trees = with_capacity(
             trees, 2 * (len(rest) + len(previous.tree)) + len(trees.start_tree.nodes)
         )
-        free, free_at_goal = reuse_path(
-            trees.space, trees.start_tree, trees.goal_tree, rest, trees.workspace
-        )
+        free, free_at_goal = reuse_path(trees, rest)
         _reuse_trees(trees, previous.tree, rest, free, free_at_goal)
         kept = int(trees.start_tree.grid["count"][0] + trees.goal_tree.grid["count"][0]) - 2
     plan = to_plan(grow_until(trees, planner.iterations, end, stream(rng)))
@@ -104,8 +103,8 @@ def _reuse_trees(trees: TreeSearch, tree: Array, rest: Array, free: int, free_at
     on_rest = index[2 * len(tree) :]
     node_of = np.full(len(points), NONE)
     node_of[on_rest[: free + 1]] = np.arange(free + 1)
-    old_tree = trees.growth, points, first, others
-    reuse_tree(trees.space, trees.start_tree, trees.goal, *old_tree, node_of, trees.workspace)
+    old_tree = points, first, others
+    reuse_tree(trees, trees.start_tree, trees.goal, *old_tree, node_of)
     if trees.workspace.run["goal"][0] != NONE:
         return
     goal = on_rest[-1]
@@ -114,22 +113,19 @@ def _reuse_trees(trees: TreeSearch, tree: Array, rest: Array, free: int, free_at
         return
     node_of = np.full(len(points), NONE)
     node_of[on_rest[::-1][: free_at_goal + 1]] = np.arange(free_at_goal + 1)
-    reuse_tree(trees.space, trees.goal_tree, trees.start, *old_tree, node_of, trees.workspace)
+    reuse_tree(trees, trees.goal_tree, trees.start, *old_tree, node_of)
 
 
 @borrowing_kernel
-def reuse_path(
-    space: SpaceArrays, start_tree: Tree, goal_tree: Tree, path: Array, workspace: Workspace
-) -> tuple[int, int]:
+def reuse_path(search: TreeSearch, path: Array) -> tuple[int, int]:
     """Insert the free parts of a path (n, 2) [m] from start to goal into two empty trees.
 
-    A wholly free path connects the start tree to the goal. Otherwise the free beginning enters the
-    start tree and the free end the goal tree.
-
-    Returns:
-        The number of free edges at the beginning and at the end.
+    A free path connects the start tree to the goal. Otherwise the free beginning enters the start
+    tree and the free end the goal tree. Returns how many edges are free at the beginning and at the
+    end.
     """
-    run, n = workspace.run[0], path.shape[0]
+    space, start_tree, goal_tree = search.space, search.start_tree, search.goal_tree
+    run, n = search.workspace.run[0], path.shape[0]
     node, kept = insert(start_tree, path[0, 0], path[0, 1], NONE, 0.0), 0
     insert(goal_tree, path[n - 1, 0], path[n - 1, 1], NONE, 0.0)
     while kept < n - 1:
@@ -153,22 +149,20 @@ def reuse_path(
 
 @borrowing_kernel
 def reuse_tree(
-    space: SpaceArrays,
+    search: TreeSearch,
     tree: Tree,
     target: Array,
-    growth: Growth,
     points: Array,
     first: NDArray[np.int64],
     others: NDArray[np.int64],
     node_of: NDArray[np.int64],
-    workspace: Workspace,
 ) -> None:
     """Insert the edges of an old tree that are still free, starting at points in the new tree.
 
     The old tree is its points (n, 2) [m] and their neighbours: point i has
     `others[first[i] : first[i + 1]]`. `node_of` (n,) maps points to nodes of the new tree.
     """
-    nodes, run, stack = tree.nodes, workspace.run[0], workspace.stack
+    nodes, run, stack = tree.nodes, search.workspace.run[0], search.workspace.stack
     best = nodes[run.goal].cost if run.goal != NONE else np.inf
     height = 0
     for i in range(len(points)):
@@ -181,7 +175,7 @@ def reuse_tree(
         x, y = points[i, 0], points[i, 1]
         for k in range(first[i], first[i + 1]):
             j = others[k]
-            if node_of[j] != NONE or tree.grid[0].count >= growth.max_nodes:
+            if node_of[j] != NONE or tree.grid[0].count >= search.growth.max_nodes:
                 continue
             u, v = points[j, 0], points[j, 1]
             edge = math.hypot(u - x, v - y)
@@ -189,7 +183,7 @@ def reuse_tree(
             cost = nodes[node_of[i]].cost + edge
             if cost + math.hypot(target[0] - u, target[1] - v) >= best:
                 continue
-            if edge_is_free(space, run, x, y, u, v):
+            if edge_is_free(search.space, run, x, y, u, v):
                 node_of[j] = insert(tree, u, v, node_of[i], edge)
                 stack[height] = j
                 height += 1

@@ -1,4 +1,4 @@
-"""Where a tree grows to next: samplers, and the whale swarm that moves a sample (thesis)."""
+"""The state of a tree search, where it samples, and the swarm that moves a sample (thesis)."""
 
 from __future__ import annotations
 
@@ -8,13 +8,151 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.polygon_tests import SpaceArrays, blocking_segment, blocks, point_free
+from planners.collision.polygon_tests import (
+    SpaceArrays,
+    blocking_segment,
+    blocks,
+    point_free,
+    way_free,
+)
 from planners.swarm.woa import WhaleParameters, move_whales
-from planners.trees.tree import NONE, Growth, Tree, Workspace, write_ancestors
+from planners.trees.tree import NONE, Tree, write_ancestors
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.random import Stream, next_in_disc, next_uniform
 
 Array = NDArray[np.float64]
+
+# Most neighbours of one new node; the shrinking radius keeps their number near 3 log n.
+_NEIGHBOURS = 256
+# m: a smaller gain rewires nothing, so that rounding cannot form a loop.
+MIN_GAIN = 1e-9
+
+
+class Growth(NamedTuple):
+    """The options that make the search one of the tree planners; by default a plain RRT."""
+
+    step: float  # m, longest edge towards a sample
+    goal_reach: float  # m, a node this near to the goal is connected to it, if the edge is free
+    max_nodes: int  # nodes of a tree
+    reserve: int = 16  # nodes that one iteration may add, without those of the joined goal tree
+    goal_bias: float = 0.0  # share of the samples that are the goal until it is reached
+    stop_at_first: bool = True  # stop at the first path
+    bidirectional: bool = False  # a second tree grows from the goal until they meet (RRT-Connect)
+    rewiring: bool = False  # choose the best parent and rewire neighbours (RRT*)
+    radius: float = 0.0  # m, of the neighbourhood; 0 for the shrinking radius
+    gamma: float = 0.0  # of the shrinking radius gamma sqrt(area log n / n)
+    use_ancestors: bool = False  # prefer ancestors of the parent that see the new node (Q-RRT*)
+    replace_leaves: bool = False  # at the limit a new node replaces a leaf (RRT*FN)
+    shortcut_path: bool = False  # join vertices of the best path that see each other
+    informed: bool = False  # sample and keep only what can shorten the best path
+    beacon_share: float = 0.0  # share of the samples near the best path's vertices (RRT*-Smart)
+    beacon_radius: float = 0.0  # m
+    beacon_min_scale: float = 1.0  # that radius is scaled by a log-uniform draw in [this, 1]
+    corner_share: float = 0.0  # share of the samples near corners of obstacles
+    corner_radius: float = 0.0  # m
+    in_strip: bool = False  # sample between the x of start and goal, wider as edges are blocked
+    widening: float = 0.0  # m, by which each blocked edge widens the strip on each side
+    steer_by_swarm: bool = False  # steer by a whale swarm (thesis, algorithm 4)
+
+
+RUN = np.dtype(
+    [
+        ("iteration", np.int64),  # samples drawn
+        ("first_path", np.int64),  # iteration that reached the goal; NONE if none did
+        ("edges_tested", np.int64),  # edges tested
+        ("blocked", np.int64),  # blocked extensions
+        ("walls_cut", np.int64),  # blocked extensions that end in a free point
+        ("goal", np.int64),  # the goal's node in the start tree; NONE before it is reached
+        ("beacon", np.int64),  # index in the chain of the vertex sampled around; NONE if none
+        ("path_length", np.float64),  # m, of the best path after its last shortcut
+        ("sample_area", np.float64),  # m2, of the sampled region
+        ("strip_margin", np.float64),  # m, on each side of the strip
+        ("from_goal", np.bool_),  # the next sample extends the goal tree
+        ("done", np.bool_),  # the search cannot improve any more
+    ]
+)
+
+
+class Workspace(NamedTuple):
+    """The state of a search and its scratch arrays."""
+
+    run: NDArray[Any]  # (1,) RUN
+    found: NDArray[np.int32]  # neighbours of the new node
+    distances: Array  # m, to these neighbours
+    through: Array  # m, cost of the new node through each neighbour
+    chain: NDArray[np.int32]  # nodes of the best path, the goal first
+    stack: NDArray[np.int32]  # nodes whose children's costs are not updated yet
+
+
+def new_run(bounds: Array) -> NDArray[Any]:
+    """The state (1,) of a new search on a map with bounds (4,) [m]."""
+    run = np.zeros(1, RUN)
+    run["first_path"] = run["goal"] = run["beacon"] = NONE
+    run["path_length"] = np.inf
+    run["sample_area"] = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1])
+    return run
+
+
+def new_workspace(run: NDArray[Any], capacity: int) -> Workspace:
+    """Scratch arrays for trees of at most `capacity` nodes, with the state of a search."""
+    return Workspace(
+        run,
+        np.empty(_NEIGHBOURS, np.int32),
+        np.empty(_NEIGHBOURS),
+        np.empty(_NEIGHBOURS),
+        np.empty(capacity, np.int32),
+        np.empty(capacity, np.int32),
+    )
+
+
+class SwarmBuffers(NamedTuple):
+    """Arrays of the steering swarm."""
+
+    positions: Array  # (k, 2) m, relative to the sample
+    best: Array  # (2,)
+    lower: Array  # (2,) bounds of the positions
+    upper: Array  # (2,)
+    c_range: Array  # (2,) of the factor C
+
+
+class SteeringCost(NamedTuple):
+    """Cost of a candidate point: weighted distances, and penalties for blocked lines of sight."""
+
+    width: float  # m, half the width of the search box around the sample
+    height: float  # m, half its height
+    sample_weight: float  # cost per metre from the sample
+    goal_weight: float  # cost per metre from the goal
+    node_hidden: float  # cost if an obstacle hides the node to extend
+    goal_hidden: float  # cost if an obstacle hides the goal
+
+
+def new_buffers(swarm: WhaleParameters, steering: SteeringCost) -> SwarmBuffers:
+    """Arrays for a swarm of whales, with its bounds."""
+    upper = np.array([steering.width, steering.height])
+    positions = np.empty((swarm.population, 2))
+    return SwarmBuffers(positions, np.zeros(2), -upper, upper, np.full(2, 2.0))
+
+
+class TreeSearch(NamedTuple):
+    """All state of a search: the problem, the options, and the trees."""
+
+    space: SpaceArrays
+    start_tree: Tree
+    goal_tree: Tree
+    start: Array  # (2,) m
+    goal: Array  # (2,) m
+    growth: Growth
+    swarm: WhaleParameters
+    steering: SteeringCost
+    buffers: SwarmBuffers
+    workspace: Workspace
+
+
+@borrowing_kernel
+def edge_is_free(space: SpaceArrays, run: Any, ax: float, ay: float, bx: float, by: float) -> bool:
+    """Whether the edge from a free point a to b [m] is free; counts the test."""
+    run.edges_tested += 1
+    return way_free(space, ax, ay, bx, by)
 
 
 # Most draws of a sample; the last one is taken even if it is occupied or cannot help.
@@ -39,15 +177,18 @@ def sample_ellipse(start: Array, goal: Array, length: float, state: Stream) -> t
 
 
 @borrowing_kernel
-def sample_beacon(
-    tree: Tree, growth: Growth, workspace: Workspace, run: Any, state: Stream
-) -> tuple[float, float]:
+def sample_beacon(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float, float]:
     """A point near a random vertex of the best path, a beacon (Nasir et al. 2013).
 
     The run records the vertex. Informed trees redraw points that do not shorten the path between
     the two neighbours of the vertex. The log-uniform radius finds gains at every scale.
     """
-    nodes = tree.nodes
+    growth, workspace, run, nodes = (
+        search.growth,
+        search.workspace,
+        search.workspace.run[0],
+        tree.nodes,
+    )
     n = write_ancestors(tree, run.goal, workspace.chain)
     if n < 3:
         run.beacon = NONE
@@ -72,22 +213,15 @@ def sample_beacon(
 
 
 @borrowing_kernel
-def sample(
-    space: SpaceArrays,
-    tree: Tree,
-    start: Array,
-    goal: Array,
-    growth: Growth,
-    workspace: Workspace,
-    state: Stream,
-) -> tuple[float, float]:
+def sample(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float, float]:
     """The next sample [m], as the options of the search say.
 
     It is uniform in the map, in the strip between start and goal, or, once there is a path, in the
-    ellipse of points that can shorten it (Gammell et al. 2014); or it is near an obstacle's corner,
+    ellipse of points that can shorten it (Gammell et al. 2014). Or it is near an obstacle's corner,
     where narrow passages lie and paths bend (Amato et al. 1998), or near a beacon.
     """
-    run, bounds = workspace.run[0], space.bounds
+    space, start, goal, growth = search.space, search.start, search.goal, search.growth
+    run, bounds = search.workspace.run[0], space.bounds
     run.beacon = NONE
     found, length = run.first_path != NONE, math.inf
     low, high, radius = bounds[0], bounds[2], 0.0
@@ -99,7 +233,7 @@ def sample(
             radius *= growth.beacon_min_scale ** next_uniform(state)
     elif found:
         if growth.beacon_share > 0.0 and next_uniform(state) < growth.beacon_share:
-            x, y = sample_beacon(tree, growth, workspace, run, state)
+            x, y = sample_beacon(search, tree, state)
             if run.beacon != NONE:
                 return x, y
     else:
@@ -121,38 +255,10 @@ def sample(
         else:
             x = low + next_uniform(state) * (high - low)
             y = bounds[1] + next_uniform(state) * (bounds[3] - bounds[1])
-        by_way = math.hypot(x - start[0], y - start[1]) + math.hypot(x - goal[0], y - goal[1])
-        if by_way < length and point_free(space, x, y):
+        detour = math.hypot(x - start[0], y - start[1]) + math.hypot(x - goal[0], y - goal[1])
+        if detour < length and point_free(space, x, y):
             break
     return x, y
-
-
-class SwarmBuffers(NamedTuple):
-    """Arrays of the steering swarm."""
-
-    positions: Array  # (k, 2) m, relative to the sample
-    best: Array  # (2,)
-    lower: Array  # (2,) bounds of the positions
-    upper: Array  # (2,)
-    span: Array  # (2,) of the factor C
-
-
-class SteeringCost(NamedTuple):
-    """Cost of a candidate point: weighted distances, and penalties for blocked lines of sight."""
-
-    width: float  # m, half the width of the search box around the sample
-    height: float  # m, half its height
-    sample_weight: float  # cost per metre from the sample
-    goal_weight: float  # cost per metre from the goal
-    node_hidden: float  # cost if an obstacle hides the node to extend
-    goal_hidden: float  # cost if an obstacle hides the goal
-
-
-def new_buffers(swarm: WhaleParameters, steering: SteeringCost) -> SwarmBuffers:
-    """Arrays for a swarm of whales, with its bounds."""
-    upper = np.array([steering.width, steering.height])
-    positions = np.empty((swarm.population, 2))
-    return SwarmBuffers(positions, np.zeros(2), -upper, upper, np.full(2, 2.0))
 
 
 @borrowing_kernel
@@ -165,22 +271,14 @@ def find_blocker(space: SpaceArrays, ax: float, ay: float, bx: float, by: float,
 
 @borrowing_kernel
 def steering_target(
-    space: SpaceArrays,
-    near_x: float,
-    near_y: float,
-    x: float,
-    y: float,
-    goal_x: float,
-    goal_y: float,
-    swarm: WhaleParameters,
-    steering: SteeringCost,
-    buffers: SwarmBuffers,
-    state: Stream,
+    search: TreeSearch, near_x: float, near_y: float, x: float, y: float, state: Stream
 ) -> tuple[float, float]:
     """The point of least cost that a swarm finds around a random sample (thesis, algorithm 4).
 
     Positions are relative to the sample (x, y) [m], so that the map's origin has no influence.
     """
+    space, swarm, steering, buffers = search.space, search.swarm, search.steering, search.buffers
+    goal_x, goal_y = search.goal
     population, best = buffers.positions, buffers.best
     best[0], best[1] = 0.0, 0.0
     least, from_near, from_goal = np.inf, -1, -1  # the segments that hid a whale last
@@ -195,8 +293,8 @@ def steering_target(
             cost = (
                 steering.sample_weight * math.sqrt(u * u + v * v) + steering.goal_weight * to_goal
             )
-            # Lines of sight are tested only while the whale can still be the best. The segment that
-            # hid the goal from one whale hides it from most, so the goal is tested first.
+            # Lines of sight are tested only while the whale can still be the best. The goal comes
+            # first: the segment that hides it from one whale hides it from most.
             if cost < least:
                 hidden = find_blocker(space, goal_x, goal_y, x + u, y + v, from_goal)
                 if hidden != -1:
@@ -217,7 +315,7 @@ def steering_target(
                 swarm.b,
                 swarm.mu,
                 swarm.lam,
-                buffers.span,
+                buffers.c_range,
                 buffers.lower,
                 buffers.upper,
                 state,

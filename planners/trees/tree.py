@@ -1,4 +1,4 @@
-"""The tree of a planner: its nodes, a bucket grid for queries, and the state of one search.
+"""The tree of a planner: its nodes, and a grid of cells for queries.
 
 The grid answers 'nearest' and 'within a radius'. Its cells are halved as the tree grows, so that a
 cell holds about two nodes.
@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.polygon_tests import SpaceArrays, way_free
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
@@ -287,93 +286,3 @@ def path_from_root(tree: Tree, i: int) -> Array:
         out[n, 0], out[n, 1] = nodes[i].x, nodes[i].y
         i = nodes[i].parent
     return out
-
-
-# Most neighbours of one new node; the shrinking radius keeps their number near 3 log n.
-_NEIGHBOURS = 256
-# m: a smaller gain rewires nothing, so that rounding cannot form a loop.
-MIN_GAIN = 1e-9
-
-
-class Growth(NamedTuple):
-    """The options of the search that make it one of the tree planners; by default a plain RRT."""
-
-    step: float  # m, longest edge towards a sample
-    goal_reach: float  # m, a node this near to the goal is connected to it, if the edge is free
-    max_nodes: int  # nodes of a tree
-    reserve: int = 16  # nodes that one iteration may add, without those of the joined goal tree
-    goal_bias: float = 0.0  # share of the samples that are the goal until it is reached
-    stop_at_first: bool = True  # stop at the first path
-    bidirectional: bool = False  # a second tree grows from the goal until they meet (RRT-Connect)
-    rewiring: bool = False  # choose the best parent and rewire neighbours (RRT*)
-    radius: float = 0.0  # m, of the neighbourhood; 0 for the shrinking radius
-    gamma: float = 0.0  # of the shrinking radius gamma sqrt(area log n / n)
-    use_ancestors: bool = False  # prefer ancestors of the parent that see the new node (Q-RRT*)
-    replace_leaves: bool = False  # at the limit a childless node makes workspace (RRT*FN)
-    shortcut_path: bool = False  # join vertices of the best path that see each other
-    informed: bool = False  # sample and keep only what can shorten the best path
-    beacon_share: float = 0.0  # share of the samples near the best path's vertices (RRT*-Smart)
-    beacon_radius: float = 0.0  # m
-    beacon_min_scale: float = 1.0  # that radius is scaled by a log-uniform draw in [this, 1]
-    corner_share: float = 0.0  # share of the samples near corners of obstacles
-    corner_radius: float = 0.0  # m
-    in_strip: bool = False  # sample between the x of start and goal, wider as edges are blocked
-    widening: float = 0.0  # m, by which each blocked edge widens the strip on each side
-    steer_by_swarm: bool = False  # steer by a whale swarm (thesis, algorithm 4)
-
-
-RUN = np.dtype(
-    [
-        ("iteration", np.int64),  # samples drawn
-        ("first_path", np.int64),  # iteration that reached the goal; NONE if none did
-        ("edges_tested", np.int64),  # edges tested
-        ("blocked", np.int64),  # blocked extensions
-        ("walls_cut", np.int64),  # blocked extensions that end in a free point
-        ("goal", np.int64),  # the goal's node in the start tree; NONE before it is reached
-        ("beacon", np.int64),  # index in `path` of the vertex sampled around; NONE if none
-        ("path_length", np.float64),  # m, of the best path after its last shortcut
-        ("sample_area", np.float64),  # m2, of the sampled region
-        ("strip_margin", np.float64),  # m, on each side of the strip
-        ("from_goal", np.bool_),  # the next sample extends the goal tree
-        ("done", np.bool_),  # the search cannot improve any more
-    ]
-)
-
-
-class Workspace(NamedTuple):
-    """The state of a search and its scratch arrays."""
-
-    run: NDArray[Any]  # (1,) RUN
-    found: NDArray[np.int32]  # neighbours of the new node
-    distances: Array  # m, to these neighbours
-    through: Array  # m, cost of the new node through each neighbour
-    chain: NDArray[np.int32]  # nodes of the best path, the goal first
-    stack: NDArray[np.int32]  # nodes whose children's costs are not updated yet
-
-
-def new_run(bounds: Array) -> NDArray[Any]:
-    """The state (1,) of a new search on a map with bounds (4,) [m]."""
-    run = np.zeros(1, RUN)
-    run["first_path"] = run["goal"] = run["beacon"] = NONE
-    run["path_length"] = np.inf
-    run["sample_area"] = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1])
-    return run
-
-
-def new_workspace(run: NDArray[Any], capacity: int) -> Workspace:
-    """Scratch arrays for trees of at most `capacity` nodes, with the state of a search."""
-    return Workspace(
-        run,
-        np.empty(_NEIGHBOURS, np.int32),
-        np.empty(_NEIGHBOURS),
-        np.empty(_NEIGHBOURS),
-        np.empty(capacity, np.int32),
-        np.empty(capacity, np.int32),
-    )
-
-
-@borrowing_kernel
-def edge_is_free(space: SpaceArrays, run: Any, ax: float, ay: float, bx: float, by: float) -> bool:
-    """Whether the edge from a, known to be free, to b [m] is free; counts the test."""
-    run.edges_tested += 1
-    return way_free(space, ax, ay, bx, by)

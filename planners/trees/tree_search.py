@@ -1,14 +1,14 @@
 """The loop of all tree planners; each planner is a set of its options (`Growth`).
 
 From top to bottom: best parent and rewiring; the connection to the goal; one iteration; and the
-search itself, in chunks of iterations between which the clock is read.
+search itself, in chunks of iterations between which the clock is read. `sampling` has its state.
 """
 
 from __future__ import annotations
 
 import math
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,20 +16,26 @@ from numpy.typing import NDArray
 from planners.collision.polygon_tests import SpaceArrays, point_free
 from planners.problem import Plan, Problem, Status
 from planners.swarm.woa import WhaleParameters
-from planners.trees.sampling import SteeringCost, SwarmBuffers, new_buffers, sample, steering_target
-from planners.trees.tree import (
+from planners.trees.sampling import (
     MIN_GAIN,
-    NONE,
     Growth,
-    Tree,
+    SteeringCost,
+    TreeSearch,
     Workspace,
     edge_is_free,
+    new_buffers,
+    new_run,
+    new_workspace,
+    sample,
+    steering_target,
+)
+from planners.trees.tree import (
+    NONE,
+    Tree,
     edges,
     insert,
     nearest,
-    new_run,
     new_tree,
-    new_workspace,
     nodes_within,
     path_from_root,
     place_node,
@@ -97,38 +103,38 @@ def best_ancestor(
 
 
 @borrowing_kernel
-def connect_goal(
-    space: SpaceArrays, tree: Tree, node: int, goal: Array, reach: float, workspace: Workspace
-) -> None:
+def connect_goal(search: TreeSearch, node: int) -> None:
     """Connect a node to the goal, if the goal is within reach and visible and its cost falls."""
-    nodes, run = tree.nodes, workspace.run[0]
+    tree, goal, run = search.start_tree, search.goal, search.workspace.run[0]
+    nodes = tree.nodes
     x, y = nodes[node].x, nodes[node].y
     gap = math.hypot(goal[0] - x, goal[1] - y)
-    known = run.goal != NONE
-    if gap > reach or (known and nodes[node].cost + gap >= nodes[run.goal].cost - MIN_GAIN):
+    reached = run.goal != NONE
+    if gap > search.growth.goal_reach or (
+        reached and nodes[node].cost + gap >= nodes[run.goal].cost - MIN_GAIN
+    ):
         return
-    if gap > 0.0 and not edge_is_free(space, run, x, y, goal[0], goal[1]):
+    if gap > 0.0 and not edge_is_free(search.space, run, x, y, goal[0], goal[1]):
         return
-    if known:
-        rewire(tree, run.goal, as_int(node), gap, workspace.stack)
+    if reached:
+        rewire(tree, run.goal, as_int(node), gap, search.workspace.stack)
         return
     run.first_path = run.iteration
     run.goal = node if gap == 0.0 else insert(tree, goal[0], goal[1], node, gap)
 
 
 @borrowing_kernel
-def reconnect_goal(
-    space: SpaceArrays, tree: Tree, goal: Array, reach: float, workspace: Workspace
-) -> None:
+def reconnect_goal(search: TreeSearch) -> None:
     """Connect a reached goal to its best node: costs may have fallen after nodes were connected."""
-    for i in range(tree.grid[0].count):
-        if i != workspace.run[0].goal:
-            connect_goal(space, tree, i, goal, reach, workspace)
+    for i in range(search.start_tree.grid[0].count):
+        if i != search.workspace.run[0].goal:
+            connect_goal(search, i)
 
 
 @borrowing_kernel
-def shortcut_path(space: SpaceArrays, tree: Tree, workspace: Workspace) -> None:
+def shortcut_path(search: TreeSearch) -> None:
     """Join vertices of the best path where that shortens it; edges are tested exactly."""
+    space, tree, workspace = search.space, search.start_tree, search.workspace
     nodes, run = tree.nodes, workspace.run[0]
     n = write_ancestors(tree, run.goal, workspace.chain)
     for k in range(n - 3, -1, -1):
@@ -163,15 +169,12 @@ _STRAIGHT = 1.0 + 1e-12
 
 
 @borrowing_kernel
-def connect(
-    space: SpaceArrays, tree: Tree, x: float, y: float, growth: Growth, workspace: Workspace
-) -> tuple[int, bool]:
+def connect(search: TreeSearch, tree: Tree, x: float, y: float) -> tuple[int, bool]:
     """Extend a tree from its nearest node to a point step by step until blocked: CONNECT.
 
-    Returns:
-        The last node added, and whether it lies on the point.
+    Returns the last node added, and whether it lies on the point.
     """
-    nodes = tree.nodes
+    growth, nodes = search.growth, tree.nodes
     i = nearest(tree, x, y)
     while True:
         from_x, from_y = nodes[i].x, nodes[i].y
@@ -184,7 +187,7 @@ def connect(
         to_x, to_y = x, y
         if part < 1.0:
             to_x, to_y = from_x + part * (x - from_x), from_y + part * (y - from_y)
-        if not edge_is_free(space, workspace.run[0], from_x, from_y, to_x, to_y):
+        if not edge_is_free(search.space, search.workspace.run[0], from_x, from_y, to_x, to_y):
             return i, False
         i = insert(tree, to_x, to_y, i, part * gap)
 
@@ -204,21 +207,13 @@ def join_trees(start_tree: Tree, goal_tree: Tree, node: int, twin: int) -> int:
 
 @borrowing_kernel
 def add_node(
-    space: SpaceArrays,
-    tree: Tree,
-    x: float,
-    y: float,
-    near: int,
-    edge: float,
-    goal: Array,
-    growth: Growth,
-    workspace: Workspace,
-    state: Stream,
+    search: TreeSearch, tree: Tree, x: float, y: float, near: int, edge: float, state: Stream
 ) -> int:
     """Add a visible point [m] below its best parent and rewire; NONE if it cannot help.
 
     At `max_nodes` the point replaces a random leaf, if the options say so.
     """
+    space, goal, growth, workspace = search.space, search.goal, search.growth, search.workspace
     nodes, grid, run = tree.nodes, tree.grid[0], workspace.run[0]
     found, distances = workspace.found, workspace.distances
     parent, n = near, 0
@@ -259,28 +254,16 @@ def add_node(
 
 
 @borrowing_kernel
-def extend(
-    space: SpaceArrays,
-    tree: Tree,
-    start: Array,
-    goal: Array,
-    growth: Growth,
-    swarm: WhaleParameters,
-    steering: SteeringCost,
-    buffers: SwarmBuffers,
-    workspace: Workspace,
-    state: Stream,
-) -> int:
+def extend(search: TreeSearch, tree: Tree, state: Stream) -> int:
     """Draw a sample, steer towards it and add a node; NONE if that is blocked or cannot help."""
+    growth, workspace = search.growth, search.workspace
     run = workspace.run[0]
-    x, y = sample(space, tree, start, goal, growth, workspace, state)
+    x, y = sample(search, tree, state)
     far = run.beacon == NONE
     near = nearest(tree, x, y) if far else as_int(workspace.chain[run.beacon + 1])
     near_x, near_y = tree.nodes[near].x, tree.nodes[near].y
     if growth.steer_by_swarm:
-        x, y = steering_target(
-            space, near_x, near_y, x, y, goal[0], goal[1], swarm, steering, buffers, state
-        )
+        x, y = steering_target(search, near_x, near_y, x, y, state)
     edge = math.hypot(x - near_x, y - near_y)
     if edge <= MIN_GAIN:
         return NONE
@@ -288,70 +271,58 @@ def extend(
         x = near_x + (x - near_x) * growth.step / edge
         y = near_y + (y - near_y) * growth.step / edge
         edge = math.hypot(x - near_x, y - near_y)
-    if edge_is_free(space, run, near_x, near_y, x, y):
-        return add_node(space, tree, x, y, near, edge, goal, growth, workspace, state)
+    if edge_is_free(search.space, run, near_x, near_y, x, y):
+        return add_node(search, tree, x, y, near, edge, state)
     if growth.in_strip:
         run.blocked += 1
-        run.walls_cut += point_free(space, x, y)
+        run.walls_cut += point_free(search.space, x, y)
         run.strip_margin += growth.widening
     return NONE
 
 
 @borrowing_kernel
-def update_best_path(
-    space: SpaceArrays, tree: Tree, start: Array, goal: Array, growth: Growth, workspace: Workspace
-) -> None:
+def update_best_path(search: TreeSearch) -> None:
     """Shortcut the best path if its cost fell, and update the area of the informed ellipse."""
-    nodes, run = tree.nodes, workspace.run[0]
+    start, goal, run = search.start, search.goal, search.workspace.run[0]
+    nodes = search.start_tree.nodes
     if nodes[run.goal].cost >= run.path_length - MIN_GAIN:
         return
-    shortcut_path(space, tree, workspace)
+    shortcut_path(search)
     run.path_length = nodes[run.goal].cost
     apart = math.hypot(goal[0] - start[0], goal[1] - start[1])
-    if growth.informed:
+    if search.growth.informed:
         across = math.sqrt(max(run.path_length * run.path_length - apart * apart, 0.0))
         run.sample_area = min(run.sample_area, 0.25 * math.pi * run.path_length * across)
     run.done |= run.path_length <= apart * _STRAIGHT
 
 
 @borrowing_kernel
-def needs_capacity(start_tree: Tree, goal_tree: Tree, growth: Growth) -> bool:
+def needs_capacity(search: TreeSearch) -> bool:
     """Whether the arrays may be too small for another iteration."""
-    # The start tree may have to take up a branch of the goal tree.
+    start_tree, goal_tree, growth = search.start_tree, search.goal_tree, search.growth
+    # A branch of the goal tree may join the start tree.
     both = start_tree.grid[0].count + goal_tree.grid[0].count + growth.reserve
     return both > len(start_tree.nodes) or (growth.bidirectional and both > len(goal_tree.nodes))
 
 
 @borrowing_kernel
-def grow(
-    space: SpaceArrays,
-    start_tree: Tree,
-    goal_tree: Tree,
-    start: Array,
-    goal: Array,
-    growth: Growth,
-    swarm: WhaleParameters,
-    steering: SteeringCost,
-    buffers: SwarmBuffers,
-    workspace: Workspace,
-    until: int,
-    state: Stream,
-) -> None:
+def grow(search: TreeSearch, until: int, state: Stream) -> None:
     """Grow trees to iteration `until`, or to an earlier end.
 
     It also returns early where the arrays are too small for another iteration. All state is in the
-    arguments, so that chunks of iterations and capacities do not change the result.
+    search, so that chunks of iterations and capacities do not change the result.
     """
-    run = workspace.run[0]
+    start_tree, goal_tree, growth = search.start_tree, search.goal_tree, search.growth
+    start, goal, run = search.start, search.goal, search.workspace.run[0]
     if run.iteration == 0:  # the straight edge is the shortest path
         if start_tree.grid[0].count == 0:
             insert(start_tree, start[0], start[1], NONE, 0.0)
             insert(goal_tree, goal[0], goal[1], NONE, 0.0)
-        connect_goal(space, start_tree, 0, goal, growth.goal_reach, workspace)
+        connect_goal(search, 0)
         if run.goal != NONE:
             run.done = start_tree.nodes[run.goal].parent == 0
             if growth.shortcut_path:
-                update_best_path(space, start_tree, start, goal, growth, workspace)
+                update_best_path(search)
     while run.iteration < until and not run.done:
         tree, other = (goal_tree, start_tree) if run.from_goal else (start_tree, goal_tree)
         if (
@@ -360,28 +331,28 @@ def grow(
         ):
             run.done = True
             break
-        if needs_capacity(start_tree, goal_tree, growth):
+        if needs_capacity(search):
             break
         run.iteration += 1
-        new = extend(space, tree, start, goal, growth, swarm, steering, buffers, workspace, state)
+        new = extend(search, tree, state)
         if growth.bidirectional and run.first_path == NONE:
             if new != NONE:
                 x, y = tree.nodes[new].x, tree.nodes[new].y
-                met, there = connect(space, other, x, y, growth, workspace)
+                met, there = connect(search, other, x, y)
                 if there:
                     node, twin = (met, new) if run.from_goal else (new, met)
                     run.goal = join_trees(start_tree, goal_tree, node, twin)
                     run.first_path = run.iteration
             run.from_goal = run.first_path == NONE and not run.from_goal
         elif new != NONE:
-            connect_goal(space, start_tree, new, goal, growth.goal_reach, workspace)
+            connect_goal(search, new)
         if run.first_path == run.iteration:
             run.done = growth.stop_at_first
         due = run.first_path == run.iteration or (
             run.first_path != NONE and run.iteration % _SHORTCUT_PERIOD == 0
         )
         if growth.shortcut_path and due:
-            update_best_path(space, start_tree, start, goal, growth, workspace)
+            update_best_path(search)
 
 
 # Capacity at first, and the factor by which it grows.
@@ -392,21 +363,6 @@ _FIRST_CHUNK, _MAX_CHUNK = 16, 4096
 _CHUNK_SHARE, _CHUNK_SECONDS = 0.02, 2e-3
 _NO_COST = SteeringCost(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _NO_WHALES = WhaleParameters(1, 0, 0.0, 0.0, 0.0, 0.0)
-
-
-class TreeSearch(NamedTuple):
-    """All state of a search: the problem, the options, and the trees."""
-
-    space: SpaceArrays
-    start_tree: Tree
-    goal_tree: Tree
-    start: Array  # (2,) m
-    goal: Array  # (2,) m
-    growth: Growth
-    swarm: WhaleParameters
-    steering: SteeringCost
-    buffers: SwarmBuffers
-    workspace: Workspace
 
 
 def new_search(
@@ -455,7 +411,7 @@ def grow_until(trees: TreeSearch, iterations: int, end: float, state: Stream) ->
     aim = min(_CHUNK_SHARE * max(end - before, 0.0), _CHUNK_SECONDS)
     while True:
         made = int(run["iteration"][0])
-        grow(*trees, min(iterations, made + chunk), state)
+        grow(trees, min(iterations, made + chunk), state)
         new = int(run["iteration"][0])
         if run["done"][0] or new >= iterations:
             return trees
@@ -477,9 +433,7 @@ def to_plan(trees: TreeSearch) -> Plan:
     # Informed searches have tried each edge to the goal already.
     open_end = trees.growth.rewiring and not (trees.growth.stop_at_first or trees.growth.informed)
     if run["goal"] != NONE and open_end:
-        reconnect_goal(
-            trees.space, start_tree, trees.goal, trees.growth.goal_reach, trees.workspace
-        )
+        reconnect_goal(trees)
     goal, first = int(run["goal"]), int(run["first_path"])
     path, tree = np.empty((0, 2)), edges(start_tree)
     nodes = len(tree) + 1
@@ -493,12 +447,7 @@ def to_plan(trees: TreeSearch) -> Plan:
     if goal != NONE:
         path = path_from_root(start_tree, goal)
         counters["first_path_iterations"] = first
-    return Plan(
-        Status.EXHAUSTED if goal == NONE else Status.SOLVED,
-        path,
-        tree,
-        counters,
-    )
+    return Plan(Status.EXHAUSTED if goal == NONE else Status.SOLVED, path, tree, counters)
 
 
 def search(

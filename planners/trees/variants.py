@@ -1,38 +1,66 @@
 """The tree planners as settings.
 
 RRT, RRT-Connect and RRT*; variants of RRT* from the literature (informed, smart, fixed nodes,
-limited); the two whale variants of the thesis, local steering and global shortening; and P1's
-RRT with whales.
+limited, spline); the two whale variants of the thesis, local steering and global shortening; and
+P1's RRT with whales.
 """
 
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 
 from planners.problem import Plan, PlannerBase, Problem, Status
-from planners.swarm.objectives import Smooth
+from planners.smoothing.smooth import hermite_path
+from planners.swarm.moves import MIN_POPULATION
 from planners.swarm.optimizers import WoaModified
+from planners.swarm.path_cost import Smooth
 from planners.swarm.planner import SwarmPlanner
-from planners.swarm.search import shorten_path
-from planners.swarm.state import MIN_POPULATION
+from planners.swarm.search import PathShortening, ShiftBounds
 from planners.swarm.woa import WhaleSettings
-from planners.trees.sampling import SteeringCost
-from planners.trees.tree import Growth
+from planners.trees.sampling import Growth, SteeringCost
 from planners.trees.tree_search import search
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.random import stream
 
-_ROOM = "rooms and doors of buildings"
+_ROOMS = "design choice: rooms and doors of buildings"
+_DOOR = "design choice: about the width of a door"
+_MEASURED = "measured with the planner benchmark"
 # Karaman and Frazzoli 2011, d = 2: 2 sqrt((1 + 1/d) area / pi) is gamma's least value.
 MIN_GAMMA = 2.0 * math.sqrt(1.5 / math.pi)
 
 
+class TreePlanner(PlannerBase):
+    """A planner that is one tree search with the options `growth`."""
+
+    iterations: int
+
+    @property
+    @abstractmethod
+    def growth(self) -> Growth:
+        """The options of the search."""
+
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """The best path of all samples, or the first path, as the options say."""
+        return search(problem, rng, end, self.growth, self.iterations)
+
+
 @settings
-class Rrt(PlannerBase):
+class CornerSampling:
+    """Samples near the corners of obstacles, where doors are (Amato et al. 1998)."""
+
+    corner_share: float = setting(default=0.5, low=0.0, high=1.0, source=_MEASURED)
+    """Share of the samples near the corners of obstacles."""
+    corner_radius: float = setting(default=1.0, unit="m", low=0.0, source=_DOOR)
+    """Largest distance of such a sample from its corner."""
+
+
+@settings
+class Rrt(TreePlanner):
     """A rapidly exploring random tree (LaValle 1998); it ends with its first path."""
 
     iterations: int = setting(
@@ -41,26 +69,24 @@ class Rrt(PlannerBase):
     """Largest number of samples."""
     nodes: int = setting(default=20_000, low=2, source="design choice")
     """Largest number of nodes of a tree."""
-    step: float = setting(
-        default=2.0, unit="m", low=1e-3, source="design choice: rooms and doors of buildings"
-    )
+    step: float = setting(default=2.0, unit="m", low=1e-3, source=_ROOMS)
     """Longest edge towards a sample."""
     goal_bias: float = setting(default=0.05, low=0.0, high=1.0, source="LaValle and Kuffner 2001")
     """Share of the samples that are the goal."""
     goal_reach: float = setting(default=2.0, unit="m", low=0.0, source="design choice: as the step")
     """Distance from which a node is connected to the goal."""
 
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Answer a problem with the first path found."""
-        growth = Growth(self.step, self.goal_reach, self.nodes, goal_bias=self.goal_bias)
-        return search(problem, rng, end, growth, self.iterations)
+    @property
+    def growth(self) -> Growth:
+        """The options of the search."""
+        return Growth(self.step, self.goal_reach, self.nodes, goal_bias=self.goal_bias)
 
 
 @settings
-class RrtConnect(PlannerBase):
+class RrtConnect(CornerSampling, TreePlanner):
     """Two trees that reach for each other (Kuffner and LaValle 2000): quick, not short.
 
-    A share of the samples falls near corners of what is solid (Amato et al. 1998), where doors are.
+    It tries the straight line first.
     """
 
     iterations: int = setting(
@@ -69,22 +95,13 @@ class RrtConnect(PlannerBase):
     """Largest number of samples."""
     nodes: int = setting(default=20_000, low=2, source="design choice")
     """Largest number of nodes of a tree."""
-    step: float = setting(
-        default=4.0, unit="m", low=1e-3, source="design choice: rooms and doors of buildings"
-    )
+    step: float = setting(default=4.0, unit="m", low=1e-3, source=_ROOMS)
     """Longest edge towards a sample."""
-    corner_share: float = setting(
-        default=0.5, low=0.0, high=1.0, source="measured with the planner benchmark"
-    )
-    """Share of the samples near the corners of obstacles."""
-    corner_radius: float = setting(
-        default=1.0, unit="m", low=0.0, source="design choice: about the width of a door"
-    )
-    """Largest distance of such a sample from its corner."""
 
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Answer a problem with the first path found; the straight line is tried before all."""
-        growth = Growth(
+    @property
+    def growth(self) -> Growth:
+        """The options of the search."""
+        return Growth(
             self.step,
             math.inf,
             self.nodes,
@@ -92,11 +109,10 @@ class RrtConnect(PlannerBase):
             corner_share=self.corner_share,
             corner_radius=self.corner_radius,
         )
-        return search(problem, rng, end, growth, self.iterations)
 
 
 @settings
-class RrtStar(PlannerBase):
+class RrtStar(TreePlanner):
     """RRT* (Karaman and Frazzoli 2011): the best parent is chosen, and neighbours are rewired.
 
     Neighbours lie within `search_radius`, or, where that is null, within the radius
@@ -108,15 +124,11 @@ class RrtStar(PlannerBase):
     """Number of samples."""
     nodes: int = setting(default=100_000, low=2, source="design choice")
     """Largest number of nodes of a tree."""
-    step: float = setting(
-        default=4.0, unit="m", low=1e-3, source="design choice: rooms and doors of buildings"
-    )
+    step: float = setting(default=4.0, unit="m", low=1e-3, source=_ROOMS)
     """Longest edge towards a sample."""
     search_radius: float | None = setting(default=None, unit="m", low=1e-3)
     """Radius of the neighbourhood; null for the shrinking radius."""
-    radius_factor: float = setting(
-        default=1.2, low=0.1, source="measured with the planner benchmark"
-    )
+    radius_factor: float = setting(default=1.2, low=0.1, source=_MEASURED)
     """Shrinking radius, in multiples of the least that converges."""
     goal_bias: float = setting(default=0.05, low=0.0, high=1.0, source="LaValle and Kuffner 2001")
     """Share of the samples that are the goal."""
@@ -138,7 +150,7 @@ class RrtStar(PlannerBase):
 
     @property
     def growth(self) -> Growth:
-        """The values of the loop."""
+        """The options of the search."""
         return Growth(
             self.step,
             self.goal_reach,
@@ -150,39 +162,30 @@ class RrtStar(PlannerBase):
             gamma=self.radius_factor * MIN_GAMMA,
         )
 
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Answer a problem with the best path of all samples, or with the first."""
-        return search(problem, rng, end, self.growth, self.iterations)
-
 
 @settings
-class InformedRrtStar(PlannerBase):
+class InformedRrtStar(CornerSampling, TreePlanner):
     """Informed RRT* (Gammell, Srinivasa and Barfoot 2014), made quick: a labelled hybrid.
 
-    The first path is RRT-Connect's (Kuffner and LaValle 2000). From then on samples fall where they
-    can shorten it: in the ellipse round start and goal, a share of them near its vertices
-    (RRT*-Smart, Nasir et al. 2013) and near corners of what is solid (Amato et al. 1998), at every
-    scale. Ancestors serve as parents (Q-RRT*, Jeong et
-    al. 2019), the path's own vertices are joined where they see each other, nodes that cannot
-    help are left out, and childless ones give way when the tree is full. It ends early where the
-    path is the straight line.
+    The first path is RRT-Connect's (Kuffner and LaValle 2000). Then samples fall where they can
+    shorten it: in the ellipse around start and goal, a share of them near its vertices (RRT*-Smart,
+    Nasir et al. 2013) and near corners of obstacles (Amato et al. 1998), at every scale. Ancestors
+    serve as parents (Q-RRT*, Jeong et al. 2019); vertices of the path that see each other are
+    joined; nodes that cannot help are left out; when the tree is full, new nodes replace leaves.
+    The search ends early where the path is the straight line.
     """
 
     iterations: int = setting(default=10_000, low=1, source="design choice: as rrt_star")
     """Largest number of samples."""
     nodes: int = setting(default=100_000, low=2, source="design choice")
     """Largest number of nodes of a tree."""
-    step: float = setting(
-        default=4.0, unit="m", low=1e-3, source="design choice: rooms and doors of buildings"
-    )
+    step: float = setting(default=4.0, unit="m", low=1e-3, source=_ROOMS)
     """Longest edge towards a sample."""
     radius_factor: float = setting(
         default=1.0, low=0.1, source="Karaman and Frazzoli 2011: the least"
     )
     """Shrinking radius, in multiples of the least that converges."""
-    beacon_share: float = setting(
-        default=0.3, low=0.0, high=1.0, source="measured with the planner benchmark"
-    )
+    beacon_share: float = setting(default=0.3, low=0.0, high=1.0, source=_MEASURED)
     """Share of the samples near the best path's vertices."""
     beacon_radius: float = setting(
         default=4.0, unit="m", low=0.0, source="design choice: as the step"
@@ -191,18 +194,9 @@ class InformedRrtStar(PlannerBase):
     beacon_min_scale: float = setting(default=1e-5, low=1e-12, high=1.0, source="design choice")
     """Least factor of that distance, drawn log-uniformly."""
 
-    corner_share: float = setting(
-        default=0.5, low=0.0, high=1.0, source="measured with the planner benchmark"
-    )
-    """Share of the samples near the corners of obstacles."""
-    corner_radius: float = setting(
-        default=1.0, unit="m", low=0.0, source="design choice: about the width of a door"
-    )
-    """Largest distance of such a sample from its corner."""
-
     @property
     def growth(self) -> Growth:
-        """The values of the loop."""
+        """The options of the search."""
         return Growth(
             self.step,
             math.inf,
@@ -222,17 +216,28 @@ class InformedRrtStar(PlannerBase):
             corner_radius=self.corner_radius,
         )
 
+
+class RrtStarVariant(PlannerBase):
+    """RRT* with other options of its search."""
+
+    tree: RrtStar
+
+    @property
+    @abstractmethod
+    def growth(self) -> Growth:
+        """The options of the search."""
+
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Answer a problem with the best path of all samples."""
-        return search(problem, rng, end, self.growth, self.iterations)
+        """The best path of all samples, or the first path, as `tree` says."""
+        return search(problem, rng, end, self.growth, self.tree.iterations)
 
 
 @settings
-class RrtStarSmart(PlannerBase):
+class RrtStarSmart(RrtStarVariant):
     """RRT*-Smart (Nasir et al. 2013): path optimisation and intelligent sampling.
 
     Once there is a path, its vertices that see each other are joined, by the triangle inequality;
-    those that stay are beacons, round which a share of the samples falls.
+    the remaining vertices are beacons, around which a share of the samples falls.
     """
 
     tree: RrtStar = setting(default=RrtStar(), source="design choice")
@@ -241,44 +246,42 @@ class RrtStarSmart(PlannerBase):
         default=0.5, low=0.0, high=1.0, source="Nasir et al. 2013: biasing ratio 2"
     )
     """Share of the samples near the best path's vertices."""
-    beacon_radius: float = setting(
-        default=1.0, unit="m", low=1e-6, source="design choice: about the width of a door"
-    )
+    beacon_radius: float = setting(default=1.0, unit="m", low=1e-6, source=_DOOR)
     """Largest distance of such a sample from its vertex."""
 
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Answer a problem with the best path of all samples, or with the first."""
-        growth = self.tree.growth._replace(
+    @property
+    def growth(self) -> Growth:
+        """The options of the search."""
+        return self.tree.growth._replace(
             shortcut_path=True, beacon_share=self.beacon_share, beacon_radius=self.beacon_radius
         )
-        return search(problem, rng, end, growth, self.tree.iterations)
 
 
 @settings
-class RrtStarFn(PlannerBase):
+class RrtStarFn(RrtStarVariant):
     """RRT*FN (Adiyatov and Varol 2013): RRT* in a fixed number of nodes.
 
-    At that number each new node replaces a random leaf other than the goal, so that memory is
+    A full tree replaces a random leaf other than the goal by each new node, so that memory is
     bounded and paths still improve.
     """
 
     tree: RrtStar = setting(default=RrtStar(nodes=1_000), source="design choice")
     """The tree search."""
 
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Answer a problem with the best path of all samples, or with the first."""
-        growth = self.tree.growth._replace(replace_leaves=True)
-        return search(problem, rng, end, growth, self.tree.iterations)
+    @property
+    def growth(self) -> Growth:
+        """The options of the search."""
+        return self.tree.growth._replace(replace_leaves=True)
 
 
 @settings
-class RrtStarLimited(PlannerBase):
+class RrtStarLimited(RrtStarVariant):
     """Limited tree expansion (a thesis of 2024, section 3.2): RRT* between start and goal in x.
 
-    Samples fall between the x of the start and of the goal, whatever their y; each extension that
-    is blocked widens the strip by a step, and the first path ends it. The source tests the end
-    point of an edge only, so that edges may cross walls; here edges are exact, and the counter
-    `walls_cut` says how many of the `blocked` ones that test would have let through.
+    Samples fall between the x of the start and of the goal, with any y; each blocked extension
+    widens the strip, and the first path ends the search. The source tests only the end point of an
+    edge, so that edges may cross walls; here edges are exact, and the counter `walls_cut` is how
+    many of the `blocked` edges that test would accept.
     """
 
     tree: RrtStar = setting(
@@ -290,31 +293,27 @@ class RrtStarLimited(PlannerBase):
     )
     """By how much each blocked edge widens the strip on each side."""
 
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Answer a problem with the first path, or the best of all samples, as `tree` says."""
-        growth = self.tree.growth._replace(in_strip=True, widening=self.widening)
-        return search(problem, rng, end, growth, self.tree.iterations)
+    @property
+    def growth(self) -> Growth:
+        """The options of the search."""
+        return self.tree.growth._replace(in_strip=True, widening=self.widening)
 
 
 _FIGURE = "thesis, figure 3.1"
 
 
 @settings
-class RrtStarWoaLocal(PlannerBase):
+class RrtStarWoaLocal(ShiftBounds, PlannerBase):
     """RRT* whose steering is a swarm of points (thesis, section 2.7 and algorithm 4).
 
-    Round each random sample whales look for the point to extend towards: near the sample and the
-    goal, seen from the node to extend, and, what counts less, with the goal in sight.
+    Around each random sample, whales search the point to extend towards: near the sample and the
+    goal, visible from the node to extend, and, with less weight, with the goal in sight.
     """
 
-    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source="thesis, figure 3.1")
+    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source=_FIGURE)
     """The tree search."""
     whales: WhaleSettings = setting(default=WhaleSettings(), source="thesis, figure 3.1")
     """The swarm."""
-    width_bound: float = setting(default=2.5, unit="m", low=0.0, source=_FIGURE)
-    """Half the width of the search box around a point."""
-    height_bound: float = setting(default=2.5, unit="m", low=0.0, source=_FIGURE)
-    """Half the height of that box."""
     sample_weight: float = setting(default=1.0, unit="1/m", low=0.0, source="design choice")
     """Cost of the distance from the random sample."""
     goal_weight: float = setting(default=1.0, unit="1/m", low=0.0, source="design choice")
@@ -334,7 +333,7 @@ class RrtStarWoaLocal(PlannerBase):
         return cls(tree=RrtStar.thesis(), whales=WhaleSettings(a=4.0))
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Answer a problem with the first path, or the best of all samples, as `tree` says."""
+        """The first path, or the best of all samples, as `tree` says."""
         steering = SteeringCost(
             width=self.width_bound,
             height=self.height_bound,
@@ -349,27 +348,11 @@ class RrtStarWoaLocal(PlannerBase):
 
 
 @settings
-class RrtStarWoaGlobal(PlannerBase):
+class RrtStarWoaGlobal(PathShortening, PlannerBase):
     """RRT* whose path a swarm of paths then shortens (thesis, section 2.8 and algorithm 5)."""
 
-    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source="thesis, figure 3.1")
+    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source=_FIGURE)
     """The tree search."""
-    whales: WhaleSettings = setting(
-        default=WhaleSettings(population=30, iterations=100), source="thesis, figure 3.1"
-    )
-    """The swarm."""
-    shortness_weight: float = setting(default=10.0, unit="1/m", low=0.0, source=_FIGURE)
-    """Cost of length."""
-    collision_free_weight: float = setting(
-        default=1e4,
-        low=0.0,
-        source="design choice: above the length of any path, so that free paths lead",
-    )
-    """Cost of each blocked edge."""
-    width_bound: float = setting(default=2.5, unit="m", low=0.0, source=_FIGURE)
-    """Half the width of the search box around a point."""
-    height_bound: float = setting(default=2.5, unit="m", low=0.0, source=_FIGURE)
-    """Half the height of that box."""
 
     @classmethod
     def thesis(cls) -> RrtStarWoaGlobal:
@@ -377,26 +360,56 @@ class RrtStarWoaGlobal(PlannerBase):
         return cls(tree=RrtStar.thesis(), whales=WhaleSettings(a=4.0), collision_free_weight=1.0)
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Answer a problem with a free path, never longer than the tree's own.
+        """A free path, never longer than that of the tree.
 
-        A deadline is the tree's; the swarm's run after it, of some ms, is one piece of work.
+        The deadline is that of the tree; the run of the swarm, some ms, follows in one piece.
         """
         began = perf_counter()
         plan = self.tree.solve(problem, rng, end)
         if plan.status != Status.SOLVED:
             return plan
         tree_s = perf_counter() - began
-        path = shorten_path(
-            problem.free.arrays,
-            plan.path,
-            self.whales.parameters,
-            self.shortness_weight,
-            self.collision_free_weight,
-            self.width_bound,
-            self.height_bound,
-            stream(rng),
-        )
+        path = self.shorten(problem.free.arrays, plan.path, stream(rng))
         return replace(plan, path=path, timings={"tree_s": tree_s})
+
+
+@settings
+class SplineRrtStar(PlannerBase):
+    """Spline-RRT*: an RRT* path that is executed as a spline (Yu et al. 2018, with other splines).
+
+    Each edge of the tree's path becomes a cubic Hermite curve whose direction at a vertex bisects
+    the edges there, so that the direction is continuous. A curve that is not free gets shorter
+    tangents, which draw it towards the edge; `straight_legs` counts the edges that stay straight.
+    The path is the curve's polyline, within `tolerance`; each of its edges is tested exactly.
+    """
+
+    tree: InformedRrtStar = setting(
+        default=InformedRrtStar(iterations=2_000), source="design choice"
+    )
+    """The tree search."""
+    tangent_scale: float = setting(default=1.0, low=0.0, high=3.0, source="Catmull and Rom 1974")
+    """Length of the tangents, in lengths of the edge."""
+    halvings: int = setting(
+        default=8, low=0, source="design choice: tangents of 1/256 bend invisibly"
+    )
+    """How often blocked curves halve their tangents before they are straight."""
+    tolerance: float = setting(
+        default=1e-3, unit="m", low=1e-9, source="design choice: below the noise of sensors"
+    )
+    """Largest distance of the polyline from the curve."""
+
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """A smooth free path; the deadline is that of the tree."""
+        began = perf_counter()
+        plan = self.tree.solve(problem, rng, end)
+        if plan.status != Status.SOLVED or plan.length == 0.0:
+            return plan
+        tree_s = perf_counter() - began
+        path, straight = hermite_path(
+            problem.free.arrays, plan.path, self.tangent_scale, self.halvings, self.tolerance
+        )
+        counters = {**plan.counters, "straight_legs": straight}
+        return replace(plan, path=path, counters=counters, timings={"tree_s": tree_s})
 
 
 _P1 = "P1: Saleh, Borhan and Rahiman 2024"
@@ -426,7 +439,7 @@ class RrtWoa(PlannerBase):
 
     @property
     def swarm(self) -> SwarmPlanner:
-        """The same as settings of `swarm`: in a race only its optimizer differs."""
+        """The same settings as those of the planner `swarm`."""
         return SwarmPlanner(
             optimizer=self.whales,
             objective=self.objective,
@@ -439,5 +452,5 @@ class RrtWoa(PlannerBase):
         )
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Answer a problem with the valid curve that costs least of all that the whales tried."""
+        """The valid curve of least cost of all that the whales tried."""
         return self.swarm.solve(problem, rng, end)

@@ -11,7 +11,7 @@ from planners import Plan, Status, make_planner
 from planners.judge import faults
 from planners.problem_files import read_problems
 from planners.registries import REFINERS
-from planners.smoothing.comfort import path_cost
+from planners.smoothing.shortcut import path_cost
 from tests.planners.test_planners import on
 from wheelchair_gym.config import dump, load
 

@@ -10,14 +10,12 @@ import pytest
 
 from planners import OPTIMIZERS, Problem, Space, Status, make_optimizer, make_planner
 from planners.judge import faults
-from planners.registries import OBJECTIVES, make_objective
+from planners.registries import OBJECTIVES
 from planners.smoothing.curves import CURVES
-from planners.swarm.moves import store_and_move
+from planners.swarm.moves import move_wolves, new_swarm, next_inertia, store_and_move
 from planners.swarm.path_cost import evaluate, new_workspace
 from planners.swarm.planner import SwarmPlanner
 from planners.swarm.search import sample_along, search
-from planners.swarm.state import new_swarm
-from planners.swarm.update_rules import move_wolves, next_inertia
 from planners.trees.variants import RrtWoa
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
 from wheelchair_gym.config import InputError
@@ -68,7 +66,7 @@ def test_the_compiled_loop_is_ask_and_tell(name):
     """Costs cut short change nothing; modified whales look at the map, which ask and tell lacks."""
     planner = SwarmPlanner(population=12, way_points=3, first="line", optimizer=name)
     start = planner.start(among_blocks(), None, np.random.default_rng(2))
-    worth, moves = make_objective("length_free").path_cost, make_optimizer(name).parameters
+    worth, moves = OBJECTIVES.make("length_free").path_cost, make_optimizer(name).parameters
     fused, asked = (new_swarm(start.population, start.lower, start.upper) for _ in range(2))
     search(start.path_problem, worth, moves, fused, 15, 20, stream(np.random.default_rng(4)))
     state, room = stream(np.random.default_rng(4)), new_workspace(3, 1)
@@ -82,19 +80,17 @@ def test_the_compiled_loop_is_ask_and_tell(name):
 
 def test_inertia_follows_its_equations():
     swarm = new_swarm(np.zeros((4, D)), -1.0, 1.0)
-    flight = make_optimizer("pso_chaotic").parameters.particles
+    flight = make_optimizer("pso_chaotic").parameters
     beta = 0.3
     for k in range(5):
         beta = 4.0 * beta * (1.0 - beta)
         assert next_inertia(swarm, flight, k / 10) == pytest.approx((0.9 - 0.6 * k / 10) * beta)
         swarm.record["move_count"] += 1
-    assert next_inertia(swarm, make_optimizer("pso").parameters.particles, 0.0) == pytest.approx(
-        0.98**5
-    )
-    flight = make_optimizer("pso_variable").parameters.particles
+    assert next_inertia(swarm, make_optimizer("pso").parameters, 0.0) == pytest.approx(0.98**5)
+    flight = make_optimizer("pso_variable").parameters
     for p in (0.0, 0.5, 1.0):
         assert next_inertia(swarm, flight, p) == pytest.approx(0.9 * (0.4 / 0.9) ** p)
-    flight = make_optimizer("pso_adaptive").parameters.particles
+    flight = make_optimizer("pso_adaptive").parameters
     swarm.record["previous_best_cost"], swarm.record["best_cost"] = 8.0, 6.0
     assert next_inertia(swarm, flight, 0.2) == pytest.approx(1.3 * 0.75 - 0.9 * 0.2)
     assert next_inertia(swarm, flight, 0.2) == pytest.approx(1.3 - 0.9 * 0.2)

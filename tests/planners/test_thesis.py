@@ -7,7 +7,13 @@ import re
 import pytest
 
 from planners import PLANNERS, make_planner
-from planners.thesis_settings import KEYS, TAKES, is_thesis, read_thesis, without_trailing_commas
+from planners.thesis_settings import (
+    KEYS,
+    PLANNERS_OF_FILE,
+    is_thesis,
+    read_thesis,
+    without_trailing_commas,
+)
 from wheelchair_gym.config import InputError
 
 FIGURE = """{
@@ -41,7 +47,7 @@ def figure(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("name", sorted(TAKES))
+@pytest.mark.parametrize("name", PLANNERS_OF_FILE)
 def test_the_figure_makes_the_thesis_planners(figure, name):
     assert make_planner(read_thesis(figure).planner(name)) == PLANNERS[name].thesis()
 

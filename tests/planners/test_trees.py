@@ -11,7 +11,6 @@ from planners.collision.space import Space
 from planners.judge import faults
 from planners.problem import Problem, Status
 from planners.problem_files import read_problems
-from planners.trees.spline import SplineRrtStar
 from planners.trees.tree import (
     NONE,
     insert,
@@ -30,6 +29,7 @@ from planners.trees.variants import (
     RrtStarSmart,
     RrtStarWoaGlobal,
     RrtStarWoaLocal,
+    SplineRrtStar,
 )
 from tests.planners.replay import limited_to
 from wheelchair_gym.config import InputError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners.judge import faults
-from planners.registries import make_objective
+from planners.registries import OBJECTIVES
 from planners.swarm.path_cost import evaluate, new_workspace, push_out_of_discs
 from planners.swarm.planner import SwarmPlanner
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
@@ -22,7 +22,7 @@ def terms(objective, position, problem, **settings):
     )
     start = planner.start(problem, None, np.random.default_rng(0))
     room = new_workspace(len(way_points), start.path_problem.pieces)
-    worth = make_objective(objective).path_cost
+    worth = OBJECTIVES.make(objective).path_cost
     cost, plain = evaluate(start.path_problem, worth, way_points.ravel(), np.inf, np.inf, room)
     return cost, plain, room.line
 
@@ -75,7 +75,7 @@ def test_way_points_leave_discs_by_their_rim_or_as_printed():
     start = SwarmPlanner(way_points=2, first="line", scatter="uniform").start(
         problem, None, np.random.default_rng(0)
     )
-    worth = make_objective({"name": "way_points", "faithful": True, "slack": 0.0}).path_cost
+    worth = OBJECTIVES.make({"name": "way_points", "faithful": True, "slack": 0.0}).path_cost
     inside = np.array([9.3, 4.4, 5.0, 5.0])
     for push, expected in ((2, (9.6, 4.8)), (1, (9.0 + 0.6 * 0.82, 4.0 + 0.8 * 0.82))):
         position, held = inside.copy(), np.zeros(4, np.bool_)

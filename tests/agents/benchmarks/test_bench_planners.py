@@ -17,7 +17,7 @@ from agents.benchmarks.entrants import UNLIMITED, Entrant, called_planners, with
 from agents.benchmarks.runs import COLD, FREE
 from agents.benchmarks.summary import ranking, summarise
 from agents.evaluation.path_metrics import path_figures, printed_turning, turning
-from agents.peers import PEERS, Peer, installed
+from agents.peers import PEERS, Peer, installed, prepare
 from planners import PLANNERS, Plan, Problem, Space, Status, make_planner
 from wheelchair_gym.config import dump
 
@@ -40,9 +40,6 @@ class Ghost:
 
     asked: ClassVar[list] = []  # a setting would make it another peer each time
 
-    def at(self, case):
-        return self
-
     def plan(self, problem, rng, deadline=None):
         self.asked.append(deadline)
         path = np.array([problem.start[:2], problem.goal[:2]])
@@ -52,9 +49,6 @@ class Ghost:
 @dataclass(frozen=True)
 class Clumsy:
     """A peer that fails where there is anything solid."""
-
-    def at(self, case):
-        return self
 
     def plan(self, problem, rng, deadline=None):
         if problem.name == "small" or problem.space.solid.is_empty:
@@ -200,14 +194,14 @@ def test_a_peer_that_is_installed_solves_and_keeps_to_a_deadline(name, problems)
     if not installed(PEERS[name].package):
         pytest.skip(f"{PEERS[name].package} is not installed")
     (case,) = stored_cases(problems, ["hall"])
-    ready = PEERS[name].settings.prepare(case)
+    ready = prepare(PEERS[name].settings, case)
     for deadline in (None, 0.05):
         plan = ready.plan(case.problem, np.random.default_rng(0), deadline)
         assert plan.status == Status.SOLVED
         faults = case.judge.faults(plan.path, case.problem.start, case.problem.goal)
         assert not faults or name.endswith("_sampled")
     walls = Case(replace(case.problem, clearance=0.2), None, "nobody")  # no map of rectangles
-    assert (PEERS[name].settings.prepare(walls) is None) == name.startswith("pathplanning_rrt")
+    assert (prepare(PEERS[name].settings, walls) is None) == name.startswith("pathplanning_rrt")
 
 
 def test_a_missing_package_is_one_line_that_names_the_extra(monkeypatch):
