@@ -399,7 +399,7 @@ def _use_training(path: Path) -> None:
 
 
 def _bench(folder: Path) -> Path:
-    from agents.benchmarks.runs import FORMAT
+    from agents.benchmarks.planner_benchmark import FORMAT
 
     path = folder / "bench.json"
     record = {"key": "abc", "planner": "rrt", "seed": 0, "curve": [[0.1, 3.0]]}
@@ -408,7 +408,7 @@ def _bench(folder: Path) -> Path:
 
 
 def _use_bench(path: Path) -> None:
-    from agents.benchmarks.runs import read_records
+    from agents.benchmarks.planner_benchmark import read_records
 
     read_records(path)
 

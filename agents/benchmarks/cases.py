@@ -35,7 +35,7 @@ class Case:
     Attributes:
         problem: map, start, goal and clearance.
         optimum: length of the shortest path [m]; None if unknown.
-        known_from: `file`, the planner that proved it, or `nobody`.
+        optimum_source: `file`, the planner that found it, or `unknown`.
         rectangles: obstacles (n, 4) [m], where all are rectangles.
     """
 
@@ -79,7 +79,7 @@ def _case(problem: Problem, optimum: float | None = None, rectangles: Array | No
         plan = make_planner(OPTIMUM).plan(problem, np.random.default_rng(0))
         if len(plan.path):
             return Case(problem, plan.length, OPTIMUM, rectangles)
-    return Case(problem, None, "nobody", rectangles)
+    return Case(problem, None, "unknown", rectangles)
 
 
 def stored_cases(path: str | Path, only: Sequence[str] = ()) -> list[Case]:

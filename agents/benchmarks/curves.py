@@ -11,18 +11,23 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from agents.benchmarks.runs import FREE, Record
-from agents.benchmarks.summary import LATE_FACTOR, entrant_title, first_path_time, is_valid
+from agents.benchmarks.summary import (
+    FREE,
+    LATE_FACTOR,
+    Record,
+    Row,
+    entrant_title,
+    first_path_time,
+    is_valid,
+)
 from agents.evaluation.figures import COLOURS, DASHES, LOOK, MARKS
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import atomic_write
 
-FLOOR = 1e-3  # % above the optimum: what is nearer is drawn here
+FLOOR = 1e-3  # % above the optimum: smaller values are drawn here
 _PANEL = (4.6, 3.1)  # inches
 _LEGEND = 0.19  # inches a line
 _DPI = 130
-
-Row = Mapping[str, Any]
 
 
 def draw(
@@ -32,14 +37,7 @@ def draw(
     deadlines: Sequence[float],
     path: str | Path,
 ) -> None:
-    """Write a PNG with two panels a problem.
-
-    Args:
-        rows: of the summary.
-        records: the runs.
-        optima: length [m] of each problem's shortest path, or None.
-        deadlines: seconds.
-        path: of the PNG.
+    """Write a PNG with two panels a problem; `optima` has the shortest length [m] where known.
 
     Raises:
         InputError: the file is not a PNG, or cannot be written.
@@ -69,9 +67,9 @@ def draw(
                 _success(left, own, looks[row["planner"]])
                 _lengths(right, own, optima[problem], deadlines, looks[row["planner"]])
             _dress(left, right, problem, here)
-        whole_run = {row["planner"]: entrant_title(dict(row)) for row in reversed(rows)}
+        titles = {row["planner"]: entrant_title(row) for row in reversed(rows)}
         lines = [
-            mpl.lines.Line2D([], [], **looks[name], markersize=4, label=_short(whole_run[name]))
+            mpl.lines.Line2D([], [], **looks[name], markersize=4, label=_short(titles[name]))
             for name in names
         ]
         figure.legend(handles=lines, loc="outside right upper", fontsize=7.5)

@@ -147,7 +147,7 @@ def make_entrants(specs: Sequence[Any], peers: Sequence[str]) -> list[Entrant]:
         found.append(
             Entrant(label, planner, with_iterations(planner, UNLIMITED), timed=timed, calls=calls)
         )
-    small = Case(small_problem(), None, "nobody", np.array([[2.0, 1.5, 3.0, 2.5]]))
+    small = Case(small_problem(), None, "unknown", np.array([[2.0, 1.5, 3.0, 2.5]]))
     for name in peers:
         peer = PEERS[name]
         package = f"{peer.package} {importlib.metadata.version(peer.package)}"

@@ -15,7 +15,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.evaluation.provenance import commit, machine, versions
+from agents.evaluation import provenance as results
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.envs.world_banks import WorldBank
@@ -214,10 +214,4 @@ def _batch_facts(env: NavigationVectorEnv, n: int, before: int, first: bool) -> 
 
 def provenance(**settings: Any) -> Row:
     """The provenance of a result."""
-    load = os.getloadavg()[0]
-    return {
-        "settings": settings,
-        "commit": commit(),
-        "machine": machine() | {"load": load},
-        "versions": versions(),
-    }
+    return {"settings": settings, **results.provenance(load=os.getloadavg()[0])}

@@ -14,8 +14,8 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
+from agents import is_interrupt
 from agents.cli.commands import COMMANDS, GROUPS, Command, OneOf
-from agents.interrupt import by_hand
 
 LONGEST_ERROR = 1000  # characters
 
@@ -158,7 +158,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MemoryError as error:
         return _fail(f"not enough memory ({error})" if str(error) else "not enough memory")
     except (KeyboardInterrupt, SystemError) as error:
-        if not by_hand(error):
+        if not is_interrupt(error):
             raise
         return _fail("stopped", 130)
     except BrokenPipeError:  # the reader of a pipe has ended

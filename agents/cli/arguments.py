@@ -132,18 +132,18 @@ def real_chair_env(chair: Any, settings: Mapping[str, Any], **more: Any) -> tupl
     Raises:
         InputError: the settings are wrong, or no chair answers.
     """
-    from agents.deploy import ended_as_by_hand, hear_person
+    from agents.deploy import end_as_by_ctrl_c, listen_for_rearm
     from wheelchair_gym.envs import NavigationEnv
     from wheelchair_gym.envs.settings import env_settings
     from wheelchair_gym.hardware.registry import make_chair
 
-    ended_as_by_hand()
+    end_as_by_ctrl_c()
     config = env_settings(**{"config": None, **settings})
     made: Any = make_chair(chair, config)
     try:
         shield: Any = config.shield or True  # a real chair always has one
         env = NavigationEnv(chair=made, **{**settings, **more, "shield": shield})
-        hear_person(made, env.shield)
+        listen_for_rearm(made, env.shield)
         return env, made
     except BaseException:
         made.close()

@@ -14,6 +14,7 @@ from agents.cli.commands import DEFAULT_POSE
 from agents.evaluation import compare as comparison
 from agents.evaluation.evaluate import Spec, label
 from agents.evaluation.provenance import cores
+from agents.evaluation.report import markdown
 from agents.evaluation.runs import StoppedError
 from wheelchair_gym.config import InputError
 from wheelchair_gym.scenes.barn import world_numbers
@@ -72,7 +73,7 @@ def compare(given: argparse.Namespace) -> int:
         )  # fmt: skip
     except StoppedError as error:
         return stopped(error)
-    report(given, evaluation, f"{comparison.in_words(evaluation)}\n{folder / 'report.html'}")
+    report(given, evaluation, f"{markdown(evaluation)}\n{folder / 'report.html'}")
     return 0
 
 
@@ -98,12 +99,11 @@ def study(given: argparse.Namespace) -> int:
 def tune(given: argparse.Namespace) -> int:
     """Search for settings, and write everything to the folder."""
     from agents.evaluation import tuning
-    from agents.evaluation.search_space import read_range
 
     if importlib.util.find_spec("optuna") is None:
         raise InputError("tune needs the package optuna; pip install 'wheelchair_gym[tune]'")
     what = spec(given.name)
-    ranges = [read_range(text) for text in given.vary]
+    ranges = [tuning.read_range(text) for text in given.vary]
     if len({vary.key for vary in ranges}) < len(ranges):
         raise InputError("--vary: a setting is given twice")
     folder = Path(given.out or Path("runs") / "tune" / Path(given.name).name.replace(":", "_"))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from agents.cli.arguments import changed, report
-from agents.deploy import ended_as_by_hand, hear_person
+from agents.deploy import end_as_by_ctrl_c, listen_for_rearm
 from agents.evaluation.provenance import write_json
 from wheelchair_gym.config import InputError, load, read_json
 from wheelchair_gym.envs.settings import env_settings
@@ -53,9 +53,9 @@ def _boards(settings: Any) -> Iterator[tuple[Any, Any]]:
 
 def _chair(settings: Any) -> Any:
     """The chair, which a person at the terminal can re-arm."""
-    ended_as_by_hand()
+    end_as_by_ctrl_c()
     chair = HardwareChair(settings.hardware, settings.sensors, settings.chair, 1.0 / settings.rate)
-    hear_person(chair)
+    listen_for_rearm(chair)
     return chair
 
 

@@ -16,9 +16,8 @@ from agents.cli.arguments import (
     watch,
 )
 from agents.evaluation.evaluate import label, make_env
-from agents.evaluation.map_building import chart
-from agents.evaluation.map_evaluation import HOLD, by_odometry, by_slam, progress
-from agents.evaluation.provenance import command_line, commit, machine, versions
+from agents.evaluation.map_evaluation import HOLD, by_odometry, by_slam, map_by_driving, progress
+from agents.evaluation.provenance import command_line, provenance
 from agents.policies import make_policy
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.envs.settings import env_settings
@@ -38,9 +37,7 @@ def run(given: argparse.Namespace) -> int:
         "seed": given.seed,
         "files": {"map": str(path), "picture": given.picture},
         "command": command_line(),
-        "commit": commit(),
-        "machine": machine(),
-        "versions": versions(),
+        **provenance(),
     }
     report(given, value, "\n".join([*lines, str(path)]))
     return 0
@@ -72,7 +69,7 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
                 bar.update(env.unwrapped.task.reading.stamp - bar.n)
 
             env, each = watch(given).on(env, count_seconds)
-            made = chart(
+            made = map_by_driving(
                 env, policy, given.seed, given.time, each or count_seconds, real=bool(given.chair)
             )
     finally:
@@ -80,7 +77,7 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     write_map(made.grid, Path(given.out) / "map.yaml")
     if given.picture:
         truth = env.unwrapped.episode.map
-        drawn = [("SLAM", made.grid, made.believed), ("truth", truth, made.true)]
+        drawn = [("SLAM", made.grid, made.estimated), ("truth", truth, made.true)]
         write_png(given.picture, draw_map(drawn[:1] if given.chair else drawn))
     of = made.figures
     where = f"{label(scene)}, seed {given.seed}" if given.scene else given.chair

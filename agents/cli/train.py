@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
+from agents import is_interrupt
 from agents.cli.arguments import changed, report
 from agents.cli.commands import parse_int
-from agents.interrupt import by_hand
 from agents.learning.curves import read_curve, write_sweep
 from agents.learning.demonstrations import imitate, load_imitation
 from agents.learning.networks import SB3_CONTRIB, algorithm_class
@@ -128,7 +128,7 @@ def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
             on_prepared=on_prepared,
         )  # fmt: skip
     except (KeyboardInterrupt, SystemError) as error:
-        if by_hand(error):
+        if is_interrupt(error):
             print(
                 f"\n{case.folder}: the same command resumes from its last checkpoint",
                 file=sys.stderr,

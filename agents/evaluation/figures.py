@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from agents.evaluation.tables import known
+from agents.evaluation.tables import exists
 from wheelchair_gym.rendering import palette
 from wheelchair_gym.scenes.arena import Doorway
 
@@ -95,7 +95,7 @@ def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[R
         rows = [
             (k, found[policy, place]) for k, place in enumerate(places) if (policy, place) in found
         ]
-        rows = [(k, row) for k, row in rows if known(row["success"])]
+        rows = [(k, row) for k, row in rows if exists(row["success"])]
         y = [k + (i - 0.5 * (len(policies) - 1)) * step for k, _ in rows]
         share = 100.0 * np.array([row["success"] for _, row in rows], dtype=float)
         low, high = (
@@ -122,8 +122,8 @@ def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[R
 def _time(policies: Sequence[str], records: Sequence[Record]) -> Figure:
     figure, axes = new_axes(3.3)
     for i, policy in enumerate(policies):
-        of = [r for r in records if r["policy"] == policy and known(r["geodesic"])]
-        of = [r for r in of if known(r["time"])]
+        of = [r for r in records if r["policy"] == policy and exists(r["geodesic"])]
+        of = [r for r in of if exists(r["time"])]
         for good in (True, False):
             some = [r for r in of if bool(r["success"]) == good]
             axes.scatter(
@@ -133,7 +133,7 @@ def _time(policies: Sequence[str], records: Sequence[Record]) -> Figure:
             )  # fmt: skip
     # From zero, with room for whole marks at the far ends.
     for limit, key in ((axes.set_xlim, "geodesic"), (axes.set_ylim, "time")):
-        limit(0.0, 1.05 * max((r[key] for r in records if known(r[key])), default=1.0))
+        limit(0.0, 1.05 * max((r[key] for r in records if exists(r[key])), default=1.0))
     axes.set_xlabel("geodesic from start to goal [m]")
     axes.set_ylabel("time [s]")
     legend_above(figure, axes)
@@ -142,11 +142,11 @@ def _time(policies: Sequence[str], records: Sequence[Record]) -> Figure:
 
 def _clearance(policies: Sequence[str], records: Sequence[Record]) -> Figure:
     figure, axes = new_axes(3.3)
-    every = [r["clearance_min"] for r in records if known(r["clearance_min"])]
+    every = [r["clearance_min"] for r in records if exists(r["clearance_min"])]
     end = 1.03 * max(every, default=0.0) or 1.0
     for i, policy in enumerate(policies):
         of = [r["clearance_min"] for r in records if r["policy"] == policy]
-        values = np.sort(np.array([v for v in of if known(v)], dtype=float))
+        values = np.sort(np.array([v for v in of if exists(v)], dtype=float))
         if len(values):  # each curve runs on to the right end: one of nothing but contacts shows
             share = 100.0 * np.arange(1, len(values) + 1) / len(values)
             axes.step(
@@ -178,7 +178,7 @@ def _ladder(
     policies: Sequence[str], rungs: Mapping[str, Doorway], summary: Sequence[Record]
 ) -> Figure:
     found: dict[tuple[str, str], float] = {
-        (row["policy"], row["scene"]): row["success"] for row in summary if known(row["success"])
+        (row["policy"], row["scene"]): row["success"] for row in summary if exists(row["success"])
     }
     corridors, doors = (
         [getattr(r, key) for r in rungs.values()] for key in ("corridor_width", "door_width")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluation.provenance import command_line, commit, machine, versions
+from agents.evaluation.provenance import command_line, provenance
 from agents.learning.features import Layout, features
 from wheelchair_gym.config import dump
 from wheelchair_gym.envs.guidance import is_built_in
@@ -140,9 +140,7 @@ def make_card(
         "training": dump(training),
         "seed": seed,
         "command": command_line(),
-        "commit": commit(),
-        "machine": machine(),
-        "versions": versions(),
+        **provenance(),
         "limits": limits,
     }
 

@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluation.path_metrics import printed_turning, turning
+from agents.evaluation.metrics import printed_turning, turning
 from agents.evaluation.runs import Record
 from agents.studies.model import SEED_STRIDE
 from planners import Problem, Space, make_planner

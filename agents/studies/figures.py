@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -40,13 +39,15 @@ def stacked_panels(count: int, height: float = 2.0) -> tuple[Figure, list[Axes]]
     return figure, list(np.atleast_1d(figure.subplots(count, 1, sharex=False)))
 
 
-def error_bars(axes: Axes, x: Sequence[float], found: Sequence[tuple[float, float, float]], k: int,
-          label: str) -> None:  # fmt: skip
-    """Draw means with their intervals as one line."""
+def error_bars(
+    axes: Axes, x: Any, found: Sequence[tuple[float, float, float]], k: int, label: str,
+    line: str = "-",
+) -> None:  # fmt: skip
+    """Draw means with their intervals, as one line where `line` is not empty."""
     mean, low, high = (np.array(v) for v in zip(*found, strict=True))
     error = np.nan_to_num([np.maximum(mean - low, 0.0), np.maximum(high - mean, 0.0)])
-    axes.errorbar(x, mean, yerr=error, fmt=MARKS[k % 8] + DASHES[0], color=COLOURS[k % 8],
-                  markersize=4, capsize=2.5, linewidth=1.3, label=label)  # fmt: skip
+    axes.errorbar(x, mean, yerr=error, fmt=MARKS[k % 8] + line, color=COLOURS[k % 8],
+                  markersize=4 if line else 5, capsize=2.5, linewidth=1.3, label=label)  # fmt: skip
 
 
 def trend_figures(r: Results, what: str, metrics: Sequence[Metric]) -> Figures:
@@ -70,11 +71,10 @@ def trend_figures(r: Results, what: str, metrics: Sequence[Metric]) -> Figures:
         axes.set_ylabel(axis_label(metric))
     panels[-1].set_xlabel(what)
     legend_above(figure, panels[0])
-    words = (
-        "Means over five maps with 95 % intervals; the published means (dotted) are scaled to the "
-        "mean of ours, as maps and computers differ."
-    )
-    return {"trend": (words, figure)}
+    return {
+        "trend": ("Means over five maps with 95 % intervals; the published means (dotted) are "
+                  "scaled to the mean of ours, as maps and computers differ.", figure),
+    }  # fmt: skip
 
 
 def box_figures(r: Results, rows: Sequence[str], metrics: Sequence[Metric]) -> Figures:
@@ -158,8 +158,8 @@ WHEEL = 0.075  # m: radius, P2
 SAMPLING = 0.1  # s: P2
 
 
-def _floor(axes: Axes, scene: Any) -> Any:
-    """Draw the obstacles of a scene; its episode."""
+def _draw_scene(axes: Axes, scene: Any) -> None:
+    """Draw the obstacles of a scene, its start and its goal."""
     from wheelchair_gym.scenes import make_scene
 
     episode = make_scene(scene).sample(np.random.default_rng(0))
@@ -167,11 +167,8 @@ def _floor(axes: Axes, scene: Any) -> Any:
         axes.plot([x0, x1], [y0, y1], color=_SOLID, linewidth=1.2, solid_capstyle="round")
     _discs(axes, episode.discs)
     _ends(axes, episode.start[:2], episode.goal[:2])
-    axes.set_aspect("equal")
     axes.grid(visible=False)
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    return episode
+    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
 
 
 def _discs(axes: Axes, discs: Any) -> None:
@@ -192,22 +189,14 @@ def map_figures(r: Results, rows: Sequence[str], best: str, scene: str) -> Figur
     strata = list(r.sample(rows[0], LENGTH))
     figure, axes = new_axes(2.9)
     for k, row in enumerate([*rows, best]):
-        sample = r.sample(row, LENGTH)
-        found = []
-        for stratum in strata:
-            values = {stratum: sample[stratum]}
-            one = estimate([values], [1.0])
-            found.append((one.value, *one.interval))
+        ones = [estimate([{s: v}], [1.0]) for s, v in r.sample(row, LENGTH).items()]
         x = np.arange(len(strata)) + (k - 1.5) * 0.12
-        mean, low, high = (np.array(v) for v in zip(*found, strict=True))
-        error = np.nan_to_num([mean - low, high - mean])
-        axes.errorbar(x, mean, yerr=error, fmt=MARKS[k], color=COLOURS[k], label=row,
-                      markersize=5, capsize=2.5)  # fmt: skip
+        error_bars(axes, x, [(one.value, *one.interval) for one in ones], k, row, "")
     axes.set_xticks(range(len(strata)), [f"map {s[-1]}" for s in strata])
     axes.set_ylabel(axis_label(LENGTH))
     legend_above(figure, axes)
     drawn, plot = new_axes(3.4)
-    _floor(plot, scene)
+    _draw_scene(plot, scene)
     jobs = {row.label: row.jobs[scene] for row in r.study.rows}
     for k, row in enumerate([*rows, best]):
         for seed in range(20):  # the first that finds a path
@@ -299,10 +288,8 @@ def disc_figures(r: Results) -> Figures:
     figure, axes = new_axes(3.2)
     for k, method in enumerate(methods):
         found = [mean_interval(r, f"{method} {goal}", LENGTH) for goal in goals]
-        mean, low, high = (np.array(v) for v in zip(*found, strict=True))
         x = np.arange(len(goals)) + (k - 2) * 0.13
-        axes.errorbar(x, mean, yerr=[mean - low, high - mean], fmt=MARKS[k], color=COLOURS[k],
-                      markersize=5, capsize=2, label=method)  # fmt: skip
+        error_bars(axes, x, found, k, method, "")
         given = [
             row.published.get("length_m", np.nan) for goal in goals for row in r.study.rows
             if row.label == f"{method} {goal}"
@@ -334,17 +321,16 @@ def disc_figures(r: Results) -> Figures:
 
 def rollout_figures(r: Results) -> Figures:
     """T1, figure 2.27: the planned path and the rollout of its controls."""
-    found: Figures = {}
     figure = Figure(figsize=(WIDTH, 5.2), layout="constrained")
     shown = [row for row in r.study.rows if row.label in ("thesis_3", "thesis_5")]
     for row, axes in zip(shown, np.ravel(figure.subplots(len(shown), 1)), strict=True):
-        scene = json.loads(json.dumps(row.jobs[row.label]["scene"]))
-        _floor(axes, scene)
+        _draw_scene(axes, row.jobs[row.label]["scene"])
         kept = [rec for rec in r.runs[row.label, row.label] if "driven" in rec]
         if kept:
             axes.plot(*np.array(kept[0]["path"]).T, "--", color=COLOURS[1], label="path")
             axes.plot(*np.array(kept[0]["driven"]).T, color=COLOURS[0], label="roll-out")
             legend_above(figure, axes) if row is shown[0] else None
-    words = "The path of the global variant, and where its generated controls take the axle."
-    found["driven"] = (words, figure)
-    return found
+    return {
+        "driven": ("The path of the global variant, and where its generated controls take the "
+                   "axle.", figure),
+    }  # fmt: skip
