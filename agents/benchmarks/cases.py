@@ -30,19 +30,12 @@ OPTIMUM = "visibility"  # the planner of the optimum where none is stored
 
 @dataclass(frozen=True)
 class Case:
-    """A problem with its optimum.
-
-    Attributes:
-        problem: map, start, goal and clearance.
-        optimum: length of the shortest path [m]; None if unknown.
-        optimum_source: `file`, the planner that found it, or `unknown`.
-        rectangles: obstacles (n, 4) [m], where all are rectangles.
-    """
+    """A problem with its optimum."""
 
     problem: Problem
-    optimum: float | None
-    optimum_source: str
-    rectangles: Array | None = None
+    optimum: float | None  # length of the shortest path [m]; None if unknown
+    optimum_source: str  # `file`, the planner that found it, or `unknown`
+    rectangles: Array | None = None  # obstacles (n, 4) [m], where all are rectangles
 
     @property
     def name(self) -> str:

@@ -11,8 +11,9 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
+from agents.evaluation.engines import check
 from agents.evaluation.metrics import Record, Trace, measure
-from agents.evaluation.runs import check, compute, run_key, source_digest
+from agents.evaluation.runs import compute, run_key, source_digest
 from agents.policies import GymPolicy, Policy, make_policy, spec_of
 from agents.policies.learned import weights_digest
 from agents.watch import Watch

@@ -11,9 +11,7 @@ import hashlib
 import json
 import os
 import sys
-import time
 import zlib
-from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -21,16 +19,15 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from agents import is_interrupt
-from agents.evaluation.engines import ENGINES, LostError, Pool
+from agents.evaluation.engines import ENGINES, LostError, check
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.files import LIMITS, opened, parse_json, write_error
 
 Record = dict[str, Any]
 Job = TypeVar("Job")
+Made = tuple[str, Record]
 
 LOG_PAUSE = 10.0  # s between two lines of progress in a log
-AHEAD = 2  # batches that are handed out for each worker, so that none waits
-BATCH_TIME = 0.25  # s of work in a batch
 LOSSES = 3  # in a row: workers that are lost without the end of a run between
 
 
@@ -142,19 +139,6 @@ def append(path: Path, records: Mapping[str, Record]) -> None:
         store.write("".join(stored_line(*each) for each in records.items()).encode())
 
 
-def check(workers: int, engine: str) -> None:
-    """Refuse workers and engines that do not exist.
-
-    Raises:
-        InputError: the number is below 1, or the engine is unknown or not installed.
-    """
-    if workers < 1:
-        raise InputError(f"jobs is {workers}; it must be at least 1")
-    if engine not in ENGINES:
-        raise InputError(f"engine {engine!r} is unknown; known: {', '.join(ENGINES)}")
-    ENGINES[engine].check()
-
-
 def compute(
     jobs: Mapping[str, Job],
     work: Callable[[Job], Record],
@@ -191,17 +175,21 @@ def compute(
         done = {
             k: stored[k] for k, job in jobs.items() if k in stored and not (again and again(job))
         }
-        missing = [(key, job) for key, job in jobs.items() if key not in done]
+        missing = {key: job for key, job in jobs.items() if key not in done}
         del stored
         here = engine == "loky" and (workers == 1 or len(missing) < 2)
-        made = _here(missing, work) if here else _by_workers(missing, work, workers, engine)
+        made: Generator[Made] = (
+            ((key, work(job)) for key, job in missing.items())
+            if here
+            else _by_workers(missing, work, workers, engine)
+        )
         try:
             with stopped_by_ctrl_c(lambda: f"{len(done)} of {len(jobs)} {unit}s are stored"):
                 if missing and before is not None:
-                    before([job for _, job in missing])
-                for records in _bar(made, len(jobs), len(done), unit, progress):
-                    done |= records
-                    lines.write("".join(stored_line(*each) for each in records).encode())
+                    before(list(missing.values()))
+                for key, record in _bar(made, len(jobs), len(done), unit, progress):
+                    done[key] = record
+                    lines.write(stored_line(key, record).encode())
         except LostError as error:
             raise ConnectionError(
                 f"workers were lost {LOSSES} times in a row ({error}); "
@@ -212,10 +200,7 @@ def compute(
     return {key: done[key] for key in jobs}
 
 
-Found = list[tuple[str, Record]]
-
-
-def _bar(made: Iterator[Found], total: int, done: int, unit: str, shown: bool) -> Iterator[Found]:
+def _bar(made: Iterator[Made], total: int, done: int, unit: str, shown: bool) -> Iterator[Made]:
     from tqdm import tqdm
 
     pause = 0.1 if sys.stderr.isatty() else LOG_PAUSE
@@ -223,65 +208,27 @@ def _bar(made: Iterator[Found], total: int, done: int, unit: str, shown: bool) -
         total=total, initial=done, unit=unit, mininterval=pause, maxinterval=pause,
         disable=not shown,
     ) as bar:  # fmt: skip
-        for found in made:
-            yield found
-            bar.update(len(found))
-
-
-def _here(missing: Sequence[tuple[str, Job]], work: Callable[[Job], Record]) -> Generator[Found]:
-    for key, job in missing:
-        yield [(key, work(job))]
-
-
-def _batch(work: Callable[[Job], Record], jobs: Sequence[tuple[str, Job]]) -> tuple[Found, float]:
-    """Records, and the seconds that they took."""
-    begun = time.perf_counter()
-    return [(key, work(job)) for key, job in jobs], time.perf_counter() - begun
+        for each in made:
+            yield each
+            bar.update()
 
 
 def _by_workers(
-    missing: Sequence[tuple[str, Job]],
-    work: Callable[[Job], Record],
-    workers: int,
-    engine: str,
-) -> Generator[Found]:
-    """Records in the order in which workers finish them; jobs of a lost worker are repeated.
-
-    Short jobs are handed out in batches of about `BATCH_TIME`.
-    """
-    waiting = deque(missing)
-    running: dict[Any, Sequence[tuple[str, Job]]] = {}
-    size, losses, done = 1, 0, False
-    pool: Pool = ENGINES[engine](workers)
-    try:
-        while waiting or running:
-            lost = None
-            try:
-                while waiting and len(running) < AHEAD * pool.workers:
-                    # Whatever remains is shared by all: the last batches end at about one time.
-                    share = max(1, min(size, len(waiting) // (2 * AHEAD * pool.workers)))
-                    jobs = [waiting[k] for k in range(share)]
-                    running[pool.submit(_batch, work, jobs)] = jobs
-                    for _ in jobs:
-                        waiting.popleft()
-            except LostError as error:
-                lost = error
-            for ticket in pool.ended(list(running)):
-                held = running.pop(ticket)
-                try:
-                    found, seconds = pool.result(ticket)
-                except LostError as error:
-                    lost = error
-                    waiting.extendleft(reversed(held))
-                    continue
+    missing: Mapping[str, Job], work: Callable[[Job], Record], workers: int, engine: str
+) -> Generator[Made]:
+    """Records in the order in which workers finish them; jobs of a lost worker are repeated."""
+    left, losses, alone = dict(missing), 0, False
+    while left:
+        keys = list(left)
+        made = ENGINES[engine](work, list(left.values()), workers, alone)
+        try:
+            for number, record in made:
                 losses = 0
-                size = max(1, min(2 * len(held), int(BATCH_TIME * len(held) / max(seconds, 1e-9))))
-                yield found
-            if lost is not None:
-                losses += 1
-                size = 1  # a job that kills its worker shall take no other along
-                if losses >= LOSSES:
-                    raise lost
-        done = True
-    finally:
-        pool.close(done)
+                del left[keys[number]]
+                yield keys[number], record
+        except LostError:
+            losses, alone = losses + 1, True  # a job that kills its worker takes no other along
+            if losses == LOSSES:
+                raise
+        finally:
+            made.close()
