@@ -63,9 +63,9 @@ def draw(
             of = [record for record in records if record["problem"] == problem]
             here = [row for row in rows if row["problem"] == problem]
             for row in here:
-                own = [record for record in of if record["planner"] == row["planner"]]
-                _success(left, own, looks[row["planner"]])
-                _lengths(right, own, optima[problem], deadlines, looks[row["planner"]])
+                its = [record for record in of if record["planner"] == row["planner"]]
+                _success(left, its, looks[row["planner"]])
+                _lengths(right, its, optima[problem], deadlines, looks[row["planner"]])
             _dress(left, right, problem, here)
         titles = {row["planner"]: entrant_title(row) for row in reversed(rows)}
         lines = [
@@ -134,15 +134,9 @@ def _lengths(
 def _dress(left: Axes, right: Axes, problem: str, rows: Sequence[Row]) -> None:
     runs = max((row["runs"] for row in rows), default=0)
     left.set_title(f"{problem}: valid first path ({runs} runs)", fontsize=9, loc="left")
-    left.set_xscale("log")
-    left.set_ylim(-2, 103)
-    left.set_xlabel("time [ms]")
-    left.set_ylabel("runs [%]")
+    left.set(xscale="log", ylim=(-2, 103), xlabel="time [ms]", ylabel="runs [%]")
     right.set_title(f"{problem}: median, quartiles", fontsize=9, loc="left")
-    right.set_xscale("log")
-    right.set_yscale("log")
-    right.set_xlabel("time [ms]")
-    right.set_ylabel("longer than the optimum [%]")
+    right.set(xscale="log", yscale="log", xlabel="time [ms]", ylabel="longer than the optimum [%]")
     if right.has_data():
         right.axhline(FLOOR, color="#c9ced3", linewidth=0.8)
         right.text(

@@ -57,7 +57,7 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 POPULATION, WAY_POINTS, ITERATIONS, REPEATS = 10, 20, 100, 5  # of the swarms whose time is measured
 TERMS = (
     "The arrays of a map for exact tests are made before the clock starts, and so is each peer's "
-    "own description of the map. The first call is on a map that the planner has not seen; the "
+    "description of the map. The first call is on a map that the planner has not seen; the "
     "other calls share a map and what a planner caches with it.",
     f"Under a deadline a planner's limit of iterations is {UNLIMITED:.0e}; an answer later than "
     f"{LATE_FACTOR} times the deadline does not count. A planner without deadlines answers when it "

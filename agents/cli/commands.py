@@ -379,7 +379,7 @@ COMMANDS = (
         TRAINING_ENVIRON,
     ),
     Command(
-        "export", "weights:export", "write a learned policy as ONNX, or with a model card",
+        "export", "train:export", "write a learned policy as ONNX, or with a model card",
         "Write weights as an ONNX graph, which includes pooling, missing echoes, normalisation, "
         "clipping and scaling; FILE.json beside it describes inputs, outputs and settings. Or "
         "write the last weights of a training run's best seed with a model card, NAME.md: "
@@ -396,7 +396,7 @@ COMMANDS = (
         ],
     ),
     Command(
-        "inspect", "weights:inspect", "draw which observations a learned policy depends on",
+        "inspect", "train:inspect", "draw which observations a learned policy depends on",
         "Drive one episode, hide parts of the observation, and draw how much the action changes: "
         "for each beam at one moment, and for each key over the whole episode.",
         "wheelchair inspect runs/ppo/policy.npz --scene clutter --out occlusion.png",

@@ -71,7 +71,7 @@ def simulate(given: argparse.Namespace) -> int:
         f"{record['time']:.1f} s and {record['length']:.2f} m (shortest {record['geodesic']:.2f}"
         f" m), least clearance {'-' if least is None else f'{least:.3f}'} m"
         + (f"; it stands: {'; '.join(stands)}" if stands else "")
-        + (" (nobody re-arms it in simulation)" if stands and given.chair is None else "")
+        + (" (in simulation it cannot be re-armed)" if stands and given.chair is None else "")
     )
     report(given, record, text)
     return 0
@@ -80,7 +80,7 @@ def simulate(given: argparse.Namespace) -> int:
 def _real(
     given: argparse.Namespace, settings: dict[str, Any], scene: Any, mode: str
 ) -> tuple[Any, Any]:
-    """An environment of a real chair, and with --goal the episode on the chair's own map."""
+    """An environment of a real chair, and with --goal the episode on the chair's map."""
     if given.shield == "off":
         raise InputError("--shield off is for the simulated chair; a real one always has a shield")
     if given.goal is None and given.scene is None:

@@ -51,7 +51,10 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
         raise InputError(f"--time {given.time}: expected more than 0 s")
     chosen, scene = spec(given.policy), chair_spec(given.scene or given.chair)
     if chosen == "explore":
-        chosen = {"name": "explore", "seek": False}  # the whole scene, wherever its goal is
+        chosen = {
+            "name": "explore",
+            "seek": False,
+        }  # all of it, not only up to the goal
     policy = make_policy(chosen)
     config = env_settings(given.config, pose_source="slam")
     if given.particles is not None:
@@ -105,16 +108,13 @@ def _from_scans(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     with progress(len(log.stamps), not given.quiet) as bar:
         maps = [by_odometry(log, laser, config.mapping)]
         if not given.odometry_only:
-            each, end = watch(given).on_survey(log, laser)
+            with watch(given).on_log(log, laser) as each:
 
-            def each_scan(slam: Slam) -> None:
-                each(slam)
-                bar.update(1)
+                def each_scan(slam: Slam) -> None:
+                    each(slam)
+                    bar.update(1)
 
-            try:
                 maps.append(by_slam(log, laser, config, given.seed, each_scan))
-            finally:
-                end(None)
     for one in maps:
         name = "map" if one is maps[-1] else "odometry"
         write_map(one.grid, Path(given.out) / f"{name}.yaml")

@@ -1,4 +1,4 @@
-"""Episodes by seed, in parallel and resumable: what is stored once is never computed twice."""
+"""Episodes by seed, in parallel and resumable: an episode that is stored is not driven again."""
 
 from __future__ import annotations
 
@@ -173,14 +173,10 @@ def _kind(policy: Spec, scene: Spec) -> str:
 
 
 def run_episode(
-    policy: Spec,
-    scene: Spec,
-    seed: int,
-    env: Mapping[str, Any],
-    folder: str | None,
-    watch: Watch = NO_WATCH,
+    job: tuple[Spec, Spec, int], env: Mapping[str, Any], folder: Path, watch: Watch = NO_WATCH
 ) -> Record:
-    """One episode in this process; a failed one leaves a picture in the folder."""
+    """One episode, of policy, scene and seed; one that fails leaves a picture in the folder."""
+    policy, scene, seed = job
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(1)
     if _kind(policy, scene) not in _warmed:
@@ -190,11 +186,11 @@ def run_episode(
     try:
         record = drive_episode(world, make_policy(without_labels(policy)), seed, each)
         picture = None
-        if folder is not None and not record["success"]:
+        if not record["success"]:
             picture = f"pictures/{label(policy)}-{label(scene)}-{seed}.png".replace(" ", "_")
             from wheelchair_gym.rendering.video import write_png
 
-            write_png(Path(folder) / picture, world.render())
+            write_png(folder / picture, world.render())
     finally:
         world.close()
     record |= {"policy": label(policy), "scene": label(scene), "seed": seed, "picture": picture}
@@ -261,14 +257,8 @@ def evaluate(
                 warm(policy, scene, env)
 
     records = compute(
-        wanted, partial(_driven, env=env, folder=str(folder), watch=watch), folder / STORE,
+        wanted, partial(run_episode, env=env, folder=folder, watch=watch), folder / STORE,
         workers=jobs, engine=engine, unit="episode", progress=progress, again=again,
         before=before,
     )  # fmt: skip
     return list(records.values())
-
-
-def _driven(
-    job: tuple[Spec, Spec, int], env: Mapping[str, Any], folder: str, watch: Watch
-) -> Record:
-    return run_episode(*job, env, folder, watch)

@@ -18,7 +18,7 @@ from wheelchair_gym.scenes.arena import Doorway
 Record = Mapping[str, Any]
 
 COLOURS = tuple(palette.css(colour) for colour in palette.SERIES)
-MARKS = "osD^vPX*"  # shape tells policies apart where colour cannot
+MARKS = "osD^vPX*"  # policies differ by shape, too, not only by colour
 DASHES = ("-", "--", "-.", ":")
 WIDTH = 4.4  # inches: on a phone, letters then keep the size of the text around them
 LOOK: Any = {
@@ -38,7 +38,7 @@ LOOK: Any = {
 
 
 def figures(evaluation: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
-    """Every figure: name -> what it shows, in words, and its SVG."""
+    """Every figure by name: its caption and its SVG."""
     policies, records = evaluation["policies"], evaluation["records"]
     drawn: dict[str, tuple[str, Callable[[], Figure]]] = {
         "success": (
@@ -62,7 +62,7 @@ def figures(evaluation: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
             lambda: _ladder(policies, ladder, evaluation["summary"]),
         )
     with mpl.rc_context(LOOK):
-        return {name: (words, as_svg(make())) for name, (words, make) in drawn.items()}
+        return {name: (caption, as_svg(make())) for name, (caption, make) in drawn.items()}
 
 
 def as_svg(figure: Figure) -> bytes:
@@ -113,8 +113,7 @@ def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[R
     for edge in range(1, len(places)):
         axes.axhline(edge - 0.5, color="#c9ced3", linewidth=0.6)
     axes.grid(axis="y", visible=False)
-    axes.set_xlim(-2, 102)
-    axes.set_xlabel("success [% of episodes]")
+    axes.set(xlim=(-2, 102), xlabel="success [% of episodes]")
     legend_above(figure, axes)
     return figure
 
@@ -131,11 +130,10 @@ def _time(policies: Sequence[str], records: Sequence[Record]) -> Figure:
                 marker=MARKS[i % 8] if good else "x", color=COLOURS[i % 8], alpha=0.75,
                 linewidths=0.0 if good else 1.2, label=policy if good else None,
             )  # fmt: skip
-    # From zero, with room for whole marks at the far ends.
+    # From zero, with a margin for the marks at the far ends.
     for limit, key in ((axes.set_xlim, "geodesic"), (axes.set_ylim, "time")):
         limit(0.0, 1.05 * max((r[key] for r in records if exists(r[key])), default=1.0))
-    axes.set_xlabel("geodesic from start to goal [m]")
-    axes.set_ylabel("time [s]")
+    axes.set(xlabel="geodesic from start to goal [m]", ylabel="time [s]")
     legend_above(figure, axes)
     return figure
 
@@ -154,10 +152,12 @@ def _clearance(policies: Sequence[str], records: Sequence[Record]) -> Figure:
                 where="post",
                 color=COLOURS[i % 8], linestyle=DASHES[i % 4], linewidth=1.6, label=policy,
             )  # fmt: skip
-    axes.set_xlim(-0.02 * end, end)
-    axes.set_ylim(0, 102)
-    axes.set_xlabel("least clearance of the episode [m]")
-    axes.set_ylabel("episodes at or below [%]")
+    axes.set(
+        xlim=(-0.02 * end, end),
+        ylim=(0, 102),
+        xlabel="least clearance of the episode [m]",
+        ylabel="episodes at or below [%]",
+    )
     legend_above(figure, axes)
     return figure
 
@@ -201,10 +201,10 @@ def _ladder(
                 rung.corridor_width, rung.door_width, f"{100 * share:.0f}", ha="center",
                 va="center", bbox={"boxstyle": "circle", "fc": colour, "ec": "none"},
             )  # fmt: skip
-        axes.set_xlim(widths[0], widths[-1])
-        axes.set_ylim(min(0.60, min(doors) - 0.05), max(doors) + 0.05)
+        axes.set(
+            xlim=(widths[0], widths[-1]), ylim=(min(0.60, min(doors) - 0.05), max(doors) + 0.05)
+        )
         axes.set_title(policy, loc="left", fontsize=9.0)
-        axes.set_xlabel("corridor [m]")
-        axes.set_ylabel("door [m]")
+        axes.set(xlabel="corridor [m]", ylabel="door [m]")
     legend_above(figure, figure.axes[0])
     return figure

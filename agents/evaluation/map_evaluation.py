@@ -215,11 +215,11 @@ def held_out(scan: int) -> bool:
     return scan % HOLD == HOLD - 1
 
 
-def progress(total: int, shown: bool, unit: str = "scan") -> Any:
+def progress(total: int, enabled: bool, unit: str = "scan") -> Any:
     """A bar on standard error."""
     from tqdm import tqdm
 
-    return tqdm(total=total, unit=unit, disable=not shown or not sys.stderr.isatty())
+    return tqdm(total=total, unit=unit, disable=not enabled or not sys.stderr.isatty())
 
 
 def _residuals(log: SensorLog, laser: LaserSettings, grid: OccupancyGrid, trail: Array) -> Array:

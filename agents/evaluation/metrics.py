@@ -60,11 +60,9 @@ def jerk_rms(speeds: Array, period: float) -> float:
 
 
 def rough_share(twists: Array, period: float) -> float:
-    """Share of time that the axle's centre feels more than `ROUGH`, ahead and sideways together.
+    """Share of time with an acceleration of the axle's centre above `ROUGH`.
 
-    Args:
-        twists: (n, 2) [m/s, rad/s], one a control period.
-        period: [s].
+    Twists (n, 2) [m/s, rad/s] are one a control period [s].
     """
     if len(twists) < 2:
         return 0.0
@@ -76,10 +74,10 @@ def rough_share(twists: Array, period: float) -> float:
 def barn_score(success: bool, seconds: float, way: float, speed: float) -> float:
     """BARN's score of an episode: the time for a way [m] at a speed, over that taken (Xu 2023).
 
-    The time taken counts as 2 to 8 times the other, so that 0.5 is the best; 0 is a failure.
+    The time taken is clipped to 2 to 8 times the other, so that 0.5 is the best; 0 is a failure.
     """
-    swift = way / speed
-    return swift / min(max(seconds, 2.0 * swift), 8.0 * swift) if success and swift > 0.0 else 0.0
+    least = way / speed
+    return least / min(max(seconds, 2.0 * least), 8.0 * least) if success and least > 0.0 else 0.0
 
 
 def accel_rms(speeds: Array, period: float) -> float:
@@ -88,12 +86,7 @@ def accel_rms(speeds: Array, period: float) -> float:
 
 
 def halts(twists: Array, period: float) -> int:
-    """How often a chair stood for `HALT` after it had set out and before the end.
-
-    Args:
-        twists: (n, 2) [m/s, rad/s], one a control period.
-        period: [s].
-    """
+    """How often a chair stood still for `HALT` on its way; twists (n, 2) are one a period [s]."""
     still = (np.abs(twists) < STILL).all(axis=1)
     moving = np.flatnonzero(~still)
     if len(moving) == 0:
@@ -104,21 +97,13 @@ def halts(twists: Array, period: float) -> int:
 
 @dataclass
 class Trace:
-    """What the evaluator saw of one episode, by truth; one entry for reset and each step.
+    """The true states of one episode: one entry for reset and each step."""
 
-    Attributes:
-        period: of control [s].
-        margin: what the chair might grow by and still get through, see `evaluate.TIGHT` [m].
-        top: the chair's own top speed [m/s].
-        reference: way that speed is measured by, where the world names one [m].
-        replans: plans made after the first.
-    """
-
-    period: float
-    margin: float = math.nan
-    top: float = 0.8
-    reference: float | None = None
-    replans: int = 0
+    period: float  # of control [s]
+    margin: float = math.nan  # by how much the chair could grow and still pass [m]
+    top: float = 0.8  # the chair's own top speed [m/s]
+    reference: float | None = None  # path length of the BARN score, where the world names one [m]
+    replans: int = 0  # plans made after the first
     poses: list[Array] = field(default_factory=list)
     twists: list[Array] = field(default_factory=list)
     clearances: list[float] = field(default_factory=list)
@@ -129,7 +114,7 @@ class Trace:
     plan_s: float = 0.0
 
     def add(self, info: Mapping[str, Any]) -> None:
-        """Take in one info of the environment."""
+        """Add one info of the environment."""
         self.poses.append(np.array(info["pose"], dtype=np.float64))
         self.twists.append(np.array(info["twist"], dtype=np.float64))
         self.clearances.append(float(info["clearance"]))
@@ -148,10 +133,9 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
 
     Returns:
         A record without the policy, scene and seed. Success means by truth and without contact;
-        `missed` means that the chair believed to have arrived and had not; `at_fault`, that it
-        caused a contact; `touched_actor`, that it touched something that moves. `sct` is success
-        weighted by completion time (Yokoyama et al. 2021), against the shortest way at the chair's
-        top speed.
+        `missed`, that the chair wrongly believed to have arrived; `at_fault`, that it caused a
+        contact; `touched_actor`, that it touched something that moves. `sct` is success weighted
+        by completion time (Yokoyama et al. 2021), for the shortest path at the chair's top speed.
     """
     success = bool(info["is_success"]) and not trace.contact
     if success:
@@ -291,13 +275,13 @@ def path_figures(path: ArrayLike, problem: Problem) -> dict[str, float | None]:
     line = shapely.LineString(points)
     way = np.append(np.arange(0.0, line.length, SPACING), line.length)
     along = shapely.get_coordinates(shapely.line_interpolate_point(line, way))
-    gaps = np.empty(len(along))
-    _clearances(problem.space.arrays, along, gaps)
+    distances = np.empty(len(along))
+    _clearances(problem.space.arrays, along, distances)
     figures = {
         "length_m": path_length(points),
         "turning_rad": turning(points),
         "printed_turning": printed_turning(points),
         "clearance_min_m": float(shapely.distance(line, shapely.boundary(problem.space.free))),
-        "clearance_mean_m": float(gaps.mean()),
+        "clearance_mean_m": float(distances.mean()),
     }
     return {key: value if math.isfinite(value) else None for key, value in figures.items()}

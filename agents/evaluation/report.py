@@ -1,4 +1,4 @@
-"""What is written about an evaluation: its tables, who wins where, and one page that answers."""
+"""The report of an evaluation: tables, the winners of each scene, and a page with the answer."""
 
 from __future__ import annotations
 

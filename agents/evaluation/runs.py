@@ -200,13 +200,13 @@ def compute(
     return {key: done[key] for key in jobs}
 
 
-def _bar(made: Iterator[Made], total: int, done: int, unit: str, shown: bool) -> Iterator[Made]:
+def _bar(made: Iterator[Made], total: int, done: int, unit: str, progress: bool) -> Iterator[Made]:
     from tqdm import tqdm
 
     pause = 0.1 if sys.stderr.isatty() else LOG_PAUSE
     with tqdm(
         total=total, initial=done, unit=unit, mininterval=pause, maxinterval=pause,
-        disable=not shown,
+        disable=not progress,
     ) as bar:  # fmt: skip
         for each in made:
             yield each

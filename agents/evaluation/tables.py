@@ -16,7 +16,7 @@ class Column(NamedTuple):
 
     key: str
     name: str
-    unit: str | None = ""  # None: a column of words
+    unit: str | None = ""  # None: a column of text
     digits: int = 2
     factor: float = 1.0
     interval: bool = False  # the row has an interval, under the keys KEY_low and KEY_high
@@ -61,7 +61,7 @@ class Cell(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A table; each group of rows is a body of its own in HTML."""
+    """A table; each group of rows is a separate body in HTML."""
 
     caption: str
     columns: Sequence[Column]

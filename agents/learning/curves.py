@@ -117,10 +117,7 @@ def write_curve(folder: Path, rows: list[Row]) -> None:
 def write_sweep(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
     """Write sweep.csv and sweep.svg, which compare runs that differ in one setting; the table.
 
-    Args:
-        key: of the setting.
-        runs: its value and the folder of each run.
-        out: the folder to write to.
+    `key` is that of the setting, `runs` has its value and the folder of each run.
     """
     import matplotlib as mpl
 

@@ -16,15 +16,7 @@ Floats = NDArray[np.float32]
 RANGE_SCALE, RANGE_SHIFT = 0.6, 0.1  # a range r [m] becomes 0.6 ln(r + 0.1)
 GOAL_RANGE = 10.0  # m: the goal's distance is clipped to this
 GOAL_PROXIMITY_WEIGHT = 2.0  # weight of exp(-distance to the goal)
-SCALED = (
-    "twist",
-    "goal",
-    "action",
-    "shield",
-    "path",
-    "side_clearance",
-    "trail",
-)  # keys with a factor
+SCALED = ("twist", "goal", "action", "shield", "path", "side_clearance", "trail")  # with a factor
 
 
 @dataclass(frozen=True)
@@ -92,14 +84,9 @@ class Layout:
 
 
 def features(xp: Any, flat: Any, layout: Layout, scaled: Any, scales: Any) -> Any:
-    """Features (n, actor_size) of flat observations (n, size).
+    """Features (n, actor_size) of flat observations (n, size), by numpy or torch as `xp`.
 
-    Args:
-        xp: numpy or torch.
-        flat: an array of numpy or a tensor of torch.
-        layout: of the observations.
-        scaled: `layout.scaled_indices`, as an array of xp.
-        scales: `layout.scales`, as an array of xp.
+    `scaled` and `scales` are `layout.scaled_indices` and `layout.scales`, as arrays of `xp`.
     """
     ranges = flat[:, : layout.slice_of("ultrasonic").stop]
     far = flat[:, layout.slice_of("goal").start : layout.slice_of("goal").start + 1]

@@ -85,10 +85,10 @@ class Teacher:
     """
 
     def __init__(self, weights: Weights, layout: Layout, env: EnvSettings) -> None:
-        known = load(EnvSettings, weights.card["env"], "teacher: env")
+        its = load(EnvSettings, weights.card["env"], "teacher: env")
         for name, here, there in (
-            ("rate", env.rate, known.rate),
-            ("task.look_ahead_time", env.task.look_ahead_time, known.task.look_ahead_time),
+            ("rate", env.rate, its.rate),
+            ("task.look_ahead_time", env.task.look_ahead_time, its.task.look_ahead_time),
             ("lstm_hidden_size", 0, weights.lstm_size),
         ):
             if here != there:
@@ -163,7 +163,7 @@ def algorithm_class(name: str) -> Any:
 
 
 def make_model(config: Training, seed: int, env: SB3VecEnv, layout: Layout) -> Any:
-    """A new model, whose learning rate decreases linearly over the whole run.
+    """A new model, whose learning rate decreases linearly over the run.
 
     Raises:
         InputError: the algorithm needs an extra that is not installed.

@@ -90,8 +90,8 @@ def random_room_problem(count: int, seed: int) -> tuple[Problem, float]:
             sides = sides[:: rng.choice([1, -1])]
             low = rng.uniform(-0.5 * sides, np.array(LAB_SIZE) - 0.5 * sides)
             box = np.concatenate([np.maximum(low, 0.0), np.minimum(low + sides, LAB_SIZE)])
-            gaps = [np.maximum(box[:2] - end, end - box[2:]).max() for end in np.array(_ENDS)]
-            if min(gaps) > _APART:
+            apart = [np.maximum(box[:2] - end, end - box[2:]).max() for end in np.array(_ENDS)]
+            if min(apart) > _APART:
                 boxes.append(box)
         problem = room_problem(np.array(boxes), *_ENDS)
         shortest = make_planner("visibility").plan(problem, rng).length

@@ -94,8 +94,7 @@ def box_figures(r: Results, rows: Sequence[str], metrics: Sequence[Metric]) -> F
         plot.plot(range(len(rows)), rank.mean(axis=1), MARKS[k] + DASHES[k % 4], color=COLOURS[k],
                   label=metric.name)  # fmt: skip
     plot.set_xticks(range(len(rows)), list(rows), fontsize=7.5)
-    plot.set_ylim(len(rows) + 0.2, 0.8)
-    plot.set_ylabel("mean rank (1: best)")
+    plot.set(ylim=(len(rows) + 0.2, 0.8), ylabel="mean rank (1: best)")
     legend_above(table, plot)
     return {
         "boxes": ("Quartiles of all runs; whiskers reach 1.5 quartile ranges, outliers are left "
@@ -144,9 +143,7 @@ def method_figures(r: Results, rows: Sequence[str]) -> Figures:
         if len(ratio) and len(nodes):
             axes.plot(ratio.mean(), nodes.mean(), MARKS[k % 8], color=COLOURS[k % 8], label=row,
                       markersize=7, fillstyle="full" if k < 8 else "none")  # fmt: skip
-    axes.set_yscale("log")
-    axes.set_xlabel("length / shortest (mean over rooms)")
-    axes.set_ylabel("nodes")
+    axes.set(yscale="log", xlabel="length / shortest (mean over rooms)", ylabel="nodes")
     legend_above(figure, axes)
     return {"methods": ("Mean length as a multiple of the shortest, and nodes kept.", figure)}
 
@@ -247,8 +244,7 @@ def convergence_figures(r: Results) -> Figures:
         axes.plot(x, np.median(curves, axis=0), DASHES[k], color=COLOURS[k], label=label)
         axes.fill_between(x, *np.percentile(curves, [10, 90], axis=0), color=COLOURS[k],
                           alpha=0.15, linewidth=0)  # fmt: skip
-    axes.set_xlabel("iteration")
-    axes.set_ylabel("least cost [m]")
+    axes.set(xlabel="iteration", ylabel="least cost [m]")
     legend_above(figure, axes)
     paths, plot = new_axes(3.9)
     _discs(plot, CHAOTIC_PSO_DISCS)
@@ -322,14 +318,15 @@ def disc_figures(r: Results) -> Figures:
 def rollout_figures(r: Results) -> Figures:
     """T1, figure 2.27: the planned path and the rollout of its controls."""
     figure = Figure(figsize=(WIDTH, 5.2), layout="constrained")
-    shown = [row for row in r.study.rows if row.label in ("thesis_3", "thesis_5")]
-    for row, axes in zip(shown, np.ravel(figure.subplots(len(shown), 1)), strict=True):
+    drawn = [row for row in r.study.rows if row.label in ("thesis_3", "thesis_5")]
+    for row, axes in zip(drawn, np.ravel(figure.subplots(len(drawn), 1)), strict=True):
         _draw_scene(axes, row.jobs[row.label]["scene"])
         kept = [rec for rec in r.runs[row.label, row.label] if "driven" in rec]
         if kept:
             axes.plot(*np.array(kept[0]["path"]).T, "--", color=COLOURS[1], label="path")
             axes.plot(*np.array(kept[0]["driven"]).T, color=COLOURS[0], label="roll-out")
-            legend_above(figure, axes) if row is shown[0] else None
+            if row is drawn[0]:
+                legend_above(figure, axes)
     return {
         "driven": ("The path of the global variant, and where its generated controls take the "
                    "axle.", figure),

@@ -91,7 +91,7 @@ class Results:
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of a source in our words, and its test."""
+    """A claim of a source and its test."""
 
     text: str
     source: str

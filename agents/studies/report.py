@@ -56,7 +56,7 @@ def write_studies_page(
     path: Path, title: str, chapters: Sequence[tuple[Chapter, Figures]], source: Mapping[str, Any]
 ) -> Path:
     """Write one page of all chapters, which needs no other file."""
-    shown = []
+    found = []
     for chapter, drawn in chapters:
         claims = [
             {**claim, "effect": effect_text(claim), "class": _CLASSES[Verdict(claim["verdict"])],
@@ -65,22 +65,22 @@ def write_studies_page(
                 chapter["claims"], key=lambda claim: list(_CLASSES).index(claim["verdict"])
             )
         ]  # fmt: skip
-        shown.append({**chapter, "claims": claims, "table": _table(chapter), "drawn": drawn})
+        found.append({**chapter, "claims": claims, "table": _table(chapter), "drawn": drawn})
     return write_page(
-        path, "studies.html", title=title, source=source, totals=_totals(shown),
-        failed=[c for of in shown for c in of["claims"] if c["verdict"] == Verdict.FAILS],
-        level=f"{LEVEL:g}", contents=_contents(shown), chapters=shown,
+        path, "studies.html", title=title, source=source, totals=_totals(found),
+        failed=[c for of in found for c in of["claims"] if c["verdict"] == Verdict.FAILS],
+        level=f"{LEVEL:g}", contents=_contents(found), chapters=found,
     )  # fmt: skip
 
 
 def _contents(chapters: Sequence[Chapter]) -> Table:
-    words = [Column("", name, None) for name in ("study", "subject")]
+    texts = [Column("", name, None) for name in ("study", "subject")]
     rows = [
         [Cell(chapter["name"], link=f"#{chapter['name']}"), Cell(chapter["title"]),
          *(Cell(str(n), key=n) for n in count_verdicts([chapter]).values())]
         for chapter in chapters
     ]  # fmt: skip
-    columns = [*words, *(Column("", str(verdict), "claims") for verdict in Verdict)]
+    columns = [*texts, *(Column("", str(verdict), "claims") for verdict in Verdict)]
     return Table("Verdicts by study", columns, [rows])
 
 

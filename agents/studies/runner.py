@@ -85,7 +85,7 @@ def run_studies(
         studies: what to run.
         folder: for the store of runs, NAME.csv and NAME.json of each study, its figures, and one
             page, `report.html`.
-        runs: of each row and stratum; None: the study's own number.
+        runs: of each row and stratum; None: the study's number.
         quick: few runs, for a first look.
         jobs: worker processes.
         engine: of `agents.evaluation.engines`.
@@ -112,7 +112,7 @@ def run_studies(
     source: dict[str, Any] = {
         **provenance(jobs=jobs, engine=engine),
         "judged together": f"{CLAIMS} claims, level {LEVEL} for all, Bonferroni",
-        "seeds": "as the CSV says: each row its own, paired rows the same",
+        "seeds": "as in the CSV: different for each row, equal for paired rows",
         "finished": now(),
     }
     chapters: dict[str, Any] = {}
@@ -123,7 +123,7 @@ def run_studies(
         figures = _write_figures(study, results, folder)
         chapter = {
             **summary(study, results, counts[study.name]),
-            "figures": {name: words for name, (words, _) in figures.items()},
+            "figures": {name: caption for name, (caption, _) in figures.items()},
         }
         lines = [
             {"study": study.name, "row": row, "stratum": stratum, "seed": seed}
@@ -154,13 +154,13 @@ def _write_figures(study: Study, results: Results, folder: Path) -> dict[str, tu
     """Each figure with its caption as SVG; also written as SVG and PNG."""
     found = {}
     with mpl.rc_context(LOOK):
-        for name, (words, figure) in study.figures(results).items():
+        for name, (caption, figure) in study.figures(results).items():
             svg = as_svg(figure)
             with atomic_write(folder / "figures" / f"{study.name}-{name}.svg") as part:
                 part.write_bytes(svg)
             with atomic_write(folder / "figures" / f"{study.name}-{name}.png") as part:
                 figure.savefig(part, format="png", dpi=150)
-            found[name] = (words, svg)
+            found[name] = (caption, svg)
     return found
 
 

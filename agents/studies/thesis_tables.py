@@ -217,33 +217,23 @@ def _balanced(number: int, variant: str) -> Study:
                     found.setdefault(f"{row.series}, {stratum}", []).append(values)
         return {key: np.concatenate(values) for key, values in found.items()}
 
-    def judge(metric: Metric) -> Callable[[Results], Evidence]:
-        return lambda r: below(
-            gathered(r, metric, lambda x: x >= 0.5), gathered(r, metric, lambda x: x == 0.0),
-            NEGLIGIBLE[metric], f"{metric.name}, lambda / a of 0.5 and more against 0",
-        )  # fmt: skip
+    def judge(metric: Metric, equal: bool) -> Callable[[Results], Evidence]:
+        def evidence(r: Results) -> Evidence:
+            half = gathered(r, metric, lambda x: x >= 0.5)
+            none, part = gathered(r, metric, lambda x: x == 0.0), NEGLIGIBLE[metric]
+            label = f"{metric.name}, lambda / a of 0.5 and more against 0"
+            if equal:
+                return between(half, none, -part, part, label)
+            return below(half, none, part, label)
 
-    def alike(metric: Metric) -> Callable[[Results], Evidence]:
-        m = NEGLIGIBLE[metric]
-        return lambda r: between(
-            gathered(r, metric, lambda x: x >= 0.5), gathered(r, metric, lambda x: x == 0.0),
-            -m, m, f"{metric.name}, lambda / a of 0.5 and more against 0",
-        )  # fmt: skip
+        return evidence
 
-    text = "With lambda at half of a or more, the "
-    claims = [Claim(text + f"length is below that at lambda = 0 ({variant})", where, judge(LENGTH))]
-    for metric in (NODES, TIME):
-        claims.append(
-            Claim(
-                text + f"{_NAMES[metric]} is below that at lambda = 0 (local)",
-                where,
-                judge(metric),
-            )
-            if variant == "local"
-            else Claim(
-                text + f"{_NAMES[metric]} is as at lambda = 0 (global)", where, alike(metric)
-            )
-        )
+    claims = []
+    for metric in _METRICS:
+        equal = variant == "global" and metric is not LENGTH
+        what = "as" if equal else "below that"
+        text = f"With lambda at half of a or more, the {_NAMES[metric]} is {what} at lambda = 0"
+        claims.append(Claim(f"{text} ({variant})", where, judge(metric, equal)))
     return Study(
         name,
         f"Varying a and the threshold lambda, {variant} variant",
