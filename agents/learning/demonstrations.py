@@ -105,8 +105,8 @@ def imitate(config: Imitation, seed: int, folder: Path, progress: bool = True) -
             actions.append(episode_actions)
             success += is_success
             bar.update()
-        data = (torch.from_numpy(np.concatenate(of)) for of in (observations, actions))
-        loss = _fit(network, *data, config)
+        inputs, targets = (torch.from_numpy(np.concatenate(of)) for of in (observations, actions))
+        loss = _fit(network, inputs, targets, config)
         rounds.append(
             {"driver": "expert" if student is None else "student", "loss": loss,
              "success": success / config.episodes, "steps": sum(map(len, observations))}

@@ -81,10 +81,6 @@ class Network:
         self._h = np.zeros((rows, self._lstm_size), np.float32)
         self._c = np.zeros_like(self._h)
 
-    def reset_rows(self, rows: NDArray[np.bool_]) -> None:
-        """Set the recurrent state of some rows to zero."""
-        self._h[rows], self._c[rows] = 0.0, 0.0
-
     def __call__(self, flat: Floats) -> Floats:
         """Actions (n, 2) in [-1, 1] for flat observations (n, size)."""
         public = self._layout.size - self._layout.privileged_size
