@@ -21,47 +21,29 @@ ALGORITHMS = ("ppo", "recurrent_ppo", "sac", "td3", "tqc", "bc")
 TRAINING_ENVIRON = {"GOMP_SPINCOUNT": "30000", "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
 
 
-def parse_int(text: str, least: int = 0) -> int:
-    """An integer of at least 0."""
-    try:
-        value = int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not an integer") from None
-    if value < least:
-        raise argparse.ArgumentTypeError(f"{value} is too small; expected at least {least}")
-    return value
+def number(
+    kind: Callable[[str], float], low: float = -math.inf, high: float = math.inf
+) -> Callable[[str], Any]:
+    """A parser of integers or finite numbers within bounds."""
+
+    def parse(text: str) -> float:
+        try:
+            value = kind(text)
+        except ValueError:
+            what = "an integer" if kind is int else "a number"
+            raise argparse.ArgumentTypeError(f"{text!r} is not {what}") from None
+        if isinstance(value, float) and not math.isfinite(value):
+            raise argparse.ArgumentTypeError(f"{text!r} is not finite")
+        if not low <= value <= high:
+            expected = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
+            raise argparse.ArgumentTypeError(f"{text}: expected {expected}")
+        return value
+
+    return parse
 
 
-def count(text: str) -> int:
-    """An integer of at least 1."""
-    return parse_int(text, least=1)
-
-
-def finite(text: str) -> float:
-    """A finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not finite")
-    return value
-
-
-def non_negative(text: str) -> float:
-    """A finite number of at least 0."""
-    value = finite(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text} is negative; expected at least 0")
-    return value
-
-
-def share(text: str) -> float:
-    """A number from 0 to 1."""
-    value = finite(text)
-    if not 0.0 <= value <= 1.0:
-        raise argparse.ArgumentTypeError(f"{text}: expected 0 to 1")
-    return value
+parse_int, count = number(int, low=0), number(int, low=1)
+finite, non_negative, share = number(float), number(float, low=0), number(float, 0, 1)
 
 
 def pose(text: str) -> list[float]:
