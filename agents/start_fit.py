@@ -30,7 +30,7 @@ _CLIMBED = 12  # preselected poses from which hill climbing starts
 
 @settings
 class StartCheck:
-    """When a start that a person gives is accepted."""
+    """Conditions for accepting a start that a person gives."""
 
     least: float = setting(
         default=0.45,

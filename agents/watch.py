@@ -43,7 +43,7 @@ class Watch:
         return replace(self, record=str(Path(self.record) / f"{name}.mcap"))
 
     def on(self, env: Any, film: Each | None = None) -> tuple[Any, Each | None]:
-        """The environment as it is watched, and what is to be called after reset and each step.
+        """The recorded environment, and the function to call after reset and each step.
 
         Raises:
             InputError: the extra 'record' is not installed, the file cannot be written, or the
@@ -62,7 +62,7 @@ class Watch:
 
     @contextmanager
     def on_log(self, log: SensorLog, laser: LaserSettings) -> Iterator[Callable[[Slam], None]]:
-        """What is to be called after each scan of a log."""
+        """The function to call after each scan of a log."""
         if not self:
             yield lambda slam: None
             return

@@ -1,4 +1,4 @@
-"""What commands make of their arguments: settings, environments, recordings and output."""
+"""Settings, environments, recordings and output from the arguments of commands."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wheelchair_gym.files import parse_json, read_text
 
 
 def spec(text: str) -> str | dict[str, Any]:
-    """Settings by NAME, or by FILE.json:NAME those of that name in a file.
+    """The name NAME, or the settings called NAME in a file, for FILE.json:NAME.
 
     A file in the format of the thesis (figure 3.1) holds the settings of its planners.
 
@@ -124,10 +124,7 @@ def real_chair_env(chair: Any, settings: Mapping[str, Any], **more: Any) -> tupl
     From now on SIGTERM and SIGHUP end this program as Ctrl-C does, so that the chair stops, and a
     person at the terminal can re-arm it.
 
-    Args:
-        chair: its name or settings, see `make_chair`.
-        settings: of the environment, from `agents.evaluation.evaluate.env_settings`.
-        more: further arguments of the environment.
+    `chair` is for `make_chair`; `settings` and `more` are arguments of the environment.
 
     Raises:
         InputError: the settings are wrong, or no chair answers.

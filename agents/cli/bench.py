@@ -14,7 +14,7 @@ from wheelchair_gym.config import InputError
 
 
 def env(given: argparse.Namespace) -> int:
-    """Measure, print each figure as it comes, write them all."""
+    """Measure the speed of environments; print each figure at once, and write all of them."""
     from agents.benchmarks.environments import measure, provenance
 
     if given.seconds <= 0.0:
@@ -43,7 +43,7 @@ def _line(row: dict[str, Any]) -> str:
 
 
 def planners(given: argparse.Namespace) -> int:
-    """Run what is missing, write results as they grow, print tables."""
+    """Make the missing runs of planners, write the results, and print tables."""
     from agents.benchmarks.curves import draw
     from agents.benchmarks.entrants import select_peers
     from agents.benchmarks.planner_benchmark import PlannerBenchmark, one_core

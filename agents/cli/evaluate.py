@@ -23,7 +23,7 @@ SEED_OFFSET = 500_000  # from the seeds of trials to those on which the best is 
 
 
 def scenes_of(names: Sequence[str] | None) -> list[str | dict[str, Any]]:
-    """Scenes by name; a name FILE.json stands for all worlds of the file."""
+    """Scenes by name; the name FILE.json means all worlds of the file."""
     found: list[str | dict[str, Any]] = []
     for name in names or ():
         if name.endswith(".json"):
@@ -121,7 +121,7 @@ def tune(given: argparse.Namespace) -> int:
 
 
 def _objective(given: argparse.Namespace, what: Any, folder: Path) -> Any:
-    """What a trial is evaluated by: episodes of a policy, or plans of a planner."""
+    """The score of a trial: by episodes of a policy, or plans of a planner."""
     from agents.evaluation.tuning import METRICS, Drives, Plans, is_planner
 
     jobs = given.jobs or cores()

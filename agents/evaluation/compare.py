@@ -37,7 +37,7 @@ TRAINING = 1_000_000  # the first training seed
 
 @dataclass(frozen=True)
 class Suite:
-    """What is compared with what, on which episodes."""
+    """The policies, scenes and episodes of a comparison."""
 
     title: str
     policies: tuple[Spec, ...]

@@ -73,7 +73,7 @@ def _ray(work: Callable[[Job], Any], jobs: Sequence[Job], workers: int, alone: b
         import planners
         import wheelchair_gym
 
-        # The cluster's machines run this very code, whatever is installed there.
+        # Send this code to the cluster's machines, whatever is installed there.
         threads = ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "NUMBA")
         env = {f"{name}_NUM_THREADS": "1" for name in threads}
         code = {"py_modules": [wheelchair_gym, planners, agents], "env_vars": env}

@@ -80,7 +80,7 @@ def episode_key(policy: Spec, scene: Spec, seed: int, env: Mapping[str, Any]) ->
 
 
 def env_settings(**values: Any) -> dict[str, Any]:
-    """Keyword settings of the environment, a config file read in; what is None is left out.
+    """Keyword settings of the environment, without those that are None; a config file is read.
 
     Raises:
         InputError: the config file cannot be read, or a setting in it is wrong.

@@ -55,11 +55,11 @@ def figures(evaluation: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
             lambda: _clearance(policies, records),
         ),
     }
-    if ladder := _doorways(evaluation):
+    if doorways := _doorways(evaluation):
         drawn["doors"] = (
             "Success [%] by the widths of door and corridor. Below the solid line no manoeuvre "
             "gets the chair round the corner; below the dashed one, none with 5 cm to spare.",
-            lambda: _ladder(policies, ladder, evaluation["summary"]),
+            lambda: _doors(policies, doorways, evaluation["summary"]),
         )
     with mpl.rc_context(LOOK):
         return {name: (caption, as_svg(make())) for name, (caption, make) in drawn.items()}
@@ -73,13 +73,13 @@ def as_svg(figure: Figure) -> bytes:
 
 
 def new_axes(height: float) -> tuple[Figure, Axes]:
-    """An empty figure of so many inches."""
+    """An empty figure of this height [inches]."""
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     return figure, figure.add_subplot()
 
 
 def legend_above(figure: Figure, axes: Axes) -> None:
-    """One legend above the axes: nothing is hidden by it."""
+    """One legend above the axes, where it hides no data."""
     handles, labels = axes.get_legend_handles_labels()
     longest = max(map(len, labels), default=1)
     columns = max(1, min(len(labels), 56 // (longest + 6)))
@@ -163,25 +163,25 @@ def _clearance(policies: Sequence[str], records: Sequence[Record]) -> Figure:
 
 
 def _doorways(evaluation: Mapping[str, Any]) -> dict[str, Doorway]:
-    """The rungs of a ladder of doors by label; none where a scene is another, or there twice."""
+    """The doorways of the scenes, by label; none if a scene is of another kind, or occurs twice."""
     config = evaluation["provenance"].get("config", {})
-    rungs = {}
+    doorways = {}
     for label, spec in zip(evaluation["scenes"], config.get("scenes", ()), strict=False):
         if not isinstance(spec, Mapping) or spec.get("name") != "doorway":
             return {}
         widths = {key: spec[key] for key in ("door_width", "corridor_width") if key in spec}
-        rungs[label] = Doorway(**widths)
-    return rungs if len(set(rungs.values())) == len(rungs) else {}
+        doorways[label] = Doorway(**widths)
+    return doorways if len(set(doorways.values())) == len(doorways) else {}
 
 
-def _ladder(
-    policies: Sequence[str], rungs: Mapping[str, Doorway], summary: Sequence[Record]
+def _doors(
+    policies: Sequence[str], doorways: Mapping[str, Doorway], summary: Sequence[Record]
 ) -> Figure:
     found: dict[tuple[str, str], float] = {
         (row["policy"], row["scene"]): row["success"] for row in summary if exists(row["success"])
     }
     corridors, doors = (
-        [getattr(r, key) for r in rungs.values()] for key in ("corridor_width", "door_width")
+        [getattr(r, key) for r in doorways.values()] for key in ("corridor_width", "door_width")
     )
     widths = np.linspace(min(corridors) - 0.08, max(corridors) + 0.08, 30)
     figure = Figure(figsize=(WIDTH, 0.8 + 2.6 * len(policies)), layout="constrained")
@@ -193,12 +193,12 @@ def _ladder(
             axes.plot(
                 widths, least, dash, color=COLOURS[1], label=f"{100 * margin:.0f} cm to spare"
             )
-        for label, rung in rungs.items():
+        for label, doorway in doorways.items():
             if (share := found.get((policy, label))) is None:
                 continue
             colour = mpl.colormaps["RdYlGn"](share, 0.6)
             axes.text(
-                rung.corridor_width, rung.door_width, f"{100 * share:.0f}", ha="center",
+                doorway.corridor_width, doorway.door_width, f"{100 * share:.0f}", ha="center",
                 va="center", bbox={"boxstyle": "circle", "fc": colour, "ec": "none"},
             )  # fmt: skip
         axes.set(

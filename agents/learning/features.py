@@ -21,7 +21,7 @@ SCALED = ("twist", "goal", "action", "shield", "path", "side_clearance", "trail"
 
 @dataclass(frozen=True)
 class Layout:
-    """Where each key stands in a flat observation, in the order of the task."""
+    """The place of each key in a flat observation, in the order of the task."""
 
     sizes: tuple[tuple[str, int], ...]  # key, count of numbers
     path_has_heading: bool  # the path holds poses, not points
@@ -39,7 +39,7 @@ class Layout:
         return cls(sizes, layout["path_has_heading"])
 
     def slice_of(self, key: str) -> slice:
-        """Where a key stands; an empty slice where it is absent."""
+        """The place of a key; an empty slice if it is absent."""
         return places(self.sizes).get(key, slice(0, 0))
 
     @property
@@ -77,7 +77,7 @@ class Layout:
 
     @property
     def scaled_indices(self) -> NDArray[np.int64]:
-        """Where the numbers of `scales` stand in a flat observation."""
+        """The places of the numbers of `scales` in a flat observation."""
         each = {key: self.slice_of(key) for key in SCALED}
         each["goal"] = slice(each["goal"].start + 1, each["goal"].stop)
         return np.concatenate([np.arange(at.start, at.stop) for at in each.values()])

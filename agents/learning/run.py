@@ -196,9 +196,10 @@ class Run:
 
     def weights(self, row: Row) -> Weights:
         """The current actor with its card."""
+        algorithm = self.config.algorithm
+        head = "clip" if algorithm in ON_POLICY else "tanh"  # how its outputs come into [-1, 1]
         card = make_card(
-            self.config.algorithm, networks.action_head(self.config.algorithm), self.layout,
-            self._env_settings, self.config, self.seed,
+            algorithm, head, self.layout, self._env_settings, self.config, self.seed,
             limits="trained and evaluated in simulation only; it guarantees nothing: drive it "
             "behind a shield",
         )  # fmt: skip
@@ -208,7 +209,7 @@ class Run:
             "row": row,
             "curve": [[r.get(key, "") for key in CURVE_COLUMNS] for r in (*self.rows, row)],
         }
-        return Weights(networks.actor_arrays(self.model, self.config.algorithm), card)
+        return Weights(networks.actor_arrays(self.model, algorithm), card)
 
     def _save(self, weights: Weights) -> None:
         curves.write_curve(self.folder, self.rows)

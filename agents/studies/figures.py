@@ -13,15 +13,10 @@ from matplotlib.patches import Circle
 
 from agents.evaluation.figures import COLOURS, DASHES, MARKS, WIDTH, legend_above, new_axes
 from agents.studies.evidence import estimate
-from agents.studies.model import LENGTH, Array, Metric, Results
+from agents.studies.model import LENGTH, NODES, RATIO, Array, Metric, Results
 from wheelchair_gym.rendering import palette
 
 Figures = dict[str, tuple[str, Figure]]
-
-
-def axis_label(metric: Metric) -> str:
-    """A metric with its unit."""
-    return f"{metric.name} [{metric.unit}]" if metric.unit else metric.name
 
 
 def mean_interval(r: Results, row: str, metric: Metric) -> tuple[float, float, float]:
@@ -68,7 +63,7 @@ def trend_figures(r: Results, what: str, metrics: Sequence[Metric]) -> Figures:
                           marker=".", linewidth=1.0,
                           label=f"published, {name}" if name else "published, scaled to one mean",
                           zorder=1)  # fmt: skip
-        axes.set_ylabel(axis_label(metric))
+        axes.set_ylabel(metric.heading)
     panels[-1].set_xlabel(what)
     legend_above(figure, panels[0])
     return {
@@ -84,7 +79,7 @@ def box_figures(r: Results, rows: Sequence[str], metrics: Sequence[Metric]) -> F
         axes.boxplot([r.pooled(row, metric) for row in rows], tick_labels=list(rows),
                      showfliers=False, medianprops={"color": COLOURS[1]})  # fmt: skip
         axes.tick_params(axis="x", labelsize=7.5)
-        axes.set_ylabel(axis_label(metric))
+        axes.set_ylabel(metric.heading)
     table, plot = new_axes(2.8)
     for k, metric in enumerate(metrics):
         values = np.array([r.pooled(row, metric) for row in rows])  # (rows, runs)
@@ -114,7 +109,7 @@ def ladder_figures(r: Results, methods: Sequence[str], counts: Sequence[float]) 
             rows = [row for row in r.study.rows if row.series == method]
             error_bars(axes, [row.x for row in rows],
                   [mean_interval(r, row.label, metric) for row in rows], k, method)  # fmt: skip
-        axes.set_ylabel(axis_label(metric))
+        axes.set_ylabel(metric.heading)
         axes.set_xticks([1, 2, 3], ["lab 1", "lab 2", "lab 3"])
     panels[1].set_ylim(bottom=0.0)
     legend_above(figure, panels[0])
@@ -139,7 +134,7 @@ def method_figures(r: Results, rows: Sequence[str]) -> Figures:
     """Length against the shortest, and nodes, by method."""
     figure, axes = new_axes(3.2)
     for k, row in enumerate(rows):
-        ratio, nodes = r.pooled(row, "ratio"), r.pooled(row, "nodes")
+        ratio, nodes = (r.pooled(row, metric) for metric in (RATIO, NODES))
         if len(ratio) and len(nodes):
             axes.plot(ratio.mean(), nodes.mean(), MARKS[k % 8], color=COLOURS[k % 8], label=row,
                       markersize=7, fillstyle="full" if k < 8 else "none")  # fmt: skip
@@ -190,7 +185,7 @@ def map_figures(r: Results, rows: Sequence[str], best: str, scene: str) -> Figur
         x = np.arange(len(strata)) + (k - 1.5) * 0.12
         error_bars(axes, x, [(one.value, *one.interval) for one in ones], k, row, "")
     axes.set_xticks(range(len(strata)), [f"map {s[-1]}" for s in strata])
-    axes.set_ylabel(axis_label(LENGTH))
+    axes.set_ylabel(LENGTH.heading)
     legend_above(figure, axes)
     drawn, plot = new_axes(3.4)
     _draw_scene(plot, scene)
@@ -293,7 +288,7 @@ def disc_figures(r: Results) -> Figures:
         axes.plot(x, given, "_", color=_GREY, markersize=9, markeredgewidth=1.6,
                   label="published" if k == 0 else None)  # fmt: skip
     axes.set_xticks(range(len(goals)), goals)
-    axes.set_ylabel(axis_label(LENGTH))
+    axes.set_ylabel(LENGTH.heading)
     legend_above(figure, axes)
     paths = Figure(figsize=(WIDTH, 6.6), layout="constrained")
     for goal, plot in zip(goals, np.ravel(paths.subplots(3, 2)), strict=True):

@@ -17,7 +17,18 @@ from agents.studies.evidence import (
     share_above,
 )
 from agents.studies.figures import ladder_figures, method_figures
-from agents.studies.model import LENGTH, NODES, TIME, Claim, Metric, Results, Row, Study, published
+from agents.studies.model import (
+    LENGTH,
+    NODES,
+    RATIO,
+    TIME,
+    Claim,
+    Metric,
+    Results,
+    Row,
+    Study,
+    published,
+)
 from planners.trees.variants import RrtStar, RrtStarLimited
 from wheelchair_gym.config import dump
 
@@ -124,7 +135,6 @@ TABLE: Final = (
 )  # fmt: skip
 # Rooms are drawn for each seed, so that runs of methods without random numbers differ.
 _ROOMS: Final = (8, 16, 24, 32)
-RATIO: Final = Metric("ratio", "length / shortest", "", 4)
 _T1, _T2 = "T1, table 1.1", "T2, table 1.1"
 
 

@@ -79,7 +79,7 @@ def run_studies(
     progress: bool = True,
     title: str | None = None,
 ) -> dict[str, Any]:
-    """Run what is missing, test the claims, and write everything to a folder.
+    """Make the missing runs, test the claims, and write all results to a folder.
 
     Args:
         studies: what to run.
