@@ -14,7 +14,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from agents import is_interrupt
+from agents import StoppedError, is_interrupt
 from agents.cli.commands import COMMANDS, GROUPS, Command, OneOf
 
 LONGEST_ERROR = 1000  # characters
@@ -156,6 +156,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
     except MemoryError as error:
         return _fail(f"not enough memory ({error})" if str(error) else "not enough memory")
+    except StoppedError as error:
+        from agents.cli.arguments import stopped
+
+        return stopped(error)
     except (KeyboardInterrupt, SystemError) as error:
         if not is_interrupt(error):
             raise

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from agents import StoppedError
 from agents.cli.arguments import check_picture, labelled, report, stopped
 from agents.evaluation.provenance import write_json, write_text
 from wheelchair_gym.config import InputError
@@ -47,7 +48,6 @@ def planners(given: argparse.Namespace) -> int:
     from agents.benchmarks.curves import draw
     from agents.benchmarks.entrants import select_peers
     from agents.benchmarks.planner_benchmark import PlannerBenchmark, one_core
-    from agents.evaluation.runs import StoppedError
     from agents.evaluation.tables import csv_table
     from agents.peers import PEERS
     from planners import PLANNERS

@@ -18,7 +18,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from agents import is_interrupt
+from agents import StoppedError, is_interrupt
 from agents.evaluation.engines import ENGINES, LostError, check
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.files import LIMITS, opened, parse_json, write_error
@@ -29,10 +29,6 @@ Made = tuple[str, Record]
 
 LOG_PAUSE = 10.0  # s between two lines of progress in a log
 LOSSES = 3  # in a row: workers that are lost without the end of a run between
-
-
-class StoppedError(Exception):
-    """Ctrl-C stopped the runs; what was finished is in the store."""
 
 
 @contextmanager

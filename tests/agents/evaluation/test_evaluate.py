@@ -7,11 +7,12 @@ import json
 import numpy as np
 import pytest
 
+from agents import StoppedError
 from agents.evaluation import evaluate as module
 from agents.evaluation.compare import Suite, compare
 from agents.evaluation.evaluate import STORE, evaluate
 from agents.evaluation.metrics import TIMING
-from agents.evaluation.runs import StoppedError, read_store
+from agents.evaluation.runs import read_store
 from agents.policies.planned import Planned
 from agents.policies.scripted import StraightPolicy
 from wheelchair_gym.config import InputError, setting, settings

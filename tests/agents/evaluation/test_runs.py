@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 from joblib._parallel_backends import LokyBackend
 
+from agents import StoppedError
 from agents.evaluation.engines import ENGINES
-from agents.evaluation.runs import StoppedError, compute, read_store
+from agents.evaluation.runs import compute, read_store
 from tests.agents.evaluation import runs_work as work
 from tests.conftest import ROOT
 from wheelchair_gym.config import InputError

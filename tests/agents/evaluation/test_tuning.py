@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 
+from agents import StoppedError
 from agents.cli import main
 from agents.cli.arguments import spec
 from agents.evaluation.evaluate import evaluate
-from agents.evaluation.runs import StoppedError
 from agents.evaluation.tuning import Drives, Plans, Range, read_range, tune, value_at
 from planners import make_planner
 from wheelchair_gym.config import InputError, with_values

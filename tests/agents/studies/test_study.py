@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from agents import StoppedError
 from agents.cli import main
 from agents.evaluation import metrics
-from agents.evaluation.runs import StoppedError
 from agents.studies import experiments
 from agents.studies import runner as module
 from agents.studies.model import published
