@@ -92,7 +92,8 @@ def _warm(planner: Any, clearance: float) -> None:
 def _compile_beside(planner: Any) -> None:
     """Compile the planner in a second process while this one compiles the rest."""
     # Only the largest kernel: some others are compiled only for some settings.
-    kernels = sorted(kernels_of(type(planner).solve), key=lambda k: len(called_by(k)))
+    solve = getattr(type(planner), "solve", type(planner).plan)  # others' planners have a plan only
+    kernels = sorted(kernels_of(solve), key=lambda k: len(called_by(k)))
     compile_beside(kernels[-1:], lambda: _warm(planner, 0.0))
 
 
