@@ -66,7 +66,6 @@ class Watch:
         if not self:
             yield lambda slam: None
             return
-        from wheelchair_gym.recording import messages as m
         from wheelchair_gym.recording.record import RecordingSettings
         from wheelchair_gym.recording.sink import NANO, Sink
 
@@ -85,14 +84,14 @@ class Watch:
             twist = log.increments[k][[0, 2]] / period if period > 0.0 else np.zeros(2)
             if stamp - drawn >= RecordingSettings().refresh_period:
                 drawn = stamp
-                out.send("/map", m.grid(out.now, slam.map))
-                out.send("/tf_static", m.mounts(out.now, laser))
-                out.send("/trail", m.trail(out.now, slam.trajectory[:, :2]))
-            out.send("/tf", m.frames(out.now, slam.pose, odometry[k]))
-            out.send("/scan", m.scan(out.now, laser, log.ranges[k]))
-            out.send("/odometry", m.odometry(out.now, odometry[k], twist))
-            out.send("/pose", m.pose_in_map(out.now, slam.pose))
-            out.send("/particles", m.particles(out.now, slam.poses))
+                out.send("/map", slam.map)
+                out.send("/tf_static", laser)
+                out.send("/trail", slam.trajectory[:, :2])
+            out.send("/tf", slam.pose, odometry[k])
+            out.send("/scan", laser, log.ranges[k])
+            out.send("/odometry", odometry[k], twist)
+            out.send("/pose", slam.pose)
+            out.send("/particles", slam.poses)
             k += 1
             if why := out.new_error():
                 if self.when_full == "end":

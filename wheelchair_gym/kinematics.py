@@ -6,8 +6,9 @@ A twist is (v, w) [m/s, rad/s].
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,45 +40,58 @@ class Limits:
         unit="m/s",
         low=0.05,
         high=2.0,
-        source="people drive indoors far below the maximum",
+        source="design choice: indoors people drive far below the maximum",
     )
+    """Largest speed forward."""
     backward: float = setting(
-        default=0.3, unit="m/s", low=0.0, high=2.0, source="nothing looks back"
+        default=0.3, unit="m/s", low=0.0, high=2.0, source="design choice: no sensor looks back"
     )
+    """Largest speed backward."""
     turn: float = setting(
-        default=1.0, unit="rad/s", low=0.05, high=4.0, source="indoor powered chairs"
+        default=1.0, unit="rad/s", low=0.05, high=4.0, source="common indoor powered chairs"
     )
-    acceleration: float = setting(default=0.5, unit="m/s2", low=0.05, high=5.0, source="comfort")
-    deceleration: float = setting(default=0.8, unit="m/s2", low=0.05, high=5.0, source="comfort")
+    """Largest turn rate."""
+    acceleration: float = setting(
+        default=0.5, unit="m/s2", low=0.05, high=5.0, source="design choice: comfort"
+    )
+    """Largest acceleration away from rest."""
+    deceleration: float = setting(
+        default=0.8, unit="m/s2", low=0.05, high=5.0, source="design choice: comfort"
+    )
+    """Largest deceleration towards rest."""
     protective: float = setting(
-        default=1.5, unit="m/s2", low=0.05, high=5.0, source="emergency stop, exempt from jerk"
+        default=1.5,
+        unit="m/s2",
+        low=0.05,
+        high=5.0,
+        source="design choice: above comfort, within the grip of the tyres",
     )
+    """Deceleration of a protective stop, which is exempt from jerk."""
     turn_acceleration: float = setting(
-        default=1.5, unit="rad/s2", low=0.05, high=10.0, source="comfort"
+        default=1.5, unit="rad/s2", low=0.05, high=10.0, source="design choice: comfort"
     )
+    """Largest turn acceleration."""
     jerk: float = setting(
-        default=1.0, unit="m/s3", low=0.1, high=100.0, source="comfort grows worse with jerk"
+        default=1.0,
+        unit="m/s3",
+        low=0.1,
+        high=100.0,
+        source="design choice: comfort grows worse with jerk",
     )
+    """Largest change of acceleration per second."""
     turn_jerk: float = setting(
-        default=6.0, unit="rad/s3", low=0.1, high=100.0, source="full turn acceleration in 0.25 s"
+        default=6.0,
+        unit="rad/s3",
+        low=0.1,
+        high=100.0,
+        source="design choice: full turn acceleration in 0.25 s",
     )
+    """Largest change of turn acceleration per second."""
 
     @property
-    def array(self) -> Array:
-        """The nine limits in the order above, as kernels take them."""
-        return np.array(
-            [
-                self.forward,
-                self.backward,
-                self.turn,
-                self.acceleration,
-                self.deceleration,
-                self.protective,
-                self.turn_acceleration,
-                self.jerk,
-                self.turn_jerk,
-            ]
-        )
+    def array(self) -> Any:
+        """A record of LIMITS with the fields above, as kernels take it."""
+        return np.array(dataclasses.astuple(self), LIMITS)[()]
 
     def twist(self, action: NDArray[np.floating]) -> Array:
         """The target twist (2,) [m/s, rad/s] that an action (2,) in [-1, 1] asks for.
@@ -91,7 +105,7 @@ class Limits:
             a_v = a_w = math.nan
         if type(a_v) is not float or not math.isfinite(a_v + a_w):
             raise InputError(f"action is {action!r}; expected two finite numbers in [-1, 1]")
-        # As plain Python, which is sooner done than calling compiled code.
+        # As plain Python, which is faster than calling compiled code.
         plain: Any = twist_of_action
         return np.array(plain.py_func(a_v, a_w, self.forward, self.backward, self.turn))
 
@@ -103,15 +117,21 @@ class Limits:
         return action
 
 
+LIMITS: Final = np.dtype([(f.name, "f8") for f in dataclasses.fields(Limits)], align=True)
+
+
 @settings
 class DriveGeometry:
-    """The two drive wheels, as the chair's own computer believes them to be."""
+    """The two drive wheels, as the chair's computer believes them to be."""
 
     track: float = setting(default=0.54, unit="m", low=0.1, source="common hub motors")
+    """Distance between the two drive wheels."""
     wheel_radius: float = setting(default=0.165, unit="m", low=0.02, source="common hub motors")
+    """Radius of the drive wheels."""
     counts_per_metre: float = setting(
         default=4346.0, unit="1/m", low=1.0, source="encoder of the prototype"
     )
+    """Encoder counts per metre of a wheel's path."""
 
 
 @kernel
@@ -136,10 +156,9 @@ def corner_speed(v: float, w: float, ahead: float, aside: float) -> float:
 def odometric_step(
     x: float, y: float, yaw: float, distance: float, turn: float
 ) -> tuple[float, float, float]:
-    """The pose after a way [m] driven while turning [rad]: the thesis's model (2.15)-(2.17).
+    """The pose after a distance [m] driven while turning [rad]: the thesis, (2.15)-(2.17).
 
-    Heading from +x, counter-clockwise; the way lies along the mean heading, which is exact to
-    second order in the turn.
+    The distance lies along the mean heading, which is exact to second order in the turn.
     """
     middle = yaw + 0.5 * turn
     return x + distance * math.cos(middle), y + distance * math.sin(middle), yaw + turn
@@ -181,7 +200,7 @@ def approach(
     Args:
         speed: now [m/s or rad/s].
         slope: its present rate of change.
-        target: where it shall end.
+        target: to be reached.
         up: largest rate away from zero.
         down: largest rate towards zero.
         jerk: largest change of the rate per second.
@@ -208,14 +227,46 @@ def approach(
 
 
 @kernel
-def peak_speed(speed: float, slope: float, jerk: float) -> float:
-    """How fast something is or is yet to be while its slope is brought to nothing.
-
-    On its way through rest it is not at rest.
+def approach_twist(
+    v: float,
+    v_rate: float,
+    w: float,
+    w_rate: float,
+    to_v: float,
+    to_w: float,
+    limits: Any,
+    dt: float,
+) -> tuple[float, float, float, float]:
+    """Move speed and turn, each with its rate of change, towards a target twist.
 
     Args:
-        speed: now [m/s or rad/s].
-        slope: its present rate of change.
-        jerk: largest change of the rate per second.
+        v: speed now [m/s].
+        v_rate: its rate of change [m/s2].
+        w: turn now [rad/s].
+        w_rate: its rate of change [rad/s2].
+        to_v: target speed [m/s].
+        to_w: target turn [rad/s].
+        limits: a record of LIMITS.
+        dt: time step [s].
+
+    Returns:
+        Speed, its rate, turn and its rate after the step.
     """
+    up, down = limits.acceleration, limits.deceleration
+    v, v_rate = approach(v, v_rate, to_v, up, down, limits.jerk, dt)
+    turn = limits.turn_acceleration
+    w, w_rate = approach(w, w_rate, to_w, turn, turn, limits.turn_jerk, dt)
+    return v, v_rate, w, w_rate
+
+
+@kernel
+def clip_to_limits(v: float, w: float, limits: Any) -> tuple[float, float]:
+    """A twist [m/s, rad/s] clipped to a record of LIMITS."""
+    v = min(limits.forward, max(-limits.backward, v))
+    return v, min(limits.turn, max(-limits.turn, w))
+
+
+@kernel
+def peak_speed(speed: float, slope: float, jerk: float) -> float:
+    """The largest speed [m/s or rad/s] while jerk brings the rate of change to zero."""
     return abs(speed) + 0.5 * slope * slope / jerk

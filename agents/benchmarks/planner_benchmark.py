@@ -47,10 +47,10 @@ from agents.evaluation.runs import (
 from agents.peers import PEERS
 from agents.peers.swarms import FIRST, WEIGHTS, Cost, PathSwarm, scatter, subdivide
 from planners import Plan, make_planner
-from planners.random_stream import stream
 from planners.swarm.search import shorten_path
 from planners.swarm.woa import WhaleSettings
 from wheelchair_gym.config import InputError, dump, read_json
+from wheelchair_gym.random import stream
 
 FORMAT = "wheelchair bench planners 1"  # of a results file
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from agents.control.temporary_obstacles import Standing
 from agents.control.tracks import REACH as SEEN_FROM
 from agents.control.tracks import Tracks
-from wheelchair_gym.geometry import to_frame, to_world
+from wheelchair_gym.geometry import clearance_to_points, to_frame, to_world
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.safety import Shield
-from wheelchair_gym.safety.clearance import clearance_to_points
 from wheelchair_gym.types import Mission, Reading
 
 Array = NDArray[np.float64]

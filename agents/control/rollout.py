@@ -7,15 +7,19 @@ is a chain of poses with its way s, where a radian of turning counts as `TURN_LE
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import kernel
-from wheelchair_gym.geometry import Footprint, rectangle_point_gap
-from wheelchair_gym.kinematics import Limits, approach, arc_step, peak_speed
-from wheelchair_gym.safety.clearance import clearance_to_points, required_clearance
+from wheelchair_gym.geometry import (
+    Footprint,
+    clearance_to_points,
+    rectangle_point_gap,
+    required_clearance,
+)
+from wheelchair_gym.kinematics import Limits, approach_twist, arc_step, peak_speed
 
 Array = NDArray[np.float64]
 
@@ -50,9 +54,9 @@ class Motion:
 
     def command(self, twist: Array) -> None:
         """Note what is commanded for the next period."""
-        a, s = self.array, self.state
-        s[:2] = approach(s[0], s[1], twist[0], a[3], a[4], a[7], self.period)
-        s[2:] = approach(s[2], s[3], twist[1], a[6], a[6], a[8], self.period)
+        v, v_rate, w, w_rate = self.state.tolist()
+        to_v, to_w = twist.tolist()
+        self.state[:] = approach_twist(v, v_rate, w, w_rate, to_v, to_w, self.array, self.period)
         self.last = np.array(twist)
 
 
@@ -91,7 +95,7 @@ class Body(NamedTuple):
 
     state: Array  # (4,) speed, its slope, turn, its slope
     last: Array  # (2,) the twist commanded before
-    limits: Array  # (9,) `Limits.array`
+    limits: Any  # record, `Limits.array`
     footprint: Array  # (3,) `Footprint.array`
 
 
@@ -169,8 +173,7 @@ def stops_clear(v: float, w: float, body: Body, near: Near, hold: float, margin:
     for k in range(held + 40):
         if k == held:
             v, w = 0.0, 0.0
-        sv, av = approach(sv, av, v, limits[3], limits[4], limits[7], STEP)
-        sw, aw = approach(sw, aw, w, limits[6], limits[6], limits[8], STEP)
+        sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
         x, y, yaw = arc_step(x, y, yaw, sv, sw, STEP)
         need = required_clearance(margin, HEADWAY, abs(sv), abs(sw), lever, SLOW)
         if clearance_to_points(x, y, yaw, body.footprint, near.points, need + 0.01) < need:
@@ -184,7 +187,9 @@ def stops_clear(v: float, w: float, body: Body, near: Near, hold: float, margin:
                     here = mover_gap(0.0, 0.0, 0.0, body.footprint, near.movers, t, room)
                     if gap < here:
                         return False
-        ends = peak_speed(sv, av, limits[7]) < 0.02 and peak_speed(0.0, aw, limits[8]) < 0.05
+        ends = (
+            peak_speed(sv, av, limits.jerk) < 0.02 and peak_speed(0.0, aw, limits.turn_jerk) < 0.05
+        )
         if k >= held and still and ends:
             break
     return True
@@ -223,8 +228,7 @@ def cost_of(
             cost += weights.comfort * change
             v, w, until = commands[row, 0], commands[row, 1], until + commands[row, 2]
         if not barred:
-            sv, av = approach(sv, av, v, limits[3], limits[4], limits[7], STEP)
-            sw, aw = approach(sw, aw, w, limits[6], limits[6], limits[8], STEP)
+            sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
             ax, ay, ayaw = arc_step(x, y, yaw, sv, sw, STEP)
             if k < steps:
                 gap -= (abs(sv) + lever * abs(sw)) * STEP

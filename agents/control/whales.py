@@ -15,10 +15,10 @@ from agents.control.follower import CREEP, Follower, Objective, near_of, widest
 from agents.control.local_map import Surroundings
 from agents.control.reference import Reference
 from agents.control.rollout import Body, Motion, Near, Weights, begin, cheapest, cost_of
-from planners.random_stream import Stream, stream
 from planners.swarm.woa import WhaleParameters, WhaleSettings, move_whales
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.random import Stream, stream
 
 Array = NDArray[np.float64]
 

@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from planners.controls.maneuver import Aims, Leg, bridge
 from planners.controls.rollout import INTEREST, World, brake, drive, look, motion_at, rollout
-from planners.random_stream import Stream, stream
 from planners.swarm.woa import WhaleParameters, WhaleSettings
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.random import Stream, stream
 
 Array = NDArray[np.float64]
 

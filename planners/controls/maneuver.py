@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.controls.rollout import MOTION, STEP, Motion, World, brake, drive, time_to_cover
-from planners.random_stream import Stream, uniform
 from planners.swarm.woa import WhaleParameters, move_whales
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
+from wheelchair_gym.random import Stream, next_uniform
 
 Array = NDArray[np.float64]
 
@@ -90,21 +90,22 @@ def stopping_time(speed: float, rate: float, jerk: float) -> float:
 
 
 @borrowing_kernel
-def arc(now: Any, leg: Leg, limits: Array, rest: bool, particle: Array) -> None:
+def arc(now: Any, leg: Leg, limits: Any, rest: bool, particle: Array) -> None:
     """Write commands that drive an arc to the segment's end, from the present motion."""
     dx, dy = leg.x - now.x, leg.y - now.y
     gap = max(1e-6, math.hypot(dx, dy))
     angle = wrap(math.atan2(dy, dx) - now.yaw)
     sine = math.sin(angle)
     bend = 2.0 * sine / gap
-    speed = min(limits[0], limits[2] / max(abs(bend), 1e-6))
+    speed = min(limits.forward, limits.turn / max(abs(bend), 1e-6))
     way = gap * angle / sine if abs(sine) > 1e-3 else gap
     particle[0], particle[1] = speed, speed * bend
     gain = max(0.0, speed - now.v)
-    slow = 0.5 * gain * stopping_time(gain, limits[3], limits[7])  # m, lost while speeding up
+    # m, lost while speeding up
+    slow = 0.5 * gain * stopping_time(gain, limits.acceleration, limits.jerk)
     particle[_SIZE - 1] = 1.0
     if rest:
-        halt = stopping_time(speed, limits[4], limits[7])
+        halt = stopping_time(speed, limits.deceleration, limits.jerk)
         slow -= 0.5 * speed * (halt - STEP)
         particle[5] = halt
         particle[_SIZE - 1] = 2.0
@@ -112,9 +113,7 @@ def arc(now: Any, leg: Leg, limits: Array, rest: bool, particle: Array) -> None:
 
 
 @borrowing_kernel
-def straight(
-    now: Any, leg: Leg, limits: Array, backward: bool, rest: bool, particle: Array
-) -> None:
+def straight(now: Any, leg: Leg, limits: Any, backward: bool, rest: bool, particle: Array) -> None:
     """Write commands that come to rest, turn towards the segment's end, and drive straight there.
 
     Args:
@@ -125,12 +124,12 @@ def straight(
         rest: come to rest at the end, too.
         particle: where the commands are written.
     """
-    halt = max(
-        stopping_time(now.v, limits[4], limits[7]), stopping_time(now.w, limits[6], limits[8])
-    )
+    halt_v = stopping_time(now.v, limits.deceleration, limits.jerk)
+    halt_w = stopping_time(now.w, limits.turn_acceleration, limits.turn_jerk)
+    halt = max(halt_v, halt_w)
     # Where the chair will rest: speeds fall in curves that are symmetric in time.
-    run = 0.5 * now.v * max(0.0, stopping_time(now.v, limits[4], limits[7]) - STEP)
-    yaw = now.yaw + 0.5 * now.w * max(0.0, stopping_time(now.w, limits[6], limits[8]) - STEP)
+    run = 0.5 * now.v * max(0.0, halt_v - STEP)
+    yaw = now.yaw + 0.5 * now.w * max(0.0, halt_w - STEP)
     x, y = now.x + run * math.cos(now.yaw), now.y + run * math.sin(now.yaw)
     k = 0
     if halt > 0.0:
@@ -141,27 +140,29 @@ def straight(
     angle = wrap(facing - yaw)
     if abs(angle) > 2e-3:
         # Small angles are turned slowly, so that the speed asked for is reached.
-        speed = min(limits[2], math.sqrt(0.5 * abs(angle) * limits[6]))
+        speed = min(limits.turn, math.sqrt(0.5 * abs(angle) * limits.turn_acceleration))
         particle[3 * k + 1] = math.copysign(speed, angle)
-        particle[3 * k + 2] = time_to_cover(
-            abs(angle), speed, limits[6], limits[6], limits[8], True
-        )
-        particle[3 * k + 5] = stopping_time(speed, limits[6], limits[8])
+        rate = limits.turn_acceleration
+        duration = time_to_cover(abs(angle), speed, rate, rate, limits.turn_jerk, True)
+        particle[3 * k + 2] = duration
+        particle[3 * k + 5] = stopping_time(speed, limits.turn_acceleration, limits.turn_jerk)
         k += 2
-    limit = limits[1] if backward else limits[0]
+    limit = limits.backward if backward else limits.forward
     if way > 5e-3 and limit > 0.0:
-        speed = min(limit, math.sqrt(0.5 * way * limits[3])) if rest else limit
+        speed = min(limit, math.sqrt(0.5 * way * limits.acceleration)) if rest else limit
         particle[3 * k] = -speed if backward else speed
-        particle[3 * k + 2] = time_to_cover(way, speed, limits[3], limits[4], limits[7], rest)
+        particle[3 * k + 2] = time_to_cover(
+            way, speed, limits.acceleration, limits.deceleration, limits.jerk, rest
+        )
         k += 1
         if rest:
-            particle[3 * k + 2] = stopping_time(speed, limits[4], limits[7])
+            particle[3 * k + 2] = stopping_time(speed, limits.deceleration, limits.jerk)
             k += 1
     particle[_SIZE - 1] = max(1, k)
 
 
 @borrowing_kernel
-def seed(kind: int, now: Any, leg: Leg, limits: Array, particle: Array) -> None:
+def seed(kind: int, now: Any, leg: Leg, limits: Any, particle: Array) -> None:
     """Write one of the manoeuvres that serve well where there is room."""
     particle[:] = 0.0
     if kind <= 1:
@@ -187,9 +188,9 @@ def bridge(
     limits = world.limits
     gap = math.hypot(leg.x - now[0].x, leg.y - now[0].y)
     lower, upper, span = np.empty(_SIZE), np.empty(_SIZE), np.full(_SIZE, 2.0)
-    lower[0::3], upper[0::3] = -limits[1], limits[0]
-    lower[1::3], upper[1::3] = -limits[2], limits[2]
-    lower[2::3], upper[2::3] = 0.0, 3.0 + 2.0 * gap / limits[0] + math.pi / limits[2]
+    lower[0::3], upper[0::3] = -limits.backward, limits.forward
+    lower[1::3], upper[1::3] = -limits.turn, limits.turn
+    lower[2::3], upper[2::3] = 0.0, 3.0 + 2.0 * gap / limits.forward + math.pi / limits.turn
     lower[_SIZE - 1], upper[_SIZE - 1] = 1.0, TRIPLES + 0.999
     trial = np.zeros(1, MOTION)
     population = np.zeros((max(swarm.population, _SEEDS), _SIZE))
@@ -202,7 +203,7 @@ def bridge(
         for j in range(_SIZE):
             # The duration of a command varies with itself, a speed with its whole range.
             room = X[j] if j % 3 == 2 else upper[j] - lower[j]
-            X[j] += 0.3 * room * (2.0 * uniform(state) - 1.0)
+            X[j] += 0.3 * room * (2.0 * next_uniform(state) - 1.0)
             X[j] = min(max(X[j], lower[j]), upper[j])
     best, least = population[0].copy(), np.inf
     for t in range(swarm.iterations + 1):

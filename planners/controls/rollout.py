@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import footprint_clearance
-from wheelchair_gym.kinematics import approach, odometric_step
+from wheelchair_gym.kinematics import approach, approach_twist, odometric_step
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class World(NamedTuple):
     discs: Array  # (m, 3) m: x, y, radius
     box: Array  # (4,) m: xmin, ymin, xmax, ymax of where the axle may be; walls are known there
     footprint: Array  # (3,) m: front, rear, half width
-    limits: Array  # (9,) as `Limits.array`
+    limits: Any  # record, `Limits.array`
     margin: float  # m: a clearance below this is a collision
 
 
@@ -67,11 +67,12 @@ def motion_at(pose: Array, twist: Array) -> Motion:
 
 
 @borrowing_kernel
-def advance(motion: Any, v: float, w: float, dt: float, limits: Array) -> tuple[float, float]:
+def advance(motion: Any, v: float, w: float, dt: float, limits: Any) -> tuple[float, float]:
     """Move on for one step [s] towards a twist; returns the way [m] and the turn [rad] made."""
     v0, w0 = motion.v, motion.w
-    v1, v_slope = approach(v0, motion.v_slope, v, limits[3], limits[4], limits[7], dt)
-    w1, w_slope = approach(w0, motion.w_slope, w, limits[6], limits[6], limits[8], dt)
+    v1, v_slope, w1, w_slope = approach_twist(
+        v0, motion.v_slope, w0, motion.w_slope, v, w, limits, dt
+    )
     way, turn = 0.5 * (v0 + v1) * dt, 0.5 * (w0 + w1) * dt
     x, y, yaw = odometric_step(motion.x, motion.y, motion.yaw, way, turn)
     motion.x, motion.y, motion.yaw = x, y, yaw
@@ -168,16 +169,14 @@ def time_to_cover(
 
 
 @kernel
-def rollout(
-    commands: Array, pose: Array, twist: Array, limits: Array
-) -> tuple[Array, Array, Array]:
+def rollout(commands: Array, pose: Array, twist: Array, limits: Any) -> tuple[Array, Array, Array]:
     """Where commands take the chair (thesis, (2.15)-(2.17), under limits).
 
     Args:
         commands: (k, 3) m/s, rad/s, s.
         pose: where it begins (3,) m, m, rad.
         twist: its twist there (2,) m/s, rad/s.
-        limits: the chair's limits (9,), `Limits.array`.
+        limits: the chair's limits, `Limits.array`.
 
     Returns:
         Poses (n, 3), twists (n, 2) and times (n,) [s], the first ones those of the beginning.

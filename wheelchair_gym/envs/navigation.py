@@ -16,7 +16,7 @@ from wheelchair_gym.envs.batch import is_unshielded
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.info import info_of, info_table
-from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings, make_finder
+from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings, make_localizer
 from wheelchair_gym.envs.world_banks import WorldBank
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.localization.localized_chair import LocalizedChair, unwrapped
@@ -38,8 +38,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     ## Description
     A differential-drive wheelchair (1.00 m x 0.62 m) stands in a world of walls and round obstacles
-    and shall bring its drive axle to the goal without touching anything. Motors, tyres, battery and
-    contact are simulated; sensors err as real ones do.
+    and has to bring its drive axle to the goal without touching anything. Motors, tyres, battery
+    and contact are simulated; sensors err as real ones do.
 
     ## Action
     `Box(-1, 1, (2,), float32)`: target speed and turn; 0 stands still.
@@ -73,7 +73,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     ## Copies
     `copy.deepcopy(env)` is exact at any moment: it steps on as the original does, to the bit. So is
-    a copy by `pickle`. Its window opens anew. What drives a real chair cannot be copied.
+    a copy by `pickle`. It opens its own window. What drives a real chair cannot be copied.
 
     ## Arguments
     See `__init__`. Version 0: first release.
@@ -86,69 +86,45 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         scene: Any = None,
         config: str | Path | Mapping[str, Any] | EnvSettings | None = None,
         *,
-        beams: int | None = None,
-        rate: float | None = None,
-        pose_source: str | None = None,
-        guidance: Any = None,
-        noise: bool | None = None,
-        randomize: bool | None = None,
-        bank: Any = None,
-        shield: bool | Mapping[str, Any] | ShieldSettings | None = None,
         chair: Chair | str | Mapping[str, Any] | None = None,
         render_mode: str | None = None,
-        render_width: int | None = None,
-        render_height: int | None = None,
-        **unknown: Any,
+        **settings: Any,
     ) -> None:
         """Make the environment.
 
         Args:
             scene: name of a scene, a mapping of its name and settings, or the Path of a map file.
             config: JSON file, or its content, with any of the sections scene, rate, guidance,
-                bank, chair, sensors, physics, task, shield, hardware; the other arguments go before
+                bank, chair, sensors, physics, task, shield, hardware; the other arguments override
                 it.
-            beams: observed laser beams; fewer than the laser has are pooled by their minimum.
-            rate: of control [Hz]; a period is a whole number of physics steps.
-            pose_source: what the chair believes about its pose: truth, odometry, modelled, mcl
-                (Monte Carlo localisation on the map), or slam (the world is unknown: the chair
-                draws its own map, in the frame of its start, and finds itself on it).
-            guidance: 'geodesic' (points on the shortest way), 'poses' (of the quickest way of the
-                chair's outline, with headings, at plan times), 'module:function' or a callable
-                that gives a path from a task.
-            noise: false makes every sensor exact.
-            randomize: true draws mass, friction and motor gain anew each episode.
-            bank: of how many worlds episodes draw, or a mapping of size, turnover and seed; 0:
-                each episode has a world of its own.
-            shield: true, or a mapping of its settings: only what it lets through is driven
-                (`wheelchair_gym.safety`). None: off in simulation, on for a real chair by name.
             chair: drives instead of the simulated chair; or names a real one, such as
-                'ros://HOST:PORT' or 'hardware' (see `hardware.chairs`).
+                'ros://HOST:PORT' or 'hardware' (see `hardware.registry`).
             render_mode: 'human' (a window), 'rgb_array', or None.
-            render_width: of every frame [pixels]; even. The world is in its middle.
-            render_height: likewise.
-            unknown: nothing else is taken.
+            settings: any of
+
+                - beams: observed laser beams; fewer than the laser has are pooled by their minimum;
+                - rate: of control [Hz]; a period is an integer number of physics steps;
+                - pose_source: what the chair takes for its pose: truth, odometry, modelled, mcl
+                  (Monte Carlo localization on the map), or slam (the world is unknown: the chair
+                  draws its own map in the frame of its start, and localizes on it);
+                - guidance: 'geodesic' (points on the shortest path), 'poses' (of the quickest path
+                  of the chair's outline, with headings, at plan times), 'module:function' or a
+                  callable that gives a path from a task;
+                - noise: false makes every sensor exact;
+                - randomize: true draws mass, friction and motor gain anew for each episode;
+                - bank: how many worlds episodes share, or a mapping of size, turnover and seed; 0:
+                  each episode has its own world;
+                - shield: true, or a mapping of its settings: only what it allows is driven
+                  (`wheelchair_gym.safety`). None: off in simulation, on for a real chair by name;
+                - render_width, render_height: of every frame [pixels]; even.
 
         Raises:
             InputError: an argument or a setting is unknown or out of bounds.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"render_mode is {render_mode!r}; expected human, rgb_array or None")
-        self.settings = s = env_settings(
-            config,
-            also=("chair", "render_mode"),
-            scene=scene,
-            beams=beams,
-            rate=rate,
-            pose_source=pose_source,
-            guidance=guidance,
-            noise=noise,
-            randomize=randomize,
-            bank=bank,
-            shield=shield,
-            render_width=render_width,
-            render_height=render_height,
-            **unknown,
-        )
+        also = "chair", "render_mode"
+        self.settings = s = env_settings(config, also=also, scene=scene, **settings)
         if chair is not None and s.unshielded > 0.0:
             raise InputError(
                 f"unshielded is {s.unshielded:g}; expected 0 for a chair that is given"
@@ -156,14 +132,14 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if isinstance(chair, str | Mapping):
             from wheelchair_gym.hardware.registry import make_chair
 
-            if shield is False:
+            if settings.get("shield") is False:
                 raise InputError("shield is False; expected one: a real chair has it always")
             s = self.settings = dataclasses.replace(s, shield=s.shield or ShieldSettings())
             chair = make_chair(chair, s)
         self.chair: Chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
         self._simulated = isinstance(self.chair, SimulatedChair)
         if s.sensors.localizes:
-            localizer = make_finder(s)
+            localizer = make_localizer(s)
             self.chair = LocalizedChair(self.chair, localizer)
         guided = make_guidance(s.guidance)
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guided, s.shield)
@@ -172,7 +148,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.shield: Shield | None = None
         if s.shield is not None:
             self.shield = Shield(s.shield, s.chair, s.sensors, 1.0 / s.rate)
-            # A real chair tells when a person re-arms it; that is meant for its shield, too.
+            # A person who re-arms a real chair re-arms its shield, too.
             getattr(unwrapped(self.chair), "on_rearm", []).append(self.shield.rearm)
         self.worlds = WorldBank(s, self.task)
         self.observation_space = cast("gym.Space[Observation]", self.task.space)
@@ -303,7 +279,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             chair=task.chair,
             sensors=task.sensors,
             shield=task.shield,
-            guarded=task.is_shielded,
+            is_shielded=task.is_shielded,
             key=task.key,
         )
 
@@ -313,7 +289,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         task = self.task
         v, w = task.action.tolist()
         drawn = None if task.built_map is None else task.built_map()
-        return task.reading._replace(action=(v, w), withheld=task.shield_intervention, map=drawn)
+        less = task.shield_intervention
+        return task.reading._replace(action=(v, w), shield_intervention=less, map=drawn)
 
     def show(self, shown: Shown) -> None:
         """Show people what a policy wants shown, until the next call or reset()."""

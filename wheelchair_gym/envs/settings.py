@@ -1,4 +1,4 @@
-"""Settings of an environment, and how a person's packed_states become them."""
+"""Settings of an environment, and how they follow from arguments."""
 
 from __future__ import annotations
 
@@ -27,40 +27,38 @@ from wheelchair_gym.task.settings import TaskSettings
 class BankSettings:
     """A bank of worlds that episodes share; off by default."""
 
-    size: int = setting(
-        default=0, low=0, high=10_000_000, source="worlds an episode draws from; 0: each its own"
-    )
-    turnover: float = setting(
-        default=0.1, low=0.0, high=1000.0, source="worlds exchanged per episode of an environment"
-    )
-    seed: int = setting(default=0, low=0, source="of the worlds")
-    cache: str | None = setting(
-        default=None, source="folder that keeps worlds with their guidance from run to run"
-    )
+    size: int = setting(default=0, low=0, high=10_000_000, source="design choice")
+    """Number of worlds that an episode draws from; 0: every episode has its own world."""
+    turnover: float = setting(default=0.1, low=0.0, high=1000.0, source="design choice")
+    """Worlds that are replaced per episode of an environment."""
+    seed: int = setting(default=0, low=0, source="design choice")
+    """Seed of the worlds."""
+    cache: str | None = setting(default=None, source="design choice")
+    """Folder that keeps worlds with their guidance from run to run; none: nothing is kept."""
 
 
 @settings
 class StartSettings:
     """Where episodes begin: at the scene's start, or anywhere not too far from the goal."""
 
-    max_time: float = setting(
-        default=0.0, unit="s", low=0.0, source="of the goal, by plan time; 0: at the scene's start"
-    )
-    min_time: float = setting(default=1.0, unit="s", low=0.0, source="from the goal")
+    max_time: float = setting(default=0.0, unit="s", low=0.0, source="design choice")
+    """Largest plan time from the start to the goal; 0: episodes begin at the scene's start."""
+    min_time: float = setting(default=1.0, unit="s", low=0.0, source="design choice")
+    """Least plan time from the start to the goal, where starts are drawn."""
 
 
 @settings
 class EnvSettings:
     """Everything that makes an environment."""
 
-    scene: Any = setting(
-        default="floor_plan", source="a name, a mapping with a name, or the Path of a map file"
-    )
-    rate: float = setting(default=10.0, unit="Hz", low=0.5, high=200.0, source="of control")
-    guidance: Any = setting(
-        default=None,
-        source="none, 'geodesic', 'poses', 'module:function', or a mapping with 'call'",
-    )
+    scene: Any = setting(default="floor_plan", source="design choice")
+    """Scene that episodes are drawn from: a name, a mapping with a name, or the path of a map
+    file."""
+    rate: float = setting(default=10.0, unit="Hz", low=0.5, high=200.0, source="design choice")
+    """Frequency of control."""
+    guidance: Any = setting(default=None, source="design choice")
+    """What shows the way: none, 'geodesic', 'poses', 'module:function', or a mapping with
+    'call'."""
     bank: BankSettings = BankSettings()
     starts: StartSettings = StartSettings()
     chair: ChairSettings = ChairSettings()
@@ -69,24 +67,20 @@ class EnvSettings:
     slam: SlamSettings = SlamSettings()
     physics: PhysicsSettings = PhysicsSettings()
     task: TaskSettings = TaskSettings()
-    shield: ShieldSettings | None = setting(
-        default=None, source="none: what a policy asks for is driven; a real chair always has one"
-    )
-    unshielded: float = setting(
-        default=0.0,
-        low=0.0,
-        high=1.0,
-        source="of simulated episodes, driven without the shield: for training only",
-    )
+    shield: ShieldSettings | None = setting(default=None, source="design choice")
+    """Settings of the shield; none: the chair drives what a policy asks for. A real chair always
+    has a shield."""
+    unshielded: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    """Share of simulated episodes that are driven without the shield; for training only."""
     hardware: HardwareSettings = HardwareSettings()
     render_width: int = setting(
-        default=640,
-        unit="pixels",
-        low=64,
-        high=4096,
-        source="of every frame, whatever the shape of its world",
+        default=640, unit="pixels", low=64, high=4096, source="design choice"
     )
-    render_height: int = setting(default=640, unit="pixels", low=64, high=4096, source="likewise")
+    """Width of every frame, whatever the shape of the world."""
+    render_height: int = setting(
+        default=640, unit="pixels", low=64, high=4096, source="design choice"
+    )
+    """Height of every frame, whatever the shape of the world."""
 
     def __post_init__(self) -> None:
         if isinstance(self.scene, Mapping):  # plain, so that settings can be written as JSON
@@ -101,12 +95,12 @@ class EnvSettings:
         if self.sensors.pose_source == "slam" and self.guidance is not None:
             raise InputError(
                 f"guidance is {self.guidance!r}; expected none with the pose source slam: "
-                "nobody knows the way through an unknown world"
+                "there is no map to plan on"
             )
 
 
 _ON_EDGE = 1e-3  # m: a sensor so near the outline's edge is on it
-_OWN = ("scene", "rate", "guidance", "bank", "shield", "render_width", "render_height")
+_ARGUMENTS = ("scene", "rate", "guidance", "bank", "shield", "render_width", "render_height")
 _PLACES = {
     "beams": ("task", "beams"),
     "pose_source": ("sensors", "pose_source"),
@@ -125,7 +119,7 @@ def env_settings(
 
     Args:
         config: path of a JSON file, its content, ready settings, or None for the defaults.
-        also: further arguments of who asks, for the message about one that nobody knows.
+        also: further arguments of the caller, for the message about an unknown one.
         changes: scene, rate, guidance, bank, shield, render_width, render_height, beams,
             pose_source, noise, randomize.
 
@@ -142,9 +136,9 @@ def env_settings(
         base = read(EnvSettings, config)
     else:
         raise InputError(f"config is {config!r}; expected a file, its content or EnvSettings")
-    unknown = [name for name in changes if name not in (*_OWN, *_PLACES)]
+    unknown = [name for name in changes if name not in (*_ARGUMENTS, *_PLACES)]
     if unknown:
-        known = _OWN[0], "config", *_OWN[1:], *_PLACES, *also
+        known = _ARGUMENTS[0], "config", *_ARGUMENTS[1:], *_PLACES, *also
         near = suggest(unknown[0], known)
         raise InputError(
             f"{', '.join(unknown)}: not an argument of this env; it has {', '.join(known)}{near}"
@@ -165,10 +159,10 @@ def env_settings(
     return made
 
 
-def _warn_of_mounts(own: EnvSettings) -> None:
+def _warn_of_mounts(config: EnvSettings) -> None:
     """Warn of sensors that are mounted outside the chair's outline."""
-    outline, rangers = own.chair.footprint, own.sensors.ultrasonic.mounted
-    mounts: list[tuple[str, Any]] = [("laser", own.sensors.laser)]
+    outline, rangers = config.chair.footprint, config.sensors.ultrasonic.mounted
+    mounts: list[tuple[str, Any]] = [("laser", config.sensors.laser)]
     mounts += [(f"ultrasonic {k}", mount) for k, mount in enumerate(rangers)]
     outside = [
         f"{name} at ({mount.x:g}, {mount.y:g})"
@@ -209,8 +203,8 @@ def _shield(spec: Any) -> ShieldSettings | None:
     raise InputError(f"shield is {spec!r}; expected true, false or an object of its settings")
 
 
-def make_finder(own: EnvSettings) -> Localizer:
-    """What tells a chair its pose from what it sees."""
-    if own.sensors.pose_source == "slam":
-        return Slam(own.sensors.laser, own.slam)
-    return MonteCarloLocalizer(own.localization, own.sensors.laser)
+def make_localizer(config: EnvSettings) -> Localizer:
+    """What estimates the pose from the scans."""
+    if config.sensors.pose_source == "slam":
+        return Slam(config.sensors.laser, config.slam)
+    return MonteCarloLocalizer(config.localization, config.sensors.laser)

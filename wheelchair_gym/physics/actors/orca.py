@@ -22,7 +22,7 @@ _PARALLEL = 1e-9
 
 @borrowing_kernel
 def add_half_plane(lines: Array, n: int, x: float, y: float, dx: float, dy: float) -> int:
-    """Write a line, if there is room; how many there are then."""
+    """Write a line if fewer than HALF_PLANES are there; returns how many there are then."""
     if n == HALF_PLANES:
         return n
     lines[n, 0], lines[n, 1], lines[n, 2], lines[n, 3] = x, y, dx, dy
@@ -30,18 +30,9 @@ def add_half_plane(lines: Array, n: int, x: float, y: float, dx: float, dy: floa
 
 
 @borrowing_kernel
-def avoid_wall(lines: Array, n: int, nx: float, ny: float, room: float, horizon: float) -> int:
-    """Approach something no faster than reaches it in a horizon [s].
-
-    Args:
-        lines: (2 LINES, 4) that a line is added to.
-        n: lines so far.
-        nx: unit vector from its nearest point to the person.
-        ny: see nx.
-        room: left before touching [m]; negative where they overlap.
-        horizon: [s].
-    """
-    speed = -room / horizon
+def avoid_wall(lines: Array, n: int, nx: float, ny: float, gap: float, horizon: float) -> int:
+    """Approach what has the normal (nx, ny) no faster than closes a gap [m] in a horizon [s]."""
+    speed = -gap / horizon
     return add_half_plane(lines, n, nx * speed, ny * speed, ny, -nx)
 
 
@@ -58,28 +49,13 @@ def avoid_disc(
     uy: float,
     share: float,
     horizon: float,
-    soon: float,
+    overlap_time: float,
 ) -> int:
-    """Stay clear of a moving disc for a horizon [s].
-
-    Args:
-        lines: (2 LINES, 4) that a line is added to.
-        n: lines so far.
-        dx: from the person to the disc [m].
-        dy: see dx.
-        radius: of both together [m].
-        vx: the person's velocity [m/s].
-        vy: see vx.
-        ux: the disc's velocity [m/s].
-        uy: see ux.
-        share: of the avoiding that the person does.
-        horizon: [s].
-        soon: within which an overlap is to end [s].
-    """
+    """Stay clear of a moving disc for a horizon [s]."""
     rx, ry = vx - ux, vy - uy
     square = dx * dx + dy * dy
     apart = square > radius * radius
-    per = 1.0 / horizon if apart else 1.0 / soon
+    per = 1.0 / horizon if apart else 1.0 / overlap_time
     wx, wy = rx - per * dx, ry - per * dy
     length = math.sqrt(wx * wx + wy * wy)
     along = wx * dx + wy * dy
@@ -161,14 +137,6 @@ def best_velocity(
     """The velocity nearest to a preferred one (ox, oy) that all lines allow.
 
     Where none does, walls hold and the other lines are overstepped by as little as may be.
-
-    Args:
-        lines: (2 LINES, 4); the second half is overwritten.
-        hard: how many of them, the first, are walls.
-        n: how many there are.
-        most: speed [m/s].
-        ox: preferred velocity [m/s].
-        oy: see ox.
     """
     first, x, y = _linear_program(lines, 0, n, most, ox, oy, False)
     worst = 0.0
