@@ -1,1 +1,12 @@
 """Who drives: policies, their evaluation and comparison, and the command line."""
+
+
+class StoppedError(Exception):
+    """Ctrl-C stopped runs; those that were finished are stored."""
+
+
+def is_interrupt(error: BaseException) -> bool:
+    """Whether an exception is Ctrl-C, or what a compiled function makes of it."""
+    if isinstance(error, SystemError):  # 'returned a result with an exception set'
+        return isinstance(error.__cause__ or error.__context__, KeyboardInterrupt)
+    return isinstance(error, KeyboardInterrupt)

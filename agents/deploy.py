@@ -1,4 +1,4 @@
-"""A policy on a real chair: slowly at first, with a log of all that happens, and always stopped."""
+"""A policy on a real chair: slow at first, with a log of events, and always stopped at the end."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from agents.evaluation.evaluate import drive_episode
 from agents.evaluation.metrics import Record
 from agents.policies import Policy
-from agents.start_fit import StartCheck, start_fit
+from agents.start_fit import start_fit
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.localization.localized_chair import unwrapped
@@ -23,14 +23,14 @@ from wheelchair_gym.safety.stops import StopMonitor, active_stops, advice_for, s
 from wheelchair_gym.types import Command, Episode, Mission, Reading
 
 Array = NDArray[np.float64]
-Say = Callable[[str], None]
+Log = Callable[[str], None]  # takes a line
 
 _LOG = logging.getLogger(__name__)
 
 
 @settings
 class Deployment:
-    """How fast a policy may drive, and how long it may be kept from driving."""
+    """How fast a policy may drive, and how long it may be halted."""
 
     first: float = setting(default=0.2, unit="m/s", low=0.02, source="design choice")
     """Cap of the speed at the start and after each halt."""
@@ -41,123 +41,109 @@ class Deployment:
     most: float = setting(default=2.0, unit="m/s", low=0.02, high=2.0, source="design choice")
     """Highest cap; the limits of the chair hold besides."""
     patience: float = setting(default=20.0, unit="s", low=0.0, source="design choice")
-    """Time after which a chair that sensors or a latched shield halt is given up."""
+    """Time after which an episode ends if sensors or a latched shield halt the chair."""
 
     def __post_init__(self) -> None:
         if self.most < self.first:
-            raise InputError(f"a cap that rises from {self.first:g} to {self.most:g} m/s falls")
+            raise InputError(f"the cap cannot rise from {self.first:g} to {self.most:g} m/s")
 
 
 class Capped:
-    """A policy whose twists are slowed, along the same arc, to a cap that rises while it drives.
+    """A policy whose twists are slowed, along the same arc, to a cap [m/s] that rises while driven.
 
-    Args:
-        policy: any.
-        own: the cap.
-        latched: says for which fault the shield stands; empty: none.
-
-    Attributes:
-        cap: now [m/s].
+    `latched` returns the fault for which the shield is latched; empty: none.
     """
 
     def __init__(
-        self, policy: Policy, own: Deployment, latched: Callable[[], str] = lambda: ""
+        self, policy: Policy, config: Deployment, latched: Callable[[], str] = lambda: ""
     ) -> None:
-        self.policy, self.own, self.cap = policy, own, own.first
+        self.policy, self.config, self.cap = policy, config, config.first
         self._latched = latched
 
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
-        self._limits, self._period, self.cap = mission.limits, mission.period, self.own.first
+        self._limits, self._period, self.cap = mission.limits, mission.period, self.config.first
         self.policy.reset(mission)
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
-        command, limits, own = self.policy.act(reading), self._limits, self.own
+        command, limits, config = self.policy.act(reading), self._limits, self.config
         if reading.halted or self._latched():
-            self.cap = own.first
+            self.cap = config.first
         else:
-            self.cap = min(self.cap + own.rise * self._period, own.most, limits.forward)
+            self.cap = min(self.cap + config.rise * self._period, config.most, limits.forward)
         twist = limits.twist(command.as_action(limits))
-        fast = abs(float(twist[0]))
-        if fast <= self.cap:
+        speed = abs(float(twist[0]))
+        if speed <= self.cap:
             return command
-        return command._replace(twist=twist * (self.cap / fast), action=None)
+        return command._replace(twist=twist * (self.cap / speed), action=None)
 
 
-class Journal:
-    """Tells a person what happens, once a control period; ends what cannot go on.
+class EventLog:
+    """Logs events once a control period, and ends an episode that cannot continue.
 
-    Args:
-        own: how long to wait.
-        say: takes a line.
-        each: every command is told, not only what changes.
-
-    Attributes:
-        ended: why it was ended before the goal; empty: it was not.
+    With `commands`, every command is logged, and the episode is not ended. `ended` is the reason
+    for which it was ended; empty: it was not.
     """
 
-    def __init__(self, own: Deployment, say: Say, each: bool) -> None:
-        self._own, self._say, self._each = own, say, each
+    def __init__(self, config: Deployment, log: Log, commands: bool = False) -> None:
+        self._config, self._log, self._commands = config, log, commands
         self._stops = StopMonitor()
         self.ended = ""
 
     def __call__(self, env: Any) -> bool:
-        """Take in a step of the environment; whether it has to end."""
+        """Log the last step of the environment; whether the episode has to end."""
         env = env.unwrapped
         now, stops = env.task.reading.stamp, self._stops
         for line in stops.update(now, active_stops(env.task.reading.halted, env.shield)):
-            self._say(f"{now:7.1f} s  {line}")
+            self._log(f"{now:7.1f} s  {line}")
         if env.shield is not None and (fault := env.shield.refused()):
             advice = advice_for(shield_message(fault))
-            self._say(f"{now:7.1f} s  not re-armed: {fault}, still; {advice}")
-        if self._each and now > 0.0:
-            self._say(_asked(env, now))
-        if latched(env.chair):
+            self._log(f"{now:7.1f} s  not re-armed: {fault}, still; {advice}")
+        chair: Any = unwrapped(env.chair)
+        if self._commands and now > 0.0:
+            (v, w), (x, y, yaw) = chair.commanded, env.task.reading.pose
+            command = f"v {v:6.3f} m/s  w {w:6.3f} rad/s  at ({x:.2f}, {y:.2f}, {yaw:.2f})"
+            self._log(f"{now:7.1f} s  {command}")
+        if getattr(chair, "latched", ""):  # until a person re-arms the chair and it is reset
             self.ended = stops.why
-        elif stops.waited > self._own.patience:
-            self.ended = f"{stops.why}, for {self._own.patience:g} s"
-        return bool(self.ended) and not self._each
+        elif stops.waited > self._config.patience:
+            self.ended = f"{stops.why}, for {self._config.patience:g} s"
+        return bool(self.ended) and not self._commands
 
-
-def latched(chair: Any) -> str:
-    """What a chair has stopped for until a person re-arms it and it is reset; empty: nothing."""
-    return str(getattr(unwrapped(chair), "latched", ""))
-
-
-def _asked(env: Any, now: float) -> str:
-    chair: Any = unwrapped(env.unwrapped.chair)
-    v, w = chair.commanded
-    x, y, yaw = env.unwrapped.task.reading.pose
-    return f"{now:7.1f} s  v {v:6.3f} m/s  w {w:6.3f} rad/s  at ({x:.2f}, {y:.2f}, {yaw:.2f})"
+    def outcome(self, record: Record) -> Record:
+        """An episode's record, with its outcome where the episode was ended."""
+        halted = {"outcome": "halted", "success": False} if self.ended else {}
+        return record | halted | {"ended": self.ended}
 
 
 def deploy(
     env: Any,
     policy: Policy,
     episode: Episode,
-    own: Deployment,
-    say: Say,
-    each: bool = False,
+    config: Deployment,
+    log: Log,
+    commands: bool = False,
     film: Callable[[Any], None] | None = None,
     begin: Callable[[Any], None] | None = None,
 ) -> Record:
     """Drive a real chair to an episode's goal.
 
     Args:
-        env: of the chair; what stands between policy and chair is its affair.
+        env: of the chair.
         policy: drives, under the cap.
         episode: map, start and goal.
-        own: cap and patience.
-        say: takes the lines of the log.
-        each: tell every command; never give up.
+        config: cap and patience.
+        log: takes the lines of the log.
+        commands: log every command; never end the episode.
         film: is called with the environment after reset and each step, too.
         begin: is called with the environment after reset, before anything is driven; may raise.
 
     Returns:
-        Figures as of `drive_episode`, by the chair's own belief, and `ended`, why it was ended.
+        Figures as of `drive_episode`, by the chair's estimated poses, and `ended`, the reason for
+        which the episode was ended.
     """
-    journal, shield = Journal(own, say, each), env.unwrapped.shield
+    events, shield = EventLog(config, log, commands), env.unwrapped.shield
     steps = 0
 
     def watch(now: Any) -> bool:
@@ -167,69 +153,53 @@ def deploy(
         steps += 1
         if film is not None:
             film(now)
-        return journal(now)
+        return events(now)
 
-    capped = Capped(policy, own, lambda: shield.latched if shield else "")
-    record = drive_episode(env, capped, 0, watch, episode)
-    if journal.ended:
-        record |= {"outcome": "halted", "success": False}
-    return record | {"ended": journal.ended}
+    capped = Capped(policy, config, lambda: shield.latched if shield else "")
+    return events.outcome(drive_episode(env, capped, 0, watch, episode))
 
 
-def check_start(env: Any, start: Array, own: StartCheck, forced: bool, say: Say) -> None:
-    """Tell how well the first scan fits the map where the chair is said to stand.
-
-    Args:
-        env: of the chair, after reset.
-        start: (3,) m, m, rad on the episode's map.
-        own: what is believed.
-        forced: a start that fits badly is told, and not refused.
-        say: takes the line.
+def check_start(env: Any, start: Array, forced: bool, log: Log) -> None:
+    """Log how well the first scan, after reset, fits the map at a start (3,) [m, m, rad].
 
     Raises:
-        InputError: it fits badly.
+        InputError: it fits badly, and is not forced.
     """
     env = env.unwrapped
-    found = start_fit(
-        env.episode.map, start, env.settings.sensors.laser, env.task.reading.laser, own
-    )
+    found = start_fit(env.episode.map, start, env.settings.sensors.laser, env.task.reading.laser)
     x, y, yaw = start.tolist()
     off = np.hypot(*(found.pose - start)[:2])
     turn = np.degrees(abs(wrap(float(found.pose[2] - yaw))))
-    told = f"the scan fits the map with {found.fit:.2f} of 1 at --start {x:g},{y:g},{yaw:g}"
+    text = f"the scan fits the map with {found.fit:.2f} of 1 at --start {x:g},{y:g},{yaw:g}"
     if not found.wrong:
-        say(f"{told}, best {off:.2f} m and {turn:.0f} deg beside it")
+        log(f"{text}, best {off:.2f} m and {turn:.0f} deg beside it")
     elif forced:
-        say(f"{told}: {found.wrong}; driven all the same (--force-start)")
+        log(f"{text}: {found.wrong}; driven all the same (--force-start)")
     else:
-        raise InputError(f"{told}: {found.wrong}; correct it, or add --force-start")
+        raise InputError(f"{text}: {found.wrong}; correct it, or add --force-start")
 
 
-def say(line: str) -> None:
+def to_stderr(line: str) -> None:
     """Write a line of the log to standard error."""
     print(line, file=sys.stderr, flush=True)
 
 
-def ended_as_by_hand() -> None:
-    """Whoever ends this program ends it as Ctrl-C does: the chair is told to stop."""
+def end_as_by_ctrl_c() -> None:
+    """SIGTERM and SIGHUP end this program as Ctrl-C does, so that the chair is stopped."""
     for name in ("SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.default_int_handler)
 
 
-def hear_person(driven: Any, shield: Any = None) -> None:
-    """A person at the terminal re-arms a chair that waits for it, or its shield.
+def listen_for_rearm(driven: Any, shield: Any = None) -> None:
+    """Let a person at the terminal re-arm a chair that waits for it, or its shield, by Enter.
 
-    What the chair waits for at reset is told from now on with the ways there are to re-arm it.
-
-    Args:
-        driven: the chair, with or without what finds it on a map.
-        shield: of the environment that drives it, if it has one.
+    From now on, what the chair waits for at reset is logged with the ways to re-arm it.
     """
     chair: Any = unwrapped(driven)
     terminal = sys.stdin is not None and sys.stdin.isatty()
     if hasattr(chair, "on_wait"):
-        chair.on_wait = lambda line: _LOG.warning("%s", _with_ways(chair, line, terminal))
+        chair.on_wait = lambda line: _LOG.warning("%s", _how_to_rearm(chair, line, terminal))
     if not terminal or (shield is None and not hasattr(chair, "rearm")):
         return
 
@@ -243,15 +213,15 @@ def hear_person(driven: Any, shield: Any = None) -> None:
 
 
 def rearm(chair: Any, shield: Any) -> None:
-    """A person re-arms a chair and its shield."""
+    """Re-arm a chair and its shield, as a person does."""
     if hasattr(chair, "rearm"):
         chair.rearm()
     if shield is not None:
         shield.rearm()
 
 
-def _with_ways(chair: Any, line: str, terminal: bool) -> str:
-    """A line, and how a person re-arms a chair, if that is what the line is about."""
+def _how_to_rearm(chair: Any, line: str, terminal: bool) -> str:
+    """A line, with the ways to re-arm the chair if it waits for that."""
     if not chair.waiting_for:
         return line
     ways = ["Enter here"] if terminal else []

@@ -1,11 +1,12 @@
-"""Who looks on while a chair drives: a recording, viewers that join live, or nobody."""
+"""Recordings and live viewers of a drive."""
 
 from __future__ import annotations
 
 import re
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -24,19 +25,12 @@ Each = Callable[[Any], None]  # called with the environment after reset and each
 
 @dataclass(frozen=True)
 class Watch:
-    """What a person asked for.
+    """The recording and the viewers of a drive; neither by default."""
 
-    Attributes:
-        record: MCAP file to write, or None.
-        live: port where viewers may join, 0 for a free one, or None.
-        images: rendered pictures, too, so many a second [Hz]; 0: none.
-        when_full: what becomes of the run when the disk is full, see `RecordingSettings.when_full`.
-    """
-
-    record: str | None = None
-    live: int | None = None
-    images: float = 0.0
-    when_full: Literal["go-on", "end"] = "go-on"
+    record: str | None = None  # MCAP file to write
+    live: int | None = None  # port where viewers may join, 0 for a free one
+    images: float = 0.0  # rate of rendered pictures [Hz]; 0: none
+    when_full: Literal["go-on", "end"] = "go-on"  # see `RecordingSettings.when_full`
 
     def __bool__(self) -> bool:
         return self.record is not None or self.live is not None
@@ -49,7 +43,7 @@ class Watch:
         return replace(self, record=str(Path(self.record) / f"{name}.mcap"))
 
     def on(self, env: Any, film: Each | None = None) -> tuple[Any, Each | None]:
-        """The environment as it is watched, and what is to be called after reset and each step.
+        """The recorded environment, and the function to call after reset and each step.
 
         Raises:
             InputError: the extra 'record' is not installed, the file cannot be written, or the
@@ -59,60 +53,63 @@ class Watch:
             return env, film
         from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 
-        own = RecordingSettings(image_rate=self.images, when_full=self.when_full)
-        env = RecordEpisodes(env, self.record, self.live, own)
+        settings = RecordingSettings(image_rate=self.images, when_full=self.when_full)
+        env = RecordEpisodes(env, self.record, self.live, settings)
         if env.port is None:
             return env, film
-        _say(env.port)
+        _print_address(env.port)
         return env, _paced(env.unwrapped.task.period, film)
 
-    def on_survey(
-        self, log: SensorLog, laser: LaserSettings
-    ) -> tuple[Callable[[Slam], None], Each]:
-        """What is to be called after each scan of a log, and at the end (with anything)."""
+    @contextmanager
+    def on_log(self, log: SensorLog, laser: LaserSettings) -> Iterator[Callable[[Slam], None]]:
+        """The function to call after each scan of a log."""
         if not self:
-            return lambda slam: None, lambda end: None
+            yield lambda slam: None
+            return
         from wheelchair_gym.recording.record import RecordingSettings
         from wheelchair_gym.recording.sink import NANO, Sink
 
-        out, own, reckoned = Sink(self.record, self.live), RecordingSettings(), log.odometry
+        out, odometry = Sink(self.record, self.live), log.odometry
         if out.port is not None:
-            _say(out.port)
-        begun, shown, k = time.perf_counter(), -np.inf, 0
+            _print_address(out.port)
+        begun, drawn, k = time.perf_counter(), -np.inf, 0
 
         def each(slam: Slam) -> None:
-            nonlocal shown, k
+            nonlocal drawn, k
             stamp = float(log.stamps[k] - log.stamps[0])
             if out.port is not None:
                 time.sleep(max(0.0, begun + stamp - time.perf_counter()))
             out.now = round(stamp * NANO)
             period = stamp - float(log.stamps[k - 1] - log.stamps[0]) if k else 0.0
-            way = log.increments[k][[0, 2]] / period if period > 0.0 else np.zeros(2)
-            if stamp - shown >= own.refresh_period:
-                shown = stamp
+            twist = log.increments[k][[0, 2]] / period if period > 0.0 else np.zeros(2)
+            if stamp - drawn >= RecordingSettings().refresh_period:
+                drawn = stamp
                 out.send("/map", slam.map)
                 out.send("/tf_static", laser)
                 out.send("/trail", slam.trajectory[:, :2])
-            out.send("/tf", slam.pose, reckoned[k])
+            out.send("/tf", slam.pose, odometry[k])
             out.send("/scan", laser, log.ranges[k])
-            out.send("/odometry", reckoned[k], way)
+            out.send("/odometry", odometry[k], twist)
             out.send("/pose", slam.pose)
             out.send("/particles", slam.poses)
             k += 1
-            if (why := out.new_error()) and self.when_full == "end":
-                raise InputError(f"{why}, and the run, too")
-            if why:
+            if why := out.new_error():
+                if self.when_full == "end":
+                    raise InputError(f"{why}, and the run, too")
                 print(f"{why}; the run goes on", file=sys.stderr)
 
-        return each, lambda end: out.close()
+        try:
+            yield each
+        finally:
+            out.close()
 
 
-def _say(port: int) -> None:
+def _print_address(port: int) -> None:
     print(f"ws://127.0.0.1:{port}", file=sys.stderr)
 
 
 def _paced(period: float, film: Each | None) -> Each:
-    """Called once a control period [s]: waits for its time, then films if that is asked for."""
+    """Called once a control period [s]: waits for real time, then films."""
     begun, calls = time.perf_counter(), 0
 
     def each(env: Any) -> None:

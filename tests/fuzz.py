@@ -399,7 +399,7 @@ def _use_training(path: Path) -> None:
 
 
 def _bench(folder: Path) -> Path:
-    from agents.benchmarks.runs import FORMAT
+    from agents.benchmarks.planner_benchmark import FORMAT
 
     path = folder / "bench.json"
     record = {"key": "abc", "planner": "rrt", "seed": 0, "curve": [[0.1, 3.0]]}
@@ -408,7 +408,7 @@ def _bench(folder: Path) -> Path:
 
 
 def _use_bench(path: Path) -> None:
-    from agents.benchmarks.runs import read_records
+    from agents.benchmarks.planner_benchmark import read_records
 
     read_records(path)
 
@@ -693,7 +693,7 @@ READERS: dict[str, Reader] = {
     "scene settings": Reader(_scenes, _use_scenes, ("cli.arguments.spec",)),
     "planner settings": Reader(_planners, _use_planners, ("cli.arguments.spec",)),
     "training settings": Reader(_training, _use_training, ("cli.train.run",)),
-    "planner results": Reader(_bench, _use_bench, ("benchmarks.runs.read_records",)),
+    "planner results": Reader(_bench, _use_bench, ("benchmarks.planner_benchmark.read_records",)),
     "comparison": Reader(_comparison, _use_comparison, ("learning.publish._results",)),
     "curve": Reader(_curve, _use_curve, ("learning.curves.read_curve",)),
     "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),

@@ -30,19 +30,12 @@ OPTIMUM = "visibility"  # the planner of the optimum where none is stored
 
 @dataclass(frozen=True)
 class Case:
-    """A problem with its optimum.
-
-    Attributes:
-        problem: map, start, goal and clearance.
-        optimum: length of the shortest path [m]; None if unknown.
-        known_from: `file`, the planner that proved it, or `nobody`.
-        rectangles: obstacles (n, 4) [m], where all are rectangles.
-    """
+    """A problem with its optimum."""
 
     problem: Problem
-    optimum: float | None
-    optimum_source: str
-    rectangles: Array | None = None
+    optimum: float | None  # length of the shortest path [m]; None if unknown
+    optimum_source: str  # `file`, the planner that found it, or `unknown`
+    rectangles: Array | None = None  # obstacles (n, 4) [m], where all are rectangles
 
     @property
     def name(self) -> str:
@@ -79,7 +72,7 @@ def _case(problem: Problem, optimum: float | None = None, rectangles: Array | No
         plan = make_planner(OPTIMUM).plan(problem, np.random.default_rng(0))
         if len(plan.path):
             return Case(problem, plan.length, OPTIMUM, rectangles)
-    return Case(problem, None, "nobody", rectangles)
+    return Case(problem, None, "unknown", rectangles)
 
 
 def stored_cases(path: str | Path, only: Sequence[str] = ()) -> list[Case]:

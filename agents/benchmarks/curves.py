@@ -11,18 +11,23 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from agents.benchmarks.runs import FREE, Record
-from agents.benchmarks.summary import LATE_FACTOR, entrant_title, first_path_time, is_valid
+from agents.benchmarks.summary import (
+    FREE,
+    LATE_FACTOR,
+    Record,
+    Row,
+    entrant_title,
+    first_path_time,
+    is_valid,
+)
 from agents.evaluation.figures import COLOURS, DASHES, LOOK, MARKS
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import atomic_write
 
-FLOOR = 1e-3  # % above the optimum: what is nearer is drawn here
+FLOOR = 1e-3  # % above the optimum: smaller values are drawn here
 _PANEL = (4.6, 3.1)  # inches
 _LEGEND = 0.19  # inches a line
 _DPI = 130
-
-Row = Mapping[str, Any]
 
 
 def draw(
@@ -32,14 +37,7 @@ def draw(
     deadlines: Sequence[float],
     path: str | Path,
 ) -> None:
-    """Write a PNG with two panels a problem.
-
-    Args:
-        rows: of the summary.
-        records: the runs.
-        optima: length [m] of each problem's shortest path, or None.
-        deadlines: seconds.
-        path: of the PNG.
+    """Write a PNG with two panels a problem; `optima` has the shortest length [m] where known.
 
     Raises:
         InputError: the file is not a PNG, or cannot be written.
@@ -65,13 +63,13 @@ def draw(
             of = [record for record in records if record["problem"] == problem]
             here = [row for row in rows if row["problem"] == problem]
             for row in here:
-                own = [record for record in of if record["planner"] == row["planner"]]
-                _success(left, own, looks[row["planner"]])
-                _lengths(right, own, optima[problem], deadlines, looks[row["planner"]])
+                its = [record for record in of if record["planner"] == row["planner"]]
+                _success(left, its, looks[row["planner"]])
+                _lengths(right, its, optima[problem], deadlines, looks[row["planner"]])
             _dress(left, right, problem, here)
-        whole_run = {row["planner"]: entrant_title(dict(row)) for row in reversed(rows)}
+        titles = {row["planner"]: entrant_title(row) for row in reversed(rows)}
         lines = [
-            mpl.lines.Line2D([], [], **looks[name], markersize=4, label=_short(whole_run[name]))
+            mpl.lines.Line2D([], [], **looks[name], markersize=4, label=_short(titles[name]))
             for name in names
         ]
         figure.legend(handles=lines, loc="outside right upper", fontsize=7.5)
@@ -136,15 +134,9 @@ def _lengths(
 def _dress(left: Axes, right: Axes, problem: str, rows: Sequence[Row]) -> None:
     runs = max((row["runs"] for row in rows), default=0)
     left.set_title(f"{problem}: valid first path ({runs} runs)", fontsize=9, loc="left")
-    left.set_xscale("log")
-    left.set_ylim(-2, 103)
-    left.set_xlabel("time [ms]")
-    left.set_ylabel("runs [%]")
+    left.set(xscale="log", ylim=(-2, 103), xlabel="time [ms]", ylabel="runs [%]")
     right.set_title(f"{problem}: median, quartiles", fontsize=9, loc="left")
-    right.set_xscale("log")
-    right.set_yscale("log")
-    right.set_xlabel("time [ms]")
-    right.set_ylabel("longer than the optimum [%]")
+    right.set(xscale="log", yscale="log", xlabel="time [ms]", ylabel="longer than the optimum [%]")
     if right.has_data():
         right.axhline(FLOOR, color="#c9ced3", linewidth=0.8)
         right.text(

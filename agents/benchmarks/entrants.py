@@ -24,23 +24,14 @@ UNLIMITED = 1_000_000_000  # iterations under a deadline, so that time alone end
 
 @dataclass(frozen=True)
 class Entrant:
-    """A planner that takes part.
+    """A planner that takes part."""
 
-    Attributes:
-        name: in results.
-        config: its settings.
-        unlimited: its settings under a deadline, without a limit of iterations.
-        package: package and version of a peer; None for ours.
-        timed: whether it takes a deadline; otherwise an answer counts from the time it comes.
-        calls: the planners that it calls, if it is a hybrid.
-    """
-
-    name: str
-    config: Any
-    unlimited: Any
-    package: str | None = None
-    timed: bool = True
-    calls: tuple[str, ...] = ()
+    name: str  # in results
+    config: Any  # its settings
+    unlimited: Any  # its settings under a deadline, without a limit of iterations
+    package: str | None = None  # package and version of a peer; None for ours
+    timed: bool = True  # whether it takes a deadline
+    calls: tuple[str, ...] = ()  # the planners that it calls, if it is a hybrid
 
     def prepare(self, case: Case) -> tuple[Any, Any] | None:
         """The planners for a map, without and with a deadline; None if it cannot take the map."""
@@ -66,15 +57,9 @@ class Entrant:
 def make_plan(planner: Any, problem: Problem, seed: int, deadline: float | None = None) -> Plan:
     """The plan for a seed."""
     rng = np.random.default_rng(seed)
-    plan: Plan = (
-        planner.plan(problem, rng) if deadline is None else planner.plan(problem, rng, deadline)
-    )
+    limits = () if deadline is None else (deadline,)
+    plan: Plan = planner.plan(problem, rng, *limits)
     return plan
-
-
-def takes_deadline(planner: Any) -> bool:
-    """Whether a planner's `plan` has a deadline."""
-    return "deadline" in inspect.signature(planner.plan).parameters
 
 
 def with_iterations(planner: Any, iterations: int) -> Any:
@@ -131,25 +116,24 @@ def small_problem() -> Problem:
 
 
 def make_entrants(specs: Sequence[Any], peers: Sequence[str]) -> list[Entrant]:
-    """The entrants, compiled.
-
-    Args:
-        specs: our planners by name, or mappings with `name`, settings and an optional `label`.
-        peers: names of `PEERS` whose packages are installed.
+    """The entrants, compiled: our planners by name or settings with an optional label, and peers.
 
     Raises:
-        InputError: a planner or a peer is unknown, or a setting is wrong.
+        InputError: a planner is unknown, or a setting is wrong.
     """
     found = []
     for spec in specs:
         values = {"name": spec} if isinstance(spec, str) else dict(spec)
         label = str(values.pop("label", values.get("name")))
         planner = make_planner(values)
-        calls, timed = called_planners(planner), takes_deadline(planner)
+        calls, timed = (
+            called_planners(planner),
+            "deadline" in inspect.signature(planner.plan).parameters,
+        )
         found.append(
             Entrant(label, planner, with_iterations(planner, UNLIMITED), timed=timed, calls=calls)
         )
-    small = Case(small_problem(), None, "nobody", np.array([[2.0, 1.5, 3.0, 2.5]]))
+    small = Case(small_problem(), None, "unknown", np.array([[2.0, 1.5, 3.0, 2.5]]))
     for name in peers:
         peer = PEERS[name]
         package = f"{peer.package} {importlib.metadata.version(peer.package)}"
@@ -160,10 +144,7 @@ def make_entrants(specs: Sequence[Any], peers: Sequence[str]) -> list[Entrant]:
 
 
 def select_peers(wanted: Sequence[str] | None) -> tuple[list[str], list[str]]:
-    """The names of peers to run, and a line for each missing package.
-
-    Args:
-        wanted: names of `PEERS`; None for all installed ones.
+    """The names of the wanted peers, or of all installed ones, and a line for each missing package.
 
     Raises:
         InputError: a name is unknown, or its package is not installed.

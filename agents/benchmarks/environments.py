@@ -15,7 +15,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.evaluation.provenance import commit, machine, versions
+from agents.evaluation import provenance as results
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.envs.world_banks import WorldBank
@@ -42,12 +42,12 @@ def bench_settings(beams: int, bank: int) -> EnvSettings:
 def measure_bank(worlds: WorldBank, size: int) -> tuple[float, float]:
     """Make all worlds of a new bank; milliseconds and bytes per world."""
     before, begun = resident_bytes(), time.perf_counter()
-    known = len(worlds)
+    before_worlds = len(worlds)
     seed = 0
     while len(worlds) < size:
         worlds.episode(seed, 0)
         seed += 1
-    made = max(1, len(worlds) - known)
+    made = max(1, len(worlds) - before_worlds)
     spent = time.perf_counter() - begun
     return 1e3 * spent / made, (resident_bytes() - before) / made
 
@@ -63,9 +63,7 @@ def resident_bytes() -> int:
 def measure_rate(step: Callable[[int], int], seconds: float) -> float:
     """Steps per second, the median of three parts of a measurement.
 
-    Args:
-        step: takes the number of a call, returns how many steps it made.
-        seconds: duration of the measurement.
+    `step` takes the number of a call, and returns how many steps it made.
     """
     rates, k = [], 0
     for _ in range(3):
@@ -81,8 +79,7 @@ def measure_rate(step: Callable[[int], int], seconds: float) -> float:
 def single_env_rate(settings: EnvSettings, worlds: WorldBank, seconds: float) -> float:
     """Steps per second of one Gymnasium environment with resets."""
     env = gym.make(ENV, config=settings, disable_env_checker=True)
-    own: Any = env.unwrapped
-    own.worlds = worlds
+    env.unwrapped.worlds = worlds  # type: ignore[attr-defined]
     actions = np.random.default_rng(0).uniform(-1, 1, (1024, 2)).astype(np.float32)
     env.reset(seed=0)
 
@@ -126,20 +123,15 @@ def startup_times() -> tuple[float, float]:
     )
     with tempfile.TemporaryDirectory() as cache:
         environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
-        first, second = (
-            float(
-                subprocess.run(
-                    [sys.executable, "-c", code],
-                    env=environment,
-                    stdout=subprocess.PIPE,
-                    stderr=subprocess.DEVNULL,
-                    text=True,
-                    check=True,
-                ).stdout.split()[-1]
+
+        def start() -> float:
+            command = [sys.executable, "-c", code]
+            done = subprocess.run(
+                command, env=environment, capture_output=True, text=True, check=True
             )
-            for _ in range(2)
-        )
-    return first, second
+            return float(done.stdout.split()[-1])
+
+        return start(), start()
 
 
 def measure(
@@ -152,17 +144,7 @@ def measure(
     peer: bool,
     start: bool,
 ) -> Iterator[Row]:
-    """Rows of figures, one after another.
-
-    Args:
-        beams: of the laser.
-        envs: sizes of vector environments.
-        threads: of a vector environment.
-        bank: number of worlds.
-        seconds: of each measurement.
-        peer: measure IR-SIM, too.
-        start: measure the start of a process.
-    """
+    """Rows of figures, one after another, with `seconds` for each measurement."""
     if start:
         first, second = startup_times()
         yield {"what": "first start, with compilation", "value": first, "unit": "s"}
@@ -174,29 +156,29 @@ def measure(
     yield {"what": "a world of the bank, kept", "value": world_bytes / 1024, "unit": "kB"}
     for count in beams:
         settings = bench_settings(count, bank)
-        theirs = None
+        peer_rate = None
         if peer:
             from agents.peers.irsim import irsim_rate
 
-            theirs = irsim_rate(settings, worlds.episode(0, 0).episode, seconds)
-            yield {"what": "IR-SIM", "beams": count, "envs": 1, "threads": 1, "rate": theirs}
+            peer_rate = irsim_rate(settings, worlds.episode(0, 0).episode, seconds)
+            yield {"what": "IR-SIM", "beams": count, "envs": 1, "threads": 1, "rate": peer_rate}
         found = single_env_rate(settings, worlds, seconds)
-        yield _row("one env", count, 1, 1, found, theirs)
+        yield _row("one env", count, 1, 1, found, peer_rate)
         for n in envs:
             for used in threads:
                 if used > n:
                     continue
                 before = resident_bytes()
                 found, env = vector_env_rate(settings, worlds, n, used, seconds)
-                yield _row("batch", count, n, used, found, theirs)
+                yield _row("batch", count, n, used, found, peer_rate)
                 if n == max(envs) and used == min(threads):
                     # Later ones reuse memory that the first ones freed.
                     yield from _batch_facts(env, n, before, count == beams[0])
                 env.close()
 
 
-def _row(what: str, beams: int, n: int, threads: int, found: float, theirs: float | None) -> Row:
-    ratio = {} if theirs is None else {"ratio": found / theirs}
+def _row(what: str, beams: int, n: int, threads: int, found: float, peer_rate: float | None) -> Row:
+    ratio = {} if peer_rate is None else {"ratio": found / peer_rate}
     return {"what": what, "beams": beams, "envs": n, "threads": threads, "rate": found, **ratio}
 
 
@@ -209,15 +191,9 @@ def _batch_facts(env: NavigationVectorEnv, n: int, before: int, first: bool) -> 
     for seed in range(3):
         env.reset(seed=seed)
     spent = (time.perf_counter() - begun) / 3
-    yield {"what": "resets with known worlds", "value": n / spent, "unit": "1/s"}
+    yield {"what": "resets with worlds of the bank", "value": n / spent, "unit": "1/s"}
 
 
 def provenance(**settings: Any) -> Row:
     """The provenance of a result."""
-    load = os.getloadavg()[0]
-    return {
-        "settings": settings,
-        "commit": commit(),
-        "machine": machine() | {"load": load},
-        "versions": versions(),
-    }
+    return {"settings": settings, **results.provenance(load=os.getloadavg()[0])}

@@ -1,35 +1,61 @@
-"""A planner benchmark: its entrants, problems, conditions and results file."""
+"""A planner benchmark: every entrant on every problem, on one core, stored and resumable."""
 
 from __future__ import annotations
 
-import sys
-import time
-from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
+import contextlib
+import dataclasses
+import gc
+import os
+import statistics
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from time import perf_counter, process_time
 from typing import Any
 
-from agents.benchmarks.cases import MARGIN, SEED, description, scene_cases, stored_cases
-from agents.benchmarks.entrants import UNLIMITED, make_entrants
+import numpy as np
+
+from agents import is_interrupt
+from agents.benchmarks.cases import MARGIN, SEED, Case, description, scene_cases, stored_cases
+from agents.benchmarks.entrants import (
+    UNLIMITED,
+    Entrant,
+    make_entrants,
+    make_plan,
+    with_iterations,
+)
 from agents.benchmarks.environments import provenance
-from agents.benchmarks.iteration import iteration_rows
-from agents.benchmarks.runs import FORMAT, BenchmarkRuns, Record
 from agents.benchmarks.summary import (
+    COLD,
+    FREE,
     LATE_FACTOR,
-    as_csv,
+    Record,
     deadline_key,
     markdown,
     ranking,
     summarise,
 )
-from agents.evaluation.provenance import command_line, write_json, write_text
-from agents.interrupt import by_hand
+from agents.evaluation.metrics import path_figures
+from agents.evaluation.provenance import command_line, machine, now, write_json
+from agents.evaluation.runs import (
+    append,
+    compute,
+    read_store,
+    run_key,
+    source_digest,
+    stopped_by_ctrl_c,
+)
+from agents.peers import PEERS
+from planners import Plan, make_planner
+from planners.swarm.planner import SwarmPlanner
+from wheelchair_gym.config import InputError, dump, read_json
 
-LOG_INTERVAL = 10.0  # s between two lines of progress in a log
-
+FORMAT = "wheelchair bench planners 1"  # of a results file
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+SWARM = SwarmPlanner(optimizer="woa", population=10, way_points=20)  # whose time is measured
+ITERATIONS, REPEATS = 100, 5
 TERMS = (
     "The arrays of a map for exact tests are made before the clock starts, and so is each peer's "
-    "own description of the map. The first call is on a map that the planner has not seen; the "
+    "description of the map. The first call is on a map that the planner has not seen; the "
     "other calls share a map and what a planner caches with it.",
     f"Under a deadline a planner's limit of iterations is {UNLIMITED:.0e}; an answer later than "
     f"{LATE_FACTOR} times the deadline does not count. A planner without deadlines answers when it "
@@ -41,9 +67,101 @@ TERMS = (
     "OMPL as it comes. Its random numbers are one stream of the process.",
 )
 
+Budget = str | float  # COLD, FREE, or a deadline [s]
+Job = tuple[Entrant, Case, int, Budget]
+
+
+@contextlib.contextmanager
+def one_core() -> Iterator[int | None]:
+    """Pin this process to one core; its number, None where the system cannot."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+    core = max(cores) if cores else None
+    try:
+        if core is not None:
+            os.sched_setaffinity(0, {core})
+        yield core
+    finally:
+        if core is not None:
+            os.sched_setaffinity(0, cores)
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def run_once(planner: Any, case: Case, seed: int, budget: Budget) -> Record:
+    """The record of one run of a planner that is prepared for the map, with the judge's faults."""
+    problem = case.fresh_problem() if budget == COLD else case.problem
+    deadline = None if isinstance(budget, str) else budget
+    gc.disable()
+    error = None
+    begun, cpu = perf_counter(), process_time()
+    try:
+        plan = make_plan(planner, problem, seed, deadline)
+    except Exception as raised:  # an error of one planner does not end a benchmark of hours
+        if is_interrupt(raised):
+            raise
+        error, plan = raised, None
+    finally:
+        spent, cpu = perf_counter() - begun, process_time() - cpu
+        gc.enable()
+    record: Record = {"seed": seed, "budget": budget, "wall_s": spent, "cpu_s": cpu}
+    if plan is None:
+        return record | {"status": "crashed", "why": f"{type(error).__name__}: {error}"[:200]}
+    record |= {
+        "status": str(plan.status),
+        "first_path_s": plan.timings.get("first_path_s"),
+        "nodes": plan.counters.get("nodes"),
+        "iterations": plan.counters.get("iterations"),
+    }
+    if not len(plan.path):
+        return record
+    if budget == FREE and record["first_path_s"] is None:
+        record |= _first_path_by_replay(planner, case, seed, plan)
+    faults = case.judge.faults(plan.path, problem.start, problem.goal)
+    return record | path_figures(plan.path, problem) | {"faults": len(faults), "why": faults[:1]}
+
+
+def _first_path_by_replay(planner: Any, case: Case, seed: int, plan: Plan) -> Record:
+    """Time of the first path, by a run that ends at its iteration, where that is reported."""
+    first = plan.counters.get("first_path_iterations")
+    if first is None or not dataclasses.is_dataclass(planner):
+        return {}
+    begun = perf_counter()
+    earlier = make_plan(with_iterations(planner, max(1, first)), case.problem, seed)
+    spent = perf_counter() - begun
+    if not len(earlier.path):
+        return {}
+    return {"first_path_s": spent, "first_path_length_m": earlier.length}
+
+
+def read_records(path: str | Path) -> dict[str, Record]:
+    """Records by key of an earlier results file.
+
+    Raises:
+        InputError: it cannot be read, or is something else.
+    """
+    content = read_json(path)
+    if not isinstance(content, Mapping) or content.get("format") != FORMAT:
+        raise InputError(f"{path}: not a result of 'wheelchair bench planners'")
+    parts = [content.get("records"), content.get("others")]
+    records = [record for part in parts if isinstance(part, list) for record in part]
+    if not all(isinstance(part, list) for part in parts) or not all(
+        isinstance(record, Mapping) and isinstance(record.get("key"), str) for record in records
+    ):
+        raise InputError(f"{path}: expected lists of records with keys, 'records' and 'others'")
+    return {record["key"]: {k: v for k, v in record.items() if k != "key"} for record in records}
+
 
 class PlannerBenchmark:
     """A benchmark of planners: its entrants, problems, runs and results.
+
+    Each run is stored in FILE.jsonl as it ends, and the results in FILE.json at the end. Seeds are
+    the outer loop of a problem: a change of the machine's load then affects all planners alike, and
+    a benchmark that is stopped early has as many runs of each.
 
     Args:
         ours: planners by name, or mappings with their settings.
@@ -52,123 +170,164 @@ class PlannerBenchmark:
         only: names of problems; empty: all.
         seeds: of the runs.
         deadlines: seconds.
-        known: records of earlier runs, by key.
+        file: the results; FILE.jsonl stands beside it.
+        resume: continue the results in the file; otherwise runs that are stored there are deleted.
         core: that all runs use.
 
     Raises:
-        InputError: a name, a setting or the file is wrong.
+        InputError: a name, a setting or a file is wrong.
     """
 
     def __init__(
-        self,
-        ours: Sequence[Any],
-        peers: Sequence[str],
-        problems: str | Path | None,
-        only: Sequence[str],
-        seeds: Sequence[int],
-        deadlines: Sequence[float],
-        known: Mapping[str, Record],
-        core: int | None = None,
-    ) -> None:
-        self.peers = list(peers)
+        self, ours: Sequence[Any], peers: Sequence[str], problems: str | Path | None,
+        only: Sequence[str], seeds: Sequence[int], deadlines: Sequence[float], file: str | Path,
+        *, resume: bool = False, core: int | None = None,
+    ) -> None:  # fmt: skip
+        self.file, self.store = Path(file), Path(file).with_suffix(".jsonl")
+        before = read_records(file) if resume else {}
+        self.peers, self.deadlines = list(peers), sorted(deadlines)
         self.cases = stored_cases(problems, only) if problems else scene_cases(only)
         self.entrants = make_entrants(ours, peers)
-        self.runs = BenchmarkRuns(self.entrants, self.cases, list(seeds), deadlines, known)
+        source, cpu = source_digest(), machine()["cpu"]
+        self.jobs: dict[str, Job] = {}
+        for case in self.cases:
+            for seed in seeds:
+                for entrant in self.entrants:
+                    parts = source, cpu, entrant.name, entrant.package, dump(entrant.config)
+                    cold = [COLD] if seed == seeds[0] else []
+                    for budget in [*cold, FREE, *(self.deadlines if entrant.timed else ())]:
+                        key = run_key(*parts, case.digest, seed, budget)
+                        self.jobs[key] = entrant, case, seed, budget
         self._iterations: list[dict[str, Any]] = []
         self._settings = {
             "problems": str(problems) if problems else f"scenes, seed {SEED}, margin {MARGIN} m",
             "seeds": list(seeds),
-            "deadlines_s": self.runs.deadlines,
+            "deadlines_s": self.deadlines,
             "core": core,
             "terms": list(TERMS),
             "entrants": [entrant.description for entrant in self.entrants],
         }
+        self._prepared: dict[tuple[str, str], Any] = {}
+        if not resume:
+            write_json(self.file, {})  # fails now where the file cannot be written
+            self.store.unlink(missing_ok=True)
+        append(self.store, {k: v for k, v in before.items() if k not in read_store(self.store)})
+        write_json(self.file, self.result())
+
+    def run(self, progress: bool = True) -> None:
+        """Make the missing runs, and write the results.
+
+        Raises:
+            StoppedError: Ctrl-C; the results hold what was made.
+        """
+        try:
+            with stopped_by_ctrl_c(
+                lambda: f"{len(self.records)} of {len(self.jobs)} runs are kept"
+            ):
+                self._iterations = iteration_rows(self.cases, self.peers)
+                compute(self.jobs, self._work, self.store, progress=progress)
+        finally:
+            write_json(self.file, self.result())
+
+    def _work(self, job: Job) -> Record:
+        entrant, case, seed, budget = job
+        place = entrant.name, case.name
+        if place not in self._prepared:
+            kept = {key: value for key, value in self._prepared.items() if key[1] == case.name}
+            self._prepared = {**kept, place: entrant.prepare(case)}
+        planners = self._prepared[place]
+        record: Record = {"planner": entrant.name, "problem": case.name}
+        if planners is None:
+            return record | {"seed": seed, "budget": budget, "status": "not_for_this_map"}
+        return record | run_once(planners[not isinstance(budget, str)], case, seed, budget)
 
     @property
-    def progress(self) -> tuple[int, int]:
-        """Finished runs, and all runs."""
-        return len(self.runs.records), len(self.runs.wanted)
+    def records(self) -> dict[str, Record]:
+        """The records so far by key, in the order of the benchmark."""
+        stored = read_store(self.store)
+        return {key: stored[key] for key in self.jobs if key in stored}
 
-    def run(self, file: str | Path, bar: bool = True, pause: float = 30.0) -> bool:
-        """Make the missing runs; False if Ctrl-C stopped them.
-
-        Args:
-            file: that results are written to at intervals, and at the end.
-            bar: show progress on standard error.
-            pause: interval of writing [s].
-        """
-        from tqdm import tqdm
-
-        often = 0.1 if sys.stderr.isatty() else LOG_INTERVAL
-        made, wanted = self.progress
-        written, done = time.perf_counter(), True
-        write_json(file, self.result())  # fails now where the file cannot be written
-        try:
-            self._iterations = iteration_rows(self.cases, self.peers)
-            for _ in tqdm(
-                self.runs.run_missing(), total=wanted, initial=made, unit="run", mininterval=often,
-                maxinterval=often, disable=not bar,
-            ):  # fmt: skip
-                if time.perf_counter() - written > pause:
-                    write_json(file, self.result())
-                    written = time.perf_counter()
-        except (KeyboardInterrupt, SystemError) as error:
-            if not by_hand(error):
-                raise
-            done = False
-        write_json(file, self.result())
-        return done
+    @property
+    def optima(self) -> dict[str, float | None]:
+        """The length [m] of each problem's shortest path, where it is known."""
+        return {case.name: case.optimum for case in self.cases}
 
     def rows(self) -> list[dict[str, Any]]:
         """The figures so far."""
-        records = list(self.runs.records.values())
-        return summarise(self.entrants, self.cases, records, self.runs.deadlines)
+        return summarise(self.entrants, self.optima, list(self.records.values()), self.deadlines)
 
     def result(self) -> dict[str, Any]:
         """The content of the results file."""
-        rows = self.rows()
+        rows, records, stored = self.rows(), self.records, read_store(self.store)
+        others = {key: record for key, record in stored.items() if key not in records}
         return {
             "format": FORMAT,
             "command": command_line(),
-            "provenance": {
-                **provenance(**self._settings),
-                "written": datetime.now(UTC).isoformat(timespec="seconds"),
-            },
+            "provenance": {**provenance(**self._settings), "written": now()},
             "problems": [description(case) for case in self.cases],
             "rows": rows,
             "anytime": {
                 deadline_key(deadline): [row["planner"] for row in ranking(rows, deadline)]
-                for deadline in self.runs.deadlines
+                for deadline in self.deadlines
             },
             "iterations": self._iterations,
-            "records": self.runs.stored_records,
-            "others": self.runs.others,
+            "records": [{"key": key, **record} for key, record in records.items()],
+            "others": [{"key": key, **record} for key, record in others.items()],
         }
 
     def text(self) -> str:
         """The figures as Markdown."""
-        lines = [markdown(self.rows(), self.runs.deadlines)]
+        text = markdown(self.rows(), self.deadlines)
         if self._iterations:
             first = self._iterations[0]
-            lines.append(
-                f"One iteration, population {first['population']}, {first['way_points']} way "
+            text += (
+                f"\nOne iteration, population {first['population']}, {first['way_points']} way "
                 f"points, {first['problem']}: "
                 + ", ".join(f"{row['swarm']} {row['us']:.0f} us" for row in self._iterations)
                 + "\n"
             )
-        return "\n".join(lines)
+        return text
 
-    def write(self, table: str | None, plot: str | None) -> None:
-        """Write the figures as CSV, and plot them, where a file is given.
 
-        Raises:
-            InputError: a file cannot be written.
-        """
-        if table:
-            write_text(table, as_csv(self.rows()))
-        if plot:
-            from agents.benchmarks.curves import draw
+def _microseconds(run: Callable[[int], object]) -> float:
+    """CPU time of one iteration: a long run less a run of a single iteration."""
+    run(2)
+    times = []
+    for _ in range(REPEATS):
+        spent = []
+        for count in (1, ITERATIONS + 1):
+            begun = process_time()
+            run(count)
+            spent.append(process_time() - begun)
+        times.append(1e6 * (spent[1] - spent[0]) / ITERATIONS)
+    return statistics.median(times)
 
-            optima = {case.name: case.optimum for case in self.cases}
-            records = list(self.runs.records.values())
-            draw(self.rows(), records, optima, self.runs.deadlines, plot)
+
+def iteration_rows(cases: Sequence[Case], peers: Sequence[str]) -> list[dict[str, Any]]:
+    """Microseconds of an iteration of our whales and of each peer's swarm, with one objective.
+
+    On the first path with a corner; objective `length_free` (thesis, section 2.8), median of
+    `REPEATS`. Ours skips tests of edges that cannot change the result; the others call the same
+    compiled cost.
+    """
+    for case in cases:
+        problem = case.problem
+        first = make_planner(SWARM.first).plan(problem, np.random.default_rng(0))
+        if len(first.path) > 2:
+            break
+    else:
+        return []
+    start = SWARM.start(problem, first.path, np.random.default_rng(0))
+
+    def run(planner: SwarmPlanner) -> Callable[[int], object]:
+        return lambda count: dataclasses.replace(planner, iterations=count, cycle=count).search(
+            start, np.random.default_rng(0)
+        )
+
+    swarms = {name: PEERS[name].settings for name in peers}
+    runs = {"whales (ours)": run(SWARM)} | {
+        name: run(swarm) for name, swarm in swarms.items() if isinstance(swarm, SwarmPlanner)
+    }
+    way_points = len(start.path_problem.anchors)
+    facts = {"problem": case.name, "population": SWARM.population, "way_points": way_points}
+    return [{"swarm": name, "us": _microseconds(one), **facts} for name, one in runs.items()]

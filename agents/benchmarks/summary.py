@@ -1,24 +1,22 @@
-"""What the runs of a planner benchmark say: medians, shares with intervals, and who leads."""
+"""Results of a planner benchmark: medians, shares with intervals, and the ranking."""
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from agents.benchmarks.cases import Case
 from agents.benchmarks.entrants import Entrant
-from agents.benchmarks.runs import COLD, FREE, Record
-from agents.evaluation.metrics import wilson
-from agents.evaluation.tables import Column, bounds_written, heading, written
+from agents.evaluation.metrics import share
+from agents.evaluation.tables import Cell, Column, Table
 
 Row = dict[str, Any]
+Record = dict[str, Any]
 
+COLD, FREE = "cold", "free"  # budgets without a deadline: the first call on a map, and later calls
 ALL = "all"  # problems together
-LATE_FACTOR = 1.25  # of a deadline that a planner was given: an answer that came later is none
+LATE_FACTOR = 1.25  # an answer after this multiple of the deadline does not count
 
 
 def deadline_key(deadline: float) -> str:
@@ -38,23 +36,8 @@ def first_path_time(record: Record) -> float:
 
 
 def _median(values: Iterable[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.median(known)) if known else None
-
-
-def _share(hits: int, of: int, name: str) -> Row:
-    low, high = wilson(hits, of)
-    return {name: hits / of if of else None, f"{name}_low": low, f"{name}_high": high}
-
-
-def _ratio(optima: Mapping[str, float | None]) -> Callable[[Record], float | None]:
-    def ratio(record: Record) -> float | None:
-        optimum = optima[record["problem"]]
-        if not optimum:
-            return None
-        return float(record["length_m"] / optimum)
-
-    return ratio
+    given = [value for value in values if value is not None]
+    return float(np.median(given)) if given else None
 
 
 def summary_row(
@@ -69,7 +52,11 @@ def summary_row(
     Medians of times and path measures are over runs without a deadline that ended with a valid
     path. For a planner without deadlines a run counts at a deadline if it had ended by then.
     """
-    ratio = _ratio(optima)
+
+    def ratios(of: Iterable[Record]) -> float | None:
+        lengths = ((record["length_m"], optima[record["problem"]]) for record in of)
+        return _median(float(length / optimum) for length, optimum in lengths if optimum)
+
     free = [record for record in records if record["budget"] == FREE]
     good = [record for record in free if is_valid(record)]
     paths = [record for record in records if record.get("length_m") is not None]
@@ -85,37 +72,35 @@ def summary_row(
         "invalid": len(invalid),
         "crashed": len(crashed),
         "why": next((str(r["why"]) for r in [*crashed, *invalid] if r.get("why")), None),
-        **_share(len(good), len(free), "success"),
+        **share("success", len(good), len(free)),
         "cold_s": _median(r["wall_s"] for r in records if r["budget"] == COLD and is_valid(r)),
         "first_path_s": _median(map(first_path_time, good)),
         "time_s": _median(record["wall_s"] for record in good),
         "cpu_s": _median(record["cpu_s"] for record in good),
-        "ratio": _median(map(ratio, good)),
-        "nodes": _median(record["nodes"] for record in good),
+        "ratio": ratios(good),
     }
-    for key in ("turning_rad", "printed_turning", "clearance_min_m", "clearance_mean_m"):
+    for key in ("nodes", "turning_rad", "printed_turning", "clearance_min_m", "clearance_mean_m"):
         row[key] = _median(record[key] for record in good)
     for deadline in deadlines:
         tried = [r for r in records if r["budget"] == (deadline if entrant.timed else FREE)]
         limit = deadline * (LATE_FACTOR if entrant.timed else 1.0)
-        late = [record for record in tried if record["wall_s"] > limit]
-        done = [record for record in tried if is_valid(record) and record["wall_s"] <= limit]
-        row |= _share(len(done), len(tried), f"success_{deadline_key(deadline)}")
-        row[f"ratio_{deadline_key(deadline)}"] = _median(map(ratio, done))
-        row[f"late_{deadline_key(deadline)}"] = len(late)
+        in_time = [record for record in tried if record["wall_s"] <= limit]
+        done = [record for record in in_time if is_valid(record)]
+        row |= share(f"success_{deadline_key(deadline)}", len(done), len(tried))
+        row[f"ratio_{deadline_key(deadline)}"] = ratios(done)
+        row[f"late_{deadline_key(deadline)}"] = len(tried) - len(in_time)
     return row
 
 
 def summarise(
     entrants: Sequence[Entrant],
-    cases: Sequence[Case],
+    optima: Mapping[str, float | None],
     records: Sequence[Record],
     deadlines: Sequence[float],
 ) -> list[Row]:
-    """A row for each entrant on each problem, and on all problems that it can take."""
-    optima = {case.name: case.optimum for case in cases}
+    """A row for each entrant on each problem of `optima`, and on all problems that it can take."""
     rows = []
-    for problem in [ALL, *optima] if len(cases) > 1 else optima:
+    for problem in [ALL, *optima] if len(optima) > 1 else optima:
         for entrant in entrants:
             of = [
                 record
@@ -134,29 +119,23 @@ def ranking(rows: Sequence[Row], deadline: float) -> list[Row]:
 
     Hybrids, which call another planner, and planners with an invalid path are left out.
     """
-    place = rows[0]["problem"] if rows else ALL
-    fit = [
+    solved, ratio = (f"{name}_{deadline_key(deadline)}" for name in ("success", "ratio"))
+    excluded = "calls", "invalid", "crashed"
+    eligible = [
         row
         for row in rows
-        if row["problem"] == place
-        and not row["calls"]
-        and not row["invalid"]
-        and not row["crashed"]
-        and row[f"ratio_{deadline_key(deadline)}"] is not None
+        if row["problem"] == rows[0]["problem"]
+        and not any(row[key] for key in excluded)
+        and row[ratio] is not None
     ]
-    return sorted(
-        fit,
-        key=lambda row: (
-            -row[f"success_{deadline_key(deadline)}"],
-            row[f"ratio_{deadline_key(deadline)}"],
-        ),
-    )
+    return sorted(eligible, key=lambda row: (-row[solved], row[ratio]))
 
 
 def columns(deadlines: Sequence[float]) -> list[Column]:
-    """The columns of the table."""
+    """The columns of the table, after the planner's."""
+    valid = Column("success", "valid path", "%", 0, 100.0, interval=True)
     return [
-        Column("success", "valid path", "%", 0, 100.0, interval=True),
+        valid,
         Column("invalid", "invalid paths", digits=0),
         Column("cold_s", "first call", "ms", 2, 1e3),
         Column("first_path_s", "first path", "ms", 2, 1e3),
@@ -165,10 +144,10 @@ def columns(deadlines: Sequence[float]) -> list[Column]:
         Column("ratio", "length / optimum", digits=4),
         *(
             column
-            for deadline in deadlines
+            for key in map(deadline_key, deadlines)
             for column in (
-                Column(f"ratio_{deadline_key(deadline)}", f"at {deadline_key(deadline)}", digits=4),
-                Column(f"success_{deadline_key(deadline)}", "valid", "%", 0, 100.0, interval=True),
+                Column(f"ratio_{key}", f"at {key}", digits=4),
+                valid._replace(key=f"success_{key}", name="valid"),
             )
         ),
         Column("nodes", "nodes", digits=0),
@@ -194,34 +173,17 @@ def entrant_title(row: Row) -> str:
 def markdown(rows: Sequence[Row], deadlines: Sequence[float]) -> str:
     """A table for each problem, and the anytime ranking."""
     heads = columns(deadlines)
-    lines = []
+    text = ""
     for problem in dict.fromkeys(row["problem"] for row in rows):
-        lines += [f"## {problem if problem != ALL else 'all problems'}", ""]
-        lines.append("| planner | " + " | ".join(heading(column) for column in heads) + " |")
-        lines.append("| --- |" + " ---: |" * len(heads))
-        for row in rows:
-            if row["problem"] != problem:
-                continue
-            cells = [entrant_title(row)]
-            for column in heads:
-                cell, interval = written(row[column.key], column), bounds_written(row, column)
-                cells.append(f"{cell} ({interval})" if interval and cell != "-" else cell)
-            lines.append("| " + " | ".join(cells) + " |")
-        lines.append("")
-    for deadline in deadlines:
-        names = [
-            f"{row['planner']} {row[f'ratio_{deadline_key(deadline)}']:.4f}"
-            for row in ranking(rows, deadline)
+        body = [
+            [Cell(entrant_title(row)), *(column.cell(row) for column in heads)]
+            for row in rows
+            if row["problem"] == problem
         ]
-        lines.append(f"Anytime ranking at {deadline_key(deadline)}: {', '.join(names) or 'none'}")
-    return "\n".join(lines) + "\n"
-
-
-def as_csv(rows: Sequence[Row]) -> str:
-    """The rows as comma-separated values, with a header."""
-    out = io.StringIO()
-    writer = csv.DictWriter(out, fieldnames=list(rows[0]) if rows else ["planner"])
-    writer.writeheader()
-    for row in rows:
-        writer.writerow(row | {"calls": " ".join(row["calls"])})
-    return out.getvalue()
+        table = Table("", [Column("planner", "planner", None), *heads], [body])
+        text += f"## {'all problems' if problem == ALL else problem}\n\n{table.markdown()}\n"
+    for deadline in deadlines:
+        ratio = f"ratio_{deadline_key(deadline)}"
+        names = [f"{row['planner']} {row[ratio]:.4f}" for row in ranking(rows, deadline)]
+        text += f"Anytime ranking at {deadline_key(deadline)}: {', '.join(names) or 'none'}\n"
+    return text

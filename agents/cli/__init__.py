@@ -14,8 +14,8 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
+from agents import StoppedError, is_interrupt
 from agents.cli.commands import COMMANDS, GROUPS, Command, OneOf
-from agents.interrupt import by_hand
 
 LONGEST_ERROR = 1000  # characters
 
@@ -53,26 +53,26 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     return f"; did you mean {near[0]}?" if near else ""
 
 
-class Version(argparse.Action):
-    """Prints the installed version."""
+class Print(argparse.Action):
+    """Prints what the function `const` gives for the parser and the option's value, and exits."""
 
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+    def __call__(self, parser: argparse.ArgumentParser, _: Any, value: Any, *__: Any) -> NoReturn:
         """Print and exit."""
-        from importlib.metadata import version
-
-        print(f"wheelchair {version('wheelchair_gym')}")
+        assert callable(self.const)
+        print(self.const(parser, value))
         parser.exit()
 
 
-class Completion(argparse.Action):
-    """Prints a completion script of a shell."""
+def _version(*_: Any) -> str:
+    from importlib.metadata import version
 
-    def __call__(self, parser: argparse.ArgumentParser, _: Any, shell: Any, *__: Any) -> NoReturn:
-        """Print and exit."""
-        import shtab
+    return f"wheelchair {version('wheelchair_gym')}"
 
-        print(shtab.complete(parser, shell))
-        parser.exit()
+
+def _completion(parser: argparse.ArgumentParser, shell: str) -> str:
+    import shtab
+
+    return str(shtab.complete(parser, shell))
 
 
 def parser() -> Parser:
@@ -82,9 +82,9 @@ def parser() -> Parser:
         description="Simulate, plan for and compare policies of a robotic wheelchair.",
         epilog="example: wheelchair simulate --policy a_star+window --seed 3 --video drive.mp4",
     )
-    main.add_argument("--version", action=Version, nargs=0, help="print the version")
+    main.add_argument("--version", action=Print, nargs=0, const=_version, help="print the version")
     main.add_argument(
-        "--completion", action=Completion, choices=("bash", "zsh"),
+        "--completion", action=Print, const=_completion, choices=("bash", "zsh"),
         help="print a completion script of a shell",
     )  # fmt: skip
     parsers = main.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -95,9 +95,8 @@ def parser() -> Parser:
             help, example = GROUPS[group]
             of_group = _add(parsers, group, help, "", example)
             groups[group] = of_group.add_subparsers(dest="part", required=True, metavar="COMMAND")
-        one = _add(
-            groups.get(group, parsers), name, command.help, command.description, command.example
-        )
+        parent = groups.get(group, parsers)
+        one = _add(parent, name, command.help, command.description, command.example)
         for item in command.options:
             if isinstance(item, OneOf):
                 exclusive = one.add_mutually_exclusive_group(required=item.required)
@@ -157,8 +156,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
     except MemoryError as error:
         return _fail(f"not enough memory ({error})" if str(error) else "not enough memory")
+    except StoppedError as error:
+        from agents.cli.arguments import stopped
+
+        return stopped(error)
     except (KeyboardInterrupt, SystemError) as error:
-        if not by_hand(error):
+        if not is_interrupt(error):
             raise
         return _fail("stopped", 130)
     except BrokenPipeError:  # the reader of a pipe has ended
@@ -185,7 +188,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _replace_closed_streams() -> None:
-    """Open something in place of closed standard streams, whose numbers files could get else."""
+    """Open something in place of closed standard streams, so that no file gets their numbers."""
     if sys.stdout is None:
         # Opened for reading, so that writing fails, as with a closed output.
         sys.stdout = io.TextIOWrapper(io.FileIO(os.open(os.devnull, os.O_RDONLY), "w"), "utf-8")

@@ -1,4 +1,4 @@
-"""What commands make of their arguments: settings, environments, recordings and output."""
+"""Settings, environments, recordings and output from the arguments of commands."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wheelchair_gym.files import parse_json, read_text
 
 
 def spec(text: str) -> str | dict[str, Any]:
-    """Settings by NAME, or by FILE.json:NAME those of that name in a file.
+    """The name NAME, or the settings called NAME in a file, for FILE.json:NAME.
 
     A file in the format of the thesis (figure 3.1) holds the settings of its planners.
 
@@ -124,26 +124,23 @@ def real_chair_env(chair: Any, settings: Mapping[str, Any], **more: Any) -> tupl
     From now on SIGTERM and SIGHUP end this program as Ctrl-C does, so that the chair stops, and a
     person at the terminal can re-arm it.
 
-    Args:
-        chair: its name or settings, see `make_chair`.
-        settings: of the environment, from `agents.evaluation.evaluate.env_settings`.
-        more: further arguments of the environment.
+    `chair` is for `make_chair`; `settings` and `more` are arguments of the environment.
 
     Raises:
         InputError: the settings are wrong, or no chair answers.
     """
-    from agents.deploy import ended_as_by_hand, hear_person
+    from agents.deploy import end_as_by_ctrl_c, listen_for_rearm
     from wheelchair_gym.envs import NavigationEnv
     from wheelchair_gym.envs.settings import env_settings
     from wheelchair_gym.hardware.registry import make_chair
 
-    ended_as_by_hand()
+    end_as_by_ctrl_c()
     config = env_settings(**{"config": None, **settings})
     made: Any = make_chair(chair, config)
     try:
         shield: Any = config.shield or True  # a real chair always has one
         env = NavigationEnv(chair=made, **{**settings, **more, "shield": shield})
-        hear_person(made, env.shield)
+        listen_for_rearm(made, env.shield)
         return env, made
     except BaseException:
         made.close()

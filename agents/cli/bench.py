@@ -8,15 +8,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from agents.cli.arguments import labelled, report, stopped
-from agents.evaluation.provenance import write_json
+from agents import StoppedError
+from agents.cli.arguments import check_picture, labelled, report, stopped
+from agents.evaluation.provenance import write_json, write_text
 from wheelchair_gym.config import InputError
-
-WRITE_INTERVAL = 30.0  # s between two times that results are written while a benchmark runs
 
 
 def env(given: argparse.Namespace) -> int:
-    """Measure, print each figure as it comes, write them all."""
+    """Measure the speed of environments; print each figure at once, and write all of them."""
     from agents.benchmarks.environments import measure, provenance
 
     if given.seconds <= 0.0:
@@ -45,15 +44,15 @@ def _line(row: dict[str, Any]) -> str:
 
 
 def planners(given: argparse.Namespace) -> int:
-    """Run what is missing, write results as they grow, print tables."""
+    """Make the missing runs of planners, write the results, and print tables."""
+    from agents.benchmarks.curves import draw
     from agents.benchmarks.entrants import select_peers
-    from agents.benchmarks.planner_benchmark import PlannerBenchmark
-    from agents.benchmarks.runs import one_core, read_records
+    from agents.benchmarks.planner_benchmark import PlannerBenchmark, one_core
+    from agents.evaluation.tables import csv_table
     from agents.peers import PEERS
     from planners import PLANNERS
 
-    if given.plot and Path(given.plot).suffix.lower() != ".png":
-        raise InputError(f"{given.plot}: expected a name that ends with .png")
+    check_picture(given.plot)
     asked = given.planners
     ours: list[Any] = list(PLANNERS)
     named: list[str] | None = None
@@ -65,22 +64,32 @@ def planners(given: argparse.Namespace) -> int:
         peers, missing = select_peers(None if given.peers else named)
         for text in missing:
             print(f"wheelchair: {text}", file=sys.stderr)
-    known = read_records(given.resume) if given.resume else {}
+    file = given.resume or (
+        given.json if given.json not in (None, "-") else f"{given.out}/planners.json"
+    )
     with one_core() as core:
-        championship = PlannerBenchmark(
-            ours, peers, given.problems, given.only, range(given.seeds), given.deadlines, known,
-            core,
+        benchmark = PlannerBenchmark(
+            ours, peers, given.problems, given.only, range(given.seeds), given.deadlines, file,
+            resume=bool(given.resume), core=core,
         )  # fmt: skip
-        file = given.json if given.json not in (None, "-") else Path(given.out) / "planners.json"
-        done = championship.run(given.resume or file, bar=not given.quiet, pause=WRITE_INTERVAL)
-    value = championship.result()
-    championship.write(given.csv, given.plot)
-    if given.json == "-" or (given.resume and given.json not in (None, given.resume)):
-        report(given, value, "")
+        try:
+            benchmark.run(not given.quiet)
+            stop = None
+        except StoppedError as error:
+            stop = error
+    rows = benchmark.rows()
+    if given.csv:
+        write_text(given.csv, csv_table([row | {"calls": " ".join(row["calls"])} for row in rows]))
+    if given.plot:
+        draw(
+            rows,
+            list(benchmark.records.values()),
+            benchmark.optima,
+            benchmark.deadlines,
+            given.plot,
+        )
+    if given.json == "-" or given.json not in (None, file):
+        report(given, benchmark.result(), "")
     if given.json != "-":
-        print(championship.text(), end="")
-    if not done:
-        made, wanted = championship.progress
-        again = "" if given.resume else f" --resume {file}"
-        return stopped(f"{made} of {wanted} runs are kept", again)
-    return 0
+        print(benchmark.text(), end="")
+    return 0 if stop is None else stopped(stop, "" if given.resume else f" --resume {file}")

@@ -21,47 +21,29 @@ ALGORITHMS = ("ppo", "recurrent_ppo", "sac", "td3", "tqc", "bc")
 TRAINING_ENVIRON = {"GOMP_SPINCOUNT": "30000", "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
 
 
-def parse_int(text: str, least: int = 0) -> int:
-    """An integer of at least 0."""
-    try:
-        value = int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not an integer") from None
-    if value < least:
-        raise argparse.ArgumentTypeError(f"{value} is too small; expected at least {least}")
-    return value
+def number(
+    kind: Callable[[str], float], low: float = -math.inf, high: float = math.inf
+) -> Callable[[str], Any]:
+    """A parser of integers or finite numbers within bounds."""
+
+    def parse(text: str) -> float:
+        try:
+            value = kind(text)
+        except ValueError:
+            what = "an integer" if kind is int else "a number"
+            raise argparse.ArgumentTypeError(f"{text!r} is not {what}") from None
+        if isinstance(value, float) and not math.isfinite(value):
+            raise argparse.ArgumentTypeError(f"{text!r} is not finite")
+        if not low <= value <= high:
+            expected = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
+            raise argparse.ArgumentTypeError(f"{text}: expected {expected}")
+        return value
+
+    return parse
 
 
-def count(text: str) -> int:
-    """An integer of at least 1."""
-    return parse_int(text, least=1)
-
-
-def finite(text: str) -> float:
-    """A finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not finite")
-    return value
-
-
-def non_negative(text: str) -> float:
-    """A finite number of at least 0."""
-    value = finite(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text} is negative; expected at least 0")
-    return value
-
-
-def share(text: str) -> float:
-    """A number from 0 to 1."""
-    value = finite(text)
-    if not 0.0 <= value <= 1.0:
-        raise argparse.ArgumentTypeError(f"{text}: expected 0 to 1")
-    return value
+parse_int, count = number(int, low=0), number(int, low=1)
+finite, non_negative, share = number(float), number(float, low=0), number(float, 0, 1)
 
 
 def pose(text: str) -> list[float]:
@@ -128,8 +110,23 @@ class Command(NamedTuple):
     environ: Mapping[str, str] = MappingProxyType({})
 
 
-def option(name: str, help: str, type: Callable[[str], Any] | None = None, **more: Any) -> Option:
-    """A positional argument, or an option where the name begins with `--`."""
+# What stands for a value of these types in help; for texts that are not paths, NAME.
+METAVARS: dict[Any, str] = {
+    None: "NAME", parse_int: "N", count: "N", finite: "X", non_negative: "X", share: "SHARE",
+    pose: "X,Y[,YAW]", names: "A,B", poses: "A,B", counts: "N,N", deadlines: "S,S",
+}  # fmt: skip
+
+
+def option(
+    name: str, help: str, type: Callable[[str], Any] | None = None, metavar: str = "", **more: Any
+) -> Option:
+    """A positional argument, or an option if the name begins with `--`; help names the default."""
+    default = more.get("default")
+    if default is not None and default != []:
+        text = ",".join(map(str, default)) if isinstance(default, list) else f"{default}"
+        help += f" (default {text.removesuffix('.0')})"
+    if "choices" not in more and more.get("action", "append") == "append":
+        more["metavar"] = metavar or (METAVARS[type] if name.startswith("-") else name)
     return Option(name, {"help": help} | ({"type": type} if type else {}) | more)
 
 
@@ -138,47 +135,50 @@ def flag(name: str, help: str) -> Option:
     return Option(name, {"help": help, "action": "store_true"})
 
 
-def seed(default: str = "of the episode (default 0)") -> Option:
+def seed(of: str = "the episode") -> Option:
     """The option `--seed`."""
-    return option("--seed", default, parse_int, default=0)
+    return option("--seed", f"seed of {of}", parse_int, default=0)
 
 
 def record(metavar: str, what: str) -> list[Option]:
     """Options that record a run or show it to viewers, see `agents.watch.Watch`."""
     return [
         option("--record", f"write {what}, as MCAP", metavar=metavar),
-        option("--live", "serve Foxglove's viewers in real time on this port (8765)", parse_int,
-               metavar="PORT", nargs="?", const=8765),
-        option("--images", "record rendered pictures at this rate (default: none)", non_negative,
-               metavar="HZ", default=0.0),
-        option("--when-full", "continue or end the run when the disk is full (default go-on)",
+        option("--live", "serve Foxglove's viewers in real time, on this port (8765 if none is "
+               "given)", parse_int, "PORT", nargs="?", const=8765),
+        option("--images", "rate of rendered pictures in the recording [Hz]; 0: none",
+               non_negative, default=0.0),
+        option("--when-full", "what to do when the disk is full: go on without recording, or end",
                choices=("go-on", "end"), default="go-on"),
     ]  # fmt: skip
 
 
-JSON = option("--json", "write the result as JSON; - is standard output", metavar="FILE")
+JSON = option("--json", "write the result as JSON to this file; - is standard output", None, "FILE")
 QUIET = flag("--quiet", "show no progress bar")
-CONFIG = option("--config", "settings, as in configs/env.json", metavar="FILE.json")
+CONFIG = option("--config", "settings of the environment, as in configs/env.json", None,
+                "FILE.json")  # fmt: skip
 POSE = option(
     "--pose", f"source of the estimated pose (default: the config's, or {DEFAULT_POSE})",
     choices=POSES,
 )  # fmt: skip
 SHIELD = option(
-    "--shield", "filter commands by the shield (default: on, or the config's settings)",
+    "--shield", "filter commands by the shield (default: on, with the config's settings if any)",
     choices=("on", "off"),
 )  # fmt: skip
 CHAIR = "a real chair: hardware, ros://HOST:PORT, or FILE.json:NAME as in configs/chairs.json"
 RECORD = record("FILE.mcap", "observations and commands")
 WORKERS = [
-    option("--jobs", "worker processes (default: cores)", count, metavar="N"),
-    option("--engine", "loky (default), or ray on the cluster at RAY_ADDRESS or on this machine",
-           metavar="NAME", default="loky"),
+    option("--jobs", "number of worker processes (default: one a core)", count),
+    option("--engine", "where workers run: loky is this machine, ray the cluster at RAY_ADDRESS or "
+           "else this machine", default="loky"),
 ]  # fmt: skip
-HARDWARE_CONFIG = option("--config", f"as {CHAIR_CONFIG}", metavar="FILE.json", required=True)
-SECONDS = option("--seconds", "stop after this time (default: at Ctrl-C)", finite)
-VIDEO = option("--video", "write a video (mp4)", metavar="FILE")
-END_PICTURE = option("--picture", "draw the end of the episode with the trail", metavar="FILE")
+HARDWARE_CONFIG = option("--config", f"settings of the chair, as in {CHAIR_CONFIG}", None,
+                         "FILE.json", required=True)  # fmt: skip
+SECONDS = option("--seconds", "stop after this time [s] (default: at Ctrl-C)", finite)
+VIDEO = option("--video", "write a video (.mp4)", None, "FILE")
+END_PICTURE = option("--picture", "draw the end of the episode with the trail (.png)", None, "FILE")
 WINDOW = flag("--window", "show a live view")
+POLICY_HELP = "policy: PLANNER+FOLLOWER, random, a file of weights, ..."
 
 GROUPS = {
     "bench": (
@@ -198,21 +198,20 @@ COMMANDS = (
         "wheelchair plan --map hall.yaml --start 1,2 --goal 9,4 --planner rrt_star "
         "--set iterations=30000",
         [
-            option("--planner", "a name of `wheelchair settings`, or FILE.json:NAME as in "
-                   "configs/planners.json", metavar="NAME"),
+            option("--planner", "planner: a name of `wheelchair settings`, or FILE.json:NAME as in "
+                   "configs/planners.json"),
             option("--config", "settings file of the thesis: planner, map 1 to 5 with start and "
-                   "goal, dilation; other options override it", metavar="FILE.json"),
+                   "goal, dilation; other options override it", None, "FILE.json"),
             option("--set", "change a setting of the planner, such as tree.iterations=30000; "
-                   "repeatable", action="append", default=[], metavar="KEY=VALUE", dest="changes"),
-            option("--map", "map_server .yaml, MovingAI .map or HouseExpo .json", metavar="FILE"),
-            option("--problems", "problems in place of a map", metavar="FILE.json"),
-            option("--start", "m, m, rad", pose, metavar="X,Y[,YAW]"),
-            option("--goal", "m, m, rad", pose, metavar="X,Y[,YAW]"),
+                   "repeatable", None, "KEY=VALUE", action="append", default=[], dest="changes"),
+            option("--map", "map_server .yaml, MovingAI .map or HouseExpo .json", None, "FILE"),
+            option("--problems", "file of problems, in place of a map", None, "FILE.json"),
+            option("--start", "start on the map [m, m, rad]", pose),
+            option("--goal", "goal on the map [m, m, rad]", pose),
             option("--clearance", "distance to obstacles [m] (default 0.36 in a map, 0 in "
-                   "problems)", non_negative, metavar="M"),
-            seed("of the planner (default 0)"),
-            option("--picture", "draw the map and the path (.png)", metavar="FILE"),
-            JSON,
+                   "problems)", non_negative),
+            seed("the planner"),
+            option("--picture", "draw the map and the path (.png)", None, "FILE"), JSON,
         ],
     ),
     Command(
@@ -221,14 +220,13 @@ COMMANDS = (
         "wheelchair simulate --scene floor_plan --policy a_star+pure_pursuit --seed 3 "
         "--video drive.mp4",
         [
-            option("--scene", "a name of `wheelchair scenes`, or FILE.json:NAME as in "
-                   "configs/scenes.json (default: the config's, or floor_plan)", metavar="NAME"),
-            option("--policy", "PLANNER+FOLLOWER, random, ...", default="lattice+window"),
-            seed(),
-            option("--chair", f"{CHAIR} (default: simulated)", metavar="CHAIR"),
-            option("--goal", "on the map of a real chair", pose, metavar="X,Y[,YAW]"),
-            option("--start", "pose of a real chair that does not report it", pose,
-                   metavar="X,Y,YAW"),
+            option("--scene", "scene: a name of `wheelchair scenes`, or FILE.json:NAME as in "
+                   "configs/scenes.json (default: the config's, or floor_plan)"),
+            option("--policy", POLICY_HELP, default="lattice+window"), seed(),
+            option("--chair", f"drive {CHAIR} (default: a simulated one)", None, "CHAIR"),
+            option("--goal", "goal on the map of a real chair [m, m, rad]", pose),
+            option("--start", "pose of a real chair that does not report it [m, m, rad]", pose,
+                   "X,Y,YAW"),
             CONFIG, POSE, SHIELD, OneOf((WINDOW, VIDEO, END_PICTURE)), *RECORD, JSON,
         ],
     ),
@@ -238,9 +236,9 @@ COMMANDS = (
         "ones in at least one bit.",
         "wheelchair replay run.mcap --policy lattice+window --video run.mp4",
         [
-            option("file", "a recording of `simulate --record`", metavar="FILE.mcap"),
-            option("--episode", "only this one, counted from 0", parse_int),
-            option("--policy", "compare its actions, open loop: PLANNER+FOLLOWER, random, ..."),
+            option("file", "a recording of `simulate --record`", None, "FILE.mcap"),
+            option("--episode", "replay only this episode, counted from 0", parse_int),
+            option("--policy", f"compare the actions of this {POLICY_HELP}"),
             OneOf((VIDEO, END_PICTURE)), *RECORD, JSON,
         ],
     ),
@@ -250,24 +248,24 @@ COMMANDS = (
         "stored: the same command after Ctrl-C runs only the missing ones.",
         "wheelchair compare --suite demo --jobs 2 --out runs/demo",
         [
-            option("--suite", "barn, clinic, crowd, cylinders, demo, doors, followers, homes, "
-                   "league, temporary or thesis (default demo)", default="demo"),
-            option("--policies", "in place of the suite's", names, metavar="A,B"),
-            option("--scenes", "in place of the suite's: a name, FILE.json:NAME as in "
-                   "configs/scenes.json, or FILE.json: all worlds of a BARN file", names,
-                   metavar="A,B"),
-            option("--episodes", "per policy and scene", count, metavar="N"),
+            option("--suite", "suite: barn, clinic, crowd, cylinders, demo, doors, followers, "
+                   "homes, league, temporary or thesis", default="demo"),
+            option("--policies", "policies, in place of the suite's", names),
+            option("--scenes", "scenes, in place of the suite's: a name, FILE.json:NAME as in "
+                   "configs/scenes.json, or FILE.json: all worlds of a BARN file", names),
+            option("--episodes", "episodes of each policy on each scene (default: the suite's)",
+                   count),
             OneOf((
-                option("--first-seed", "default 0", parse_int, default=0, metavar="S"),
+                option("--first-seed", "seed of the first episode", parse_int, default=0),
                 flag("--training-seeds", "use seeds of training, to choose settings"),
             )),
             CONFIG,
             option("--pose", f"source of the estimated pose: {', '.join(POSES)} (slam: the map is "
-                   "unknown); several are compared (default: the config's, or the suite's)", poses,
-                   metavar="A,B"),
-            SHIELD, *WORKERS, option("--out", "default runs/SUITE", metavar="DIR"),
+                   "unknown); several are compared (default: the config's, or the suite's)", poses),
+            SHIELD, *WORKERS,
+            option("--out", "folder of the results (default runs/SUITE)", None, "DIR"),
             flag("--no-video", "write no video"), QUIET,
-            *record("FOLDER", "one file per episode"), JSON,
+            *record("DIR", "one file for each episode"), JSON,
         ],
     ),
     Command(
@@ -277,14 +275,14 @@ COMMANDS = (
         "Ctrl-C, or with more runs, runs only the missing ones.",
         "wheelchair study t1-3.5 --runs 100 --jobs 2",
         [
-            option("name", "t1-3.1 to t1-3.13, t1-1.1, p1, p2, r1, t2, control, or all",
-                   metavar="NAME"),
+            option("name", "study: t1-3.1 to t1-3.13, t1-1.1, p1, p2, r1, t2, control, or all",
+                   None, "NAME"),
             OneOf((
-                flag("--quick", "few runs, for a first look"),
-                option("--runs", "per row and map or goal (100 or 400, by study)", count,
-                       metavar="N"),
+                flag("--quick", "make few runs, for a first look"),
+                option("--runs", "runs of each row and map or goal (default 100 or 400, by study)",
+                       count),
             )),
-            *WORKERS, option("--out", "default runs/study", metavar="DIR", default="runs/study"),
+            *WORKERS, option("--out", "folder of the results", None, "DIR", default="runs/study"),
             QUIET, JSON,
         ],
     ),
@@ -297,21 +295,20 @@ COMMANDS = (
         "wheelchair tune lattice+window --vary follower.objective.clearance=0.05:1 --suite homes "
         "--trials 40",
         [
-            option("name", "a planner or a policy, or FILE.json:NAME", metavar="NAME"),
+            option("name", "a planner or a policy, or FILE.json:NAME", None, "NAME"),
             option("--vary", "a setting and its range: KEY=LOW:HIGH, KEY=LOW:HIGH:log or "
-                   "KEY=A,B,C; repeatable", action="append", required=True,
-                   metavar="KEY=LOW:HIGH"),
-            option("--trials", "default 40", count, default=40, metavar="N"),
-            option("--episodes", "or worlds, per scene and trial (default 20)", count, default=20,
-                   metavar="N"),
-            option("--suite", "with the scenes for a policy (default homes)"),
-            option("--scenes", "in place of a suite's (default for a planner: floor_plan)", names,
-                   metavar="A,B"),
-            option("--metric", "of a policy's episodes: sct (default; success weighted by "
-                   "completion time), spl, success, barn or barn_own", metavar="METRIC"),
-            option("--deadline", "of a planner's plans", finite, metavar="S"),
-            seed("of Optuna (default 0)"), CONFIG, POSE, SHIELD, *WORKERS,
-            option("--out", "default runs/tune/NAME", metavar="DIR"), QUIET, JSON,
+                   "KEY=A,B,C; repeatable", None, "KEY=LOW:HIGH", action="append", required=True),
+            option("--trials", "total number of trials", count, default=40),
+            option("--episodes", "episodes or worlds of each scene in a trial", count, default=20),
+            option("--suite", "suite whose scenes a policy is evaluated on (default homes)"),
+            option("--scenes", "scenes, in place of a suite's (default for a planner: floor_plan)",
+                   names),
+            option("--metric", "score of a policy's episodes: sct (default; success weighted by "
+                   "completion time), spl, success, barn or barn_own"),
+            option("--deadline", "deadline of a planner's plans [s]", finite),
+            seed("Optuna"), CONFIG, POSE, SHIELD, *WORKERS,
+            option("--out", "folder of the results (default runs/tune/NAME)", None, "DIR"), QUIET,
+            JSON,
         ],
     ),
     Command(
@@ -323,20 +320,19 @@ COMMANDS = (
         "wheelchair map --scene floor_plan --seed 4 --picture map.png",
         [
             OneOf((
-                option("--scene", "explore this scene; or FILE.json:NAME", metavar="NAME"),
-                option("--chair", f"explore with {CHAIR}", metavar="CHAIR"),
-                option("--log", "in BreezySLAM's format: one line per scan", metavar="FILE"),
-                option("--recording", "of a chair; its first episode", metavar="FILE.mcap"),
+                option("--scene", "explore this scene, or FILE.json:NAME"),
+                option("--chair", f"explore with {CHAIR}", None, "CHAIR"),
+                option("--log", "read a log in BreezySLAM's format: one line a scan", None, "FILE"),
+                option("--recording", "read the first episode of a chair's recording", None,
+                       "FILE.mcap"),
             ), required=True),
-            option("--policy", "that drives: explore (default), manual, ...", default="explore"),
-            option("--time", "limit of the drive (default 900 s)", finite, default=900.0,
-                   metavar="S"),
+            option("--policy", "policy that drives: explore, manual, ...", default="explore"),
+            option("--time", "limit of the drive [s]", finite, default=900.0),
             WINDOW, CONFIG,
-            option("--particles", "of SLAM; 1 is scan matching alone", count, metavar="N"),
-            seed("of the episode, or of SLAM (default 0)"),
-            option("--out", "for map.yaml and map.pgm (default runs/map)", metavar="FOLDER",
-                   default="runs/map"),
-            option("--picture", "draw the maps with the trail", metavar="FILE.png"),
+            option("--particles", "particles of SLAM; 1 is scan matching alone", count),
+            seed("the episode, or of SLAM"),
+            option("--out", "folder of map.yaml and map.pgm", None, "DIR", default="runs/map"),
+            option("--picture", "draw the maps with the trail (.png)", None, "FILE"),
             flag("--odometry-only", "use no SLAM"), QUIET, *RECORD, JSON,
         ],
     ),
@@ -348,22 +344,24 @@ COMMANDS = (
         "of the evaluations are written, too. bc imitates a scripted policy.",
         "wheelchair train ppo --config configs/ppo_guided.json --seeds 0,1 --jobs 2 --out runs/ppo",
         [
-            option("algorithm", "ppo, recurrent_ppo, sac, td3, tqc or bc", choices=ALGORITHMS),
-            option("--config", "as in configs/ppo_guided.json", metavar="FILE.json"),
-            option("--set", "change a setting, such as env.rate=10; repeatable", action="append",
-                   default=[], metavar="KEY=VALUE"),
-            option("--vary", "train once for each value of a setting, and compare",
-                   metavar="KEY=A,B"),
-            option("--frames", "environment steps of a run", count, metavar="N"),
-            option("--seeds", "default 0", names, default=["0"], metavar="A,B"),
-            option("--jobs", "seeds trained at once (default 1)", count, default=1, metavar="N"),
-            option("--out", "default runs/ALGORITHM, with a folder for each seed", metavar="DIR"),
+            option("algorithm", "learning algorithm", choices=ALGORITHMS),
+            option("--config", "settings of the run, as in configs/ppo_guided.json", None,
+                   "FILE.json"),
+            option("--set", "change a setting, such as env.rate=10; repeatable", None, "KEY=VALUE",
+                   action="append", default=[]),
+            option("--vary", "train once for each value of a setting, and compare", None,
+                   "KEY=A,B"),
+            option("--frames", "environment steps of a run", count),
+            option("--seeds", "seeds of the runs", names, default=["0"]),
+            option("--jobs", "runs at once", count, default=1),
+            option("--out", "folder of the results, with a folder for each seed (default "
+                   "runs/ALGORITHM)", None, "DIR"),
             QUIET, JSON,
         ],
         TRAINING_ENVIRON,
     ),
     Command(
-        "export", "weights:export", "write a learned policy as ONNX, or with a model card",
+        "export", "train:export", "write a learned policy as ONNX, or with a model card",
         "Write weights as an ONNX graph, which includes pooling, missing echoes, normalisation, "
         "clipping and scaling; FILE.json beside it describes inputs, outputs and settings. Or "
         "write the last weights of a training run's best seed with a model card, NAME.md: "
@@ -372,27 +370,24 @@ COMMANDS = (
         [
             option("policy", "weights: a name or a file .npz; for --npz the folder of a run"),
             OneOf((
-                option("--onnx", "the ONNX graph", metavar="FILE.onnx"),
-                option("--npz", "the weights, with a card beside them", metavar="NAME.npz"),
+                option("--onnx", "write the ONNX graph", None, "FILE.onnx"),
+                option("--npz", "write the weights, with a card beside them", None, "NAME.npz"),
             ), required=True),
-            option("--results", "files results.json of comparisons, for the card", names,
-                   default=[], metavar="A,B"),
+            option("--results", "results.json of comparisons, for the card", names, default=[]),
             JSON,
         ],
     ),
     Command(
-        "inspect", "weights:inspect", "draw which observations a learned policy depends on",
+        "inspect", "train:inspect", "draw which observations a learned policy depends on",
         "Drive one episode, hide parts of the observation, and draw how much the action changes: "
         "for each beam at one moment, and for each key over the whole episode.",
         "wheelchair inspect runs/ppo/policy.npz --scene clutter --out occlusion.png",
         [
             option("policy", "weights: a name or a file"),
-            option("--scene", "default floor_plan", metavar="NAME", default="floor_plan"),
-            seed(),
-            option("--moment", "of the beams, as a share of the episode (default 0.5)", share,
-                   default=0.5, metavar="SHARE"),
-            option("--out", "png, svg or pdf (default occlusion.png)", metavar="FILE",
-                   default="occlusion.png"),
+            option("--scene", "scene of the episode", default="floor_plan"), seed(),
+            option("--moment", "moment for the beams, as a share of the episode", share,
+                   default=0.5),
+            option("--out", "picture: .png, .svg or .pdf", None, "FILE", default="occlusion.png"),
             CONFIG, POSE, SHIELD, JSON,
         ],
     ),
@@ -402,7 +397,7 @@ COMMANDS = (
         "wheelchair scenes floor_plan --samples 50",
         [
             option("name", "a scene to sample, or FILE.json:NAME", nargs="?"),
-            option("--samples", "episodes (default 20)", count, default=20), JSON,
+            option("--samples", "number of episodes", count, default=20), JSON,
         ],
     ),
     Command(
@@ -411,9 +406,9 @@ COMMANDS = (
         "without a name, list the names.",
         "wheelchair settings limits a_star",
         [
-            option("names", "the settings to print", nargs="*"),
-            option("--markdown", "write all settings as a page; - is standard output",
-                   metavar="FILE.md"),
+            option("names", "names of settings", nargs="*"),
+            option("--markdown", "write all settings as a page; - is standard output", None,
+                   "FILE.md"),
             JSON,
         ],
     ),
@@ -423,14 +418,15 @@ COMMANDS = (
         "where it is installed (extra 'peers').",
         "wheelchair bench env --beams 1081 --envs 1024 --threads 2",
         [
-            option("--beams", "of the laser", counts, default=[64, 128, 181, 1081]),
-            option("--envs", "of a vector environment", counts, default=[1, 16, 64, 256, 1024]),
-            option("--threads", "of a vector environment", counts, default=[1, 2]),
-            option("--bank", "worlds (default 2048)", count, default=2048),
-            option("--seconds", "per figure (default 3)", finite, default=3.0),
+            option("--beams", "beams of the laser", counts, default=[64, 128, 181, 1081]),
+            option("--envs", "sizes of vector environments", counts,
+                   default=[1, 16, 64, 256, 1024]),
+            option("--threads", "threads of a vector environment", counts, default=[1, 2]),
+            option("--bank", "number of worlds", count, default=2048),
+            option("--seconds", "duration of each measurement [s]", finite, default=3.0),
             flag("--no-peers", "measure no other simulator"),
-            flag("--no-startup", "measure no compilation and start"),
-            option("--out", "folder (default runs/bench)", default="runs/bench"), JSON,
+            flag("--no-startup", "do not measure compilation and start"),
+            option("--out", "folder of the results", None, "DIR", default="runs/bench"), JSON,
         ],
     ),
     Command(
@@ -441,33 +437,32 @@ COMMANDS = (
         "wheelchair bench planners --problems problems.json --seeds 5 "
         "--planners rrt_star,visibility --plot planners.png",
         [
-            option("--problems", "problems (default: one of each scene that needs no file)",
-                   metavar="FILE.json"),
-            option("--only", "these problems", names, default=[], metavar="A,B"),
-            option("--planners", "these planners or peers, also FILE.json:NAME (default all)",
-                   names, metavar="A,B"),
+            option("--problems", "file of problems (default: one of each scene that needs no file)",
+                   None, "FILE.json"),
+            option("--only", "names of problems (default: all)", names, default=[]),
+            option("--planners", "planners or peers, also FILE.json:NAME (default: all)", names),
             option("--peers", "run other packages' planners (default: the installed ones, unless "
-                   "--planners is given)", action=argparse.BooleanOptionalAction, default=None),
-            option("--seeds", "default 20", count, default=20, metavar="N"),
-            option("--deadlines", "seconds (default 0.01,0.1,1)", deadlines,
-                   default=[0.01, 0.1, 1.0], metavar="S,S"),
-            option("--resume", "continue these results, in this file", metavar="FILE"),
-            option("--csv", "write the figures as CSV", metavar="FILE"),
-            option("--plot", "draw success and length over time", metavar="FILE.png"),
-            option("--out", "folder (default runs/bench)", default="runs/bench"), QUIET, JSON,
+                   "--planners is given)", action=argparse.BooleanOptionalAction),
+            option("--seeds", "number of runs of each planner and problem", count, default=20),
+            option("--deadlines", "deadlines [s]", deadlines, default=[0.01, 0.1, 1.0]),
+            option("--resume", "continue the results in this file", None, "FILE"),
+            option("--csv", "write the figures as CSV", None, "FILE"),
+            option("--plot", "draw success and length over time (.png)", None, "FILE"),
+            option("--out", "folder of the results", None, "DIR", default="runs/bench"), QUIET,
+            JSON,
         ],
     ),
     Command(
         "twin", "twin:run", "serve emulated boards of a simulated chair",
         "Serve the twin in real time until Ctrl-C: a pseudo-terminal for each board, a TCP port "
-        "for the laser. Lines on standard input inject faults; help lists them.",
+        "for the laser. Lines on standard input inject faults; the line 'help' lists them.",
         f"wheelchair twin --config {CHAIR_CONFIG} --scene clutter --window",
         [
-            option("--config", f"as {CHAIR_CONFIG}", metavar="FILE.json"),
-            option("--scene", "or FILE.json:NAME (default: the config's)", metavar="NAME"), seed(),
-            option("--port", "of the laser (default: a free one)", parse_int, default=0), SECONDS,
+            option("--config", f"settings of the chair, as in {CHAIR_CONFIG}", None, "FILE.json"),
+            option("--scene", "scene, or FILE.json:NAME (default: the config's)"), seed(),
+            option("--port", "port of the laser; 0: a free one", parse_int, default=0), SECONDS,
             WINDOW,
-            option("--write-map", "write the map of the world", metavar="FILE.yaml"), END_PICTURE,
+            option("--write-map", "write the map of the world", None, "FILE.yaml"), END_PICTURE,
         ],
     ),
     Command(
@@ -478,22 +473,21 @@ COMMANDS = (
         f"wheelchair deploy --config {CHAIR_CONFIG} --map clinic.yaml --start 1,2,0 --goal 6,3.5 "
         "--record run.mcap",
         [
-            option("--policy", "NAME, or FILE.json:NAME", default="lattice+window"),
-            HARDWARE_CONFIG,
-            option("--map", "map_server's YAML, or others", metavar="FILE", required=True),
-            option("--goal", "on the map", pose, metavar="X,Y[,YAW]", required=True),
-            option("--start", "approximate pose of the chair", pose, metavar="X,Y,YAW",
+            option("--policy", POLICY_HELP, default="lattice+window"), HARDWARE_CONFIG,
+            option("--map", "map_server .yaml, MovingAI .map or HouseExpo .json", None, "FILE",
+                   required=True),
+            option("--goal", "goal on the map [m, m, rad]", pose, required=True),
+            option("--start", "approximate pose of the chair [m, m, rad]", pose, "X,Y,YAW",
                    required=True),
             flag("--force-start", "drive even if the first scan does not fit the map at --start"),
-            option("--chair", f"{CHAIR} (default hardware)", metavar="CHAIR", default="hardware"),
+            option("--chair", CHAIR, None, "CHAIR", default="hardware"),
             option("--pose", "source of the estimated pose (default: the config's)",
                    choices=[p for p in POSES if p not in ("truth", "modelled")]),
-            option("--initial-speed", "speed limit at the start (default 0.2 m/s)", non_negative,
-                   metavar="MPS"),
-            option("--speed-ramp", "of the speed limit (default 0.05 m/s per second)",
-                   non_negative, metavar="MPS2"),
-            option("--max-speed", "end of the ramp (default: the chair's limit)", non_negative,
-                   metavar="MPS"),
+            option("--initial-speed", "speed limit at the start [m/s] (default 0.2)", non_negative),
+            option("--speed-ramp", "increase of the speed limit [m/s2] (default 0.05)",
+                   non_negative),
+            option("--max-speed", "end of the increase [m/s] (default: the chair's limit)",
+                   non_negative),
             flag("--dry-run", "print the commands until Ctrl-C, and send none"), *RECORD, JSON,
         ],
     ),
@@ -511,12 +505,13 @@ COMMANDS = (
         f"wheelchair hardware tune --config {CHAIR_CONFIG} --plot step.png",
         [
             HARDWARE_CONFIG,
-            option("--step", "m/s or rad/s (default 0.3)", non_negative, default=0.3),
-            option("--seconds", "duration of the step (default 2)", non_negative, default=2.0),
+            option("--step", "height of the step [m/s, with --turn rad/s]", non_negative,
+                   default=0.3),
+            option("--seconds", "duration of the step [s]", non_negative, default=2.0),
             flag("--turn", "turn in place"),
-            option("--set", "try a gain: kp, ki, kd, ka or smoothing (not saved, see setup)",
-                   metavar="GAIN=VALUE", action="append", default=[]),
-            option("--plot", "draw it", metavar="FILE.png"), JSON,
+            option("--set", "try a gain: kp, ki, kd, ka or smoothing; `hardware setup` saves gains",
+                   None, "GAIN=VALUE", action="append", default=[]),
+            option("--plot", "draw the step", None, "FILE"), JSON,
         ],
     ),
     Command(
@@ -525,14 +520,14 @@ COMMANDS = (
         f"wheelchair hardware calibrate --config {CHAIR_CONFIG} --write",
         [
             HARDWARE_CONFIG,
-            option("quantity", "distance: counts per metre (default); track: calibrate after it",
+            option("quantity", "distance: counts per metre; track: the track, after the distance",
                    nargs="?", choices=("distance", "track"), default="distance"),
-            option("--runs", "there and back (default 2)", count, default=2),
-            option("--distance", "driven straight towards a wall (default 1.5 m)", non_negative,
+            option("--runs", "number of runs there and back", count, default=2),
+            option("--distance", "distance driven straight towards a wall [m]", non_negative,
                    default=1.5),
             flag("--tape", "distance: a person measures, where no wall is ahead"),
             flag("--push", "distance: a person pushes the chair, with its brakes released"),
-            option("--side", "track: of the square (default 4 m)", non_negative, default=4.0),
+            option("--side", "track: side of the square [m]", non_negative, default=4.0),
             flag("--write", "distance: write the result to the config and to the board"), JSON,
         ],
     ),
@@ -546,7 +541,7 @@ COMMANDS = (
         f"wheelchair hardware drive --config {CHAIR_CONFIG}",
         [
             HARDWARE_CONFIG, SECONDS,
-            option("--timeout", "s for a missing joystick (default 30)", non_negative,
+            option("--timeout", "how long a joystick may be missing [s]", non_negative,
                    default=30.0),
         ],
     ),

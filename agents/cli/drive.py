@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from agents.cli.arguments import chair_spec, env_of, real_chair_env, report, spec, watch
-from agents.deploy import Deployment, Journal, check_start, say
+from agents.deploy import Deployment, EventLog, check_start, to_stderr
 from agents.deploy import deploy as deploy_policy
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env, warm
 from agents.policies import make_policy
-from agents.start_fit import StartCheck
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.settings import env_settings as complete_env_settings
 from wheelchair_gym.geometry import best_clearance_heading
@@ -45,14 +44,14 @@ def simulate(given: argparse.Namespace) -> int:
     frames: list[Any] = []
     film: Any = (lambda e: frames.append(e.render())) if given.video else None
     # Reports why a real chair stands, and ends a run that cannot continue.
-    journal = None if given.chair is None else Journal(Deployment(), say, False)
+    events = None if given.chair is None else EventLog(Deployment(), to_stderr)
     try:
         env, film = watch(given).on(env, film)
 
         def each(now: Any) -> bool:
             if film is not None:
                 film(now)
-            return journal is not None and journal(now)
+            return events is not None and events(now)
 
         record = drive_episode(env, policy, given.seed, each, episode)
         if given.video:
@@ -61,7 +60,7 @@ def simulate(given: argparse.Namespace) -> int:
             write_png(given.picture, env.render())
     finally:
         env.close()
-    if journal is not None and journal.ended:
+    if events is not None and events.ended:
         record |= {"outcome": "halted", "success": False}
     stands = active_stops(env.unwrapped.task.reading.halted, env.unwrapped.shield)
     place = label(scene) if episode is None else episode.name
@@ -72,7 +71,7 @@ def simulate(given: argparse.Namespace) -> int:
         f"{record['time']:.1f} s and {record['length']:.2f} m (shortest {record['geodesic']:.2f}"
         f" m), least clearance {'-' if least is None else f'{least:.3f}'} m"
         + (f"; it stands: {'; '.join(stands)}" if stands else "")
-        + (" (nobody re-arms it in simulation)" if stands and given.chair is None else "")
+        + (" (in simulation it cannot be re-armed)" if stands and given.chair is None else "")
     )
     report(given, record, text)
     return 0
@@ -81,7 +80,7 @@ def simulate(given: argparse.Namespace) -> int:
 def _real(
     given: argparse.Namespace, settings: dict[str, Any], scene: Any, mode: str
 ) -> tuple[Any, Any]:
-    """An environment of a real chair, and with --goal the episode on the chair's own map."""
+    """An environment of a real chair, and with --goal the episode on the chair's map."""
     if given.shield == "off":
         raise InputError("--shield off is for the simulated chair; a real one always has a shield")
     if given.goal is None and given.scene is None:
@@ -120,11 +119,11 @@ def deploy(given: argparse.Namespace) -> int:
     env, _ = real_chair_env(chair, settings, render_mode="rgb_array")
 
     def begin(env: Any) -> None:
-        check_start(env, episode.start, StartCheck(), given.force_start, say)
+        check_start(env, episode.start, given.force_start, to_stderr)
 
     try:
         env, film = watch(given).on(env)
-        record = deploy_policy(env, policy, episode, config, say, given.dry_run, film, begin)
+        record = deploy_policy(env, policy, episode, config, to_stderr, given.dry_run, film, begin)
     finally:
         env.close()
     record |= {"policy": given.policy, "map": given.map, "goal": given.goal}

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.cli.arguments import labelled, report, shield_of, spec, stopped, watch
+from agents.cli.arguments import labelled, report, shield_of, spec, watch
 from agents.cli.commands import DEFAULT_POSE
 from agents.evaluation import compare as comparison
 from agents.evaluation.evaluate import Spec, label
 from agents.evaluation.provenance import cores
-from agents.evaluation.runs import StoppedError
+from agents.evaluation.report import markdown
 from wheelchair_gym.config import InputError
 from wheelchair_gym.scenes.barn import world_numbers
 
@@ -22,7 +22,7 @@ SEED_OFFSET = 500_000  # from the seeds of trials to those on which the best is 
 
 
 def scenes_of(names: Sequence[str] | None) -> list[str | dict[str, Any]]:
-    """Scenes by name; a name FILE.json stands for all worlds of the file."""
+    """Scenes by name; the name FILE.json means all worlds of the file."""
     found: list[str | dict[str, Any]] = []
     for name in names or ():
         if name.endswith(".json"):
@@ -64,15 +64,11 @@ def compare(given: argparse.Namespace) -> int:
     )
     folder = Path(given.out or Path("runs") / given.suite)
     first = comparison.TRAINING if given.training_seeds else given.first_seed
-    try:
-        evaluation = comparison.compare(
-            suite, folder, jobs=given.jobs or cores(), engine=given.engine,
-            progress=not given.quiet, seeds=range(first, first + suite.episodes),
-            watch=watch(given),
-        )  # fmt: skip
-    except StoppedError as error:
-        return stopped(error)
-    report(given, evaluation, f"{comparison.in_words(evaluation)}\n{folder / 'report.html'}")
+    evaluation = comparison.compare(
+        suite, folder, jobs=given.jobs or cores(), engine=given.engine, progress=not given.quiet,
+        seeds=range(first, first + suite.episodes), watch=watch(given),
+    )  # fmt: skip
+    report(given, evaluation, f"{markdown(evaluation)}\n{folder / 'report.html'}")
     return 0
 
 
@@ -82,14 +78,11 @@ def study(given: argparse.Namespace) -> int:
     from agents.studies.runner import find_studies, run_studies
 
     studies = find_studies(given.name)
-    try:
-        chapters = run_studies(
-            studies, given.out, runs=given.runs, quick=given.quick, jobs=given.jobs or cores(),
-            engine=given.engine, progress=not given.quiet,
-            title=studies[0].title if len(studies) == 1 else None,
-        )  # fmt: skip
-    except StoppedError as error:
-        return stopped(error)
+    chapters = run_studies(
+        studies, given.out, runs=given.runs, quick=given.quick, jobs=given.jobs or cores(),
+        engine=given.engine, progress=not given.quiet,
+        title=studies[0].title if len(studies) == 1 else None,
+    )  # fmt: skip
     page = Path(given.out) / "report.html"
     report(given, chapters, f"{summary_text(list(chapters.values()))}\n{page}")
     return 0
@@ -98,30 +91,26 @@ def study(given: argparse.Namespace) -> int:
 def tune(given: argparse.Namespace) -> int:
     """Search for settings, and write everything to the folder."""
     from agents.evaluation import tuning
-    from agents.evaluation.search_space import read_range
 
     if importlib.util.find_spec("optuna") is None:
         raise InputError("tune needs the package optuna; pip install 'wheelchair_gym[tune]'")
     what = spec(given.name)
-    ranges = [read_range(text) for text in given.vary]
+    ranges = [tuning.read_range(text) for text in given.vary]
     if len({vary.key for vary in ranges}) < len(ranges):
         raise InputError("--vary: a setting is given twice")
     folder = Path(given.out or Path("runs") / "tune" / Path(given.name).name.replace(":", "_"))
     first = comparison.TRAINING
-    try:
-        found = tuning.tune(
-            what, ranges, _objective(given, what, folder), range(first, first + given.episodes),
-            range(first + SEED_OFFSET, first + SEED_OFFSET + given.episodes),
-            trials=given.trials, folder=folder, seed=given.seed, progress=not given.quiet,
-        )  # fmt: skip
-    except StoppedError as error:
-        return stopped(error)
+    found = tuning.tune(
+        what, ranges, _objective(given, what, folder), range(first, first + given.episodes),
+        range(first + SEED_OFFSET, first + SEED_OFFSET + given.episodes),
+        trials=given.trials, folder=folder, seed=given.seed, progress=not given.quiet,
+    )  # fmt: skip
     report(given, found, f"{_tuning_text(found)}\n{folder / 'best.json'}:{found['name']}")
     return 0
 
 
 def _objective(given: argparse.Namespace, what: Any, folder: Path) -> Any:
-    """What a trial is evaluated by: episodes of a policy, or plans of a planner."""
+    """The score of a trial: by episodes of a policy, or plans of a planner."""
     from agents.evaluation.tuning import METRICS, Drives, Plans, is_planner
 
     jobs = given.jobs or cores()

@@ -1,4 +1,4 @@
-"""`wheelchair hardware`: a technician's tools for a real chair, and for its twin."""
+"""`wheelchair hardware`: tools for a real chair, and for its twin."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from typing import Any
 
 import numpy as np
 
 from agents.cli.arguments import changed, report
-from agents.deploy import ended_as_by_hand, hear_person
+from agents.deploy import end_as_by_ctrl_c, listen_for_rearm
 from agents.evaluation.provenance import write_json
 from wheelchair_gym.config import InputError, load, read_json
 from wheelchair_gym.envs.settings import env_settings
@@ -45,34 +45,30 @@ _EPISODE: Any = None  # a real chair resets without one
 def _boards(settings: Any) -> Iterator[tuple[Any, Any]]:
     """The connections to the boards, without a chair, and their clock."""
     clock = WallClock()
-    senses = BoardSensors(
-        settings.hardware, settings.sensors, settings.chair.drive, clock.now
-    )  # fmt: skip
-    try:
+    hardware, sensors, drive = settings.hardware, settings.sensors, settings.chair.drive
+    with closing(BoardSensors(hardware, sensors, drive, clock.now)) as senses:
         yield senses, clock
-    finally:
-        senses.close()
 
 
 def _chair(settings: Any) -> Any:
     """The chair, which a person at the terminal can re-arm."""
-    ended_as_by_hand()
+    end_as_by_ctrl_c()
     chair = HardwareChair(settings.hardware, settings.sensors, settings.chair, 1.0 / settings.rate)
-    hear_person(chair)
+    listen_for_rearm(chair)
     return chair
 
 
-def _tell(text: str) -> None:
+def _log(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
 def _numbers(prompt: str, example: str) -> list[float]:
-    """As many numbers as the example has, from a person.
+    """Numbers that a person types, as many as in the example.
 
     Raises:
         InputError: standard input ends.
     """
-    _tell(prompt)
+    _log(prompt)
     wanted = len(example.split(","))
     for line in sys.stdin:
         try:
@@ -82,23 +78,19 @@ def _numbers(prompt: str, example: str) -> list[float]:
         if len(values) == wanted:
             return values
         if line.strip():
-            _tell(f"expected {'two numbers' if wanted == 2 else 'a number'}, such as {example}")
+            _log(f"expected {'two numbers' if wanted == 2 else 'a number'}, such as {example}")
     raise InputError("standard input ended before the measurement was typed")
 
 
-def _failing(command: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
-    """A command for which a ValueError of the chair is one line and exit code 1."""
-
-    def run(given: argparse.Namespace) -> int:
-        try:
-            return command(given)
-        except ValueError as error:
-            if isinstance(error, InputError):
-                raise
-            print(f"wheelchair: {error}", file=sys.stderr)
-            return 1
-
-    return run
+@contextmanager
+def _chair_errors() -> Iterator[None]:
+    """Turn a ValueError of the chair into one line and exit code 1."""
+    try:
+        yield
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise ConnectionError(error) from None
 
 
 def check(given: argparse.Namespace) -> int:
@@ -106,7 +98,7 @@ def check(given: argparse.Namespace) -> int:
     settings = env_settings(given.config)
     wanted = board_parameters(settings.chair, settings.sensors, settings.hardware)
     with _boards(settings) as (senses, clock):
-        person = None if given.no_person else lambda what: _tell(f"please {what}")
+        person = None if given.no_person else lambda what: _log(f"please {what}")
         found = Diagnostics(senses, clock, wanted).run(person)
     good = all(one.good for one in found)
     lines = [
@@ -145,7 +137,7 @@ def _save(
         raise InputError(f"the {board} board does not confirm that it saved its parameters")
 
 
-@_failing
+@_chair_errors()
 def tune(given: argparse.Namespace) -> int:
     """Drive a step of the speed controller with the gains of --set, and plot it."""
     settings = env_settings(given.config)
@@ -184,7 +176,7 @@ def _plot(file: str, step: Any, name: str) -> None:
         figure.savefig(part)
 
 
-@_failing
+@_chair_errors()
 def calibrate(given: argparse.Namespace) -> int:
     """Measure counts per metre, or the track."""
     settings = env_settings(given.config)
@@ -234,7 +226,7 @@ def _driven_runs(given: argparse.Namespace, settings: Any) -> list[Any]:
     free = distance * (2.0 if tape else 1.0) + distance_calibration.ROOM
     drive_run = distance_calibration.drive_run
     with closing(_chair(settings)) as chair:
-        _tell(
+        _log(
             f"the chair drives {distance:g} m straight ahead at about "
             f"{distance_calibration.SPEED:g} m/s{'' if tape else ', and back'}: keep {free:.1f} m "
             "free, and a hand at the emergency stop"
@@ -279,7 +271,7 @@ def _pushed_runs(given: argparse.Namespace, settings: Any) -> list[Any]:
 
 def _wait_for_enter(prompt: str, senses: Any, clock: Any) -> None:
     """Wait for a person's Enter, and read the boards meanwhile."""
-    _tell(prompt)
+    _log(prompt)
     lines: list[str] = []
     person = threading.Thread(target=lambda: lines.append(sys.stdin.readline()), daemon=True)
     person.start()
@@ -300,26 +292,25 @@ def _calibrate_track(given: argparse.Namespace, settings: Any) -> int:
     squares = []
     with closing(_chair(settings)) as chair:
         for run in range(2 * given.runs):
-            _tell(f"square {run + 1} of {2 * given.runs}")
+            _log(f"square {run + 1} of {2 * given.runs}")
             left = run % 2 == 0
             square = wheel_calibration.drive_square(chair, _EPISODE, given.side, left, measured_end)
             squares.append(square)
     result = wheel_calibration.calibrate(squares, settings.chair.drive.track)
     _write_drive(given.config, "track", round(result.track, 5))
     unequal = 100.0 * (result.ratio - 1.0)
-    report(
-        given,
-        result._asdict(),
+    text = (
         f"track {result.track:.4f} m, written to {given.config}: next, wheelchair hardware setup\n"
         f"right wheel {unequal:+.2f} % larger than the left (tyre pressure; not corrected)\n"
         f"ends of the squares: {1e3 * result.before:.0f} mm off, {1e3 * result.after:.0f} mm with "
-        "both",
+        "both"
     )
+    report(given, result._asdict(), text)
     return 0
 
 
 def measured_end(what: str) -> Any:
-    """The position (2,) [m] of the chair relative to its start, which a person measured."""
+    """The position (2,) [m] of the chair relative to its start, as a person measured it."""
     where = "how far is it from its start, AHEAD,LEFT in metres (of the axle's centre)?"
     return np.array(_numbers(f"{what}: {where}", "0.03,-0.12"))
 
@@ -330,13 +321,13 @@ def monitor(given: argparse.Namespace) -> int:
     device = settings.hardware.drive_port
     table = _Table()
     if (tables := subscribe(device)) is not None:
-        _tell(f"{device} is held by another program: these are its messages")
+        _log(f"{device} is held by another program: these are its messages")
         started = time.monotonic()
         for rows in tables:
             table.print(rows)
             if given.seconds is not None and time.monotonic() - started >= given.seconds:
                 return 0
-        _tell(f"the program that held {device} has ended")
+        _log(f"the program that held {device} has ended")
         return 0
     if not given.yes:
         _ask_before_reset([device, settings.hardware.range_port])
@@ -375,7 +366,7 @@ def _ask_before_reset(devices: Sequence[str]) -> None:
         return
     what = f"opening {' and '.join(named)} may reset the boards: a moving chair brakes hard"
     if sys.stdin is None or not sys.stdin.isatty():
-        raise InputError(f"{what}; --yes opens them all the same")
+        raise InputError(f"{what}; --yes opens them anyway")
     print(f"{what}. Open them? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise InputError("nothing was opened")
@@ -392,7 +383,7 @@ def drive(given: argparse.Namespace) -> int:
     _await_joystick(stick, settings.chair.limits, given.timeout)
     chair, printed, missing = _chair(settings), 0.0, 0.0
     chair.joystick = stick
-    _tell("hold the button to drive; let go to stand")
+    _log("hold the button to drive; release it to stop")
     try:
         reading = chair.reset(_EPISODE, 0)
         while given.seconds is None or reading.stamp < given.seconds:
@@ -419,11 +410,11 @@ def _await_joystick(stick: Any, limits: Any, timeout: float) -> None:
     Raises:
         InputError: none is there after the timeout [s].
     """
-    started, told = time.monotonic(), False
+    started, logged = time.monotonic(), False
     while stick(time.monotonic(), limits) is None and stick.error:
         if time.monotonic() - started >= timeout:
             raise InputError(f"{stick.error}; waited {timeout:g} s")
-        if not told:
-            _tell(f"waits {timeout:g} s for a joystick: {stick.error}")
-            told = True
+        if not logged:
+            _log(f"waits {timeout:g} s for a joystick: {stick.error}")
+            logged = True
         time.sleep(min(0.1, timeout))

@@ -1,4 +1,4 @@
-"""`wheelchair scenes` and `wheelchair settings`: what there is to choose from."""
+"""`wheelchair scenes` and `wheelchair settings`: lists of scenes and of settings."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from agents.cli.arguments import report, spec
 from agents.evaluation.provenance import write_text
+from agents.evaluation.tables import markdown_table
 from wheelchair_gym.config import InputError, dump, setting_docs, suggest
 from wheelchair_gym.scenes import SCENES, make_scene
 from wheelchair_gym.scenes.describe import scene_statistics
@@ -96,17 +97,13 @@ def settings_rows(cls: type, prefix: str = "") -> list[dict[str, Any]]:
             rows += settings_rows(type(default), f"{prefix}{field.name}.")
             continue
         hint = hints[field.name]
-        row = {key: field.metadata.get(key) for key in ("unit", "low", "high", "source")}
-        kind = getattr(hint, "__name__", str(hint)) if isinstance(hint, type) else str(hint)
-        rows.append(
-            {
-                "name": prefix + field.name,
-                "type": kind,
-                "default": dump(default),
-                "doc": docs.get(field.name, ""),
-                **row,
-            }
-        )
+        rows.append({
+            "name": prefix + field.name,
+            "type": hint.__name__ if isinstance(hint, type) else str(hint),
+            "default": dump(default),
+            "doc": docs.get(field.name, ""),
+            **{key: field.metadata.get(key) for key in ("unit", "low", "high", "source")},
+        })  # fmt: skip
     return rows
 
 
@@ -116,22 +113,22 @@ def settings(given: argparse.Namespace) -> int:
     for name in given.names:
         if name not in classes:
             raise InputError(f"settings {name!r} are unknown{suggest(name, classes)}")
-    shown = {name: settings_rows(classes[name]) for name in given.names or classes}
+    found = {name: settings_rows(classes[name]) for name in given.names or classes}
     if given.markdown is not None:
-        page = markdown(shown)
+        page = markdown(found)
         if given.markdown == "-":
             print(page, end="")
         else:
             write_text(given.markdown, page)
         return 0
     lines = []
-    for name, rows in shown.items():
+    for name, rows in found.items():
         lines.append(f"{name}:" if given.names else name)
         for row in rows if given.names else ():
             lines.append(f"  {row['name']} = {row['default']}{_unit(row)}{_bounds(row)}")
             lines += [f"      {row['doc']}"] if row["doc"] else []
             lines += [f"      source: {row['source']}"] if row["source"] else []
-    report(given, shown, "\n".join(lines))
+    report(given, found, "\n".join(lines))
     return 0
 
 
@@ -144,19 +141,16 @@ def _bounds(row: dict[str, Any]) -> str:
     return f" [{low}, {high}]" if low or high else ""
 
 
-def markdown(shown: dict[str, list[dict[str, Any]]]) -> str:
+def markdown(settings: dict[str, list[dict[str, Any]]]) -> str:
     """Settings as a page of tables."""
-    lines = ["# Settings", "", "Written by `wheelchair settings --markdown docs/settings.md`."]
-    for name, rows in shown.items():
-        lines += ["", f"## {name}", ""]
-        if not rows:
-            lines.append("No settings.")
-            continue
-        lines += ["| setting | default | bounds | what it does | source |",
-                  "| --- | --- | --- | --- | --- |"]  # fmt: skip
-        for row in rows:
-            default = f"`{row['default']}`{_unit(row)}"
-            cells = (f"`{row['name']}`", default, _bounds(row), row["doc"], row["source"])
-            text = " | ".join(str(cell or "").strip().replace("|", "\\|") for cell in cells)
-            lines.append(f"| {text} |")
-    return "\n".join(lines) + "\n"
+    text = "# Settings\n\nWritten by `wheelchair settings --markdown docs/settings.md`.\n"
+    heads = ("setting", "default", "bounds", "what it does", "source")
+    for name, rows in settings.items():
+        cells = [
+            (f"`{row['name']}`", f"`{row['default']}`{_unit(row)}", _bounds(row).strip(),
+             row["doc"].strip(), row["source"] or "")
+            for row in rows
+        ]  # fmt: skip
+        text += f"\n## {name}\n\n{markdown_table(heads, cells) if cells else 'No settings.'}"
+        text += "" if cells else "\n"
+    return text

@@ -16,9 +16,8 @@ from agents.cli.arguments import (
     watch,
 )
 from agents.evaluation.evaluate import label, make_env
-from agents.evaluation.map_building import chart
-from agents.evaluation.map_evaluation import HOLD, by_odometry, by_slam, progress
-from agents.evaluation.provenance import command_line, commit, machine, versions
+from agents.evaluation.map_evaluation import HOLD, by_odometry, by_slam, map_by_driving, progress
+from agents.evaluation.provenance import command_line, provenance
 from agents.policies import make_policy
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.envs.settings import env_settings
@@ -38,9 +37,7 @@ def run(given: argparse.Namespace) -> int:
         "seed": given.seed,
         "files": {"map": str(path), "picture": given.picture},
         "command": command_line(),
-        "commit": commit(),
-        "machine": machine(),
-        "versions": versions(),
+        **provenance(),
     }
     report(given, value, "\n".join([*lines, str(path)]))
     return 0
@@ -54,7 +51,10 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
         raise InputError(f"--time {given.time}: expected more than 0 s")
     chosen, scene = spec(given.policy), chair_spec(given.scene or given.chair)
     if chosen == "explore":
-        chosen = {"name": "explore", "seek": False}  # the whole scene, wherever its goal is
+        chosen = {
+            "name": "explore",
+            "seek": False,
+        }  # all of it, not only up to the goal
     policy = make_policy(chosen)
     config = env_settings(given.config, pose_source="slam")
     if given.particles is not None:
@@ -72,7 +72,7 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
                 bar.update(env.unwrapped.task.reading.stamp - bar.n)
 
             env, each = watch(given).on(env, count_seconds)
-            made = chart(
+            made = map_by_driving(
                 env, policy, given.seed, given.time, each or count_seconds, real=bool(given.chair)
             )
     finally:
@@ -80,7 +80,7 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     write_map(made.grid, Path(given.out) / "map.yaml")
     if given.picture:
         truth = env.unwrapped.episode.map
-        drawn = [("SLAM", made.grid, made.believed), ("truth", truth, made.true)]
+        drawn = [("SLAM", made.grid, made.estimated), ("truth", truth, made.true)]
         write_png(given.picture, draw_map(drawn[:1] if given.chair else drawn))
     of = made.figures
     where = f"{label(scene)}, seed {given.seed}" if given.scene else given.chair
@@ -108,16 +108,13 @@ def _from_scans(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     with progress(len(log.stamps), not given.quiet) as bar:
         maps = [by_odometry(log, laser, config.mapping)]
         if not given.odometry_only:
-            each, end = watch(given).on_survey(log, laser)
+            with watch(given).on_log(log, laser) as each:
 
-            def each_scan(slam: Slam) -> None:
-                each(slam)
-                bar.update(1)
+                def each_scan(slam: Slam) -> None:
+                    each(slam)
+                    bar.update(1)
 
-            try:
                 maps.append(by_slam(log, laser, config, given.seed, each_scan))
-            finally:
-                end(None)
     for one in maps:
         name = "map" if one is maps[-1] else "odometry"
         write_map(one.grid, Path(given.out) / f"{name}.yaml")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -92,7 +92,8 @@ def _warm(planner: Any, clearance: float) -> None:
 def _compile_beside(planner: Any) -> None:
     """Compile the planner in a second process while this one compiles the rest."""
     # Only the largest kernel: some others are compiled only for some settings.
-    kernels = sorted(kernels_of(type(planner).solve), key=lambda k: len(called_by(k)))
+    solve = getattr(type(planner), "solve", type(planner).plan)  # others' planners have a plan only
+    kernels = sorted(kernels_of(solve), key=lambda k: len(called_by(k)))
     compile_beside(kernels[-1:], lambda: _warm(planner, 0.0))
 
 
@@ -109,7 +110,7 @@ def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, 
     solved = len(plan.path) > 0
     why = _fault(planner, plan, problem) if solved else ""
     if why:  # by the independent judge
-        plan = dataclasses.replace(plan, note=why)
+        plan = replace(plan, note=why)
     return plan, {
         "name": problem.name,
         "status": INVALID if why else str(plan.status),
@@ -131,15 +132,13 @@ def _fault(planner: Any, plan: Plan, problem: Problem) -> str:
         return "a point is not finite"
     footprint = getattr(planner, "footprint", None)
     if plan.path.shape[1] == 2 or footprint is None:
-        found = Judge.of(problem).faults(plan.path, problem.start, problem.goal)
-        return found[0] if found else ""
+        return next(iter(Judge.of(problem).faults(plan.path, problem.start, problem.goal)), "")
     for name, end, at in (("start", problem.start, 0), ("end", problem.goal, -1)):
         gap = float(np.hypot(*(plan.path[at, :2] - end[:2])))
         if not gap <= TOLERANCE:
             return f"its {name} is {gap} m from where it should be"
     space = problem.space
-    found = sweep_faults(plan.path, footprint.corners, space.solid, space.bounds)
-    return found[0] if found else ""
+    return next(iter(sweep_faults(plan.path, footprint.corners, space.solid, space.bounds)), "")
 
 
 def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
@@ -152,8 +151,8 @@ def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
     if answer["status"] == INVALID:
         if given.json:
             report(given, answer, INVALID)
-        said = f"{type(planner).__name__} says solved, but by an independent judge {plan.note}"
-        print(f"wheelchair: plan: {INVALID}: {said}", file=sys.stderr)
+        why = f"{type(planner).__name__} says solved, but by an independent judge {plan.note}"
+        print(f"wheelchair: plan: {INVALID}: {why}", file=sys.stderr)
         return 1
     if plan.status is Status.SOLVED:
         text = (
@@ -172,15 +171,14 @@ def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
         return 0
     if given.json:
         report(given, answer, str(plan.status))
-    start, goal = f"the start {_at(problem.start)}", f"the goal {_at(problem.goal)}"
-    places = {
-        Status.START_OUTSIDE: f"{start} lies outside the map",
-        Status.START_OCCUPIED: f"{start} is not {clearance:g} m from obstacles",
-        Status.GOAL_OUTSIDE: f"{goal} lies outside the map",
-        Status.GOAL_OCCUPIED: f"{goal} is not {clearance:g} m from obstacles",
-    }
-    if plan.status in places:
-        raise InputError(f"plan: {plan.status}: {places[plan.status]}")
+    for name, point in (("start", problem.start), ("goal", problem.goal)):
+        where = "(" + ", ".join(f"{value:g}" for value in point) + ")"
+        for status, what in (
+            (f"{name}_outside", "lies outside the map"),
+            (f"{name}_occupied", f"is not {clearance:g} m from obstacles"),
+        ):
+            if plan.status == status:
+                raise InputError(f"plan: {status}: the {name} {where} {what}")
     none = "there is no path" if plan.status is Status.NO_PATH else "no path was found"
     why = f": {plan.note}" if plan.note else ""
     print(
@@ -190,27 +188,20 @@ def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
     return 1
 
 
-def _at(point: Any) -> str:
-    return "(" + ", ".join(f"{value:g}" for value in point) + ")"
-
-
 def _run_problems(given: argparse.Namespace, planner: Any) -> int:
     problems = read_problems(given.problems)
     clearance = given.clearance or 0.0
     _grow_obstacles(planner, clearance)
     _warm(planner, clearance)
-    answers = []
+    answers, lines = [], []
     for problem, optimum in problems:
-        problem = dataclasses.replace(problem, clearance=clearance)
-        _, answer = _answer(planner, problem, given.seed)
+        _, answer = _answer(planner, replace(problem, clearance=clearance), given.seed)
         answers.append(answer | {"optimum": optimum})
-    lines = []
-    for answer in answers:
         text = f"{answer['name']}: {answer['status']}"
         if answer["length"] is not None:
             text += f", {answer['length']:.3f} m"
-            if answer["optimum"]:
-                text += f" ({answer['length'] / answer['optimum']:.4f} of the optimum)"
+            if optimum:
+                text += f" ({answer['length'] / optimum:.4f} of the optimum)"
         why = f": {answer['note']}" if answer["note"] else ""
         lines.append(f"{text}, {1e3 * answer['time_s']:.1f} ms{why}")
     report(given, answers, "\n".join(lines))
@@ -221,19 +212,14 @@ def _draw(problem: Problem, plan: Plan, planner: Any, caption: str, file: str) -
     import shapely
 
     rings = shapely.get_rings(shapely.get_parts(problem.space.solid))
-    loops = [shapely.get_coordinates(ring)[:-1] for ring in rings]
+    best = make_planner("visibility").plan(problem, np.random.default_rng(0)).path
     image = draw_plan(
         problem.space.bounds, problem.start, problem.goal, plan.path, plan.tree,
-        polygons=loops, optimum=_shortest(problem), swarm=getattr(plan, "swarm", ()),
+        polygons=[shapely.get_coordinates(ring)[:-1] for ring in rings],
+        optimum=best if len(best) else None, swarm=getattr(plan, "swarm", ()),
         outlines=_footprints(problem, plan, planner), size=960, caption=caption, legend=True,
     )  # fmt: skip
     write_png(file, image)
-
-
-def _shortest(problem: Problem) -> Any:
-    """The shortest path of a disc (n, 2) [m]; None where there is none."""
-    best = make_planner("visibility").plan(problem, np.random.default_rng(0))
-    return best.path if len(best.path) else None
 
 
 def _footprints(problem: Problem, plan: Plan, planner: Any) -> list[Any]:

@@ -1,4 +1,4 @@
-"""`wheelchair train`: training runs; one file of settings is a whole run."""
+"""`wheelchair train`, `export` and `inspect`: training runs, and the weights that they write."""
 
 from __future__ import annotations
 
@@ -9,17 +9,13 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tqdm import tqdm
-
-from agents.cli.arguments import changed, report
+from agents import is_interrupt
+from agents.cli.arguments import changed, env_of, report, spec
 from agents.cli.commands import parse_int
-from agents.interrupt import by_hand
-from agents.learning.curves import read_curve, write_sweep
-from agents.learning.demonstrations import imitate, load_imitation
-from agents.learning.networks import SB3_CONTRIB, algorithm_class
-from agents.learning.run import train
-from agents.learning.settings import as_json, read_training, recipe
 from wheelchair_gym.config import InputError, read_json
+from wheelchair_gym.files import atomic_write
+
+# What needs torch is imported late: export and inspect do not.
 
 
 class Case(NamedTuple):
@@ -35,6 +31,11 @@ class Case(NamedTuple):
 
 def run(given: argparse.Namespace) -> int:
     """Train once for each value of the varied setting and each seed."""
+    from agents.learning.curves import write_sweep
+    from agents.learning.demonstrations import load_imitation
+    from agents.learning.networks import SB3_CONTRIB, algorithm_class
+    from agents.learning.settings import as_json, read_training, recipe
+
     try:
         seeds = [parse_int(text) for text in given.seeds]
     except argparse.ArgumentTypeError as error:
@@ -95,6 +96,8 @@ def varied(text: str | None) -> tuple[str, list[str]]:
 
 def _last_row(imitates: bool, folder: Path) -> dict[str, Any]:
     """The result of a run that another process has made."""
+    from agents.learning.curves import read_curve
+
     rows: list[dict[str, Any]] = (
         read_json(folder / "rounds.json") if imitates else read_curve(folder)
     )
@@ -102,8 +105,14 @@ def _last_row(imitates: bool, folder: Path) -> dict[str, Any]:
 
 
 def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
+    from tqdm import tqdm
+
     if given.algorithm == "bc":
+        from agents.learning.demonstrations import imitate
+
         return imitate(case.config, case.seed, case.folder, progress=not given.quiet)
+    from agents.learning.run import train
+
     pause = 0.5 if sys.stderr.isatty() else 10.0
     style: dict[str, Any] = {"mininterval": pause, "maxinterval": pause, "disable": given.quiet}
     worlds = tqdm(total=0, unit="world", leave=False, desc="worlds", **style)
@@ -128,7 +137,7 @@ def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
             on_prepared=on_prepared,
         )  # fmt: skip
     except (KeyboardInterrupt, SystemError) as error:
-        if by_hand(error):
+        if is_interrupt(error):
             print(
                 f"\n{case.folder}: the same command resumes from its last checkpoint",
                 file=sys.stderr,
@@ -151,7 +160,7 @@ def _line(row: dict[str, Any]) -> str:
 
 
 def _in_processes(given: argparse.Namespace, cases: list[Case]) -> int:
-    """Each run in a process of its own, `--jobs` at a time, with a log each; the exit code."""
+    """Each run in a separate process, `--jobs` at a time, with a log file; the exit code."""
     waiting, running = list(cases), dict[str, subprocess.Popen[bytes]]()
     codes: dict[str, int] = {}
     try:
@@ -181,3 +190,50 @@ def _in_processes(given: argparse.Namespace, cases: list[Case]) -> int:
         for process in running.values():
             process.terminate()
     return max(codes.values(), default=0)
+
+
+def export(given: argparse.Namespace) -> int:
+    """Write weights as ONNX, or with a model card."""
+    if given.npz is not None:
+        from agents.learning.publish import publish
+
+        file = Path(given.npz)
+        weights = publish(Path(given.policy), [Path(name) for name in given.results], file)
+        report(given, weights.card, f"{file} and {file.with_suffix('.md')}")
+        return 0
+    from agents.learning.export import export_onnx
+    from agents.learning.weights import find_weights, load_weights
+
+    sidecar = export_onnx(load_weights(find_weights(given.policy)), given.onnx)
+    report(given, sidecar, f"{given.onnx} and {given.onnx}.json")
+    return 0
+
+
+def inspect(given: argparse.Namespace) -> int:
+    """Drive an episode, hide parts of the observation, and draw how the action changes."""
+    import matplotlib as mpl
+
+    from agents.evaluation.evaluate import drive_episode, make_env
+    from agents.evaluation.figures import LOOK
+    from agents.learning.occlusion import OcclusionRecorder
+    from agents.policies import make_policy
+
+    file = Path(given.out)
+    if file.suffix not in (".png", ".svg", ".pdf"):
+        raise InputError(f"--out {file}: expected a name that ends with .png, .svg or .pdf")
+    policy = make_policy(spec(given.policy))
+    recorder = OcclusionRecorder(policy)
+    env = make_env(spec(given.scene), env_of(given))
+    try:
+        outcome = drive_episode(env, policy, given.seed, recorder)["outcome"]
+        with mpl.rc_context(LOOK):
+            figure, values = recorder.draw(env, given.moment)
+            with atomic_write(file) as part:
+                figure.savefig(part, format=file.suffix[1:], dpi=150)
+    finally:
+        env.close()
+    values |= {"policy": given.policy, "seed": given.seed, "outcome": outcome}
+    keys = sorted(values["parts"].items(), key=lambda pair: -pair[1])
+    lines = [f"{name}: {change:.3f}" for name, change in keys]
+    report(given, values, "\n".join([f"{outcome}; the action changes by", *lines, str(file)]))
+    return 0

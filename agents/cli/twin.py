@@ -132,8 +132,8 @@ class _Watcher:
         self._open = bool(data)
         *lines, self._text = (self._text + data).split(b"\n")
         for line in lines:
-            if said := run_command(self._served, line.decode("utf-8", "replace")):
-                print(said, flush=True)
+            if reply := run_command(self._served, line.decode("utf-8", "replace")):
+                print(reply, flush=True)
 
     def _status(self, now: float) -> str:
         twin, behind = self._served.twin, self._served.max_delay

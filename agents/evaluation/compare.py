@@ -6,14 +6,13 @@ import dataclasses
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-from agents.evaluation import ranking
+from agents.evaluation import report
 from agents.evaluation.evaluate import (
-    NOBODY,
+    NO_WATCH,
     Spec,
     distinct,
     drive_episode,
@@ -21,18 +20,10 @@ from agents.evaluation.evaluate import (
     evaluate,
     label,
     make_env,
-    plain,
+    without_labels,
 )
 from agents.evaluation.metrics import Record, summarise
-from agents.evaluation.provenance import (
-    command_line,
-    commit,
-    machine,
-    versions,
-    write_json,
-    write_text,
-)
-from agents.evaluation.tables import markdown, overall
+from agents.evaluation.provenance import command_line, now, provenance, write_json, write_text
 from agents.learning.weights import shipped
 from agents.policies import kind_of, make_policy
 from agents.watch import Watch
@@ -46,7 +37,7 @@ TRAINING = 1_000_000  # the first training seed
 
 @dataclass(frozen=True)
 class Suite:
-    """What is compared with what, on which episodes."""
+    """The policies, scenes and episodes of a comparison."""
 
     title: str
     policies: tuple[Spec, ...]
@@ -61,23 +52,36 @@ CORRIDORS = (1.20, 1.05, 0.90)  # m: ADA asks for 0.915
 
 
 def _doorway(door: float, corridor: float) -> Spec:
-    """One rung of the ladder, named by what any manoeuvre leaves round the chair."""
+    """A door off a corridor, labelled with the margin that the best manoeuvre leaves."""
     spec = {"name": "doorway", "door_width": door, "corridor_width": corridor}
     margin = Doorway(door_width=door, corridor_width=corridor).margin
     return {**spec, "label": f"door {door:.2f} corridor {corridor:.2f} margin {margin:.3f}"}
 
 
+_CLINIC = {
+    "kind": "clinic", "door_width": (1.0, 1.4), "corridor_width": (1.5, 2.4),
+    "building_size": (14.0, 24.0),
+}  # fmt: skip
+_HOME = {"name": "floor_plan", "kind": "home", "door_width": (0.9, 1.1), "label": "home"}
+_CROSSING = {"people": {"crossing_share": 1.0}, "label": "crossing"}
+_CROWDS = (
+    {  # public buildings: a chair and a person pass each other (DIN 18040-1: 1.50 m)
+        "name": "crowd",
+        "place": "building",
+        "people": {"density": (0.01, 0.04)},  # without people who sit
+        "building": _CLINIC,
+        "label": "building",
+    },
+    {"name": "crowd", "place": "hall", "label": "hall"},
+)
+_VARIANTS = ("rrt_star_woa_local+window", "rrt_star_woa_global+window")
+
 SUITES: dict[str, Suite] = {
     "demo": Suite(
         "Planned and learned policies on several scenes",
         (
-            "rrt_star_woa_local+window",
-            "rrt_star_woa_local+controls",
-            "rrt_star_woa_global+window",
-            "rrt_star_woa_global+controls",
-            BEST,
-            "ppo_guided",
-            "ppo_goal",
+            *(f"rrt_star_woa_{v}+{f}" for v in ("local", "global") for f in ("window", "controls")),
+            *(BEST, "ppo_guided", "ppo_goal"),
         ),
         ("floor_plan", "clutter", "thesis_3", "map_file"),
         3,
@@ -85,30 +89,13 @@ SUITES: dict[str, Suite] = {
     "homes": Suite(
         "Homes never seen before: doors from 0.90 m, corridors from 1.10 m",
         ("random", "straight", BEST),
-        (
-            {
-                "name": "floor_plan",
-                "kind": "home",
-                "door_width": (0.9, 1.1),
-                "corridor_width": (1.1, 1.6),
-                "label": "home",
-            },
-        ),
+        ({**_HOME, "corridor_width": (1.1, 1.6)},),
         200,
     ),
     "clinic": Suite(
         "Clinics never seen before: doors from 1.00 m, corridors from 1.50 m",
         ("straight", BEST),
-        (
-            {
-                "name": "floor_plan",
-                "kind": "clinic",
-                "door_width": (1.0, 1.4),
-                "corridor_width": (1.5, 2.4),
-                "building_size": (14.0, 24.0),
-                "label": "clinic",
-            },
-        ),
+        ({"name": "floor_plan", **_CLINIC, "label": "clinic"},),
         200,
     ),
     "barn": Suite(
@@ -119,21 +106,15 @@ SUITES: dict[str, Suite] = {
     ),
     "thesis": Suite(
         "The thesis's five maps",
-        ("straight", "rrt_star_woa_local+window", "rrt_star_woa_global+window", BEST),
+        ("straight", *_VARIANTS, BEST),
         tuple(f"thesis_{k}" for k in range(1, 6)),
         20,
     ),
     "followers": Suite(
         "One planner, each follower",
         (
-            "a_star+pure_pursuit",
-            "a_star+window",
-            "lattice+pure_pursuit",
-            "lattice+controls",
-            "lattice+dwa",
-            "lattice+mppi",
-            "lattice+window",
-            "lattice+woa",
+            *(f"a_star+{name}" for name in ("pure_pursuit", "window")),
+            *(f"lattice+{f}" for f in ("pure_pursuit", "controls", "dwa", "mppi", "window", "woa")),
         ),
         ("floor_plan",),
         40,
@@ -141,38 +122,17 @@ SUITES: dict[str, Suite] = {
     "crowd": Suite(
         "Among people, in buildings and halls; one in ten pays no attention",
         ("straight", BEST),
-        (
-            {  # public ones: a chair and a person pass each other (DIN 18040-1: 1.50 m)
-                "name": "crowd",
-                "place": "building",
-                "people": {"density": (0.01, 0.04)},  # who sits counts not
-                "building": {
-                    "kind": "clinic",
-                    "door_width": (1.0, 1.4),
-                    "corridor_width": (1.5, 2.4),
-                    "building_size": (14.0, 24.0),
-                },
-                "label": "building",
-            },
-            {"name": "crowd", "place": "hall", "label": "hall"},
-        ),
+        _CROWDS,
         40,
     ),
     "cylinders": Suite(
-        "Cylinders that cross a hall and heed nobody, as in DynaBARN",
+        "Cylinders that cross a hall and avoid nothing, as in DynaBARN",
         ("straight", BEST),
-        (
-            {
-                "name": "crowd",
-                "place": "hall",
-                "people": {"crossing_share": 1.0},
-                "label": "crossing",
-            },
-        ),
+        ({**_CROWDS[1], **_CROSSING},),
         40,
     ),
     "temporary": Suite(
-        "Obstacles that appear on the way, and go again",
+        "Obstacles that appear on the way and disappear again",
         ("a_star+pure_pursuit", BEST),
         ("temporary",),
         40,
@@ -188,27 +148,14 @@ SUITES: dict[str, Suite] = {
 SUITES["league"] = Suite(
     "Kinds of policies on kinds of scenes: who wins where",
     (
-        "random",
-        "straight",
-        "a_star+pure_pursuit",
-        "rrt_star+window",
-        "rrt_star_woa_local+window",
-        "rrt_star_woa_global+window",
-        "rrt_star_woa_global+controls",
-        "lattice+dwa",
-        "lattice+mppi",
-        "lattice+woa",
-        BEST,
+        *("random", "straight", "a_star+pure_pursuit", "rrt_star+window", *_VARIANTS),
+        *("rrt_star_woa_global+controls", "lattice+dwa", "lattice+mppi", "lattice+woa", BEST),
         *shipped(),
     ),
     (
-        *SUITES["homes"].scenes,
-        "thesis_3",
-        "thesis_5",
-        "barn",
+        *(*SUITES["homes"].scenes, "thesis_3", "thesis_5", "barn"),
         *(_doorway(door, 1.05) for door in (1.00, 0.90, 0.85)),
-        *SUITES["temporary"].scenes,
-        *SUITES["crowd"].scenes,
+        *("temporary", *_CROWDS),
     ),
     20,
 )
@@ -233,7 +180,7 @@ def compare(
     engine: str = "loky",
     progress: bool = True,
     seeds: Sequence[int] | None = None,
-    watch: Watch = NOBODY,
+    watch: Watch = NO_WATCH,
 ) -> Evaluation:
     """Evaluate a suite and write results.json, table.md, a video and report.html to a folder.
 
@@ -260,56 +207,45 @@ def compare(
         "provenance": {
             "config": dump(dataclasses.asdict(what)),
             "seeds": seeds,
-            "commit": commit(),
-            "machine": machine() | {"jobs": jobs, "engine": engine},
-            "versions": versions(),
-            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+            **provenance(jobs=jobs, engine=engine),
+            "finished": now(),
         },
         "policies": [label(policy) for policy in what.policies],
-        "kinds": {label(policy): kind_of(plain(policy)) for policy in what.policies},
+        "kinds": {label(policy): kind_of(without_labels(policy)) for policy in what.policies},
         "scenes": [label(scene) for scene in what.scenes],
         "records": records,
         "summary": summary,
         "video": None,
     }
     if what.video and records:
-        shown = worth_a_film(summary, records)
-        evaluation["video"] = {"file": film(what, shown, folder), **shown}
+        filmed = episode_to_film(summary, records)
+        evaluation["video"] = {"file": film(what, filmed, folder), **filmed}
     evaluation["provenance"]["wall_time_s"] = round(time.perf_counter() - begun, 2)
     write_json(folder / "results.json", evaluation)
-    write_text(folder / "table.md", in_words(evaluation))
-    from agents.evaluation.report import write_report
-
-    write_report(evaluation, folder)
+    write_text(folder / "table.md", report.markdown(evaluation))
+    report.write_report(evaluation, folder)
     return evaluation
 
 
-def in_words(evaluation: Evaluation) -> str:
-    """The summary as Markdown, first who arrived how often and who wins where."""
-    first = ranking.learned_beside_planned(evaluation), ranking.told(evaluation)
-    return markdown(evaluation, "\n\n".join(filter(None, first)))
-
-
-def worth_a_film(summary: Sequence[Record], records: Sequence[Record]) -> Record:
-    """Policy, scene and seed of the best policy's first good episode, or of its first."""
-    best = overall(summary)[0]["policy"]
+def episode_to_film(summary: Sequence[Record], records: Sequence[Record]) -> Record:
+    """Policy, scene and seed of the best policy's first success, or of its first episode."""
+    best = report.ranked(summary)[0]["policy"]
     of = [record for record in records if record["policy"] == best]
-    shown = next((record for record in of if record["success"]), of[0])
-    return {key: shown[key] for key in ("policy", "scene", "seed")}
+    chosen = next((record for record in of if record["success"]), of[0])
+    return {key: chosen[key] for key in ("policy", "scene", "seed")}
 
 
-def film(what: Suite, shown: Record, folder: Path) -> str:
+def film(what: Suite, episode: Record, folder: Path) -> str:
     """Film an episode (policy, scene and seed by label); the video's name."""
     from wheelchair_gym.rendering.video import video_suffix, write_video
 
-    policy = next(spec for spec in what.policies if label(spec) == shown["policy"])
-    scene = next(spec for spec in what.scenes if label(spec) == shown["scene"])
+    policy = next(spec for spec in what.policies if label(spec) == episode["policy"])
+    scene = next(spec for spec in what.scenes if label(spec) == episode["scene"])
     env = make_env(scene, env_settings(**what.env))
     frames: list[Any] = []
     try:
-        drive_episode(
-            env, make_policy(plain(policy)), shown["seed"], lambda e: frames.append(e.render())
-        )
+        driver = make_policy(without_labels(policy))
+        drive_episode(env, driver, episode["seed"], lambda e: frames.append(e.render()))
         period = env.unwrapped.task.period
     finally:
         env.close()

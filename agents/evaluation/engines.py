@@ -1,4 +1,9 @@
-"""What runs jobs in other processes: loky on this machine, Ray on this one or on a cluster."""
+"""Engines run jobs in other processes: joblib's loky on this machine, Ray on this one or a cluster.
+
+An engine yields the number and the result of each job as it ends. It raises LostError where a
+worker was lost; the jobs that have not ended are then run again. `alone`: hand out each job by
+itself; otherwise short jobs are handed out in batches.
+"""
 
 from __future__ import annotations
 
@@ -6,45 +11,20 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Sequence
-from typing import Any, Final, Protocol
+from collections.abc import Callable, Generator, Sequence
+from typing import Any, Final
 
 from wheelchair_gym.config import InputError
 
-# A worker computes on one core: threads of libraries would only fight for the others.
-_ONE_THREAD = {
-    f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "NUMBA")
-}
-KEPT = 300  # s that idle workers wait for the next runs: it takes seconds to load all kernels
-RETRIES = 3  # Ray hands a lost task out so often before it tells us
+Job = Any
+Results = Generator[tuple[int, Any]]
+IDLE_TIME = 300  # s that idle workers wait for the next runs: loading all kernels takes seconds
+RETRIES = 3  # of Ray, for a lost task
+BATCHES = 8  # of Ray, for each worker
 
 
 class LostError(Exception):
     """A worker ended before its job did."""
-
-
-class Pool(Protocol):
-    """Workers. A ticket stands for a call that was handed out."""
-
-    workers: int
-
-    def __init__(self, workers: int) -> None: ...
-
-    @staticmethod
-    def check() -> None:
-        """Raise InputError where the engine is not installed."""
-
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Hand a call out; its ticket. LostError if no worker is left to take it."""
-
-    def ended(self, tickets: Sequence[Any]) -> Sequence[Any]:
-        """Wait until some calls have ended; their tickets."""
-
-    def result(self, ticket: Any) -> Any:
-        """What a call gave: its result, its exception, or LostError."""
-
-    def close(self, done: bool) -> None:
-        """Let the workers go, at once where not all is done."""
 
 
 def _start_worker() -> None:
@@ -53,122 +33,93 @@ def _start_worker() -> None:
 
 
 def _end_with(parent: int) -> None:
-    """A worker outlives nobody: a parent that was killed cannot end it."""
+    """End this worker with its parent, which cannot end it when it is killed."""
     while os.getppid() == parent:
         time.sleep(1.0)
     os._exit(1)
 
 
-class Loky:
-    """Processes of this machine (joblib's loky)."""
-
-    def __init__(self, workers: int) -> None:
-        self.workers = workers
-        self._pool = self._new()
-
-    @staticmethod
-    def check() -> None:
-        """Joblib is always there."""
-
-    def _new(self) -> Any:
-        from joblib.externals.loky import get_reusable_executor
-
-        # Where the last one lost a worker, this is a new one.
-        return get_reusable_executor(
-            self.workers, timeout=KEPT, initializer=_start_worker, env=_ONE_THREAD
-        )
-
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Hand a call out; its ticket."""
-        from concurrent.futures import BrokenExecutor
-
-        try:
-            return self._pool.submit(function, *arguments)
-        except BrokenExecutor as error:
-            self._pool = self._new()
-            raise LostError(type(error).__name__) from None
-
-    def ended(self, tickets: Sequence[Any]) -> Sequence[Any]:
-        """Wait until some calls have ended; their tickets."""
-        from concurrent.futures import FIRST_COMPLETED, wait
-
-        return list(wait(tickets, return_when=FIRST_COMPLETED).done)
-
-    def result(self, ticket: Any) -> Any:
-        """What a call gave, or LostError."""
-        from concurrent.futures import BrokenExecutor
-
-        try:
-            return ticket.result()
-        except BrokenExecutor as error:
-            self._pool = self._new()
-            raise LostError(type(error).__name__) from None
-
-    def close(self, done: bool) -> None:
-        """Keep idle workers for the next runs; end those that are at work."""
-        if not done:
-            self._pool.shutdown(wait=False, kill_workers=True)
+def _numbered(work: Callable[[Job], Any], number: int, job: Job) -> tuple[int, Any]:
+    return number, work(job)
 
 
-class Ray:
-    """Tasks of Ray: on the cluster at RAY_ADDRESS, or else on this machine."""
+def _loky(work: Callable[[Job], Any], jobs: Sequence[Job], workers: int, alone: bool) -> Results:
+    from concurrent.futures import BrokenExecutor
 
-    def __init__(self, workers: int) -> None:
-        import ray
+    from joblib import Parallel, delayed
 
-        self._ray, address = ray, os.environ.get("RAY_ADDRESS")
-        quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
-        self._own = not ray.is_initialized()
-        if not self._own:
-            pass
-        elif address:
-            import agents
-            import planners
-            import wheelchair_gym
-
-            # The cluster's machines run this very code, whatever is installed there.
-            code = {"py_modules": [wheelchair_gym, planners, agents], "env_vars": _ONE_THREAD}
-            ray.init(address, runtime_env=code, **quiet)
-        else:
-            # Ray itself holds a task of one core to one thread.
-            ray.init("local", num_cpus=workers, include_dashboard=False, **quiet)
-        cores: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
-        self.workers = max(workers, int(cores.get("CPU", 1)))
-
-    @staticmethod
-    def check() -> None:
-        """Raise InputError where Ray is not installed."""
-        import importlib.util
-
-        if importlib.util.find_spec("ray") is None:
-            raise InputError(
-                "engine ray needs the package ray; pip install 'wheelchair_gym[cluster]'"
-            )
-
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Hand a call out; its ticket."""
-        return self._ray.remote(max_retries=RETRIES)(function).remote(*arguments)
-
-    def ended(self, tickets: Sequence[Any]) -> Sequence[Any]:
-        """Wait until some calls have ended; their tickets."""
-        first, rest = self._ray.wait(list(tickets), num_returns=1)
-        return first + (self._ray.wait(rest, num_returns=len(rest), timeout=0)[0] if rest else [])
-
-    def result(self, ticket: Any) -> Any:
-        """What a call gave, or LostError."""
-        from ray.exceptions import RayTaskError
-
-        try:
-            return self._ray.get(ticket)
-        except RayTaskError as error:
-            raise error.cause from None  # what the call itself raised
-        except self._ray.exceptions.RayError as error:
-            raise LostError(type(error).__name__) from None
-
-    def close(self, done: bool) -> None:
-        """Leave the cluster, or end this machine's workers."""
-        if self._own:
-            self._ray.shutdown()
+    pool = Parallel(
+        workers, "loky", return_as="generator_unordered", batch_size=1 if alone else "auto",
+        max_nbytes=None, initializer=_start_worker, inner_max_num_threads=1,
+        idle_worker_timeout=IDLE_TIME,
+    )  # fmt: skip
+    made = pool(delayed(_numbered)(work, number, job) for number, job in enumerate(jobs))
+    try:
+        yield from made
+    except BrokenExecutor as error:
+        raise LostError(type(error).__name__) from None
+    finally:
+        made.close()
 
 
-ENGINES: Final[dict[str, type[Pool]]] = {"loky": Loky, "ray": Ray}
+def _ray(work: Callable[[Job], Any], jobs: Sequence[Job], workers: int, alone: bool) -> Results:
+    import ray
+
+    address = os.environ.get("RAY_ADDRESS")
+    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
+    started = not ray.is_initialized()
+    if started and address:
+        import agents
+        import planners
+        import wheelchair_gym
+
+        # Send this code to the cluster's machines, whatever is installed there.
+        threads = ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "NUMBA")
+        env = {f"{name}_NUM_THREADS": "1" for name in threads}
+        code = {"py_modules": [wheelchair_gym, planners, agents], "env_vars": env}
+        ray.init(address, runtime_env=code, **quiet)
+    elif started:  # Ray itself holds a task of one core to one thread
+        ray.init("local", num_cpus=workers, include_dashboard=False, **quiet)
+    cores: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
+    workers = max(workers, int(cores.get("CPU", 1)))
+    size = 1 if alone else max(1, len(jobs) // (BATCHES * workers))
+    remote: Any = ray.remote(max_retries=RETRIES)(_batch)
+    numbered = list(enumerate(jobs))
+    batches = [numbered[k : k + size] for k in range(0, len(jobs), size)]
+    try:
+        running: list[Any] = []
+        while batches or running:
+            while batches and len(running) < 2 * workers:
+                running.append(remote.remote(work, batches.pop(0)))
+            (ended,), running = ray.wait(running, num_returns=1)
+            yield from ray.get(ended)
+    except ray.exceptions.RayTaskError as error:
+        raise error.cause from None  # what the job itself raised
+    except ray.exceptions.RayError as error:
+        raise LostError(type(error).__name__) from None
+    finally:
+        if started:
+            ray.shutdown()
+
+
+def _batch(work: Callable[[Job], Any], jobs: Sequence[tuple[int, Job]]) -> list[tuple[int, Any]]:
+    return [_numbered(work, *job) for job in jobs]
+
+
+ENGINES: Final = {"loky": _loky, "ray": _ray}
+
+
+def check(workers: int, engine: str) -> None:
+    """Refuse workers and engines that do not exist.
+
+    Raises:
+        InputError: the number is below 1, or the engine is unknown or not installed.
+    """
+    import importlib.util
+
+    if workers < 1:
+        raise InputError(f"jobs is {workers}; it must be at least 1")
+    if engine not in ENGINES:
+        raise InputError(f"engine {engine!r} is unknown; known: {', '.join(ENGINES)}")
+    if engine == "ray" and importlib.util.find_spec("ray") is None:
+        raise InputError("engine ray needs the package ray; pip install 'wheelchair_gym[cluster]'")

@@ -1,4 +1,4 @@
-"""Episodes by seed, in parallel and resumable: what is stored once is never computed twice."""
+"""Episodes by seed, in parallel and resumable: an episode that is stored is not driven again."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
+from agents.evaluation.engines import check
 from agents.evaluation.metrics import Record, Trace, measure
-from agents.evaluation.runs import check, compute, run_key, source_digest
+from agents.evaluation.runs import compute, run_key, source_digest
 from agents.policies import GymPolicy, Policy, make_policy, spec_of
 from agents.policies.learned import weights_digest
 from agents.watch import Watch
@@ -22,13 +23,13 @@ from wheelchair_gym.types import Episode
 
 ENV = "wheelchair_gym/Navigation-v0"
 STORE = "episodes.jsonl"
-TIGHT = 0.10  # m beside the chair: with less, turns are looked at, too, which takes a second or two
-NOBODY = Watch()
+TIGHT = 0.10  # m beside the chair: below it, the margin of turns is computed, which takes seconds
+NO_WATCH = Watch()
 Spec = Any  # a name, a mapping with a name, settings; of scenes, the Path of a map file, too
 
 
 def label(spec: Spec) -> str:
-    """How records call a policy or a scene: its `label`, else its name or its class."""
+    """The name of a policy or a scene in records: its `label`, else its name or its class."""
     if isinstance(spec, str):
         return spec
     if not isinstance(spec, Mapping):
@@ -36,8 +37,8 @@ def label(spec: Spec) -> str:
     return str(spec.get("label", spec.get("name", spec)))
 
 
-def plain(spec: Spec) -> Spec:
-    """What makes a policy or a scene: without what is only said of it here."""
+def without_labels(spec: Spec) -> Spec:
+    """A spec without the keys that only an evaluation reads."""
     if not isinstance(spec, Mapping):
         return spec
     return {key: value for key, value in spec.items() if key not in ("label", "env")}
@@ -47,7 +48,7 @@ def distinct(specs: Sequence[Spec], what: str) -> tuple[Spec, ...]:
     """Policies or scenes as they are compared, each once.
 
     Raises:
-        InputError: different ones have one label: records could not tell them apart.
+        InputError: different ones have the same label.
     """
     found: dict[str, Spec] = {}
     for given in specs:
@@ -69,17 +70,17 @@ def scene_env(scene: Spec, env: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def episode_key(policy: Spec, scene: Spec, seed: int, env: Mapping[str, Any]) -> str:
-    """What makes two episodes the same: code, settings, policy, scene and seed."""
-    own, learned = scene_env(scene, env), weights_digest(plain(policy))
-    parts = [plain(policy), plain(scene), seed, own]
-    if not isinstance(policy, str | Mapping):  # somebody's own: its code is not among ours
+    """A key that is equal for equal episodes: of code, settings, policy, scene and seed."""
+    learned = weights_digest(without_labels(policy))
+    parts = [without_labels(policy), without_labels(scene), seed, scene_env(scene, env)]
+    if not isinstance(policy, str | Mapping):  # a class from outside the project
         kind = type(policy)
         parts += [kind.__qualname__, source_digest(inspect.getfile(kind))]
     return run_key(source_digest(), *parts, *([] if learned is None else [learned]))
 
 
 def env_settings(**values: Any) -> dict[str, Any]:
-    """Keyword settings of the environment, a config file read in; what is None is left out.
+    """Keyword settings of the environment, without those that are None; a config file is read.
 
     Raises:
         InputError: the config file cannot be read, or a setting in it is wrong.
@@ -100,8 +101,8 @@ def make_env(scene: Spec, env: Mapping[str, Any], render_mode: str | None = "rgb
     import wheelchair_gym  # registers the ids
 
     assert wheelchair_gym.__name__ in sys.modules
-    own = scene_env(scene, env)
-    return gymnasium.make(ENV, scene=plain(scene), render_mode=render_mode, **own)
+    settings = scene_env(scene, env)
+    return gymnasium.make(ENV, scene=without_labels(scene), render_mode=render_mode, **settings)
 
 
 def drive_episode(
@@ -113,12 +114,12 @@ def drive_episode(
         env: an environment.
         policy: a policy.
         seed: of the episode.
-        frames: called with the environment after reset and each step, to film it; where it returns
-            true, the episode ends there.
+        frames: called with the environment after reset and each step, to film it; the episode ends
+            where it returns true.
         episode: to be driven, in place of the scene's.
 
     Returns:
-        Its figures, see `agents.evaluation.metrics.measure`.
+        The figures of the episode, see `agents.evaluation.metrics.measure`.
     """
     observation, info = env.reset(seed=seed, options=episode and {"episode": episode})
     task = env.unwrapped.task
@@ -154,7 +155,7 @@ def warm(policy: Spec, scene: Spec, env: Mapping[str, Any]) -> None:
     """Compile (or load from the cache) all that an episode needs, outside its timings."""
     world = make_env(scene, env)
     observation, _ = world.reset(seed=0)
-    driver = GymPolicy(make_policy(plain(policy)), world)
+    driver = GymPolicy(make_policy(without_labels(policy)), world)
     driver.reset()
     for _ in range(3):
         observation, _, ended, truncated, _ = world.step(driver.act(observation))
@@ -172,14 +173,10 @@ def _kind(policy: Spec, scene: Spec) -> str:
 
 
 def run_episode(
-    policy: Spec,
-    scene: Spec,
-    seed: int,
-    env: Mapping[str, Any],
-    folder: str | None,
-    watch: Watch = NOBODY,
+    job: tuple[Spec, Spec, int], env: Mapping[str, Any], folder: Path, watch: Watch = NO_WATCH
 ) -> Record:
-    """One episode in this process; a failed one leaves a picture in the folder."""
+    """One episode, of policy, scene and seed; one that fails leaves a picture in the folder."""
+    policy, scene, seed = job
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(1)
     if _kind(policy, scene) not in _warmed:
@@ -187,13 +184,13 @@ def run_episode(
         _warmed.add(_kind(policy, scene))
     world, each = watch.of_episode(label(policy), label(scene), seed).on(make_env(scene, env))
     try:
-        record = drive_episode(world, make_policy(plain(policy)), seed, each)
+        record = drive_episode(world, make_policy(without_labels(policy)), seed, each)
         picture = None
-        if folder is not None and not record["success"]:
+        if not record["success"]:
             picture = f"pictures/{label(policy)}-{label(scene)}-{seed}.png".replace(" ", "_")
             from wheelchair_gym.rendering.video import write_png
 
-            write_png(Path(folder) / picture, world.render())
+            write_png(folder / picture, world.render())
     finally:
         world.close()
     record |= {"policy": label(policy), "scene": label(scene), "seed": seed, "picture": picture}
@@ -210,13 +207,13 @@ def evaluate(
     jobs: int = 1,
     engine: str = "loky",
     progress: bool = True,
-    watch: Watch = NOBODY,
+    watch: Watch = NO_WATCH,
 ) -> list[Record]:
     """Records of every policy on every scene and seed, in that order.
 
     Args:
-        policies: specs for `make_policy`; a `label` in a mapping names it in the records, and
-            somebody's own settings are a dataclass.
+        policies: specs for `make_policy`, or dataclasses of settings; a `label` in a mapping names
+            the policy in the records.
         scenes: specs for `make_scene`, likewise; settings of the environment in an `env`.
         seeds: of the episodes.
         env: further settings of the environment (pose_source, beams, rate, config).
@@ -224,8 +221,8 @@ def evaluate(
         jobs: worker processes; 1 stays in this one.
         engine: what runs them, one of `agents.evaluation.engines.ENGINES`.
         progress: show a bar on stderr.
-        watch: who looks on; an episode without a recording in that folder is driven again, and
-            live viewers see one episode only.
+        watch: recording and viewers; an episode without a recording in that folder is driven
+            again, and viewers can watch a single episode only.
 
     Raises:
         InputError: a spec or the folder is wrong.
@@ -237,9 +234,9 @@ def evaluate(
     env, folder = env_settings(**(env or {})), Path(folder)
     policies, scenes = distinct(policies, "policies"), distinct(scenes, "scenes")
     for policy in policies:
-        make_policy(plain(policy))
+        make_policy(without_labels(policy))
     for scene in scenes:
-        make_scene(plain(scene))
+        make_scene(without_labels(scene))
     check(jobs, engine)
     wanted = {
         episode_key(policy, scene, seed, env): (policy, scene, seed)
@@ -248,11 +245,11 @@ def evaluate(
         for seed in seeds
     }
     if watch.live is not None and len(wanted) != 1:
-        raise InputError(f"viewers look on at one episode; there are {len(wanted)}")
+        raise InputError(f"--live shows a single episode; there are {len(wanted)}")
 
-    def unseen(job: tuple[Spec, Spec, int]) -> bool:
-        own = watch.of_episode(label(job[0]), label(job[1]), job[2])
-        return own.live is not None or not (own.record is None or Path(own.record).exists())
+    def again(job: tuple[Spec, Spec, int]) -> bool:
+        its = watch.of_episode(label(job[0]), label(job[1]), job[2])
+        return its.live is not None or not (its.record is None or Path(its.record).exists())
 
     def before(missing: Sequence[tuple[Spec, Spec, int]]) -> None:
         if jobs > 1 and len(missing) > 1:  # workers then find every kernel in the cache
@@ -260,14 +257,8 @@ def evaluate(
                 warm(policy, scene, env)
 
     records = compute(
-        wanted, partial(_driven, env=env, folder=str(folder), watch=watch), folder / STORE,
-        workers=jobs, engine=engine, unit="episode", progress=progress, again=unseen,
+        wanted, partial(run_episode, env=env, folder=folder, watch=watch), folder / STORE,
+        workers=jobs, engine=engine, unit="episode", progress=progress, again=again,
         before=before,
     )  # fmt: skip
     return list(records.values())
-
-
-def _driven(
-    job: tuple[Spec, Spec, int], env: Mapping[str, Any], folder: str, watch: Watch
-) -> Record:
-    return run_episode(*job, env, folder, watch)

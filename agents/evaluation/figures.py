@@ -11,14 +11,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from agents.evaluation.tables import known
+from agents.evaluation.tables import exists
 from wheelchair_gym.rendering import palette
 from wheelchair_gym.scenes.arena import Doorway
 
 Record = Mapping[str, Any]
 
 COLOURS = tuple(palette.css(colour) for colour in palette.SERIES)
-MARKS = "osD^vPX*"  # shape tells policies apart where colour cannot
+MARKS = "osD^vPX*"  # policies differ by shape, too, not only by colour
 DASHES = ("-", "--", "-.", ":")
 WIDTH = 4.4  # inches: on a phone, letters then keep the size of the text around them
 LOOK: Any = {
@@ -38,7 +38,7 @@ LOOK: Any = {
 
 
 def figures(evaluation: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
-    """Every figure: name -> what it shows, in words, and its SVG."""
+    """Every figure by name: its caption and its SVG."""
     policies, records = evaluation["policies"], evaluation["records"]
     drawn: dict[str, tuple[str, Callable[[], Figure]]] = {
         "success": (
@@ -55,14 +55,14 @@ def figures(evaluation: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
             lambda: _clearance(policies, records),
         ),
     }
-    if ladder := _doorways(evaluation):
+    if doorways := _doorways(evaluation):
         drawn["doors"] = (
             "Success [%] by the widths of door and corridor. Below the solid line no manoeuvre "
             "gets the chair round the corner; below the dashed one, none with 5 cm to spare.",
-            lambda: _ladder(policies, ladder, evaluation["summary"]),
+            lambda: _doors(policies, doorways, evaluation["summary"]),
         )
     with mpl.rc_context(LOOK):
-        return {name: (words, as_svg(make())) for name, (words, make) in drawn.items()}
+        return {name: (caption, as_svg(make())) for name, (caption, make) in drawn.items()}
 
 
 def as_svg(figure: Figure) -> bytes:
@@ -73,13 +73,13 @@ def as_svg(figure: Figure) -> bytes:
 
 
 def new_axes(height: float) -> tuple[Figure, Axes]:
-    """An empty figure of so many inches."""
+    """An empty figure of this height [inches]."""
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     return figure, figure.add_subplot()
 
 
 def legend_above(figure: Figure, axes: Axes) -> None:
-    """One legend above the axes: nothing is hidden by it."""
+    """One legend above the axes, where it hides no data."""
     handles, labels = axes.get_legend_handles_labels()
     longest = max(map(len, labels), default=1)
     columns = max(1, min(len(labels), 56 // (longest + 6)))
@@ -95,7 +95,7 @@ def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[R
         rows = [
             (k, found[policy, place]) for k, place in enumerate(places) if (policy, place) in found
         ]
-        rows = [(k, row) for k, row in rows if known(row["success"])]
+        rows = [(k, row) for k, row in rows if exists(row["success"])]
         y = [k + (i - 0.5 * (len(policies) - 1)) * step for k, _ in rows]
         share = 100.0 * np.array([row["success"] for _, row in rows], dtype=float)
         low, high = (
@@ -113,8 +113,7 @@ def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[R
     for edge in range(1, len(places)):
         axes.axhline(edge - 0.5, color="#c9ced3", linewidth=0.6)
     axes.grid(axis="y", visible=False)
-    axes.set_xlim(-2, 102)
-    axes.set_xlabel("success [% of episodes]")
+    axes.set(xlim=(-2, 102), xlabel="success [% of episodes]")
     legend_above(figure, axes)
     return figure
 
@@ -122,8 +121,8 @@ def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[R
 def _time(policies: Sequence[str], records: Sequence[Record]) -> Figure:
     figure, axes = new_axes(3.3)
     for i, policy in enumerate(policies):
-        of = [r for r in records if r["policy"] == policy and known(r["geodesic"])]
-        of = [r for r in of if known(r["time"])]
+        of = [r for r in records if r["policy"] == policy and exists(r["geodesic"])]
+        of = [r for r in of if exists(r["time"])]
         for good in (True, False):
             some = [r for r in of if bool(r["success"]) == good]
             axes.scatter(
@@ -131,22 +130,21 @@ def _time(policies: Sequence[str], records: Sequence[Record]) -> Figure:
                 marker=MARKS[i % 8] if good else "x", color=COLOURS[i % 8], alpha=0.75,
                 linewidths=0.0 if good else 1.2, label=policy if good else None,
             )  # fmt: skip
-    # From zero, with room for whole marks at the far ends.
+    # From zero, with a margin for the marks at the far ends.
     for limit, key in ((axes.set_xlim, "geodesic"), (axes.set_ylim, "time")):
-        limit(0.0, 1.05 * max((r[key] for r in records if known(r[key])), default=1.0))
-    axes.set_xlabel("geodesic from start to goal [m]")
-    axes.set_ylabel("time [s]")
+        limit(0.0, 1.05 * max((r[key] for r in records if exists(r[key])), default=1.0))
+    axes.set(xlabel="geodesic from start to goal [m]", ylabel="time [s]")
     legend_above(figure, axes)
     return figure
 
 
 def _clearance(policies: Sequence[str], records: Sequence[Record]) -> Figure:
     figure, axes = new_axes(3.3)
-    every = [r["clearance_min"] for r in records if known(r["clearance_min"])]
+    every = [r["clearance_min"] for r in records if exists(r["clearance_min"])]
     end = 1.03 * max(every, default=0.0) or 1.0
     for i, policy in enumerate(policies):
         of = [r["clearance_min"] for r in records if r["policy"] == policy]
-        values = np.sort(np.array([v for v in of if known(v)], dtype=float))
+        values = np.sort(np.array([v for v in of if exists(v)], dtype=float))
         if len(values):  # each curve runs on to the right end: one of nothing but contacts shows
             share = 100.0 * np.arange(1, len(values) + 1) / len(values)
             axes.step(
@@ -154,34 +152,36 @@ def _clearance(policies: Sequence[str], records: Sequence[Record]) -> Figure:
                 where="post",
                 color=COLOURS[i % 8], linestyle=DASHES[i % 4], linewidth=1.6, label=policy,
             )  # fmt: skip
-    axes.set_xlim(-0.02 * end, end)
-    axes.set_ylim(0, 102)
-    axes.set_xlabel("least clearance of the episode [m]")
-    axes.set_ylabel("episodes at or below [%]")
+    axes.set(
+        xlim=(-0.02 * end, end),
+        ylim=(0, 102),
+        xlabel="least clearance of the episode [m]",
+        ylabel="episodes at or below [%]",
+    )
     legend_above(figure, axes)
     return figure
 
 
 def _doorways(evaluation: Mapping[str, Any]) -> dict[str, Doorway]:
-    """The rungs of a ladder of doors by label; none where a scene is another, or there twice."""
+    """The doorways of the scenes, by label; none if a scene is of another kind, or occurs twice."""
     config = evaluation["provenance"].get("config", {})
-    rungs = {}
+    doorways = {}
     for label, spec in zip(evaluation["scenes"], config.get("scenes", ()), strict=False):
         if not isinstance(spec, Mapping) or spec.get("name") != "doorway":
             return {}
         widths = {key: spec[key] for key in ("door_width", "corridor_width") if key in spec}
-        rungs[label] = Doorway(**widths)
-    return rungs if len(set(rungs.values())) == len(rungs) else {}
+        doorways[label] = Doorway(**widths)
+    return doorways if len(set(doorways.values())) == len(doorways) else {}
 
 
-def _ladder(
-    policies: Sequence[str], rungs: Mapping[str, Doorway], summary: Sequence[Record]
+def _doors(
+    policies: Sequence[str], doorways: Mapping[str, Doorway], summary: Sequence[Record]
 ) -> Figure:
     found: dict[tuple[str, str], float] = {
-        (row["policy"], row["scene"]): row["success"] for row in summary if known(row["success"])
+        (row["policy"], row["scene"]): row["success"] for row in summary if exists(row["success"])
     }
     corridors, doors = (
-        [getattr(r, key) for r in rungs.values()] for key in ("corridor_width", "door_width")
+        [getattr(r, key) for r in doorways.values()] for key in ("corridor_width", "door_width")
     )
     widths = np.linspace(min(corridors) - 0.08, max(corridors) + 0.08, 30)
     figure = Figure(figsize=(WIDTH, 0.8 + 2.6 * len(policies)), layout="constrained")
@@ -193,18 +193,18 @@ def _ladder(
             axes.plot(
                 widths, least, dash, color=COLOURS[1], label=f"{100 * margin:.0f} cm to spare"
             )
-        for label, rung in rungs.items():
+        for label, doorway in doorways.items():
             if (share := found.get((policy, label))) is None:
                 continue
             colour = mpl.colormaps["RdYlGn"](share, 0.6)
             axes.text(
-                rung.corridor_width, rung.door_width, f"{100 * share:.0f}", ha="center",
+                doorway.corridor_width, doorway.door_width, f"{100 * share:.0f}", ha="center",
                 va="center", bbox={"boxstyle": "circle", "fc": colour, "ec": "none"},
             )  # fmt: skip
-        axes.set_xlim(widths[0], widths[-1])
-        axes.set_ylim(min(0.60, min(doors) - 0.05), max(doors) + 0.05)
+        axes.set(
+            xlim=(widths[0], widths[-1]), ylim=(min(0.60, min(doors) - 0.05), max(doors) + 0.05)
+        )
         axes.set_title(policy, loc="left", fontsize=9.0)
-        axes.set_xlabel("corridor [m]")
-        axes.set_ylabel("door [m]")
+        axes.set(xlabel="corridor [m]", ylabel="door [m]")
     legend_above(figure, figure.axes[0])
     return figure

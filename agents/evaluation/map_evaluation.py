@@ -1,4 +1,8 @@
-"""Surveys: maps built from a recorded log, and how well scans kept out of them lie on them."""
+"""Maps that a chair builds, by driving or from a log, and how accurate they are.
+
+A map of a scene is compared with the true world. Without one, scans that are held out of the map
+are compared with it.
+"""
 
 from __future__ import annotations
 
@@ -6,28 +10,169 @@ import math
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from agents import is_interrupt
+from agents.policies import GymPolicy, Policy
+from planners.collision.space import Space
+from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.localization.logs import SensorLog
 from wheelchair_gym.localization.occupancy import MappingSettings, OccupancyMap, read_scan
 from wheelchair_gym.localization.slam import Slam, SlamSettings
-from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
+from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, geodesic
 from wheelchair_gym.sensors.settings import LaserSettings
+from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
 
-HOLD = 10  # of so many scans, one is kept out of the map
+NO_TOLERANCE = 1e-9  # m: the goal is never reached, so that exploration goes on
+_BLANK = OccupancyGrid(np.full((40, 40), FREE, np.int8), 0.1, (-2.0, -2.0, 0.0))
+NOWHERE = Episode(_BLANK, np.zeros(3), np.array([1.0, 0.0, 0.0]), name="unknown")
+HOLD = 10  # one of this many scans is held out of the map
 
 
 @dataclass(frozen=True)
-class Survey:
-    """A map, the way driven, and how well they agree with scans that the map has not seen."""
+class MapQuality:
+    """The accuracy of a map."""
+
+    right: float  # share of known cells: free without anything solid at their centres, or occupied
+    # with a true surface within a cell's diagonal
+    wall_median: float  # m from an occupied cell's centre to the nearest true surface
+    wall_p95: float  # m
+    floor_seen: float  # share of the floor within reach of the chair's disc that is mapped as free
+
+
+def map_quality(made: OccupancyGrid, episode: Episode, radius: float) -> MapQuality:
+    """The accuracy of a map of an episode's world, in the same frame.
+
+    Args:
+        made: the map.
+        episode: the world.
+        radius: of a disc that fits into the chair [m].
+
+    Raises:
+        InputError: the map shows no wall, or no free cell.
+    """
+    free, solid = np.argwhere(made.cells == FREE), np.argwhere(made.cells == OCCUPIED)
+    if not (len(free) and len(solid)):
+        raise InputError("the map shows no wall, or nothing free; expected both")
+    true_map = episode.map
+    world = Space.from_walls(episode.walls, episode.discs, true_map.bounds).solid
+    shapely.prepare(world)
+    wrong = shapely.contains_xy(world, made.to_world(free))
+    off = shapely.distance(shapely.points(made.to_world(solid)), shapely.boundary(world))
+    right = len(free) - wrong.sum() + (off <= made.resolution * np.sqrt(2.0)).sum()
+    floor = np.argwhere(np.isfinite(geodesic(true_map, episode.start[:2], radius).field))
+    return MapQuality(
+        float(right / (len(free) + len(solid))),
+        float(np.median(off)),
+        float(np.percentile(off, 95)),
+        float((_cells_at(made, true_map.to_world(floor)) == FREE).mean()),
+    )
+
+
+def _cells_at(grid: OccupancyGrid, points: Array) -> NDArray[np.int8]:
+    """A grid's cells (n,) at points (n, 2) [m]; unknown outside the grid."""
+    cells = grid.to_cell(points)
+    found = np.full(len(points), UNKNOWN, np.int8)
+    on = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
+    found[on] = grid.cells[tuple(cells[on].T)]
+    return found
+
+
+@dataclass(frozen=True)
+class DrivenMap:
+    """The map from a drive through an unknown scene."""
+
+    grid: OccupancyGrid
+    estimated: Array  # (n, 3) m, m, rad
+    true: Array  # (n, 3)
+    seconds: float
+    way: float  # m
+    ended: str  # done, time, contact or stopped
+    quality: MapQuality | None  # None where the truth is unknown: of a real chair
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """The figures as JSON takes them."""
+        drive = {"seconds": self.seconds, "way": self.way, "ended": self.ended}
+        if self.quality is None:
+            return drive
+        off = self.estimated - self.true
+        turn = np.remainder(off[:, 2] + np.pi, 2 * np.pi) - np.pi
+        return {
+            **drive,
+            "pose_rms_m": float(np.sqrt((off[:, :2] ** 2).sum(axis=1).mean())),
+            "heading_rms_deg": float(np.degrees(np.sqrt((turn**2).mean()))),
+            **asdict(self.quality),
+        }
+
+
+def map_by_driving(
+    env: Any,
+    policy: Policy,
+    seed: int,
+    seconds: float,
+    each: Callable[[Any], object] = lambda env: None,
+    *,
+    real: bool = False,
+) -> DrivenMap:
+    """Let a policy drive through a world of which the chair builds a map.
+
+    It ends when the policy is done, when time is up, at a contact or at Ctrl-C.
+
+    Args:
+        env: with the pose source `slam`.
+        policy: ends the drive with a command that says it is done.
+        seed: of the episode.
+        seconds: limit of the drive.
+        each: called with the environment at each step.
+        real: a real chair: there is no scene, and the map begins where the chair is.
+    """
+    scene = NOWHERE
+    if not real:
+        env.unwrapped.reset(seed=seed)  # outside the recording
+        scene = env.unwrapped.episode
+    exploration = replace(scene, tolerance=NO_TOLERANCE, time_limit=seconds)
+    observation, info = env.reset(seed=seed, options={"episode": exploration})
+    task = env.unwrapped.task
+    estimated, true = [info["pose_estimate"]], [info["pose"]]
+    over, ended = False, "time"
+    try:
+        driver = GymPolicy(policy, env)
+        driver.reset()
+        while not over:
+            each(env)
+            action = driver.act(observation)
+            if driver.command is not None and driver.command.done:
+                ended = "done"
+                break
+            observation, _, bumped, late, info = env.step(action)
+            estimated.append(info["pose_estimate"])
+            true.append(info["pose"])
+            over = bumped or late
+            ended = "contact" if bumped else ended
+    except (KeyboardInterrupt, SystemError) as error:
+        if not is_interrupt(error):
+            raise
+        ended = "stopped"
+    grid = task.map
+    found = None if real else map_quality(grid, scene, task.footprint.half_width)
+    return DrivenMap(
+        grid, np.array(estimated), np.array(true), info["time"], info["distance"], ended, found
+    )
+
+
+@dataclass(frozen=True)
+class LogMap:
+    """The map from a log, and the deviation of held-out scans from it."""
 
     name: str
     grid: OccupancyGrid
@@ -53,28 +198,28 @@ class Survey:
         """The figures as people read them."""
         of = self.figures
         if of["residual_median"] is None:
-            told = "no residual: nothing occupied, or no held-out echo"
+            text = "no residual: nothing occupied, or no held-out echo"
         else:
-            told = (
+            text = (
                 f"median {100 * of['residual_median']:.2f} cm, "
                 f"mean {100 * of['residual_mean']:.2f} cm"
             )
         return (
-            f"{self.name:<22}{told}; {of['occupied_cells']} cells occupied; "
+            f"{self.name:<22}{text}; {of['occupied_cells']} cells occupied; "
             f"{self.speed:.0f} x real time"
         )
 
 
 def held_out(scan: int) -> bool:
-    """Whether a scan is kept out of the maps."""
+    """Whether a scan is held out of the maps."""
     return scan % HOLD == HOLD - 1
 
 
-def progress(total: int, shown: bool, unit: str = "scan") -> Any:
+def progress(total: int, enabled: bool, unit: str = "scan") -> Any:
     """A bar on standard error."""
     from tqdm import tqdm
 
-    return tqdm(total=total, unit=unit, disable=not shown or not sys.stderr.isatty())
+    return tqdm(total=total, unit=unit, disable=not enabled or not sys.stderr.isatty())
 
 
 def _residuals(log: SensorLog, laser: LaserSettings, grid: OccupancyGrid, trail: Array) -> Array:
@@ -90,19 +235,14 @@ def _residuals(log: SensorLog, laser: LaserSettings, grid: OccupancyGrid, trail:
     return away
 
 
-def _surveyed(
-    name: str,
-    log: SensorLog,
-    laser: LaserSettings,
-    grid: OccupancyGrid,
-    trail: Array,
-    seconds: float,
-) -> Survey:
-    speed = float(log.stamps[-1]) / seconds
-    return Survey(name, grid, trail, _residuals(log, laser, grid, trail), speed)
+def _log_map(
+    name: str, log: SensorLog, laser: LaserSettings, grid: OccupancyGrid, trail: Array, spent: float
+) -> LogMap:
+    residuals = _residuals(log, laser, grid, trail)
+    return LogMap(name, grid, trail, residuals, float(log.stamps[-1]) / spent)
 
 
-def by_odometry(log: SensorLog, laser: LaserSettings, mapping: MappingSettings) -> Survey:
+def by_odometry(log: SensorLog, laser: LaserSettings, mapping: MappingSettings) -> LogMap:
     """The map that dead reckoning gives.
 
     Raises:
@@ -110,43 +250,42 @@ def by_odometry(log: SensorLog, laser: LaserSettings, mapping: MappingSettings) 
     """
     trail = log.odometry
     OccupancyMap(mapping).integrate(read_scan(laser, log.ranges[0], mapping.free_range), trail[0])
-    known = OccupancyMap(mapping)
+    built = OccupancyMap(mapping)
     begun = time.perf_counter()
     for k, (pose, ranges) in enumerate(zip(trail, log.ranges, strict=True)):
         if not held_out(k):
-            known.integrate(read_scan(laser, ranges, mapping.free_range), pose)
+            built.integrate(read_scan(laser, ranges, mapping.free_range), pose)
     seconds = time.perf_counter() - begun
-    return _surveyed("odometry only", log, laser, known.to_grid(), trail, seconds)
+    return _log_map("odometry only", log, laser, built.to_grid(), trail, seconds)
 
 
 def by_slam(
     log: SensorLog,
     laser: LaserSettings,
-    own: SlamSettings,
+    settings: SlamSettings,
     seed: int,
-    tell: Callable[[Slam], object] = lambda slam: None,
-) -> Survey:
+    each: Callable[[Slam], object] = lambda slam: None,
+) -> LogMap:
     """The map that SLAM gives; held-out scans are matched with it, and never added to it.
 
     Args:
-        log: what was recorded.
-        laser: what recorded it.
-        own: settings of the SLAM.
+        log: the log.
+        laser: its laser.
+        settings: of the SLAM.
         seed: of its draws.
-        tell: called after each scan.
+        each: called after each scan.
 
     Raises:
         InputError: the log has no scan to map.
     """
-    told = enumerate(zip(log.increments, log.ranges, strict=True))
-    Slam(laser, own).update(np.zeros(3), np.full(laser.beams, laser.reach))  # compiles
-    slam = Slam(laser, own, seed)
+    Slam(laser, settings).update(np.zeros(3), np.full(laser.beams, laser.reach))  # compiles
+    slam = Slam(laser, settings, seed)
     seconds = 0.0
-    for k, (increment, ranges) in told:
+    for k, (increment, ranges) in enumerate(zip(log.increments, log.ranges, strict=True)):
         begun = time.perf_counter()
         slam.update(increment, ranges, learn=not held_out(k))
         seconds += time.perf_counter() - begun
-        tell(slam)
-    many = own.particles > 1
-    name = f"SLAM, {own.particles} particles" if many else "scan matching"
-    return _surveyed(name, log, laser, slam.map, slam.trajectory, seconds)
+        each(slam)
+    many = settings.particles > 1
+    name = f"SLAM, {settings.particles} particles" if many else "scan matching"
+    return _log_map(name, log, laser, slam.map, slam.trajectory, seconds)

@@ -1,24 +1,37 @@
-"""What an episode was worth: one definition of every figure that a report shows."""
+"""Figures of episodes and paths: one definition of each figure that a report shows."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import shapely
+from numpy.typing import ArrayLike, NDArray
+
+from planners.collision.polygon_tests import SpaceArrays, clearance
+from planners.problem import Problem
+from planners.swarm import path_cost
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.geometry import path_length, without_repeats
 
 Array = NDArray[np.float64]
 Record = dict[str, Any]
 
 BARN_SPEED = 2.0  # m/s: the speed that BARN's score measures by
-WIDE = 0.05  # m round the chair where it is tightest: less is reported apart
-STILL = 0.02  # m/s and rad/s: slower is standing
-HALT = 0.5  # s of it, after the chair had set out
+WIDE = 0.05  # m of margin; success with at least this margin is reported separately
+STILL = 0.02  # m/s and rad/s: a slower chair stands still
+HALT = 0.5  # s: standing still for this long on the way is a halt
 ROUGH = 0.9  # m/s2: standing passengers of public transport begin to complain about here
 Z95 = 1.959963984540054  # two-sided 95 % quantile of the normal distribution
+SPACING = 0.1  # m between the points of a path whose clearances are averaged
+MEANS = (
+    "spl", "sct", "barn", "barn_own", "halts", "replans", "clearance_mean", "accel_rms", "jerk_rms",
+    "rough_share", "energy_per_m",
+)  # fmt: skip
 TIMING = ("plan_ms", "act_ms_p50", "act_ms_p95")  # the only fields in which equal runs may differ
 
 
@@ -47,11 +60,9 @@ def jerk_rms(speeds: Array, period: float) -> float:
 
 
 def rough_share(twists: Array, period: float) -> float:
-    """Share of time that the axle's centre feels more than `ROUGH`, ahead and sideways together.
+    """Share of time with an acceleration of the axle's centre above `ROUGH`.
 
-    Args:
-        twists: (n, 2) [m/s, rad/s], one a control period.
-        period: [s].
+    Twists (n, 2) [m/s, rad/s] are one a control period [s].
     """
     if len(twists) < 2:
         return 0.0
@@ -63,10 +74,10 @@ def rough_share(twists: Array, period: float) -> float:
 def barn_score(success: bool, seconds: float, way: float, speed: float) -> float:
     """BARN's score of an episode: the time for a way [m] at a speed, over that taken (Xu 2023).
 
-    The time taken counts as 2 to 8 times the other, so that 0.5 is the best; 0 is a failure.
+    The time taken is clipped to 2 to 8 times the other, so that 0.5 is the best; 0 is a failure.
     """
-    swift = way / speed
-    return swift / min(max(seconds, 2.0 * swift), 8.0 * swift) if success and swift > 0.0 else 0.0
+    least = way / speed
+    return least / min(max(seconds, 2.0 * least), 8.0 * least) if success and least > 0.0 else 0.0
 
 
 def accel_rms(speeds: Array, period: float) -> float:
@@ -75,12 +86,7 @@ def accel_rms(speeds: Array, period: float) -> float:
 
 
 def halts(twists: Array, period: float) -> int:
-    """How often a chair stood for `HALT` after it had set out and before the end.
-
-    Args:
-        twists: (n, 2) [m/s, rad/s], one a control period.
-        period: [s].
-    """
+    """How often a chair stood still for `HALT` on its way; twists (n, 2) are one a period [s]."""
     still = (np.abs(twists) < STILL).all(axis=1)
     moving = np.flatnonzero(~still)
     if len(moving) == 0:
@@ -91,21 +97,13 @@ def halts(twists: Array, period: float) -> int:
 
 @dataclass
 class Trace:
-    """What the evaluator saw of one episode, by truth; one entry for reset and each step.
+    """The true states of one episode: one entry for reset and each step."""
 
-    Attributes:
-        period: of control [s].
-        margin: what the chair might grow by and still get through, see `evaluate.TIGHT` [m].
-        top: the chair's own top speed [m/s].
-        reference: way that speed is measured by, where the world names one [m].
-        replans: plans made after the first.
-    """
-
-    period: float
-    margin: float = math.nan
-    top: float = 0.8
-    reference: float | None = None
-    replans: int = 0
+    period: float  # of control [s]
+    margin: float = math.nan  # by how much the chair could grow and still pass [m]
+    top: float = 0.8  # the chair's own top speed [m/s]
+    reference: float | None = None  # path length of the BARN score, where the world names one [m]
+    replans: int = 0  # plans made after the first
     poses: list[Array] = field(default_factory=list)
     twists: list[Array] = field(default_factory=list)
     clearances: list[float] = field(default_factory=list)
@@ -116,7 +114,7 @@ class Trace:
     plan_s: float = 0.0
 
     def add(self, info: Mapping[str, Any]) -> None:
-        """Take in one info of the environment."""
+        """Add one info of the environment."""
         self.poses.append(np.array(info["pose"], dtype=np.float64))
         self.twists.append(np.array(info["twist"], dtype=np.float64))
         self.clearances.append(float(info["clearance"]))
@@ -135,10 +133,9 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
 
     Returns:
         A record without the policy, scene and seed. Success means by truth and without contact;
-        `missed` means that the chair believed to have arrived and had not; `at_fault`, that it
-        caused a contact; `touched_actor`, that it touched something that moves. `sct` is success
-        weighted by completion time (Yokoyama et al. 2021), against the shortest way at the chair's
-        top speed.
+        `missed`, that the chair wrongly believed to have arrived; `at_fault`, that it caused a
+        contact; `touched_actor`, that it touched something that moves. `sct` is success weighted
+        by completion time (Yokoyama et al. 2021), for the shortest path at the chair's top speed.
     """
     success = bool(info["is_success"]) and not trace.contact
     if success:
@@ -187,16 +184,15 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
     return record
 
 
+def share(name: str, hits: int, trials: int) -> Record:
+    """A share with its Wilson interval, under the keys NAME, NAME_low and NAME_high."""
+    low, high = wilson(hits, trials)
+    return {name: hits / trials if trials else None, f"{name}_low": low, f"{name}_high": high}
+
+
 def _mean(records: Sequence[Record], key: str) -> float | None:
     values = [record[key] for record in records if record[key] is not None]
     return float(np.mean(values)) if values else None
-
-
-def _share(records: Sequence[Record], outcome: str, name: str) -> Record:
-    hits = sum(record["outcome"] == outcome for record in records)
-    low, high = wilson(hits, len(records))
-    share = hits / len(records) if records else 0.0
-    return {name: share, f"{name}_low": low, f"{name}_high": high}
 
 
 def summarise(records: Sequence[Record]) -> list[Record]:
@@ -205,36 +201,85 @@ def summarise(records: Sequence[Record]) -> list[Record]:
     Time and length are of successful episodes only; the rest is of all.
     """
     rows = []
-    policies = list(dict.fromkeys(record["policy"] for record in records))
-    scenes = list(dict.fromkeys(record["scene"] for record in records))
-    for policy in policies:
-        for scene in [*scenes, "all"]:
-            of = [r for r in records if r["policy"] == policy and scene in ("all", r["scene"])]
-            if not of:
-                continue
-            done = [record for record in of if record["success"]]
-            row: Record = {"policy": policy, "scene": scene, "episodes": len(of)}
-            for outcome, name in (
-                ("success", "success"), ("collision", "collision"), ("timeout", "timeout"),
-            ):  # fmt: skip
-                row |= _share(of, outcome, name)
-            for key in ("at_fault", "touched_actor"):
-                row[key] = sum(record[key] for record in of) / len(of)
-            row["arrived"] = sum(record["arrived"] for record in of) / len(of)
-            row["missed"] = sum(record["outcome"] == "missed" for record in of) / len(of)
-            wide = [r for r in of if r["margin"] is not None and r["margin"] >= WIDE]
-            row |= _share(wide, "success", "wide") if wide else {"wide": None}
-            for key in ("spl", "sct", "barn", "barn_own", "halts", "replans"):
-                row[key] = _mean(of, key)
-            row |= {key: _mean(done, key) for key in ("time", "length")}
-            for key in ("margin", "clearance_min"):
-                row[key] = min((r[key] for r in of if r[key] is not None), default=None)
-            for key in ("clearance_mean", "accel_rms", "jerk_rms", "rough_share", "energy_per_m"):
-                row[key] = _mean(of, key)
-            plans = [record["plan_ms"] for record in of]
-            row["plan_ms_p50"] = float(np.percentile(plans, 50))
-            row["plan_ms_p95"] = float(np.percentile(plans, 95))
-            row["act_ms_p50"] = float(np.median([record["act_ms_p50"] for record in of]))
-            row["act_ms_p95"] = float(np.percentile([record["act_ms_p95"] for record in of], 95))
-            rows.append(row)
+    policies, scenes = (
+        dict.fromkeys(record[key] for record in records) for key in ("policy", "scene")
+    )
+    for policy, scene in product(policies, [*scenes, "all"]):
+        of = [r for r in records if r["policy"] == policy and scene in ("all", r["scene"])]
+        if not of:
+            continue
+        successes = [record for record in of if record["success"]]
+        row: Record = {"policy": policy, "scene": scene, "episodes": len(of)}
+        for name in ("success", "collision", "timeout"):
+            row |= share(name, sum(record["outcome"] == name for record in of), len(of))
+        for key in ("at_fault", "touched_actor", "arrived"):
+            row[key] = sum(record[key] for record in of) / len(of)
+        row["missed"] = sum(record["outcome"] == "missed" for record in of) / len(of)
+        wide = [r for r in of if r["margin"] is not None and r["margin"] >= WIDE]
+        row |= share("wide", sum(r["success"] for r in wide), len(wide)) if wide else {"wide": None}
+        row |= {key: _mean(of, key) for key in MEANS}
+        row |= {key: _mean(successes, key) for key in ("time", "length")}
+        for key in ("margin", "clearance_min"):
+            row[key] = min((r[key] for r in of if r[key] is not None), default=None)
+        for name, key, q in (
+            ("plan_ms_p50", "plan_ms", 50), ("plan_ms_p95", "plan_ms", 95),
+            ("act_ms_p50", "act_ms_p50", 50), ("act_ms_p95", "act_ms_p95", 95),
+        ):  # fmt: skip
+            row[name] = float(np.percentile([record[key] for record in of], q))
+        rows.append(row)
     return rows
+
+
+def turning(path: ArrayLike) -> float:
+    """Mean absolute angle [rad] between successive legs of a path (n, 2); 0 for a single leg."""
+    points = _apart(path)
+    return path_cost.mean_turning(points, len(points))
+
+
+def printed_turning(path: ArrayLike) -> float:
+    """Smoothness f1 as the paper on RRT-WOA prints it, its (1)-(5): less is called smoother."""
+    points = _apart(path)
+    return path_cost.printed_turning(points, len(points)) if len(points) > 1 else 0.0
+
+
+def backing(path: ArrayLike) -> float:
+    """Way in reverse [m] along a path (n, 3); 0 where it has no headings."""
+    points = np.asarray(path, dtype=np.float64)
+    if points.shape[1] < 3:
+        return 0.0
+    steps, yaw = np.diff(points[:, :2], axis=0), points[:-1, 2]
+    along = steps[:, 0] * np.cos(yaw) + steps[:, 1] * np.sin(yaw)
+    return float(np.maximum(0.0, -along).sum())
+
+
+def _apart(path: ArrayLike) -> Array:
+    """The points (n, 2) of a path without those that repeat the one before."""
+    return without_repeats(np.asarray(path, dtype=np.float64)[:, :2])
+
+
+@borrowing_kernel
+def _clearances(arrays: SpaceArrays, points: Array, out: Array) -> None:
+    for i in range(points.shape[0]):
+        out[i] = clearance(arrays, points[i, 0], points[i, 1])
+
+
+def path_figures(path: ArrayLike, problem: Problem) -> dict[str, float | None]:
+    """Length [m], smoothness and clearances [m] of a path (n, 2 or 3); None where infinite.
+
+    Clearances are those of the path's points, from obstacles and from the map's border: the least
+    of all, and the mean along the way.
+    """
+    points = np.asarray(path, dtype=np.float64)[:, :2]
+    line = shapely.LineString(points)
+    way = np.append(np.arange(0.0, line.length, SPACING), line.length)
+    along = shapely.get_coordinates(shapely.line_interpolate_point(line, way))
+    distances = np.empty(len(along))
+    _clearances(problem.space.arrays, along, distances)
+    figures = {
+        "length_m": path_length(points),
+        "turning_rad": turning(points),
+        "printed_turning": printed_turning(points),
+        "clearance_min_m": float(shapely.distance(line, shapely.boundary(problem.space.free))),
+        "clearance_mean_m": float(distances.mean()),
+    }
+    return {key: value if math.isfinite(value) else None for key, value in figures.items()}

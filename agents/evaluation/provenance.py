@@ -1,4 +1,4 @@
-"""Where a result comes from: command, code, machine and versions; and files written whole."""
+"""Where a result comes from: command, code, machine and versions; and atomic writing of files."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import platform
 import shlex
 import subprocess
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,16 @@ def versions() -> dict[str, str]:
     return found
 
 
+def provenance(**more: Any) -> dict[str, Any]:
+    """The code's commit, the machine (with more of its conditions), and versions."""
+    return {"commit": commit(), "machine": machine() | more, "versions": versions()}
+
+
+def now() -> str:
+    """The time, in UTC, as ISO 8601."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
 def command_line() -> str:
     """The command that a person typed, as a shell takes it."""
     name = Path(sys.argv[0]).name
@@ -75,7 +86,7 @@ def command_line() -> str:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a file whole or not at all.
+    """Write a file atomically.
 
     Raises:
         InputError: it cannot be written.
@@ -85,5 +96,5 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def write_json(path: str | Path, value: Any) -> None:
-    """Write JSON whole or not at all; infinities and NaN are a mistake of the caller."""
+    """Write JSON atomically; a value that is infinite or NaN raises ValueError."""
     write_text(path, json.dumps(value, indent=1, allow_nan=False) + "\n")

@@ -1,31 +1,84 @@
-"""The page of an evaluation: the answer first, then tables, figures, failures, provenance."""
+"""The report of an evaluation: tables, the winners of each scene, and a page with the answer."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from markupsafe import Markup
-
-from agents.evaluation import ranking
 from agents.evaluation.figures import figures
-from agents.evaluation.html_tables import (
-    MEANINGS,
-    data_uri,
-    macro,
-    ranked_by_scene,
-    summary_table,
-    write_page,
-)
-from agents.evaluation.tables import COLUMNS, bounds_written, heading, known, overall, written
+from agents.evaluation.metrics import BARN_SPEED, HALT, ROUGH, WIDE
+from agents.evaluation.pages import data_uri, write_page
+from agents.evaluation.tables import Column, Table, exists, make_table, share_column
 from wheelchair_gym.files import atomic_write
 from wheelchair_gym.rendering.video import webp
 
-Evaluation = Mapping[str, Any]
+Evaluation = Mapping[str, Any]  # the content of results.json
 Record = Mapping[str, Any]
 
+POLICY, SCENE = Column("policy", "policy", None), Column("scene", "scene", None)
+SUCCESS = share_column("success", "success", "at the goal by truth, without any contact")
+COLUMNS = (
+    Column("episodes", "episodes", digits=0,
+           meaning="driven, one a seed; every policy drives the same ones"),
+    SUCCESS,
+    share_column("wide", "success, 5 cm of margin",
+                 f"the same, of episodes whose margin is {WIDE:g} m or more"),
+    Column("margin", "least margin", "m", 3,
+           meaning="by how much the chair could grow on every side and still reach the goal; where "
+           "this is less than 0.1 m beside the chair, its turns are considered, too; the least of "
+           "all episodes"),
+    share_column("collision", "collision", "any contact by truth, or a bumper strip pressed"),
+    share_column("at_fault", "caused by the chair",
+                 "episodes in which a point of the chair's outline touched something while closing "
+                 "on it at more than 0.05 m/s, and faster than it closed on the chair", False),
+    share_column("timeout", "timeout",
+                 "still under way when the time limit ended the episode; success, collision and "
+                 "timeout sum to less than 100 % where the chair stopped at a place that it "
+                 "wrongly believed to be the goal"),
+    share_column("arrived", "own estimate arrived",
+                 "the chair believed to be at its goal, by its estimated pose", False),
+    Column("spl", "SPL", digits=3,
+           meaning="success weighted by path length: mean over all episodes of geodesic / driven "
+           "length, 0 for a failure; 1 is perfect"),
+    Column("barn", "BARN score", digits=3,
+           meaning="score of the BARN challenge: success x t / clip(time, 2 t, 8 t), with t = path "
+           f"length / {BARN_SPEED:g} m/s; 0.5 is the best; mean of all episodes"),
+    Column("barn_own", "BARN score at own speed", digits=3,
+           meaning="the same at the chair's own top speed"),
+    Column("time", "time", "s", 1, meaning="mean of successful episodes"),
+    Column("length", "length", "m", meaning="driven, mean of successful episodes"),
+    Column("halts", "halts", meaning=f"times the chair stood still for {HALT:g} s or more on its "
+           "way, mean of all episodes"),
+    Column("replans", "replans", meaning="plans made after the first, mean of all episodes"),
+    Column("clearance_min", "clearance min", "m", 3,
+           meaning="least distance between the chair's outline and anything, of all episodes; 0 "
+           "is contact"),
+    Column("clearance_mean", "clearance mean", "m", 3, meaning="the same distance, mean over time"),
+    Column("accel_rms", "RMS acceleration", "m/s²",
+           meaning="root mean square of the change of speed"),
+    Column("jerk_rms", "RMS jerk", "m/s³",
+           meaning="root mean square of the second difference of the speed; less is smoother"),
+    Column("rough_share", f"above {ROUGH:g} m/s²", "% of time", 1, 100.0,
+           meaning=f"share of time with an acceleration, forward and lateral together, above "
+           f"{ROUGH:g} m/s²: where standing passengers of public transport begin to complain"),
+    Column("energy_per_m", "energy", "Wh/m", meaning="drawn from the battery per metre driven"),
+    Column("plan_ms_p50", "plan p50", "ms", 1, meaning="time to make the first plan, median"),
+    Column("plan_ms_p95", "plan p95", "ms", 1,
+           meaning="time to make the first plan, 95th percentile of episodes"),
+    Column("act_ms_p50", "act p50", "ms", meaning="time to choose one action, median"),
+    Column("act_ms_p95", "act p95", "ms",
+           meaning="time to choose one action, 95th percentile of the episodes' 95th percentiles"),
+)  # fmt: skip
+
+LEVEL = 0.05  # of a test
+FEWEST = 6  # pairs: with fewer, the paired test cannot be significant at that level
+RANKING_NOTE = (
+    "Success. Bold: the most on that scene, or not significantly less in these episodes "
+    f"(McNemar's exact paired test, {LEVEL:g}, each pair of policies by itself)."
+)
 # Bytes that are embedded; larger files are linked, so that the page stays quick to open.
 _LARGEST_VIDEO = 3e6
 _MOST_PICTURES = 3e6  # about 500 failures
@@ -33,7 +86,91 @@ _LEGEND = (
     "Blue: the chair and its trail, from the grey ring. Green: goal and path. Red: laser. Yellow: "
     "ultrasonic echoes. Purple outline: the estimated pose."
 )
-_SHARE = next(column for column in COLUMNS if column.key == "success")
+
+
+def ranked(summary: Sequence[Record], scene: str = "all") -> list[Record]:
+    """The rows of a scene: best first, by success, then by SPL."""
+    rows = [row for row in summary if row["scene"] == scene]
+    return sorted(rows, key=lambda row: (-(row["success"] or 0.0), -(row["spl"] or 0.0)))
+
+
+def level_with(successes: Mapping[int, bool], others: Mapping[int, bool]) -> bool:
+    """Whether two policies' successes by seed do not differ significantly, on common seeds."""
+    from scipy.stats import binomtest
+
+    both = successes.keys() & others.keys()
+    ahead = sum(successes[seed] and not others[seed] for seed in both)
+    behind = sum(others[seed] and not successes[seed] for seed in both)
+    return ahead + behind == 0 or binomtest(ahead, ahead + behind).pvalue >= LEVEL
+
+
+def winners(evaluation: Evaluation) -> dict[str, list[str]]:
+    """Scene -> the policies that win there, the best one first; none where no policy succeeds."""
+    found = {}
+    for scene in evaluation["scenes"]:
+        rows = ranked(evaluation["summary"], scene)
+        of: dict[str, dict[int, bool]] = {row["policy"]: {} for row in rows}
+        for record in evaluation["records"]:
+            if record["scene"] == scene:
+                of[record["policy"]][record["seed"]] = record["success"]
+        best = next(iter(of.values()), {})
+        found[scene] = [name for name in of if any(best.values()) and level_with(best, of[name])]
+    return found
+
+
+def ranking_table(evaluation: Evaluation) -> Table | None:
+    """Success of each policy on each scene, winners in bold.
+
+    None for a single policy or scene, and where episodes are too few to rank by.
+    """
+    several = len(evaluation["policies"]) > 1 and len(evaluation["scenes"]) > 1
+    if not several or len({record["seed"] for record in evaluation["records"]}) < FEWEST:
+        return None
+    rows = {(row["policy"], row["scene"]): row for row in evaluation["summary"]}
+    winning = winners(evaluation)
+    body = []
+    for best in ranked(evaluation["summary"]):
+        policy, cells = best["policy"], [POLICY.cell(best)]
+        for scene, names in winning.items():
+            cells.append(SUCCESS.cell(rows[policy, scene])._replace(bold=policy in names))
+        body.append(cells)
+    columns = [SUCCESS._replace(name=scene, unit="%", meaning="success") for scene in winning]
+    return Table("Who wins where", [POLICY, *columns], [body], RANKING_NOTE)
+
+
+def learned_beside_planned(evaluation: Evaluation) -> str:
+    """One sentence on how often each kind of policy succeeded; empty without both kinds."""
+    kinds = evaluation.get("kinds", {})  # older results have none
+    parts = []
+    for kind, text in (
+        ("learned", "Learned policies reached the goal in {} episodes"),
+        ("planned", "planned ones in {}"),
+    ):
+        ends = {
+            name: [r["success"] for r in evaluation["records"] if r["policy"] == name]
+            for name in evaluation["policies"]
+            if kinds.get(name) == kind
+        }
+        number = sum(map(len, ends.values()))
+        if number == 0:
+            return ""
+        each = ", ".join(f"{name} {sum(of)} of {len(of)}" for name, of in ends.items())
+        parts.append(text.format(f"{sum(map(sum, ends.values()))} of {number}") + f" ({each})")
+    return ", ".join(parts) + "."
+
+
+def markdown(evaluation: Evaluation) -> str:
+    """The summary as Markdown, under the command, and who wins where."""
+    summary, table = evaluation["summary"], ranking_table(evaluation)
+    rows = [*ranked(summary), *(row for row in summary if row["scene"] != "all")]
+    parts = [
+        f"# {evaluation['title']}", f"`{evaluation['command']}`",
+        "Shares carry their 95 % Wilson interval.",
+        learned_beside_planned(evaluation),
+        table.markdown() if table else "",
+        make_table("", [POLICY, SCENE, *COLUMNS], [rows]).markdown(),
+    ]  # fmt: skip
+    return "\n\n".join(part.rstrip("\n") for part in parts if part) + "\n"
 
 
 def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
@@ -54,74 +191,28 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
     for name, (_, svg) in drawn.items():
         with atomic_write(folder / "figures" / f"{name}.svg") as part:
             part.write_bytes(svg)
-    ranked = overall(evaluation["summary"])
-    policies, scenes = evaluation["policies"], evaluation["scenes"]
-    several = len(scenes) > 1
-    tables = [
-        summary_table([ranked], f"{'All scenes, best' if several else 'Best'} first", scenes=False),
-        ranking.table(evaluation),
-    ]
+    best = ranked(evaluation["summary"])
+    scenes, several = evaluation["scenes"], len(evaluation["scenes"]) > 1
+    caption = f"{'All scenes, best' if several else 'Best'} first"
+    tables = [make_table(caption, [POLICY, *COLUMNS], [best]), ranking_table(evaluation)]
     if several:
-        caption = "By scene, best first"
-        tables.append(summary_table(ranked_by_scene(evaluation), caption, scenes=True))
-    question = (
-        f"{_count(len(policies), 'policy', 'policies')} on {_count(len(scenes), 'scene')}, "
-        f"{_count(len(evaluation['records']), 'episode')}: which gets the chair to its goal, and "
-        "how well?"
-    )
+        groups = [ranked(evaluation["summary"], scene) for scene in scenes]
+        tables.append(make_table("By scene, best first", [POLICY, SCENE, *COLUMNS], groups))
+    some = bool(best and evaluation["records"])
+    first = best[0]["policy"] if some else ""
+    of = [record for record in evaluation["records"] if record["policy"] == first]
     return write_page(
         folder / "report.html", "evaluation.html", title=evaluation["title"], source=evaluation,
-        question=question, answer=answer(evaluation), tables=tables, figures=drawn,
-        glossary=[(heading(column), MEANINGS[column.key]) for column in COLUMNS],
-        video=_video(evaluation["video"], folder), legend=_LEGEND,
-        failures=_failures(evaluation["records"], [row["policy"] for row in ranked], folder),
+        best=best[0] if some else None, second=best[1] if some and len(best) > 1 else None,
+        comparison=learned_beside_planned(evaluation), success=SUCCESS, columns=COLUMNS,
+        ended=Counter(record["outcome"] for record in of), tables=filter(None, tables),
+        figures=drawn, video=_video(evaluation["video"], folder), legend=_LEGEND,
+        failures=_failures(evaluation["records"], [row["policy"] for row in best], folder),
     )  # fmt: skip
 
 
-def answer(evaluation: Evaluation) -> Markup:
-    """The best policy, how certain that is, and how its episodes failed, as HTML."""
-    rows = overall(evaluation["summary"])
-    if not rows or not evaluation["records"]:
-        return macro("answer", None)
-    best, second = rows[0], rows[1] if len(rows) > 1 else None
-    tied = second is not None and best["success"] == second["success"]
-    outcomes = [r["outcome"] for r in evaluation["records"] if r["policy"] == best["policy"]]
-    hits, late = outcomes.count("collision"), outcomes.count("timeout")
-    failed = sum(not r["success"] for r in evaluation["records"] if r["policy"] == best["policy"])
-    failures = f"{_count(hits, 'collision')}, {_count(late, 'timeout')}"
-    if (other := failed - hits - late) > 0:
-        failures += f", {_count(other, 'other failure')}"
-    texts: dict[str, Any] = {
-        "comparison": ranking.learned_beside_planned(evaluation),
-        "best": best,
-        "lead": "" if second is None else "comes first, by SPL alone: it " if tied else
-                "is best: it ",
-        "share": _percent(written(best["success"], _SHARE)),
-        "interval": _percent(bounds_written(best, _SHARE)),
-        "episodes": _count(best["episodes"], "episode"),
-        "failures": failures,
-        "second": second,
-    }  # fmt: skip
-    if second is not None:
-        texts |= {
-            "second_share": _percent(written(second["success"], _SHARE)),
-            "second_interval": _percent(bounds_written(second, _SHARE)),
-            "certain": best["success_low"] > second["success_high"],
-        }
-    return macro("answer", texts)
-
-
-def _percent(text: str) -> str:
-    return f"{text}\N{NO-BREAK SPACE}%"
-
-
-def _count(number: int, one: str, many: str | None = None) -> str:
-    return f"{number} {one if number == 1 else many or one + 's'}"
-
-
 def _video(video: Record | None, folder: Path) -> dict[str, str] | None:
-    path = folder / video["file"] if video else None
-    if video is None or path is None or not path.is_file():
+    if video is None or not (path := folder / video["file"]).is_file():
         return None
     small = path.stat().st_size <= _LARGEST_VIDEO
     source = data_uri(path.read_bytes(), path.suffix) if small else quote(video["file"])
@@ -134,14 +225,14 @@ def _episode(record: Record) -> str:
 
 def failure_text(record: Record) -> str:
     """How a failed episode ended, in one line."""
-    after = f"after {record['time']:.1f} s" if known(record["time"]) else "at an unknown time"
+    after = f"after {record['time']:.1f} s" if exists(record["time"]) else "at an unknown time"
     ends = {
         "collision": f"hit something {after}",
         "timeout": f"out of time {after}",
         "missed": f"stopped short of its goal {after}",
     }
     text = ends.get(record["outcome"], f"ended {after}")
-    if known(record["length"]) and known(record["geodesic"]):
+    if exists(record["length"]) and exists(record["geodesic"]):
         text += f", {record['length']:.1f} m driven, shortest path {record['geodesic']:.1f} m"
     if record["arrived"]:
         text += "; its estimate was at the goal"

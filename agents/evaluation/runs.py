@@ -1,8 +1,8 @@
-"""Many runs by key, in parallel and resumable: what is stored once is never computed twice.
+"""Many runs by key, in parallel and resumable: what is stored is not computed again.
 
-A run is a job that a function turns into a record. What a record says depends on its job alone, so
-that neither the number of workers nor the engine changes it. A store is a file of one line of JSON
-a run, written as they come.
+A run is a job that a function turns into a record. A record depends on its job alone, not on the
+number of workers or the engine. A store is a file with one line of JSON for each run, written as
+the runs end.
 """
 
 from __future__ import annotations
@@ -11,30 +11,35 @@ import hashlib
 import json
 import os
 import sys
-import time
 import zlib
-from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from agents.evaluation.engines import ENGINES, LostError, Pool
-from agents.interrupt import by_hand
+from agents import StoppedError, is_interrupt
+from agents.evaluation.engines import ENGINES, LostError, check
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.files import LIMITS, opened, parse_json, write_error
 
 Record = dict[str, Any]
 Job = TypeVar("Job")
+Made = tuple[str, Record]
 
-LOG_PAUSE = 10.0  # s between two lines of progress where they are kept, as in a log
-AHEAD = 2  # batches in hand for each worker, so that none waits for the next
-SPAN = 0.25  # s of work in a batch
-LOSSES = 3  # times in a row that workers may be lost before a single run has ended
+LOG_PAUSE = 10.0  # s between two lines of progress in a log
+LOSSES = 3  # in a row: workers that are lost without the end of a run between
 
 
-class StoppedError(Exception):
-    """A person stopped the runs; what was finished is in the store."""
+@contextmanager
+def stopped_by_ctrl_c(text: Callable[[], str]) -> Iterator[None]:
+    """Raise Ctrl-C in the block, also from compiled code, as a StoppedError with this text."""
+    try:
+        yield
+    except (KeyboardInterrupt, SystemError, StoppedError) as error:
+        if not (isinstance(error, StoppedError) or is_interrupt(error)):
+            raise
+        raise StoppedError(text()) from None
 
 
 @cache
@@ -53,13 +58,13 @@ def source_digest(*packages: str) -> str:
 
 
 def run_key(*parts: Any) -> str:
-    """What makes two runs the same, as one word."""
+    """A key that is equal for runs of equal parts."""
     plain = json.dumps([dump(part) for part in parts], sort_keys=True)
     return hashlib.sha256(plain.encode()).hexdigest()[:16]
 
 
 def read_store(path: Path) -> dict[str, Record]:
-    """Records by key; damaged lines, as after a crash, are left out and counted on standard error.
+    """Records by key; damaged lines, as after a crash, are skipped and counted on standard error.
 
     Raises:
         InputError: the store cannot be read.
@@ -86,7 +91,7 @@ def read_store(path: Path) -> dict[str, Record]:
             records[stored["key"]] = record
     if damaged:
         count = "1 damaged line" if damaged == 1 else f"{damaged} damaged lines"
-        print(f"wheelchair: {path}: skipped {count}; what is lost is made anew", file=sys.stderr)
+        print(f"wheelchair: {path}: skipped {count}; the runs are made again", file=sys.stderr)
     return records
 
 
@@ -101,7 +106,7 @@ def stored_line(key: str, record: Record) -> str:
 
 
 def open_store(path: Path) -> Any:
-    """A store to append whole lines to.
+    """A store, opened to append lines.
 
     Raises:
         InputError: it cannot be written.
@@ -120,17 +125,14 @@ def open_store(path: Path) -> Any:
     return store
 
 
-def check(workers: int, engine: str) -> None:
-    """Refuse workers and engines that do not exist.
+def append(path: Path, records: Mapping[str, Record]) -> None:
+    """Add records to a store.
 
     Raises:
-        InputError: there are none such, or the engine is not installed.
+        InputError: it cannot be written.
     """
-    if workers < 1:
-        raise InputError(f"jobs is {workers}; it must be at least 1")
-    if engine not in ENGINES:
-        raise InputError(f"engine {engine!r} is unknown; known: {', '.join(ENGINES)}")
-    ENGINES[engine].check()
+    with open_store(path) as store:
+        store.write("".join(stored_line(*each) for each in records.items()).encode())
 
 
 def compute(
@@ -145,7 +147,7 @@ def compute(
     again: Callable[[Job], bool] | None = None,
     before: Callable[[Sequence[Job]], object] | None = None,
 ) -> dict[str, Record]:
-    """Records of all jobs, in their order, by key; those of the store are not made again.
+    """Records of all jobs by key, in their order; those that are stored are not made again.
 
     Args:
         jobs: by key; equal keys are equal runs.
@@ -155,115 +157,74 @@ def compute(
         engine: one of `ENGINES`.
         unit: what a run is called in the progress bar.
         progress: show a bar on standard error.
-        again: whether a job is made although it is stored.
-        before: called once with the jobs to be made before workers are; compiles what they need.
+        again: whether a job is run again although it is stored.
+        before: called once with the missing jobs, before workers start; compiles what they need.
 
     Raises:
-        InputError: the store cannot be written, or there is no such engine.
+        InputError: the store cannot be written, or the engine is unknown.
         StoppedError: Ctrl-C; the same call computes only what is missing.
         ConnectionError: workers were lost over and over.
     """
     check(workers, engine)
     with open_store(store) as lines:
         stored = read_store(store)
-        known = {
+        done = {
             k: stored[k] for k, job in jobs.items() if k in stored and not (again and again(job))
         }
-        missing = [(key, job) for key, job in jobs.items() if key not in known]
+        missing = {key: job for key, job in jobs.items() if key not in done}
         del stored
         here = engine == "loky" and (workers == 1 or len(missing) < 2)
-        made = _here(missing, work) if here else _apart(missing, work, workers, engine)
+        made: Generator[Made] = (
+            ((key, work(job)) for key, job in missing.items())
+            if here
+            else _by_workers(missing, work, workers, engine)
+        )
         try:
-            if missing and before is not None:
-                before([job for _, job in missing])
-            for found in _bar(made, len(jobs), len(known), unit, progress):
-                known |= found
-                lines.write("".join(stored_line(*each) for each in found).encode())
-        except (KeyboardInterrupt, SystemError) as error:
-            if not by_hand(error):
-                raise
-            raise StoppedError(f"{len(known)} of {len(jobs)} {unit}s are stored") from None
+            with stopped_by_ctrl_c(lambda: f"{len(done)} of {len(jobs)} {unit}s are stored"):
+                if missing and before is not None:
+                    before(list(missing.values()))
+                for key, record in _bar(made, len(jobs), len(done), unit, progress):
+                    done[key] = record
+                    lines.write(stored_line(key, record).encode())
         except LostError as error:
             raise ConnectionError(
                 f"workers were lost {LOSSES} times in a row ({error}); "
-                f"{len(known)} of {len(jobs)} {unit}s are stored"
+                f"{len(done)} of {len(jobs)} {unit}s are stored"
             ) from None
         finally:
             made.close()
-    return {key: known[key] for key in jobs}
+    return {key: done[key] for key in jobs}
 
 
-Found = list[tuple[str, Record]]
-
-
-def _bar(made: Iterator[Found], total: int, done: int, unit: str, shown: bool) -> Iterator[Found]:
+def _bar(made: Iterator[Made], total: int, done: int, unit: str, progress: bool) -> Iterator[Made]:
     from tqdm import tqdm
 
     pause = 0.1 if sys.stderr.isatty() else LOG_PAUSE
     with tqdm(
         total=total, initial=done, unit=unit, mininterval=pause, maxinterval=pause,
-        disable=not shown,
+        disable=not progress,
     ) as bar:  # fmt: skip
-        for found in made:
-            yield found
-            bar.update(len(found))
+        for each in made:
+            yield each
+            bar.update()
 
 
-def _here(missing: Sequence[tuple[str, Job]], work: Callable[[Job], Record]) -> Generator[Found]:
-    for key, job in missing:
-        yield [(key, work(job))]
-
-
-def _batch(work: Callable[[Job], Record], jobs: Sequence[tuple[str, Job]]) -> tuple[Found, float]:
-    """Records, and the seconds that they took."""
-    begun = time.perf_counter()
-    return [(key, work(job)) for key, job in jobs], time.perf_counter() - begun
-
-
-def _apart(
-    missing: Sequence[tuple[str, Job]],
-    work: Callable[[Job], Record],
-    workers: int,
-    engine: str,
-) -> Generator[Found]:
-    """Records in the order in which workers end them; what a lost worker held is handed out again.
-
-    Short jobs are handed out together, for a time at which handing out costs little. Every batch
-    that ended before a loss counts.
-    """
-    waiting = deque(missing)
-    running: dict[Any, Sequence[tuple[str, Job]]] = {}
-    size, losses, done = 1, 0, False
-    pool: Pool = ENGINES[engine](workers)
-    try:
-        while waiting or running:
-            lost = None
-            try:
-                while waiting and len(running) < AHEAD * pool.workers:
-                    # Whatever remains is shared by all: the last batches end at about one time.
-                    share = max(1, min(size, len(waiting) // (2 * AHEAD * pool.workers)))
-                    jobs = [waiting[k] for k in range(share)]
-                    running[pool.submit(_batch, work, jobs)] = jobs
-                    for _ in jobs:
-                        waiting.popleft()
-            except LostError as error:
-                lost = error
-            for ticket in pool.ended(list(running)):
-                held = running.pop(ticket)
-                try:
-                    found, seconds = pool.result(ticket)
-                except LostError as error:
-                    lost = error
-                    waiting.extendleft(reversed(held))
-                    continue
+def _by_workers(
+    missing: Mapping[str, Job], work: Callable[[Job], Record], workers: int, engine: str
+) -> Generator[Made]:
+    """Records in the order in which workers finish them; jobs of a lost worker are repeated."""
+    left, losses, alone = dict(missing), 0, False
+    while left:
+        keys = list(left)
+        made = ENGINES[engine](work, list(left.values()), workers, alone)
+        try:
+            for number, record in made:
                 losses = 0
-                size = max(1, min(2 * len(held), int(SPAN * len(held) / max(seconds, 1e-9))))
-                yield found
-            if lost is not None:
-                losses += 1
-                size = 1  # a job that kills its worker shall take no other along
-                if losses >= LOSSES:
-                    raise lost
-        done = True
-    finally:
-        pool.close(done)
+                del left[keys[number]]
+                yield keys[number], record
+        except LostError:
+            losses, alone = losses + 1, True  # a job that kills its worker takes no other along
+            if losses == LOSSES:
+                raise
+        finally:
+            made.close()

@@ -1,109 +1,118 @@
-"""The summary of an evaluation as numbers a person reads: one list of columns for every table."""
+"""Tables of results: columns, cells, and the same table as Markdown, HTML and CSV."""
 
 from __future__ import annotations
 
+import csv
+import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 Row = Mapping[str, Any]
 
 
 class Column(NamedTuple):
-    """One figure of the summary: its key, its heading and unit, and how it is written."""
+    """A column: the key of its figure in a row, its heading, and how the figure is written."""
 
     key: str
     name: str
-    unit: str = ""
+    unit: str | None = ""  # None: a column of text
     digits: int = 2
     factor: float = 1.0
-    interval: bool = False
+    interval: bool = False  # the row has an interval, under the keys KEY_low and KEY_high
+    meaning: str = ""
+
+    @property
+    def heading(self) -> str:
+        """The name with the unit."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+    def text(self, value: float | None) -> str:
+        """A figure as it is written; a dash where there is none."""
+        return f"{value * self.factor:.{self.digits}f}" if exists(value) else "-"  # type: ignore[operator]
+
+    def bounds(self, row: Row) -> str:
+        """The interval as 'low-high'; empty where there is none."""
+        if not self.interval or row[self.key] is None:
+            return ""
+        return f"{self.text(row[f'{self.key}_low'])}-{self.text(row[f'{self.key}_high'])}"
+
+    def cell(self, row: Row) -> Cell:
+        """The cell of a row."""
+        value = row[self.key]
+        if self.unit is None:
+            return Cell(str(value))
+        return Cell(self.text(value), self.bounds(row), value)
 
 
-COLUMNS = (
-    Column("episodes", "episodes", digits=0),
-    Column("success", "success", "%", 1, 100.0, interval=True),
-    Column("wide", "success, 5 cm of margin", "%", 1, 100.0, interval=True),
-    Column("margin", "least margin", "m", 3),
-    Column("collision", "collision", "%", 1, 100.0, interval=True),
-    Column("at_fault", "caused by the chair", "%", 1, 100.0),
-    Column("timeout", "timeout", "%", 1, 100.0, interval=True),
-    Column("arrived", "own estimate arrived", "%", 1, 100.0),
-    Column("spl", "SPL", digits=3),
-    Column("barn", "BARN score", digits=3),
-    Column("barn_own", "BARN score at own speed", digits=3),
-    Column("time", "time", "s", 1),
-    Column("length", "length", "m"),
-    Column("halts", "halts"),
-    Column("replans", "replans"),
-    Column("clearance_min", "clearance min", "m", 3),
-    Column("clearance_mean", "clearance mean", "m", 3),
-    Column("accel_rms", "RMS acceleration", "m/s²"),
-    Column("jerk_rms", "RMS jerk", "m/s³"),
-    Column("rough_share", "above 0.9 m/s²", "% of time", 1, 100.0),
-    Column("energy_per_m", "energy", "Wh/m"),
-    Column("plan_ms_p50", "plan p50", "ms", 1),
-    Column("plan_ms_p95", "plan p95", "ms", 1),
-    Column("act_ms_p50", "act p50", "ms"),
-    Column("act_ms_p95", "act p95", "ms"),
-)
+def share_column(key: str, name: str, meaning: str = "", interval: bool = True) -> Column:
+    """A column of shares, in per cent."""
+    return Column(key, name, "%", 1, 100.0, interval, meaning)
 
 
-def known(value: Any) -> bool:
+class Cell(NamedTuple):
+    """A cell: its text, small print below it, and the number by which it is sorted."""
+
+    text: str
+    small: str = ""
+    key: float | None = None
+    bold: bool = False
+    link: str = ""
+
+
+class Table(NamedTuple):
+    """A table; each group of rows is a separate body in HTML."""
+
+    caption: str
+    columns: Sequence[Column]
+    groups: Sequence[Sequence[Sequence[Cell]]]
+    note: str = ""
+
+    def html(self) -> str:
+        """The table as HTML, sorted by the heading that is clicked; empty without rows."""
+        from agents.evaluation.pages import macro
+
+        return macro("table", self) if any(self.groups) else ""
+
+    def markdown(self) -> str:
+        """The table as Markdown, with its note below."""
+        rows = []
+        for cell_row in (row for group in self.groups for row in group):
+            texts = [f"**{cell.text}**" if cell.bold else cell.text for cell in cell_row]
+            small = [f" ({cell.small})" if cell.small else "" for cell in cell_row]
+            rows.append([text + more for text, more in zip(texts, small, strict=True)])
+        right = [column.unit is not None for column in self.columns]
+        return markdown_table([column.heading for column in self.columns], rows, right) + (
+            f"\n{self.note}\n" if self.note else ""
+        )
+
+
+def make_table(caption: str, columns: Sequence[Column], groups: Iterable[Sequence[Row]]) -> Table:
+    """A table of groups of rows."""
+    cells = [[[column.cell(row) for column in columns] for row in rows] for rows in groups]
+    return Table(caption, columns, cells)
+
+
+def exists(value: Any) -> bool:
     """Whether a figure exists: neither null nor NaN nor infinite."""
     return value is not None and math.isfinite(value)
 
 
-def written(value: float | None, column: Column) -> str:
-    """A figure as its column writes it; a dash where there is none."""
-    return (
-        f"{value * column.factor:.{column.digits}f}" if known(value) and value is not None else "-"
-    )
+def markdown_table(
+    headings: Sequence[str], rows: Iterable[Sequence[Any]], right: Sequence[bool] = ()
+) -> str:
+    """Rows as a Markdown table; `right` says which columns are aligned to the right."""
+    rule = ["---:" if aligned else "---" for aligned in right] or ["---"] * len(headings)
+    lines = [headings, rule, *rows]
+    texts = ([str(cell).replace("|", "\\|") for cell in line] for line in lines)
+    return "".join(f"| {' | '.join(line)} |\n" for line in texts)
 
 
-def bounds_written(row: Row, column: Column) -> str:
-    """The 95 % interval of a share as 'low-high', or nothing where the column has none."""
-    low, high = row.get(f"{column.key}_low"), row.get(f"{column.key}_high")
-    if not column.interval or not (known(low) and known(high)):
-        return ""
-    return f"{written(low, column)}-{written(high, column)}"
-
-
-def heading(column: Column) -> str:
-    """A column's name with its unit."""
-    return f"{column.name} [{column.unit}]" if column.unit else column.name
-
-
-def overall(summary: Sequence[Row]) -> list[Row]:
-    """The rows over all scenes: best first, by success, then by SPL."""
-    rows = [row for row in summary if row["scene"] == "all"]
-    return sorted(rows, key=lambda row: (-(row["success"] or 0.0), -(row["spl"] or 0.0)))
-
-
-def by_scene(summary: Sequence[Row]) -> list[Row]:
-    """The rows of single scenes, in the order given."""
-    return [row for row in summary if row["scene"] != "all"]
-
-
-def markdown(evaluation: Mapping[str, Any], first: str = "") -> str:
-    """The summary as a Markdown table, with the command that made it; `first` stands before it."""
-    names = ["policy", "scene", *(heading(column) for column in COLUMNS)]
-    lines = [
-        f"# {evaluation['title']}",
-        "",
-        f"`{evaluation['command']}`",
-        "",
-        "Shares carry their 95 % Wilson interval.",
-        "",
-        *([first, ""] if first else []),
-        "| " + " | ".join(names) + " |",
-        "| --- | --- |" + " ---: |" * len(COLUMNS),
-    ]
-    for row in [*overall(evaluation["summary"]), *by_scene(evaluation["summary"])]:
-        cells = [str(row["policy"]), str(row["scene"])]
-        for column in COLUMNS:
-            interval = bounds_written(row, column)
-            figure = written(row.get(column.key), column)
-            cells.append(f"{figure} ({interval})" if interval else figure)
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return "\n".join(lines) + "\n"
+def csv_table(rows: Sequence[Row], columns: Iterable[str] = ()) -> str:
+    """Rows as CSV under a header; without `columns`, those of all rows in their order."""
+    names = list(columns) or list(dict.fromkeys(key for row in rows for key in row))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, names, lineterminator="\n", extrasaction="ignore")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()

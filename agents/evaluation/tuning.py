@@ -1,14 +1,14 @@
-"""Search for settings by Optuna: each trial is judged on the same episodes, and all is kept.
+"""Search for settings by Optuna: each trial is scored on the same episodes, and all are stored.
 
-Trials follow one another, their episodes run side by side. Trial 0 is what is set already. The best
-trial is the best of many on those episodes, which flatters it: both are judged again on others.
+Trials run one after another, the episodes of a trial in parallel. Trial 0 has the current settings.
+The score of the best of many trials is biased upwards, so that it and the current settings are
+scored again on other episodes.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import json
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,20 +20,88 @@ import numpy as np
 
 from agents.evaluation.evaluate import STORE, Spec, evaluate
 from agents.evaluation.provenance import write_json, write_text
-from agents.evaluation.runs import StoppedError, compute, run_key, source_digest
-from agents.evaluation.search_space import Range, value_at
-from agents.interrupt import by_hand
+from agents.evaluation.runs import compute, run_key, source_digest, stopped_by_ctrl_c
+from agents.evaluation.tables import csv_table
 from agents.studies.evidence import estimate
-from wheelchair_gym.config import InputError, dump, with_values
+from wheelchair_gym.config import InputError, dump, value_of, with_values
 
 if TYPE_CHECKING:
     import optuna
 
 METRICS = ("sct", "spl", "success", "barn", "barn_own")  # of episodes; the higher, the better
-WHO = ("folder", "jobs", "engine")  # changes no score
+EXECUTION = ("folder", "jobs", "engine")  # settings that change no score
 JOURNAL = "trials.log"
 Scores = list[float]
 Judge = Callable[[Spec, Sequence[int]], Scores]  # of settings on seeds: one score each
+
+
+@dataclass(frozen=True)
+class Range:
+    """A setting that is searched, and where: from `low` to `high`, or among `choices`."""
+
+    key: str
+    low: float = 0.0
+    high: float = 0.0
+    log: bool = False
+    choices: tuple[Any, ...] = ()
+
+    @property
+    def distribution(self) -> optuna.distributions.BaseDistribution:
+        """The distribution of Optuna; bounds that are integers give integers."""
+        from optuna import distributions
+
+        if self.choices:
+            return distributions.CategoricalDistribution(self.choices)
+        if isinstance(self.low, int) and isinstance(self.high, int):
+            return distributions.IntDistribution(self.low, self.high, log=self.log)
+        return distributions.FloatDistribution(self.low, self.high, log=self.log)
+
+    def has(self, value: Any) -> bool:
+        """Whether a value is in the range."""
+        if self.choices:
+            return value in self.choices
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        return number and self.low <= value <= self.high
+
+
+def read_range(text: str) -> Range:
+    """A range as a person writes it: KEY=LOW:HIGH, KEY=LOW:HIGH:log or KEY=A,B,C.
+
+    Raises:
+        InputError: the text is not a range.
+    """
+    key, _, what = text.partition("=")
+    if not (key and what):
+        raise InputError(f"--vary {text}: expected KEY=LOW:HIGH, KEY=LOW:HIGH:log or KEY=A,B,C")
+    ends = re.fullmatch(r"([^:,]+):([^:,]+)(:log)?", what)
+    if not ends:
+        if ":" in what or "," not in what:
+            raise InputError(f"--vary {text}: expected LOW:HIGH, LOW:HIGH:log or A,B,C")
+        return Range(key, choices=tuple(value_of(word) for word in what.split(",")))
+    low, high, log = value_of(ends[1]), value_of(ends[2]), ends[3] is not None
+    for end in (low, high):
+        if isinstance(end, bool) or not isinstance(end, int | float) or not np.isfinite(end):
+            raise InputError(f"--vary {text}: {end!r} is not a finite number")
+    if low >= high or (log and low <= 0):
+        raise InputError(f"--vary {text}: expected LOW < HIGH{', LOW > 0' if log else ''}")
+    return Range(key, low, high, log)
+
+
+def value_at(everything: Mapping[str, Any], key: str) -> Any:
+    """The value at a dotted key of settings.
+
+    Raises:
+        InputError: there is no such setting, or it holds several settings.
+    """
+    place: Any = everything
+    for part in key.split("."):
+        if not isinstance(place, Mapping) or part not in place:
+            known = ", ".join(sorted(place)) if isinstance(place, Mapping) else "no settings"
+            raise InputError(f"--vary {key}: {part} is not a setting; there are {known}")
+        place = place[part]
+    if isinstance(place, Mapping):
+        raise InputError(f"--vary {key}: holds several settings: {', '.join(sorted(place))}")
+    return place
 
 
 def _named(spec: Spec) -> Mapping[str, Any]:
@@ -41,17 +109,17 @@ def _named(spec: Spec) -> Mapping[str, Any]:
 
 
 def is_planner(spec: Spec) -> bool:
-    """Whether a person means a planner, to be judged by its plans, and not a policy."""
+    """Whether a spec is of a planner, which is scored by its plans; otherwise it is of a policy."""
     from planners import PLANNERS
 
     return _named(spec).get("name") in PLANNERS
 
 
 def all_settings(spec: Spec) -> dict[str, Any]:
-    """Every setting of a planner or policy, with what is set.
+    """Every setting of a planner or policy, with its current value.
 
     Raises:
-        InputError: there is none such, or a setting is wrong.
+        InputError: the name is unknown, or a setting is wrong.
     """
     from agents.control import make_follower
     from agents.policies import settings_of
@@ -68,7 +136,7 @@ def all_settings(spec: Spec) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Drives:
-    """Judges policies by driving episodes."""
+    """Scores policies by driving episodes."""
 
     scenes: Sequence[Spec]
     env: Mapping[str, Any]
@@ -88,9 +156,9 @@ class Drives:
 
 @dataclass(frozen=True)
 class Plans:
-    """Judges planners by their plans: the shortest path's length over theirs, 0 without one.
+    """Scores planners by the shortest path's length over that of their plan; 0 without a plan.
 
-    Worlds in which the widest disc that a planner is asked for finds no path count for nobody.
+    Worlds in which no path exists are left out.
     """
 
     scenes: Sequence[Spec]
@@ -145,46 +213,46 @@ def tune(
     seed: int = 0,
     progress: bool = True,
 ) -> dict[str, Any]:
-    """Search, and judge the best and what was set on other episodes.
+    """Search, and score the best trial and the current settings on other episodes.
 
-    The same call goes on where it was stopped; more trials continue a search.
+    The same call resumes a search that was stopped; more trials extend a search.
 
     Args:
-        spec: what is tuned.
+        spec: the planner or policy.
         ranges: the settings that are searched.
-        judge: gives a score for settings.
-        seeds: of the episodes that trials are judged on.
-        others: of those that the best is judged on again.
-        trials: in all, the first of them with what is set.
+        judge: scores settings.
+        seeds: of the episodes that trials are scored on.
+        others: of the episodes that the best trial is scored on again.
+        trials: their total number; the first one has the current settings.
         folder: for Optuna's journal, trials.csv and best.json.
-        seed: of Optuna's draws; they are the same however often the search was stopped.
+        seed: of Optuna's draws, which do not depend on interruptions.
         progress: show a bar on standard error.
 
     Returns:
-        What trials.csv and best.json say, and the scores on other episodes.
+        The content of trials.csv and best.json, and the scores on other episodes.
 
     Raises:
         InputError: a setting is unknown, or the folder holds another search.
-        StoppedError: Ctrl-C; the same call goes on.
+        StoppedError: Ctrl-C; the same call resumes.
     """
     import optuna
     from tqdm import tqdm
 
-    own = all_settings(spec)
-    before = {vary.key: value_at(own, vary.key) for vary in ranges}
-    asked = {key: value for key, value in vars(judge).items() if key not in WHO}
+    current = all_settings(spec)
+    before = {vary.key: value_at(current, vary.key) for vary in ranges}
+    asked = {key: value for key, value in vars(judge).items() if key not in EXECUTION}
     what = run_key(source_digest(), spec, [vars(v) for v in ranges], list(seeds), seed, asked)
     study = _study(folder, what)
     if not study.trials and all(vary.has(before[vary.key]) for vary in ranges):
         study.enqueue_trial(before)
-    try:
+    with stopped_by_ctrl_c(lambda: f"{len(_done(study))} of {trials} trials are done"):
         with tqdm(total=trials, disable=not progress, unit="trial") as bar:
             for number, values in _drawn(study, ranges, trials, seed):
                 if values is not None:
                     try:
                         score = float(np.mean(judge(with_values(_named(spec), values), seeds)))
                         study.tell(number, score)
-                    except InputError as error:  # settings that do not go together
+                    except InputError as error:  # settings that do not fit together
                         study.tell(number, state=optuna.trial.TrialState.FAIL)
                         if progress:
                             tqdm.write(f"trial {number}: {error}", file=sys.stderr)
@@ -192,14 +260,10 @@ def tune(
                 if done := _done(study):
                     bar.set_postfix_str(f"best {max(t.value or 0.0 for t in done):.4g}")
         return _result(spec, study, before, judge, others, folder)
-    except (KeyboardInterrupt, SystemError, StoppedError) as error:
-        if not (isinstance(error, StoppedError) or by_hand(error)):
-            raise
-        raise StoppedError(f"{len(_done(study))} of {trials} trials are done") from None
 
 
 def _study(folder: Path, what: str) -> optuna.Study:
-    """The search that a folder keeps, or a new one."""
+    """The search that is stored in a folder, or a new one."""
     import optuna
     from optuna.storages import JournalStorage
     from optuna.storages.journal import JournalFileBackend
@@ -229,13 +293,13 @@ def _study(folder: Path, what: str) -> optuna.Study:
 def _drawn(
     study: optuna.Study, ranges: Sequence[Range], trials: int, seed: int
 ) -> Iterator[tuple[int, dict[str, Any] | None]]:
-    """Number and values of every trial to be judged; None for one that was cut off unnamed."""
+    """Number and values of every trial to be scored; None for one that was killed while drawn."""
     import optuna
 
     for frozen in study.get_trials(states=(optuna.trial.TrialState.RUNNING,)):
         if len(frozen.params) == len(ranges):
             yield frozen.number, dict(frozen.params)
-        else:  # killed while it was drawn
+        else:
             study.tell(frozen.number, state=optuna.trial.TrialState.FAIL)
             yield frozen.number, None
     while True:
@@ -257,23 +321,22 @@ def _result(
     spec: Spec, study: optuna.Study, before: Mapping[str, Any], judge: Judge,
     others: Sequence[int], folder: Path,
 ) -> dict[str, Any]:  # fmt: skip
-    """Judge the best trial again, and write everything down."""
+    """Score the best trial again, and write everything."""
     done = _done(study)
     if not done:
-        raise InputError("no trial could be judged: none of the settings go together")
+        raise InputError("no trial could be judged: no settings fit together")
     best = max(done, key=lambda trial: (trial.value or 0.0, -trial.number))
     tuned = with_values(_named(spec), best.params)
     name = str(tuned.pop("name"))
     new, old = (np.array(judge(s, others)) for s in ({"name": name, **tuned}, spec))
     gain = estimate([{"": new - old}], [1.0])
     write_json(folder / "best.json", {name: tuned})
-    lines = io.StringIO()
-    rows = csv.writer(lines, lineterminator="\n")
-    rows.writerow(["trial", "score", "state", *before])
-    for trial in study.trials:
-        values = (trial.params.get(key) for key in before)
-        rows.writerow([trial.number, trial.value, trial.state.name.lower(), *values])
-    write_text(folder / "trials.csv", lines.getvalue())
+    rows = [
+        {"trial": trial.number, "score": trial.value, "state": trial.state.name.lower()}
+        | {key: trial.params.get(key) for key in before}
+        for trial in study.trials
+    ]
+    write_text(folder / "trials.csv", csv_table(rows))
     return {
         "name": name,
         "trials": len(study.trials),

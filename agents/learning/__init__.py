@@ -1,1 +1,1 @@
-"""Learning to drive: settings, what a network is told, training, and what is kept of it."""
+"""Learning to drive: settings, observations of networks, training, checkpoints and weights."""

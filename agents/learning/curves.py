@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.evaluation.provenance import write_text
+from agents.evaluation.tables import csv_table
 from wheelchair_gym.errors import InputError
 from wheelchair_gym.files import atomic_write, read_text
 
@@ -110,33 +111,20 @@ def _number(text: Any) -> Any:
 
 def write_curve(folder: Path, rows: list[Row]) -> None:
     """Write a curve atomically; columns are those of all rows, in order."""
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    write_text(folder / NAME, _csv(columns, rows))
-
-
-def _csv(columns: list[str], rows: list[Row]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    write_text(folder / NAME, csv_table(rows))
 
 
 def write_sweep(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
-    """Write sweep.csv and sweep.svg, which compare runs that differ in one setting.
+    """Write sweep.csv and sweep.svg, which compare runs that differ in one setting; the table.
 
-    Args:
-        key: of the setting.
-        runs: its value and the folder of each run.
-        out: the folder to write to.
-
-    Returns:
-        The table as text.
+    `key` is that of the setting, `runs` has its value and the folder of each run.
     """
     import matplotlib as mpl
 
-    from agents.evaluation.figures import LOOK
-    from agents.evaluation.metrics import wilson
+    from agents.evaluation.figures import LOOK, as_svg
+    from agents.evaluation.metrics import share
+    from agents.learning.run import POLICY
+    from agents.learning.weights import load_weights
 
     curves: dict[str, list[Any]] = {}
     rows: list[Row] = []
@@ -144,27 +132,21 @@ def write_sweep(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
         evaluated = [row for row in read_curve(folder) if row.get("eval_success") is not None]
         if not evaluated:
             continue
-        from agents.learning.run import POLICY
-        from agents.learning.weights import load_weights
-
-        card = load_weights(folder / POLICY).card
+        card, last = load_weights(folder / POLICY).card, evaluated[-1]
         points = [(float(row["frames"]), float(row["eval_success"])) for row in evaluated]
         curves.setdefault(value, []).append(points)
         episodes = card["training"]["evaluation"]["episodes"]
-        share = float(evaluated[-1]["eval_success"])
-        low, high = wilson(round(share * episodes), episodes)
+        found = share("success", round(float(last["eval_success"]) * episodes), episodes)
         rows.append({
             key: value, "seed": card["seed"], "frames": card["frames"], "episodes": episodes,
-            "success": share, "low": low, "high": high,
-            **{name: float(evaluated[-1][f"eval_{name}"])
-               for name in ("collision", "timeout", "time")},
+            "success": float(last["eval_success"]), "low": found["success_low"],
+            "high": found["success_high"],
+            **{name: float(last[f"eval_{name}"]) for name in ("collision", "timeout", "time")},
         })  # fmt: skip
-    table = _csv(list(rows[0]), rows) if rows else ""
+    table = csv_table(rows) if rows else ""
     write_text(out / f"{SWEEP}.csv", table)
     with mpl.rc_context(LOOK), atomic_write(out / f"{SWEEP}.svg") as part:
-        _plot_sweep(key, curves).savefig(
-            part, format="svg", metadata={"Date": None, "Creator": None}
-        )
+        part.write_bytes(as_svg(_plot_sweep(key, curves)))
     return table.rstrip()
 
 

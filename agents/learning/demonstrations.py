@@ -1,7 +1,7 @@
 """Imitation learning: a scripted policy demonstrates, and labels the observations of its student.
 
 Behaviour cloning, then DAgger (Ross, Gordon and Bagnell 2011): from the second round on the student
-drives and the expert gives its own action for each observation. The resulting policy can be driven
+drives and the expert labels each observation with its action. The resulting policy can be driven
 as it is, or be the `warm_start` of a training run.
 """
 
@@ -67,13 +67,10 @@ def _all_episodes(
     config: Imitation, env: EnvSettings, student: Weights | None, seeds: list[int]
 ) -> Iterator[Demonstration]:
     """Episodes in the order of their seeds, driven by `config.jobs` processes."""
-    if config.jobs == 1:
-        for seed in seeds:
-            yield from _episodes(env, config.expert, student, [seed])
-        return
     from joblib import Parallel, delayed
 
-    parts = [seeds[k : k + 4] for k in range(0, len(seeds), 4)]
+    size = 1 if config.jobs == 1 else 4
+    parts = [seeds[k : k + size] for k in range(0, len(seeds), size)]
     jobs = (delayed(_episodes)(env, config.expert, student, part) for part in parts)
     for part in Parallel(n_jobs=config.jobs, return_as="generator")(jobs):
         yield from part
@@ -108,7 +105,8 @@ def imitate(config: Imitation, seed: int, folder: Path, progress: bool = True) -
             actions.append(episode_actions)
             success += is_success
             bar.update()
-        loss = _fit(network, np.concatenate(observations), np.concatenate(actions), config)
+        inputs, targets = (torch.from_numpy(np.concatenate(of)) for of in (observations, actions))
+        loss = _fit(network, inputs, targets, config)
         rounds.append(
             {"driver": "expert" if student is None else "student", "loss": loss,
              "success": success / config.episodes, "steps": sum(map(len, observations))}
@@ -146,9 +144,10 @@ class _StudentNetwork(nn.Module):
         return arrays
 
 
-def _fit(network: _StudentNetwork, seen: Floats, shown: Floats, config: Imitation) -> float:
+def _fit(
+    network: _StudentNetwork, inputs: torch.Tensor, targets: torch.Tensor, config: Imitation
+) -> float:
     """Fit the student to the expert's actions; the mean squared error of the last epoch."""
-    inputs, targets = torch.from_numpy(seen), torch.from_numpy(shown)
     optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
     total = 0.0
     for _ in range(config.n_epochs):

@@ -16,20 +16,12 @@ Floats = NDArray[np.float32]
 RANGE_SCALE, RANGE_SHIFT = 0.6, 0.1  # a range r [m] becomes 0.6 ln(r + 0.1)
 GOAL_RANGE = 10.0  # m: the goal's distance is clipped to this
 GOAL_PROXIMITY_WEIGHT = 2.0  # weight of exp(-distance to the goal)
-SCALED = (
-    "twist",
-    "goal",
-    "action",
-    "shield",
-    "path",
-    "side_clearance",
-    "trail",
-)  # keys with a factor
+SCALED = ("twist", "goal", "action", "shield", "path", "side_clearance", "trail")  # with a factor
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Where each key stands in a flat observation, in the order of the task."""
+    """The place of each key in a flat observation, in the order of the task."""
 
     sizes: tuple[tuple[str, int], ...]  # key, count of numbers
     path_has_heading: bool  # the path holds poses, not points
@@ -47,7 +39,7 @@ class Layout:
         return cls(sizes, layout["path_has_heading"])
 
     def slice_of(self, key: str) -> slice:
-        """Where a key stands; an empty slice where it is absent."""
+        """The place of a key; an empty slice if it is absent."""
         return places(self.sizes).get(key, slice(0, 0))
 
     @property
@@ -85,21 +77,16 @@ class Layout:
 
     @property
     def scaled_indices(self) -> NDArray[np.int64]:
-        """Where the numbers of `scales` stand in a flat observation."""
+        """The places of the numbers of `scales` in a flat observation."""
         each = {key: self.slice_of(key) for key in SCALED}
         each["goal"] = slice(each["goal"].start + 1, each["goal"].stop)
         return np.concatenate([np.arange(at.start, at.stop) for at in each.values()])
 
 
 def features(xp: Any, flat: Any, layout: Layout, scaled: Any, scales: Any) -> Any:
-    """Features (n, actor_size) of flat observations (n, size).
+    """Features (n, actor_size) of flat observations (n, size), by numpy or torch as `xp`.
 
-    Args:
-        xp: numpy or torch.
-        flat: an array of numpy or a tensor of torch.
-        layout: of the observations.
-        scaled: `layout.scaled_indices`, as an array of xp.
-        scales: `layout.scales`, as an array of xp.
+    `scaled` and `scales` are `layout.scaled_indices` and `layout.scales`, as arrays of `xp`.
     """
     ranges = flat[:, : layout.slice_of("ultrasonic").stop]
     far = flat[:, layout.slice_of("goal").start : layout.slice_of("goal").start + 1]

@@ -85,10 +85,10 @@ class Teacher:
     """
 
     def __init__(self, weights: Weights, layout: Layout, env: EnvSettings) -> None:
-        known = load(EnvSettings, weights.card["env"], "teacher: env")
+        its = load(EnvSettings, weights.card["env"], "teacher: env")
         for name, here, there in (
-            ("rate", env.rate, known.rate),
-            ("task.look_ahead_time", env.task.look_ahead_time, known.task.look_ahead_time),
+            ("rate", env.rate, its.rate),
+            ("task.look_ahead_time", env.task.look_ahead_time, its.task.look_ahead_time),
             ("lstm_hidden_size", 0, weights.lstm_size),
         ):
             if here != there:
@@ -137,11 +137,6 @@ class AsymmetricPolicy(ActorCriticPolicy):
         return self.value_net(critic), distribution.log_prob(actions), bonus
 
 
-def policy_class(algorithm: str) -> Any:
-    """The policy class of an algorithm, or its name in stable-baselines3."""
-    return {"ppo": AsymmetricPolicy, "recurrent_ppo": "MlpLstmPolicy"}.get(algorithm, "MlpPolicy")
-
-
 SB3_CONTRIB = ("recurrent_ppo", "tqc")  # algorithms of sb3-contrib, of the extra 'learn'
 
 
@@ -163,7 +158,7 @@ def algorithm_class(name: str) -> Any:
 
 
 def make_model(config: Training, seed: int, env: SB3VecEnv, layout: Layout) -> Any:
-    """A new model, whose learning rate decreases linearly over the whole run.
+    """A new model, whose learning rate decreases linearly over the run.
 
     Raises:
         InputError: the algorithm needs an extra that is not installed.
@@ -196,8 +191,9 @@ def make_model(config: Training, seed: int, env: SB3VecEnv, layout: Layout) -> A
         progress = made[0].num_timesteps / config.frames if made else 0.0
         return float(initial_rate * max(0.0, 1.0 - progress))
 
+    policies: dict[str, Any] = {"ppo": AsymmetricPolicy, "recurrent_ppo": "MlpLstmPolicy"}
     model = algorithm_class(config.algorithm)(
-        policy_class(config.algorithm), env, learning_rate=learning_rate,
+        policies.get(config.algorithm, "MlpPolicy"), env, learning_rate=learning_rate,
         policy_kwargs=policy_options, seed=seed, device="cpu", verbose=0, **options,
     )  # fmt: skip
     made.append(model)
@@ -254,11 +250,6 @@ def load_actor_arrays(model: Any, algorithm: str, arrays: dict[str, Floats]) -> 
             layer.bias.copy_(torch.from_numpy(arrays[f"dense{k}.b"].copy()))
     if hasattr(model.policy, "actor_target"):
         model.policy.actor_target.load_state_dict(model.policy.actor.state_dict())
-
-
-def action_head(algorithm: str) -> str:
-    """How the actor's last layer is mapped to [-1, 1]: 'clip' or 'tanh'."""
-    return "clip" if algorithm in ("ppo", "recurrent_ppo") else "tanh"
 
 
 def _array(parameter: torch.Tensor) -> Floats:

@@ -27,13 +27,9 @@ NAMES = {"action": "last action", "path": "path ahead", "twist": "velocity"}
 
 
 def beam_sensitivity(network: Any, observations: Floats, layout: Layout, reach: float) -> Array:
-    """Euclidean change of the action (k, beams) where beams get no echo.
+    """Euclidean change of the action (k, beams) where beams get no echo, which reads `reach` [m].
 
-    Args:
-        network: maps flat observations (n, size) to actions (n, 2).
-        observations: flat observations (k, size).
-        layout: of the observations.
-        reach: the range of a beam without an echo [m].
+    `network` maps flat observations (n, size) to actions (n, 2); `observations` are (k, size).
     """
     before = network(observations)
     place = layout.slice_of("laser")
@@ -79,29 +75,20 @@ class OcclusionRecorder:
             self._poses.append(self._pose)
         self._pose = env.unwrapped.task.reading.pose.copy()
 
-    def changes(self, reach: float) -> tuple[Array, dict[str, float]]:
-        """See `beam_sensitivity` and `key_sensitivity`."""
-        driver, observations = self._driver, np.array(self._observations)
-        return (
-            beam_sensitivity(driver.network, observations, driver.layout, reach),
-            key_sensitivity(driver.network, observations, driver.layout),
-        )
-
     def draw(self, env: Any, moment: float) -> tuple[Figure, dict[str, Any]]:
         """Draw the beams at one moment in the world, and the keys over the whole episode.
 
-        Args:
-            env: of the episode.
-            moment: as a share of the episode, 0 to 1.
-
-        Returns:
-            The figure, and its values.
+        `moment` is a share of the episode, 0 to 1. Returns the figure and its values.
         """
         world, task = env.unwrapped.episode, env.unwrapped.task
         laser = task.sensors.laser
-        beams, parts = self.changes(laser.reach)
-        k = min(len(self._observations) - 1, round(moment * (len(self._observations) - 1)))
-        pose, ranges = self._poses[k], self._observations[k][self._driver.layout.slice_of("laser")]
+        network, layout = self._driver.network, self._driver.layout
+        observations = np.array(self._observations)
+        beams = beam_sensitivity(network, observations, layout, laser.reach)
+        parts = key_sensitivity(network, observations, layout)
+        last = len(observations) - 1
+        k = min(last, round(moment * last))
+        pose, ranges = self._poses[k], observations[k][layout.slice_of("laser")]
         count = len(ranges)
         angles = laser.yaw + laser.fov * ((np.arange(count) + 0.5) / count - 0.5)
         mount = to_world((laser.x, laser.y), pose)

@@ -10,6 +10,7 @@ from statistics import median
 from typing import Any
 
 from agents.evaluation.provenance import write_text
+from agents.evaluation.tables import markdown_table
 from agents.learning.curves import read_curve
 from agents.learning.run import POLICY
 from agents.learning.weights import Weights, load_weights, save_weights
@@ -26,7 +27,7 @@ def publish(folder: Path, results: Sequence[Path], path: Path) -> Weights:
     """Write the last weights of the seed with the best last evaluation, and a card beside them.
 
     Args:
-        folder: of a training run, or of one for each seed (seed_0, ...).
+        folder: of a training run, or with a folder for each seed (seed_0, ...).
         results: files results.json of comparisons of weights in the folder.
         path: NAME.npz; the card is NAME.md.
 
@@ -91,67 +92,51 @@ def _percent(row: Mapping[str, Any], key: str) -> str:
     return f"{100.0 * row[key]:.1f} ({low:.1f} to {high:.1f})"
 
 
-def _taught(card: Mapping[str, Any]) -> list[str]:
-    if card.get("teacher") is None:
-        return []
-    name = card["training"]["kickstarting"]["teacher"]
-    return [f"- Teacher: {name}, whose arrays' SHA-256 begins with {card['teacher'][:12]}"]
-
-
-def _shielded(card: Mapping[str, Any]) -> str:
-    env = card["env"]
-    if env.get("shield") is None:
-        return ", without a shield"
-    return f", {100.0 * (1.0 - env['unshielded']):.0f} % of them behind the shield"
-
-
 def model_card(name: str, card: Mapping[str, Any]) -> str:
     """The card as Markdown."""
-    seeds = list(card["curves"])
+    seeds, env, machine = list(card["curves"]), card["env"], card["machine"]
     sizes = ", ".join(f"{key} {n}" for key, n in card["layout"]["sizes"] if key not in PRIVILEGED)
-    lines = [
+    teacher = card["training"].get("kickstarting", {}).get("teacher")
+    shielded = ", without a shield"
+    if env.get("shield") is not None:
+        shielded = f", {100.0 * (1.0 - env['unshielded']):.0f} % of them behind the shield"
+    facts = [
+        f"Command: `{card['command']}`, at commit {card['commit']}",
+        f"Speed: {', '.join(f'{speed:,.0f}' for speed in card['speeds'].values())} control periods "
+        f"a second (seeds {', '.join(seeds)}; without evaluations) on {machine['cores']} cores of "
+        f"{machine['cpu']}",
+        f"Versions: {', '.join(f'{key} {value}' for key, value in card['versions'].items())}",
+        *([] if card.get("teacher") is None else
+          [f"Teacher: {teacher}, whose arrays' SHA-256 begins with {card['teacher'][:12]}"]),
+        f"Limits: {card['limits']}.",
+    ]  # fmt: skip
+    results = [
+        [f"`{row['command']}`", row["seed"], f"{row['episodes']:,}",
+         *(_percent(row, key) for key in ("success", "wide", "collision")),
+         "-" if row["time"] is None else f"{row['time']:.1f}"]
+        for row in card["results"]
+    ]  # fmt: skip
+    heads = ["command", "seed", "episodes", "success [%]", "with 5 cm of margin", "collision [%]"]
+    curves = [
+        [f"{points[0][0]:,.0f}", *(f"{100 * p[1]:.1f}; {100 * p[2]:.1f}" for p in points)]
+        for points in zip(*card["curves"].values(), strict=False)
+    ]
+    parts = [
         f"# {name}",
-        "",
         f"An actor trained by {card['algorithm']}: seed {card['seed']} of {', '.join(seeds)}, "
         f"after {card['frames']:,} control periods, the last checkpoint. It acts at "
-        f"{card['env']['rate']:g} Hz on {sizes}.",
-        "",
-        f"- Command: `{card['command']}`, at commit {card['commit']}",
-        f"- Speed: {', '.join(f'{speed:,.0f}' for speed in card['speeds'].values())} control "
-        f"periods a second (seeds {', '.join(seeds)}; without evaluations) on "
-        f"{card['machine']['cores']} cores of {card['machine']['cpu']}",
-        f"- Versions: {', '.join(f'{key} {value}' for key, value in card['versions'].items())}",
-        *_taught(card),
-        f"- Limits: {card['limits']}.",
-        "",
+        f"{env['rate']:g} Hz on {sizes}.",
+        "\n".join(f"- {fact}" for fact in facts),
         "## Results",
-        "",
         "Worlds that training never saw; success is without contact; 95 % intervals. The commands "
         f"evaluate these weights, of seed {card['seed']}; other seeds were evaluated likewise.",
-        "",
-        "| command | seed | episodes | success [%] | with 5 cm of margin | collision [%] | "
-        "time [s] |",
-        "| --- | ---: | ---: | --- | --- | --- | ---: |",
-    ]
-    for row in card["results"]:
-        seconds = "-" if row["time"] is None else f"{row['time']:.1f}"
-        lines.append(
-            f"| `{row['command']}` | {row['seed']} | {row['episodes']:,} | "
-            f"{_percent(row, 'success')} | {_percent(row, 'wide')} | "
-            f"{_percent(row, 'collision')} | {seconds} |"
-        )
-    lines += [
-        "",
+        markdown_table([*heads, "time [s]"], results, [False, True, True, *3 * [False], True]),
         "## Curves",
-        "",
         "Success and collisions [%] in evaluations on worlds that training never saw"
-        f"{_shielded(card)}.",
-        "",
-        f"| frames | {' | '.join(f'seed {seed}' for seed in seeds)} |",
-        f"| ---: |{' --- |' * len(seeds)}",
-    ]
-    for points in zip(*card["curves"].values(), strict=False):
-        cells = " | ".join(f"{100 * p[1]:.1f}; {100 * p[2]:.1f}" for p in points)
-        lines.append(f"| {points[0][0]:,.0f} | {cells} |")
-    lines += ["", "## Settings", "", "```json", json.dumps(card["training"], indent=1), "```"]
-    return "\n".join(lines) + "\n"
+        f"{shielded}.",
+        markdown_table(["frames", *(f"seed {seed}" for seed in seeds)], curves,
+                       [True, *(False for _ in seeds)]),
+        "## Settings",
+        f"```json\n{json.dumps(card['training'], indent=1)}\n```",
+    ]  # fmt: skip
+    return "\n\n".join(part.rstrip("\n") for part in parts) + "\n"

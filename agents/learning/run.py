@@ -20,38 +20,13 @@ import torch
 from stable_baselines3.common.utils import set_random_seed
 
 from agents.evaluation.provenance import write_json
-from agents.learning.checkpoint import (
-    checkpoint_seeds,
-    load_checkpoint,
-    load_model_state,
-    model_state,
-    save_checkpoint,
-)
-from agents.learning.curves import (
-    EpisodeStatistics,
-    Row,
-    TensorBoardLogger,
-    read_curve,
-    write_curve,
-)
+from agents.learning import checkpoint, curves, networks
+from agents.learning.curves import Row
 from agents.learning.features import Layout
-from agents.learning.networks import (
-    Teacher,
-    action_head,
-    actor_arrays,
-    load_actor_arrays,
-    make_model,
-)
 from agents.learning.sb3 import SB3VecEnv, flatten_observations
 from agents.learning.settings import ON_POLICY, Evaluation, Training, as_json
-from agents.learning.weights import (
-    Network,
-    Weights,
-    find_weights,
-    load_weights,
-    make_card,
-    save_weights,
-)
+from agents.learning.weights import Network, Weights, find_weights, load_weights, make_card
+from agents.learning.weights import save_weights as save
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.envs.settings import BankSettings, StartSettings
@@ -71,7 +46,7 @@ class Run:
 
     Args:
         config: its settings.
-        seed: of everything.
+        seed: of all random numbers.
         folder: where it is kept; a run of the same settings in it is resumed.
         on_prepared: called with the number of worlds that are ready, and of all worlds.
 
@@ -80,12 +55,9 @@ class Run:
     """
 
     def __init__(
-        self,
-        config: Training,
-        seed: int,
-        folder: Path,
+        self, config: Training, seed: int, folder: Path,
         on_prepared: Callable[[int, int], None] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.config, self.seed, self.folder = config, seed, folder
         name = config.kickstarting.teacher
         teacher = None if name is None else load_weights(find_weights(name))
@@ -93,7 +65,7 @@ class Run:
         self._fingerprint = json.dumps(
             [as_json(config), seed, self._teacher_digest], sort_keys=True
         )
-        content = load_checkpoint(folder)
+        content = checkpoint.load_checkpoint(folder)
         if content is not None and content["identity"] != self._fingerprint:
             raise InputError(f"{folder}: holds a run of other settings or another seed; choose "
                              "another folder, or delete it")  # fmt: skip
@@ -110,21 +82,21 @@ class Run:
         self.env = SB3VecEnv(env, flat=True)
         self.layout = Layout.of_task(env.task)
         self._eval_env: NavigationVectorEnv | None = None
-        self.model = make_model(config, seed, self.env, self.layout)
+        self.model = networks.make_model(config, seed, self.env, self.layout)
         if teacher is not None:
-            self.model.policy.teacher = Teacher(teacher, self.layout, self._env_settings)
-        self.statistics = EpisodeStatistics()
+            self.model.policy.teacher = networks.Teacher(teacher, self.layout, self._env_settings)
+        self.statistics = curves.EpisodeStatistics()
         self.worlds.max_time = config.curriculum.initial_time
         self._curriculum_mark = [0, 0]  # episodes and successes at the last advance
-        self.checkpoint_number, self.best_success, self.rows = 0, -1.0, read_curve(folder)
+        self.checkpoint_number, self.best_success, self.rows = 0, -1.0, curves.read_curve(folder)
         if content is not None:
-            load_model_state(self.model, content["model"])
+            checkpoint.load_model_state(self.model, content["model"])
             self.checkpoint_number, self.best_success = content["number"], content["best"]
             self.worlds.max_time = content["within"]
             self.rows = self.rows[: self.checkpoint_number]
         elif config.warm_start is not None:
             initial = load_weights(find_weights(config.warm_start))
-            load_actor_arrays(self.model, config.algorithm, initial.arrays)
+            networks.load_actor_arrays(self.model, config.algorithm, initial.arrays)
 
     @property
     def frames(self) -> int:
@@ -150,7 +122,7 @@ class Run:
             on_step: called with the frames so far after each step.
         """
         started = time.perf_counter()
-        model_seed, env_seed = checkpoint_seeds(self.seed, self.checkpoint_number)
+        model_seed, env_seed = checkpoint.checkpoint_seeds(self.seed, self.checkpoint_number)
         set_random_seed(model_seed)
         self.model.action_space.seed(model_seed)
         self.env.seed(env_seed)
@@ -219,14 +191,15 @@ class Run:
         }  # fmt: skip
         if figures["success"] >= self.best_success:
             self.best_success = figures["success"]
-            save_weights(self.folder / BEST, weights)
+            save(self.folder / BEST, weights)
         return {f"eval_{name}": value for name, value in figures.items()}
 
     def weights(self, row: Row) -> Weights:
         """The current actor with its card."""
+        algorithm = self.config.algorithm
+        head = "clip" if algorithm in ON_POLICY else "tanh"  # how its outputs come into [-1, 1]
         card = make_card(
-            self.config.algorithm, action_head(self.config.algorithm), self.layout,
-            self._env_settings, self.config, self.seed,
+            algorithm, head, self.layout, self._env_settings, self.config, self.seed,
             limits="trained and evaluated in simulation only; it guarantees nothing: drive it "
             "behind a shield",
         )  # fmt: skip
@@ -236,11 +209,11 @@ class Run:
             "row": row,
             "curve": [[r.get(key, "") for key in CURVE_COLUMNS] for r in (*self.rows, row)],
         }
-        return Weights(actor_arrays(self.model, self.config.algorithm), card)
+        return Weights(networks.actor_arrays(self.model, algorithm), card)
 
     def _save(self, weights: Weights) -> None:
-        write_curve(self.folder, self.rows)
-        save_weights(self.folder / POLICY, weights)
+        curves.write_curve(self.folder, self.rows)
+        save(self.folder / POLICY, weights)
         write_json(self.folder / "settings.json", as_json(self.config))
         write_json(self.folder / "card.json", weights.card)
         content = {
@@ -248,9 +221,9 @@ class Run:
             "number": self.checkpoint_number,
             "best": self.best_success,
             "within": self.worlds.max_time,
-            "model": model_state(self.model),
+            "model": checkpoint.model_state(self.model),
         }
-        save_checkpoint(self.folder, content)
+        checkpoint.save_checkpoint(self.folder, content)
 
     def close(self) -> None:
         """Close the environments, and free their worlds."""
@@ -271,19 +244,13 @@ def train(
 ) -> list[Row]:
     """Train to the end, or resume the run in the folder; the rows of the curve.
 
-    Args:
-        config: settings.
-        seed: of everything.
-        folder: where the run is kept.
-        on_step: called with the frames so far after each step.
-        on_row: called with each new row.
-        on_prepared: called with the number of worlds that are ready, and of all worlds.
+    Arguments are those of `Run`; `on_row` is called with each new row.
 
     Raises:
         InputError: the folder holds another run, or settings do not fit each other.
     """
     run = Run(config, seed, folder, on_prepared)
-    logger = TensorBoardLogger(folder)
+    logger = curves.TensorBoardLogger(folder)
     try:
         while not run.done:
             row = run.learn(on_step)

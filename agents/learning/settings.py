@@ -1,4 +1,4 @@
-"""Settings of a training run: one file is the whole run."""
+"""Settings of a training run, all in one file."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ class Kickstarting:
 
 @settings
 class Training:
-    """A whole training run."""
+    """A training run."""
 
     algorithm: Algorithm = setting(default="ppo", source="measured: the best of them here")
     """The learning algorithm."""
@@ -136,7 +136,7 @@ class Training:
     n_envs: int = setting(default=512, low=1, source="design choice")
     """Environments stepped at once."""
     frames: int = setting(default=24_000_000, low=1, source="measured: success no longer grows")
-    """Environment steps of the whole run, over all environments."""
+    """Environment steps of the run, over all environments."""
     checkpoint_frequency: int = setting(default=10, low=1, source="design choice")
     """Updates between two checkpoints; all environments reset at a checkpoint."""
     net_arch: tuple[int, ...] = setting(default=(256, 256), low=1, source="design choice")

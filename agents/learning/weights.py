@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluation.provenance import command_line, commit, machine, versions
+from agents.evaluation.provenance import command_line, provenance
 from agents.learning.features import Layout, features
 from wheelchair_gym.config import dump
 from wheelchair_gym.envs.guidance import is_built_in
@@ -81,10 +81,6 @@ class Network:
         self._h = np.zeros((rows, self._lstm_size), np.float32)
         self._c = np.zeros_like(self._h)
 
-    def reset_rows(self, rows: NDArray[np.bool_]) -> None:
-        """Set the recurrent state of some rows to zero."""
-        self._h[rows], self._c[rows] = 0.0, 0.0
-
     def __call__(self, flat: Floats) -> Floats:
         """Actions (n, 2) in [-1, 1] for flat observations (n, size)."""
         public = self._layout.size - self._layout.privileged_size
@@ -140,9 +136,7 @@ def make_card(
         "training": dump(training),
         "seed": seed,
         "command": command_line(),
-        "commit": commit(),
-        "machine": machine(),
-        "versions": versions(),
+        **provenance(),
         "limits": limits,
     }
 

@@ -16,7 +16,7 @@ from agents.control.local_map import Surroundings
 from agents.control.reference import Reference
 from agents.control.rollout import Motion, stops_clear
 from agents.control.temporary_obstacles import Standing
-from agents.evaluation.path_metrics import backing
+from agents.evaluation.metrics import backing
 from planners import Planner
 from planners.collision.space import Space
 from planners.problem import Plan, Problem, Status

@@ -151,37 +151,29 @@ class Effect:
         return Evidence(p_for, p_against, effect, low, high, "%", test, text)
 
 
-def difference(a: Sample, b: Sample) -> Effect | None:
+def _difference(a: Sample, b: Sample) -> Effect | None:
     """The difference of a from b relative to b; None without a common stratum."""
     samples = common_strata([a, b])
     return Effect(samples, (1.0, -1.0), (0.0, 1.0)) if samples[0] else None
 
 
-def below(a: Sample, b: Sample, negligible: float, text: str) -> Evidence:
+def below(a: Sample, b: Sample, negligible: float, text: str, sign: float = -1.0) -> Evidence:
     """Evidence for 'the mean of a is below that of b': Welch's t, strata of equal weight.
 
-    Args:
-        a: samples.
-        b: samples.
-        negligible: relative difference that counts as none.
-        text: what is compared.
+    `negligible` is a relative difference that counts as none, `text` says what is compared.
     """
-    return _ordered(a, b, negligible, text, -1.0)
-
-
-def above(a: Sample, b: Sample, negligible: float, text: str) -> Evidence:
-    """Evidence for 'the mean of a is above that of b', as `below`."""
-    return _ordered(a, b, negligible, text, 1.0)
-
-
-def _ordered(a: Sample, b: Sample, negligible: float, text: str, sign: float) -> Evidence:
-    effect = difference(a, b)
+    effect = _difference(a, b)
     if effect is None:
         return no_evidence("no runs to compare")
     gap = effect.beyond(0.0)
     p = min(1.0, 2.0 * min(gap.p_below(), gap.p_above()))
     none = effect.p_within(-negligible, negligible)
     return effect.evidence(*_directional_p(sign * gap.value > 0.0, p, none), "Welch t", text)
+
+
+def above(a: Sample, b: Sample, negligible: float, text: str) -> Evidence:
+    """Evidence for 'the mean of a is above that of b', as `below`."""
+    return below(a, b, negligible, text, 1.0)
 
 
 def _directional_p(right: bool, p: float, none: float) -> tuple[float, float]:
@@ -191,10 +183,14 @@ def _directional_p(right: bool, p: float, none: float) -> tuple[float, float]:
 
 def between(a: Sample, b: Sample, low: float, high: float, text: str) -> Evidence:
     """Evidence for 'a differs from b by a part of b from low to high'."""
-    effect = difference(a, b)
+    test = f"two one-sided Welch t, {100 * low:+g} to {100 * high:+g} %"
+    return _within(_difference(a, b), low, high, test, text)
+
+
+def _within(effect: Effect | None, low: float, high: float, test: str, text: str) -> Evidence:
+    """Evidence for 'the effect lies from low to high'."""
     if effect is None:
         return no_evidence("no runs to compare")
-    test = f"two one-sided Welch t, {100 * low:+g} to {100 * high:+g} %"
     return effect.evidence(effect.p_within(low, high), effect.p_outside(low, high), test, text)
 
 
@@ -208,7 +204,7 @@ def _slope(samples: Sequence[Sample], x: Sequence[float]) -> Effect | None:
     return Effect(ours, change.tolist(), [1.0 / len(x)] * len(x))
 
 
-def spearman(samples: Sequence[Sample], x: Sequence[float]) -> tuple[float, float]:
+def _spearman(samples: Sequence[Sample], x: Sequence[float]) -> tuple[float, float]:
     """Spearman's rank correlation of values with x, ranked within each stratum; its p-value."""
     places, ranks = [], []
     for stratum in samples[0]:
@@ -222,35 +218,27 @@ def spearman(samples: Sequence[Sample], x: Sequence[float]) -> tuple[float, floa
     return float(found.statistic), float(found.pvalue)
 
 
-def falls(samples: Sequence[Sample], x: Sequence[float], negligible: float, text: str) -> Evidence:
-    """Evidence for 'the values fall as x grows'; the effect is the line's over the range of x."""
-    return _trend(samples, x, negligible, text, -1.0)
-
-
-def rises(samples: Sequence[Sample], x: Sequence[float], negligible: float, text: str) -> Evidence:
-    """Evidence for 'the values rise as x grows'."""
-    return _trend(samples, x, negligible, text, 1.0)
-
-
-def _trend(
-    samples: Sequence[Sample], x: Sequence[float], negligible: float, text: str, sign: float
+def rises(
+    samples: Sequence[Sample], x: Sequence[float], negligible: float, text: str, sign: float = 1.0
 ) -> Evidence:
+    """Evidence for 'the values rise as x grows'; the effect is the line's over the range of x."""
     effect = _slope(samples, x)
     if effect is None:
         return no_evidence("no runs to compare")
-    rho, p = spearman(effect.samples, x)
-    ways = _directional_p(sign * rho > 0.0, p, effect.p_within(-negligible, negligible))
-    return effect.evidence(*ways, f"Spearman, rho {rho:+.2f}", text)
+    rho, p = _spearman(effect.samples, x)
+    both = _directional_p(sign * rho > 0.0, p, effect.p_within(-negligible, negligible))
+    return effect.evidence(*both, f"Spearman, rho {rho:+.2f}", text)
+
+
+def falls(samples: Sequence[Sample], x: Sequence[float], negligible: float, text: str) -> Evidence:
+    """Evidence for 'the values fall as x grows', as `rises`."""
+    return rises(samples, x, negligible, text, -1.0)
 
 
 def level(samples: Sequence[Sample], x: Sequence[float], margin: float, text: str) -> Evidence:
     """Evidence for 'the values do not depend on x': the line's change lies within a margin."""
-    effect = _slope(samples, x)
-    if effect is None:
-        return no_evidence("no runs to compare")
     test = f"two one-sided t of the line, within {100 * margin:g} %"
-    p_for, p_against = effect.p_within(-margin, margin), effect.p_outside(-margin, margin)
-    return effect.evidence(p_for, p_against, test, text)
+    return _within(_slope(samples, x), -margin, margin, test, text)
 
 
 def paired_below(a: Array, b: Array, negligible: float, text: str) -> Evidence:
@@ -266,8 +254,8 @@ def paired_below(a: Array, b: Array, negligible: float, text: str) -> Evidence:
     none = max(_wilcoxon_p(a - b + negligible * scale, "greater"),
                _wilcoxon_p(a - b - negligible * scale, "less"))  # fmt: skip
     effect, low, high = (100.0 * v / scale for v in _median_interval(a - b))
-    ways = _directional_p(p_low < p_high, p, none)
-    return Evidence(*ways, effect, low, high, "%", "Wilcoxon, paired", text)
+    both = _directional_p(p_low < p_high, p, none)
+    return Evidence(*both, effect, low, high, "%", "Wilcoxon, paired", text)
 
 
 def _wilcoxon_p(values: Array, alternative: str) -> float:

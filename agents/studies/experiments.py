@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluation.path_metrics import printed_turning, turning
+from agents.evaluation.metrics import printed_turning, turning
 from agents.evaluation.runs import Record
 from agents.studies.model import SEED_STRIDE
 from planners import Problem, Space, make_planner
@@ -90,8 +90,8 @@ def random_room_problem(count: int, seed: int) -> tuple[Problem, float]:
             sides = sides[:: rng.choice([1, -1])]
             low = rng.uniform(-0.5 * sides, np.array(LAB_SIZE) - 0.5 * sides)
             box = np.concatenate([np.maximum(low, 0.0), np.minimum(low + sides, LAB_SIZE)])
-            gaps = [np.maximum(box[:2] - end, end - box[2:]).max() for end in np.array(_ENDS)]
-            if min(gaps) > _APART:
+            apart = [np.maximum(box[:2] - end, end - box[2:]).max() for end in np.array(_ENDS)]
+            if min(apart) > _APART:
                 boxes.append(box)
         problem = room_problem(np.array(boxes), *_ENDS)
         shortest = make_planner("visibility").plan(problem, rng).length
@@ -113,17 +113,16 @@ SETTLED = 1.001  # a swarm has settled once its cost is within this factor of it
 
 
 def measure(job: Job) -> Record:
-    """The record of a job; `kind` names the experiment, `seed` is that of its random numbers."""
+    """The record of a job; `kind` names the experiment, `seed` is for its random numbers."""
     run = EXPERIMENTS[str(job["kind"])]
-    needed = kernel_key(job)
-    if needed not in _warmed:  # compile and cache before times are measured
+    if (needed := kernel_key(job)) not in _compiled:  # compile before times are measured
         run(job, 0)
-        _warmed.add(needed)
+        _compiled.add(needed)
     record = run(job, int(job["seed"]))
     return {key: _plain(value) for key, value in record.items()}
 
 
-_warmed: set[str] = set()
+_compiled: set[str] = set()
 
 
 def kernel_key(job: Job) -> str:
@@ -141,9 +140,14 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _record(plan: Plan, seconds: float) -> Record:
-    solved = plan.status is Status.SOLVED
-    return {
+def _timed_plan(job: Job, problem: Problem, seed: int) -> tuple[Plan, Record]:
+    """The plan of a job's planner, and its record."""
+    planner, rng = make_planner(job["planner"]), np.random.default_rng(seed)
+    problem.free.arrays  # noqa: B018  cached before the time is measured
+    begun = process_time()
+    plan = planner.plan(problem, rng)
+    seconds, solved = process_time() - begun, plan.status is Status.SOLVED
+    return plan, {
         "solved": solved,
         "status": str(plan.status),
         "length_m": plan.length if solved else None,
@@ -156,24 +160,14 @@ def plan(job: Job, seed: int) -> Record:
     """A planner on the one world of a scene, or on a lab."""
     lab = job.get("lab")
     problem = problem_of(job["scene"]) if lab is None else lab_problem(lab)
-    planner = make_planner(job["planner"])
-    rng = np.random.default_rng(seed)
-    begun = process_time()
-    found = planner.plan(problem, rng)
-    record = _record(found, process_time() - begun)
-    record["walls_cut"] = found.counters.get("walls_cut")
-    return record
+    found, record = _timed_plan(job, problem, seed)
+    return {**record, "walls_cut": found.counters.get("walls_cut")}
 
 
 def plan_drawn(job: Job, seed: int) -> Record:
     """A planner in a random room of the seed."""
     problem, shortest = random_room_problem(job["boxes"], seed)
-    planner = make_planner(job["planner"])
-    problem.free.arrays  # noqa: B018  cached before the time is measured
-    rng = np.random.default_rng(seed)
-    begun = process_time()
-    found = planner.plan(problem, rng)
-    record = _record(found, process_time() - begun)
+    found, record = _timed_plan(job, problem, seed)
     return {**record, "ratio": found.length / shortest}
 
 
@@ -193,9 +187,10 @@ def smoothing(job: Job, seed: int) -> Record:
     begun = process_time()
     found = swarm.search(start, np.random.default_rng([seed, 1]))
     seconds = process_time() - begun
-    asked = start.path_problem
-    whole = np.vstack([asked.start, asked.anchors + start.population[0].reshape(-1, 2), asked.goal])
-    before, after = turning(whole), turning(found.way_points)
+    given = start.path_problem
+    bent = given.anchors + start.population[0].reshape(-1, 2)
+    before = turning(np.vstack([given.start, bent, given.goal]))
+    after = turning(found.way_points)
     valid = len(found.line) > 0
     return {
         "solved": valid,
@@ -266,26 +261,20 @@ def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[A
     from wheelchair_gym.random import stream
 
     start = planner.start(problem, None, rng)
-    task, swarm = start.path_problem, new_swarm(start.population, start.lower, start.upper)
-    room = new_workspace(len(task.anchors), task.pieces)
-    valid = BestValid(np.empty_like(room.line), np.full(1, np.inf), np.zeros(1, np.int64))
-    path_cost = OBJECTIVES.make(planner.objective).path_cost
-    parameters = OPTIMIZERS.make(planner.optimizer).parameters
+    given, swarm = start.path_problem, new_swarm(start.population, start.lower, start.upper)
+    buffers = new_workspace(len(given.anchors), given.pieces)
+    valid = BestValid(np.empty_like(buffers.line), np.full(1, np.inf), np.zeros(1, np.int64))
+    cost = OBJECTIVES.make(planner.objective).path_cost
+    rule, cycle = OPTIMIZERS.make(planner.optimizer).parameters, planner.cycle
     state, costs = stream(rng), np.empty(planner.iterations)
     for t in range(planner.iterations):  # equal to one call for all iterations
-        iterate(task, path_cost, parameters, swarm, valid, t, t + 1, planner.cycle, room, state)
+        iterate(given, cost, rule, swarm, valid, t, t + 1, cycle, buffers, state)
         costs[t] = swarm.record["best_cost"][0]
     line = valid.line if valid.cost[0] < np.inf else np.empty((0, 2))
-    found = SearchResult(
-        line,
-        float(valid.cost[0]),
-        int(valid.iteration[0]),
-        room.line,
-        float(costs[-1]),
-        room.points,
-        planner.iterations,
-    )
-    return found, costs
+    return SearchResult(
+        line, float(valid.cost[0]), int(valid.iteration[0]), buffers.line, float(costs[-1]),
+        buffers.points, planner.iterations,
+    ), costs  # fmt: skip
 
 
 def controls(job: Job, seed: int) -> Record:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,15 +13,10 @@ from matplotlib.patches import Circle
 
 from agents.evaluation.figures import COLOURS, DASHES, MARKS, WIDTH, legend_above, new_axes
 from agents.studies.evidence import estimate
-from agents.studies.model import LENGTH, Array, Metric, Results
+from agents.studies.model import LENGTH, NODES, RATIO, Array, Metric, Results
 from wheelchair_gym.rendering import palette
 
 Figures = dict[str, tuple[str, Figure]]
-
-
-def axis_label(metric: Metric) -> str:
-    """A metric with its unit."""
-    return f"{metric.name} [{metric.unit}]" if metric.unit else metric.name
 
 
 def mean_interval(r: Results, row: str, metric: Metric) -> tuple[float, float, float]:
@@ -40,13 +34,15 @@ def stacked_panels(count: int, height: float = 2.0) -> tuple[Figure, list[Axes]]
     return figure, list(np.atleast_1d(figure.subplots(count, 1, sharex=False)))
 
 
-def error_bars(axes: Axes, x: Sequence[float], found: Sequence[tuple[float, float, float]], k: int,
-          label: str) -> None:  # fmt: skip
-    """Draw means with their intervals as one line."""
+def error_bars(
+    axes: Axes, x: Any, found: Sequence[tuple[float, float, float]], k: int, label: str,
+    line: str = "-",
+) -> None:  # fmt: skip
+    """Draw means with their intervals, as one line where `line` is not empty."""
     mean, low, high = (np.array(v) for v in zip(*found, strict=True))
     error = np.nan_to_num([np.maximum(mean - low, 0.0), np.maximum(high - mean, 0.0)])
-    axes.errorbar(x, mean, yerr=error, fmt=MARKS[k % 8] + DASHES[0], color=COLOURS[k % 8],
-                  markersize=4, capsize=2.5, linewidth=1.3, label=label)  # fmt: skip
+    axes.errorbar(x, mean, yerr=error, fmt=MARKS[k % 8] + line, color=COLOURS[k % 8],
+                  markersize=4 if line else 5, capsize=2.5, linewidth=1.3, label=label)  # fmt: skip
 
 
 def trend_figures(r: Results, what: str, metrics: Sequence[Metric]) -> Figures:
@@ -67,14 +63,13 @@ def trend_figures(r: Results, what: str, metrics: Sequence[Metric]) -> Figures:
                           marker=".", linewidth=1.0,
                           label=f"published, {name}" if name else "published, scaled to one mean",
                           zorder=1)  # fmt: skip
-        axes.set_ylabel(axis_label(metric))
+        axes.set_ylabel(metric.heading)
     panels[-1].set_xlabel(what)
     legend_above(figure, panels[0])
-    words = (
-        "Means over five maps with 95 % intervals; the published means (dotted) are scaled to the "
-        "mean of ours, as maps and computers differ."
-    )
-    return {"trend": (words, figure)}
+    return {
+        "trend": ("Means over five maps with 95 % intervals; the published means (dotted) are "
+                  "scaled to the mean of ours, as maps and computers differ.", figure),
+    }  # fmt: skip
 
 
 def box_figures(r: Results, rows: Sequence[str], metrics: Sequence[Metric]) -> Figures:
@@ -84,7 +79,7 @@ def box_figures(r: Results, rows: Sequence[str], metrics: Sequence[Metric]) -> F
         axes.boxplot([r.pooled(row, metric) for row in rows], tick_labels=list(rows),
                      showfliers=False, medianprops={"color": COLOURS[1]})  # fmt: skip
         axes.tick_params(axis="x", labelsize=7.5)
-        axes.set_ylabel(axis_label(metric))
+        axes.set_ylabel(metric.heading)
     table, plot = new_axes(2.8)
     for k, metric in enumerate(metrics):
         values = np.array([r.pooled(row, metric) for row in rows])  # (rows, runs)
@@ -94,8 +89,7 @@ def box_figures(r: Results, rows: Sequence[str], metrics: Sequence[Metric]) -> F
         plot.plot(range(len(rows)), rank.mean(axis=1), MARKS[k] + DASHES[k % 4], color=COLOURS[k],
                   label=metric.name)  # fmt: skip
     plot.set_xticks(range(len(rows)), list(rows), fontsize=7.5)
-    plot.set_ylim(len(rows) + 0.2, 0.8)
-    plot.set_ylabel("mean rank (1: best)")
+    plot.set(ylim=(len(rows) + 0.2, 0.8), ylabel="mean rank (1: best)")
     legend_above(table, plot)
     return {
         "boxes": ("Quartiles of all runs; whiskers reach 1.5 quartile ranges, outliers are left "
@@ -115,7 +109,7 @@ def ladder_figures(r: Results, methods: Sequence[str], counts: Sequence[float]) 
             rows = [row for row in r.study.rows if row.series == method]
             error_bars(axes, [row.x for row in rows],
                   [mean_interval(r, row.label, metric) for row in rows], k, method)  # fmt: skip
-        axes.set_ylabel(axis_label(metric))
+        axes.set_ylabel(metric.heading)
         axes.set_xticks([1, 2, 3], ["lab 1", "lab 2", "lab 3"])
     panels[1].set_ylim(bottom=0.0)
     legend_above(figure, panels[0])
@@ -140,13 +134,11 @@ def method_figures(r: Results, rows: Sequence[str]) -> Figures:
     """Length against the shortest, and nodes, by method."""
     figure, axes = new_axes(3.2)
     for k, row in enumerate(rows):
-        ratio, nodes = r.pooled(row, "ratio"), r.pooled(row, "nodes")
+        ratio, nodes = (r.pooled(row, metric) for metric in (RATIO, NODES))
         if len(ratio) and len(nodes):
             axes.plot(ratio.mean(), nodes.mean(), MARKS[k % 8], color=COLOURS[k % 8], label=row,
                       markersize=7, fillstyle="full" if k < 8 else "none")  # fmt: skip
-    axes.set_yscale("log")
-    axes.set_xlabel("length / shortest (mean over rooms)")
-    axes.set_ylabel("nodes")
+    axes.set(yscale="log", xlabel="length / shortest (mean over rooms)", ylabel="nodes")
     legend_above(figure, axes)
     return {"methods": ("Mean length as a multiple of the shortest, and nodes kept.", figure)}
 
@@ -158,8 +150,8 @@ WHEEL = 0.075  # m: radius, P2
 SAMPLING = 0.1  # s: P2
 
 
-def _floor(axes: Axes, scene: Any) -> Any:
-    """Draw the obstacles of a scene; its episode."""
+def _draw_scene(axes: Axes, scene: Any) -> None:
+    """Draw the obstacles of a scene, its start and its goal."""
     from wheelchair_gym.scenes import make_scene
 
     episode = make_scene(scene).sample(np.random.default_rng(0))
@@ -167,11 +159,8 @@ def _floor(axes: Axes, scene: Any) -> Any:
         axes.plot([x0, x1], [y0, y1], color=_SOLID, linewidth=1.2, solid_capstyle="round")
     _discs(axes, episode.discs)
     _ends(axes, episode.start[:2], episode.goal[:2])
-    axes.set_aspect("equal")
     axes.grid(visible=False)
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    return episode
+    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
 
 
 def _discs(axes: Axes, discs: Any) -> None:
@@ -192,22 +181,14 @@ def map_figures(r: Results, rows: Sequence[str], best: str, scene: str) -> Figur
     strata = list(r.sample(rows[0], LENGTH))
     figure, axes = new_axes(2.9)
     for k, row in enumerate([*rows, best]):
-        sample = r.sample(row, LENGTH)
-        found = []
-        for stratum in strata:
-            values = {stratum: sample[stratum]}
-            one = estimate([values], [1.0])
-            found.append((one.value, *one.interval))
+        ones = [estimate([{s: v}], [1.0]) for s, v in r.sample(row, LENGTH).items()]
         x = np.arange(len(strata)) + (k - 1.5) * 0.12
-        mean, low, high = (np.array(v) for v in zip(*found, strict=True))
-        error = np.nan_to_num([mean - low, high - mean])
-        axes.errorbar(x, mean, yerr=error, fmt=MARKS[k], color=COLOURS[k], label=row,
-                      markersize=5, capsize=2.5)  # fmt: skip
+        error_bars(axes, x, [(one.value, *one.interval) for one in ones], k, row, "")
     axes.set_xticks(range(len(strata)), [f"map {s[-1]}" for s in strata])
-    axes.set_ylabel(axis_label(LENGTH))
+    axes.set_ylabel(LENGTH.heading)
     legend_above(figure, axes)
     drawn, plot = new_axes(3.4)
-    _floor(plot, scene)
+    _draw_scene(plot, scene)
     jobs = {row.label: row.jobs[scene] for row in r.study.rows}
     for k, row in enumerate([*rows, best]):
         for seed in range(20):  # the first that finds a path
@@ -258,8 +239,7 @@ def convergence_figures(r: Results) -> Figures:
         axes.plot(x, np.median(curves, axis=0), DASHES[k], color=COLOURS[k], label=label)
         axes.fill_between(x, *np.percentile(curves, [10, 90], axis=0), color=COLOURS[k],
                           alpha=0.15, linewidth=0)  # fmt: skip
-    axes.set_xlabel("iteration")
-    axes.set_ylabel("least cost [m]")
+    axes.set(xlabel="iteration", ylabel="least cost [m]")
     legend_above(figure, axes)
     paths, plot = new_axes(3.9)
     _discs(plot, CHAOTIC_PSO_DISCS)
@@ -299,10 +279,8 @@ def disc_figures(r: Results) -> Figures:
     figure, axes = new_axes(3.2)
     for k, method in enumerate(methods):
         found = [mean_interval(r, f"{method} {goal}", LENGTH) for goal in goals]
-        mean, low, high = (np.array(v) for v in zip(*found, strict=True))
         x = np.arange(len(goals)) + (k - 2) * 0.13
-        axes.errorbar(x, mean, yerr=[mean - low, high - mean], fmt=MARKS[k], color=COLOURS[k],
-                      markersize=5, capsize=2, label=method)  # fmt: skip
+        error_bars(axes, x, found, k, method, "")
         given = [
             row.published.get("length_m", np.nan) for goal in goals for row in r.study.rows
             if row.label == f"{method} {goal}"
@@ -310,7 +288,7 @@ def disc_figures(r: Results) -> Figures:
         axes.plot(x, given, "_", color=_GREY, markersize=9, markeredgewidth=1.6,
                   label="published" if k == 0 else None)  # fmt: skip
     axes.set_xticks(range(len(goals)), goals)
-    axes.set_ylabel(axis_label(LENGTH))
+    axes.set_ylabel(LENGTH.heading)
     legend_above(figure, axes)
     paths = Figure(figsize=(WIDTH, 6.6), layout="constrained")
     for goal, plot in zip(goals, np.ravel(paths.subplots(3, 2)), strict=True):
@@ -334,17 +312,17 @@ def disc_figures(r: Results) -> Figures:
 
 def rollout_figures(r: Results) -> Figures:
     """T1, figure 2.27: the planned path and the rollout of its controls."""
-    found: Figures = {}
     figure = Figure(figsize=(WIDTH, 5.2), layout="constrained")
-    shown = [row for row in r.study.rows if row.label in ("thesis_3", "thesis_5")]
-    for row, axes in zip(shown, np.ravel(figure.subplots(len(shown), 1)), strict=True):
-        scene = json.loads(json.dumps(row.jobs[row.label]["scene"]))
-        _floor(axes, scene)
+    drawn = [row for row in r.study.rows if row.label in ("thesis_3", "thesis_5")]
+    for row, axes in zip(drawn, np.ravel(figure.subplots(len(drawn), 1)), strict=True):
+        _draw_scene(axes, row.jobs[row.label]["scene"])
         kept = [rec for rec in r.runs[row.label, row.label] if "driven" in rec]
         if kept:
             axes.plot(*np.array(kept[0]["path"]).T, "--", color=COLOURS[1], label="path")
             axes.plot(*np.array(kept[0]["driven"]).T, color=COLOURS[0], label="roll-out")
-            legend_above(figure, axes) if row is shown[0] else None
-    words = "The path of the global variant, and where its generated controls take the axle."
-    found["driven"] = (words, figure)
-    return found
+            if row is drawn[0]:
+                legend_above(figure, axes)
+    return {
+        "driven": ("The path of the global variant, and where its generated controls take the "
+                   "axle.", figure),
+    }  # fmt: skip

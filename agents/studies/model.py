@@ -35,10 +35,16 @@ class Metric(NamedTuple):
     digits: int = 3
     only_solved: bool = True  # only of runs that found a path
 
+    @property
+    def heading(self) -> str:
+        """The name with the unit."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
 
 LENGTH = Metric("length_m", "length", "m")
 TIME = Metric("time_s", "CPU time", "s", 4, only_solved=False)
 NODES = Metric("nodes", "nodes", "", 1)
+RATIO = Metric("ratio", "length / shortest", "", 4)
 
 
 @dataclass(frozen=True)
@@ -63,23 +69,20 @@ class Results:
         for row, stratum, _, record in records:
             self.runs[row, stratum].append(record)
 
-    def sample(self, row: str, metric: Metric | str) -> dict[str, Array]:
+    def sample(self, row: str, metric: Metric) -> dict[str, Array]:
         """Values by stratum; for a metric with `only_solved`, of solved runs."""
-        key, solved = (
-            (metric, False) if isinstance(metric, str) else (metric.key, metric.only_solved)
-        )
         found = {}
         for (label, stratum), records in self.runs.items():
             if label == row:
-                of = [r.get(key) for r in records if r["solved"] or not solved]
+                of = [r.get(metric.key) for r in records if r["solved"] or not metric.only_solved]
                 found[stratum] = np.array([v for v in of if v is not None], dtype=float)
         return found
 
-    def pooled(self, row: str, metric: Metric | str) -> Array:
+    def pooled(self, row: str, metric: Metric) -> Array:
         """The values of all strata in one array."""
         return np.concatenate([*self.sample(row, metric).values(), np.empty(0)])
 
-    def samples(self, rows: Sequence[Row], metric: Metric | str) -> list[dict[str, Array]]:
+    def samples(self, rows: Sequence[Row], metric: Metric) -> list[dict[str, Array]]:
         """Values of several rows."""
         return [self.sample(row.label, metric) for row in rows]
 
@@ -91,7 +94,7 @@ class Results:
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of a source in our words, and its test."""
+    """A claim of a source and its test."""
 
     text: str
     source: str

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
-
-from agents.evaluation.html_tables import Cell, Figures, Head, sortable, templates, write_page
-from agents.evaluation.tables import known
+from agents.evaluation.pages import Figures, write_page
+from agents.evaluation.tables import Cell, Column, Table, exists
 from agents.studies.evidence import LEVEL, Verdict
 
 Chapter = Mapping[str, Any]
 
 _CLASSES = {Verdict.FAILS: "fails", Verdict.OPEN: "open", Verdict.HOLDS: "holds"}  # worst first
-_INTERVAL = ("effect", "low", "high")
 
 
 def count_verdicts(chapters: Sequence[Chapter]) -> dict[Verdict, int]:
@@ -45,83 +42,80 @@ def summary_text(chapters: Sequence[Chapter]) -> str:
 
 def effect_text(claim: Mapping[str, Any]) -> str:
     """The effect with its interval; a share has no sign."""
-    if not known(claim["effect"]):
+    if not exists(claim["effect"]):
         return str(claim["test"])
     sign = "" if claim["test"].startswith("binomial") else "+"
-    values = [round(claim[key], 6) if known(claim[key]) else None for key in _INTERVAL]
-    effect, low, high = (f"{v:{sign}.3g}" if v is not None else "?" for v in values)
-    bounds = "" if values[1] == values[2] else f" ({low} to {high})"
-    return f"{effect}{bounds} {claim['unit']}"
+    effect, low, high = (
+        f"{round(claim[key], 6):{sign}.3g}" if exists(claim[key]) else "?"
+        for key in ("effect", "low", "high")
+    )
+    return f"{effect}{'' if low == high else f' ({low} to {high})'} {claim['unit']}"
 
 
 def write_studies_page(
     path: Path, title: str, chapters: Sequence[tuple[Chapter, Figures]], source: Mapping[str, Any]
 ) -> Path:
     """Write one page of all chapters, which needs no other file."""
-    templates().filters |= {
-        "effect": effect_text,
-        "verdict_class": lambda verdict: _CLASSES[Verdict(verdict)],
-        "worst_first": lambda claims: sorted(
-            claims, key=lambda claim: list(_CLASSES).index(claim["verdict"])
-        ),
-    }
-    all_chapters = [chapter for chapter, _ in chapters]
-    failed = [
-        (claim, chapter["name"]) for chapter in all_chapters for claim in chapter["claims"]
-        if claim["verdict"] == Verdict.FAILS
-    ]  # fmt: skip
+    found = []
+    for chapter, drawn in chapters:
+        claims = [
+            {**claim, "effect": effect_text(claim), "class": _CLASSES[Verdict(claim["verdict"])],
+             "study": chapter["name"]}
+            for claim in sorted(
+                chapter["claims"], key=lambda claim: list(_CLASSES).index(claim["verdict"])
+            )
+        ]  # fmt: skip
+        found.append({**chapter, "claims": claims, "table": _table(chapter), "drawn": drawn})
     return write_page(
-        path, "studies.html", title=title, source=source, totals=_totals(all_chapters),
-        failed=failed, level=f"{LEVEL:g}",
-        contents=_contents(all_chapters) if len(chapters) > 1 else "",
-        chapters=[{**chapter, "table": _table(chapter), "drawn": drawn}
-                  for chapter, drawn in chapters],
+        path, "studies.html", title=title, source=source, totals=_totals(found),
+        failed=[c for of in found for c in of["claims"] if c["verdict"] == Verdict.FAILS],
+        level=f"{LEVEL:g}", contents=_contents(found), chapters=found,
     )  # fmt: skip
 
 
-def _contents(chapters: Sequence[Chapter]) -> Markup:
-    heads = [Head("study"), Head("subject"), *(Head(str(v), "claims") for v in Verdict)]
-    link = Markup("<a href='#{0}'>{0}</a>")
+def _contents(chapters: Sequence[Chapter]) -> Table:
+    texts = [Column("", name, None) for name in ("study", "subject")]
     rows = [
-        [Cell(link.format(chapter["name"])), Cell(chapter["title"]),
+        [Cell(chapter["name"], link=f"#{chapter['name']}"), Cell(chapter["title"]),
          *(Cell(str(n), key=n) for n in count_verdicts([chapter]).values())]
         for chapter in chapters
     ]  # fmt: skip
-    return sortable(heads, [rows], "Verdicts by study")
+    columns = [*texts, *(Column("", str(verdict), "claims") for verdict in Verdict)]
+    return Table("Verdicts by study", columns, [rows])
 
 
-def _table(chapter: Chapter) -> Markup:
+def _table(chapter: Chapter) -> Table:
     """Each row: our mean with its interval, the published value, the ratio, and the runs."""
-    metrics = chapter["metrics"]
-    with_published = {
-        m["key"] for m in metrics
-        if any(row["figures"][m["key"]]["published"] is not None for row in chapter["rows"])
-    }  # fmt: skip
-    heads = [Head("row")]
+    metrics, rows = chapter["metrics"], chapter["rows"]
+    columns = [Column("row", "row", None)]
+    published = set()
     for m in metrics:
-        heads.append(Head(m["name"], m["unit"], "ours: mean and 95 % interval"))
-        if m["key"] in with_published:
-            heads += [Head("published", m["unit"], "as printed"),
-                      Head("ratio", "ours / published")]  # fmt: skip
-    heads.append(Head("solved", "of runs"))
+        columns.append(Column(m["key"], m["name"], m["unit"], meaning="mean and 95 % interval"))
+        if any(exists(row["figures"][m["key"]]["published"]) for row in rows):
+            published.add(m["key"])
+            columns.append(Column("", "published", m["unit"], meaning="as printed"))
+            columns.append(Column("", "ratio", meaning="ours / published"))
+    columns.append(Column("", "solved", "of runs"))
 
-    def cells(row: Mapping[str, Any]) -> Iterator[Cell]:
-        yield Cell(row["row"])
+    def cells(row: Mapping[str, Any]) -> list[Cell]:
+        found = [Cell(row["row"])]
         for m in metrics:
-            figures, digits = row["figures"][m["key"]], m["digits"]
+            figures = row["figures"][m["key"]]
             mean, low, high = (
-                f"{figures[key]:.{digits}f}" if known(figures[key]) else "?"
+                f"{figures[key]:.{m['digits']}f}" if exists(figures[key]) else "?"
                 for key in ("mean", "low", "high")
             )
-            yield Cell("-") if mean == "?" else Cell(mean, f"{low}-{high}", figures["mean"])
-            if m["key"] in with_published:
-                for key, form in (("published", "g"), ("ratio", ".3g")):
-                    value = figures[key]
-                    yield Cell(f"{value:{form}}", key=value) if known(value) else Cell("-")
-        yield Cell(f"{row['solved']}/{row['runs']}", key=row["solved"] / max(row["runs"], 1))
+            found.append(Cell("-") if mean == "?" else Cell(mean, f"{low}-{high}", figures["mean"]))
+            for key, form in (
+                (("published", "g"), ("ratio", ".3g")) if m["key"] in published else ()
+            ):
+                value = figures[key]
+                found.append(Cell(f"{value:{form}}", key=value) if exists(value) else Cell("-"))
+        share = row["solved"] / max(row["runs"], 1)
+        return [*found, Cell(f"{row['solved']}/{row['runs']}", key=share)]
 
     def group(row: Mapping[str, Any]) -> str:
         return str(row["row"]).split(" lambda")[0] if " lambda" in row["row"] else ""
 
-    bodies = [[list(cells(row)) for row in rows] for _, rows in groupby(chapter["rows"], group)]
-    return sortable(heads, bodies, f"{chapter['runs']} runs of each row and map or goal")
+    groups = [[cells(row) for row in of] for _, of in groupby(rows, group)]
+    return Table(f"{chapter['runs']} runs of each row and map or goal", columns, groups)

@@ -1,12 +1,9 @@
-"""All studies, and their runs: what is computed, summarised, tested and written."""
+"""All studies: their runs, the tests of their claims, and the files that are written."""
 
 from __future__ import annotations
 
-import csv
-import io
 import time
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,26 +12,27 @@ import numpy as np
 
 from agents.evaluation.figures import LOOK, as_svg
 from agents.evaluation.metrics import wilson
-from agents.evaluation.provenance import (
-    command_line,
-    commit,
-    machine,
-    versions,
-    write_json,
-    write_text,
-)
+from agents.evaluation.provenance import command_line, now, provenance, write_json, write_text
 from agents.evaluation.runs import compute, run_key, source_digest
-from agents.studies import control_figure, disc_swarms, lab_methods, smoothing_paper, thesis_tables
-from agents.studies.evidence import LEVEL, estimate, no_evidence
+from agents.evaluation.tables import csv_table
+from agents.studies import disc_swarms, lab_methods, smoothing_paper, thesis_tables
+from agents.studies.evidence import LEVEL, no_evidence
 from agents.studies.experiments import kernel_key, measure
+from agents.studies.figures import mean_interval
 from agents.studies.model import Metric, Results, Row, Study
 from agents.studies.report import write_studies_page
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import atomic_write
 
-_MODULES = (thesis_tables, smoothing_paper, disc_swarms, lab_methods, control_figure)
 STUDIES: Final[dict[str, Study]] = {
-    study.name: study for module in _MODULES for study in module.STUDIES
+    study.name: study
+    for study in (
+        *thesis_tables.STUDIES,
+        *smoothing_paper.STUDIES,
+        *disc_swarms.STUDIES,
+        *lab_methods.STUDIES,
+        thesis_tables.CONTROL,
+    )
 }
 # Verdicts are corrected for all claims, so that they do not depend on which studies run.
 CLAIMS: Final = sum(len(study.claims) for study in STUDIES.values())
@@ -55,11 +53,6 @@ def find_studies(name: str) -> list[Study]:
 
 STORE = "runs.jsonl"
 FORMAT = 1
-
-
-def run_counts(studies: Sequence[Study], runs: int | None, quick: bool) -> dict[str, int]:
-    """Runs of each row and stratum, by study."""
-    return {s.name: runs or (s.quick_runs if quick else s.runs) for s in studies}
 
 
 def study_jobs(study: Study, runs: int) -> dict[str, tuple[tuple[str, str, int], dict[str, Any]]]:
@@ -86,13 +79,13 @@ def run_studies(
     progress: bool = True,
     title: str | None = None,
 ) -> dict[str, Any]:
-    """Run what is missing, test the claims, and write everything to a folder.
+    """Make the missing runs, test the claims, and write all results to a folder.
 
     Args:
         studies: what to run.
         folder: for the store of runs, NAME.csv and NAME.json of each study, its figures, and one
             page, `report.html`.
-        runs: of each row and stratum; None: the study's own number.
+        runs: of each row and stratum; None: the study's number.
         quick: few runs, for a first look.
         jobs: worker processes.
         engine: of `agents.evaluation.engines`.
@@ -109,20 +102,18 @@ def run_studies(
     started, folder = time.perf_counter(), Path(folder)
     if runs is not None and runs < 2:
         raise InputError(f"runs is {runs}; an interval takes at least 2")
-    counts = run_counts(studies, runs, quick)
+    counts = {study.name: runs or (study.quick_runs if quick else study.runs) for study in studies}
     wanted = {study.name: study_jobs(study, counts[study.name]) for study in studies}
     records = compute(
         {key: job for of in wanted.values() for key, (_, job) in of.items()}, measure,
         folder / STORE, workers=jobs, engine=engine, progress=progress,
         before=_compile_all,
     )  # fmt: skip
-    provenance: dict[str, Any] = {
-        "commit": commit(),
-        "machine": machine() | {"jobs": jobs, "engine": engine},
-        "versions": versions(),
+    source: dict[str, Any] = {
+        **provenance(jobs=jobs, engine=engine),
         "judged together": f"{CLAIMS} claims, level {LEVEL} for all, Bonferroni",
-        "seeds": "as the CSV says: each row its own, paired rows the same",
-        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+        "seeds": "as in the CSV: different for each row, equal for paired rows",
+        "finished": now(),
     }
     chapters: dict[str, Any] = {}
     page = []
@@ -132,18 +123,23 @@ def run_studies(
         figures = _write_figures(study, results, folder)
         chapter = {
             **summary(study, results, counts[study.name]),
-            "figures": {name: words for name, (words, _) in figures.items()},
+            "figures": {name: caption for name, (caption, _) in figures.items()},
         }
-        write_text(folder / f"{study.name}.csv", runs_csv(study, runs_of))
+        lines = [
+            {"study": study.name, "row": row, "stratum": stratum, "seed": seed}
+            | {k: v for k, v in record.items() if not isinstance(v, list | dict)}
+            for row, stratum, seed, record in runs_of
+        ]
+        write_text(folder / f"{study.name}.csv", csv_table(lines))
         write_json(folder / f"{study.name}.json", {
-            "format": FORMAT, "command": command_line(), "provenance": provenance, **chapter,
+            "format": FORMAT, "command": command_line(), "provenance": source, **chapter,
         })  # fmt: skip
         chapters[study.name] = chapter
         page.append((chapter, figures))
-    provenance["wall_time_s"] = round(time.perf_counter() - started, 1)
+    source["wall_time_s"] = round(time.perf_counter() - started, 1)
     write_studies_page(
         folder / "report.html", title or "The experiments of the sources, repeated", page,
-        {"command": command_line(), "provenance": provenance},
+        {"command": command_line(), "provenance": source},
     )  # fmt: skip
     return chapters
 
@@ -158,13 +154,13 @@ def _write_figures(study: Study, results: Results, folder: Path) -> dict[str, tu
     """Each figure with its caption as SVG; also written as SVG and PNG."""
     found = {}
     with mpl.rc_context(LOOK):
-        for name, (words, figure) in study.figures(results).items():
+        for name, (caption, figure) in study.figures(results).items():
             svg = as_svg(figure)
             with atomic_write(folder / "figures" / f"{study.name}-{name}.svg") as part:
                 part.write_bytes(svg)
             with atomic_write(folder / "figures" / f"{study.name}-{name}.png") as part:
                 figure.savefig(part, format="png", dpi=150)
-            found[name] = (words, svg)
+            found[name] = (caption, svg)
     return found
 
 
@@ -174,19 +170,15 @@ def _plain(value: float) -> float | None:
 
 def cell_figures(results: Results, row: Row, metric: Metric) -> dict[str, Any]:
     """One cell: mean with its 95 % interval, runs, the published value and the ratio to it."""
-    sample = results.sample(row.label, metric)
-    values = np.concatenate([*sample.values(), np.empty(0)])
+    values = results.pooled(row.label, metric)
     if metric.unit == "share":
         hits = int(values.sum())
         mean = hits / len(values) if len(values) else np.nan
         low, high = wilson(hits, len(values))
+    elif not np.isnan((found := mean_interval(results, row.label, metric))[0]):
+        mean, low, high = found
     else:
-        enough = {stratum: of for stratum, of in sample.items() if len(of) > 1}
-        if enough:
-            found = estimate([enough], [1.0])
-            mean, (low, high) = found.value, found.interval
-        else:
-            mean = low = high = float(values.mean()) if len(values) else np.nan
+        mean = low = high = float(values.mean()) if len(values) else np.nan
     given = row.published.get(metric.key)
     return {
         "mean": _plain(mean),
@@ -235,16 +227,3 @@ def summary(study: Study, results: Results, runs: int) -> dict[str, Any]:
         "rows": rows,
         "claims": claims,
     }
-
-
-def runs_csv(study: Study, runs: Sequence[tuple[str, str, int, Mapping[str, Any]]]) -> str:
-    """One line per run, as CSV; lists and objects are only in the store."""
-    keys: dict[str, None] = {}
-    for *_, record in runs:
-        keys |= {k: None for k, v in record.items() if not isinstance(v, list | dict)}
-    out = io.StringIO()
-    table = csv.writer(out, lineterminator="\n")
-    table.writerow(["study", "row", "stratum", "seed", *keys])
-    for row, stratum, seed, record in runs:
-        table.writerow([study.name, row, stratum, seed, *(record.get(key) for key in keys)])
-    return out.getvalue()

@@ -48,13 +48,13 @@ def _rows() -> tuple[Row, ...]:
 
 
 def _values(r: Results, row: str, metric: Metric) -> Array:
-    """Values of runs that began alike, in one order; NaN where there was nothing to smooth."""
+    """Values of runs with equal initial populations, in one order; NaN without a path to smooth."""
     records = [record for (label, _), of in r.runs.items() if label == row for record in of]
     return np.array([record.get(metric.key, np.nan) for record in records], dtype=float)
 
 
 def _less(r: Results, a: str, b: str, metric: Metric, sign: float = 1.0) -> Evidence:
-    """The first is below the second (above it for sign -1), runs that began alike compared."""
+    """The first is below the second (above for sign -1), in pairs of equal initial populations."""
     first, second = (sign * _values(r, row, metric) for row in (a, b))
     both = np.isfinite(first) & np.isfinite(second)
     text = f"{metric.name} of {a} against {b}"
@@ -118,7 +118,7 @@ STUDIES: Final = (
         quick_runs=30,
         notes=(
             "The paper gives medians as box plots and a ranking, no figures: orders compare, "
-            "metric by metric, by Wilcoxon's signed ranks of runs that began alike.",
+            "metric by metric, by Wilcoxon's signed ranks of runs with equal initial populations.",
             "(3) as printed is no cosine; f1 with the turning angle is ours, and f1 as printed "
             "stands beside it.",
         ),

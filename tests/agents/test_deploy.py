@@ -16,7 +16,7 @@ import pytest
 from mcap.reader import make_reader
 
 from agents.cli import main
-from agents.deploy import Capped, Deployment, deploy, hear_person, rearm
+from agents.deploy import Capped, Deployment, deploy, listen_for_rearm, rearm
 from agents.policies import make_policy
 from tests.agents.fakes import PaperWorld, corridor
 from tests.conftest import ROOT
@@ -241,7 +241,7 @@ def test_it_says_how_a_person_re_arms_it(terminal, monkeypatch, caplog):
         raise OSError("no joystick at '/dev/input/event99'")
 
     drive.hosted.chair.joystick = Joystick(joystick, drive.hosted.chair.rearm, nobody)
-    hear_person(drive.env.chair, drive.env.shield)
+    listen_for_rearm(drive.env.chair, drive.env.shield)
     drive.env.reset(options={"episode": EPISODE})
     (line,) = [r.message for r in caplog.records if "a person must re-arm" in r.message]
     assert ("Enter here" in line) == terminal

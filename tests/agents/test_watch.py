@@ -48,7 +48,7 @@ def test_viewers_look_on_at_one_episode(tmp_path, capsys):
     arguments = ["compare", *SHORT, "--out", str(tmp_path), "--live", "0"]
     assert main([*arguments, "--episodes", "2"]) == 2
     assert capsys.readouterr().err.strip() == (
-        "wheelchair: viewers look on at one episode; there are 2"
+        "wheelchair: --live shows a single episode; there are 2"
     )
     assert main([*arguments, "--episodes", "1"]) == 0
     assert "ws://127.0.0.1:" in capsys.readouterr().err

@@ -17,7 +17,7 @@ import numpy as np
 
 from agents.evaluation.compare import BEST
 from agents.evaluation.evaluate import make_env
-from agents.evaluation.map_building import chart
+from agents.evaluation.map_evaluation import map_by_driving
 from agents.policies import GymPolicy, make_policy
 from wheelchair_gym.geometry import wrap_angle
 from wheelchair_gym.localization.slam import SlamSettings
@@ -87,7 +87,7 @@ def main() -> None:
         env = make_env(given.scene, {"pose_source": "slam"})
         policy = make_policy({"name": "explore", "seek": False})
         begun = time.perf_counter()
-        made = chart(env, policy, seed, 900.0)
+        made = map_by_driving(env, policy, seed, 900.0)
         env.close()
         charts.append(made)
         of = made.figures

@@ -36,7 +36,7 @@ def test_each_size_is_measured_and_written(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["bench", "env", "--envs", "0"], "0 is too small; expected at least 1"),
+        (["bench", "env", "--envs", "0"], "0: expected at least 1"),
         (["bench", "env", "--seconds", "0"], "--seconds is 0; expected more than 0"),
         (["bench", "doors"], "invalid choice: 'doors'"),
     ],

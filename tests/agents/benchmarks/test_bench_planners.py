@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 
 from agents import cli
-from agents.benchmarks import entrants, planner_benchmark, runs
+from agents.benchmarks import entrants, planner_benchmark
 from agents.benchmarks.cases import MARGIN, Case, scene_cases, stored_cases
 from agents.benchmarks.entrants import UNLIMITED, Entrant, called_planners, with_iterations
-from agents.benchmarks.runs import COLD, FREE
-from agents.benchmarks.summary import ranking, summarise
-from agents.evaluation.path_metrics import path_figures, printed_turning, turning
+from agents.benchmarks.summary import COLD, FREE, ranking, summarise
+from agents.evaluation.metrics import path_figures, printed_turning, turning
 from agents.peers import PEERS, Peer, installed, prepare
 from planners import PLANNERS, Plan, Problem, Space, Status, make_planner
 from wheelchair_gym.config import dump
@@ -132,8 +131,8 @@ def test_ctrl_c_keeps_what_is_done(problems, ghost, tmp_path, capsys, monkeypatc
         made.append(original(*arguments))
         return made[-1]
 
-    original = runs.run_once
-    monkeypatch.setattr(runs, "run_once", stopping)
+    original = planner_benchmark.run_once
+    monkeypatch.setattr(planner_benchmark, "run_once", stopping)
     bench("--problems", problems, out=tmp_path, code=130)
     assert "stopped; 3 of " in capsys.readouterr().err
     assert len(json.loads((tmp_path / "planners.json").read_text())["records"]) == 3
@@ -142,7 +141,7 @@ def test_ctrl_c_keeps_what_is_done(problems, ghost, tmp_path, capsys, monkeypatc
 def test_the_time_of_a_first_path_is_that_of_a_run_that_ends_with_it(problems):
     (case,) = stored_cases(problems, ["hall"])
     planner = make_planner({"name": "rrt_star", "iterations": 3_000})
-    record = runs.run_once(planner, case, 0, FREE)
+    record = planner_benchmark.run_once(planner, case, 0, FREE)
     assert 0.0 < record["first_path_s"] < 0.5 * record["wall_s"]
     cut = make_planner({"name": "rrt_star", "return_on_first_path": True})
     plan = cut.plan(case.problem, np.random.default_rng(0))
@@ -200,7 +199,7 @@ def test_a_peer_that_is_installed_solves_and_keeps_to_a_deadline(name, problems)
         assert plan.status == Status.SOLVED
         faults = case.judge.faults(plan.path, case.problem.start, case.problem.goal)
         assert not faults or name.endswith("_sampled")
-    walls = Case(replace(case.problem, clearance=0.2), None, "nobody")  # no map of rectangles
+    walls = Case(replace(case.problem, clearance=0.2), None, "unknown")  # no map of rectangles
     assert (prepare(PEERS[name].settings, walls) is None) == name.startswith("pathplanning_rrt")
 
 
@@ -259,7 +258,7 @@ def test_hybrids_and_late_answers_do_not_rank(problems):
         for name, wall in walls.items()
         for budget in (COLD, FREE, 0.1)
     ]
-    rows = summarise(runners, cases, records, [0.1])
+    rows = summarise(runners, {case.name: case.optimum for case in cases}, records, [0.1])
     assert [row["planner"] for row in ranking(rows, 0.1)] == ["ours"]
     assert [row["late_0.1s"] for row in rows] == [0, 0, 1, 1]
     assert [row["success"] for row in rows] == [1.0] * 4

@@ -7,11 +7,12 @@ import json
 import numpy as np
 import pytest
 
+from agents import StoppedError
 from agents.evaluation import evaluate as module
 from agents.evaluation.compare import Suite, compare
 from agents.evaluation.evaluate import STORE, evaluate
 from agents.evaluation.metrics import TIMING
-from agents.evaluation.runs import StoppedError, read_store
+from agents.evaluation.runs import read_store
 from agents.policies.planned import Planned
 from agents.policies.scripted import StraightPolicy
 from wheelchair_gym.config import InputError, setting, settings
@@ -56,18 +57,18 @@ def test_only_what_is_missing_is_computed(whole, tmp_path, monkeypatch, finished
     calls = []
     real = module.run_episode
 
-    def counted(*arguments):
+    def counted(job, **options):
         if len(calls) == finished:
             stop()
-        calls.append(arguments)
-        return real(*arguments)
+        calls.append(job)
+        return real(job, **options)
 
     monkeypatch.setattr(module, "run_episode", counted)
     with pytest.raises(StoppedError, match=f"{finished} of 4"):
         evaluate(*WHAT, env=SHORT, folder=tmp_path, progress=False)
     with (tmp_path / STORE).open("a") as store:
         store.write('{"key": "cut sho')
-    monkeypatch.setattr(module, "run_episode", lambda *a: calls.append(a) or real(*a))
+    monkeypatch.setattr(module, "run_episode", lambda job, **o: calls.append(job) or real(job, **o))
     records = evaluate(*WHAT, env=SHORT, folder=tmp_path, progress=False)
     assert len(calls) == 4
     assert timeless(records) == timeless(whole[1])
@@ -77,9 +78,8 @@ def test_only_what_is_missing_is_computed(whole, tmp_path, monkeypatch, finished
 def test_other_settings_are_other_episodes(whole, monkeypatch):
     folder, _ = whole
     calls = []
-    monkeypatch.setattr(
-        module, "run_episode", lambda *a: calls.append(a) or {"policy": "x", "picture": None}
-    )
+    empty = {"policy": "x", "picture": None}
+    monkeypatch.setattr(module, "run_episode", lambda job, **o: calls.append(job) or empty)
     evaluate(*WHAT, env=SHORT, folder=folder, progress=False)
     assert not calls
     evaluate(*WHAT, env=SHORT | {"pose_source": "odometry"}, folder=folder, progress=False)

@@ -7,12 +7,11 @@ import json
 import numpy as np
 import pytest
 
+from agents import StoppedError
 from agents.cli import main
 from agents.cli.arguments import spec
 from agents.evaluation.evaluate import evaluate
-from agents.evaluation.runs import StoppedError
-from agents.evaluation.search_space import Range, read_range, value_at
-from agents.evaluation.tuning import Drives, Plans, tune
+from agents.evaluation.tuning import Drives, Plans, Range, read_range, tune, value_at
 from planners import make_planner
 from wheelchair_gym.config import InputError, with_values
 
@@ -78,7 +77,7 @@ def test_values_take_the_places_of_dotted_keys():
     assert with_values(before, {"a.b": 7, "d": 8}) == {"name": "p", "a": {"b": 7, "c": 2}, "d": 8}
     assert before["a"]["b"] == 1
     assert value_at({"a": {"b": 1}}, "a.b") == 1
-    for key, says in (("a.x", "x is not a setting"), ("a", "settings of its own")):
+    for key, says in (("a.x", "x is not a setting"), ("a", "holds several settings")):
         with pytest.raises(InputError, match=says):
             value_at({"a": {"b": 1}}, key)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from agents.evaluation.metrics import wilson
-from agents.evaluation.ranking import level_with, table, told, winners
+from agents.evaluation.report import level_with, ranking_table, winners
 
 
 def evaluation(successes):
@@ -41,11 +41,12 @@ def test_the_best_of_each_scene_and_its_equals_win_there():
         ("a", "door"): bad, ("b|<", "door"): fair, ("c", "door"): bad,
     })  # fmt: skip
     assert winners(found) == {"hall": ["a", "b|<"], "door": ["b|<"]}
-    lines = told(found).splitlines()
-    assert lines[0] == "| success [%] | hall | door |"
+    table = ranking_table(found)
+    lines = table.markdown().splitlines()
+    assert lines[0] == "| policy | hall [%] | door [%] |"
     assert lines[2] == "| b\\|< | **85.0** (64.0-94.8) | **85.0** (64.0-94.8) |"
     assert lines[3] == "| a | **100.0** (83.9-100.0) | 0.0 (0.0-16.1) |"
-    page = table(found)
+    page = table.html()
     assert page.count("<strong>") == 3
     assert "b|&lt;" in page
 
@@ -56,4 +57,4 @@ def test_nobody_wins_where_nobody_arrives_or_where_too_few_episodes_tell():
                        ("b", "door"): never})  # fmt: skip
     assert winners(both) == {"hall": [], "door": ["a"]}
     both = evaluation({(p, s): few for p in "ab" for s in ("hall", "door")})
-    assert told(both) == table(both) == ""
+    assert ranking_table(both) is None

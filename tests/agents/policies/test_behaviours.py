@@ -9,7 +9,7 @@ import pytest
 
 from agents.control.local_map import Surroundings
 from agents.evaluation.evaluate import env_settings, make_env
-from agents.evaluation.path_metrics import backing
+from agents.evaluation.metrics import backing
 from agents.policies import make_policy
 from agents.policies.recoveries import AGAIN, Retreats
 from planners.problem import Plan, Status

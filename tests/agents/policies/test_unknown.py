@@ -12,7 +12,7 @@ from scipy import ndimage
 from agents.cli import main
 from agents.control.unknown_space import assumed, standing, walled
 from agents.evaluation.evaluate import ENV, make_env
-from agents.evaluation.map_building import chart, fidelity
+from agents.evaluation.map_evaluation import map_by_driving, map_quality
 from agents.policies import GymPolicy, make_policy
 from agents.policies.manual import Manual
 from wheelchair_gym.config import InputError
@@ -64,7 +64,7 @@ def test_no_map_is_looked_at_where_the_world_is_unknown():
 
 def test_exploring_draws_a_true_map_and_comes_to_an_end():
     env = unknown({"name": "floor_plan", "kind": "home", "building_size": (9.0, 9.0)})
-    made = chart(env, make_policy({"name": "explore", "seek": False}), 6, 600.0)
+    made = map_by_driving(env, make_policy({"name": "explore", "seek": False}), 6, 600.0)
     assert made.ended == "done"
     of = made.figures
     assert of["right"] > 0.98
@@ -83,7 +83,7 @@ def test_a_false_map_is_called_false():
     cells[told.solid() & ndimage.binary_dilation(~told.solid())] = OCCUPIED
     x, y, _ = told.origin
     found = [
-        fidelity(OccupancyGrid(cells, told.resolution, origin), episode, 0.31)
+        map_quality(OccupancyGrid(cells, told.resolution, origin), episode, 0.31)
         for origin in (told.origin, (x, y, np.radians(3.0)), (x + 0.2, y, 0.0))
     ]
     assert found[0].wall_p95 < 0.06

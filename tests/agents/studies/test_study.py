@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from agents import StoppedError
 from agents.cli import main
-from agents.evaluation import path_metrics
-from agents.evaluation.runs import StoppedError
+from agents.evaluation import metrics
 from agents.studies import experiments
 from agents.studies import runner as module
 from agents.studies.model import published
@@ -178,8 +178,6 @@ def test_studies_and_benchmarks_measure_smoothness_by_one_definition():
         path = np.cumsum(rng.normal(size=(7, 2)), axis=0)
         doubled = path[np.sort(np.append(np.arange(7), rng.integers(0, 7, 3)))]
         for way in (path, doubled):
-            assert (
-                experiments.turning(way) == path_metrics.turning(way) == path_metrics.turning(path)
-            )
-            printed = path_metrics.printed_turning(path)
-            assert experiments.printed_turning(way) == path_metrics.printed_turning(way) == printed
+            assert experiments.turning(way) == metrics.turning(way) == metrics.turning(path)
+            printed = metrics.printed_turning(path)
+            assert experiments.printed_turning(way) == metrics.printed_turning(way) == printed

@@ -1,0 +1,105 @@
+"""Every key that is read of a record or a summary is written by a real evaluation."""
+
+from __future__ import annotations
+
+import ast
+
+import pytest
+
+from agents.evaluation.compare import Suite, compare
+from agents.evaluation.metrics import TIMING
+from agents.evaluation.report import COLUMNS, markdown, write_report
+from agents.evaluation.runs import read_store, stored_line
+from agents.evaluation.tuning import METRICS
+from agents.learning.publish import RESULT_KEYS, _results
+from tests.conftest import ROOT
+
+# Names of variables that hold records, rows of a summary or an evaluation, in these files.
+NAMES = {"record", "r", "row", "best", "chosen", "episode", "video", "evaluation"}
+FILES = (
+    "evaluation/metrics.py", "evaluation/report.py", "evaluation/figures.py",
+    "evaluation/compare.py", "cli/drive.py", "deploy.py",
+)  # fmt: skip
+OPTIONAL = {"kinds"}  # older results have none
+
+
+class Strict(dict):
+    """A mapping in which a key that is missing is an error, also for `get`."""
+
+    def get(self, key, default=None):
+        return super().get(key, default) if key in OPTIONAL else self[key]
+
+
+def strict(value):
+    if isinstance(value, dict):
+        return Strict({key: strict(item) for key, item in value.items()})
+    return [strict(item) for item in value] if isinstance(value, list) else value
+
+
+@pytest.fixture(scope="module")
+def evaluated(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("keys")
+    suite = Suite("Keys", ("straight", "random"), ("empty", "temporary"), 1)
+    return folder, compare(suite, folder, progress=False)
+
+
+def keys_read(path):
+    """Constant keys of subscripts and of `get`, of variables with one of the names."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Subscript):
+            base, key = node.value, node.slice
+        elif (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
+              and node.func.attr == "get" and node.args):  # fmt: skip
+            base, key = node.func.value, node.args[0]
+        else:
+            continue
+        named = isinstance(base, ast.Name) and base.id in NAMES
+        if named and isinstance(key, ast.Constant) and isinstance(key.value, str):
+            yield key.value
+
+
+def test_every_key_that_code_reads_is_written(evaluated):
+    _, evaluation = evaluated
+    drive = {"stands", "ended"}  # written by `simulate` and `deploy`
+    written = {*evaluation, *evaluation["records"][0], *evaluation["summary"][0],
+               *evaluation["video"], *drive}  # fmt: skip
+    read = {key for file in FILES for key in keys_read(ROOT / "agents" / file)}
+    assert len(read) > 20
+    assert read <= written
+
+
+def test_columns_metrics_and_cards_read_what_is_written(evaluated):
+    folder, evaluation = evaluated
+    record, rows = set(evaluation["records"][0]), evaluation["summary"]
+    assert {*METRICS, *TIMING} <= record
+    for row in rows:
+        for column in COLUMNS:
+            ends = (
+                ("", "_low", "_high") if column.interval and row[column.key] is not None else ("",)
+            )
+            assert {column.key + end for end in ends} <= set(row)
+    assert set(RESULT_KEYS) <= set(next(row for row in rows if row["wide"] is not None))
+    assert _results(folder / "results.json", {"straight": "0"}, "name")
+
+
+def test_reports_are_written_of_nothing_but_keys_that_exist(evaluated, tmp_path):
+    evaluation = strict(evaluated[1])
+    assert not all(record["success"] for record in evaluation["records"])
+    write_report(evaluation, tmp_path)
+    assert markdown(evaluation)
+
+
+def test_records_of_another_version_are_computed_again(evaluated, tmp_path):
+    """Keys of episodes hold a digest of the code: what older code stored is kept, and not used."""
+    evaluation = evaluated[1]
+    store = tmp_path / "episodes.jsonl"
+    older = {"outcome": "success", "caused": False, "met": False}
+    store.write_text(stored_line("of another version", older))
+    assert read_store(store) == {"of another version": older}
+    suite = Suite("Keys", ("straight",), ("empty",), 1, video=False)
+    again = compare(suite, tmp_path, progress=False)
+    (record,) = again["records"]
+    assert {key: value for key, value in record.items() if key not in TIMING} == {
+        key: value for key, value in evaluation["records"][0].items() if key not in TIMING
+    }
+    assert len(read_store(store)) == 2
