@@ -17,7 +17,7 @@ from wheelchair_gym.localization.likelihood_field import (
     make_likelihood_field,
 )
 from wheelchair_gym.localization.monte_carlo import LocalizationSettings
-from wheelchair_gym.localization.scan import Scan, read_scan
+from wheelchair_gym.localization.occupancy import Scan, read_scan
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings
 
@@ -82,21 +82,20 @@ def start_fit(
     if share < own.echoes:
         wrong = f"{share:.0%} of the laser's beams have an echo; expected {own.echoes:.0%} or more"
         return StartFit(share, 0.0, start, 0.0, start, wrong)
-    field, ends = make_likelihood_field(grid, 10.0 * model.sigma), _some(scan, _BEAMS)
+    field = make_likelihood_field(grid, model.sigma, model.outlier_share)
+    ends = _some(scan, _BEAMS)
 
     def climbed(pose: Array) -> tuple[float, Array]:
         end = np.array(pose, np.float64)
-        way, turn = 2.0 * model.sigma, math.radians(3.0)
-        worth = hill_climb(field, ends, model.sigma, model.outlier_share, way, turn, end)
-        return math.exp(worth), end
+        return math.exp(hill_climb(field, ends, math.radians(3.0), end)), end
 
     fit, pose = climbed(start)
     if not _near(pose, start, own):
         x, y, yaw = start.tolist()
-        fit = math.exp(log_likelihood(field, x, y, yaw, ends, model.sigma, model.outlier_share))
+        fit = math.exp(log_likelihood(field, x, y, yaw, ends))
         pose = start
     better, elsewhere = 0.0, start
-    for place in _places(grid, field, start, _some(scan, _FEW), own, model):
+    for place in _places(grid, field, start, _some(scan, _FEW), own):
         worth, end = climbed(place)
         if worth > better and not _near(end, start, own):
             better, elsewhere = worth, end
@@ -127,7 +126,6 @@ def _places(
     start: Array,
     few: Array,
     own: StartCheck,
-    model: LocalizationSettings,
 ) -> list[Array]:
     """The most promising of the poses (3,) around a start that are not in something solid."""
     offsets = np.arange(-own.around, own.around + 0.5 * own.step, own.step)
@@ -140,9 +138,6 @@ def _places(
     headings = start[2] + np.arange(0.0, 2.0 * math.pi - 1e-9, own.turn)
     places = places[free]
     poses = np.column_stack([places.repeat(len(headings), axis=0), np.tile(headings, len(places))])
-    sigma = _LENIENT * model.sigma
-    worth = [
-        log_likelihood(field, x, y, yaw, few, sigma, model.outlier_share)
-        for x, y, yaw in poses.tolist()
-    ]
+    lenient = field._replace(sigma=_LENIENT * field.sigma)
+    worth = [log_likelihood(lenient, x, y, yaw, few) for x, y, yaw in poses.tolist()]
     return [poses[k] for k in np.argsort(worth)[::-1][:_CLIMBED]]

@@ -11,17 +11,9 @@ import numpy as np
 from planners.collision.space import Space
 from planners.problem import Problem
 from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import LIMITS, is_coordinate, read_json
+from wheelchair_gym.files import LIMITS, coordinate_lists, coordinates, is_coordinate, read_json
 
 KEYS = {"name", "size", "rects", "start", "goal", "optimum"}
-
-
-def _numbers(value: Any, count: int, where: str) -> tuple[float, ...]:
-    """A list of so many finite numbers, or an error that names the place."""
-    good = isinstance(value, list) and len(value) == count
-    if not good or not all(map(is_coordinate, value)):
-        raise InputError(f"{where} is {shorten(value)}; expected a list of {count} coordinates [m]")
-    return tuple(float(number) for number in value)
 
 
 def _problem(data: Any, where: str) -> tuple[Problem, float | None]:
@@ -42,27 +34,18 @@ def _problem(data: Any, where: str) -> tuple[Problem, float | None]:
     if not is_coordinate(size) or size <= 0:
         expected = f"expected metres, above 0 and at most {LIMITS['coordinate'].most:,}"
         raise InputError(f"{where}.size is {shorten(size)}; {expected}")
-    if not isinstance(data["rects"], list):
-        raise InputError(
-            f"{where}.rects is {shorten(data['rects'])}; expected a list of rectangles"
-        )
-    if len(data["rects"]) > LIMITS["outline"].most:
-        expected = f"expected at most {LIMITS['outline'].most:,}"
-        raise InputError(f"{where}.rects has {len(data['rects']):,} rectangles; {expected}")
-    rectangles = []
-    for index, rectangle in enumerate(data["rects"]):
-        x0, y0, x1, y1 = _numbers(rectangle, 4, f"{where}.rects[{index}]")
+    rectangles = coordinate_lists(data["rects"], 4, f"{where}.rects")
+    for index, (x0, y0, x1, y1) in enumerate(rectangles):
         if x1 <= x0 or y1 <= y0:
             expected = "expected x0 < x1 and y0 < y1"
-            raise InputError(f"{where}.rects[{index}] is {shorten(rectangle)}; {expected}")
-        rectangles.append((x0, y0, x1, y1))
+            raise InputError(f"{where}.rects[{index}] is {[x0, y0, x1, y1]}; {expected}")
     optimum = data.get("optimum")
     if optimum is not None and (not is_coordinate(optimum) or optimum < 0):
         raise InputError(f"{where}.optimum is {shorten(optimum)}; expected metres or null")
     problem = Problem(
         Space.from_rectangles(rectangles, (0.0, 0.0, size, size)),
-        np.array(_numbers(data["start"], 2, f"{where}.start")),
-        np.array(_numbers(data["goal"], 2, f"{where}.goal")),
+        np.array(coordinates(data["start"], (2,), f"{where}.start")),
+        np.array(coordinates(data["goal"], (2,), f"{where}.goal")),
         name=data["name"],
     )
     return problem, None if optimum is None else float(optimum)

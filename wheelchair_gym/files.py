@@ -1,4 +1,4 @@
-"""Files: read within stated limits from regular files only; written whole or not at all.
+"""Files: read within stated limits from regular files only; written completely or not at all.
 
 Every reader of the project opens its file here. A limit is checked before memory is asked for.
 """
@@ -92,7 +92,7 @@ def read_bytes(path: str | Path, limit: str) -> bytes:
     """
     with opened(path, limit) as file:
         content = file.read(os.fstat(file.fileno()).st_size + 1)
-        while more := file.read(_MIB):  # some files hold more than they say
+        while more := file.read(_MIB):  # some files hold more than their size says
             content += more
             _check_size(path, len(content), limit)
     _check_size(path, len(content), limit)
@@ -239,6 +239,33 @@ def is_coordinate(value: Any) -> bool:
     return abs(value) <= LIMITS["coordinate"].most  # false for NaN
 
 
+def coordinates(value: Any, counts: tuple[int, ...], where: str) -> list[float]:
+    """A list from a file as coordinates [m]; `counts` are the lengths that it may have.
+
+    Raises:
+        InputError: it is no list of so many coordinates.
+    """
+    good = isinstance(value, list) and len(value) in counts
+    if not good or not all(map(is_coordinate, value)):
+        expected = f"expected a list of {' or '.join(map(str, counts))} coordinates [m]"
+        raise InputError(f"{where} is {shorten(value)}; {expected}")
+    return [float(number) for number in value]
+
+
+def coordinate_lists(value: Any, count: int, where: str) -> list[list[float]]:
+    """A list of lists from a file, each of `count` coordinates [m].
+
+    Raises:
+        InputError: it is no such list, or is longer than the limit.
+    """
+    if not isinstance(value, list):
+        raise InputError(f"{where} is {shorten(value)}; expected a list")
+    if len(value) > LIMITS["outline"].most:
+        expected = f"expected at most {LIMITS['outline'].most:,}"
+        raise InputError(f"{where} has {len(value):,} elements; {expected}")
+    return [coordinates(item, (count,), f"{where}[{k}]") for k, item in enumerate(value)]
+
+
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """A name to write to; renamed to `path` at the end, removed after an error.
@@ -266,7 +293,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 
 
 def write_error(path: Path, error: OSError) -> InputError:
-    """What a person is told of a file that cannot be written."""
+    """The error of a file that cannot be written."""
     taken = isinstance(error, FileExistsError | NotADirectoryError)
     why = "its folder is a file" if taken else error.strerror or str(error)
     return InputError(f"{path}: cannot be written ({why})")

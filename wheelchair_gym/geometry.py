@@ -1,4 +1,4 @@
-"""Angles, frames, segments and footprints: pure functions, used by every room.
+"""Angles, frames, segments and footprints: pure functions.
 
 Frames follow REP-103: x forward, y left, angles counter-clockwise [rad]; lengths in metres.
 Scalar kernels serve compiled loops; functions on arrays accept any batch axes.
@@ -138,6 +138,12 @@ def polygon_edges(polygon: ArrayLike) -> Array:
     return np.hstack([points, np.roll(points, -1, axis=0)])  # (k, 4)
 
 
+def signed_area(polygon: Array) -> float:
+    """Area [m2] of a polygon (k, 2), negative where its corners run clockwise."""
+    x, y = polygon.T
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+
+
 @kernel
 def point_segment_distance(
     px: float, py: float, ax: float, ay: float, bx: float, by: float
@@ -203,20 +209,20 @@ def rectangle_segment_gap(
     overlap = True
     for k in range(4):
         if k == 0:
-            step, room = -ex, px - back
+            step, space = -ex, px - back
         elif k == 1:
-            step, room = ex, front - px
+            step, space = ex, front - px
         elif k == 2:
-            step, room = -ey, py + half
+            step, space = -ey, py + half
         else:
-            step, room = ey, half - py
+            step, space = ey, half - py
         if step == 0.0:
-            if room < 0.0:
+            if space < 0.0:
                 overlap = False
         elif step < 0.0:
-            t0 = max(t0, room / step)
+            t0 = max(t0, space / step)
         else:
-            t1 = min(t1, room / step)
+            t1 = min(t1, space / step)
     if overlap and t0 <= t1:
         return 0.0
     # Apart: the nearest pair has an end of the segment, or a corner of the rectangle.

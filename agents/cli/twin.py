@@ -88,7 +88,7 @@ class _Watcher:
             self._view = TopView(env.episode, s.chair.footprint, s.chair.drive, s.sensors, size)
             self._picture()  # compiled before real time begins
         if given.window:
-            from wheelchair_gym.rendering.window import Window
+            from wheelchair_gym.rendering.video import Window
 
             self._window = Window("wheelchair twin")
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from wheelchair_gym.geometry import to_world
 from wheelchair_gym.localization.logs import SensorLog
-from wheelchair_gym.localization.occupancy import MappingSettings, OccupancyMap
-from wheelchair_gym.localization.scan import echoes_in_world, read_scan
+from wheelchair_gym.localization.occupancy import MappingSettings, OccupancyMap, read_scan
 from wheelchair_gym.localization.slam import Slam, SlamSettings
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings
@@ -80,7 +80,7 @@ def progress(total: int, shown: bool, unit: str = "scan") -> Any:
 def _residuals(log: SensorLog, laser: LaserSettings, grid: OccupancyGrid, trail: Array) -> Array:
     solid = np.argwhere(grid.cells == OCCUPIED)
     ends = [
-        echoes_in_world(read_scan(laser, log.ranges[k], 0.0), trail[k])
+        to_world(read_scan(laser, log.ranges[k], 0.0).echoes, trail[k])
         for k in range(len(log.stamps))
         if held_out(k)
     ]

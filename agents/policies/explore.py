@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from agents.control.unknown_space import standing
 from agents.policies.planned import Planned
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.localization.frontiers import Frontier, find_frontiers
+from wheelchair_gym.localization.occupancy import Frontier, find_frontiers
 from wheelchair_gym.maps import UNKNOWN, geodesic
 from wheelchair_gym.types import Command, Mission, Reading
 

@@ -137,7 +137,7 @@ class LearnedDriver:
         self._steps, self._looked = 0, 0.0
         self._grows = mission.map is None and guidance is not None
         first = mission.reading
-        self._eye.begin(self._look(first), first, mission.key, mission.guarded)
+        self._eye.begin(self._look(first), first, mission.key, mission.is_shielded)
 
     def _look(self, reading: Reading) -> PreparedEpisode:
         """The course from where the chair is, on the map as it is now."""
@@ -152,7 +152,7 @@ class LearnedDriver:
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
-        self._withheld += np.divide(reading.withheld, self._hold)
+        self._withheld += np.divide(reading.shield_intervention, self._hold)
         if self._steps % self._hold == 0:
             if self._grows and reading.stamp - self._looked >= RELOOK:
                 self._looked = reading.stamp

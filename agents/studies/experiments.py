@@ -65,8 +65,8 @@ def box_corners(box: Any) -> Array:
 @lru_cache(maxsize=64)
 def lab_problem(number: int) -> Problem:
     """A lab of T2, of boxes only."""
-    plan = LABS[number - 1]
-    return room_problem(np.array(plan.walls, dtype=float), plan.start, plan.goal)
+    walls, start, goal = LABS[number - 1]
+    return room_problem(np.array(walls, dtype=float), start, goal)
 
 
 MAX_DRAWS: Final = 100  # rooms drawn until one has a path

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from wheelchair_gym.localization.scan import beam_angles
 from wheelchair_gym.sensors.settings import LaserSettings
 
 LASER = LaserSettings(x=0.2, beams=361, reach=8.0, range_min=0.05)
@@ -24,7 +23,7 @@ def ranges(pose, rng=None, sigma=0.015):
     """What the laser reads (beams,) [m] at a pose."""
     x, y, yaw = pose
     ox, oy = x + LASER.x * np.cos(yaw), y + LASER.x * np.sin(yaw)
-    angle = yaw + beam_angles(LASER)[:, None]
+    angle = yaw + (LASER.yaw + LASER.angles)[:, None]
     dx, dy = np.cos(angle), np.sin(angle)
     ax, ay, bx, by = walls().T
     ex, ey = bx - ax, by - ay

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wheelchair_gym.localization.frontiers import find_frontiers
+from wheelchair_gym.localization.occupancy import find_frontiers
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, geodesic
 
 

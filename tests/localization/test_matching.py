@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from tests.localization.rooms import LASER, ranges, tour
-from wheelchair_gym.localization.occupancy import OccupancyMap
-from wheelchair_gym.localization.scan import beam_angles, read_scan
-from wheelchair_gym.localization.scan_matching import MatchSettings, match, search, thin_scan
+from wheelchair_gym.localization.occupancy import OccupancyMap, read_scan
+from wheelchair_gym.localization.scan_matching import (
+    Matcher,
+    MatchSettings,
+    match,
+    search,
+    thin_scan,
+)
 from wheelchair_gym.sensors.settings import LaserSettings
 
 
@@ -57,7 +62,7 @@ def test_along_a_corridor_the_covariance_is_long():
 def test_which_echoes_are_kept_is_not_for_noise_to_choose():
     """Echoes off a flat wall to the right and to the left err by nothing in the mean."""
     laser = LaserSettings(x=0.0, range_min=0.05)
-    angle = beam_angles(laser)
+    angle = laser.yaw + laser.angles
     wall = np.abs(angle) < 1.2
     rng = np.random.default_rng(0)
     off = []
@@ -74,16 +79,17 @@ def test_which_echoes_are_kept_is_not_for_noise_to_choose():
 def test_the_search_finds_the_best_of_its_whole_lattice(known):
     """Blocks are ruled out by a bound: nothing they hold may be better."""
     rng = np.random.default_rng(4)
-    field, wide = known.field[0], known.pooled
+    field, wide = known.layers.field[0], known.workspace.pooled
     window, turns, step, spread = 3, 2, 0.05, 0.5
+    how = Matcher(spread, 0, window, turns, step, 0.0)
     told = (0.02, 0.0, 0.0, 0.02, 0.0, 30.0)
     for _ in range(5):
         truth = np.array([rng.uniform(-1, 1), rng.uniform(-0.5, 0.5), rng.uniform(-3, 3)])
         scan = read_scan(LASER, ranges(truth, rng), 3.0)
         points = scan.echoes[::9] / known.settings.resolution
-        guess = known.lattice(truth + rng.uniform(-0.1, 0.1, 3))
+        guess = known.to_lattice(truth + rng.uniform(-0.1, 0.1, 3))
         out = np.empty(3)
-        least = search(field, points, guess, told, spread, window, turns, step, wide, out)
+        least = search(field, points, guess, told, how, wide, out)
         best = np.inf
         span = -(-(2 * window + 1) // 3) * 3
         for t in np.arange(-turns, turns + 1) * step:

@@ -8,13 +8,11 @@ import pytest
 from tests.localization.rooms import LASER, away, ranges, tour
 from wheelchair_gym.config import InputError
 from wheelchair_gym.localization.occupancy import (
-    HITS,
-    PART,
     MappingSettings,
     OccupancyMap,
     cells_passed,
+    read_scan,
 )
-from wheelchair_gym.localization.scan import read_scan
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN
 
 
@@ -77,13 +75,13 @@ def test_scans_from_known_poses_give_the_room(known):
 
 
 def test_the_field_is_what_the_occupied_cells_say(known):
-    solid = known.odds[0] >= known.log_odds.occupied
-    reach = known.weights.shape[1] // 2
-    wanted = np.zeros(known.field[0].shape)
+    solid = known.layers.odds[0] >= known.model.occupied
+    reach = known.model.weights.shape[1] // 2
+    wanted = np.zeros(known.layers.field[0].shape)
     for r, c in np.argwhere(solid):
         part = wanted[r - reach : r + reach + 1, c - reach : c + reach + 1]
-        np.maximum(part, known.weights[known.tally[0, r, c, PART]], out=part)
-    np.testing.assert_array_equal(known.field[0], wanted)
+        np.maximum(part, known.model.weights[known.layers.surface[0, r, c]["part"]], out=part)
+    np.testing.assert_array_equal(known.layers.field[0], wanted)
 
 
 def test_surfaces_stay_where_the_wall_is_however_often_it_is_seen():
@@ -92,10 +90,11 @@ def test_surfaces_stay_where_the_wall_is_however_often_it_is_seen():
     for _ in range(200):
         pose = rng.uniform((0.2, -0.3, -3.0), (0.8, 0.3, 3.0))
         made.integrate(read_scan(LASER, ranges(pose, rng), 3.0), pose)
-    cells = np.argwhere(made.odds[0] >= made.log_odds.occupied)
-    hits = made.tally[0][tuple(cells.T)][:, HITS]
+    cells = np.argwhere(made.layers.odds[0] >= made.model.occupied)
+    surface = made.layers.surface[0][tuple(cells.T)]
+    hits = surface["hits"]
     places = (
-        cells[:, ::-1] + made.mean[0][tuple(cells.T)]
+        cells[:, ::-1] + np.stack([surface["x"], surface["y"]], axis=-1)
     ) * made.settings.resolution + made.corner
     east = (np.abs(places[:, 1]) < 1.0) & (places[:, 0] > 4.8)
     assert abs(np.average(places[east, 0], weights=hits[east]) - 5.0) < 0.005
@@ -114,8 +113,8 @@ def test_what_moved_away_is_free_again_and_log_odds_stay_within_their_clamp():
     ahead = known.to_grid()
     assert ahead.cells[tuple(ahead.to_cell((1.0 + LASER.x, 0.0)))] == FREE
     least, most = (np.log(p / (1 - p)) for p in (own.p_min, own.p_max))
-    assert known.odds.min() == pytest.approx(least)
-    assert known.odds.max() == pytest.approx(most)
+    assert known.layers.odds.min() == pytest.approx(least)
+    assert known.layers.odds.max() == pytest.approx(most)
 
 
 def test_invalid_beams_say_nothing_and_beams_without_echo_free_so_far():
@@ -124,7 +123,7 @@ def test_invalid_beams_say_nothing_and_beams_without_echo_free_so_far():
     readings[::2] = -np.inf
     known = OccupancyMap(own)
     known.integrate(read_scan(LASER, readings, own.free_range), np.zeros(3))
-    assert (known.odds == 0).all()
+    assert (known.layers.odds == 0).all()
     known.integrate(read_scan(LASER, np.full(LASER.beams, np.inf), own.free_range), np.zeros(3))
     grid = known.to_grid()
     free = grid.to_world(np.argwhere(grid.cells == FREE)) - (LASER.x, 0)

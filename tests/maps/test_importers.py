@@ -108,15 +108,15 @@ def test_a_house_is_free_inside_its_outline_only(tmp_path):
     ("change", "says"),
     [
         ({"verts": None}, "verts is None"),
-        ({"verts": [[0, 0], [1, "x"]]}, "verts is"),
+        ({"verts": [[0, 0], [1, "x"]]}, "verts[1] is"),
         ({"verts": [[0, 0], [1, 0], [0, 0]]}, "verts has 2 corners"),
         ({"verts": [[0, 0], [1, 0], [2, 0]], "bbox": None}, "verts enclose nothing"),
         ({"verts": [[0, 0], [9e4, 0], [2, 7]]}, "verts span 90000 m"),
-        ({"verts": [[0, 0], [9e9, 0], [2, 7]]}, "verts is [[0, 0], [9000000000.0, 0]"),
+        ({"verts": [[0, 0], [9e9, 0], [2, 7]]}, "verts[1] is [9000000000.0, 0]"),
         ({"bbox": [0, 0, 8, 6]}, "bbox is [0, 0, 8, 6]; expected min and max"),
         ({"bbox": {"min": [0, 0], "max": [800, 600]}}, "bbox is [[0.0, 0.0], [800.0, 600.0]]"),
         ({"room_category": 3}, "room_category is 3"),
-        ({"room_category": {"Hall": [[1, 2]]}}, "room_category.Hall is [[1, 2]]"),
+        ({"room_category": {"Hall": [[1, 2]]}}, "room_category.Hall[0] is [1, 2]"),
     ],
 )
 def test_wrong_houses_are_one_line(tmp_path, change, says):

@@ -96,8 +96,8 @@ def test_leaves_shut_their_doorways_and_open_them_fully():
                 swung += 1
                 assert abs(row["travel"]) == pytest.approx(math.pi / 2)
                 tip = leaf_line(row, x, y, heading + row["travel"])[1] / CELL
-                for hall in layout.corridors:  # it would bar that
-                    assert not (hall.x0 < tip[0] < hall.x1 and hall.y0 < tip[1] < hall.y1)
+                for x0, y0, x1, y1 in layout.corridors:  # it would bar that
+                    assert not (x0 < tip[0] < x1 and y0 < tip[1] < y1)
             else:
                 slid += 1
                 c, s = math.cos(heading), math.sin(heading)

@@ -137,16 +137,20 @@ def test_floor_plans_are_as_wide_as_they_say(kind):
     walls = []
     for seed in range(6):
         layout, episode = scene.sample_building(np.random.default_rng(seed))
-        assert all(1.0 - 1e-9 <= d.width <= 1.2 + 1e-9 for d in layout.doors if d.leaf)
+        doors = layout.opening_widths[layout.is_door]
+        assert all(1.0 - 1e-9 <= width <= 1.2 + 1e-9 for width in doors)
         assert all(1.2 - 1e-9 <= width <= 1.8 + 1e-9 for width in layout.corridor_widths)
         # The way is as wide as the narrowest door; half a cell is lost to centres.
         assert bottleneck(episode.map, episode.start[:2], episode.goal[:2]) >= 0.46
-        for door in layout.doors:
-            x0, y0, x1, y1 = door.zone if not door.leaf else door.opening
+        for is_door, opening, zone in zip(
+            layout.is_door, layout.openings, layout.zones, strict=True
+        ):
+            x0, y0, x1, y1 = opening if is_door else zone
             assert (episode.map.cells[y0:y1, x0:x1] != OCCUPIED).any()
         ways = geodesic(episode.map, episode.goal, RADIUS)
         for room in layout.rooms:  # no room is shut
-            part = ways.field[room.y0 : room.y1, room.x0 : room.x1]
+            x0, y0, x1, y1 = room
+            part = ways.field[y0:y1, x0:x1]
             assert np.isfinite(part).any()
         walls.append(len(episode.walls))
     assert 60 < np.mean(walls) < 180
@@ -157,20 +161,12 @@ def test_furniture_leaves_a_passage_between_door_and_room():
     for seed in range(4):
         layout, episode = scene.sample_building(np.random.default_rng(seed))
         gap = episode.map.distance()
-        for door in layout.doors:
-            if not door.leaf:
-                continue
-            zone = door.zone
+        for zone in layout.zones[layout.is_door]:
             for room in layout.rooms:
-                if not zone.meets(room):
-                    continue
-                x0, y0, x1, y1 = (
-                    max(zone.x0, room.x0),
-                    max(zone.y0, room.y0),
-                    min(zone.x1, room.x1),
-                    min(zone.y1, room.y1),
-                )
-                assert (episode.map.cells[y0:y1, x0:x1] == FREE).all()
+                low = np.maximum(zone.tolist()[:2], room.tolist()[:2])
+                (x0, y0), (x1, y1) = low, np.minimum(zone.tolist()[2:], room.tolist()[2:])
+                if x0 < x1 and y0 < y1:
+                    assert (episode.map.cells[y0:y1, x0:x1] == FREE).all()
         assert gap.max() > 0.6
 
 

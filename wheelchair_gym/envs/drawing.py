@@ -13,13 +13,13 @@ from wheelchair_gym.types import Episode, Truth
 
 if TYPE_CHECKING:
     from wheelchair_gym.rendering.picture import TopView
-    from wheelchair_gym.rendering.window import Window
+    from wheelchair_gym.rendering.video import Window
 
 Array = NDArray[np.float64]
 
 
 class EpisodeRenderer:
-    """Draws where a chair is, was and is led; made of the world when first asked for."""
+    """Draws a chair with its trail and its guidance; the view is made when first needed."""
 
     def __init__(self, settings: EnvSettings) -> None:
         self._settings = settings
@@ -69,7 +69,7 @@ class EpisodeRenderer:
     def show(self, picture: NDArray[np.uint8]) -> None:
         """Show a picture in a window."""
         if self._window is None:
-            from wheelchair_gym.rendering.window import Window
+            from wheelchair_gym.rendering.video import Window
 
             self._window = Window("wheelchair_gym", self._settings.rate)
         self._window.show(picture)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, relative_pose
 from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.localization.scan import read_scan
+from wheelchair_gym.localization.occupancy import read_scan
 from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.types import Belief, Reading, Truth
 

@@ -38,11 +38,11 @@ class Localizer(Protocol):
 
 
 class LocalizedChair:
-    """A chair that localizes, beginning at the episode's start.
+    """A chair whose readings hold the poses of a localizer, from the episode's start on.
 
     Args:
-        chair: whose readings hold dead-reckoned poses, in any frame.
-        localizer: of its pose.
+        chair: its readings hold dead-reckoned poses, in any frame.
+        localizer: estimates its pose.
     """
 
     def __init__(self, chair: Chair, localizer: Localizer) -> None:
@@ -52,18 +52,18 @@ class LocalizedChair:
         """See `Chair.reset`."""
         reading = self.chair.reset(episode, key)
         self.localizer.begin(episode, key)
-        self._reckoned = reading.pose
-        return self._found(reading)
+        self._odometry = reading.pose
+        return self._localized(reading)
 
     def drive(self, twist: Array, protective: bool = False) -> Reading:
         """See `Chair.drive`."""
-        return self._found(self.chair.drive(twist, protective))
+        return self._localized(self.chair.drive(twist, protective))
 
-    def _found(self, reading: Reading) -> Reading:
-        increment = relative_pose(self._reckoned, reading.pose)
-        self._reckoned = reading.pose
+    def _localized(self, reading: Reading) -> Reading:
+        increment = relative_pose(self._odometry, reading.pose)
+        self._odometry = reading.pose
         pose = self.localizer.update(increment, reading.laser)
-        # A chair that cannot know the truth goes by what is believed.
+        # A real chair takes the estimate for its true pose.
         believe: Callable[[Array], object] | None = getattr(self.chair, "found", None)
         if believe is not None:
             believe(pose)
@@ -71,9 +71,9 @@ class LocalizedChair:
 
     @property
     def belief(self) -> Belief:
-        """The pose before it was found, the particles, and the map that SLAM draws."""
+        """The odometry's pose, the particles, and the map that SLAM builds."""
         localizer = self.localizer
-        return Belief(self._reckoned, localizer.poses, localizer.built_map)
+        return Belief(self._odometry, localizer.poses, localizer.built_map)
 
     @property
     def truth(self) -> Truth:

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 @settings
 class LogFormat:
-    """Where a line holds what, and the robot that wrote it."""
+    """The columns of a line, and the robot that wrote it."""
 
     wheel_radius: float = setting(
         default=0.077, unit="m", low=1e-3, source="BreezySLAM, MinesRover"
@@ -84,11 +84,11 @@ class SensorLog(NamedTuple):
 
 def _numbers(line: str, columns: int) -> Array | str:
     """The values of a line, or the reason why it is skipped."""
-    words = line.split()
-    if len(words) < columns:
+    fields = line.split()
+    if len(fields) < columns:
         return "truncated"
     try:
-        values = np.array(words, dtype=np.float64)
+        values = np.array(fields, dtype=np.float64)
     except ValueError:
         return "not a number"
     values = values[:columns]
@@ -101,12 +101,12 @@ def read_log(path: str | Path, form: LogFormat | None = None) -> SensorLog:
     Raises:
         InputError: the file cannot be read, or holds no good line.
     """
-    own = form or LogFormat()
-    laser = own.laser
-    columns = own.first_range_column + laser.beams
-    per_tick = 2.0 * math.pi * own.wheel_radius / own.ticks_per_turn
+    config = form or LogFormat()
+    laser = config.laser
+    columns = config.first_range_column + laser.beams
+    per_tick = 2.0 * math.pi * config.wheel_radius / config.ticks_per_turn
     skipped: Counter[str] = Counter()
-    stamps, ways, scans = [], [], []
+    stamps, increments, scans = [], [], []
     last: tuple[float, float, float] | None = None
     for line in read_text(path, "log").splitlines():
         if not line.strip():
@@ -116,23 +116,21 @@ def read_log(path: str | Path, form: LogFormat | None = None) -> SensorLog:
             skipped[values] += 1
             continue
         time = float(values[0]) * 1e-6
-        left, right = (
-            float(values[own.left_column]) * per_tick,
-            float(values[own.right_column]) * per_tick,
-        )
+        left = float(values[config.left_column]) * per_tick
+        right = float(values[config.right_column]) * per_tick
         if last is not None:
             period = time - last[0]
             if period <= 0.0:
                 skipped["time goes back"] += 1
                 continue
-            if max(abs(left - last[1]), abs(right - last[2])) > own.max_wheel_speed * period:
+            if max(abs(left - last[1]), abs(right - last[2])) > config.max_wheel_speed * period:
                 skipped["ticks leap"] += 1
                 continue
-            way, turn = twist_of_wheels(left - last[1], right - last[2], own.track)
-            ways.append(odometric_step(0.0, 0.0, 0.0, way, turn))
+            distance, turn = twist_of_wheels(left - last[1], right - last[2], config.track)
+            increments.append(odometric_step(0.0, 0.0, 0.0, distance, turn))
         else:
-            ways.append((0.0, 0.0, 0.0))
-        ranges = values[own.first_range_column : columns] * 1e-3
+            increments.append((0.0, 0.0, 0.0))
+        ranges = values[config.first_range_column : columns] * 1e-3
         scans.append(np.where(ranges < laser.range_min, np.nan, ranges).astype(np.float32))
         last = (time, left, right)
         stamps.append(time)
@@ -140,8 +138,8 @@ def read_log(path: str | Path, form: LogFormat | None = None) -> SensorLog:
         why = ", ".join(f"{count} {reason}" for reason, count in skipped.items()) or "it is empty"
         raise InputError(
             f"{path}: no line is a scan ({why}); expected {columns} numbers a line: time [us], "
-            f"ticks in columns {own.left_column} and {own.right_column}, {laser.beams} ranges [mm] "
-            f"from column {own.first_range_column}"
+            f"ticks in columns {config.left_column} and {config.right_column}, {laser.beams} "
+            f"ranges [mm] from column {config.first_range_column}"
         )
     seconds = np.array(stamps) - stamps[0]
-    return SensorLog(seconds, np.array(ways), np.stack(scans), dict(skipped))
+    return SensorLog(seconds, np.array(increments), np.stack(scans), dict(skipped))

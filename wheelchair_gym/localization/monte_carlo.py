@@ -34,18 +34,18 @@ from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
 
-MOVES, DRAWS, PLACES = range(3)  # channels of a localiser's own key
+MOVES, DRAWS, PLACES = range(3)  # channels of a localizer's key
 
 
 class Particles(NamedTuple):
-    """Room for as many particles as there may be, and for counting them."""
+    """Buffers for the greatest number of particles, and for counting them."""
 
     poses: Array  # (most, 3) m, m, rad
     logs: Array  # (most,) logarithm of each one's weight
     weights: Array  # (most,) their sum is 1
-    spare: Array  # (most, 3) where the next ones are drawn to
-    names: NDArray[np.int64]  # (2 ** k,) bins by hash, with 0 for none
-    loads: Array  # (2 ** k,) weight in each
+    drawn: Array  # (most, 3) poses while they are resampled
+    bins: NDArray[np.int64]  # (2 ** k,) keys of bins by hash, 0 for none
+    loads: Array  # (2 ** k,) weight in each bin
 
 
 class OdometryNoise(NamedTuple):
@@ -61,142 +61,116 @@ class OdometryNoise(NamedTuple):
 def new_particles(most: int) -> Particles:
     """Buffers for `most` particles."""
     bins = 2 ** math.ceil(math.log2(4 * most))
-    return Particles(
-        np.zeros((most, 3)),
-        np.zeros(most),
-        np.zeros(most),
-        np.zeros((most, 3)),
-        np.zeros(bins, np.int64),
-        np.zeros(bins),
-    )
+    poses, drawn = np.zeros((most, 3)), np.zeros((most, 3))
+    logs, weights = np.zeros(most), np.zeros(most)
+    return Particles(poses, logs, weights, drawn, np.zeros(bins, np.int64), np.zeros(bins))
 
 
 @borrowing_kernel
 def predict(
-    poses: Array, n: int, way: float, turn: float, drift: OdometryNoise, key: np.uint64, step: int
+    poses: Array, n: int, way: float, turn: float, noise: OdometryNoise, key: np.uint64, step: int
 ) -> None:
     """Move n particles by the odometry, each with its own random error (motion model)."""
     way_sigma = math.hypot(
-        drift.translation_by_translation * way, drift.translation_by_rotation * turn
+        noise.translation_by_translation * way, noise.translation_by_rotation * turn
     )
-    turn_sigma = math.hypot(drift.rotation_by_translation * way, drift.rotation_by_rotation * turn)
+    turn_sigma = math.hypot(noise.rotation_by_translation * way, noise.rotation_by_rotation * turn)
     for i in range(n):
-        there = way + way_sigma * normal(key, step, MOVES, 3 * i)
-        round_ = turn + turn_sigma * normal(key, step, MOVES, 3 * i + 1)
-        aside = drift.lateral_slip * abs(way) * normal(key, step, MOVES, 3 * i + 2)
-        x, y, yaw = odometric_step(poses[i, 0], poses[i, 1], poses[i, 2], there, round_)
+        forward = way + way_sigma * normal(key, step, MOVES, 3 * i)
+        turned = turn + turn_sigma * normal(key, step, MOVES, 3 * i + 1)
+        aside = noise.lateral_slip * abs(way) * normal(key, step, MOVES, 3 * i + 2)
+        x, y, yaw = odometric_step(poses[i, 0], poses[i, 1], poses[i, 2], forward, turned)
         poses[i, 0] = x - aside * math.sin(yaw)
         poses[i, 1] = y + aside * math.cos(yaw)
         poses[i, 2] = wrap(yaw)
 
 
 @borrowing_kernel
-def weigh(
-    own: Particles,
-    n: int,
-    field: LikelihoodField,
-    ends: Array,
-    sigma: float,
-    astray: float,
-    trust: float,
-) -> float:
-    """Multiply weights by the scan's likelihood; the effective number of particles, 1 / sum w^2."""
+def weigh(particles: Particles, n: int, field: LikelihoodField, ends: Array, beams: float) -> float:
+    """Multiply weights by the scan's likelihood, which counts as that of `beams` beams.
+
+    Returns the effective number of particles, 1 / sum w^2.
+    """
+    logs, weights = particles.logs, particles.weights
     most = -np.inf
     for i in range(n):
-        pose = own.poses[i]
-        value = log_likelihood(field, pose[0], pose[1], pose[2], ends, sigma, astray)
-        own.logs[i] += trust * value
-        most = max(most, own.logs[i])
+        pose = particles.poses[i]
+        logs[i] += beams * log_likelihood(field, pose[0], pose[1], pose[2], ends)
+        most = max(most, logs[i])
     total, squares = 0.0, 0.0
     for i in range(n):
-        own.logs[i] -= most
-        own.weights[i] = math.exp(own.logs[i])
-        total += own.weights[i]
+        logs[i] -= most
+        weights[i] = math.exp(logs[i])
+        total += weights[i]
     for i in range(n):
-        own.weights[i] /= total
-        squares += own.weights[i] ** 2
+        weights[i] /= total
+        squares += weights[i] ** 2
     return 1.0 / squares
 
 
 @borrowing_kernel
-def count_bins(own: Particles, n: int, side: float, sector: float) -> tuple[int, int]:
+def count_bins(particles: Particles, n: int, side: float, sector: float) -> tuple[int, int]:
     """How many bins of place and heading hold particles, and a particle of the heaviest bin."""
-    names, loads = own.names, own.loads
-    for place in range(names.shape[0]):
-        names[place], loads[place] = 0, 0.0
-    mask, bins, best, heaviest = names.shape[0] - 1, 0, 0, -1.0
+    bins, loads, poses = particles.bins, particles.loads, particles.poses
+    bins[:] = 0
+    loads[:] = 0.0
+    mask, count, best, heaviest = len(bins) - 1, 0, 0, -1.0
     for i in range(n):
-        row, col = math.floor(own.poses[i, 0] / side), math.floor(own.poses[i, 1] / side)
-        turn = math.floor(own.poses[i, 2] / sector)
-        name = as_int(((row * 65536 + col) * 512 + turn) * 2 + 1)  # odd: never 0
-        place = as_int((name * 0x9E3779B97F4A7C1 >> 20) & mask)
-        while names[place] != 0 and names[place] != name:
+        row, col = math.floor(poses[i, 0] / side), math.floor(poses[i, 1] / side)
+        turn = math.floor(poses[i, 2] / sector)
+        key = as_int(((row * 65536 + col) * 512 + turn) * 2 + 1)  # odd: never 0
+        place = as_int((key * 0x9E3779B97F4A7C1 >> 20) & mask)
+        while bins[place] != 0 and bins[place] != key:
             place = (place + 1) & mask
-        if names[place] == 0:
-            names[place] = name
-            bins += 1
-        loads[place] += own.weights[i]
+        if bins[place] == 0:
+            bins[place] = key
+            count += 1
+        loads[place] += particles.weights[i]
         if loads[place] > heaviest:
             heaviest, best = loads[place], i
-    return bins, best
+    return count, best
 
 
 @borrowing_kernel
-def resample(own: Particles, n: int, count: int, key: np.uint64, step: int) -> None:
+def resample(particles: Particles, n: int, count: int, key: np.uint64, step: int) -> None:
     """Resample `count` particles by their weights with one random number (systematic)."""
-    offset, total, i = uniform(key, step, DRAWS, 0), own.weights[0], 0
+    poses, weights, drawn = particles.poses, particles.weights, particles.drawn
+    offset, total, i = uniform(key, step, DRAWS, 0), weights[0], 0
     for k in range(count):
         while total < (k + offset) / count and i < n - 1:
             i += 1
-            total += own.weights[i]
+            total += weights[i]
         for j in range(3):
-            own.spare[k, j] = own.poses[i, j]
+            drawn[k, j] = poses[i, j]
     for k in range(count):
         for j in range(3):
-            own.poses[k, j] = own.spare[k, j]
+            poses[k, j] = drawn[k, j]
 
 
 @borrowing_kernel
-def scatter(
-    poses: Array,
-    begin: int,
-    end: int,
-    pose: Array,
-    position: float,
-    heading: float,
-    key: np.uint64,
-    step: int,
-) -> None:
-    """Place particles begin to end - 1 about a pose (3,), with standard deviations [m, rad]."""
-    for i in range(begin, end):
+def scatter(poses: Array, begin: int, pose: Array, sigma: Array, key: np.uint64, step: int) -> None:
+    """Place particles about a pose (3,), with standard deviations [m, m, rad].
+
+    The first has index `begin`, on which its random numbers depend.
+    """
+    for i in range(len(poses)):
         for k in range(3):
-            spread = heading if k == 2 else position
-            poses[i, k] = pose[k] + spread * normal(key, step, PLACES, 3 * i + k)
-
-
-@borrowing_kernel
-def reset_weights(own: Particles, n: int) -> None:
-    """Give n particles the same weight."""
-    for i in range(n):
-        own.logs[i], own.weights[i] = 0.0, 1.0 / n
+            poses[i, k] = pose[k] + sigma[k] * normal(key, step, PLACES, 3 * (begin + i) + k)
 
 
 @borrowing_kernel
 def cluster_mean(
-    own: Particles, n: int, about: int, reach: float, sector: float, out: Array
+    particles: Particles, n: int, about: int, reach: float, sector: float, out: Array
 ) -> None:
     """The mean pose (3,) of the particles within a reach [m] and sector [rad] of one of them."""
-    x, y, yaw = own.poses[about, 0], own.poses[about, 1], own.poses[about, 2]
+    poses = particles.poses
+    x, y, yaw = poses[about, 0], poses[about, 1], poses[about, 2]
     for _ in range(2):
         total, dx, dy, turn = 0.0, 0.0, 0.0, 0.0
         for i in range(n):
-            off_x, off_y, off = (
-                own.poses[i, 0] - x,
-                own.poses[i, 1] - y,
-                wrap(own.poses[i, 2] - yaw),
-            )
+            off_x, off_y, off = poses[i, 0] - x, poses[i, 1] - y, wrap(poses[i, 2] - yaw)
             if off_x * off_x + off_y * off_y <= reach * reach and abs(off) <= sector:
-                w = own.weights[i]
+                w = particles.weights[i]
                 total, dx, dy, turn = total + w, dx + w * off_x, dy + w * off_y, turn + w * off
         if total > 0.0:
             x, y, yaw = x + dx / total, y + dy / total, yaw + turn / total
@@ -302,33 +276,29 @@ class LocalizationSettings:
 
 
 class MonteCarloLocalizer:
-    """Where a chair is on a map.
+    """Estimates the pose of a chair on a map.
 
     Attributes:
-        pose: the best guess (3,) [m, m, rad].
-        count: particles at present.
-        fit: likelihood of a beam there that met what the map shows, or went through it, 0 to 1.
+        pose: the estimate (3,) [m, m, rad].
+        count: number of particles at present.
+        fit: likelihood of an informative beam at the estimate, 0 to 1.
         lost: scans fit worse than they used to, and not well again since; particles are placed
             anywhere.
-        map: the one it looks at.
+        map: the map.
     """
 
-    built_map = None  # it draws none
+    built_map = None
 
     def __init__(self, settings: LocalizationSettings, laser: LaserSettings) -> None:
         self.settings, s = settings, settings
         self.pose = np.zeros(3)
         self.count, self.fit, self.lost = 0, 0.0, False
         self._particles = new_particles(s.max_particles)
-        self._drift = OdometryNoise(
-            s.translation_by_translation,
-            s.translation_by_rotation,
-            s.rotation_by_translation,
-            s.rotation_by_rotation,
-            s.lateral_slip,
-        )
+        self._noise = OdometryNoise(*(getattr(s, name) for name in OdometryNoise._fields))
+        position = s.initial_position_sigma
+        self._initial_sigma = np.array([position, position, s.initial_heading_sigma])
         self._mount = np.array([laser.x, laser.y])
-        self._rays = laser.directions  # (beams, 2)
+        self._directions = laser.directions  # (beams, 2)
         self._reach = laser.reach
         self.map: OccupancyGrid | None = None
 
@@ -347,86 +317,90 @@ class MonteCarloLocalizer:
         Raises:
             ValueError: nothing on the map is free.
         """
+        s = self.settings
         if map_ is not self.map:
-            self._field = make_likelihood_field(map_, 10.0 * self.settings.sigma)
+            self._field = make_likelihood_field(map_, s.sigma, s.outlier_share)
             self._free = np.flatnonzero(map_.cells.ravel() == FREE)
             self.map = map_
         if len(self._free) == 0:
             raise ValueError("the map has no free cell")
-        s, own = self.settings, self._particles
         self._key = np.uint64(bits(np.uint64(key % 2**64), 0, LOCALIZATION, 0))
         self._step = 0
         self._slow, self.fit = s.initial_fit, 0.0
         self.lost = pose is None
         self._fast = 0.0 if self.lost else s.initial_fit
-        self._moved = np.array([np.inf, np.inf])  # so that the first scan counts
-        if pose is None:  # some place: the first scan tells that it is wrong
+        self._driven = np.array([np.inf, np.inf])  # so that the first scan counts
+        if pose is None:  # any place: the first scan shows that it is wrong
             cell = self._free[len(self._free) // 2]
             pose = np.array([*map_.to_world(divmod(int(cell), map_.shape[1])), 0.0])
         self.count, self.pose = s.min_particles, np.array(pose, dtype=np.float64)
-        position, heading = s.initial_position_sigma, s.initial_heading_sigma
-        scatter(own.poses, 0, self.count, self.pose, position, heading, self._key, 0)
-        reset_weights(own, self.count)
+        self._scatter(0, self.count, self.pose)
+        self._reset_weights()
         return self.pose
 
+    def _scatter(self, begin: int, end: int, pose: Array) -> None:
+        poses = self._particles.poses[begin:end]
+        scatter(poses, begin, pose, self._initial_sigma, self._key, self._step)
+
+    def _reset_weights(self) -> None:
+        self._particles.logs[: self.count] = 0.0
+        self._particles.weights[: self.count] = 1.0 / self.count
+
     def update(self, increment: Array, ranges: NDArray[np.float32]) -> Array:
-        """Move on and look.
+        """The pose after an increment of odometry and a scan.
 
         Args:
-            increment: (3,) [m, m, rad] what the odometry says was driven since the last update, in
-                the chair's frame then.
+            increment: (3,) [m, m, rad] odometry since the last update, in the chair's frame then.
             ranges: (beams,) [m] as in `Reading.laser`.
 
         Returns:
             The pose (3,) [m, m, rad].
         """
-        s, own = self.settings, self._particles
+        s, particles = self.settings, self._particles
         x, y, turn = increment.tolist()
         way = x * math.cos(0.5 * turn) + y * math.sin(0.5 * turn)
         self._step += 1
-        predict(own.poses, self.count, way, turn, self._drift, self._key, self._step)
-        self._moved += abs(way), abs(turn)
-        moved = (self._moved >= (s.update_distance, s.update_angle)).any()
+        predict(particles.poses, self.count, way, turn, self._noise, self._key, self._step)
+        self._driven += abs(way), abs(turn)
+        moved = (self._driven >= (s.update_distance, s.update_angle)).any()
         ends = self._ends(ranges)
         if len(ends) and (moved or self.lost):
-            self._moved[:] = 0.0
+            self._driven[:] = 0.0
             self._weigh(ends)
-        _, about = count_bins(own, self.count, s.bin_size, s.bin_angle)
+        _, about = count_bins(particles, self.count, s.bin_size, s.bin_angle)
         self.pose = np.empty(3)
-        cluster_mean(own, self.count, about, s.estimate_radius, 3.0 * s.bin_angle, self.pose)
+        cluster_mean(particles, self.count, about, s.estimate_radius, 3.0 * s.bin_angle, self.pose)
         if len(ends):
             self._judge(ends)
         return self.pose
 
     def _weigh(self, ends: Array) -> None:
-        """Weigh particles by a scan; draw them anew when few of them count, or none is right."""
-        s, own = self.settings, self._particles
-        effective = weigh(
-            own, self.count, self._field, ends, s.sigma, s.outlier_share, s.independent_beams
-        )
+        """Weigh particles by a scan; resample them when few are effective, or the chair is lost."""
+        s, particles = self.settings, self._particles
+        effective = weigh(particles, self.count, self._field, ends, s.independent_beams)
         if effective >= 0.5 * self.count and not self.lost:
             return
-        bins, _ = count_bins(own, self.count, s.bin_size, s.bin_angle)
+        bins, _ = count_bins(particles, self.count, s.bin_size, s.bin_angle)
         count = min(s.max_particles, max(s.min_particles, _enough(bins, s.kld_error)))
-        resample(own, self.count, count, self._key, self._step)
-        self.count = min(s.max_particles, count + s.min_particles) if self.lost else count
+        resample(particles, self.count, count, self._key, self._step)
+        self.count = count
         if self.lost:
-            self._look_anywhere(ends, count)
-        reset_weights(own, self.count)
+            self.count = min(s.max_particles, count + s.min_particles)
+            self._place_anywhere(ends, count)
+        self._reset_weights()
 
-    def _look_anywhere(self, ends: Array, kept: int) -> None:
+    def _place_anywhere(self, ends: Array, kept: int) -> None:
         """Give the particles after the first ones to places anywhere that the scan fits."""
-        s, own = self.settings, self._particles
+        s = self.settings
         few = np.ascontiguousarray(ends[:: max(1, len(ends) // 20)])
-        found, worth = np.empty((s.global_candidates + 1, 3)), np.empty(s.global_candidates + 1)
+        found, fits = np.empty((s.global_candidates + 1, 3)), np.empty(s.global_candidates + 1)
+        turn, draw = s.bin_angle / 2.0, (self._key, self._step)
         global_localization(
-            self._field, self._free, ends, few, s.global_samples, s.sigma, s.outlier_share,
-            2.0 * s.sigma, s.bin_angle / 2.0, self._key, self._step, found, worth,
-        )  # fmt: skip
+            self._field, self._free, ends, few, s.global_samples, turn, *draw, found, fits
+        )
         shares = np.linspace(kept, self.count, s.global_candidates + 1).astype(int)
-        position, heading = s.initial_position_sigma, s.initial_heading_sigma
         for begin, end, pose in zip(shares[:-1], shares[1:], found[1:], strict=True):
-            scatter(own.poses, begin, end, pose, position, heading, self._key, self._step)
+            self._scatter(begin, end, pose)
 
     def _judge(self, ends: Array) -> None:
         """Update the fit of scans at the estimated pose, and whether the chair is lost.
@@ -434,27 +408,27 @@ class MonteCarloLocalizer:
         Beams that people may have blocked are left out: a crowd is no sign of being lost.
         """
         s, (x, y, yaw) = self.settings, self.pose
-        telling = np.empty(len(ends), dtype=np.bool_)
-        find_informative_beams(self._field, x, y, yaw, self._mount, ends, 3.0 * s.sigma, telling)
-        told = ends[telling]
-        if len(told) < s.min_informative_beams:
+        informative = np.empty(len(ends), dtype=np.bool_)
+        find_informative_beams(self._field, x, y, yaw, self._mount, ends, informative)
+        ends = ends[informative]
+        if len(ends) < s.min_informative_beams:
             return
-        self.fit = math.exp(log_likelihood(self._field, x, y, yaw, told, s.sigma, s.outlier_share))
+        self.fit = math.exp(log_likelihood(self._field, x, y, yaw, ends))
         self._slow += s.alpha_slow * (self.fit - self._slow)
         self._fast += s.alpha_fast * (self.fit - self._fast)
         self.lost = self._fast < (s.recovered_ratio if self.lost else s.lost_ratio) * self._slow
 
     def _ends(self, ranges: NDArray[np.float32]) -> Array:
-        """Ends (k, 2) [m] in the chair's frame of beams that met something, evenly chosen."""
-        known = np.flatnonzero((ranges > 0.0) & (ranges < self._reach))  # neither NaN nor infinite
-        evenly = np.linspace(0, len(known) - 1, min(len(known), self.settings.max_beams))
-        chosen = known[evenly.astype(int)]
-        ends: Array = self._mount + ranges[chosen, None] * self._rays[chosen]
+        """Ends (k, 2) [m] in the chair's frame of beams with an echo, evenly chosen."""
+        valid = np.flatnonzero((ranges > 0.0) & (ranges < self._reach))  # neither NaN nor infinite
+        evenly = np.linspace(0, len(valid) - 1, min(len(valid), self.settings.max_beams))
+        chosen = valid[evenly.astype(int)]
+        ends: Array = self._mount + ranges[chosen, None] * self._directions[chosen]
         return ends
 
 
 def _enough(bins: int, error: float) -> int:
-    """Particles for bins to be filled as they should be, within an error (Fox 2001, eq. 7)."""
+    """Number of particles that fills bins as it should, within an error (Fox 2001, eq. 7)."""
     if bins < 2:
         return 0
     k = bins - 1

@@ -1,11 +1,13 @@
-"""Log-odds occupancy mapping: exact rays, cell by cell, and a field of closeness to walls.
+"""Log-odds occupancy mapping: exact rays, cell by cell, and a field to match scans with.
 
 A map grows where a scan leaves it. Several layers may share one frame, one for each particle of a
-SLAM. Beside its log-odds each layer keeps a field to match scans with: 1 at the surface in each
-occupied cell, falling off around it (Olson 2009). The surface is the mean of the cell's hits, as in
-gmapping: cells behind a wall that noise alone hits are never freed, and with their centres for
-surfaces a wall would move away from whoever looks at it, and take the chair along.
-Kernels work in cells from the lower-left corner of cell (0, 0).
+SLAM. Beside its log-odds each layer keeps a field: 1 at the surface in each occupied cell, falling
+off around it (Olson 2009). The surface is the mean of the cell's hits, as in gmapping: cells behind
+a wall that only noise hits are never freed, and with their centres as surfaces a wall would move
+away from the chair that looks at it, and take the chair's pose along.
+
+Kernels work in cells from the lower-left corner of cell (0, 0). At the end: frontiers, where the
+known part of a map ends.
 """
 
 from __future__ import annotations
@@ -15,41 +17,116 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.localization.scan import Scan, scan_radius
-from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, geodesic
+from wheelchair_gym.sensors.settings import LaserSettings
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Index = NDArray[np.uint32]
 Marks = NDArray[np.int32]
 Mask = NDArray[np.bool_]
-Bytes = NDArray[np.uint8]
+Records = NDArray[np.void]
+
+
+class Scan(NamedTuple):
+    """One sweep of a laser as points in the chair's frame."""
+
+    ends: Array  # (n, 2) m: where beams end
+    hits: Mask  # (n,) at an echo; others met nothing so far
+    origin: Array  # (2,) m: where beams begin
+    angle_step: float  # rad between two beams
+
+    @property
+    def echoes(self) -> Array:
+        """Where beams met something (m, 2) [m]."""
+        return self.ends[self.hits]
+
+    @property
+    def points(self) -> Array:
+        """The origin, then the ends (n + 1, 2) [m]."""
+        return np.vstack([self.origin, self.ends])
+
+    @property
+    def radius(self) -> float:
+        """Distance [m] from the chair's origin to the farthest point."""
+        return float(np.hypot(*self.points.T).max())
+
+
+def read_scan(laser: LaserSettings, ranges: ArrayLike, free_range: float) -> Scan:
+    """Beams of a sweep as points; those that are invalid (NaN) or too near (-inf) are left out.
+
+    A beam without echo beside one with an echo is left out, too: echoes get lost.
+
+    Args:
+        laser: its mount and its beams.
+        ranges: (beams,) [m]; without echo +inf, as is anything beyond the laser's reach.
+        free_range: length [m] over which a beam without echo is free.
+
+    Raises:
+        InputError: there are more or fewer ranges than beams.
+    """
+    r = np.asarray(ranges, dtype=np.float64)
+    if r.shape != (laser.beams,):
+        raise InputError(f"a scan has shape {r.shape}; expected ({laser.beams},)")
+    valid = r >= laser.range_min  # neither NaN nor -inf
+    silent = np.pad(r > laser.reach, 1, mode="edge")
+    valid &= ~silent[1:-1] | (silent[:-2] & silent[2:])
+    r, angles = r[valid], (laser.yaw + laser.angles)[valid]
+    hits = r <= laser.reach
+    r = np.where(hits, r, min(free_range, laser.reach))
+    origin = np.array([laser.x, laser.y])
+    ends = origin + np.stack([r * np.cos(angles), r * np.sin(angles)], axis=-1)  # (n, 2)
+    return Scan(ends, hits, origin, laser.fov / (laser.beams - 1))
 
 
 PARTS = 8  # of a cell's side: how finely the field knows where in its cell a surface is
 _MOST_HITS = 128  # of which a cell keeps the mean; older ones count less and less from then on
-HITS, PART = 0, 1  # of a tally: hits on a cell, and in which of its parts the field has them
+SURFACE = np.dtype(
+    [
+        ("x", np.float32),  # mean of the hits, from the cell's corner
+        ("y", np.float32),
+        ("hits", np.uint8),
+        ("part", np.uint8),  # of the cell, in which the field has the surface
+    ]
+)
 
 
-class LogOdds(NamedTuple):
-    """Log-odds of `MappingSettings`."""
+class Layers(NamedTuple):
+    """Maps of one frame, each (layers, rows, cols)."""
+
+    odds: Floats  # log-odds
+    field: Floats
+    surface: Records  # SURFACE
+
+
+class Workspace(NamedTuple):
+    """Buffers that the layers share."""
+
+    last_hit: Marks  # (rows, cols): the last scan with a hit in the cell
+    pooled: Floats  # (rows, cols): of the matcher
+    path: Index  # cells of one beam
+
+
+class SensorModel(NamedTuple):
+    """What `MappingSettings` say, as kernels take it: log-odds, and the field round a surface."""
 
     hit: float
     miss: float
     least: float
     most: float
     occupied: float
+    weights: Floats  # (PARTS * PARTS, n, n), by the part of the cell with the surface
 
 
 @borrowing_kernel
 def cells_passed(x0: float, y0: float, x1: float, y1: float, cols: int, path: Index) -> int:
-    """Cells that a segment passes, in order, its ends' cells included (Amanatides and Woo 1987).
+    """Write the cells that a segment passes, its ends' included; returns how many.
 
-    Returns:
-        How many there are.
+    Source: Amanatides and Woo 1987.
     """
     row, col = math.floor(y0), math.floor(x0)
     rise, run = math.floor(y1) - row, math.floor(x1) - col
@@ -89,16 +166,12 @@ def part_of(x: float, y: float) -> int:
 
 
 @borrowing_kernel
-def _lay(
-    field: Floats,
-    tally: Bytes,
-    row: int,
-    col: int,
-    weights: Floats,
-    box: tuple[int, int, int, int],
+def _raise_field(
+    layers: Layers, i: int, row: int, col: int, weights: Floats, box: tuple[int, int, int, int]
 ) -> None:
     """Raise the field round an occupied cell, within a box of rows and columns."""
-    around = weights[tally[row, col, PART]]
+    field = layers.field[i]
+    around = weights[layers.surface[i, row, col].part]
     reach = around.shape[0] // 2
     for r in range(max(row - reach, box[0]), min(row + reach + 1, box[1])):
         for c in range(max(col - reach, box[2]), min(col + reach + 1, box[3])):
@@ -108,79 +181,68 @@ def _lay(
 
 
 @borrowing_kernel
-def _renew(
-    odds: Floats,
-    field: Floats,
-    tally: Bytes,
-    row: int,
-    col: int,
-    weights: Floats,
-    limit: float,
-) -> None:
+def _renew_field(layers: Layers, i: int, row: int, col: int, weights: Floats, limit: float) -> None:
     """Recompute the field round a cell that is no longer occupied, or whose surface moved."""
+    odds, field = layers.odds[i], layers.field[i]
     rows, cols = odds.shape
     reach = weights.shape[1] // 2
-    box = (max(row - reach, 0), min(row + reach + 1, rows),
-           max(col - reach, 0), min(col + reach + 1, cols))  # fmt: skip
-    for r in range(box[0], box[1]):
-        for c in range(box[2], box[3]):
+    r0, r1 = max(row - reach, 0), min(row + reach + 1, rows)
+    c0, c1 = max(col - reach, 0), min(col + reach + 1, cols)
+    for r in range(r0, r1):
+        for c in range(c0, c1):
             field[r, c] = 0.0
-    for r in range(max(box[0] - reach, 0), min(box[1] + reach, rows)):
-        for c in range(max(box[2] - reach, 0), min(box[3] + reach, cols)):
+    for r in range(max(r0 - reach, 0), min(r1 + reach, rows)):
+        for c in range(max(c0 - reach, 0), min(c1 + reach, cols)):
             if odds[r, c] >= limit:
-                _lay(field, tally, r, c, weights, box)
+                _raise_field(layers, i, r, c, weights, (r0, r1, c0, c1))
 
 
 @kernel
 def add_scan(
-    odds: Floats,
-    field: Floats,
-    mean: Floats,
-    tally: Bytes,
-    struck: Marks,
+    layers: Layers,
+    i: int,
+    workspace: Workspace,
     mark: int,
     points: Array,
     hits: Mask,
     pose: Array,
-    law: LogOdds,
-    weights: Floats,
-    path: Index,
+    model: SensorModel,
 ) -> None:
-    """Add a scan to a map: cells passed are freer, cells hit are more occupied, both clamped.
+    """Add a scan to a layer: cells passed are freer, cells hit are more occupied, both clamped.
 
     A cell hit by one beam is not freed by another of the same scan: those that graze a wall would
     rub it out. All of `points` must lie on the map.
     """
+    odds, surface = layers.odds[i], layers.surface[i]
     rows, cols = odds.shape
     c, s = math.cos(pose[2]), math.sin(pose[2])
     x0 = pose[0] + c * points[0, 0] - s * points[0, 1]
     y0 = pose[1] + s * points[0, 0] + c * points[0, 1]
-    n = len(hits)
-    flat, marks = odds.reshape(-1), struck.reshape(-1)
-    least = np.float32(law.least)
-    for k in range(n):
+    flat, marks = odds.reshape(-1), workspace.last_hit.reshape(-1)
+    weights, path = model.weights, workspace.path
+    least = np.float32(model.least)
+    for k in range(len(hits)):
         if hits[k]:
             px, py = points[k + 1, 0], points[k + 1, 1]
             x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
             col, row = math.floor(x), math.floor(y)
-            struck[row, col] = mark
+            workspace.last_hit[row, col] = mark
             before = odds[row, col]
-            odds[row, col] = min(before + law.hit, law.most)
-            own, told = mean[row, col], min(tally[row, col, HITS] + 1, _MOST_HITS)
-            tally[row, col, HITS] = told
-            own[0] += (x - col - own[0]) / told
-            own[1] += (y - row - own[1]) / told
-            part = part_of(own[0], own[1])
-            if before < law.occupied <= odds[row, col]:
-                tally[row, col, PART] = part
-                _lay(field, tally, row, col, weights, (0, rows, 0, cols))
-            elif (
-                before >= law.occupied and told & (told - 1) == 0 and part != tally[row, col, PART]
-            ):
-                # Seldom, at powers of two: a mean of few hits wanders, and each move costs.
-                tally[row, col, PART] = part
-                _renew(odds, field, tally, row, col, weights, law.occupied)
-    for k in range(n):
+            odds[row, col] = min(before + model.hit, model.most)
+            here = surface[row, col]
+            count = min(here.hits + 1, _MOST_HITS)
+            here.hits = count
+            here.x += (x - col - here.x) / count
+            here.y += (y - row - here.y) / count
+            part = part_of(here.x, here.y)
+            if before < model.occupied <= odds[row, col]:
+                here.part = part
+                _raise_field(layers, i, row, col, weights, (0, rows, 0, cols))
+            elif before >= model.occupied and count & (count - 1) == 0 and part != here.part:
+                # Seldom, at powers of two: a mean of few hits wanders, and each move costs time.
+                here.part = part
+                _renew_field(layers, i, row, col, weights, model.occupied)
+    for k in range(len(hits)):
         px, py = points[k + 1, 0], points[k + 1, 1]
         qx, qy = pose[0] + c * px - s * py, pose[1] + s * px + c * py
         for j in range(cells_passed(x0, y0, qx, qy, cols, path)):
@@ -188,18 +250,15 @@ def add_scan(
             before = flat[cell]
             if before <= least or marks[cell] == mark:
                 continue
-            flat[cell] = max(before + law.miss, law.least)
-            if before >= law.occupied > flat[cell]:
+            flat[cell] = max(before + model.miss, model.least)
+            if before >= model.occupied > flat[cell]:
                 row, col = int(cell) // cols, int(cell) % cols
-                tally[row, col, HITS] = 0
-                _renew(odds, field, tally, row, col, weights, law.occupied)
+                surface[row, col].hits = 0
+                _renew_field(layers, i, row, col, weights, model.occupied)
 
 
 _CHUNK = 160  # cells that a side grows by at least, so that it grows seldom
-_ARRAYS: tuple[tuple[tuple[int, ...], type], ...] = (
-    ((), np.float32), ((), np.float32), ((2,), np.float32), ((2,), np.uint8),
-)  # fmt: skip
-_MOST = 400_000_000  # cells of all layers: 3.2 GB; a pose that asks for more has lost its way
+_MOST = 400_000_000  # cells of all layers: 7.2 GB; a pose that asks for more is wrong
 
 
 @settings
@@ -255,24 +314,22 @@ class MappingSettings:
             raise InputError("MappingSettings.occupied_threshold must lie below p_max")
 
     @property
-    def odds(self) -> LogOdds:
-        """The log-odds that kernels take."""
-        return LogOdds(
-            *map(
-                _log_odds,
-                (self.p_hit, self.p_miss, self.p_min, self.p_max, self.occupied_threshold),
-            )
-        )
-
-    @property
-    def weights(self) -> Floats:
-        """The field (PARTS * PARTS, n, n) round an occupied cell, by the part with its surface."""
+    def sensor_model(self) -> SensorModel:
+        """The log-odds and the field round an occupied cell, as kernels take them."""
+        probabilities = self.p_hit, self.p_miss, self.p_min, self.p_max, self.occupied_threshold
+        hit, miss, least, most, occupied = map(_log_odds, probabilities)
         sigma = self.surface_sigma / self.resolution
         reach = max(1, math.ceil(2.5 * sigma))
         off = (np.arange(PARTS) + 0.5) / PARTS - 0.5
         along = np.exp(-0.5 * ((np.arange(-reach, reach + 1) - off[:, None]) / sigma) ** 2)
         field: Floats = np.einsum("ar,bc->abrc", along, along).astype(np.float32)
-        return field.reshape(PARTS * PARTS, *field.shape[2:])
+        field = field.reshape(PARTS * PARTS, *field.shape[2:])
+        return SensorModel(hit, miss, least, most, occupied, field)
+
+
+def _raw(array: NDArray[Any]) -> NDArray[np.void]:
+    """The same memory without fields: numpy copies records with fields fifty times slower."""
+    return array.view(f"V{array.itemsize}")
 
 
 def _log_odds(p: float) -> float:
@@ -288,24 +345,19 @@ class OccupancyMap:
     """
 
     def __init__(self, settings: MappingSettings | None = None, layers: int = 1) -> None:
-        self.settings = settings = settings or MappingSettings()
-        self.log_odds, self.weights = settings.odds, settings.weights
+        self.settings = settings or MappingSettings()
+        self.model = self.settings.sensor_model
         self.corner = np.zeros(2)  # m: the lower-left corner of cell (0, 0)
-        self._mark = 0
         self._used = np.zeros((2, 2), dtype=np.int64)  # cols, rows: from, to; all else is zero
-        self._take([np.zeros((layers, 0, 0, *part), kind) for part, kind in _ARRAYS])
+        kinds = np.float32, np.float32, SURFACE
+        self._replace(Layers._make(np.zeros((layers, 0, 0), kind) for kind in kinds))
 
-    def _take(self, parts: list[NDArray[Any]]) -> None:
-        """Arrays (layers, rows, cols, ...): log-odds, the field, and see `add_scan`."""
-        self.odds, self.field, self.mean, self.tally = parts
-        odds = self.odds
-        self.last_hit = np.zeros(odds.shape[1:], np.int32)
-        self.pooled = np.empty(odds.shape[1:], np.float32)  # scratch of the matcher
-        self.path = np.empty(sum(odds.shape[1:]) + 2, np.uint32)
-
-    @property
-    def _all(self) -> list[NDArray[Any]]:
-        return [self.odds, self.field, self.mean, self.tally]
+    def _replace(self, layers: Layers) -> None:
+        self.layers = layers
+        shape = layers.odds.shape[1:]
+        path = np.empty(sum(shape) + 2, np.uint32)
+        self.workspace = Workspace(np.zeros(shape, np.int32), np.empty(shape, np.float32), path)
+        self._mark = 0
 
     def grow_to(self, centres: ArrayLike, reach: float) -> None:
         """Grow so that all within `reach` [m] of the points (n, 2 or 3) [m] lies on the map.
@@ -316,56 +368,51 @@ class OccupancyMap:
         step = self.settings.resolution
         places = np.atleast_2d(np.asarray(centres, dtype=np.float64))[:, :2]
         margin = reach + 2.0 * step  # rounding, and a neighbour to interpolate with
-        if self.odds.shape[1] == 0:
+        layers, rows, cols = self.layers.odds.shape
+        if rows == 0:
             self.corner = np.floor((places.min(axis=0) - margin) / step) * step
         low = np.floor((places.min(axis=0) - margin - self.corner) / step).astype(np.int64)
         high = np.ceil((places.max(axis=0) + margin - self.corner) / step).astype(np.int64)
         (x0, y0), (x1, y1) = used = self._used
         self._used = np.stack([np.minimum(used[0], low), np.maximum(used[1], high)])
-        layers, rows, cols = self.odds.shape
         least = np.maximum(_CHUNK, np.array([cols, rows]) // 3)
         before = np.where(low < 0, np.maximum(-low, least), 0)  # cols, rows
         after = high - (cols, rows)
         after = np.where(after > 0, np.maximum(after, least), 0)
         if not (before.any() or after.any()):
             return
-        grown = before + after + (cols, rows)
-        if layers * int(grown[0]) * int(grown[1]) > _MOST:
+        width, height = (before + after + (cols, rows)).tolist()
+        if layers * width * height > _MOST:
             raise InputError(
-                f"the map would have {layers} x {grown[1]} x {grown[0]} cells of {step} m; "
+                f"the map would have {layers} x {height} x {width} cells of {step} m; "
                 f"expected at most {_MOST} in all"
             )
         self.corner = self.corner - before * step
         self._used += before
         x, y = before
-        parts = []
-        for old in self._all:  # what was never written costs neither time nor memory
-            part = np.zeros((layers, grown[1], grown[0], *old.shape[3:]), old.dtype)
-            part[:, y + y0 : y + y1, x + x0 : x + x1] = old[:, y0:y1, x0:x1]
-            parts.append(part)
-        self._take(parts)
-        self._mark = 0
+        grown = []
+        for old in self.layers:  # what was never written costs neither time nor memory
+            new = np.zeros((layers, height, width), old.dtype)
+            _raw(new)[:, y + y0 : y + y1, x + x0 : x + x1] = _raw(old)[:, y0:y1, x0:x1]
+            grown.append(new)
+        self._replace(Layers._make(grown))
 
     def next_marks(self, count: int) -> int:
         """Reserve `count` scan numbers; returns the first."""
         self._mark += count
         return self._mark - count + 1
 
-    def lattice(self, poses: ArrayLike) -> Array:
+    def to_lattice(self, poses: ArrayLike) -> Array:
         """Poses (..., 3) [m, m, rad] with x and y in cells."""
         placed = np.array(poses, dtype=np.float64)
         placed[..., :2] = (placed[..., :2] - self.corner) / self.settings.resolution
         return placed
 
-    def world(self, poses: ArrayLike) -> Array:
-        """The inverse of `lattice`."""
+    def from_lattice(self, poses: ArrayLike) -> Array:
+        """The inverse of `to_lattice`."""
         placed = np.array(poses, dtype=np.float64)
         placed[..., :2] = placed[..., :2] * self.settings.resolution + self.corner
         return placed
-
-    def points(self, scan: Scan) -> Array:
-        """A scan's origin and ends (n + 1, 2) [cells], in the chair's frame."""
-        return np.vstack([scan.origin, scan.ends]) / self.settings.resolution
 
     def integrate(self, scan: Scan, pose: ArrayLike, layer: int = 0) -> None:
         """Add a scan taken at a pose (3,) [m, m, rad].
@@ -376,12 +423,10 @@ class OccupancyMap:
         place = np.asarray(pose, dtype=np.float64)
         if place.shape != (3,) or not np.isfinite(place).all():
             raise InputError(f"pose is {pose!r}; expected three finite numbers")
-        self.grow_to(place, scan_radius(scan))
-        add_scan(
-            self.odds[layer], self.field[layer], self.mean[layer], self.tally[layer],
-            self.last_hit, self.next_marks(1), self.points(scan), scan.hits, self.lattice(place),
-            self.log_odds, self.weights, self.path,
-        )  # fmt: skip
+        self.grow_to(place, scan.radius)
+        points, place = scan.points / self.settings.resolution, self.to_lattice(place)
+        mark = self.next_marks(1)
+        add_scan(self.layers, layer, self.workspace, mark, points, scan.hits, place, self.model)
 
     def copy_layers(self, parents: ArrayLike) -> None:
         """Make each layer a copy of the one named for it (layers,)."""
@@ -389,10 +434,10 @@ class OccupancyMap:
         if np.array_equal(chosen[chosen], chosen):  # no copy's source is overwritten
             (x0, y0), (x1, y1) = self._used
             for layer in np.flatnonzero(chosen != np.arange(len(chosen))):
-                for part in self._all:
+                for part in map(_raw, self.layers):
                     part[layer, y0:y1, x0:x1] = part[chosen[layer], y0:y1, x0:x1]
         else:
-            self._take([part[chosen] for part in self._all])
+            self._replace(Layers._make(part[chosen] for part in self.layers))
 
     def to_grid(self, layer: int = 0) -> OccupancyGrid:
         """The map of a layer: free, occupied or unknown by the settings' thresholds.
@@ -400,11 +445,50 @@ class OccupancyMap:
         Raises:
             InputError: nothing was added so far.
         """
-        odds = self.odds[layer]
+        odds = self.layers.odds[layer]
         if odds.size == 0:
             raise InputError("the map is empty: no scan was added to it")
         cells = np.full(odds.shape, UNKNOWN, np.int8)
         cells[odds <= _log_odds(self.settings.free_threshold)] = FREE
-        cells[odds >= self.log_odds.occupied] = OCCUPIED
+        cells[odds >= self.model.occupied] = OCCUPIED
         x, y = self.corner.tolist()
         return OccupancyGrid(cells, self.settings.resolution, (x, y, 0.0))
+
+
+class Frontier(NamedTuple):
+    """A stretch of free cells beside unknown ones (Yamauchi 1997)."""
+
+    place: Array  # (2,) m: its cell with the shortest path
+    path_length: float  # m to there
+    length: float  # m, about: its cells
+
+
+def find_frontiers(
+    grid: OccupancyGrid, pose: ArrayLike, radius: float, min_length: float = 0.4
+) -> list[Frontier]:
+    """The frontiers on which a disc can stand and which it can reach, the nearest first.
+
+    Args:
+        grid: the map so far.
+        pose: of the chair (2 or 3,) [m, m, rad].
+        radius: of the disc [m].
+        min_length: shorter ones are left out, as gaps between beams [m].
+    """
+    unknown = np.pad(grid.cells == UNKNOWN, 1, constant_values=True)
+    beside = unknown[:-2, 1:-1] | unknown[2:, 1:-1] | unknown[1:-1, :-2] | unknown[1:-1, 2:]
+    edge = grid.traversable(radius) & beside
+    labels, count = ndimage.label(edge, np.ones((3, 3)))
+    if count == 0:
+        return []
+    of = labels[edge] - 1
+    places = grid.to_world(np.argwhere(edge))
+    paths = geodesic(grid, np.asarray(pose, dtype=np.float64)[:2], radius).at(places)
+    lengths = np.bincount(of, minlength=count) * grid.resolution
+    order = np.lexsort((paths, of))
+    nearest = order[np.searchsorted(of[order], np.arange(count))]  # cell of each frontier
+    found = [
+        Frontier(places[k], float(paths[k]), float(lengths[of[k]]))
+        for k in nearest
+        if np.isfinite(paths[k]) and lengths[of[k]] >= min_length
+    ]
+    return sorted(found, key=lambda frontier: frontier.path_length)

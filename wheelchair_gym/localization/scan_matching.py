@@ -19,17 +19,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.localization.occupancy import OccupancyMap
-from wheelchair_gym.localization.scan import Scan, scan_radius
+from wheelchair_gym.localization.occupancy import OccupancyMap, Scan
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Six = tuple[float, float, float, float, float, float]
 
-_RIDGE = 1e-6  # 1/cells2, 1/rad2: what no point tells is still a number
+_RIDGE = 1e-6  # 1/cells2, 1/rad2: keeps the matrix regular where points say nothing
 _STILL = 1e-4  # cells, rad: a step of Gauss-Newton that is shorter ends it
-_STRIDE = 2.0  # cells: the longest step of Gauss-Newton; the field tells no farther
+_STRIDE = 2.0  # cells: the longest step of Gauss-Newton; the field reaches no farther
 _TURN = 0.1  # rad: its largest turn
+
+
+class Matcher(NamedTuple):
+    """What `MatchSettings` say, in cells."""
+
+    spread: float
+    iterations: int
+    window: int
+    turns: int
+    step: float  # rad
+    threshold: float
 
 
 @borrowing_kernel
@@ -125,25 +135,24 @@ def backward(c: Six, x: float, y: float, t: float) -> tuple[float, float, float]
 
 @borrowing_kernel
 def refine(
-    field: Floats, points: Array, guess: Array, prior: Array, told: Six, spread: float, most: int,
-    out: Array,
-) -> tuple[float, Six]:  # fmt: skip
+    field: Floats, points: Array, guess: Array, prior: Array, info: Six, how: Matcher, out: Array
+) -> tuple[float, Six]:
     """Gauss-Newton from a guess to the pose of least cost.
 
-    Returns:
-        Its cost, and the information of the posterior there (Laplace).
+    The prior has a mean and an information matrix. Returns the cost, and the information of the
+    posterior there (Laplace).
     """
     x, y, yaw = guess[0], guess[1], guess[2]
-    per = 1.0 / (spread * spread)
+    per = 1.0 / (how.spread * how.spread)
     least = math.inf
-    found = told
-    for _ in range(most + 1):
+    found = info
+    for _ in range(how.iterations + 1):
         total, bx, by, bt, h = _slope(field, points, x, y, yaw)
         dx, dy, dt = prior[0] - x, prior[1] - y, prior[2] - yaw
-        cost = 0.5 * (per * total + quadratic(told, dx, dy, dt))
+        cost = 0.5 * (per * total + quadratic(info, dx, dy, dt))
         m = (
-            per * h[0] + told[0] + _RIDGE, per * h[1] + told[1], per * h[2] + told[2],
-            per * h[3] + told[3] + _RIDGE, per * h[4] + told[4], per * h[5] + told[5] + _RIDGE,
+            per * h[0] + info[0] + _RIDGE, per * h[1] + info[1], per * h[2] + info[2],
+            per * h[3] + info[3] + _RIDGE, per * h[4] + info[4], per * h[5] + info[5] + _RIDGE,
         )  # fmt: skip
         if cost < least:
             least, found = cost, m
@@ -151,9 +160,9 @@ def refine(
         c = cholesky(m)
         z0, z1, z2 = forward(
             c,
-            per * bx + told[0] * dx + told[1] * dy + told[2] * dt,
-            per * by + told[1] * dx + told[3] * dy + told[4] * dt,
-            per * bt + told[2] * dx + told[4] * dy + told[5] * dt,
+            per * bx + info[0] * dx + info[1] * dy + info[2] * dt,
+            per * by + info[1] * dx + info[3] * dy + info[4] * dt,
+            per * bt + info[2] * dx + info[4] * dy + info[5] * dt,
         )
         sx, sy, st = backward(c, z0, z1, z2)
         shrink = min(1.0, _STRIDE / (math.hypot(sx, sy) + 1e-9), _TURN / (abs(st) + 1e-9))
@@ -190,23 +199,22 @@ def _pool(field: Floats, wide: Floats, box: tuple[int, int, int, int]) -> None:
 
 @kernel
 def search(
-    field: Floats, points: Array, guess: Array, told: Six, spread: float,
-    window: int, turns: int, step: float, wide: Floats, out: Array,
-) -> float:  # fmt: skip
+    field: Floats, points: Array, guess: Array, info: Six, how: Matcher, wide: Floats, out: Array
+) -> float:
     """The pose of least cost on the lattice of cells and angle steps about a guess.
 
-    Returns:
-        Its cost, with the field as it stands in whole cells.
+    Returns its cost, with the field of whole cells.
     """
+    window, turns, step = how.window, how.turns, how.step
     rows, cols = field.shape
     n = len(points)
     blocks = (2 * window + _BLOCK) // _BLOCK
-    span = blocks * _BLOCK  # cells from -window on; those beyond it are searched as well
+    size = blocks * _BLOCK  # cells from -window on; those beyond it are searched as well
     yaws = 2 * turns + 1
     place = np.empty((yaws, n, 2), np.int32)
     bound = np.empty(yaws * blocks * blocks)
     bottom, top, left, right = rows, 0, cols, 0
-    per = 0.5 / (spread * spread)
+    per = 0.5 / (how.spread * how.spread)
     for a in range(yaws):
         yaw = guess[2] + (a - turns) * step
         c, s = math.cos(yaw), math.sin(yaw)
@@ -215,8 +223,8 @@ def search(
             place[a, k, 1] = math.floor(guess[0] + c * points[k, 0] - s * points[k, 1]) - window
             bottom, top = min(bottom, place[a, k, 0]), max(top, place[a, k, 0])
             left, right = min(left, place[a, k, 1]), max(right, place[a, k, 1])
-    box = (min(max(bottom, 0), rows), max(min(top + span, rows), 0),
-           min(max(left, 0), cols), max(min(right + span, cols), 0))  # fmt: skip
+    box = (min(max(bottom, 0), rows), max(min(top + size, rows), 0),
+           min(max(left, 0), cols), max(min(right + size, cols), 0))  # fmt: skip
     _pool(field, wide, box)
     for a in range(yaws):
         for b in range(blocks * blocks):
@@ -240,7 +248,7 @@ def search(
         for up in range((b // blocks) * _BLOCK, (b // blocks) * _BLOCK + _BLOCK):
             for aside in range((b % blocks) * _BLOCK, (b % blocks) * _BLOCK + _BLOCK):
                 dx, dy, dt = aside - window, up - window, (a - turns) * step
-                cost = 0.5 * quadratic(told, dx, dy, dt) + per * n
+                cost = 0.5 * quadratic(info, dx, dy, dt) + per * n
                 for k in range(n):
                     r, q = place[a, k, 0] + up, place[a, k, 1] + aside
                     if 0 <= r < rows and 0 <= q < cols:
@@ -290,6 +298,17 @@ class MatchSettings:
     iterations: int = setting(default=10, low=0, high=1000, source="design choice")
     """Greatest number of Gauss-Newton iterations."""
 
+    def in_cells(self, resolution: float) -> Matcher:
+        """The settings as kernels take them, for cells of a side [m]."""
+        return Matcher(
+            self.residual_sigma,
+            self.iterations,
+            round(self.search_window / resolution),
+            round(self.search_angle / self.angle_step),
+            self.angle_step,
+            self.search_threshold,
+        )
+
 
 class Match(NamedTuple):
     """Where a scan lies best."""
@@ -300,10 +319,10 @@ class Match(NamedTuple):
 
 
 def thin_scan(scan: Scan, spacing: float, most: int) -> Array:
-    """Echoes (n, 2) of a sweep, one for each `spacing` [m] of way across its beams, at most `most`.
+    """Echoes (n, 2), one for each `spacing` [m] across the beams, at most `most`.
 
-    How far two echoes are from each other would be no measure: their noise would choose, always
-    towards the end of the sweep, and turn the chair.
+    The distance between echoes would be no measure: their noise would choose, always towards the
+    end of the sweep, and turn the chair.
     """
     points = scan.echoes
     ranges = np.hypot(*(points - scan.origin).T)
@@ -315,7 +334,7 @@ def thin_scan(scan: Scan, spacing: float, most: int) -> Array:
 
 
 def match(
-    known: OccupancyMap,
+    maps: OccupancyMap,
     scan: Scan,
     guess: ArrayLike,
     settings: MatchSettings | None = None,
@@ -325,35 +344,30 @@ def match(
     """Lay a scan onto a map, near a guess (3,) [m, m, rad].
 
     Args:
-        known: the map; it grows where the scan leaves it.
+        maps: the map; it grows where the scan leaves it.
         scan: with some echoes; without any, the guess comes back.
-        guess: where to search about.
-        settings: how.
-        prior: covariance (3, 3) [m2, m rad, rad2] of the guess, or None: no trust in it.
+        guess: centre of the search.
+        settings: of the search and the refinement.
+        prior: covariance (3, 3) [m2, m rad, rad2] of the guess; None: a flat prior.
         layer: of the map.
     """
-    own = settings or MatchSettings()
+    config = settings or MatchSettings()
     start = np.asarray(guess, dtype=np.float64)
-    known.grow_to(start, scan_radius(scan) + own.search_window)
-    unit = known.settings.resolution
-    points = thin_scan(scan, own.point_spacing, own.max_points) / unit
-    scale = np.array([unit, unit, 1.0])
-    told = (0.0,) * 6
+    maps.grow_to(start, scan.radius + config.search_window)
+    unit = maps.settings.resolution
+    points = thin_scan(scan, config.point_spacing, config.max_points) / unit
+    scale = np.outer((unit, unit, 1.0), (unit, unit, 1.0))
+    info = (0.0,) * 6
     if prior is not None:
-        m = np.linalg.inv(np.asarray(prior, dtype=np.float64)) * np.outer(scale, scale)
-        told = (m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2])
-    field = known.field[layer]
-    begin, best, end = known.lattice(start), np.empty(3), np.empty(3)
-    search(
-        field, points, begin, told, own.residual_sigma, round(own.search_window / unit),
-        round(own.search_angle / own.angle_step), own.angle_step, known.pooled, best,
-    )  # fmt: skip
-    _, m6 = refine(field, points, best, begin, told, own.residual_sigma, own.iterations, end)
-    xx, xy, xt, yy, yt, tt = m6
-    sure = np.array([(xx, xy, xt), (xy, yy, yt), (xt, yt, tt)])
-    covariance = np.linalg.inv(sure) * np.outer(scale, scale)
+        m = np.linalg.inv(np.asarray(prior, dtype=np.float64)) * scale
+        info = tuple(m[np.triu_indices(3)].tolist())
+    field, how = maps.layers.field[layer], config.in_cells(unit)
+    begin, best, end = maps.to_lattice(start), np.empty(3), np.empty(3)
+    search(field, points, begin, info, how, maps.workspace.pooled, best)
+    _, (xx, xy, xt, yy, yt, tt) = refine(field, points, best, begin, info, how, end)
+    covariance = np.linalg.inv([(xx, xy, xt), (xy, yy, yt), (xt, yt, tt)]) * scale
     score = _mean_field(field, points, *end) if len(points) else 0.0
-    return Match(known.world(end), score, covariance)
+    return Match(maps.from_lattice(end), score, covariance)
 
 
 @borrowing_kernel

@@ -3,7 +3,7 @@
 Each particle matches the scan with its own map; a Gaussian about the match, weighed by the
 odometry's motion model, is its proposal, and how well that explains the scan is its weight. Where
 the paper draws random samples to fit the Gaussian, the six nodes of a cubature rule serve
-(Arasaratnam and Haykin 2009): nothing varies, and a Gaussian posterior is fitted exactly. One
+(Arasaratnam and Haykin 2009): they are always the same, and fit a Gaussian posterior exactly. One
 particle is plain scan matching.
 """
 
@@ -20,14 +20,17 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import compose, wrap
 from wheelchair_gym.localization.occupancy import (
-    Bytes,
-    LogOdds,
+    Layers,
     MappingSettings,
     OccupancyMap,
+    Scan,
+    SensorModel,
+    Workspace,
     add_scan,
+    read_scan,
 )
-from wheelchair_gym.localization.scan import Scan, read_scan, scan_radius
 from wheelchair_gym.localization.scan_matching import (
+    Matcher,
     MatchSettings,
     Six,
     backward,
@@ -45,45 +48,32 @@ from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
-Index = NDArray[np.uint32]
-Marks = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
 _NODE = math.sqrt(3.0)  # nodes of the third-degree cubature in three dimensions, in deviations
 
 
-class Moved(NamedTuple):
-    """What the wheels say since the last scan used, and how they err [cells, rad]."""
+class Odometry(NamedTuple):
+    """Motion since the last scan used, and the variance of its errors [cells, rad]."""
 
     x: float
     y: float
     yaw: float
-    along: float  # variance
-    turn: float  # variance
-
-
-class Matcher(NamedTuple):
-    """What `MatchSettings` say, in cells."""
-
-    spread: float
-    iterations: int
-    window: int
-    turns: int
-    step: float
-    doubt: float
+    translation_variance: float
+    rotation_variance: float
 
 
 @borrowing_kernel
-def _propose(
-    field: Floats, points: Array, prior: Array, told: Six, spread: float, best: Array,
-    information: Six, cost: float, key: np.uint64, step: int, particle: int, draw: bool,
+def _draw_pose(
+    field: Floats, points: Array, prior: Array, prior_info: Six, spread: float, best: Array,
+    info: Six, cost: float, key: np.uint64, step: int, particle: int, draw: bool,
 ) -> float:  # fmt: skip
     """Fit a Gaussian to the posterior about its mode, and draw the pose from it.
 
     `best` becomes the pose: drawn, or the mean. The result is the logarithm of the weight
     (Grisetti et al. 2007, equations 16 to 20).
     """
-    c = cholesky(information)
+    c = cholesky(info)
     x, y, yaw = best[0], best[1], best[2]
     total = 0.0
     m0, m1, m2, xx, yy, tt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -93,7 +83,7 @@ def _propose(
         dx, dy, dt = backward(c, u, v, w)
         px, py, pt = x + dx, y + dy, yaw + dt
         here = 0.5 * misfit(field, points, px, py, pt) / (spread * spread)
-        here += 0.5 * quadratic(told, px - prior[0], py - prior[1], pt - prior[2])
+        here += 0.5 * quadratic(prior_info, px - prior[0], py - prior[1], pt - prior[2])
         share = math.exp(cost - here + 0.5 * _NODE * _NODE) / 6.0
         total += share
         m0 += share * u
@@ -121,46 +111,41 @@ def _propose(
 
 @kernel
 def update_particles(
-    odds: Floats, field: Floats, mean: Floats, tally: Bytes, struck: Marks, wide: Floats,
-    path: Index, mark: int, poses: Array, weights: Array, moved: Moved, points: Array,
-    ends: Array, hits: Mask, how: Matcher, law: LogOdds, smear: Floats, key: np.uint64, step: int,
-    learn: bool,
+    layers: Layers, workspace: Workspace, mark: int, poses: Array, weights: Array,
+    odometry: Odometry, points: Array, ends: Array, hits: Mask, how: Matcher, model: SensorModel,
+    key: np.uint64, step: int, learn: bool,
 ) -> None:  # fmt: skip
     """Move, match, weigh and map every particle."""
     prior, best, other = np.empty(3), np.empty(3), np.empty(3)
-    count = len(poses)
-    for i in range(count):
-        yaw = poses[i, 2]
+    along, around = 1.0 / odometry.translation_variance, 1.0 / odometry.rotation_variance
+    prior_info = (along, 0.0, 0.0, along, 0.0, around)
+    for i in range(len(poses)):
+        field, yaw = layers.field[i], poses[i, 2]
         c, s = math.cos(yaw), math.sin(yaw)
-        prior[0] = poses[i, 0] + c * moved.x - s * moved.y
-        prior[1] = poses[i, 1] + s * moved.x + c * moved.y
-        prior[2] = yaw + moved.yaw
-        told = (1.0 / moved.along, 0.0, 0.0, 1.0 / moved.along, 0.0, 1.0 / moved.turn)
+        prior[0] = poses[i, 0] + c * odometry.x - s * odometry.y
+        prior[1] = poses[i, 1] + s * odometry.x + c * odometry.y
+        prior[2] = yaw + odometry.yaw
         if len(points) == 0:
             poses[i] = prior
         else:
-            cost, found = refine(
-                field[i], points, prior, prior, told, how.spread, how.iterations, best
-            )
-            apart = misfit(field[i], points, best[0], best[1], best[2])
-            if apart > how.doubt * len(points):
-                search(field[i], points, prior, told, how.spread, how.window, how.turns, how.step,
-                       wide, other)  # fmt: skip
-                else_, also = refine(
-                    field[i], points, other, prior, told, how.spread, how.iterations, other
-                )
-                if else_ < cost:
-                    cost, found = else_, also
+            cost, info = refine(field, points, prior, prior, prior_info, how, best)
+            apart = misfit(field, points, best[0], best[1], best[2])
+            if apart > how.threshold * len(points):
+                search(field, points, prior, prior_info, how, workspace.pooled, other)
+                cost_2, info_2 = refine(field, points, other, prior, prior_info, how, other)
+                if cost_2 < cost:
+                    cost, info = cost_2, info_2
                     best[:] = other
-            weights[i] += _propose(field[i], points, prior, told, how.spread, best, found, cost,
-                                   key, step, i, count > 1)  # fmt: skip
+            weights[i] += _draw_pose(
+                field, points, prior, prior_info, how.spread, best, info, cost, key, step, i,
+                len(poses) > 1,
+            )  # fmt: skip
             poses[i] = best
         if learn:
-            add_scan(odds[i], field[i], mean[i], tally[i], struck, mark + i, ends, hits, poses[i],
-                     law, smear, path)  # fmt: skip
+            add_scan(layers, i, workspace, mark + i, ends, hits, poses[i], model)
 
 
-_LUCK = 60_000  # index of the draw that resampling takes; those below are the particles'
+_RESAMPLING = 60_000  # index of the draw of resampling; those below are the particles'
 
 
 @settings
@@ -223,15 +208,15 @@ class SlamSettings:
 
 
 class Slam:
-    """Maps an unknown place and knows where the chair is in it.
+    """Maps an unknown place and estimates the chair's pose in it.
 
     The same seed and the same scans give the same run, bit for bit.
 
     Args:
-        laser: where it sits and what it sees.
+        laser: its mount and its beams.
         settings: particles, mapping, matching, odometry.
         seed: of the draws.
-        pose: where it begins (3,) [m, m, rad].
+        pose: initial pose (3,) [m, m, rad].
     """
 
     def __init__(
@@ -245,36 +230,29 @@ class Slam:
         self._start(np.asarray(pose, dtype=np.float64), seed)
 
     def begin(self, episode: Episode, key: int) -> None:
-        """Forget all, and begin where an episode does: its map is not looked at."""
+        """Forget everything, and begin where an episode does: its map is not used."""
         self._start(episode.start, key)
 
     def _start(self, pose: Array, seed: int) -> None:
         count = self.settings.particles
         self.maps = OccupancyMap(self.settings.mapping, count)
-        self._drawn: tuple[int, OccupancyGrid] | None = None  # scans in it, and it
+        self._map: tuple[int, OccupancyGrid] | None = None  # scans in it, and it
         self._key = np.uint64(seed % 2**64)
         self._poses = np.tile(pose, (count, 1))
         self._weights = np.zeros(count)  # logarithms, since the last resampling
-        self._worth = np.zeros(count)  # since the beginning, along each particle's own past
-        self._moved = np.zeros(3)  # since the last scan used
-        self._ways = np.zeros(2)  # m, rad: driven and turned since then
-        self._poses_then: list[Array] = []  # after each scan used, and ...
+        self._total_weights = np.zeros(count)  # likewise since the beginning, by ancestry
+        self._increment = np.zeros(3)  # motion since the last scan used
+        self._driven = np.zeros(2)  # m, rad: driven and turned since then
+        self._history: list[Array] = []  # poses after each scan used, and ...
         self._parents: list[NDArray[np.int64]] = []  # ... whose copies those particles were
-        self._steps: list[tuple[int, Array]] = []  # scans used so far, and the way since
-        self.resampled = 0  # times
+        self._steps: list[tuple[int, Array]] = []  # scans used so far, and the motion since
 
-    def update(
-        self,
-        increment: ArrayLike,
-        ranges: ArrayLike | None,
-        learn: bool = True,
-    ) -> Array:
-        """Move on and look.
+    def update(self, increment: ArrayLike, ranges: ArrayLike | None, learn: bool = True) -> Array:
+        """The pose after an increment of odometry and a scan.
 
         Args:
-            increment: (3,) [m, m, rad] what the odometry says was driven since the last update, in
-                the chair's frame then.
-            ranges: (beams,) [m] as in `Reading.laser`; None: nothing seen.
+            increment: (3,) [m, m, rad] odometry since the last update, in the chair's frame then.
+            ranges: (beams,) [m] as in `Reading.laser`; None: no scan.
             learn: false: match the scan, but keep it out of the maps, to test them with.
 
         Returns:
@@ -283,57 +261,48 @@ class Slam:
         Raises:
             InputError: an increment that is not three finite numbers, or a scan of another length.
         """
-        way = np.asarray(increment, dtype=np.float64)
-        if way.shape != (3,) or not np.isfinite(way).all():
+        motion = np.asarray(increment, dtype=np.float64)
+        if motion.shape != (3,) or not np.isfinite(motion).all():
             raise InputError(f"increment is {increment!r}; expected three finite numbers")
-        own = self.settings
+        config = self.settings
         if ranges is not None and np.shape(ranges) != (self.laser.beams,):
             raise InputError(f"a scan has shape {np.shape(ranges)}; expected ({self.laser.beams},)")
-        self._moved = compose(self._moved, way)
-        self._ways += math.hypot(way[0], way[1]), abs(way[2])
-        due = (
-            self._ways[0] >= own.update_distance
-            or self._ways[1] >= own.update_angle
-            or not self._poses_then
-        )
-        if ranges is not None and (due or not learn):
-            scan = read_scan(self.laser, ranges, own.mapping.free_range)
+        self._increment = compose(self._increment, motion)
+        self._driven += math.hypot(motion[0], motion[1]), abs(motion[2])
+        due = (self._driven >= (config.update_distance, config.update_angle)).any()
+        if ranges is not None and (due or not self._history or not learn):
+            scan = read_scan(self.laser, ranges, config.mapping.free_range)
             if len(scan.ends):
-                self._look(scan, learn)
-        self._steps.append((len(self._poses_then), self._moved))
+                self._use_scan(scan, learn)
+        self._steps.append((len(self._history), self._increment))
         return self.pose
 
-    def _look(self, scan: Scan, learn: bool) -> None:
+    def _use_scan(self, scan: Scan, learn: bool) -> None:
         """Match a scan, weigh the particles, and perhaps add it to their maps."""
-        own, maps = self.settings, self.maps
-        expected = compose(self._poses, self._moved)
-        unit = own.mapping.resolution
+        config, matching, maps = self.settings, self.settings.matching, self.maps
+        expected = compose(self._poses, self._increment)
+        unit = config.mapping.resolution
         # The search's blocks reach beyond the window.
-        maps.grow_to(expected, scan_radius(scan) + 2.0 * own.matching.search_window + 5.0 * unit)
-        points = thin_scan(scan, own.matching.point_spacing, own.matching.max_points) / unit
-        points = points if self._poses_then else points[:0]  # the first finds no map
-        way, turn = self._ways
-        along = own.translation_floor + own.translation_error * way
-        round_ = own.rotation_floor + own.rotation_error * turn + own.rotation_per_translation * way
-        x, y, yaw = self._moved
-        moved = Moved(x / unit, y / unit, yaw, (along / unit) ** 2, round_**2)
-        matching = own.matching
-        how = Matcher(
-            matching.residual_sigma, matching.iterations, round(matching.search_window / unit),
-            round(matching.search_angle / matching.angle_step), matching.angle_step,
-            matching.search_threshold,
-        )  # fmt: skip
-        poses, gained = maps.lattice(self._poses), np.zeros(len(self._poses))
+        maps.grow_to(expected, scan.radius + 2.0 * matching.search_window + 5.0 * unit)
+        points = thin_scan(scan, matching.point_spacing, matching.max_points) / unit
+        points = points if self._history else points[:0]  # the first finds no map
+        way, turn = self._driven
+        along = config.translation_floor + config.translation_error * way
+        around = config.rotation_floor + config.rotation_error * turn
+        around += config.rotation_per_translation * way
+        x, y, yaw = self._increment
+        odometry = Odometry(x / unit, y / unit, yaw, (along / unit) ** 2, around**2)
+        poses, gained = maps.to_lattice(self._poses), np.zeros(len(self._poses))
         update_particles(
-            maps.odds, maps.field, maps.mean, maps.tally, maps.last_hit, maps.pooled, maps.path,
-            maps.next_marks(len(poses)), poses, gained, moved, points, maps.points(scan),
-            scan.hits, how, maps.log_odds, maps.weights, self._key, len(self._poses_then), learn,
+            maps.layers, maps.workspace, maps.next_marks(len(poses)), poses, gained, odometry,
+            points, scan.points / unit, scan.hits, matching.in_cells(unit), maps.model, self._key,
+            len(self._history), learn,
         )  # fmt: skip
-        self._poses = maps.world(poses)
-        self._weights += gained / (own.likelihood_smoothing * len(gained))
-        self._worth += gained
-        self._moved, self._ways = np.zeros(3), np.zeros(2)
-        self._poses_then.append(self._poses)
+        self._poses = maps.from_lattice(poses)
+        self._weights += gained / (config.likelihood_smoothing * len(gained))
+        self._total_weights += gained
+        self._increment, self._driven = np.zeros(3), np.zeros(2)
+        self._history.append(self._poses)
         self._parents.append(self._resample())
 
     def _resample(self) -> NDArray[np.int64]:
@@ -341,62 +310,56 @@ class Slam:
         count = len(self._weights)
         share = np.exp(self._weights - self._weights.max())
         share /= share.sum()
-        own = np.arange(count)
+        each = np.arange(count)
         if count == 1 or 1.0 / (share**2).sum() >= self.settings.resample_threshold * count:
-            return own
-        start = uniform(self._key, len(self._poses_then), SLAM, _LUCK)
-        drawn = np.searchsorted(np.cumsum(share), (start + own) / count).clip(0, count - 1)
+            return each
+        start = uniform(self._key, len(self._history), SLAM, _RESAMPLING)
+        drawn = np.searchsorted(np.cumsum(share), (start + each) / count).clip(0, count - 1)
         # Those drawn stay where they are, and their copies take the places of the others.
         times = np.bincount(drawn, minlength=count)
-        parents = own.copy()
-        parents[times == 0] = np.repeat(own, np.maximum(times - 1, 0))
+        parents = each.copy()
+        parents[times == 0] = np.repeat(each, np.maximum(times - 1, 0))
         self.maps.copy_layers(parents)
-        self._poses, self._worth = self._poses[parents], self._worth[parents]
+        self._poses, self._total_weights = self._poses[parents], self._total_weights[parents]
         self._weights = np.zeros(count)
-        self.resampled += 1
         return parents
 
     @property
     def best(self) -> int:
         """The index of the particle with the greatest likelihood over its whole history."""
-        return int(np.argmax(self._worth))
+        return int(np.argmax(self._total_weights))
 
     @property
     def pose(self) -> Array:
-        """Where the best particle is (3,) [m, m, rad]."""
-        return compose(self._poses[self.best], self._moved)
+        """Pose (3,) [m, m, rad] of the best particle."""
+        return compose(self._poses[self.best], self._increment)
 
     @property
     def poses(self) -> Array:
-        """Where the particles are (particles, 3) [m, m, rad]."""
-        return compose(self._poses, self._moved)
+        """Poses (particles, 3) [m, m, rad]."""
+        return compose(self._poses, self._increment)
 
     @property
     def map(self) -> OccupancyGrid:
-        """The best particle's map; a single unknown cell before anything was seen."""
-        if self.maps.odds.size == 0:
-            return OccupancyGrid(
-                np.full((1, 1), UNKNOWN, np.int8), self.settings.mapping.resolution
-            )
-        seen = len(self._poses_then)
-        if self._drawn is None or self._drawn[0] != seen:
-            self._drawn = seen, self.maps.to_grid(self.best)
-        return self._drawn[1]
+        """The best particle's map; a single unknown cell before the first scan."""
+        if self.maps.layers.odds.size == 0:
+            cells = np.full((1, 1), UNKNOWN, np.int8)
+            return OccupancyGrid(cells, self.settings.mapping.resolution)
+        if self._map is None or self._map[0] != len(self._history):
+            self._map = len(self._history), self.maps.to_grid(self.best)
+        return self._map[1]
 
     @property
     def built_map(self) -> Callable[[], OccupancyGrid]:
-        """Gives the map as it is when asked."""
-        return self._map_now
-
-    def _map_now(self) -> OccupancyGrid:
-        return self.map
+        """A function that returns the map as it is then."""
+        return lambda: self.map
 
     @property
     def trajectory(self) -> Array:
         """Poses (updates, 3) [m, m, rad] of the best particle, smoothed by its latest history."""
-        line = np.empty((len(self._poses_then) + 1, 3))
+        line = np.empty((len(self._history) + 1, 3))
         particle = self.best
-        for k in range(len(self._poses_then) - 1, -1, -1):
+        for k in range(len(self._history) - 1, -1, -1):
             particle = self._parents[k][particle]
-            line[k + 1] = self._poses_then[k][particle]
-        return np.stack([compose(line[scans], moved) for scans, moved in self._steps])
+            line[k + 1] = self._history[k][particle]
+        return np.stack([compose(line[scans], motion) for scans, motion in self._steps])

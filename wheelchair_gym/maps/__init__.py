@@ -1,10 +1,10 @@
-"""Maps: occupancy grids, their files, and exact geometry and shortest ways from them."""
+"""Maps: occupancy grids, their files, exact walls and shortest paths."""
 
 from __future__ import annotations
 
 from wheelchair_gym.maps.geodesic import Geodesic, geodesic, interpolate
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from wheelchair_gym.maps.io.any_format import MapWithWalls, read_any_map
+from wheelchair_gym.maps.io import MapWithWalls, read_any_map
 from wheelchair_gym.maps.io.house_expo import House, read_house
 from wheelchair_gym.maps.io.map_server import read_map, write_map
 from wheelchair_gym.maps.io.moving_ai import (

@@ -1,7 +1,7 @@
-"""Distances on a raster, and the chair's outline on it.
+"""Distances on a raster, and the clearance of the chair's outline from them.
 
-Distances are exact to the squares of solid cells, with a bound to step by. Discs cover the outline;
-the gap that they leave is known.
+Distances are exact, to the squares of solid cells. For its clearance the outline is covered by
+discs.
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.geometry import Footprint
 
+Array = NDArray[np.float64]
 Field = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Cells = NDArray[np.int8]
@@ -24,7 +25,7 @@ Steps = NDArray[np.int16]
 def distance_to_occupied(solid: Mask, most: float) -> Field:
     """Distance (rows, cols) [cells] from cell centres to the nearest solid cell's square.
 
-    Exact below `most`; not less than `most` (or infinite) beyond. First the gap up and down each
+    Exact below `most`; at least `most` (or infinite) beyond. First the distance up and down each
     column; then, along each row, the least of all sums of squares.
     """
     rows, cols = solid.shape
@@ -66,7 +67,7 @@ def distance_to_occupied(solid: Mask, most: float) -> Field:
 
 @borrowing_kernel
 def rows_equal(line: Cells, other: Cells) -> bool:
-    """Whether two rows of cells are alike: most are, in buildings."""
+    """Whether two rows of cells are equal: most neighbours are, in buildings."""
     differ = np.int8(0)
     for k in range(min(len(line), len(other))):
         differ |= line[k] ^ other[k]
@@ -74,7 +75,8 @@ def rows_equal(line: Cells, other: Cells) -> bool:
 
 
 @borrowing_kernel
-def _lay(line: Cells, over: Cells) -> None:
+def _add_row(line: Cells, over: Cells) -> None:
+    """Set the cells of a row that are set in another."""
     for k in range(min(len(line), len(over))):
         over[k] |= line[k]
 
@@ -83,15 +85,15 @@ def _lay(line: Cells, over: Cells) -> None:
 def within_distance(solid: Cells, least: float) -> Cells:
     """1 where a cell's centre is nearer [cells] than `least` to some solid cell's square, else 0.
 
-    Each row of solid cells is widened step by step, and laid over the rows that lie near enough to
-    be reached at that width: only whole rows are handled, which goes many cells at a time. Of rows
-    alike the last reaches farthest up, the first farthest down.
+    Each row of solid cells is widened step by step, and added to the rows within reach at that
+    width: whole rows vectorize. Of equal rows the last reaches farthest up, the first farthest
+    down.
     """
     rows, cols = solid.shape
     out = np.zeros((rows, cols), np.int8)
     wide = np.zeros(cols, np.int8)
     most = min(rows, int(least + 1.5))
-    up = False  # whether the row below is another
+    up = False  # whether the row differs from the next
     for row in range(rows):
         down = row == 0 or up
         up = row == rows - 1 or not rows_equal(solid[row], solid[row + 1])
@@ -106,11 +108,11 @@ def within_distance(solid: Cells, least: float) -> Cells:
                     continue
                 width = _widen(line, width, aside, wide)
                 if up and row + rise < rows:
-                    _lay(wide, out[row + rise])
+                    _add_row(wide, out[row + rise])
                 if down and rise <= row:
-                    _lay(wide, out[row - rise])
+                    _add_row(wide, out[row - rise])
             _widen(line, width, least * least, wide)
-        _lay(wide, out[row])
+        _add_row(wide, out[row])
     return out
 
 
@@ -119,15 +121,15 @@ def _widen(line: Cells, width: int, square: float, wide: Cells) -> int:
     """Widen the solid cells of a line up to a squared distance; returns the width."""
     while width < len(line) - 1 and (width + 0.5) ** 2 < square:
         width += 1
-        _lay(line[width:], wide)
-        _lay(line, wide[width:])
+        _add_row(line[width:], wide)
+        _add_row(line, wide[width:])
     return width
 
 
 @borrowing_kernel
-def _step(line: Field, way: int, far: int, count: Steps, rise: Steps) -> None:
+def _count_steps(line: Field, direction: int, far: int, count: Steps, rise: Steps) -> None:
     """Count steps since the last finite cell of each column; keep them, signed, where fewer."""
-    sign = np.int16(way)
+    sign = np.int16(direction)
     for k in range(min(len(line), len(count), len(rise))):
         steps = np.int16(count[k] + np.int16(1))
         steps = steps if steps < far else np.int16(far)
@@ -137,8 +139,8 @@ def _step(line: Field, way: int, far: int, count: Steps, rise: Steps) -> None:
 
 
 @borrowing_kernel
-def _nearer(square: Steps, step: int, best: Steps, shift: Steps) -> None:
-    """Where columns a step to the right or left are nearer than the best so far, keep them."""
+def _keep_nearer(square: Steps, step: int, best: Steps, shift: Steps) -> None:
+    """Keep columns a step to the right or left where they are nearer than the best so far."""
     aside, more = np.int16(step), np.int16(step * step)
     ahead = square[step:]
     for k in range(min(len(ahead), len(best), len(shift))):
@@ -155,20 +157,20 @@ def _nearer(square: Steps, step: int, best: Steps, shift: Steps) -> None:
 
 @kernel
 def extend_field(length: Field, band: float) -> Field:
-    """A field carried on into cells within `band` [cells] of finite ones: plus the way there.
+    """A field extended into cells within `band` [cells] of finite ones: theirs plus the distance.
 
     First the nearest finite cell up or down each column; then, along each row, the nearest of all.
-    Numbers are as short as they can be, so that many go at a time: a band ends at 120.
+    Integers of 16 bits vectorize best: a band ends at 120.
     """
     rows, cols = length.shape
     far = int(min(band, 120.0)) + 1
     limit = np.int16(min(band, 120.0) ** 2)
     rise = np.full((rows, cols), far, np.int16)  # rows to the nearest finite cell of the column
-    for way in (1, -1):
+    for direction in (1, -1):
         count = np.full(cols, far, np.int16)
         for k in range(rows):
-            row = k if way < 0 else rows - 1 - k
-            _step(length[row], way, far, count, rise[row])
+            row = k if direction < 0 else rows - 1 - k
+            _count_steps(length[row], direction, far, count, rise[row])
     out = length.copy()
     square, best = np.empty(cols, np.int16), np.empty(cols, np.int16)
     shift = np.empty(cols, np.int16)
@@ -179,7 +181,7 @@ def extend_field(length: Field, band: float) -> Field:
             best[col] = square[col]
             shift[col] = 0
         for step in range(1, far):
-            _nearer(square, step, best, shift)
+            _keep_nearer(square, step, best, shift)
         for col in range(cols):
             if 0 < best[col] <= limit:
                 source = col + shift[col]
@@ -187,16 +189,14 @@ def extend_field(length: Field, band: float) -> Field:
     return out
 
 
-Array = NDArray[np.float64]
-
 PROBES = 2.0  # discs along the outline's middle, per half width of its length
 CORNERS = (0.55, 0.3, 0.15, 0.06)  # radii of discs in each corner, of the half width
 
 
 def footprint_discs(footprint: Footprint, less: float = 0.0) -> Array:
-    """Discs (n, 3) that cover the outline, made smaller on all sides; the first is round it all.
+    """Discs (n, 3) that cover the outline less a margin; the first one encloses it.
 
-    A row of discs along the middle, and in each corner ever smaller ones.
+    A row of discs along the middle, and ever smaller ones in each corner.
     """
     front, rear, half = (side - less for side in footprint.array.tolist())
     middle = 0.5 * (front - rear)
@@ -209,6 +209,15 @@ def footprint_discs(footprint: Footprint, less: float = 0.0) -> Array:
     return np.array(rows)
 
 
+@inlined
+def bilinear(field: Field, row: int, col: int, a: float, b: float) -> float:
+    """A field between four cells, at the shares a of the way along columns and b along rows."""
+    low = field[row, col] * (1.0 - a) + field[row, col + 1] * a
+    high = field[row + 1, col] * (1.0 - a) + field[row + 1, col + 1] * a
+    value: float = low * (1.0 - b) + high * b
+    return value
+
+
 @borrowing_kernel
 def _distance(field: Field, scale: float, x: float, y: float) -> float:
     """Distance [m] from a point [m] to solid cells, bilinear between cell centres."""
@@ -218,9 +227,7 @@ def _distance(field: Field, scale: float, x: float, y: float) -> float:
         return 0.0
     u, v = min(max(u, 0.0), cols - 1.001), min(max(v, 0.0), rows - 1.001)
     c, r = int(u), int(v)
-    u, v = u - c, v - r
-    low = field[r, c] * (1.0 - u) + field[r, c + 1] * u
-    return float(low * (1.0 - v) + (field[r + 1, c] * (1.0 - u) + field[r + 1, c + 1] * u) * v)
+    return bilinear(field, r, c, u - c, v - r)
 
 
 @borrowing_kernel
@@ -232,13 +239,13 @@ def field_clearance(
     y: float,
     cos: float,
     sin: float,
-    wish: float,
+    most: float,
 ) -> float:
-    """Gap [m] round the outline, at most `wish`; discs (n, 3), the first of all round the chair."""
+    """Clearance [m] of an outline at a pose, at most `most`; discs as of `footprint_discs`."""
     gap = _distance(field, scale, x + cos * discs[0, 0], y + sin * discs[0, 0]) - discs[0, 2]
-    if gap >= wish:
-        return wish
-    gap = wish
+    if gap >= most:
+        return most
+    gap = most
     for i in range(1, discs.shape[0]):
         px = x + cos * discs[i, 0] - sin * discs[i, 1]
         py = y + sin * discs[i, 0] + cos * discs[i, 1]

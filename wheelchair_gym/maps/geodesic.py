@@ -1,10 +1,10 @@
-"""Shortest paths round obstacles to a goal: the one measure for guidance, solvability and SPL.
+"""Shortest paths round obstacles to a goal, for guidance, solvability and SPL.
 
-A shortest path bends only at gates: free cells beside an outer corner of what is blocked. So the
-goal lights all that it sees; then gate after gate, the nearest to the goal first, lights what lies
-in the shadow of its corner (Dijkstra's search of the visibility graph, whose edges nobody lists).
-Light spreads row by row through the runs of free cells, as in Anya (Harabor et al. 2016), and ends
-where it brings nothing shorter.
+A shortest path bends only at gates: free cells beside an outer corner of blocked cells. The cells
+visible from the goal have straight paths. Then gate after gate, the nearest to the goal first,
+gives paths to the cells that are hidden behind its corner: Dijkstra's search of the visibility
+graph, without a list of its edges. Visibility spreads row by row through the runs of free cells, as
+in Anya (Harabor et al. 2016), and ends where no path becomes shorter.
 
 Coordinates in kernels are in cells from the centre of cell (0, 0): x along columns, y along rows.
 """
@@ -33,9 +33,9 @@ GATE = np.dtype(
         ("col", np.int32),
         ("east", np.int32),  # 1 or -1: the blocked corner lies in this column beside it ...
         ("north", np.int32),  # ... and in this row
-        ("way", np.float32),  # the shortest so far
-        ("root", np.int32),  # the bend that lit it
-        ("place", np.int32),  # in the queue, 0 if it does not wait
+        ("way", np.float32),  # length of the shortest path so far
+        ("root", np.int32),  # the bend from which that path comes
+        ("place", np.int32),  # in the queue; 0: not in it
     ]
 )
 
@@ -55,13 +55,13 @@ def terrain_of(free: Mask) -> Terrain:
     rows, cols = free.shape
     cells = free.view(np.int8)
     run, gate = np.zeros(rows + 1, np.int32), np.zeros(rows + 1, np.int32)
-    alike = np.zeros(rows, np.bool_)  # rows like the one below
-    runs = np.empty(rows * ((cols + 1) // 2), RUN)  # as many as there might be: only a few are met
+    same = np.zeros(rows, np.bool_)  # rows equal to the one below
+    runs = np.empty(rows * ((cols + 1) // 2), RUN)  # the greatest number possible
     k = 0
     for row in range(rows):
         run[row] = k
-        alike[row] = row > 0 and rows_equal(cells[row], cells[row - 1])
-        if alike[row]:
+        same[row] = row > 0 and rows_equal(cells[row], cells[row - 1])
+        if same[row]:
             for other in range(run[row - 1], run[row]):
                 runs[k].first, runs[k].last = runs[other].first, runs[other].last
                 k += 1
@@ -83,7 +83,7 @@ def terrain_of(free: Mask) -> Terrain:
         gate[row] = m
         for side in (-1, 1):
             beside = row + side
-            if beside < 0 or beside >= rows or alike[max(row, beside)]:
+            if beside < 0 or beside >= rows or same[max(row, beside)]:
                 continue
             for k in range(run[beside], run[beside + 1]):
                 for way in (-1, 1):
@@ -99,7 +99,7 @@ def terrain_of(free: Mask) -> Terrain:
 
 @borrowing_kernel
 def enqueue(gates: Records, queue: Index, gate: int) -> None:
-    """Let a gate wait, or move it up as its way became shorter: a heap, queue[0] its length."""
+    """Add a gate to the queue (a heap; queue[0] is its length), or move it up there."""
     way, k = gates[gate].way, gates[gate].place
     if k == 0:
         queue[0] += 1
@@ -117,7 +117,7 @@ def enqueue(gates: Records, queue: Index, gate: int) -> None:
 
 @borrowing_kernel
 def dequeue(gates: Records, queue: Index) -> int:
-    """The gate with the shortest way."""
+    """Take the gate with the shortest path."""
     top, count = queue[1], queue[0] - 1
     gates[top].place = 0
     queue[0] = count
@@ -150,11 +150,11 @@ def run_at(terrain: Terrain, row: int, col: int) -> int:
 Field = NDArray[np.float32]
 
 _HALF = 0.501  # of a cell and a touch: a line may graze corners
-_GAIN = 0.01  # cells; a gate waits again only for a way shorter by this
-_CUT = 0.1  # cells gained by bending behind a corner and not before it, or it is not worth it
-# A line passes corners half a cell nearer than gates stand, so right behind a gate others may do
-# better than the gate, and yet not farther on: light that comes late by no more than the slack goes
-# on, and all light does over its first rows. (20,000 mazes: one cell was left dark.)
+_GAIN = 0.01  # cells; a gate is queued again only for a path shorter by this
+_CUT = 0.1  # cells that bending behind a corner, not before it, must gain
+# A line passes corners half a cell nearer than gates stand, so right behind a gate other paths may
+# be shorter, but not farther on: a sweep goes on over its first rows, and while its paths are
+# longer by no more than the slack. (In 20,000 mazes one cell was not reached.)
 _SLACK = 0.8  # cells
 _NEAR = 6.0  # rows
 
@@ -168,7 +168,7 @@ _BEND = np.dtype(
         ("turn", np.int32),  # 1 to the left, -1 to the right, 0 at the goal
     ]
 )
-_WEDGE = np.dtype(  # light that has still to fall into a row
+_WEDGE = np.dtype(  # a visible sector that has still to enter a row
     [
         ("row", np.int32),
         ("first", np.int32),  # columns of the run that it comes from
@@ -181,23 +181,23 @@ _WEDGE = np.dtype(  # light that has still to fall into a row
 
 
 def no_bends() -> Records:
-    """Of a goal that cannot be reached."""
+    """The bends of paths to a goal that cannot be reached."""
     return np.empty(0, _BEND)
 
 
-class Beam(NamedTuple):
-    """The part of the map that a bend illuminates on one side of its row."""
+class Sector(NamedTuple):
+    """The part of the map that is visible from a bend on one side of its row."""
 
     north: int  # 1 towards higher rows, -1 towards lower ones
-    low: float  # slopes between which it shines [columns per row]
+    low: float  # slopes that bound it [columns per row]
     high: float
-    shadow: int  # 1: news only east of an edge; -1: only west of it; 0: everywhere
+    shadow: int  # 1: only east of an edge; -1: only west of it; 0: everywhere
     edge: float  # where the edge crosses the bend's own row
     drift: float  # its slope
 
 
 @borrowing_kernel
-def _light(
+def _relax(
     terrain: Terrain,
     queue: Index,
     bends: Records,
@@ -207,7 +207,7 @@ def _light(
     a: int,
     b: int,
 ) -> tuple[int, int]:
-    """Light the columns a to b of a row; the first and last where that is not too late."""
+    """Shorten paths from columns a to b of a row; returns the first and last within the slack."""
     line = length[row]
     x, way = bends[root].x, bends[root].way
     rise = np.float32(row) - bends[root].y
@@ -241,27 +241,27 @@ def _light(
 
 
 @borrowing_kernel
-def _shine(
+def _sweep(
     terrain: Terrain,
     queue: Index,
     bends: Records,
     root: int,
     length: Field,
     wedges: Records,
-    beam: Beam,
+    sector: Sector,
 ) -> bool:
-    """Let a bend shine on one side of its row; whether that lit anything.
+    """Sweep the cells visible from a bend on one side of its row; whether any path got shorter.
 
     Within a row's strip of height 1 a line stays in its run if it enters and leaves within it.
     """
-    x, y, north = float(bends[root].x), float(bends[root].y), beam.north
+    x, y, north = float(bends[root].x), float(bends[root].y), sector.north
     row = math.floor(y + 0.5)
     run = terrain.runs[run_at(terrain, row, math.floor(x + 0.5))]
     near = max(0.5 + north * (row - y), 1e-3)  # to the edge of its own row
     wedges[0].row, wedges[0].first, wedges[0].last = row + north, run.first, run.last
-    wedges[0].low = max(beam.low, (run.first - _HALF - x) / near)
-    wedges[0].high = min(beam.high, (run.last + _HALF - x) / near)
-    count, lit = 1, False
+    wedges[0].low = max(sector.low, (run.first - _HALF - x) / near)
+    wedges[0].high = min(sector.high, (run.last + _HALF - x) / near)
+    count, improved = 1, False
     while count > 0:
         count -= 1
         row, first, last = as_int(wedges[count].row), wedges[count].first, wedges[count].last
@@ -270,7 +270,7 @@ def _shine(
             continue
         middle = north * (row - y)
         enter, leave = max(middle - 0.5, 1e-3), middle + 0.5
-        west, east, edge = x + low * enter, x + high * enter, beam.edge + beam.drift * middle
+        west, east, edge = x + low * enter, x + high * enter, sector.edge + sector.drift * middle
         for k in range(terrain.run[row], terrain.run[row + 1]):
             a, b = as_int(terrain.runs[k].first), as_int(terrain.runs[k].last)
             if b + _HALF < west:
@@ -283,13 +283,13 @@ def _shine(
             right = min(high, (b + _HALF - x) / enter)
             begin = max(a, math.ceil(x + left * middle - 1e-6))
             end = min(b, math.floor(x + right * middle + 1e-6))
-            if beam.shadow > 0:
+            if sector.shadow > 0:
                 begin = max(begin, math.floor(edge))
-            elif beam.shadow < 0:
+            elif sector.shadow < 0:
                 end = min(end, math.ceil(edge))
             if begin <= end:
-                one, other = _light(terrain, queue, bends, root, length, row, begin, end)
-                lit = lit or one <= other
+                one, other = _relax(terrain, queue, bends, root, length, row, begin, end)
+                improved = improved or one <= other
                 if middle > _NEAR:
                     if one > other:
                         continue
@@ -303,18 +303,18 @@ def _shine(
                 wedges[count].row, wedges[count].first, wedges[count].last = row + north, a, b
                 wedges[count].low, wedges[count].high = left, right
                 count += 1
-    return lit
+    return improved
 
 
 @kernel
 def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tuple[Field, Records]:
-    """Lengths (rows, cols) [cells] of the shortest ways to the goal, and where they bend."""
+    """Lengths (rows, cols) [cells] of the shortest paths to the goal, and where they bend."""
     length = np.full(free.shape, np.inf, np.float32)
     terrain = terrain_of(free)
     gates, runs = terrain.gates, terrain.runs
     queue = np.zeros(len(gates) + 1, np.int32)
     bends = np.empty(len(gates) + 1, _BEND)
-    # Each wedge that waits has its own run, or comes from a gap between two.
+    # Each wedge on the stack has its own run, or comes from a gap between two.
     wedges = np.empty(len(runs) + 2, _WEDGE)
     bends[0].x, bends[0].y, bends[0].way = goal_x, goal_y, 0.0
     bends[0].next, bends[0].turn = -1, 0
@@ -324,27 +324,27 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
     k = run_at(terrain, row, col)
     first, last = as_int(runs[k].first), as_int(runs[k].last)
     count = as_int(0)
-    _light(terrain, queue, bends, count, length, row, first, last)
+    _relax(terrain, queue, bends, count, length, row, first, last)
     for north in (-1, 1):
-        beam = Beam(north, -np.inf, np.inf, 0, 0.0, 0.0)
-        _shine(terrain, queue, bends, count, length, wedges, beam)
+        sector = Sector(north, -np.inf, np.inf, 0, 0.0, 0.0)
+        _sweep(terrain, queue, bends, count, length, wedges, sector)
     count += 1
     while queue[0] > 0:
         gate = gates[dequeue(gates, queue)]
         row, col = as_int(gate.row), as_int(gate.col)
         east, up = as_int(gate.east), as_int(gate.north)
-        # Up to the edge, the line from its own root by the corner, others have lit the terrain. A
-        # root that turned the other way lit nothing beyond the gate itself.
+        # Up to the edge, the line from its root by the corner, the root's own paths are as short. A
+        # root that turned the other way has no paths beyond the gate itself.
         root = bends[gate.root]
         x, y = float(root.x), float(root.y)
         turn = 1 if (col - x) * up > (row - y) * east else -1
         past = 0.0 if root.turn == -turn else 1.0
         ex, ey = col + past * _HALF * east - x, row + past * 0.5 * up - y
-        if ex * up == ey * east:  # straight at the corner: nothing to turn round
+        if ex * up == ey * east:  # straight at the corner: no bend
             continue
         edge = col + past * (_HALF * east - 0.5 * up * ex / ey)
         corner_slope, way = float(east), gate.way
-        # The way bends one cell on, behind the corner, if its root saw that cell better.
+        # The path bends one cell on, behind the corner, if that is shorter from its root.
         upright = turn != east * up
         if (ey * up if upright else ex * east) > 0.0:
             r, c = (row + up, col) if upright else (row, col + east)
@@ -356,9 +356,9 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
                     corner_slope = east * np.inf
         bends[count].x, bends[count].y, bends[count].way = col, row, way
         bends[count].next, bends[count].turn = gate.root, turn
-        # It shines from along the edge round to the corner: perhaps over its row, on this side.
+        # It sees from along the edge round to the corner: perhaps over its row, on this side.
         side = 1 if ex + east * abs(ey) > 0.0 else -1
-        lit = False
+        improved = False
         if ey * up < 0.0:
             k = run_at(terrain, row, col)
             begin, end = as_int(runs[k].first), as_int(runs[k].last)
@@ -366,8 +366,8 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
                 begin = max(begin, math.floor(edge))
             else:
                 end = min(end, math.ceil(edge))
-            one, other = _light(terrain, queue, bends, count, length, row, begin, end)
-            lit = one <= other
+            one, other = _relax(terrain, queue, bends, count, length, row, begin, end)
+            improved = one <= other
         for north in (-1, 1):
             ahead, beside = ey * north > 0.0, up * north > 0
             if not (ahead or beside):
@@ -379,10 +379,10 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
                 straight = ex / abs(ey)
                 shadow = 1 if corner > straight else -1
             low, high = min(straight, corner), max(straight, corner)
-            beam = Beam(north, low, high, shadow, edge, straight if ahead else 0.0)
-            if _shine(terrain, queue, bends, count, length, wedges, beam):
-                lit = True
-        if lit:
+            sector = Sector(north, low, high, shadow, edge, straight if ahead else 0.0)
+            if _sweep(terrain, queue, bends, count, length, wedges, sector):
+                improved = True
+        if improved:
             count += 1
     return length, bends[:count].copy()
 
@@ -445,17 +445,15 @@ def _interpolated(field: Field, points: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Geodesic:
-    """Shortest ways to one goal for a disc: lengths everywhere, and the way from any start.
+    """Shortest paths of a disc to one goal: lengths everywhere, and the path from any start.
 
-    It keeps one field and the bends of all ways; the rest is worked out again when asked for.
+    It keeps one field and the bends of all paths.
     """
 
     grid: OccupancyGrid
     goal: Array  # (2,) m
     radius: float  # m
-    extended: (
-        Field  # (rows, cols) m; peak_speed on a radius and a cell into what is too near obstacles
-    )
+    extended: Field  # (rows, cols) m; it extends a radius and more into cells near obstacles
     _bends: Records
 
     @property
@@ -465,7 +463,7 @@ class Geodesic:
         return length * np.float32(self.grid.resolution)
 
     def at(self, points: ArrayLike) -> Array:
-        """Length of the shortest way [m] from points (..., 2) [m].
+        """Length of the shortest path [m] from points (..., 2) [m].
 
         A point slightly too near an obstacle counts from the nearest reachable cell; far from
         reachable ground the length is infinite.
@@ -474,7 +472,7 @@ class Geodesic:
         return _interpolated(self.extended, lattice.reshape(-1, 2)).reshape(lattice.shape[:-1])
 
     def path(self, start: ArrayLike) -> Array:
-        """The shortest way (n, 2) [m] from a start (2,) [m] to the goal, empty if there is none."""
+        """The shortest path (n, 2) [m] from a start (2,) [m] to the goal; empty without one."""
         place = np.asarray(start, dtype=np.float64)[:2]
         if not (self.grid.inside(place) and np.isfinite(self.at(place))):
             return np.empty((0, 2))
@@ -498,15 +496,15 @@ class Geodesic:
 
 
 def geodesic(grid: OccupancyGrid, goal: ArrayLike, radius: float) -> Geodesic:
-    """Shortest ways over free cells for a disc that keeps `radius` from all that is occupied.
+    """Shortest paths over free cells of a disc that keeps `radius` from everything occupied.
 
-    Lengths are those of ways that bend at cell centres: 1 % longer than the shortest at most, but
-    for some short ways (6 of 1,726 measured) that are up to 0.6 cells longer. The grid remembers
-    the last ones asked for: a scene that checks its way pays for the task's field.
+    Paths bend at cell centres: they are at most 1 % longer than the shortest, except some short
+    ones (6 of 1,726 measured), up to 0.6 cells longer. The grid caches the last result: a task
+    reuses that of the scene which checked its path.
 
     Args:
         grid: the map; unknown cells are not entered.
-        goal: (2,) [m]; if it lies too near an obstacle, ways end at the nearest cell that does not.
+        goal: (2,) [m]; if it lies too near an obstacle, paths end at the nearest that does not.
         radius: of the disc [m].
     """
     target = np.array(goal, dtype=np.float64)[:2]
@@ -521,12 +519,12 @@ def geodesic(grid: OccupancyGrid, goal: ArrayLike, radius: float) -> Geodesic:
 
 
 def _band(grid: OccupancyGrid, radius: float) -> float:
-    """How far [cells] from reachable ground a way is still known."""
+    """Distance [cells] from reachable ground up to which paths are extended."""
     return radius / grid.resolution + _MARGIN
 
 
 def _lengths(grid: OccupancyGrid, goal: Array, radius: float) -> tuple[Field, Records]:
-    """Lengths (rows, cols) [cells] over free cells, and where ways bend."""
+    """Lengths (rows, cols) [cells] over free cells, and where paths bend."""
     free = grid.traversable(radius)
     x, y = np.clip(grid.to_lattice(goal) - 0.5, 0.0, (free.shape[1] - 1.0, free.shape[0] - 1.0))
     if grid.inside(goal):

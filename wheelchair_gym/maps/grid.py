@@ -13,8 +13,7 @@ from wheelchair_gym.compiled.address import as_array
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.config import FARTHEST, InputError
 from wheelchair_gym.files import check_cells
-from wheelchair_gym.geometry import to_frame
-from wheelchair_gym.geometry import to_world as placed
+from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.maps.distance import distance_to_occupied, rows_equal, within_distance
 
 Array = NDArray[np.float64]
@@ -24,7 +23,7 @@ Index = NDArray[np.int64]
 
 @borrowing_kernel
 def _put(out: Array, count: int, x0: int, y0: int, x1: int, y1: int) -> int:
-    """Write a segment if there is room; how many there are then."""
+    """Write a segment if it fits into the array; returns the new count."""
     if count < len(out):
         out[count, 0], out[count, 1], out[count, 2], out[count, 3] = x0, y0, x1, y1
     return count + 1
@@ -32,11 +31,11 @@ def _put(out: Array, count: int, x0: int, y0: int, x1: int, y1: int) -> int:
 
 @borrowing_kernel
 def _runs(solid: Cells, changed: Index, lines: int, out: Array) -> int:
-    """Write the segments between padded cells while there is room; count them all.
+    """Write the segments between padded cells that fit into the array; count them all.
 
     A run goes on while the same side is solid. Where solid cells touch only at a corner the side
     changes, so runs end there and loops never cross. Only lines where a row differs from the next
-    are looked at: along them run the level segments, and upright ones begin and end there.
+    matter: level segments run along them, and upright ones begin and end there.
     """
     count: int = as_int(0)
     for i in range(lines):
@@ -100,17 +99,17 @@ UNKNOWN: Final = -1
 class OccupancyGrid:
     """Square cells, row 0 lowest: free, occupied, unknown, or a degree between 1 and 99.
 
-    Only OCCUPIED is solid and only FREE may be driven on; what lies between is neither, unless it
-    is asked to count as solid.
+    Only OCCUPIED is solid and only FREE may be driven on; values between are neither, unless they
+    shall count as solid.
 
     Raises:
-        InputError: the cells are no table of small whole numbers, or a length is out of bounds.
+        InputError: the cells are no table of small integers, or a length is out of bounds.
     """
 
     cells: NDArray[np.int8]  # (rows, cols)
     resolution: float  # m
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # lower-left corner: x, y [m], yaw [rad]
-    # What `geodesic` worked out last, by goal and radius: it stays true as cells never change.
+    # The last result of `geodesic`, by goal and radius: it stays valid, as cells never change.
     geodesic_cache: dict[tuple[float, float, float], Any] = field(
         default_factory=dict, init=False, repr=False
     )
@@ -153,7 +152,7 @@ class OccupancyGrid:
     def from_lattice(self, points: ArrayLike) -> Array:
         """The inverse of `to_lattice`: points (..., 2) [m]."""
         scaled = np.asarray(points, dtype=np.float64) * self.resolution
-        return placed(scaled, self.origin)
+        return to_world(scaled, self.origin)
 
     def to_cell(self, points: ArrayLike) -> NDArray[np.int64]:
         """Cells (..., 2) (row, col) that hold the points (..., 2) [m]; they may lie outside."""
@@ -173,12 +172,12 @@ class OccupancyGrid:
 
         Args:
             points: (n, 2) [m] that it shall hold.
-            margin: at least so much [m] lies around them.
+            margin: least distance [m] from them to its border.
         """
         rows, cols = self.shape
-        lattice, room = self.to_lattice(points).reshape(-1, 2), margin / self.resolution
-        low = np.minimum(np.floor(lattice.min(axis=0) - room), 0).astype(np.int64)
-        high = np.maximum(np.ceil(lattice.max(axis=0) + room), (cols, rows)).astype(np.int64)
+        lattice, rim = self.to_lattice(points).reshape(-1, 2), margin / self.resolution
+        low = np.minimum(np.floor(lattice.min(axis=0) - rim), 0).astype(np.int64)
+        high = np.maximum(np.ceil(lattice.max(axis=0) + rim), (cols, rows)).astype(np.int64)
         if not low.any() and (high == (cols, rows)).all():
             return self
         width, height = (high - low).tolist()
@@ -190,15 +189,15 @@ class OccupancyGrid:
         return OccupancyGrid(cells, self.resolution, (x, y, self.origin[2]))
 
     def solid(self, unknown_is_solid: bool = False) -> Mask:
-        """Cells (rows, cols) that are occupied; if asked, also those not known to be free."""
+        """Cells (rows, cols) that are occupied; with `unknown_is_solid` all that are not free."""
         solid: Mask = self.cells != FREE if unknown_is_solid else self.cells == OCCUPIED
         return solid
 
     def walls(self, unknown_is_solid: bool = False) -> Array:
         """The exact outline of solid cells, as longest straight segments (n, 4) [m].
 
-        The segments form closed loops that touch at most at corners; what is solid lies on their
-        left. What lies off the grid is not solid.
+        The segments form closed loops that touch at most at corners, with solid cells on their
+        left. Space off the grid is not solid.
         """
         lattice = boundary(self.solid(unknown_is_solid).view(np.int8))
         return self.from_lattice(lattice.reshape(-1, 2)).reshape(-1, 4)

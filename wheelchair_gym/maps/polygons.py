@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.geometry import signed_area
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
 
 Array = NDArray[np.float64]
@@ -68,7 +69,7 @@ def occupied_polygons(
         lattice = np.asarray(gap <= 2.0 * reach + 1e-4, dtype=np.uint8)
     contours, tree = cv2.findContours(lattice, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
 
-    def placed(k: int) -> Array:
+    def polygon_of(k: int) -> Array:
         line = cv2.approxPolyDP(contours[k], 2.0 * epsilon * scale, True)[:, 0]
         return grid.from_lattice(line / 2.0 - edge)
 
@@ -78,18 +79,16 @@ def occupied_polygons(
             continue
         holes, hole = [], int(tree[0, k, 2])
         while hole >= 0:
-            polygon = placed(hole)
+            polygon = polygon_of(hole)
             if len(polygon) > 2:
-                holes.append(_turned(polygon, -1))
+                holes.append(_oriented(polygon, -1))
             hole = int(tree[0, hole, 0])
-        outer = placed(k)
+        outer = polygon_of(k)
         if len(outer) > 2:
-            found.append(PolygonWithHoles(_turned(outer, 1), tuple(holes)))
+            found.append(PolygonWithHoles(_oriented(outer, 1), tuple(holes)))
     return found
 
 
-def _turned(polygon: Array, sense: int) -> Array:
+def _oriented(polygon: Array, sense: int) -> Array:
     """The polygon counter-clockwise (1) or clockwise (-1)."""
-    x, y = polygon.T
-    area = float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
-    return polygon if area * sense > 0.0 else polygon[::-1].copy()
+    return polygon if signed_area(polygon) * sense > 0.0 else polygon[::-1].copy()

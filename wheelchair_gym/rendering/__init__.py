@@ -4,8 +4,14 @@ from __future__ import annotations
 
 from wheelchair_gym.rendering.picture import TopView, draw_map
 from wheelchair_gym.rendering.plan import draw_plan
-from wheelchair_gym.rendering.video import contact_sheet, video_suffix, webp, write_png, write_video
-from wheelchair_gym.rendering.window import Window
+from wheelchair_gym.rendering.video import (
+    Window,
+    contact_sheet,
+    video_suffix,
+    webp,
+    write_png,
+    write_video,
+)
 
 __all__ = [
     "TopView",

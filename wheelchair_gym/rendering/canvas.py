@@ -60,7 +60,7 @@ class Canvas:
     stroke_scale: float = 1.0
 
     def upsampled(self, factor: int) -> Canvas:
-        """A copy with more pixels, to be drawn on and brought back by `shrunk`."""
+        """A copy with more pixels, to be drawn on and brought back by `downsampled`."""
         h, w = self.image.shape[:2]
         size = (w * factor, h * factor)
         image: Any = cv2.resize(self.image, size, interpolation=cv2.INTER_NEAREST)

@@ -1,4 +1,4 @@
-"""Picture and video files; each appears under its name only when it is whole."""
+"""Where pictures go: picture and video files, written atomically, and a window."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ from wheelchair_gym.files import atomic_write
 
 Image = NDArray[np.uint8]
 
-_MISSING = 'video files need moviepy: pip install "wheelchair_gym[view]" (or ask for a .gif)'
+_NO_PYGAME = 'render_mode "human" needs pygame-ce: pip install "wheelchair_gym[view]"'
+_MARGIN = (33, 37, 41)  # RGB around a picture that does not fill the window
+_NO_MOVIEPY = 'video files need moviepy: pip install "wheelchair_gym[view]" (or ask for a .gif)'
 
 
 def write_png(path: str | Path, image: Image) -> None:
@@ -80,7 +82,7 @@ def _write_mp4(path: Path, frames: Iterable[Image], rate: float, shape: tuple[in
     try:
         write_frames = import_module("imageio_ffmpeg").write_frames
     except ImportError:
-        raise InputError(_MISSING) from None
+        raise InputError(_NO_MOVIEPY) from None
     height, width = shape[0] // 2 * 2, shape[1] // 2 * 2  # 4:2:0 colour asks for even sides
     with atomic_write(path) as part:
         writer: Any = write_frames(
@@ -114,15 +116,88 @@ def _write_sheet(path: Path, frames: Iterable[Image], rate: float, shape: tuple[
 def contact_sheet(frames: list[Image], columns: int = 4, most: int = 16) -> Image:
     """One picture of up to `most` pictures in rows, evenly spaced in time, at half their size."""
     count = min(most, len(frames))
-    chosen = [
-        frames[k][::2, ::2] for k in np.linspace(0, len(frames) - 1, count).round().astype(int)
+    columns, gap = min(columns, count), 4  # pixels
+    chosen = np.linspace(0, len(frames) - 1, count).round().astype(int)
+    tiles = [
+        cv2.copyMakeBorder(
+            frames[k][::2, ::2], 0, gap, 0, gap, cv2.BORDER_CONSTANT, value=(255, 255, 255)
+        )
+        for k in chosen
     ]
-    h, w = chosen[0].shape[:2]
-    columns = min(columns, count)
-    gap = 4  # pixels
-    rows = -(-count // columns)
-    sheet = np.full((rows * (h + gap) - gap, columns * (w + gap) - gap, 3), 255, dtype=np.uint8)
-    for k, picture in enumerate(chosen):
-        r, c = divmod(k, columns)
-        sheet[r * (h + gap) : r * (h + gap) + h, c * (w + gap) : c * (w + gap) + w] = picture
-    return sheet
+    tiles += [np.full_like(tiles[0], 255)] * (-count % columns)
+    rows = [np.hstack(tiles[k : k + columns]) for k in range(0, len(tiles), columns)]
+    return np.vstack(rows)[:-gap, :-gap]
+
+
+class Window:
+    """Shows RGB pictures; q, Escape or the window's close button close it for good.
+
+    Args:
+        title: of the window.
+        rate: pictures a second at most, for which `show` waits [1/s]; None: no limit.
+
+    Raises:
+        InputError: pygame-ce is missing, or there is no display to open a window on.
+    """
+
+    def __init__(self, title: str = "wheelchair_gym", rate: float | None = None) -> None:
+        try:
+            import pygame
+        except ImportError:
+            raise InputError(_NO_PYGAME) from None
+        self._pygame = pygame
+        self._rate = rate
+        self._open = True
+        self._screen: pygame.Surface | None = None
+        try:
+            pygame.display.init()
+        except pygame.error as error:
+            raise InputError(f'render_mode "human" found no display ({error})') from None
+        pygame.display.set_caption(title)
+        self._clock = pygame.time.Clock()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether pictures can still be seen."""
+        return self._open
+
+    def show(self, image: NDArray[np.uint8]) -> bool:
+        """Show a picture (h, w, 3) RGB as large as the window allows; false once it is closed."""
+        if not self._open:
+            return False
+        pygame = self._pygame
+        height, width = image.shape[:2]
+        if self._screen is None:
+            self._screen = pygame.display.set_mode((width, height), pygame.RESIZABLE)
+        if self._closing():
+            self.close()
+            return False
+        # A resize makes pygame hand out a new surface.
+        self._screen = pygame.display.get_surface() or self._screen
+        size = self._screen.get_size()
+        scale = min(size[0] / width, size[1] / height)
+        fitted = (max(1, round(width * scale)), max(1, round(height * scale)))
+        picture = pygame.image.frombuffer(np.ascontiguousarray(image), (width, height), "RGB")
+        if fitted != (width, height):
+            picture = pygame.transform.smoothscale(picture, fitted)
+        self._screen.fill(_MARGIN)
+        self._screen.blit(picture, ((size[0] - fitted[0]) // 2, (size[1] - fitted[1]) // 2))
+        pygame.display.flip()
+        if self._rate is not None:
+            self._clock.tick(self._rate)
+        return True
+
+    def _closing(self) -> bool:
+        pygame = self._pygame
+        return any(
+            event.type == pygame.QUIT
+            or (event.type == pygame.KEYDOWN and event.key in (pygame.K_ESCAPE, pygame.K_q))
+            for event in pygame.event.get()
+        )
+
+    def close(self) -> None:
+        """Close the window; a second call does nothing."""
+        if self._open:
+            self._open = False
+            self._screen = None
+            self._pygame.display.quit()

@@ -15,22 +15,31 @@ from numpy.typing import ArrayLike, NDArray
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.files import check_cells
 from wheelchair_gym.geometry import Footprint, polygon_edges
-from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
-from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose
-from wheelchair_gym.scenes.raster import CELL, Rect, paint_discs, paint_polygon, to_cells
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic
+from wheelchair_gym.scenes.poses import FOOTPRINT, check_ranges, is_free_pose
+from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, to_cells
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
+Pose = tuple[float, float, float]
 
 WALL: Final = 0.10  # m: thickness of the wall round an arena
 
 
 class Arena(NamedTuple):
-    """What an episode needs of a world."""
+    """A closed ground with obstacles."""
 
     map: OccupancyGrid
     walls: Array  # (n, 4) m
     discs: Array  # (m, 3) m
+
+    def is_free(self, pose: Array, footprint: Footprint, clearance: float) -> bool:
+        """Whether a footprint at a pose (3,) is at least `clearance` [m] from everything."""
+        return is_free_pose(pose, self.walls, self.discs, footprint, clearance)
+
+    def episode(self, start: Array, goal: Array, name: str) -> Episode:
+        """An episode here from a start pose (3,) to a goal pose (3,)."""
+        return Episode(self.map, start, goal, self.walls, self.discs, name=name)
 
 
 def make_arena(
@@ -51,19 +60,21 @@ def make_arena(
     shape = to_cells(bounds[3] + WALL - y0), to_cells(bounds[2] + WALL - x0)
     check_cells(*shape, "scene")
     cells = np.full(shape, OCCUPIED, dtype=np.int8)
-    Rect(0, 0, shape[1], shape[0]).inflated(-to_cells(WALL)).paint(cells, 0)
+    rim = to_cells(WALL)
+    cells[rim:-rim, rim:-rim] = FREE
     for left, low, right, high in rects:
-        corners = (left - x0, low - y0, right - x0, high - y0)
-        Rect(*(max(0, to_cells(value)) for value in corners)).paint(cells, OCCUPIED)
+        corners = left - x0, low - y0, right - x0, high - y0
+        a, b, c, d = (max(0, to_cells(value)) for value in corners)
+        cells[b:d, a:c] = OCCUPIED
     origin = (x0, y0, 0.0)
     outlines = [np.asarray(polygon, dtype=np.float64) for polygon in polygons]
     walls = OccupancyGrid(cells.copy(), CELL, origin).walls()
-    walls = np.vstack([walls, *(polygon_edges(outline) for outline in outlines)])
+    walls = np.vstack([walls, *map(polygon_edges, outlines)])
     for outline in outlines:
         paint_polygon(cells, outline - (x0, y0), OCCUPIED)
-    round_things = np.asarray(discs, dtype=np.float64).reshape(-1, 3)
-    paint_discs(cells, round_things, x0, y0, CELL, OCCUPIED)
-    return Arena(OccupancyGrid(cells, CELL, origin), walls, round_things)
+    cylinders = np.asarray(discs, dtype=np.float64).reshape(-1, 3)
+    paint_discs(cells, cylinders, x0, y0, OCCUPIED)
+    return Arena(OccupancyGrid(cells, CELL, origin), walls, cylinders)
 
 
 def poses_along(start: tuple[float, float], goal: tuple[float, float]) -> tuple[Array, Array]:
@@ -72,7 +83,10 @@ def poses_along(start: tuple[float, float], goal: tuple[float, float]) -> tuple[
     return np.array([*start, yaw]), np.array([*goal, yaw])
 
 
-Pose = tuple[float, float, float]
+def draw_pose(rng: np.random.Generator, edge: float, width: float, height: float) -> Pose:
+    """A pose [m, m, rad] in a room, at least `edge` [m] from its sides."""
+    return (*rng.uniform(edge, (width - edge, height - edge)), rng.uniform(-3, 3))
+
 
 _TRIES = 10_000  # a room of 2 m x 2 m takes hundreds
 _EDGE = 0.5  # m: no axle is drawn nearer to a wall
@@ -107,27 +121,27 @@ class EmptyRoom:
             InputError: the given start or goal does not fit into the room, or nothing drawn does.
         """
         width, height = self.size
-        ground = make_arena((0.0, 0.0, width, height))
-        solid = ground.walls, ground.discs
-        for name, pose in (("start", self.start), ("goal", self.goal)):
-            outside = pose is not None and not (0 < pose[0] < width and 0 < pose[1] < height)
-            if outside or (pose and not is_free_pose(np.array(pose), *solid, footprint, 0.0)):
+        arena = make_arena((0.0, 0.0, width, height))
+        given = {"start": self.start, "goal": self.goal}
+        for name, pose in given.items():
+            if pose is not None and not (
+                0 < pose[0] < width
+                and 0 < pose[1] < height
+                and arena.is_free(np.array(pose), footprint, 0.0)
+            ):
                 raise InputError(
                     f"EmptyRoom.{name} is {pose}; {footprint} must stand in a room of {self.size}"
                 )
         for _ in range(_TRIES):
-            drawn = [
-                pose or (*rng.uniform(_EDGE, (width - _EDGE, height - _EDGE)), rng.uniform(-3, 3))
-                for pose in (self.start, self.goal)
-            ]
-            start, goal = np.array(drawn)
-            far = math.dist(start[:2], goal[:2]) >= self.min_distance
-            given = self.start is not None and self.goal is not None
-            if given or (
-                far
-                and all(is_free_pose(pose, *solid, footprint, _CLEARANCE) for pose in (start, goal))
+            start, goal = (
+                np.array(pose or draw_pose(rng, _EDGE, width, height)) for pose in given.values()
+            )
+            if None not in given.values() or (
+                math.dist(start[:2], goal[:2]) >= self.min_distance
+                and arena.is_free(start, footprint, _CLEARANCE)
+                and arena.is_free(goal, footprint, _CLEARANCE)
             ):
-                return Episode(ground.map, start, goal, ground.walls, ground.discs, name="empty")
+                return arena.episode(start, goal, "empty")
         raise InputError(
             f"EmptyRoom: {_TRIES} draws found no start and goal for {footprint} in {self}"
         )
@@ -170,10 +184,9 @@ class Clutter:
     """Clearance on each side of the chair that a solvable corridor leaves."""
 
     def __post_init__(self) -> None:
-        if self.radius[0] > self.radius[1]:
-            raise InputError(f"Clutter.radius is {self.radius}; expected from, to")
+        check_ranges(self, "radius")
 
-    def _discs(self, rng: np.random.Generator) -> Array:
+    def _draw_discs(self, rng: np.random.Generator) -> Array:
         """Cylinders (m, 3), each alone or overlapping others, with gaps as set."""
         low, high = _ENDS + _RUN, _ENDS + self.length - _RUN
         discs = np.empty((0, 3))
@@ -183,10 +196,8 @@ class Clutter:
                 if len(discs) and rng.random() < _CLUSTERED:
                     x, y, r = discs[rng.integers(len(discs))]
                     angle = rng.uniform(-math.pi, math.pi)
-                    x, y = (
-                        x + _OVERLAP * (r + radius) * math.cos(angle),
-                        y + _OVERLAP * (r + radius) * math.sin(angle),
-                    )
+                    x += _OVERLAP * (r + radius) * math.cos(angle)
+                    y += _OVERLAP * (r + radius) * math.sin(angle)
                 else:
                     x, y = rng.uniform(low, high), rng.uniform(0.0, self.width)
                 gaps = np.hypot(discs[:, 0] - x, discs[:, 1] - y) - discs[:, 2] - radius
@@ -204,17 +215,16 @@ class Clutter:
         """
         start, goal = poses_along((_ENDS, self.width / 2), (_ENDS + self.length, self.width / 2))
         for _ in range(_CLUTTER_TRIES):
-            discs = self._discs(rng)
-            ground = make_arena((0.0, 0.0, self.length + 2 * _ENDS, self.width), discs=discs)
-            ways = geodesic(ground.map, goal, footprint.half_width + self.passage_margin)
-            if np.isfinite(ways.at(start[:2])):
-                return Episode(ground.map, start, goal, ground.walls, discs, name="clutter")
+            bounds = (0.0, 0.0, self.length + 2 * _ENDS, self.width)
+            arena = make_arena(bounds, discs=self._draw_discs(rng))
+            paths = geodesic(arena.map, goal, footprint.half_width + self.passage_margin)
+            if np.isfinite(paths.at(start[:2])):
+                return arena.episode(start, goal, "clutter")
         raise InputError(
             f"Clutter: none of {_CLUTTER_TRIES} corridors lets {footprint} pass with {self}"
         )
 
 
-_WALL = 0.10  # m
 _DOORWAY_TRIES = 500
 _TURN = np.linspace(0.0, 0.5 * math.pi, 4002)[1:-1]  # rad
 _DOORWAY_CLEARANCE = 0.06  # m round the footprint: a corridor of 0.90 m leaves 0.14 m
@@ -275,29 +285,24 @@ class Doorway:
                 f"Doorway: {footprint} does not turn from a corridor of {self.corridor_width} m "
                 f"into a door of {self.door_width} m: it is {-margin:.2f} m too large on every side"
             )
-        low = self.corridor_width + _WALL
+        low, length = self.corridor_width + WALL, self.corridor_length
         for _ in range(_DOORWAY_TRIES):
-            middle = rng.uniform(0.35, 0.65) * self.corridor_length
-            left = CELL * round(
-                (middle - 0.5 * self.door_width) / CELL
-            )  # so that the width is exact
+            middle = rng.uniform(0.35, 0.65) * length
+            # On the raster, so that the door's width is exact.
+            left = CELL * round((middle - 0.5 * self.door_width) / CELL)
             middle, right = left + 0.5 * self.door_width, left + self.door_width
             walls = [
                 (0.0, self.corridor_width, left, low),
-                (right, self.corridor_width, self.corridor_length, low),
+                (right, self.corridor_width, length, low),
             ]
-            ground = make_arena((0.0, 0.0, self.corridor_length, low + self.room_depth), walls)
+            arena = make_arena((0.0, 0.0, length, low + self.room_depth), walls)
             side = rng.choice((-1.0, 1.0))
-            away = rng.uniform(1.2, 1.8)
-            start = np.array(
-                [middle - side * away, 0.5 * self.corridor_width, 0.0 if side > 0 else math.pi]
-            )
-            goal = np.array(
-                [middle + rng.uniform(-0.5, 0.5), low + 0.6 * self.room_depth, 0.5 * math.pi]
-            )
-            solid = ground.walls, ground.discs
-            if all(is_free_pose(at, *solid, footprint, _DOORWAY_CLEARANCE) for at in (start, goal)):
-                return Episode(ground.map, start, goal, ground.walls, ground.discs, name="doorway")
+            x = middle - side * rng.uniform(1.2, 1.8)
+            start = np.array([x, 0.5 * self.corridor_width, 0.0 if side > 0 else math.pi])
+            x = middle + rng.uniform(-0.5, 0.5)
+            goal = np.array([x, low + 0.6 * self.room_depth, 0.5 * math.pi])
+            if all(arena.is_free(pose, footprint, _DOORWAY_CLEARANCE) for pose in (start, goal)):
+                return arena.episode(start, goal, "doorway")
         raise InputError(f"Doorway: {_DOORWAY_TRIES} draws left no start for {footprint} in {self}")
 
 
@@ -325,5 +330,5 @@ def _turns(door: float, corridor: float, grown: float, footprint: Footprint) -> 
     rests = corridor * c - width  # of its right side, from the near post's lower edge
     face = door * c + corridor * s + rests * c / s
     beside = door / c + rests / (s * c)
-    held = door * s - _WALL * c < width
+    held = door * s - WALL * c < width
     return bool(np.maximum(face, beside)[held].min(initial=math.inf) >= length)

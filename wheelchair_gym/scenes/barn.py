@@ -16,7 +16,7 @@ from scipy.ndimage import label
 
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.errors import shorten
-from wheelchair_gym.files import LIMITS, check_cells, is_coordinate, modified, read_json
+from wheelchair_gym.files import check_cells, coordinate_lists, coordinates, modified, read_json
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.scenes.poses import FOOTPRINT
@@ -37,8 +37,8 @@ _BORN, _DIES = 5, 1  # filled neighbours from which a cell is filled, and up to 
 _TRIES = 200  # squares drawn before the settings are called impossible
 
 
-def _smoothed(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """One step of the automaton (rows, cols): beyond the side walls all counts as filled."""
+def _smooth(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """One step of the automaton (rows, cols); beyond the side walls all cells count as filled."""
     around = np.pad(cells, ((1, 1), (0, 0)))
     around = np.pad(around, ((0, 0), (1, 1)), constant_values=True).astype(np.int64)
     rows, cols = cells.shape
@@ -46,10 +46,9 @@ def _smoothed(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return (cells | (near >= _BORN)) & (near > _DIES)
 
 
-def _open(square: NDArray[np.bool_], width: int) -> None:
+def _clear_lane(square: NDArray[np.bool_], width: int) -> None:
     """Clear a lane of `width` cells between the regions reached from below and from above."""
-    room = ~sliding_window_view(square, (width, width)).any(axis=(2, 3))
-    part, _ = label(room)
+    part, _ = label(~sliding_window_view(square, (width, width)).any(axis=(2, 3)))
     below, above = (np.bincount(part[row][part[row] > 0], minlength=1) for row in (0, -1))
     first, last = int(below.argmax()), int(above.argmax())
     if 0 in (first, last) or first == last:  # walled off at its very edge, or open
@@ -62,13 +61,13 @@ def _open(square: NDArray[np.bool_], width: int) -> None:
     square[end : end + width, low : high + width] = False
 
 
-def _drawn(rng: np.random.Generator, width: int) -> Array:
+def _draw_discs(rng: np.random.Generator, width: int) -> Array:
     """Cylinders (m, 3) [m] of a world drawn as the dataset was (Perille et al. 2020)."""
     square = rng.random((_SIDE, _SIDE)) < rng.choice(_FILLS)
     square[:, [0, -1]] = True
     for _ in range(int(rng.choice(_SMOOTHINGS))):
-        square = _smoothed(square)
-    _open(square, width)
+        square = _smooth(square)
+    _clear_lane(square, width)
     lane = np.zeros((_LANE, _SIDE), dtype=np.bool_)
     lane[:, [0, -1]] = lane[0] = True
     rows, cols = np.nonzero(np.vstack([lane, square]))
@@ -77,16 +76,8 @@ def _drawn(rng: np.random.Generator, width: int) -> Array:
     return np.column_stack([x, y, np.full(len(x), _CYLINDER)])
 
 
-def _numbers(value: Any, lengths: tuple[int, ...], where: str) -> list[float]:
-    good = isinstance(value, list) and len(value) in lengths
-    if not good or not all(map(is_coordinate, value)):
-        wanted = " or ".join(map(str, lengths))
-        raise InputError(f"{where} is {shorten(value)}; expected {wanted} coordinates")
-    return [float(v) for v in value]
-
-
-def _world(data: Any, where: str) -> tuple[Array, Array, Array, float | None]:
-    """Start (3,), goal (3,), circles (m, 3), and how long BARN's own way is, of one world."""
+def _parse_world(data: Any, where: str) -> tuple[Array, Array, Array, float | None]:
+    """Start (3,), goal (3,), circles (m, 3) and length of BARN's own path of one world."""
     if not isinstance(data, Mapping):
         raise InputError(f"{where} is {shorten(data)}; expected an object")
     for key in ("world", "start", "goal", "circles"):
@@ -94,24 +85,17 @@ def _world(data: Any, where: str) -> tuple[Array, Array, Array, float | None]:
             raise InputError(f"{where}.{key} is missing")
     if not isinstance(data["world"], int | str):
         raise InputError(f"{where}.world is {shorten(data['world'])}; expected a number or a name")
-    start = _numbers(data["start"], (3,), f"{where}.start")
-    goal = _numbers(data["goal"], (2, 3), f"{where}.goal")
-    if not isinstance(data["circles"], list):
-        raise InputError(f"{where}.circles is {shorten(data['circles'])}; expected a list")
-    if len(data["circles"]) > LIMITS["outline"].most:
-        expected = f"expected at most {LIMITS['outline'].most:,}"
-        raise InputError(f"{where}.circles has {len(data['circles']):,} circles; {expected}")
-    circles = [
-        _numbers(circle, (3,), f"{where}.circles[{k}]") for k, circle in enumerate(data["circles"])
-    ]
-    for k, circle in enumerate(circles):
-        if circle[2] <= 0.0:
-            raise InputError(f"{where}.circles[{k}] has radius {circle[2]}; expected more than 0")
+    start = coordinates(data["start"], (3,), f"{where}.start")
+    goal = coordinates(data["goal"], (2, 3), f"{where}.goal")
+    circles = coordinate_lists(data["circles"], 3, f"{where}.circles")
+    for k, (_, _, radius) in enumerate(circles):
+        if radius <= 0.0:
+            raise InputError(f"{where}.circles[{k}] has radius {radius}; expected more than 0")
     yaw = math.atan2(goal[1] - start[1], goal[0] - start[0])
-    way = data.get("reference_path_length")
-    if way is not None:
-        (way,) = _numbers([way], (1,), f"{where}.reference_path_length")
-    return np.array(start), np.array([*goal, yaw][:3]), np.array(circles).reshape(-1, 3), way
+    length = data.get("reference_path_length")
+    if length is not None:
+        (length,) = coordinates([length], (1,), f"{where}.reference_path_length")
+    return np.array(start), np.array([*goal, yaw][:3]), np.array(circles).reshape(-1, 3), length
 
 
 @lru_cache(maxsize=4)
@@ -125,7 +109,7 @@ def _worlds(path: Path, stamp: int) -> list[Any]:
 
 @settings
 class Barn:
-    """A world of the BARN benchmark: cylinders only, 10 m to go, reach within 1 m, 100 s.
+    """A world of the BARN benchmark: cylinders only, a goal at 10 m, to within 1 m, in 100 s.
 
     Drawn by the benchmark's own cellular automaton, or one of a file.
     """
@@ -142,7 +126,7 @@ class Barn:
     """Distance from cylinders, start and goal to the border of the map."""
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
-        """The world asked for, or any that a chair of this footprint can pass.
+        """The world of the settings, or one that a chair of this footprint can pass.
 
         Raises:
             InputError: the file cannot be read or is malformed, or has no such world; or none of
@@ -155,10 +139,9 @@ class Barn:
         goal = np.array([*_GOAL, _START[2]])
         radius = footprint.half_width + self.passage_margin
         for _ in range(_TRIES):
-            discs = _drawn(rng, math.ceil(radius / _CYLINDER))
+            discs = _draw_discs(rng, math.ceil(radius / _CYLINDER))
             episode = self._episode(np.array(_START), goal, discs, "barn")
-            ways = geodesic(episode.map, goal, radius)
-            if np.isfinite(ways.at(episode.start[:2])):
+            if np.isfinite(geodesic(episode.map, goal, radius).at(episode.start[:2])):
                 return episode
         raise InputError(
             f"Barn: none of {_TRIES} worlds leaves {self.passage_margin} m beside {footprint}"
@@ -173,9 +156,9 @@ class Barn:
             if self.world not in named:
                 raise InputError(f"{path}: has no world {self.world}; Barn.world must name one")
             index = named.index(self.world)
-        start, goal, discs, way = _world(worlds[index], f"{path}: [{index}]")
+        start, goal, discs, length = _parse_world(worlds[index], f"{path}: [{index}]")
         name = f"barn_{worlds[index]['world']}"
-        return replace(self._episode(start, goal, discs, name), reference_length=way)
+        return replace(self._episode(start, goal, discs, name), reference_length=length)
 
     def _episode(self, start: Array, goal: Array, discs: Array, name: str) -> Episode:
         points = np.vstack([discs[:, :2], start[:2], goal[:2]])
@@ -183,7 +166,7 @@ class Barn:
         cols, rows = (to_cells(side) for side in points.max(axis=0) + self.map_margin - low)
         check_cells(rows, cols, name)
         cells = np.zeros((rows, cols), dtype=np.int8)
-        paint_discs(cells, discs, low[0], low[1], CELL, OCCUPIED)
+        paint_discs(cells, discs, low[0], low[1], OCCUPIED)
         grid = OccupancyGrid(cells, CELL, (low[0], low[1], 0.0))
         return Episode(grid, start, goal, discs=discs, tolerance=1.0, time_limit=100.0, name=name)
 

@@ -26,10 +26,10 @@ from wheelchair_gym.physics.actors.records import (
     obstacle,
     person,
 )
-from wheelchair_gym.scenes.arena import make_arena
+from wheelchair_gym.scenes.arena import draw_pose, make_arena
 from wheelchair_gym.scenes.floor_plan import FloorPlan
-from wheelchair_gym.scenes.layout import Building
-from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose, passing_radius
+from wheelchair_gym.scenes.layout import FloorLayout
+from wheelchair_gym.scenes.poses import FOOTPRINT, check_ranges, passing_radius
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
 
@@ -71,8 +71,7 @@ class PeopleSettings:
     """Least distance of people from the chair's start."""
 
     def __post_init__(self) -> None:
-        if self.density[0] > self.density[1]:
-            raise InputError(f"PeopleSettings.density is {self.density}; expected from, to")
+        check_ranges(self, "density")
 
 
 @settings
@@ -94,67 +93,74 @@ def free_area(grid: OccupancyGrid) -> float:
     return float((grid.cells == FREE).sum()) * grid.resolution**2
 
 
-def _draw_place(rng: np.random.Generator, grid: OccupancyGrid, places: NDArray[np.intp]) -> Array:
-    """A free place (2,) [m], somewhere in a cell of (n, 2)."""
-    cell = places[rng.integers(len(places))]
+def _draw_place(rng: np.random.Generator, grid: OccupancyGrid, cells: NDArray[np.intp]) -> Array:
+    """A place (2,) [m] in one of the cells (n, 2)."""
+    cell = cells[rng.integers(len(cells))]
     drawn: Array = grid.to_world(cell) + rng.uniform(-0.4, 0.4, 2) * grid.resolution
     return drawn
+
+
+def _cells_along(grid: OccupancyGrid, a: Array, b: Array, steps: float) -> NDArray[np.int64]:
+    """Cells (n, 2) at even steps along the segment a-b, its ends included."""
+    shares = np.linspace(0.0, 1.0, 2 + math.ceil(steps))
+    return grid.to_cell(a + shares[:, None] * (b - a))
 
 
 def sample_people(
     rng: np.random.Generator,
     grid: OccupancyGrid,
     start: Array,
-    who: PeopleSettings,
+    people: PeopleSettings,
     taken: list[Array],
     leaves: list[Actor],
 ) -> list[Actor]:
-    """People on ways between places of a map; ways lead round open leaves, none begins behind one.
+    """People on routes between places of a map; none begins where a leaf swings.
 
     Args:
         rng: every draw comes from it.
         grid: where they walk.
-        start: of the chair.
-        who: they are.
-        taken: places (x, y, reach) where something stands already; theirs are added.
-        leaves: doors.
+        start: pose (3,) of the chair.
+        people: their number and behaviour.
+        taken: places (x, y, reach) where something stands already; those of people are added.
+        leaves: doors; routes lead round them where they stand open.
     """
-    count = round(rng.uniform(*who.density) * free_area(grid))
-    own = _barred(grid, leaves)
-    places = np.argwhere(own.traversable(WALKING_RADIUS))
+    count = round(rng.uniform(*people.density) * free_area(grid))
+    grid = _with_open_doors(grid, leaves)
+    cells = np.argwhere(grid.traversable(WALKING_RADIUS))
     for leaf in leaves:
         hinge, length = leaf.row["pose"][0, :2], leaf.row["size"][0, 0]
-        far = np.hypot(*(own.to_world(places) - hinge).T) > length + WALKING_RADIUS
-        places = places[far | ~leaf.row["swings"]]
-    if not count or not len(places):
+        far = np.hypot(*(grid.to_world(cells) - hinge).T) > length + WALKING_RADIUS
+        cells = cells[far | ~leaf.row["swings"]]
+    if not count or not len(cells):
         return []
-    goals = [_draw_place(rng, own, places) for _ in range(min(_PLACES, count))]
-    ways = [geodesic(own, goal, WALKING_RADIUS) for goal in goals]
+    goals = [_draw_place(rng, grid, cells) for _ in range(min(_PLACES, count))]
+    paths = [geodesic(grid, goal, WALKING_RADIUS) for goal in goals]
     found = []
     for _ in range(count):
-        speed = max(who.min_speed, rng.normal(who.speed, who.speed_sigma))
+        speed = max(people.min_speed, rng.normal(people.speed, people.speed_sigma))
         avoids = EVERYBODY
-        if rng.random() < who.crossing_share:
+        if rng.random() < people.crossing_share:
             avoids = NOBODY
-        elif rng.random() < who.inattentive_share:
+        elif rng.random() < people.inattentive_share:
             avoids = PEOPLE
-        route = _draw_route(rng, own, places, ways, avoids, start, who.start_distance, taken)
+        near = [(*start[:2], people.start_distance + RADIUS)]
+        near += [(*at[:2], _PAIR - RADIUS + at[2]) for at in taken]
+        route = _draw_route(rng, grid, cells, paths, avoids == NOBODY, near)
         if route is not None:
             taken.append(np.array([*route[0], RADIUS]))
-            found.append(person(route, speed, avoids=avoids, patience=who.patience))
+            found.append(person(route, speed, avoids=avoids, patience=people.patience))
     return found
 
 
-def _barred(grid: OccupancyGrid, leaves: list[Actor]) -> OccupancyGrid:
-    """A map of its own on which leaves that swing stand open."""
+def _with_open_doors(grid: OccupancyGrid, leaves: list[Actor]) -> OccupancyGrid:
+    """A copy of the map on which leaves that swing stand open."""
     cells = grid.cells.copy()
     for leaf in leaves:
         row = leaf.row[0]
         if row["swings"]:
             x, y, heading = row["pose"]
-            ends = leaf_line(row, x, y, heading + row["travel"])
-            steps = np.linspace(0.0, 1.0, 2 + math.ceil(4.0 * row["size"][0] / grid.resolution))
-            on = grid.to_cell(ends[0] + steps[:, None] * (ends[1] - ends[0]))
+            a, b = leaf_line(row, x, y, heading + row["travel"])
+            on = _cells_along(grid, a, b, 4.0 * row["size"][0] / grid.resolution)
             inside = ((on >= 0) & (on < grid.shape)).all(axis=1)
             cells[tuple(on[inside].T)] = OCCUPIED
     return OccupancyGrid(cells, grid.resolution, grid.origin)
@@ -163,76 +169,70 @@ def _barred(grid: OccupancyGrid, leaves: list[Actor]) -> OccupancyGrid:
 def _draw_route(
     rng: np.random.Generator,
     grid: OccupancyGrid,
-    places: NDArray[np.intp],
-    ways: list[Geodesic],
-    avoids: int,
-    start: Array,
-    apart: float,
-    taken: list[Array],
+    cells: NDArray[np.intp],
+    paths: list[Geodesic],
+    straight: bool,
+    near: list[tuple[float, float, float]],
 ) -> Array | None:
-    """A route (n, 2) [m] from a free place, or None where the draws were unlucky."""
+    """A route (n, 2) [m] that begins in one of the cells, or None where the draws were unlucky.
+
+    It begins outside of the discs `near`, and leads to the goal of a geodesic or `straight` to
+    another cell.
+    """
     for _ in range(_TRIES):
-        here = _draw_place(rng, grid, places)
-        way = ways[rng.integers(len(ways))]
-        if math.dist(here, start[:2]) < apart + RADIUS:
+        here = _draw_place(rng, grid, cells)
+        path = paths[rng.integers(len(paths))]
+        if any(math.dist(here, (x, y)) < radius for x, y, radius in near):
             continue
-        if any(math.dist(here, at[:2]) < _PAIR - RADIUS + at[2] for at in taken):
-            continue
-        if avoids == NOBODY:
-            there = _draw_place(rng, grid, places)
-            route = np.array([here, there])
-            if math.dist(here, there) < _LEAST_WAY or not _clear(grid, here, there):
-                continue
-            return route
-        length = float(way.at(here))
-        if _LEAST_WAY <= length < math.inf:
-            route = way.path(here)
+        if straight:
+            there = _draw_place(rng, grid, cells)
+            length = math.dist(here, there)
+            on = _cells_along(grid, here, there, length / grid.resolution)
+            if length >= _LEAST_WAY and grid.traversable(WALKING_RADIUS)[tuple(on.T)].all():
+                return np.array([here, there])
+        elif _LEAST_WAY <= float(path.at(here)) < math.inf:
+            route = path.path(here)
             if len(route) >= 2:
                 return route
     return None
 
 
-def _clear(grid: OccupancyGrid, here: Array, there: Array) -> bool:
-    """Whether a straight way keeps off everything on the map."""
-    steps = np.linspace(0.0, 1.0, 2 + math.ceil(math.dist(here, there) / grid.resolution))
-    cells = grid.to_cell(here + steps[:, None] * (there - here))
-    return bool(grid.traversable(WALKING_RADIUS)[cells[:, 0], cells[:, 1]].all())
-
-
 def sample_doors(
-    rng: np.random.Generator, grid: OccupancyGrid, layout: Building, what: DoorSettings
+    rng: np.random.Generator, grid: OccupancyGrid, layout: FloorLayout, settings_: DoorSettings
 ) -> list[Actor]:
-    """Powered leaves in some of the doors: one slides where it vanishes in the wall, or swings.
+    """Powered leaves in some of the doors: one slides where it fits into the wall, or swings.
 
-    A leaf swings into a room: across a corridor it would stand in the way of all who are near.
+    A leaf swings into a room: across a corridor it would block everybody nearby.
     """
     found = []
-    for opening in layout.doors:
-        if not opening.leaf or rng.random() >= what.leaf_share:
+    for k in np.flatnonzero(layout.is_door):
+        if rng.random() >= settings_.leaf_share:
             continue
-        x0, y0, x1, y1 = (CELL * value for value in opening.opening)
-        flip, way = rng.random() < 0.5, rng.choice((-0.5 * math.pi, 0.5 * math.pi))
+        x0, y0, x1, y1 = (CELL * value for value in layout.openings[k].item())
+        flip, turn = rng.random() < 0.5, rng.choice((-0.5 * math.pi, 0.5 * math.pi))
         x, y = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
-        if opening.along_x:
+        if layout.along_x[k]:
             hinge, heading = ((x1, y), math.pi) if flip else ((x0, y), 0.0)
         else:
             hinge, heading = ((x, y1), -0.5 * math.pi) if flip else ((x, y0), 0.5 * math.pi)
-        width = opening.width
-        slides = rng.random() < what.sliding_share and _in_wall(grid, hinge, heading, width)
-        ways = [turn for turn in (way, -way) if _in_room(layout, hinge, heading + turn, width)]
-        if slides or ways:
-            travel = -width if slides else float(ways[0])
-            # Whom a leaf swings at has to find it open: it begins its own length sooner.
-            near = what.trigger_distance if slides else what.trigger_distance + width
+        width = float(layout.opening_widths[k])
+        slides = rng.random() < settings_.sliding_share and _in_wall(grid, hinge, heading, width)
+        turns = [t for t in (turn, -turn) if _in_room(layout, hinge, heading + t, width)]
+        if slides or turns:
+            travel = -width if slides else float(turns[0])
+            # Whoever comes near a leaf that swings must find it open: it starts its length sooner.
+            near = settings_.trigger_distance + (0.0 if slides else width)
             found.append(door(hinge, heading, width, travel, swings=not slides, near=near))
     return found
 
 
-def _in_room(layout: Building, hinge: tuple[float, float], heading: float, width: float) -> bool:
+def _in_room(layout: FloorLayout, hinge: tuple[float, float], heading: float, width: float) -> bool:
     """Whether the far end of an open leaf is in a room."""
     col = (hinge[0] + width * math.cos(heading)) / CELL
     row = (hinge[1] + width * math.sin(heading)) / CELL
-    return any(r.x0 <= col <= r.x1 and r.y0 <= row <= r.y1 for r in layout.rooms)
+    rooms = layout.rooms
+    beside = (rooms["x0"] <= col) & (col <= rooms["x1"])
+    return bool((beside & (rooms["y0"] <= row) & (row <= rooms["y1"])).any())
 
 
 def _in_wall(grid: OccupancyGrid, hinge: tuple[float, float], heading: float, width: float) -> bool:
@@ -288,8 +288,7 @@ class Crowd:
     """Least and greatest side of a hall."""
 
     def __post_init__(self) -> None:
-        if self.hall_size[0] > self.hall_size[1]:
-            raise InputError(f"Crowd.hall_size is {self.hall_size}; expected from, to")
+        check_ranges(self, "hall_size")
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw a building or hall that the footprint fits, then everything that moves in it.
@@ -301,46 +300,35 @@ class Crowd:
 
     def sample_building(
         self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT
-    ) -> tuple[Building | None, Episode]:
+    ) -> tuple[FloorLayout | None, Episode]:
         """The same, with the rooms, corridors and doors where it is a building."""
-        layout: Building | None = None
+        layout: FloorLayout | None = None
         if self.place == "building" or (self.place == "any" and rng.random() < 0.5):
             layout, episode = self.building.sample_building(rng, footprint)
         else:
-            episode = self._hall(rng, footprint)
+            episode = self._draw_hall(rng, footprint)
         taken: list[Array] = []
         start, grid = episode.start, episode.map
-        things = sample_furniture(rng, grid, self.furniture_density, start, taken)
+        pieces = sample_furniture(rng, grid, self.furniture_density, start, taken)
         leaves = [] if layout is None else sample_doors(rng, grid, layout, self.doors)
         people = sample_people(rng, grid, start, self.people, taken, leaves)
-        actors = combine([*things, *leaves, *people])
+        actors = combine([*pieces, *leaves, *people])
         return layout, dataclasses.replace(episode, actors=actors, name="crowd")
 
-    def _hall(self, rng: np.random.Generator, footprint: Footprint) -> Episode:
+    def _draw_hall(self, rng: np.random.Generator, footprint: Footprint) -> Episode:
         """An open hall with a few columns; start and goal far apart."""
         for _ in range(_CROWD_TRIES):
             width, height = rng.uniform(*self.hall_size, 2)
             count = round(_COLUMNS * width * height)
-            discs = np.column_stack(
-                [
-                    rng.uniform(1.0, width - 1.0, count),
-                    rng.uniform(1.0, height - 1.0, count),
-                    rng.uniform(0.15, 0.30, count),
-                ]
-            )
-            ground = make_arena((0.0, 0.0, width, height), discs=discs)
-            drawn = [
-                np.array([*rng.uniform(0.8, (width - 0.8, height - 0.8)), rng.uniform(-3, 3)])
-                for _ in range(2)
-            ]
-            start, goal = drawn
-            if not all(
-                is_free_pose(pose, ground.walls, discs, footprint, _CLEARANCE) for pose in drawn
-            ):
-                continue
-            far = float(geodesic(ground.map, goal[:2], passing_radius(footprint)).at(start[:2]))
-            if 0.6 * self.hall_size[0] <= far < np.inf:
-                return Episode(ground.map, start, goal, ground.walls, discs)
+            low, high = (1.0, 1.0, 0.15), (width - 1.0, height - 1.0, 0.30)  # m: x, y, radius
+            draws = [rng.uniform(a, b, count) for a, b in zip(low, high, strict=True)]
+            discs = np.column_stack(draws)
+            arena = make_arena((0.0, 0.0, width, height), discs=discs)
+            start, goal = (np.array(draw_pose(rng, 0.8, width, height)) for _ in range(2))
+            if all(arena.is_free(pose, footprint, _CLEARANCE) for pose in (start, goal)):
+                paths = geodesic(arena.map, goal[:2], passing_radius(footprint))
+                if 0.6 * self.hall_size[0] <= float(paths.at(start[:2])) < np.inf:
+                    return arena.episode(start, goal, "crowd")
         raise InputError(
             f"Crowd: {_CROWD_TRIES} halls had no start and goal for {footprint} in {self}"
         )
@@ -381,10 +369,7 @@ class Temporary:
     building: FloorPlan = FloorPlan()
 
     def __post_init__(self) -> None:
-        for name in ("count", "radius", "trigger_distance", "duration"):
-            low, high = getattr(self, name)
-            if low > high:
-                raise InputError(f"Temporary.{name} is {low}, {high}; expected from, to")
+        check_ranges(self, "count", "radius", "trigger_distance", "duration")
         if self.trigger_distance[0] <= self.min_distance:
             raise InputError(
                 f"Temporary.trigger_distance is {self.trigger_distance}; expected more than "
@@ -401,28 +386,25 @@ class Temporary:
 
     def sample_building(
         self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT
-    ) -> tuple[Building, Episode]:
+    ) -> tuple[FloorLayout, Episode]:
         """The same, with the rooms, corridors and doors of the building."""
         layout, episode = self.building.sample_building(rng, footprint)
         radius = passing_radius(footprint)
         path = geodesic(episode.map, episode.goal[:2], radius).path(episode.start[:2])
-        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-        things: list[Actor] = []
+        lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+        obstacles: list[Actor] = []
         count = int(rng.integers(self.count[0], self.count[1] + 1))
-        if way[-1] > 2.0 * _ENDS:
-            spots = np.sort(rng.uniform(_ENDS, way[-1] - _ENDS, count))
-            for at in spots:
-                x, y = (float(np.interp(at, way, path[:, k])) for k in range(2))
-                things.append(
-                    obstacle(
-                        (
-                            x + rng.uniform(-self.lateral_offset, self.lateral_offset),
-                            y + rng.uniform(-self.lateral_offset, self.lateral_offset),
-                        ),
-                        float(rng.uniform(*self.radius)),
-                        near=float(rng.uniform(*self.trigger_distance)),
-                        least=self.min_distance,
-                        stay=float(rng.uniform(*self.duration)),
-                    )
+        if lengths[-1] > 2.0 * _ENDS:
+            for at in np.sort(rng.uniform(_ENDS, lengths[-1] - _ENDS, count)):
+                x, y = (
+                    float(np.interp(at, lengths, path[:, k]))
+                    + rng.uniform(-self.lateral_offset, self.lateral_offset)
+                    for k in range(2)
                 )
-        return layout, dataclasses.replace(episode, actors=combine(things), name="temporary")
+                radius = float(rng.uniform(*self.radius))
+                near = float(rng.uniform(*self.trigger_distance))
+                stay = float(rng.uniform(*self.duration))
+                obstacles.append(
+                    obstacle((x, y), radius, near=near, least=self.min_distance, stay=stay)
+                )
+        return layout, dataclasses.replace(episode, actors=combine(obstacles), name="temporary")

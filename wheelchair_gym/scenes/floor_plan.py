@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -9,30 +10,30 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry import Footprint, footprint_clearance
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic, interpolate
 from wheelchair_gym.maps.grid import boundary
 from wheelchair_gym.random import NumpyStream, numpy_integer, numpy_stream, numpy_uniform
-from wheelchair_gym.scenes.furniture import Furniture, furnish
-from wheelchair_gym.scenes.layout import Building, FloorLayout, generate_layout
-from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius, sample_pose
-from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, paint_rects
+from wheelchair_gym.scenes.furniture import furnish
+from wheelchair_gym.scenes.layout import FloorLayout, generate_layout
+from wheelchair_gym.scenes.poses import FOOTPRINT, check_ranges, passing_radius
+from wheelchair_gym.scenes.raster import CELL, Rects, paint_discs, paint_polygon, paint_rects
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
 Cells = NDArray[np.int8]
 Field = NDArray[np.float32]
-Index = NDArray[np.int64]
 
 _TRIES = 50  # storeys drawn before the settings are called impossible
 _GOALS = 3  # goals tried in each
 _STARTS = 12  # starts tried for each goal
+_INSET = 0.4  # m: from the axle to the walls of a room, at least
 
 
-class FurnishedFloor(NamedTuple):
-    """A storey furnished: its plan, the map, walls (n, 4) and discs (m, 3) [m]."""
+class Storey(NamedTuple):
+    """A furnished storey: its layout, the map, walls (n, 4) and discs (m, 3) [m]."""
 
-    plan: FloorLayout
+    layout: FloorLayout
     cells: Cells
     walls: Array
     discs: Array
@@ -74,23 +75,12 @@ class FloorPlan:
     """Clearance of the footprint at start and goal."""
 
     def __post_init__(self) -> None:
-        for name in ("door_width", "corridor_width", "building_size", "path_length"):
-            low, high = getattr(self, name)
-            if low > high:
-                raise InputError(f"FloorPlan.{name} is {low}, {high}; expected from, to")
+        check_ranges(self, "door_width", "corridor_width", "building_size", "path_length")
 
-    def building(
-        self, rng: np.random.Generator, home: bool, width: float, height: float
-    ) -> FurnishedFloor:
+    def storey(self, source: NumpyStream, home: bool, width: float, height: float) -> Storey:
         """One storey of a given kind and size [m]; which side is which is drawn."""
-        return self._furnished(numpy_stream(rng), home, width, height)
-
-    def _furnished(
-        self, source: NumpyStream, home: bool, width: float, height: float
-    ) -> FurnishedFloor:
-        plan = generate_layout(source, home, width, height, self.door_width, self.corridor_width)
-        things = furnish(source, plan, home, self.furniture_density, self.passage_width)
-        return FurnishedFloor(plan, *_build(plan, things), things.discs)
+        sizes = self.door_width, self.corridor_width, self.furniture_density, self.passage_width
+        return _draw_storey(source, home, width, height, *sizes)
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw storeys until one has a start and a goal for a chair of this footprint.
@@ -98,20 +88,16 @@ class FloorPlan:
         Raises:
             InputError: fifty storeys had none.
         """
-        return self._world(rng, footprint)[1]
+        return self.sample_building(rng, footprint)[1]
 
     def sample_building(
         self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT
-    ) -> tuple[Building, Episode]:
+    ) -> tuple[FloorLayout, Episode]:
         """The same, with the rooms, corridors and doors of the building.
 
         Raises:
             InputError: fifty storeys had none.
         """
-        plan, episode = self._world(rng, footprint)
-        return Building(plan), episode
-
-    def _world(self, rng: np.random.Generator, footprint: Footprint) -> tuple[FloorLayout, Episode]:
         source = numpy_stream(rng)
         start, goal = np.empty(3), np.empty(3)
         least, most = self.building_size
@@ -121,85 +107,98 @@ class FloorPlan:
             )
             width = numpy_uniform(source, least, most)
             height = numpy_uniform(source, least, (least + most) / 2 if home else most)
-            storey = self._furnished(source, home, width, height)
-            grid = OccupancyGrid(storey.cells, CELL)
-            ground = storey.plan.rooms, storey.walls, storey.discs, footprint.array, self.clearance
+            layout, cells, walls, discs = self.storey(source, home, width, height)
+            grid = OccupancyGrid(cells, CELL)
+            ground = layout.rooms, walls, discs, footprint.array, self.clearance
             for _ in range(_GOALS):
-                there = _draw_goal(source, *ground, goal)
-                if there < 0:
+                goal_room = numpy_integer(source, len(layout.rooms))
+                if not sample_pose(source, goal_room, *ground, 20, goal):
                     continue
-                ways = geodesic(grid, goal[:2], passing_radius(footprint))
-                if _draw_start(source, *ground, there, ways.extended, self.path_length, start):
-                    episode = Episode(
-                        grid, start, goal, storey.walls, storey.discs, name="floor_plan"
-                    )
-                    return storey.plan, episode
+                lengths = geodesic(grid, goal[:2], passing_radius(footprint)).extended
+                if _draw_start(source, goal_room, *ground, lengths, self.path_length, start):
+                    return layout, Episode(grid, start, goal, walls, discs, name="floor_plan")
         raise InputError(
             f"FloorPlan: {_TRIES} storeys had no start and goal that fit {footprint} in {self}"
         )
 
 
 @kernel
-def _build(plan: FloorLayout, things: Furniture) -> tuple[Cells, Array]:
-    """The map and the walls (n, 4) [m] of a furnished floor."""
-    cells = np.full((plan.height, plan.width), OCCUPIED, np.int8)
-    paint_rects(cells, plan.rooms, as_int(FREE))
-    paint_rects(cells, plan.halls, as_int(FREE))
-    paint_rects(cells, plan.openings, as_int(FREE))
-    paint_rects(cells, things.rects, as_int(OCCUPIED))
-    straight = boundary(cells)
-    n, count = len(straight), len(things.polygons)
+def _draw_storey(
+    source: NumpyStream,
+    home: bool,
+    width: float,
+    height: float,
+    door_width: tuple[float, float],
+    corridor_width: tuple[float, float],
+    furniture_density: float,
+    passage_width: float,
+) -> Storey:
+    """Lay out and furnish a storey; write its map and its walls."""
+    layout = generate_layout(source, home, width, height, door_width, corridor_width)
+    furniture = furnish(source, layout, home, furniture_density, passage_width)
+    cells = np.full((layout.height, layout.width), OCCUPIED, np.int8)
+    for rects in (layout.rooms, layout.corridors, layout.openings):
+        paint_rects(cells, rects, as_int(FREE))
+    paint_rects(cells, furniture.rects, as_int(OCCUPIED))
+    upright = boundary(cells) * CELL
+    n, count = len(upright), len(furniture.polygons)
     walls = np.empty((n + 4 * count, 4))
-    for k in range(n):
-        for i in range(4):
-            walls[k, i] = straight[k, i] * CELL
+    walls[:n] = upright
     for k in range(count):
-        polygon = things.polygons[k]
+        polygon = furniture.polygons[k]
         paint_polygon(cells, polygon, as_int(OCCUPIED))
         for i in range(4):
-            walls[n, 0], walls[n, 1] = polygon[i, 0], polygon[i, 1]
-            walls[n, 2], walls[n, 3] = polygon[(i + 1) % 4, 0], polygon[(i + 1) % 4, 1]
+            walls[n, :2], walls[n, 2:] = polygon[i], polygon[(i + 1) % 4]
             n += 1
-    paint_discs(cells, things.discs, 0.0, 0.0, CELL, as_int(OCCUPIED))
-    return cells, walls
+    paint_discs(cells, furniture.discs, 0.0, 0.0, as_int(OCCUPIED))
+    return Storey(layout, cells, walls, furniture.discs)
 
 
 @borrowing_kernel
-def _draw_goal(
+def sample_pose(
     source: NumpyStream,
-    rooms: Index,
+    room: int,
+    rooms: Rects,
     walls: Array,
     discs: Array,
     outline: Array,
     clearance: float,
-    goal: Array,
-) -> int:
-    """Write a goal; the number of its room, or -1 where the draw was unlucky."""
-    there = numpy_integer(source, len(rooms))
-    found = sample_pose(source, rooms[there], walls, discs, outline, clearance, as_int(20), goal)
-    return there if found else -1
+    tries: int,
+    pose: Array,
+) -> bool:
+    """Draw poses in a room until the footprint is free; whether one was found."""
+    x0, y0, x1, y1 = rooms[room].x0, rooms[room].y0, rooms[room].x1, rooms[room].y1
+    for _ in range(tries):
+        pose[0] = numpy_uniform(source, x0 * CELL + _INSET, x1 * CELL - _INSET)
+        pose[1] = numpy_uniform(source, y0 * CELL + _INSET, y1 * CELL - _INSET)
+        pose[2] = numpy_uniform(source, -math.pi, math.pi)
+        reach = clearance + 0.01
+        gap = footprint_clearance(pose[0], pose[1], pose[2], outline, walls, discs, reach)
+        if gap >= clearance and gap > 0.0:
+            return True
+    return False
 
 
 @borrowing_kernel
 def _draw_start(
     source: NumpyStream,
-    rooms: Index,
+    goal_room: int,
+    rooms: Rects,
     walls: Array,
     discs: Array,
     outline: Array,
     clearance: float,
-    there: int,
-    ways: Field,
-    way: tuple[float, float],
+    lengths: Field,
+    path_length: tuple[float, float],
     start: Array,
 ) -> bool:
     """Whether a start in another room was found, with a path of the required length."""
     for _ in range(_STARTS):
-        here = numpy_integer(source, len(rooms))
-        if here != there and sample_pose(
-            source, rooms[here], walls, discs, outline, clearance, as_int(5), start
+        room = numpy_integer(source, len(rooms))
+        if room != goal_room and sample_pose(
+            source, room, rooms, walls, discs, outline, clearance, as_int(5), start
         ):
-            far = interpolate(ways, start[0] / CELL, start[1] / CELL)
-            if way[0] <= far <= way[1]:
+            length = interpolate(lengths, start[0] / CELL, start[1] / CELL)
+            if path_length[0] <= length <= path_length[1]:
                 return True
     return False

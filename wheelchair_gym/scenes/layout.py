@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.random import NumpyStream, numpy_integer, numpy_uniform
-from wheelchair_gym.scenes.raster import CELL, Rect, cell_count, to_cells
+from wheelchair_gym.scenes.raster import CELL, RECT, Rects, cell_count, put, to_cells
 
+Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
@@ -28,52 +29,34 @@ _ROOM_LEAST = to_cells(2.6)
 _NOOK = to_cells(2.5)  # width of an open waiting nook, at most
 
 
-class Door(NamedTuple):
-    """An opening through a wall; leaf: a real door, and not the open end of a corridor."""
-
-    opening: Rect
-    along_x: bool  # the wall runs along x
-    leaf: bool
-    zone: Rect  # what furniture keeps clear of, on both sides
-
-    @property
-    def width(self) -> float:
-        """Clear width [m]."""
-        return (self.opening.width if self.along_x else self.opening.height) * CELL
+def sides(rects: Rects) -> tuple[Array, Array]:
+    """Lengths [m] of rectangles along x and along y."""
+    return (rects["x1"] - rects["x0"]) * CELL, (rects["y1"] - rects["y0"]) * CELL
 
 
 class FloorLayout(NamedTuple):
-    """One storey before it is furnished; rectangles (n, 4) of cells: x0, y0, x1, y1."""
+    """One storey before it is furnished: rectangles of cells, see `raster.RECT`."""
 
     width: int  # cells
     height: int
     lobby: bool  # then it is the first room
-    rooms: Index
-    halls: Index
-    openings: Index
+    rooms: Rects
+    corridors: Rects
+    openings: Rects  # through walls
     along_x: Flags  # of openings: whether the wall runs along x
-    leaf: Flags  # of openings: real doors
-    zones: Index  # of openings: what furniture keeps clear of, on both sides
-
-
-class Building:
-    """The plan of a storey in words."""
-
-    def __init__(self, plan: FloorLayout) -> None:
-        self.rooms = [Rect(*map(int, rect)) for rect in plan.rooms]  # the lobby is the first
-        self.lobby = bool(plan.lobby)
-        self.corridors = [Rect(*map(int, rect)) for rect in plan.halls]
-        self.doors = [
-            Door(Rect(*map(int, rect)), bool(along_x), bool(leaf), Rect(*map(int, zone)))
-            for rect, along_x, leaf, zone in zip(
-                plan.openings, plan.along_x, plan.leaf, plan.zones, strict=True
-            )
-        ]
+    is_door: Flags  # of openings: a real door, not the open end of a corridor
+    zones: Rects  # of openings: what furniture keeps clear of, on both sides
 
     @property
-    def corridor_widths(self) -> list[float]:
-        """Of each corridor [m]."""
-        return [min(rect.width, rect.height) * CELL for rect in self.corridors]
+    def opening_widths(self) -> Array:
+        """Clear width [m] of each opening."""
+        along, across = sides(self.openings)
+        return np.where(self.along_x, along, across)
+
+    @property
+    def corridor_widths(self) -> Array:
+        """Clear width [m] of each corridor."""
+        return np.minimum(*sides(self.corridors))
 
 
 @kernel
@@ -95,17 +78,10 @@ def _split(source: NumpyStream, length: int, parts: int, least: int) -> Index:
 
 
 @borrowing_kernel
-def put(rects: Index, k: int, x0: int, y0: int, x1: int, y1: int) -> int:
-    """Write a rectangle; the number of the next."""
-    rects[k, 0], rects[k, 1], rects[k, 2], rects[k, 3] = x0, y0, x1, y1
-    return k + 1
-
-
-@borrowing_kernel
-def _mirror(rects: Index, width: int, height: int, swap: int, flip_x: int, flip_y: int) -> None:
+def _mirror(rects: Rects, width: int, height: int, swap: int, flip_x: int, flip_y: int) -> None:
     """Flip rectangles within a building, then swap x and y."""
     for k in range(len(rects)):
-        x0, y0, x1, y1 = rects[k, 0], rects[k, 1], rects[k, 2], rects[k, 3]
+        x0, y0, x1, y1 = rects[k].x0, rects[k].y0, rects[k].x1, rects[k].y1
         if flip_x:
             x0, x1 = width - x1, width - x0
         if flip_y:
@@ -121,44 +97,45 @@ def generate_layout(
     home: bool,
     width: float,
     height: float,
-    doors: tuple[float, float],
-    corridors: tuple[float, float],
+    door_width: tuple[float, float],
+    corridor_width: tuple[float, float],
 ) -> FloorLayout:
     """Draw rooms, corridors and doors."""
     w, h = cell_count(width), cell_count(height)
     outer = as_int(OUTER)
     left, right = outer, w - outer
     most = 1 + 3 * (w // cell_count(3.0) + 2)
-    rooms, halls = np.empty((most, 4), np.int64), np.empty((3, 4), np.int64)
-    openings = np.empty((3 * most, 4), np.int64)
-    along_x, leaf = np.zeros(3 * most, np.bool_), np.zeros(3 * most, np.bool_)
+    rooms, corridors, openings = np.empty(most, RECT), np.empty(3, RECT), np.empty(3 * most, RECT)
+    along_x, is_door = np.zeros(3 * most, np.bool_), np.zeros(3 * most, np.bool_)
     n, d, two = as_int(0), as_int(0), as_int(2)
     lobby = home or numpy_uniform(source, 0.0, 1.0) < 0.6
     if lobby:
-        deep = numpy_uniform(source, 4.0, 5.5) if home else numpy_uniform(source, 3.0, 4.5)
-        n = put(rooms, n, left, outer, left + cell_count(deep), h - outer)
-        left += cell_count(deep) + INNER
-    spines = 1 if home or h < _SECOND_CORRIDOR else 2
-    depth = h - 2 * OUTER - 2 * spines * INNER
-    for k in range(spines):
-        halls[k, 3] = cell_count(numpy_uniform(source, corridors[0], corridors[1]))
-        depth -= halls[k, 3]
-    rows = _split(source, depth, spines + 1, _ROOM_LEAST)
+        low, high = (4.0, 5.5) if home else (3.0, 4.5)  # m
+        deep = cell_count(numpy_uniform(source, low, high))
+        n = put(rooms, n, left, outer, left + deep, h - outer)
+        left += deep + INNER
+    count = 1 if home or h < _SECOND_CORRIDOR else 2  # of corridors along the building
+    depth = h - 2 * OUTER - 2 * count * INNER
+    widths = np.empty(count, np.int64)
+    for k in range(count):
+        widths[k] = cell_count(numpy_uniform(source, corridor_width[0], corridor_width[1]))
+        depth -= widths[k]
+    row_depths = _split(source, depth, count + 1, _ROOM_LEAST)
     y = outer
-    for k in range(spines):
-        y += rows[k] + INNER
-        put(halls, k, left, y, right, y + halls[k, 3])
-        y = halls[k, 3] + INNER
+    for k in range(count):
+        y += row_depths[k] + INNER
+        put(corridors, k, left, y, right, y + widths[k])
         if lobby:
-            d = put(openings, d, left - INNER, halls[k, 1], left, halls[k, 3])
-    corridor_count, end_1 = spines, right
-    if spines == 2 and (not lobby or numpy_uniform(source, 0.0, 1.0) < 0.5):
-        across = right - cell_count(numpy_uniform(source, corridors[0], corridors[1]))
-        corridor_count = put(halls, two, across, halls[0, 3], right, halls[1, 1])
+            d = put(openings, d, left - INNER, y, left, y + widths[k])
+        y += widths[k] + INNER
+    corridor_count, end_1 = count, right
+    if count == 2 and (not lobby or numpy_uniform(source, 0.0, 1.0) < 0.5):
+        across = right - cell_count(numpy_uniform(source, corridor_width[0], corridor_width[1]))
+        corridor_count = put(corridors, two, across, corridors[0].y1, right, corridors[1].y0)
         end_1 = across - INNER
     y0 = outer
-    for k in range(spines + 1):
-        y1 = y0 + rows[k]
+    for k in range(count + 1):
+        y1 = y0 + row_depths[k]
         end = end_1 if k == 1 else right
         apart = cell_count(numpy_uniform(source, 3.0, 4.8))
         parts = max(1, int(np.rint((end - left) / apart)))
@@ -168,47 +145,42 @@ def generate_layout(
             size = sizes[number]
             n = put(rooms, n, x, y0, x + size, y1)
             # Towards the corridor below, the one above, or both.
-            first, last = (0 if k > 0 else 1), (1 if k < spines else 0)
+            first, last = (0 if k > 0 else 1), (1 if k < count else 0)
             if first < last and numpy_uniform(source, 0.0, 1.0) >= 0.3:
                 first = last = numpy_integer(source, two)
             for side in range(first, last + 1):
-                wide = cell_count(numpy_uniform(source, doors[0], doors[1]))
+                wide = cell_count(numpy_uniform(source, door_width[0], door_width[1]))
                 nook = not home and numpy_uniform(source, 0.0, 1.0) < 0.1
                 if nook:  # a waiting nook stands open
                     wide = max(wide, min(size - 2 * JAMB, _NOOK))
                 at = x + JAMB + numpy_integer(source, size - 2 * JAMB - wide + 1)
-                along_x[d], leaf[d] = True, not nook
+                along_x[d], is_door[d] = True, not nook
                 wall = y1 if side else y0 - INNER
                 d = put(openings, d, at, wall, at + wide, wall + INNER)
             if (number > 0 or lobby) and numpy_uniform(source, 0.0, 1.0) < (0.25 if home else 0.08):
-                wide = cell_count(numpy_uniform(source, doors[0], doors[1]))  # from room to room
+                # From room to room.
+                wide = cell_count(numpy_uniform(source, door_width[0], door_width[1]))
                 at = y0 + JAMB + numpy_integer(source, y1 - y0 - 2 * JAMB - wide + 1)
-                leaf[d] = True
+                is_door[d] = True
                 d = put(openings, d, x - INNER, at, x, at + wide)
             x += size + INNER
-        if k < spines:
-            y0 = halls[k, 3] + INNER
-    rooms, halls, openings = rooms[:n], halls[:corridor_count], openings[:d]
-    zones = np.empty((d, 4), np.int64)
+        if k < count:
+            y0 = corridors[k].y1 + INNER
+    rooms, corridors, openings = rooms[:n], corridors[:corridor_count], openings[:d]
+    zones = np.empty(d, RECT)
     for k in range(d):
-        x0, low, x1, high = openings[k, 0], openings[k, 1], openings[k, 2], openings[k, 3]
+        x0, bottom, x1, top = openings[k].x0, openings[k].y0, openings[k].x1, openings[k].y1
         if along_x[k]:
             wide = max(0, ZONE - (x1 - x0) + 1) // 2
-            put(zones, k, x0 - wide, low - ZONE, x1 + wide, high + ZONE)
+            put(zones, k, x0 - wide, bottom - ZONE, x1 + wide, top + ZONE)
         else:
-            wide = max(0, ZONE - (high - low) + 1) // 2
-            put(zones, k, x0 - ZONE, low - wide, x1 + ZONE, high + wide)
-    swap, flip_x, flip_y = (
-        numpy_integer(source, two),
-        numpy_integer(source, two),
-        numpy_integer(source, two),
-    )
-    _mirror(rooms, w, h, swap, flip_x, flip_y)
-    _mirror(halls, w, h, swap, flip_x, flip_y)
-    _mirror(openings, w, h, swap, flip_x, flip_y)
-    _mirror(zones, w, h, swap, flip_x, flip_y)
+            wide = max(0, ZONE - (top - bottom) + 1) // 2
+            put(zones, k, x0 - ZONE, bottom - wide, x1 + ZONE, top + wide)
+    swap, flip_x = numpy_integer(source, two), numpy_integer(source, two)
+    flip_y = numpy_integer(source, two)
+    for rects in (rooms, corridors, openings, zones):
+        _mirror(rects, w, h, swap, flip_x, flip_y)
     if swap:
         w, h = h, w
-        for k in range(d):
-            along_x[k] = not along_x[k]
-    return FloorLayout(w, h, lobby, rooms, halls, openings, along_x[:d], leaf[:d], zones)
+        along_x = ~along_x
+    return FloorLayout(w, h, lobby, rooms, corridors, openings, along_x[:d], is_door[:d], zones)

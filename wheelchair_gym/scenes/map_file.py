@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.files import modified
 from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic, read_any_map, write_map
+from wheelchair_gym.maps import FREE, OccupancyGrid, geodesic, read_any_map, write_map
+from wheelchair_gym.random import numpy_stream
 from wheelchair_gym.scenes.floor_plan import FloorPlan
 from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose, passing_radius
 from wheelchair_gym.scenes.raster import CELL
@@ -26,7 +27,6 @@ from wheelchair_gym.types import Episode, no_discs
 Array = NDArray[np.float64]
 Pose = tuple[float, float, float]
 
-_KINDS = "map_server's YAML, MovingAI's .map, HouseExpo's JSON; empty: the package's clinic"
 _TRIES = 200  # places drawn for one pose
 _GOALS = 20  # goals drawn before the map is called impossible
 
@@ -37,7 +37,7 @@ def example_map() -> Path:
 
 
 @lru_cache(maxsize=8)
-def _ground(path: Path, stamp: int, unknown_is_solid: bool) -> tuple[OccupancyGrid, Array]:
+def _read(path: Path, stamp: int, unknown_is_solid: bool) -> tuple[OccupancyGrid, Array]:
     """Map and walls; the stamp makes an edited file be read again."""
     return read_any_map(path, unknown_is_solid)
 
@@ -67,67 +67,46 @@ class MapFile:
             InputError: the map cannot be read; a given pose is not free; there is no way.
         """
         path = Path(self.path) if self.path else example_map()
-        grid, walls = _ground(path, modified(path), self.unknown_is_solid)
+        grid, walls = _read(path, modified(path), self.unknown_is_solid)
         for name, pose in (("start", self.start), ("goal", self.goal)):
-            if pose is not None and not self._free(grid, walls, pose, footprint):
+            if pose is not None and not _is_free(grid, walls, pose, footprint):
                 raise InputError(f"MapFile.{name} is {list(pose)}; {footprint} cannot stand there")
+
+        def draw(cells: NDArray[np.int64]) -> Array | None:
+            """A pose on one of the cells where the chair stands free."""
+            for _ in range(_TRIES if len(cells) else 0):
+                x, y = grid.to_world(cells[rng.integers(len(cells))])
+                pose = np.array([x, y, rng.uniform(-math.pi, math.pi)])
+                if is_free_pose(pose, walls, no_discs(), footprint, self.clearance):
+                    return pose
+            return None
+
         radius = passing_radius(footprint)
         free = np.argwhere(grid.traversable(radius))
-        for _ in range(_GOALS):
-            goal = (
-                self._draw(rng, grid, walls, free, footprint)
-                if self.goal is None
-                else np.array(self.goal)
-            )
+        for _ in range(_GOALS if self.goal is None else 1):
+            goal = draw(free) if self.goal is None else np.array(self.goal)
             if goal is None:
                 break
-            start = self._begin(rng, grid, walls, geodesic(grid, goal, radius), footprint)
+            paths = geodesic(grid, goal, radius)
+            if self.start is None:
+                lengths = paths.field
+                far = np.isfinite(lengths) & (lengths >= self.min_path_length)
+                start = draw(np.argwhere(far))
+            else:
+                start = np.array(self.start) if np.isfinite(paths.at(self.start[:2])) else None
             if start is not None:
                 return Episode(grid, start, goal, walls, name=path.stem)
-            if self.goal is not None:
-                break
         raise InputError(
             f"{path}: no start and goal for {footprint} with {self.min_path_length} m between them"
         )
 
-    def _free(self, grid: OccupancyGrid, walls: Array, pose: Pose, footprint: Footprint) -> bool:
-        inside = bool(grid.inside(pose[:2]))
-        row, col = grid.to_cell(pose[:2])
-        return (
-            inside
-            and grid.cells[row, col] == 0
-            and is_free_pose(np.array(pose), walls, no_discs(), footprint, 0.0)
-        )
 
-    def _begin(
-        self,
-        rng: np.random.Generator,
-        grid: OccupancyGrid,
-        walls: Array,
-        ways: Geodesic,
-        footprint: Footprint,
-    ) -> Array | None:
-        """A start from which the goal can be reached."""
-        if self.start is not None:
-            return np.array(self.start) if np.isfinite(ways.at(self.start[:2])) else None
-        far = np.argwhere(np.isfinite(ways.field) & (ways.field >= self.min_path_length))
-        return self._draw(rng, grid, walls, far, footprint)
-
-    def _draw(
-        self,
-        rng: np.random.Generator,
-        grid: OccupancyGrid,
-        walls: Array,
-        cells: NDArray[np.int64],
-        footprint: Footprint,
-    ) -> Array | None:
-        """A pose on one of the cells where the chair stands free."""
-        for _ in range(_TRIES if len(cells) else 0):
-            x, y = grid.to_world(cells[rng.integers(len(cells))])
-            pose = np.array([x, y, rng.uniform(-math.pi, math.pi)])
-            if is_free_pose(pose, walls, no_discs(), footprint, self.clearance):
-                return pose
-        return None
+def _is_free(grid: OccupancyGrid, walls: Array, pose: Pose, footprint: Footprint) -> bool:
+    """Whether a pose lies on a free cell and its footprint touches no wall."""
+    row, col = grid.to_cell(pose[:2])
+    if not grid.inside(pose[:2]) or grid.cells[row, col] != FREE:
+        return False
+    return is_free_pose(np.array(pose), walls, no_discs(), footprint, 0.0)
 
 
 SEED: Final = 1
@@ -136,8 +115,8 @@ SIZE: Final = (15.0, 12.0)  # m
 
 def example_clinic() -> OccupancyGrid:
     """A small clinic of 15 m x 12 m, always the same, its lower-left corner at (0, 0)."""
-    storey = FloorPlan(kind="clinic").building(np.random.default_rng(SEED), False, *SIZE)
-    return OccupancyGrid(storey.cells, CELL)
+    source = numpy_stream(np.random.default_rng(SEED))
+    return OccupancyGrid(FloorPlan(kind="clinic").storey(source, False, *SIZE).cells, CELL)
 
 
 def main(path: Path | None = None) -> None:

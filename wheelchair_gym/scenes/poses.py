@@ -1,26 +1,21 @@
-"""Collision-free poses: checks, and random draws."""
+"""Checks of poses, episodes and settings: what stands free, passes and makes sense."""
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, footprint_clearance
 from wheelchair_gym.maps import bottleneck
-from wheelchair_gym.random import NumpyStream, numpy_uniform
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 FOOTPRINT: Final = Footprint()  # of the default chair
-_INSET: Final = 0.4  # m: from the axle to the walls of a room, at least
 
 
 def passing_radius(footprint: Footprint) -> float:
@@ -35,6 +30,18 @@ def is_free_pose(
     x, y, yaw = pose
     gap = footprint_clearance(x, y, yaw, footprint.array, walls, discs, clearance + 0.01)
     return bool(gap >= clearance and gap > 0.0)
+
+
+def check_ranges(scene: object, *names: str) -> None:
+    """Check settings that are a least and a greatest value.
+
+    Raises:
+        InputError: the least is above the greatest.
+    """
+    for name in names:
+        low, high = getattr(scene, name)
+        if low > high:
+            raise InputError(f"{type(scene).__name__}.{name} is {low}, {high}; expected from, to")
 
 
 def check_start(episode: Episode, footprint: Footprint) -> None:
@@ -64,26 +71,3 @@ def check_passable(episode: Episode, footprint: Footprint) -> float:
             f"is {max(0.0, 2.0 * radius):.2f} m wide at its narrowest spot"
         )
     return radius
-
-
-@borrowing_kernel
-def sample_pose(
-    source: NumpyStream,
-    room: Index,
-    walls: Array,
-    discs: Array,
-    outline: Array,
-    clearance: float,
-    tries: int,
-    pose: Array,
-) -> bool:
-    """Draw poses until the footprint is free; whether one was found."""
-    for _ in range(tries):
-        pose[0] = numpy_uniform(source, room[0] * CELL + _INSET, room[2] * CELL - _INSET)
-        pose[1] = numpy_uniform(source, room[1] * CELL + _INSET, room[3] * CELL - _INSET)
-        pose[2] = numpy_uniform(source, -math.pi, math.pi)
-        reach = clearance + 0.01
-        gap = footprint_clearance(pose[0], pose[1], pose[2], outline, walls, discs, reach)
-        if gap >= clearance and gap > 0.0:
-            return True
-    return False

@@ -14,8 +14,7 @@ obstacles inflated by 0.4 m. Verdicts on these maps can be on orders only, never
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,25 +43,19 @@ def _define_maps(scene: type[Any], count: int, doc: str) -> None:
         globals()[name] = settings(type(name, (scene,), fields))
 
 
-Box = tuple[float, float, float, float]
-Point = tuple[float, float]
+Array = NDArray[np.float64]
+Box = tuple[float, float, float, float]  # m: xmin, ymin, xmax, ymax
+Disc = tuple[float, float, float]  # m: x, y, radius
+Point = tuple[float, float]  # m
 
 LAB_SIZE: Final = (7.0, 5.0)  # m
 
 
-class _Plan(NamedTuple):
-    walls: tuple[Box, ...]  # m: xmin, ymin, xmax, ymax
-    start: Point  # m
-    goal: Point
-
-
 # Few walls; a screen and a bench; three screens one behind the other: more clutter from 1 to 3.
-LABS: Final = (
-    _Plan(((2.3, 0.0, 2.4, 2.2), (4.4, 2.6, 4.5, 5.0)), (0.9, 1.2), (6.0, 3.8)),
-    _Plan(
-        ((3.2, 1.5, 3.3, 5.0), (4.3, 2.4, 5.4, 2.5), (0.8, 4.2, 2.0, 4.3)), (1.2, 3.2), (5.6, 3.4)
-    ),
-    _Plan(
+LABS: Final[tuple[tuple[tuple[Box, ...], Point, Point], ...]] = (  # m: walls, start, goal
+    (((2.3, 0.0, 2.4, 2.2), (4.4, 2.6, 4.5, 5.0)), (0.9, 1.2), (6.0, 3.8)),
+    (((3.2, 1.5, 3.3, 5.0), (4.3, 2.4, 5.4, 2.5), (0.8, 4.2, 2.0, 4.3)), (1.2, 3.2), (5.6, 3.4)),
+    (
         ((1.9, 1.4, 2.0, 5.0), (3.6, 0.0, 3.7, 3.5), (5.3, 1.5, 5.4, 5.0), (0.0, 2.9, 0.7, 3.0)),
         (0.9, 1.6),
         (6.2, 2.4),
@@ -101,11 +94,9 @@ class Lab:
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
-        plan = LABS[self.number - 1]
-        ground = make_arena((0.0, 0.0, *LAB_SIZE), plan.walls)
-        start, goal = poses_along(plan.start, plan.goal)
-        name = f"lab_{self.number}"
-        return Episode(ground.map, start, goal, ground.walls, ground.discs, name=name)
+        walls, start, goal = LABS[self.number - 1]
+        arena = make_arena((0.0, 0.0, *LAB_SIZE), walls)
+        return arena.episode(*poses_along(start, goal), f"lab_{self.number}")
 
 
 @settings
@@ -117,9 +108,8 @@ class DesignLab:
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
-        ground = make_arena((0.0, 0.0, *DESIGN_LAB_SIZE), DESIGN_LAB)
-        start, goal = poses_along(*DESIGN_LAB_PATHS[self.path])
-        return Episode(ground.map, start, goal, ground.walls, ground.discs, name="design_lab")
+        arena = make_arena((0.0, 0.0, *DESIGN_LAB_SIZE), DESIGN_LAB)
+        return arena.episode(*poses_along(*DESIGN_LAB_PATHS[self.path]), "design_lab")
 
 
 _define_maps(Lab, 3, "Laboratory of the thesis on limited tree expansion, no.")
@@ -155,9 +145,8 @@ class ChaoticPso:
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
-        ground = make_arena((0.0, 0.0, 10.0, 10.0), discs=CHAOTIC_PSO_DISCS)
-        start, goal = poses_along((1.0, 1.0), (9.0, 9.0))
-        return Episode(ground.map, start, goal, ground.walls, ground.discs, name="chaotic_pso")
+        arena = make_arena((0.0, 0.0, 10.0, 10.0), discs=CHAOTIC_PSO_DISCS)
+        return arena.episode(*poses_along((1.0, 1.0), (9.0, 9.0)), "chaotic_pso")
 
 
 @settings
@@ -179,12 +168,9 @@ class GreyWolf:
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
         low, high = -self.margin, 25.0 + self.margin
-        ground = make_arena((low, low, high, high), discs=GREY_WOLF_DISCS)
-        start, goal = poses_along((0.0, 0.0), GREY_WOLF_GOALS[self.goal])
-        return Episode(ground.map, start, goal, ground.walls, ground.discs, name="grey_wolf")
+        arena = make_arena((low, low, high, high), discs=GREY_WOLF_DISCS)
+        return arena.episode(*poses_along((0.0, 0.0), GREY_WOLF_GOALS[self.goal]), "grey_wolf")
 
-
-Array = NDArray[np.float64]
 
 WIDTH: Final = 30.0  # m
 HEIGHT: Final = 20.0
@@ -208,38 +194,12 @@ def _pocket(x: float, low: float, high: float, deep: float) -> list[Box]:
     ]
 
 
-def _empty(gap: float, seed: int) -> Arena:
-    return make_arena((0.0, 0.0, WIDTH, HEIGHT))
-
-
-def _unobtrusive(gap: float, seed: int) -> Arena:
-    rects = [(5.0, 9.0, 7.5, 11.0), (13.5, 14.0, 15.0, 16.5), (21.0, 4.0, 24.0, 6.0)]
-    turned = [
-        rotated_rectangle(11.0, 3.0, 2.0, 1.2, 0.5),
-        rotated_rectangle(8.0, 16.0, 2.5, 1.0, 2.4),
-    ]
-    discs = [(17.0, 5.0, 0.8), (21.0, 17.0, 0.7), (3.0, 14.5, 0.6), (26.5, 9.0, 0.7)]
-    return make_arena((0.0, 0.0, WIDTH, HEIGHT), rects, turned, discs)
-
-
-def _narrow(gap: float, seed: int) -> Arena:
-    rects = _barrier(7.0, 6.0, gap) + _barrier(12.5, 11.0, gap)
-    rects += _barrier(18.0, 6.5, gap) + _barrier(23.5, 14.0, gap)
-    return make_arena((0.0, 0.0, WIDTH, HEIGHT), rects)
-
-
-def _local_minima(gap: float, seed: int) -> Arena:
-    rects = _pocket(9.0, 2.0, 9.5, 4.0) + _pocket(16.0, 8.0, 17.0, 5.0)
-    rects += _pocket(24.0, 9.5, 17.5, 4.5) + _pocket(20.5, 1.5, 6.5, 3.0)
-    return make_arena((0.0, 0.0, WIDTH, HEIGHT), rects)
-
-
-def _clutter(gap: float, seed: int) -> Arena:
-    rects = _barrier(10.0, 12.5, gap) + _barrier(20.0, 6.0, gap)
+def _clutter(gap: float, seed: int) -> tuple[list[Disc], list[Array]]:
+    """Discs and rotated rectangles at random, apart from each other and from the barriers."""
     rng = np.random.default_rng(seed)
     taken = [(*START, 1.2), (*GOAL, 1.2), (10.15, 12.5, 1.3), (20.15, 6.0, 1.3)]  # x, y, keep-out
-    discs: list[tuple[float, float, float]] = []
-    turned: list[Array] = []
+    discs: list[Disc] = []
+    rotated: list[Array] = []
     for _ in range(2000):
         length, deep = rng.uniform(0.5, 2.2), rng.uniform(0.4, 1.2)
         disc = rng.random() < 0.4
@@ -254,17 +214,32 @@ def _clutter(gap: float, seed: int) -> Arena:
         if disc:
             discs.append((x, y, reach))
         else:
-            turned.append(rotated_rectangle(x, y, length, deep, rng.uniform(0.0, math.pi)))
-    return make_arena((0.0, 0.0, WIDTH, HEIGHT), rects, turned, discs)
+            rotated.append(rotated_rectangle(x, y, length, deep, rng.uniform(0.0, math.pi)))
+    return discs, rotated
 
 
-_MAPS: Final[tuple[Callable[[float, int], Arena], ...]] = (
-    _empty,
-    _unobtrusive,
-    _narrow,
-    _local_minima,
-    _clutter,
-)
+def _thesis_map(number: int, gap: float, seed: int) -> Arena:
+    """The ground of one of the five maps of the thesis on RRT*-WOA."""
+    rects: list[Box] = []
+    discs: list[Disc] = []
+    rotated: list[Array] = []
+    if number == 2:  # unobtrusive obstacles
+        rects = [(5.0, 9.0, 7.5, 11.0), (13.5, 14.0, 15.0, 16.5), (21.0, 4.0, 24.0, 6.0)]
+        rotated = [
+            rotated_rectangle(11.0, 3.0, 2.0, 1.2, 0.5),
+            rotated_rectangle(8.0, 16.0, 2.5, 1.0, 2.4),
+        ]
+        discs = [(17.0, 5.0, 0.8), (21.0, 17.0, 0.7), (3.0, 14.5, 0.6), (26.5, 9.0, 0.7)]
+    elif number == 3:  # narrow passages
+        rects = _barrier(7.0, 6.0, gap) + _barrier(12.5, 11.0, gap)
+        rects += _barrier(18.0, 6.5, gap) + _barrier(23.5, 14.0, gap)
+    elif number == 4:  # local minima
+        rects = _pocket(9.0, 2.0, 9.5, 4.0) + _pocket(16.0, 8.0, 17.0, 5.0)
+        rects += _pocket(24.0, 9.5, 17.5, 4.5) + _pocket(20.5, 1.5, 6.5, 3.0)
+    elif number == 5:  # clutter
+        rects = _barrier(10.0, 12.5, gap) + _barrier(20.0, 6.0, gap)
+        discs, rotated = _clutter(gap, seed)
+    return make_arena((0.0, 0.0, WIDTH, HEIGHT), rects, rotated, discs)
 
 
 @settings
@@ -282,10 +257,8 @@ class ThesisMap:
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
-        ground = _MAPS[self.number - 1](self.gap, self.seed)
-        start, goal = poses_along(START, GOAL)
-        name = f"thesis_{self.number}"
-        return Episode(ground.map, start, goal, ground.walls, ground.discs, name=name)
+        arena = _thesis_map(self.number, self.gap, self.seed)
+        return arena.episode(*poses_along(START, GOAL), f"thesis_{self.number}")
 
 
 _define_maps(ThesisMap, 5, "Map of the thesis, no.")

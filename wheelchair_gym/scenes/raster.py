@@ -1,9 +1,9 @@
-"""Drawing on a 5 cm raster: rectangles of cells, turned rectangles, discs."""
+"""Drawing on a 5 cm raster: rectangles of cells, rotated rectangles, discs."""
 
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,45 +12,11 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel
 
 Array = NDArray[np.float64]
 Cells = NDArray[np.int8]
+Rects = NDArray[np.void]
 
 CELL: Final = 0.05  # m: the raster of every generated map
-
-
-class Rect(NamedTuple):
-    """A rectangle of whole cells: from (x0, y0) up to, not including, (x1, y1)."""
-
-    x0: int
-    y0: int
-    x1: int
-    y1: int
-
-    @property
-    def width(self) -> int:
-        """Along x [cells]."""
-        return self.x1 - self.x0
-
-    @property
-    def height(self) -> int:
-        """Along y [cells]."""
-        return self.y1 - self.y0
-
-    def inflated(self, by: int) -> Rect:
-        """The rectangle with every side moved out."""
-        return Rect(self.x0 - by, self.y0 - by, self.x1 + by, self.y1 + by)
-
-    def meets(self, other: Rect) -> bool:
-        """Whether the two share a cell."""
-        return (
-            self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
-        )
-
-    def swapped(self) -> Rect:
-        """Mirrored in the diagonal: x for y."""
-        return Rect(self.y0, self.x0, self.y1, self.x1)
-
-    def paint(self, cells: Cells, value: int) -> None:
-        """Set its cells."""
-        cells[self.y0 : self.y1, self.x0 : self.x1] = value
+# A rectangle of whole cells, from (x0, y0) up to, not including, (x1, y1).
+RECT: Final = np.dtype([(corner, np.int64) for corner in ("x0", "y0", "x1", "y1")])
 
 
 def to_cells(metres: float) -> int:
@@ -58,10 +24,14 @@ def to_cells(metres: float) -> int:
     return round(metres / CELL)
 
 
+cell_count = borrowing_kernel(to_cells)
+
+
 @borrowing_kernel
-def cell_count(metres: float) -> int:
-    """The same for kernels."""
-    return int(np.rint(metres / CELL))
+def put(rects: Rects, k: int, x0: int, y0: int, x1: int, y1: int) -> int:
+    """Write a rectangle; returns the index of the next."""
+    rects[k].x0, rects[k].y0, rects[k].x1, rects[k].y1 = x0, y0, x1, y1
+    return k + 1
 
 
 def rotated_rectangle(x: float, y: float, length: float, width: float, yaw: float) -> Array:
@@ -74,11 +44,11 @@ def rotated_rectangle(x: float, y: float, length: float, width: float, yaw: floa
 
 
 @borrowing_kernel
-def paint_discs(cells: Cells, discs: Array, x0: float, y0: float, size: float, value: int) -> None:
-    """Set each cell whose square a disc reaches."""
+def paint_discs(cells: Cells, discs: Array, x0: float, y0: float, value: int) -> None:
+    """Set each cell whose square a disc reaches; the grid's lower-left corner is (x0, y0) [m]."""
     rows, cols = cells.shape
     for k in range(discs.shape[0]):
-        x, y, radius = (discs[k, 0] - x0) / size, (discs[k, 1] - y0) / size, discs[k, 2] / size
+        x, y, radius = (discs[k, 0] - x0) / CELL, (discs[k, 1] - y0) / CELL, discs[k, 2] / CELL
         for row in range(max(0, int(y - radius)), min(rows, int(y + radius) + 1)):
             dy = max(abs(y - row - 0.5) - 0.5, 0.0)
             for col in range(max(0, int(x - radius)), min(cols, int(x + radius) + 1)):
@@ -88,11 +58,11 @@ def paint_discs(cells: Cells, discs: Array, x0: float, y0: float, size: float, v
 
 
 @borrowing_kernel
-def paint_rects(cells: Cells, rects: NDArray[np.int64], value: int) -> None:
-    """Set the cells of rectangles (n, 4) of whole cells: x0, y0, x1, y1."""
+def paint_rects(cells: Cells, rects: Rects, value: int) -> None:
+    """Set the cells of rectangles."""
     for k in range(len(rects)):
-        for row in range(rects[k, 1], rects[k, 3]):
-            for col in range(rects[k, 0], rects[k, 2]):
+        for row in range(rects[k].y0, rects[k].y1):
+            for col in range(rects[k].x0, rects[k].x1):
                 cells[row, col] = value
 
 

@@ -15,8 +15,7 @@ from planners.swarm.peers import Mealpy
 from tests.conftest import ROOT
 from wheelchair_gym import InputError
 from wheelchair_gym.recording.sink import Sink
-from wheelchair_gym.rendering.video import write_video
-from wheelchair_gym.rendering.window import Window
+from wheelchair_gym.rendering.video import Window, write_video
 
 CONFIG = ["--config", str(ROOT / "configs" / "hardware.json")]
 REAL = ["simulate", "--pose", "odometry", "--goal", "1,1"]

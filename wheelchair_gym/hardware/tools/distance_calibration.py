@@ -17,7 +17,7 @@ from wheelchair_gym.geometry import relative_pose, wrap_angle
 from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.control_loop import Clock
-from wheelchair_gym.localization.scan import read_scan
+from wheelchair_gym.localization.occupancy import read_scan
 
 Array = NDArray[np.float64]
 

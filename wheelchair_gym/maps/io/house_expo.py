@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import LIMITS, check_cells, is_coordinate, read_json
-from wheelchair_gym.geometry import polygon_edges
+from wheelchair_gym.files import check_cells, coordinate_lists, read_json
+from wheelchair_gym.geometry import polygon_edges, signed_area
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
 
 Array = NDArray[np.float64]
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 MARGIN: Final = 0.25  # m of solid ground round the outline, in its grid
 FRAME: Final = 1.0  # m of it in its walls, so that the grid lies within
 TOUCH: Final = 1e-6  # cells: an edge along the side of a cell does not cut it
-SLACK: Final = 0.01  # m: by so much a box may differ from the corners that it holds
+SLACK: Final = 0.01  # m: difference allowed between `bbox` and the corners
 MOST_SIDE: Final = 300.0  # m
 
 
@@ -66,16 +66,6 @@ class House(NamedTuple):
         return OccupancyGrid(cells, resolution, (float(low[0]), float(low[1]), 0.0))
 
 
-def _points(value: Any, width: int, where: str) -> Array:
-    if not isinstance(value, list) or not all(
-        isinstance(point, list) and len(point) == width and all(map(is_coordinate, point))
-        for point in value
-    ):
-        expected = f"expected a list of lists of {width} coordinates [m]"
-        raise InputError(f"{where} is {shorten(value)}; {expected}")
-    return np.array(value, dtype=np.float64).reshape(-1, width)
-
-
 def read_house(path: str | Path) -> House:
     """The floor plan of a HouseExpo file.
 
@@ -86,11 +76,8 @@ def read_house(path: str | Path) -> House:
     data = read_json(path)
     if not isinstance(data, Mapping) or "verts" not in data:
         raise InputError(f"{path}: verts is missing; expected a HouseExpo floor plan")
-    corners = _points(data["verts"], 2, f"{path}: verts")
+    corners = np.array(coordinate_lists(data["verts"], 2, f"{path}: verts")).reshape(-1, 2)
     outline = corners[np.any(corners != np.roll(corners, 1, axis=0), axis=1)]
-    if len(outline) > LIMITS["outline"].most:
-        expected = f"expected at most {LIMITS['outline'].most:,}"
-        raise InputError(f"{path}: verts has {len(outline):,} corners; {expected}")
     if len(outline) < 3:
         raise InputError(f"{path}: verts has {len(outline)} corners; expected at least 3")
     low, high = outline.min(axis=0), outline.max(axis=0)
@@ -100,7 +87,7 @@ def read_house(path: str | Path) -> House:
     if box is not None:
         if not isinstance(box, Mapping) or not {"min", "max"} <= set(box):
             raise InputError(f"{path}: bbox is {shorten(box)}; expected min and max")
-        given = _points([box["min"], box["max"]], 2, f"{path}: bbox")
+        given = np.array(coordinate_lists([box["min"], box["max"]], 2, f"{path}: bbox"))
         if np.abs(given - [low, high]).max() > SLACK:
             found = f"{low.tolist()} to {high.tolist()}"
             raise InputError(f"{path}: bbox is {given.tolist()}; expected that of verts, {found}")
@@ -108,12 +95,11 @@ def read_house(path: str | Path) -> House:
     if not isinstance(rooms, Mapping):
         raise InputError(f"{path}: room_category is {shorten(rooms)}; expected an object")
     boxes = {
-        str(kind): _points(value, 4, f"{path}: room_category.{kind}")
+        str(kind): np.array(coordinate_lists(value, 4, f"{path}: room_category.{kind}"))
         for kind, value in rooms.items()
         if value != []
     }
-    x, y = outline.T
-    area = float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    area = signed_area(outline)
     if area == 0.0:
         raise InputError(f"{path}: verts enclose nothing; expected an outline")
     return House(str(data.get("id", path.stem)), outline if area > 0.0 else outline[::-1], boxes)

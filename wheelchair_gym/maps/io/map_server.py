@@ -27,6 +27,7 @@ from wheelchair_gym.files import (
     LIMITS,
     atomic_write,
     check_cells,
+    coordinates,
     is_coordinate,
     parse_yaml,
     read_bytes,
@@ -143,14 +144,7 @@ def read_map(path: str | Path) -> OccupancyGrid:
     free = _number(data, "free_thresh", path, 0.0, 1.0)
     if free >= occupied:
         raise InputError(f"{path}: free_thresh is {free}; expected less than occupied_thresh")
-    origin = data["origin"]
-    if (
-        not isinstance(origin, list)
-        or len(origin) not in (2, 3)
-        or not all(map(is_coordinate, origin))
-    ):
-        raise InputError(f"{path}: origin is {shorten(origin)}; expected [x, y, yaw]")
-    x, y, yaw = (float(value) for value in (*origin, 0.0)[:3])
+    x, y, yaw = (*coordinates(data["origin"], (2, 3), f"{path}: origin"), 0.0)[:3]
     grey, opacity = _pixels(path.parent / data["image"])
     cells = _meaning(mode, bool(negate), occupied, free)[grey]
     clear = opacity < 255
