@@ -271,7 +271,7 @@ WRONG = {
     ),
     "a cell too few": ("/map", lambda m: {**m, "data": m["data"][1:]}, "cells; expected"),
     "a cell of 101": ("/map", lambda m: {**m, "data": [101, *m["data"][1:]]}, "beyond -1 to 100"),
-    "a map of nothing": ("/map", lambda m: {**m, "info": {**m["info"], "width": 0}}, "some at"),
+    "a map of nothing": ("/map", lambda m: {**m, "info": {**m["info"], "width": 0}}, "at least"),
 }  # fmt: skip
 
 
