@@ -208,6 +208,17 @@ def approach(
 
 
 @kernel
+def approach_twist(
+    v: float, v_rate: float, w: float, w_rate: float, target_v: float, target_w: float,
+    limits: Array, dt: float,
+) -> tuple[float, float, float, float]:  # fmt: skip
+    """A twist and its rates of change (v, v_rate, w, w_rate) one step nearer to a target twist."""
+    v, v_rate = approach(v, v_rate, target_v, limits[3], limits[4], limits[7], dt)
+    w, w_rate = approach(w, w_rate, target_w, limits[6], limits[6], limits[8], dt)
+    return v, v_rate, w, w_rate
+
+
+@kernel
 def peak_speed(speed: float, slope: float, jerk: float) -> float:
     """How fast something is or is yet to be while its slope is brought to nothing.
 

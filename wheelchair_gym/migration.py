@@ -65,6 +65,12 @@ RENAMED: Final[dict[str, dict[str, str]]] = {
         "within": "max_time",
         "least": "min_time",
     },
+    "follower.objective": {
+        "foresight": "prediction_time",
+        "wish": "desired_clearance",
+        "room": "actor_clearance",
+        "struck": "actor_weight",
+    },
     "guidance": {
         "slack": "max_detour",
         "share": "degraded_share",

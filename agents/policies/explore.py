@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.unknown_space import standing
+from agents.control.unknown_space import with_free_footprint
 from agents.policies.planned import Planned
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.localization.frontiers import Frontier, find_frontiers
@@ -70,8 +70,8 @@ class Explorer:
         state: `explore`, `drive` (the goal is known) or `done` (nothing is left to see).
     """
 
-    def __init__(self, own: Explore) -> None:
-        self.own = own
+    def __init__(self, config: Explore) -> None:
+        self.config = config
 
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
@@ -80,7 +80,7 @@ class Explorer:
         self._spent = self._since = 0.0  # s on this frontier, and since the last look
         self._seen = 0  # cells known when frontiers were given up for good
         self.state = "explore"
-        self._driver = self.own.planned().make()
+        self._driver = self.config.planned().make()
         self._driver.reset(mission)
         self._choose(mission.reading)
 
@@ -91,7 +91,7 @@ class Explorer:
         period = self._mission.period
         self._since += period
         self._spent += period
-        if self.state == "explore" and (self._since >= self.own.look or self._driver.ended):
+        if self.state == "explore" and (self._since >= self.config.look or self._driver.ended):
             self._choose(reading)
         if self.state == "done":
             return Command(np.zeros(2), self._driver.shown)
@@ -99,22 +99,22 @@ class Explorer:
 
     def _choose(self, reading: Reading) -> None:
         """Aim at the goal if its way is known, or else at the frontier that is worth most."""
-        own, mission = self.own, self._mission
+        config, mission = self.config, self._mission
         pose, goal = reading.pose, mission.goal[:2]
-        known = standing(mission.map_at(reading), pose, mission.footprint)
+        known = with_free_footprint(mission.map_at(reading), pose, mission.footprint)
         self._since = 0.0
-        if own.seek and np.isfinite(geodesic(known, goal, own.clearance).at(pose[:2])):
+        if config.seek and np.isfinite(geodesic(known, goal, config.clearance).at(pose[:2])):
             self.state = "drive"
             self._driver.aim(mission.goal, reading)
             return
         aim = self._driver.goal[:2]
-        over = self._driver.ended or not self._driver.solved or self._spent > own.patience
+        over = self._driver.ended or not self._driver.solved or self._spent > config.patience
         if over:
             self._given_up.append(aim)
-        found = find_frontiers(known, pose, own.clearance, own.least)
+        found = find_frontiers(known, pose, config.clearance, config.least)
         for one in sorted(found, key=self._cost):
             away = [np.hypot(*(one.place - place)) for place in self._given_up]
-            if min(away, default=np.inf) < own.clearance:
+            if min(away, default=np.inf) < config.clearance:
                 continue
             if np.hypot(*(one.place - aim)) < SAME and not over:
                 return  # on the way there
@@ -128,10 +128,10 @@ class Explorer:
             self._seen = seen
             self._given_up.clear()
             return
-        self.state = "drive" if own.seek else "done"
-        self._driver.aim(mission.goal if own.seek else pose, reading)
+        self.state = "drive" if config.seek else "done"
+        self._driver.aim(mission.goal if config.seek else pose, reading)
 
     def _cost(self, one: Frontier) -> float:
         """What a frontier costs [m]: the way there and on to the goal, less what it may show."""
-        rest = self.own.towards * float(np.hypot(*(one.place - self._mission.goal[:2])))
-        return one.path_length + (rest if self.own.seek else 0.0) - self.own.gain * one.length
+        rest = self.config.towards * float(np.hypot(*(one.place - self._mission.goal[:2])))
+        return one.path_length + (rest if self.config.seek else 0.0) - self.config.gain * one.length

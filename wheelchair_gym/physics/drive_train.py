@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.kinematics import STOP_RAMP_FACTOR, approach, brake, wheels_of_twist
+from wheelchair_gym.kinematics import STOP_RAMP_FACTOR, approach_twist, brake, wheels_of_twist
 from wheelchair_gym.physics.engine import ANGLE, FX, FY, TORQUE, VX, VY, W, body_view, step_space
 from wheelchair_gym.physics.settings import GRAVITY
 
@@ -88,8 +88,9 @@ def ramp_set_point(state: Any, p: Any, v: float, w: float, protective: bool, dt:
         return
     v = min(limits[0], max(-limits[1], v))
     w = min(limits[2], max(-limits[2], w))
-    state.v, state.v_rate = approach(state.v, state.v_rate, v, limits[3], limits[4], limits[7], dt)
-    state.w, state.w_rate = approach(state.w, state.w_rate, w, limits[6], limits[6], limits[8], dt)
+    state.v, state.v_rate, state.w, state.w_rate = approach_twist(
+        state.v, state.v_rate, state.w, state.w_rate, v, w, limits, dt
+    )
 
 
 @borrowing_kernel

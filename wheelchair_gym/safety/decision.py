@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.kinematics import STOP_RAMP_FACTOR, approach, brake, odometric_step, peak_speed
+from wheelchair_gym.kinematics import (
+    STOP_RAMP_FACTOR,
+    approach_twist,
+    brake,
+    odometric_step,
+    peak_speed,
+)
 from wheelchair_gym.safety.clearance import (
     clearance_to_points,
     required_clearance,
@@ -163,8 +169,7 @@ def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
     for k in range(_LONGEST):
         v0, w0 = sv, sw
         if k < hold:
-            sv, av = approach(sv, av, v, limits[3], limits[4], limits[7], STEP)
-            sw, aw = approach(sw, aw, w, limits[6], limits[6], limits[8], STEP)
+            sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
         else:
             sv, sw = brake(sv, sw, limits[5] * STEP, g.track)
         x, y, yaw = odometric_step(x, y, yaw, 0.5 * (v0 + sv) * STEP, 0.5 * (w0 + sw) * STEP)
@@ -214,8 +219,7 @@ def _sweep_still(
         if k == hold:
             v, w = 0.0, 0.0
         v0, w0 = sv, sw
-        sv, av = approach(sv, av, v, limits[3], limits[4], limits[7], STEP)
-        sw, aw = approach(sw, aw, w, limits[6], limits[6], limits[8], STEP)
+        sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
         x, y, yaw = odometric_step(x, y, yaw, 0.5 * (v0 + sv) * STEP, 0.5 * (w0 + sw) * STEP)
         t += STEP
         speed, turn = abs(sv), abs(sw)
@@ -355,7 +359,8 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
     n = max(1, round(g.period / _FINE))
     dt = g.period / n
     for _ in range(n):
-        s.set[0], s.set[1] = approach(s.set[0], s.set[1], v, limits[3], limits[4], limits[7], dt)
-        s.set[2], s.set[3] = approach(s.set[2], s.set[3], w, limits[6], limits[6], limits[8], dt)
+        s.set[0], s.set[1], s.set[2], s.set[3] = approach_twist(
+            s.set[0], s.set[1], s.set[2], s.set[3], v, w, limits, dt
+        )
         delay_setpoint(g, s, dt)
     return v, w, False

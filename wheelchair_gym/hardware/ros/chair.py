@@ -25,7 +25,7 @@ from wheelchair_gym.hardware.ros.clock import SimulatedClock
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
 from wheelchair_gym.hardware.ros.senses import RosSensors
 from wheelchair_gym.hardware.ros.settings import RosSettings
-from wheelchair_gym.kinematics import approach
+from wheelchair_gym.kinematics import approach_twist
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -209,15 +209,10 @@ class RosChair(NotCopyable):
 
     def _approach(self, v: float, w: float) -> None:
         """Command the twist nearest to (v, w) that the limits allow within a period."""
-        now, limits = self._set_point, self._loop.limits
-        up, down, jerk = limits.acceleration, limits.deceleration, limits.jerk
-        turn, turn_jerk = limits.turn_acceleration, limits.turn_jerk
-        self._set_point = np.array(
-            [
-                *approach(now[0], now[1], v, up, down, jerk, self.period),
-                *approach(now[2], now[3], w, turn, turn, turn_jerk, self.period),
-            ]
-        )
+        now_v, v_rate, now_w, w_rate = self._set_point
+        limits = self._loop.limits.array
+        after = approach_twist(now_v, v_rate, now_w, w_rate, v, w, limits, self.period)
+        self._set_point = np.array(after)
         twist = _twist(float(self._set_point[0]), float(self._set_point[2]))
         self._link.publish(self.settings.velocity, twist)
 
