@@ -100,7 +100,6 @@ def test_any_mapping_is_taken_or_refused_in_one_line(data):
 
 # Folders whose settings have no `doc` yet.
 WITHOUT_DOC = (
-    "agents/control",
     "wheelchair_gym/", "wheelchair_gym/envs",
     "wheelchair_gym/physics",
     "wheelchair_gym/sensors", "wheelchair_gym/task",

@@ -71,6 +71,12 @@ RENAMED: Final[dict[str, dict[str, str]]] = {
         "room": "actor_clearance",
         "struck": "actor_weight",
     },
+    "planner": {
+        "reverse_cost": "reverse_factor",
+    },
+    "planner.lattice": {
+        "reverse_cost": "reverse_factor",
+    },
     "guidance": {
         "slack": "max_detour",
         "share": "degraded_share",

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 # turns in place and backs, how slowly that goes where nobody looks.
 DRIVING: dict[str, dict[str, Any]] = {
     "a_star": {"obstacle_weight": 4.0, "desired_clearance": 0.7},
-    "lattice": {"pivot_speed_ratio": 0.25, "reverse_cost": 4.0, "limits": {"backward": 0.1}},
+    "lattice": {"pivot_speed_ratio": 0.25, "reverse_factor": 4.0, "limits": {"backward": 0.1}},
 }
 
 
