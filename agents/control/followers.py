@@ -308,7 +308,7 @@ class WhaleFollower(RolloutSettings):
     """Whales search the commands of the next moments; each period begins with the last best ones.
 
     A particle is a list of commands (v, w, t) and how many of them count (thesis, section 2.9.3
-    and algorithm 6), as in `planners.controls.maneuver`.
+    and algorithm 6), as in `planners.controls.generator`.
     """
 
     whales: WhaleSettings = setting(
