@@ -365,8 +365,8 @@ def test_so_is_help_and_the_end_of_the_program(redirected, code, says):
 # ---- documentation
 
 
-def test_the_readme_tells_every_limit():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+def test_the_page_of_files_names_every_limit():
+    text = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
     for limit in LIMITS.values():
         assert f"| {limit.what} | {limit.most:,} {limit.unit} |" in text
 

@@ -354,8 +354,13 @@ def test_the_readmes_python_runs(capsys):
     assert run["model"].num_timesteps == 512
 
 
-def test_the_readme_names_every_command_scene_planner_and_follower():
-    named = set(re.findall(r"`(\w+)`", readme()))
+def pages():
+    """The README and the page of the command line."""
+    return readme() + (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
+
+
+def test_a_page_names_every_command_scene_planner_and_follower():
+    named = set(re.findall(r"`(\w+)`", pages()))
     commands = {command.name.split()[0] for command in COMMANDS}
     scenes = {name for name in SCENES if not name.startswith("thesis")}
     assert named >= commands | scenes | set(PLANNERS) | set(FOLLOWERS)
@@ -367,8 +372,8 @@ def test_the_help_names_every_suite(capsys):
     assert set(re.findall(r"\w+", capsys.readouterr().out)) >= set(SUITES)
 
 
-@pytest.mark.parametrize("line", re.findall(r"^`?(wheelchair [^`\n]*)", readme(), re.MULTILINE))
-def test_the_readmes_commands_are_understood(line, tmp_path, monkeypatch):
+@pytest.mark.parametrize("line", re.findall(r"^`?(wheelchair [^`\n]*)", pages(), re.MULTILINE))
+def test_the_pages_commands_are_understood(line, tmp_path, monkeypatch):
     given = parser().parse_all(shlex.split(line)[1:])
     if given.command == "plan" and given.map:
         monkeypatch.chdir(ROOT)
