@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,12 +44,25 @@ SPEEDS = np.array([0.12, 0.25, 0.45, 0.7, 1.0])  # shares of the speed limit, in
 TURNS = np.array([0.06, 0.14, 0.25, 0.4, 0.6, 0.8, 1.0])  # shares of the turn limit, in a fan
 
 
+class Situation(NamedTuple):
+    """What a follower decides by."""
+
+    local_map: LocalMap
+    reference: ReferencePath
+    chair: ChairState
+
+    @property
+    def view(self) -> LocalView:
+        """What kernels need to know of what is around the chair."""
+        local_map = self.local_map
+        reference = self.reference.ahead(local_map.pose)
+        return LocalView(local_map.points, local_map.actors, reference)
+
+
 class Follower(Protocol):
     """Drives along one reference; made anew for every path."""
 
-    def twist(
-        self, local_map: LocalMap, reference: ReferencePath, chair: ChairState
-    ) -> Array | None:
+    def twist(self, now: Situation) -> Array | None:
         """The next target twist (2,) [m/s, rad/s], or None where nothing safe leads on."""
         ...
 
@@ -101,27 +114,19 @@ class RolloutSettings:
     objective: Objective = Objective()
 
 
-def local_view(local_map: LocalMap, reference: ReferencePath) -> LocalView:
-    """What kernels need to know of what is around the chair."""
-    return LocalView(local_map.points, local_map.actors, reference.ahead(local_map.pose))
-
-
 def relax_clearance(
-    local_map: LocalMap,
-    chair: ChairState,
-    margin: float,
-    pick: Callable[[float, bool], Array | None],
+    now: Situation, margin: float, pick: Callable[[float, bool], Array | None]
 ) -> Array | None:
     """The twist picked at the widest margin that leads on; else one at rest; None: none is safe.
 
     `pick` gives a twist (2,) for a margin [m] and whether to creep; None where none is safe.
     """
     rest = None
-    for less in local_map.margins(chair.body.footprint, margin):
+    for less in now.local_map.margins(margin):
         twist = pick(less, less < TIGHT * margin)
         if twist is None:
             continue
-        if abs(twist[0]) > 0.02 or abs(twist[1]) > 0.02 or len(local_map.actors):
+        if abs(twist[0]) > 0.02 or abs(twist[1]) > 0.02 or len(now.local_map.actors):
             return twist
         rest = twist if rest is None else rest
     return rest
@@ -201,12 +206,10 @@ class FanFollower:
     def __init__(self, config: Window | DynamicWindow) -> None:
         self.config, self._objective = config, record_of(config.objective)
 
-    def twist(
-        self, local_map: LocalMap, reference: ReferencePath, chair: ChairState
-    ) -> Array | None:
+    def twist(self, now: Situation) -> Array | None:
         """See `Follower.twist`."""
-        config, view, body = self.config, local_view(local_map, reference), chair.body
-        twists = local_map.limit_for_unseen_space(config.fan(chair), body.state)
+        config, view, body, local_map = self.config, now.view, now.chair.body, now.local_map
+        twists = local_map.limit_for_unseen_space(config.fan(now.chair), body.state)
         times = np.full(len(twists), config.objective.horizon)
         fan = np.column_stack([twists, times])[:, None]  # (c, 1, 3)
 
@@ -216,7 +219,7 @@ class FanFollower:
             best = cheapest(some[:, 0], costs, body, view, config.hold, margin)
             return np.array(some[best, 0, :2]) if best >= 0 else None
 
-        return relax_clearance(local_map, chair, config.margin, pick)
+        return relax_clearance(now, config.margin, pick)
 
 
 @settings
@@ -252,15 +255,13 @@ class PathIntegralFollower:
         self._rng = np.random.default_rng(config.seed)
         self._mean: Array = np.zeros((config.pieces, 2))
 
-    def twist(
-        self, local_map: LocalMap, reference: ReferencePath, chair: ChairState
-    ) -> Array | None:
+    def twist(self, now: Situation) -> Array | None:
         """See `Follower.twist`."""
-        config, limits, body = self.config, chair.limits, chair.body
-        view, objective = local_view(local_map, reference), self._objective
+        config, limits, body = self.config, now.chair.limits, now.chair.body
+        view, objective = now.view, self._objective
         long = config.objective.horizon / config.pieces
         self._mean += (
-            chair.period / long * (np.vstack([self._mean[1:], self._mean[-1:]]) - self._mean)
+            now.chair.period / long * (np.vstack([self._mean[1:], self._mean[-1:]]) - self._mean)
         )
         # Noise that lasts over the horizon and noise of each piece, in equal parts; and a coarse
         # fan, so that a mean that is suddenly blocked finds another way at once.
@@ -276,7 +277,7 @@ class PathIntegralFollower:
         candidates = np.concatenate([drawn, times], axis=2)  # (c, pieces, 3)
 
         def pick(margin: float, slow: bool) -> Array | None:
-            some = allowed(candidates, local_map, slow)
+            some = allowed(candidates, now.local_map, slow)
             costs = rollout_costs(some, body, view, margin, objective)
             share = np.exp((costs.min() - costs) / config.temperature)
             mean = (share / share.sum()) @ some.reshape(len(some), -1)
@@ -292,7 +293,7 @@ class PathIntegralFollower:
             self._mean = some[best, :, :2].copy()
             return first[best, :2]
 
-        twist = relax_clearance(local_map, chair, config.margin, pick)
+        twist = relax_clearance(now, config.margin, pick)
         if twist is None:
             self._mean[:] = 0.0
         return twist
@@ -361,16 +362,14 @@ class RecedingWhales:
         self._state = stream(np.random.default_rng(config.seed))
         self._best: Array | None = None  # (SIZE,)
 
-    def twist(
-        self, local_map: LocalMap, reference: ReferencePath, chair: ChairState
-    ) -> Array | None:
+    def twist(self, now: Situation) -> Array | None:
         """See `Follower.twist`."""
-        config, view, body = self.config, local_view(local_map, reference), chair.body
+        config, view, body = self.config, now.view, now.chair.body
         swarm = config.whales.parameters
 
         def pick(margin: float, slow: bool) -> Array | None:
-            lower, upper = self._bounds(local_map, chair, slow)
-            first = np.clip(self._first(chair), lower, upper)
+            lower, upper = self._bounds(now, slow)
+            first = np.clip(self._first(now.chair), lower, upper)
             tried, costs = search(
                 first, lower, upper, body, view, margin, self._objective, swarm, self._state
             )
@@ -380,18 +379,18 @@ class RecedingWhales:
             self._best = tried[best]
             return np.array(tried[best, :2])
 
-        twist = relax_clearance(local_map, chair, config.margin, pick)
+        twist = relax_clearance(now, config.margin, pick)
         if twist is None:
             self._best = None
         return twist
 
-    def _bounds(self, local_map: LocalMap, chair: ChairState, slow: bool) -> tuple[Array, Array]:
-        limits, horizon = chair.limits, self.config.objective.horizon
-        back = 0.0 if local_map.blind else min(self.config.backward, limits.backward)
+    def _bounds(self, now: Situation, slow: bool) -> tuple[Array, Array]:
+        limits, horizon = now.chair.limits, self.config.objective.horizon
+        back = 0.0 if now.local_map.blind else min(self.config.backward, limits.backward)
         ahead = limits.forward
         if slow:
             back, ahead = min(back, CREEP), min(ahead, CREEP)
-        low = [-back, -limits.turn, 2.0 * chair.period] * COMMANDS + [1.0]
+        low = [-back, -limits.turn, 2.0 * now.chair.period] * COMMANDS + [1.0]
         high = [ahead, limits.turn, horizon] * COMMANDS + [COMMANDS + 0.999]
         return np.array(low), np.array(high)
 
@@ -447,18 +446,14 @@ class GeneratedControls:
         self._controls: Controls | None = None
         self._age = 0.0  # s since they were generated
 
-    def twist(
-        self, local_map: LocalMap, reference: ReferencePath, chair: ChairState
-    ) -> Array | None:
+    def twist(self, now: Situation) -> Array | None:
         """See `Follower.twist`."""
-        self._age += chair.period
-        view = local_view(local_map, reference)
-        twist = None
-        if self._age < self.config.again:
-            twist = self._next(chair, view)
+        self._age += now.chair.period
+        view = now.view
+        twist = self._next(now.chair, view) if self._age < self.config.again else None
         if twist is None:
-            self._generate(local_map, reference, chair)
-            twist = self._next(chair, view)
+            self._generate(now)
+            twist = self._next(now.chair, view)
         return twist
 
     def _next(self, chair: ChairState, view: LocalView) -> Array | None:
@@ -470,7 +465,8 @@ class GeneratedControls:
         clear = stops_clear(v, w, chair.body, view, 2 * chair.period, self.config.margin)
         return np.array([v, w]) if clear else None
 
-    def _generate(self, local_map: LocalMap, reference: ReferencePath, chair: ChairState) -> None:
+    def _generate(self, now: Situation) -> None:
+        local_map, reference, chair = now
         points = to_world(local_map.points[:, :2], local_map.pose)
         discs = np.column_stack([points, np.zeros(len(points))])
         path = reference.rows[reference.at :, :2]
@@ -515,18 +511,16 @@ class PurePursuitFollower:
         self.config = config
         self._pivoting = False
 
-    def twist(
-        self, local_map: LocalMap, reference: ReferencePath, chair: ChairState
-    ) -> Array | None:
+    def twist(self, now: Situation) -> Array | None:
         """See `Follower.twist`."""
         config = self.config
-        v, w = self._steer(reference.ahead(local_map.pose, 4.0), chair)
-        view = local_view(local_map, reference)
-        for margin in local_map.margins(chair.body.footprint, config.margin):
+        v, w = self._steer(now.reference.ahead(now.local_map.pose, 4.0), now.chair)
+        view = now.view
+        for margin in now.local_map.margins(config.margin):
             for share in (1.0, 0.7, 0.45, 0.25, 0.12):  # the same arc at the first clear speed
                 if margin < TIGHT * config.margin and abs(share * v) > CREEP:
                     continue
-                if stops_clear(share * v, share * w, chair.body, view, HOLD, margin):
+                if stops_clear(share * v, share * w, now.chair.body, view, HOLD, margin):
                     return np.array([share * v, share * w])
         return None
 

@@ -109,13 +109,13 @@ class LocalMap:
         self._walls = sampled_walls(grid.walls())
         self._near_walls, self._near = self._walls, np.full(2, np.inf)  # those near a point
 
-    def margins(self, footprint: Array, margin: float) -> tuple[float, float, float]:
+    def margins(self, margin: float) -> tuple[float, float, float]:
         """Margins [m] to ask for, one after another where nothing leads on.
 
         The last is nearly what is left: an outline already nearer may leave, not come nearer.
         """
         less = 0.6 * margin
-        gap = float(clearance_to_points(0.0, 0.0, 0.0, footprint, self.points, margin))
+        gap = float(clearance_to_points(0.0, 0.0, 0.0, self._outline, self.points, margin))
         return margin, less, min(less, 0.95 * gap)
 
     def limit_for_unseen_space(self, twists: Array, motion: Array) -> Array:

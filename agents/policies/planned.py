@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control import make_follower
-from agents.control.followers import CREEP
+from agents.control.followers import CREEP, Situation
 from agents.control.local_map import LocalMap
 from agents.control.rollout import ChairState, ReferencePath
 from agents.control.unknown_space import BEYOND, assumed_maps, blind_behind, walls_block
@@ -302,15 +302,15 @@ class PlannedDriver:
         """The next twist (2,) in the present state; None where there is none."""
         assert self._reference is not None
         twist: Array | None = None
-        around = self._local_map, self._reference, self._chair
+        now = Situation(self._local_map, self._reference, self._chair)
         if self._spin.on:
-            twist = self._spin.twist(*around)
+            twist = self._spin.twist(now)
         elif self._backing > 0.0:
-            twist = back_up(*around)
+            twist = back_up(now)
         if twist is not None:
             self._report.set("looks round" if self._spin.on else "backs out")
             return twist
-        twist = self._follower.twist(*around)
+        twist = self._follower.twist(now)
         self._report.follow(twist, self._local_map.actors, self._reason)
         return twist
 

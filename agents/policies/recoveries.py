@@ -12,9 +12,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.followers import CREEP, HOLD, local_view
-from agents.control.local_map import LocalMap, TemporaryObstacles
-from agents.control.rollout import ChairState, ReferencePath, stops_clear
+from agents.control.followers import CREEP, HOLD, Situation
+from agents.control.local_map import TemporaryObstacles
+from agents.control.rollout import ReferencePath, stops_clear
 from agents.evaluation.path_metrics import backing
 from planners import Planner
 from planners.collision.space import Space
@@ -136,13 +136,11 @@ class Spin:
         """Stop: enough was seen."""
         self._rate = 0.0
 
-    def twist(
-        self, local_map: LocalMap, reference: ReferencePath, chair: ChairState
-    ) -> Array | None:
+    def twist(self, now: Situation) -> Array | None:
         """The next twist (2,), the other way around where this one is blocked; None ends it."""
-        self._turned += SPIN_RATE * chair.period
+        self._turned += SPIN_RATE * now.chair.period
         for rate in (self._rate, -self._rate):
-            twist = first_clear([(0.0, rate)], local_map, reference, chair)
+            twist = first_clear([(0.0, rate)], now)
             if twist is not None:
                 self._rate = rate
                 return twist
@@ -179,28 +177,23 @@ def crawled(twist: Array, footprint: Footprint) -> Array:
     return slowed
 
 
-def first_clear(
-    twists: list[tuple[float, float]],
-    local_map: LocalMap,
-    reference: ReferencePath,
-    chair: ChairState,
-) -> Array | None:
+def first_clear(twists: list[tuple[float, float]], now: Situation) -> Array | None:
     """The first twist (2,) from which the chair can stop clear, at the widest margin; or None."""
-    view = local_view(local_map, reference)
-    for margin in local_map.margins(chair.body.footprint, MARGIN):
+    view = now.view
+    for margin in now.local_map.margins(MARGIN):
         for v, w in twists:
-            if stops_clear(v, w, chair.body, view, HOLD, margin):
+            if stops_clear(v, w, now.chair.body, view, HOLD, margin):
                 return np.array([v, w])
     return None
 
 
-def back_up(local_map: LocalMap, reference: ReferencePath, chair: ChairState) -> Array | None:
+def back_up(now: Situation) -> Array | None:
     """The straightest slow twist (2,) back that leaves space to stop; None where there is none."""
-    if local_map.blind:
+    if now.local_map.blind:
         return None
-    back = -min(BACK, chair.limits.backward)
+    back = -min(BACK, now.chair.limits.backward)
     twists = [(v, turn) for turn in TURNS for v in (back, 0.0) if v or turn]
-    return first_clear(twists, local_map, reference, chair)
+    return first_clear(twists, now)
 
 
 AHEAD = 3.0  # m of the path on which temporary obstacles count

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint, to_world, wrap
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.maps.distance import distance_to_occupied, field_clearance, footprint_discs
@@ -41,9 +41,8 @@ MOVE, X_BITS, TIME = 12, 6, 18  # bits above which these stand
 REST = 15  # the move of a state at the goal
 
 DRAWS = 4096  # poses tried
-_BUCKETS = 1024  # more than the most expensive move takes, in ticks
+_BUCKETS = 1024  # of the queue; twice as many until a move takes fewer ticks
 _NEW, _SETTLED = -1, -2  # of states that wait in no bucket
-_MAX_OBSTACLE_WEIGHT, _MAX_REVERSE_FACTOR = 6.0, 4.0  # or a move may take more ticks than buckets
 
 
 @settings
@@ -62,16 +61,6 @@ class CostToGoSettings(DrivingCost):
     """Amount by which the outline shrinks on each side when no path exists."""
     shrink_tries: int = setting(default=5, low=1, source="8 cm less on each side at most")
     """Number of outlines that are tried."""
-
-    def __post_init__(self) -> None:
-        for name, most in (
-            ("obstacle_weight", _MAX_OBSTACLE_WEIGHT),
-            ("reverse_factor", _MAX_REVERSE_FACTOR),
-        ):
-            if getattr(self, name) > most:
-                raise InputError(
-                    f"CostToGoSettings.{name} is {getattr(self, name)}; it must be at most {most}"
-                )
 
 
 @borrowing_kernel
@@ -158,10 +147,14 @@ def _search(
     desired = motion.desired_clearance
     headings = steps.shape[1]
     count = rows * cols * headings
+    most_time = moves.time.max() * (1.0 + motion.obstacle_weight) + motion.switch_time
+    buckets = _BUCKETS
+    while buckets < most_time * TICKS + 2.0:
+        buckets *= 2
     far = np.uint32(FAR) << np.uint32(TIME)
     states = np.full(count, far, np.uint32)
     queue = Buckets(
-        np.full(_BUCKETS, -1, np.int32), np.full(count, -1, np.int32),
+        np.full(buckets, -1, np.int32), np.full(count, -1, np.int32),
         np.full(count, -1, np.int32), np.full(count, _NEW, np.int16),
     )  # fmt: skip
     cosines = np.cos(np.arange(headings) * (2.0 * math.pi / headings))
@@ -182,11 +175,11 @@ def _search(
             states[state] = _packed(0, REST, x, y)
             _insert(queue, state, 0)
             waiting += 1
-    now, last, apart = 0, FAR - _BUCKETS, 0.0
+    now, last, apart = 0, FAR - buckets, 0.0
     if seeds.shape[0] > 0:  # cells between the start and the goal
         apart = math.hypot((seeds[0, 1] >> X_BITS) - start[0], (seeds[0, 0] >> X_BITS) - start[1])
     while waiting > 0 and now < last:
-        bucket = now % _BUCKETS
+        bucket = now & (buckets - 1)
         while queue.heads[bucket] >= 0:
             state = queue.heads[bucket]
             _remove(queue, state)
@@ -232,7 +225,7 @@ def _search(
                 if ease > 0.0:
                     due += int(ease * (math.hypot(r0 - start[0], c0 - start[1]) - apart))
                     due = max(now, due)
-                _insert(queue, other, due % _BUCKETS)
+                _insert(queue, other, due & (buckets - 1))
                 waiting += 1
         now += 1
     return states
