@@ -175,7 +175,7 @@ def _search(
             states[state] = _packed(0, REST, x, y)
             _insert(queue, state, 0)
             waiting += 1
-    now, last, apart = 0, FAR - buckets, 0.0
+    now, last, apart = 0, FAR - _BUCKETS, 0.0
     if seeds.shape[0] > 0:  # cells between the start and the goal
         apart = math.hypot((seeds[0, 1] >> X_BITS) - start[0], (seeds[0, 0] >> X_BITS) - start[1])
     while waiting > 0 and now < last:
