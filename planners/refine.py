@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.polygon_tests import SpaceArrays
 from planners.problem import Plan, Problem, Status
-from planners.random_stream import stream
 from planners.smoothing.comfort import path_cost, push_off_walls, resample
 from planners.smoothing.shortcut import shortcut
 from planners.smoothing.smooth import blocked_edges, pchip, smooth_curve, spline
@@ -24,6 +23,7 @@ from planners.swarm.search import shorten_path
 from planners.swarm.woa import WhaleSettings
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import path_length
+from wheelchair_gym.random import stream
 
 Array = NDArray[np.float64]
 

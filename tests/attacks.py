@@ -20,8 +20,8 @@ from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry import footprint_clearance
-from wheelchair_gym.kinematics import Limits, approach, arc_step
-from wheelchair_gym.physics.actors.bodies import actor_states_at
+from wheelchair_gym.kinematics import Limits, approach_twist, arc_step
+from wheelchair_gym.physics.actors.bodies import actors_of
 from wheelchair_gym.physics.state import FAULTS
 from wheelchair_gym.random import episode_key, uniform
 from wheelchair_gym.safety.state import CELL, _samples
@@ -73,10 +73,8 @@ def _edge(world: Any, key: np.uint64, kind: int, x: float, y: float) -> tuple[fl
         aside *= 33.0  # up to the corners of the outline
     if kind == LEAF:
         number = min(int(which * world.n_actors), world.n_actors - 1)
-        w = walls[actor_states_at(world.actor_states, world.n_actors)[number].slot + 3]  # its hinge
-        f = walls[
-            actor_states_at(world.actor_states, world.n_actors)[number].slot + 1
-        ]  # its other end
+        w = walls[actors_of(world)[1][number].slot + 3]  # its hinge
+        f = walls[actors_of(world)[1][number].slot + 1]  # its other end
         tx, ty = 0.5 * (w[0] + w[2]), 0.5 * (w[1] + w[3])
         fx, fy = 0.5 * (f[0] + f[2]), 0.5 * (f[1] + f[3])
         if (fx - x) ** 2 + (fy - y) ** 2 < (tx - x) ** 2 + (ty - y) ** 2:
@@ -171,7 +169,7 @@ def aim(
             tx, ty = _edge(world, key, kind, x, y)
             best = math.sqrt((tx - x) ** 2 + (ty - y) ** 2)
         if kind == ACTOR and world.n_actors > 0:
-            moving = actor_states_at(world.actor_states, world.n_actors)
+            moving = actors_of(world)[1]
             for k in range(world.n_actors):
                 own = moving[k]
                 mx = own.pose[0] + own.twist[0] * 0.7 * v
@@ -234,10 +232,7 @@ def stopping_time(v: float, w: float, limits: Limits) -> float:
     """How long a chair needs to rest from a twist, within the limits of comfort [s]."""
     t, sv, av, sw, aw = 0.0, v, 0.0, w, 0.0
     while max(abs(sv), abs(sw)) > 1e-3 and t < 10.0:
-        sv, av = approach(sv, av, 0.0, limits.acceleration, limits.deceleration, limits.jerk, 0.05)
-        sw, aw = approach(
-            sw, aw, 0.0, limits.turn_acceleration, limits.turn_acceleration, limits.turn_jerk, 0.05
-        )
+        sv, av, sw, aw = approach_twist(sv, av, sw, aw, 0.0, 0.0, limits.array, 0.05)
         t += 0.05
     return t
 
@@ -380,7 +375,7 @@ def places(worlds: Any, out: Array) -> None:
     """Centres of all actors (n, k, 2) [m]; NaN where there is none."""
     for i in range(out.shape[0]):
         n = min(worlds[i].n_actors, out.shape[1])
-        moving = actor_states_at(worlds[i].actor_states, worlds[i].n_actors)
+        moving = actors_of(worlds[i])[1]
         for k in range(out.shape[1]):
             out[i, k, 0] = moving[k].pose[0] if k < n else math.nan
             out[i, k, 1] = moving[k].pose[1] if k < n else math.nan

@@ -22,14 +22,18 @@ class Footprint:
     """The chair's outline: a rectangle; the origin of its frame is the drive axle's centre."""
 
     front: float = setting(
-        default=0.70, unit="m", low=0.01, source="1.00 m long, as powered chairs of 0.81-1.02 m"
+        default=0.70,
+        unit="m",
+        low=0.01,
+        source="1.00 m long in all; powered chairs are 0.81 to 1.02 m",
     )
-    rear: float = setting(
-        default=0.30, unit="m", low=0.01, source="drive axle 0.30 m before the rear edge"
-    )
+    """Distance from the drive axle to the front edge."""
+    rear: float = setting(default=0.30, unit="m", low=0.01, source="design choice")
+    """Distance from the drive axle to the rear edge."""
     half_width: float = setting(
-        default=0.31, unit="m", low=0.01, source="powered chairs are 0.61-0.65 m wide"
+        default=0.31, unit="m", low=0.01, source="powered chairs are 0.61 to 0.65 m wide"
     )
+    """Half of the width."""
 
     @property
     def corners(self) -> Array:
@@ -73,6 +77,14 @@ def body_to_world(c: float, s: float, x: float, y: float) -> tuple[float, float]
     return c * x - s * y, s * x + c * y
 
 
+@inlined
+def point_to_world(
+    c: float, s: float, x: float, y: float, ahead: float, left: float
+) -> tuple[float, float]:
+    """A point of a frame at (x, y) whose yaw has cosine c and sine s, in the world."""
+    return x + c * ahead - s * left, y + s * ahead + c * left
+
+
 def to_frame(points: ArrayLike, pose: ArrayLike) -> Array:
     """Points (..., 2) [m] of the world, seen from a pose (3,) (x, y, yaw)."""
     x, y, yaw = np.asarray(pose, dtype=np.float64)
@@ -106,12 +118,12 @@ def relative_pose(before: ArrayLike, after: ArrayLike) -> Array:
     return np.stack([c * dx + s * dy, c * dy - s * dx, wrap_angle(b[..., 2] - a[..., 2])], axis=-1)
 
 
-def map_to_odom(pose: ArrayLike, reckoned: ArrayLike) -> Array:
-    """The frames (..., 3) in which dead-reckoned poses are the believed ones: map -> odom.
+def map_to_odom(pose: ArrayLike, odometry: ArrayLike) -> Array:
+    """The transforms map -> odom (..., 3) that turn dead-reckoned poses into estimated ones.
 
-    Source: REP-105; `compose(correction(pose, reckoned), reckoned)` is `pose`.
+    Source: REP-105; `compose(map_to_odom(pose, odometry), odometry)` is `pose`.
     """
-    return compose(pose, relative_pose(reckoned, np.zeros(3)))
+    return compose(pose, relative_pose(odometry, np.zeros(3)))
 
 
 def path_length(path: ArrayLike) -> float:
@@ -178,27 +190,9 @@ def rectangle_point_gap(px: float, py: float, footprint: Array) -> float:
 
 @kernel
 def rectangle_segment_gap(
-    x: float,
-    y: float,
-    yaw: float,
-    footprint: Array,
-    ax: float,
-    ay: float,
-    bx: float,
-    by: float,
+    x: float, y: float, yaw: float, footprint: Array, ax: float, ay: float, bx: float, by: float
 ) -> float:
-    """Distance [m] between a footprint at a pose and the segment a-b; 0 where they overlap.
-
-    Args:
-        x: the pose's x [m]; then y [m] and yaw [rad].
-        y: see x.
-        yaw: see x.
-        footprint: (front, rear, half width) [m], `Footprint.array`.
-        ax: the segment's ends [m], in the world.
-        ay: see ax.
-        bx: see ax.
-        by: see ax.
-    """
+    """Distance [m] between a footprint (3,) at a pose and the segment a-b; 0 where they overlap."""
     c, s = math.cos(yaw), math.sin(yaw)
     front, back, half = footprint[0], -footprint[1], footprint[2]
     px, py = world_to_body(c, s, ax - x, ay - y)
@@ -238,33 +232,26 @@ def rectangle_segment_gap(
 def footprint_clearance(
     x: float, y: float, yaw: float, footprint: Array, walls: Array, discs: Array, reach: float
 ) -> float:
-    """Distance [m] from a footprint at a pose to the nearest wall or disc, at most `reach`.
+    """Distance [m] from a footprint (3,) at a pose to the nearest wall or disc, at most `reach`.
 
-    Args:
-        x: the pose's x [m]; then y [m] and yaw [rad].
-        y: see x.
-        yaw: see x.
-        footprint: (front, rear, half width) [m].
-        walls: segments (n, 4) [m].
-        discs: discs (m, 3) [m]: x, y, radius.
-        reach: distances beyond this are not looked for [m].
+    Walls are segments (n, 4) [m], discs (m, 3) [m]: x, y, radius.
     """
     gap = reach
-    span = math.hypot(max(footprint[0], footprint[1]), footprint[2])
+    outer = math.hypot(max(footprint[0], footprint[1]), footprint[2])
     for k in range(walls.shape[0]):
         ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
         ex, ey = bx - ax, by - ay
         along = (x - ax) * ex + (y - ay) * ey
         square = ex * ex + ey * ey
         t = 0.0 if along <= 0.0 else (along / square if along < square else 1.0)
-        dx, dy, far = ax + t * ex - x, ay + t * ey - y, gap + span
+        dx, dy, far = ax + t * ex - x, ay + t * ey - y, gap + outer
         if dx * dx + dy * dy > far * far:  # farther from the axle than any that would count
             continue
         gap = min(gap, rectangle_segment_gap(x, y, yaw, footprint, ax, ay, bx, by))
     c, s = math.cos(yaw), math.sin(yaw)
     for k in range(discs.shape[0]):
         dx, dy, radius = discs[k, 0] - x, discs[k, 1] - y, discs[k, 2]
-        far = gap + span + radius
+        far = gap + outer + radius
         if dx * dx + dy * dy > far * far:
             continue
         px, py = world_to_body(c, s, dx, dy)
@@ -276,16 +263,12 @@ def footprint_clearance(
 def best_clearance_heading(
     place: ArrayLike, outline: Footprint, walls: Array, discs: Array
 ) -> tuple[float, float]:
-    """The heading at which an outline has the most room at a place [rad], and that room [m].
+    """The heading [rad] with the largest clearance of an outline at a place (2,), and that [m].
 
-    Args:
-        place: (2,) [m].
-        outline: of the chair.
-        walls: segments (n, 4) [m].
-        discs: discs (m, 3) [m]: x, y, radius.
+    Walls are segments (n, 4) [m], discs (m, 3) [m]: x, y, radius.
     """
     x, y = np.asarray(place, dtype=np.float64)[:2]
     yaws = np.radians(np.arange(0.0, 360.0, 5.0))
-    rooms = [footprint_clearance(x, y, yaw, outline.array, walls, discs, 2.0) for yaw in yaws]
-    best = int(np.argmax(rooms))
-    return float(yaws[best]), float(rooms[best])
+    gaps = [footprint_clearance(x, y, yaw, outline.array, walls, discs, 2.0) for yaw in yaws]
+    best = int(np.argmax(gaps))
+    return float(yaws[best]), float(gaps[best])

@@ -6,8 +6,9 @@ A twist is (v, w) [m/s, rad/s].
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,45 +40,58 @@ class Limits:
         unit="m/s",
         low=0.05,
         high=2.0,
-        source="people drive indoors far below the maximum",
+        source="design choice: indoors people drive far below the maximum",
     )
+    """Largest speed forward."""
     backward: float = setting(
-        default=0.3, unit="m/s", low=0.0, high=2.0, source="nothing looks back"
+        default=0.3, unit="m/s", low=0.0, high=2.0, source="design choice: no sensor looks back"
     )
+    """Largest speed backward."""
     turn: float = setting(
-        default=1.0, unit="rad/s", low=0.05, high=4.0, source="indoor powered chairs"
+        default=1.0, unit="rad/s", low=0.05, high=4.0, source="common indoor powered chairs"
     )
-    acceleration: float = setting(default=0.5, unit="m/s2", low=0.05, high=5.0, source="comfort")
-    deceleration: float = setting(default=0.8, unit="m/s2", low=0.05, high=5.0, source="comfort")
+    """Largest turn rate."""
+    acceleration: float = setting(
+        default=0.5, unit="m/s2", low=0.05, high=5.0, source="design choice: comfort"
+    )
+    """Largest acceleration away from rest."""
+    deceleration: float = setting(
+        default=0.8, unit="m/s2", low=0.05, high=5.0, source="design choice: comfort"
+    )
+    """Largest deceleration towards rest."""
     protective: float = setting(
-        default=1.5, unit="m/s2", low=0.05, high=5.0, source="emergency stop, exempt from jerk"
+        default=1.5,
+        unit="m/s2",
+        low=0.05,
+        high=5.0,
+        source="design choice: above comfort, within the grip of the tyres",
     )
+    """Deceleration of a protective stop, which is exempt from jerk."""
     turn_acceleration: float = setting(
-        default=1.5, unit="rad/s2", low=0.05, high=10.0, source="comfort"
+        default=1.5, unit="rad/s2", low=0.05, high=10.0, source="design choice: comfort"
     )
+    """Largest turn acceleration."""
     jerk: float = setting(
-        default=1.0, unit="m/s3", low=0.1, high=100.0, source="comfort grows worse with jerk"
+        default=1.0,
+        unit="m/s3",
+        low=0.1,
+        high=100.0,
+        source="design choice: comfort grows worse with jerk",
     )
+    """Largest change of acceleration per second."""
     turn_jerk: float = setting(
-        default=6.0, unit="rad/s3", low=0.1, high=100.0, source="full turn acceleration in 0.25 s"
+        default=6.0,
+        unit="rad/s3",
+        low=0.1,
+        high=100.0,
+        source="design choice: full turn acceleration in 0.25 s",
     )
+    """Largest change of turn acceleration per second."""
 
     @property
-    def array(self) -> Array:
-        """The nine limits in the order above, as kernels take them."""
-        return np.array(
-            [
-                self.forward,
-                self.backward,
-                self.turn,
-                self.acceleration,
-                self.deceleration,
-                self.protective,
-                self.turn_acceleration,
-                self.jerk,
-                self.turn_jerk,
-            ]
-        )
+    def array(self) -> Any:
+        """A record of LIMITS with the fields above, as kernels take it."""
+        return np.array(dataclasses.astuple(self), LIMITS)[()]
 
     def twist(self, action: NDArray[np.floating]) -> Array:
         """The target twist (2,) [m/s, rad/s] that an action (2,) in [-1, 1] asks for.
@@ -103,15 +117,21 @@ class Limits:
         return action
 
 
+LIMITS: Final = np.dtype([(f.name, "f8") for f in dataclasses.fields(Limits)], align=True)
+
+
 @settings
 class DriveGeometry:
     """The two drive wheels, as the chair's own computer believes them to be."""
 
     track: float = setting(default=0.54, unit="m", low=0.1, source="common hub motors")
+    """Distance between the two drive wheels."""
     wheel_radius: float = setting(default=0.165, unit="m", low=0.02, source="common hub motors")
+    """Radius of the drive wheels."""
     counts_per_metre: float = setting(
         default=4346.0, unit="1/m", low=1.0, source="encoder of the prototype"
     )
+    """Encoder counts per metre of a wheel's path."""
 
 
 @kernel
@@ -209,13 +229,42 @@ def approach(
 
 @kernel
 def approach_twist(
-    v: float, v_rate: float, w: float, w_rate: float, target_v: float, target_w: float,
-    limits: Array, dt: float,
-) -> tuple[float, float, float, float]:  # fmt: skip
-    """A twist and its rates of change (v, v_rate, w, w_rate) one step nearer to a target twist."""
-    v, v_rate = approach(v, v_rate, target_v, limits[3], limits[4], limits[7], dt)
-    w, w_rate = approach(w, w_rate, target_w, limits[6], limits[6], limits[8], dt)
+    v: float,
+    v_rate: float,
+    w: float,
+    w_rate: float,
+    to_v: float,
+    to_w: float,
+    limits: Any,
+    dt: float,
+) -> tuple[float, float, float, float]:
+    """Move speed and turn, each with its rate of change, towards a target twist.
+
+    Args:
+        v: speed now [m/s].
+        v_rate: its rate of change [m/s2].
+        w: turn now [rad/s].
+        w_rate: its rate of change [rad/s2].
+        to_v: target speed [m/s].
+        to_w: target turn [rad/s].
+        limits: a record of LIMITS.
+        dt: time step [s].
+
+    Returns:
+        Speed, its rate, turn and its rate after the step.
+    """
+    up, down = limits.acceleration, limits.deceleration
+    v, v_rate = approach(v, v_rate, to_v, up, down, limits.jerk, dt)
+    turn = limits.turn_acceleration
+    w, w_rate = approach(w, w_rate, to_w, turn, turn, limits.turn_jerk, dt)
     return v, v_rate, w, w_rate
+
+
+@kernel
+def clip_to_limits(v: float, w: float, limits: Any) -> tuple[float, float]:
+    """A twist [m/s, rad/s] clipped to a record of LIMITS."""
+    v = min(limits.forward, max(-limits.backward, v))
+    return v, min(limits.turn, max(-limits.turn, w))
 
 
 @kernel

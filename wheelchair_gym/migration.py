@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+_RANGER = {"cone": "field_of_view", "blind": "range_min", "ghosts": "ghost_share"}
 # Earlier name -> name now, by section of the environment's settings, and of `truth` in a recording
 # and of the keys of an observation.
 RENAMED: Final[dict[str, dict[str, str]]] = {
-    "": {
-        "localisation": "localization",
-    },
-    "chair": {
-        "randomise": "randomize",
-    },
+    "": {"localisation": "localization"},
+    "chair": {"randomise": "randomize"},
     "chair.body": {
         "centre": "centre_of_mass",
         "gyration": "radius_of_gyration",
@@ -40,43 +37,20 @@ RENAMED: Final[dict[str, dict[str, str]]] = {
         "relax": "relaxation_time",
         "legs": "max_force",
     },
-    "sensors.laser": {
-        "nearest": "range_min",
-        "no_echo": "dropout",
-    },
-    "sensors.ultrasonic.narrow": {
-        "cone": "field_of_view",
-        "blind": "range_min",
-        "ghosts": "ghost_share",
-    },
-    "sensors.ultrasonic.wide": {
-        "cone": "field_of_view",
-        "blind": "range_min",
-        "ghosts": "ghost_share",
-    },
-    "sensors.modelled": {
-        "position_most": "position_max",
-        "heading_most": "heading_max",
-    },
-    "sensors.faults": {
-        "since": "onset",
-    },
-    "starts": {
-        "within": "max_time",
-        "least": "min_time",
-    },
+    "sensors.laser": {"nearest": "range_min", "no_echo": "dropout"},
+    "sensors.ultrasonic.narrow": _RANGER,
+    "sensors.ultrasonic.wide": _RANGER,
+    "sensors.modelled": {"position_most": "position_max", "heading_most": "heading_max"},
+    "sensors.faults": {"since": "onset"},
+    "starts": {"within": "max_time", "least": "min_time"},
     "follower.objective": {
         "foresight": "prediction_time",
         "wish": "desired_clearance",
         "room": "actor_clearance",
         "struck": "actor_weight",
     },
-    "planner": {
-        "reverse_cost": "reverse_factor",
-    },
-    "planner.lattice": {
-        "reverse_cost": "reverse_factor",
-    },
+    "planner": {"reverse_cost": "reverse_factor"},
+    "planner.lattice": {"reverse_cost": "reverse_factor"},
     "guidance": {
         "slack": "max_detour",
         "share": "degraded_share",
@@ -85,11 +59,7 @@ RENAMED: Final[dict[str, dict[str, str]]] = {
         "known": "known_radius",
         "shift": "shift_sigma",
     },
-    "task": {
-        "doubt": "arrival_margin",
-        "gaps": "side_clearance",
-        "unguided": "hide_guidance",
-    },
+    "task": {"doubt": "arrival_margin", "gaps": "side_clearance", "unguided": "hide_guidance"},
     "task.reward": {
         "withheld": "shield_intervention",
         "haste": "proximity_speed",

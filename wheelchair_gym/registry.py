@@ -40,18 +40,6 @@ class Registry(Mapping[str, Any]):
     def __contains__(self, name: object) -> bool:
         return name in self.places
 
-    def get_known(self, name: object) -> Any:
-        """The entry of a name.
-
-        Raises:
-            InputError: the name is unknown; the message suggests the nearest one.
-        """
-        if not isinstance(name, str) or name not in self.places:
-            known = ", ".join(self.places)
-            near = suggest(name, self.places)
-            raise InputError(f"{self.kind} {shorten(name)} is unknown; there are {known}{near}")
-        return self[name]
-
     def name_of(self, value: object) -> str | None:
         """The name of an object's class, or None if it has none here."""
         place = f"{type(value).__module__}:{type(value).__qualname__}"
@@ -70,7 +58,11 @@ class Registry(Mapping[str, Any]):
             expected = "expected a name or an object with a name"
             raise InputError(f"{self.kind} is {shorten(value)}; {expected}")
         values = {"name": value} if isinstance(value, str) else dict(value)
-        self.get_known(values.get("name"))
+        name = values.get("name")
+        if not isinstance(name, str) or name not in self.places:
+            known = ", ".join(self.places)
+            near = suggest(name, self.places)
+            raise InputError(f"{self.kind} {shorten(name)} is unknown; there are {known}{near}")
         return values
 
     def make(self, value: Any) -> Any:

@@ -13,9 +13,9 @@ from agents.benchmarks.cases import Case
 from agents.peers import PEERS
 from agents.peers.swarms import FIRST, WEIGHTS, Cost, PathSwarm, scatter, subdivide
 from planners import make_planner
-from planners.random_stream import stream
 from planners.swarm.search import shorten_path
 from planners.swarm.woa import WhaleSettings
+from wheelchair_gym.random import stream
 
 POPULATION, WAY_POINTS = 10, 20
 ITERATIONS, REPEATS = 100, 5

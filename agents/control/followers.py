@@ -27,12 +27,12 @@ from agents.control.rollout import (
     stops_clear,
 )
 from planners.controls.generator import ControlGenerator, Controls
-from planners.random_stream import Stream, stream
 from planners.swarm.woa import WhaleParameters, WhaleSettings, move_whales
 from wheelchair_gym.compiled.kernel import kernel, record_of
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.random import Stream, stream
 from wheelchair_gym.types import no_walls
 
 Array = NDArray[np.float64]

@@ -37,7 +37,7 @@ class Body(NamedTuple):
 
     state: Array  # (4,) speed, its rate of change, turn rate, its rate of change
     last: Array  # (2,) the twist commanded before
-    limits: Array  # (9,) `Limits.array`
+    limits: Any  # record, `Limits.array`
     footprint: Array  # (3,) `Footprint.array`
 
 
@@ -134,7 +134,9 @@ def stops_clear(
                     here = actor_distance(0.0, 0.0, 0.0, footprint, actors, t, distance)
                     if gap < here:
                         return False
-        ends = peak_speed(sv, av, limits[7]) < 0.02 and peak_speed(0.0, aw, limits[8]) < 0.05
+        ends = (
+            peak_speed(sv, av, limits.jerk) < 0.02 and peak_speed(0.0, aw, limits.turn_jerk) < 0.05
+        )
         if k >= held and still and ends:
             break
     return True

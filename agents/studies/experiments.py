@@ -259,11 +259,11 @@ def among_discs(job: Job, seed: int) -> Record:
 
 def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[Any, Array]:
     """A swarm's search, and the least cost after each iteration (n,)."""
-    from planners.random_stream import stream
     from planners.registries import make_objective, make_optimizer
     from planners.swarm.path_cost import new_workspace
     from planners.swarm.search import BestValid, SearchResult, iterate
     from planners.swarm.state import new_swarm
+    from wheelchair_gym.random import stream
 
     start = planner.start(problem, None, rng)
     task, swarm = start.path_problem, new_swarm(start.population, start.lower, start.upper)

@@ -33,12 +33,12 @@ from planners.controls.rollout import (
     stopping_time,
     time_to_cover,
 )
-from planners.random_stream import Stream, stream, uniform
 from planners.swarm.woa import WhaleParameters, WhaleSettings, move_whales
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel, record_of
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint, wrap
 from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.random import Stream, next_uniform, stream
 
 Array = NDArray[np.float64]
 
@@ -103,20 +103,21 @@ def segment_cost(
 
 
 @borrowing_kernel
-def arc(now: Any, leg: Segment, limits: Array, rest: bool, commands: Array) -> int:
+def arc(now: Any, leg: Segment, limits: Any, rest: bool, commands: Array) -> int:
     """Write commands that drive an arc to the segment's end; how many they are."""
     dx, dy = leg.x - now.x, leg.y - now.y
     gap = max(1e-6, math.hypot(dx, dy))
     angle = wrap(math.atan2(dy, dx) - now.yaw)
     sine = math.sin(angle)
     bend = 2.0 * sine / gap
-    speed = min(limits[0], limits[2] / max(abs(bend), 1e-6))
+    speed = min(limits.forward, limits.turn / max(abs(bend), 1e-6))
     way = gap * angle / sine if abs(sine) > 1e-3 else gap
     commands[0, V], commands[0, W] = speed, speed * bend
     gain = max(0.0, speed - now.v)
-    slow = 0.5 * gain * stopping_time(gain, limits[3], limits[7])  # m, lost while speeding up
+    # The way [m] that is lost while speeding up.
+    slow = 0.5 * gain * stopping_time(gain, limits.acceleration, limits.jerk)
     if rest:
-        halt = stopping_time(speed, limits[4], limits[7])
+        halt = stopping_time(speed, limits.deceleration, limits.jerk)
         slow -= 0.5 * speed * (halt - STEP)
         commands[1, T] = halt
     commands[0, T] = max(0.0, (way + slow) / speed)
@@ -125,15 +126,15 @@ def arc(now: Any, leg: Segment, limits: Array, rest: bool, commands: Array) -> i
 
 @borrowing_kernel
 def straight(
-    now: Any, leg: Segment, limits: Array, backward: bool, rest: bool, commands: Array
+    now: Any, leg: Segment, limits: Any, backward: bool, rest: bool, commands: Array
 ) -> int:
     """Write commands that come to rest, turn to the segment's end and drive straight there.
 
     The chair drives backward, and comes to rest at the end, too, if it shall. Returns how many
     commands they are.
     """
-    halt_v = stopping_time(now.v, limits[4], limits[7])
-    halt_w = stopping_time(now.w, limits[6], limits[8])
+    halt_v = stopping_time(now.v, limits.deceleration, limits.jerk)
+    halt_w = stopping_time(now.w, limits.turn_acceleration, limits.turn_jerk)
     # Where the chair will rest: speeds fall in curves that are symmetric in time.
     run = 0.5 * now.v * max(0.0, halt_v - STEP)
     yaw = now.yaw + 0.5 * now.w * max(0.0, halt_w - STEP)
@@ -147,25 +148,27 @@ def straight(
     angle = wrap(facing - yaw)
     if abs(angle) > 2e-3:
         # Small angles are turned slowly, so that the speed asked for is reached.
-        speed = min(limits[2], math.sqrt(0.5 * abs(angle) * limits[6]))
+        rate, jerk = limits.turn_acceleration, limits.turn_jerk
+        speed = min(limits.turn, math.sqrt(0.5 * abs(angle) * rate))
         commands[k, W] = math.copysign(speed, angle)
-        commands[k, T] = time_to_cover(abs(angle), speed, limits[6], limits[6], limits[8], True)
-        commands[k + 1, T] = stopping_time(speed, limits[6], limits[8])
+        commands[k, T] = time_to_cover(abs(angle), speed, rate, rate, jerk, True)
+        commands[k + 1, T] = stopping_time(speed, rate, jerk)
         k += 2
-    limit = limits[1] if backward else limits[0]
+    limit = limits.backward if backward else limits.forward
     if way > 5e-3 and limit > 0.0:
-        speed = min(limit, math.sqrt(0.5 * way * limits[3])) if rest else limit
+        up, down, jerk = limits.acceleration, limits.deceleration, limits.jerk
+        speed = min(limit, math.sqrt(0.5 * way * up)) if rest else limit
         commands[k, V] = -speed if backward else speed
-        commands[k, T] = time_to_cover(way, speed, limits[3], limits[4], limits[7], rest)
+        commands[k, T] = time_to_cover(way, speed, up, down, jerk, rest)
         k += 1
         if rest:
-            commands[k, T] = stopping_time(speed, limits[4], limits[7])
+            commands[k, T] = stopping_time(speed, down, jerk)
             k += 1
     return max(1, k)
 
 
 @borrowing_kernel
-def write_maneuver(kind: int, now: Any, leg: Segment, limits: Array, commands: Array) -> int:
+def write_maneuver(kind: int, now: Any, leg: Segment, limits: Any, commands: Array) -> int:
     """Write one of the maneuvers that serve well in free space; how many commands it has."""
     commands[:] = 0.0
     if kind <= 1:
@@ -181,9 +184,9 @@ def bridge(
     limits = world.limits
     gap = math.hypot(leg.x - now[0].x, leg.y - now[0].y)
     lower, upper, c_range = np.empty(_SIZE), np.empty(_SIZE), np.full(_SIZE, 2.0)
-    lower[V::3], upper[V::3] = -limits[1], limits[0]
-    lower[W::3], upper[W::3] = -limits[2], limits[2]
-    lower[T::3], upper[T::3] = 0.0, 3.0 + 2.0 * gap / limits[0] + math.pi / limits[2]
+    lower[V::3], upper[V::3] = -limits.backward, limits.forward
+    lower[W::3], upper[W::3] = -limits.turn, limits.turn
+    lower[T::3], upper[T::3] = 0.0, 3.0 + 2.0 * gap / limits.forward + math.pi / limits.turn
     lower[_COUNT], upper[_COUNT] = 1.0, COMMANDS + 0.999
     trial = np.zeros(1, MOTION)
     population = np.zeros((max(swarm.population, _MANEUVERS), _SIZE))
@@ -197,7 +200,7 @@ def bridge(
         for j in range(_SIZE):
             # The duration of a command varies with itself, a speed with its whole range.
             scale = X[j] if j % 3 == T else upper[j] - lower[j]
-            X[j] += 0.3 * scale * (2.0 * uniform(state) - 1.0)
+            X[j] += 0.3 * scale * (2.0 * next_uniform(state) - 1.0)
             X[j] = min(max(X[j], lower[j]), upper[j])
     best, least = population[0].copy(), np.inf
     for t in range(swarm.iterations + 1):

@@ -49,7 +49,7 @@ class World(NamedTuple):
     discs: Array  # (m, 3) m: x, y, radius
     box: Array  # (4,) m: xmin, ymin, xmax, ymax of where the axle may be; walls are known there
     footprint: Array  # (3,) m: front, rear, half width
-    limits: Array  # (9,) as `Limits.array`
+    limits: Any  # record, `Limits.array`
     margin: float  # m: a clearance below this is a collision
 
 
@@ -63,7 +63,7 @@ def motion_at(pose: Array, twist: Array) -> Motion:
 
 
 @borrowing_kernel
-def advance(motion: Any, v: float, w: float, dt: float, limits: Array) -> tuple[float, float]:
+def advance(motion: Any, v: float, w: float, dt: float, limits: Any) -> tuple[float, float]:
     """Move on for one step [s] towards a twist; returns the way [m] and the turn [rad] made."""
     v, v_rate, w, w_rate = approach_twist(
         motion.v, motion.v_rate, motion.w, motion.w_rate, v, w, limits, dt
@@ -169,9 +169,7 @@ def stopping_time(speed: float, rate: float, jerk: float) -> float:
 
 
 @kernel
-def rollout(
-    commands: Array, pose: Array, twist: Array, limits: Array
-) -> tuple[Array, Array, Array]:
+def rollout(commands: Array, pose: Array, twist: Array, limits: Any) -> tuple[Array, Array, Array]:
     """Where commands (k, 3) take the chair (thesis, (2.15)-(2.17), under limits).
 
     Returns:

@@ -17,9 +17,9 @@ from scipy.spatial import cKDTree
 from planners.collision.polygon_tests import SpaceArrays, edge_free, point_free
 from planners.graphs.heap import pop, push
 from planners.problem import Plan, PlannerBase, Problem, Status
-from planners.random_stream import Stream, stream, uniform
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.random import Stream, next_uniform, stream
 
 Array = NDArray[np.float64]
 Pairs = NDArray[np.int64]
@@ -129,8 +129,8 @@ def _free_samples(arrays: SpaceArrays, count: int, state: Stream) -> Array:
     found = np.empty((count, 2))
     k = 0
     for _ in range(count):
-        x = bounds[0] + uniform(state) * (bounds[2] - bounds[0])
-        y = bounds[1] + uniform(state) * (bounds[3] - bounds[1])
+        x = bounds[0] + next_uniform(state) * (bounds[2] - bounds[0])
+        y = bounds[1] + next_uniform(state) * (bounds[3] - bounds[1])
         if point_free(arrays, x, y):
             found[k, 0], found[k, 1] = x, y
             k += 1

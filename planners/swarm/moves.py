@@ -7,7 +7,6 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.random_stream import Stream, stream
 from planners.swarm.state import MIN_POPULATION, Swarm, clip_to_bounds, competitor, new_swarm, store
 from planners.swarm.update_rules import (
     BeeParameters,
@@ -26,6 +25,7 @@ from planners.swarm.update_rules import (
 from planners.swarm.woa import move_whales as circle
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import InputError
+from wheelchair_gym.random import Stream, stream
 
 Array = NDArray[np.float64]
 

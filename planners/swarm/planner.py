@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.problem import Plan, PlannerBase, Problem, Status, remaining
-from planners.random_stream import stream
 from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
 from planners.smoothing.curves import POLYLINE, curve, curve_kind
 from planners.swarm.path_cost import PathProblem
@@ -29,6 +28,7 @@ from planners.swarm.search import (
 from planners.swarm.state import MIN_POPULATION
 from planners.swarm.state import new_swarm as begin_swarm
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.random import stream
 
 Array = NDArray[np.float64]
 

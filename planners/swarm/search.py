@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, edge_free, point_free
 from planners.problem import begin
-from planners.random_stream import Stream, in_disc
 from planners.smoothing.curves import POLYLINE, sample_curve
 from planners.swarm.moves import WHALES, MoveParameters, is_particle_move, move_swarm
 from planners.swarm.objectives import length_free
@@ -34,6 +33,7 @@ from planners.swarm.state import Swarm, clip_to_bounds, competitor, new_swarm, s
 from planners.swarm.update_rules import move_particles
 from planners.swarm.woa import WhaleParameters
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.random import Stream, next_in_disc
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ def scatter_in_ellipses(k: int, n: int, width: float, height: float, state: Stre
     population = np.zeros((k, 2 * n))
     for j in range(n):
         for i in range(1, k):
-            u, v = in_disc(state)
+            u, v = next_in_disc(state)
             population[i, 2 * j] = u * width
             population[i, 2 * j + 1] = v * height
     return population

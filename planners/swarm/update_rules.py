@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.random_stream import Stream, uniform
 from planners.swarm.state import WORST, Swarm, bound_width
 from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.random import Stream, next_uniform
 
 Array = NDArray[np.float64]
 
@@ -82,8 +82,8 @@ def move_particles(
             w = inertia * min(1.0, math.sqrt(c // 2) / 4.0) if particles.inertia_ramp else inertia
             v = (
                 w * V[i, c]
-                + own * uniform(state) * (swarm.personal_best[i, c] - X[i, c])
-                + best * uniform(state) * (guide[c] - X[i, c])
+                + own * next_uniform(state) * (swarm.personal_best[i, c] - X[i, c])
+                + best * next_uniform(state) * (guide[c] - X[i, c])
             )
             V[i, c] = min(max(v, -limit), limit)
             X[i, c] += V[i, c]
@@ -109,8 +109,8 @@ def move_wolves(swarm: Swarm, a: float, state: Stream) -> None:
         for c in range(d):
             total = 0.0
             for leader in (alpha, beta, delta):
-                A = 2.0 * a * uniform(state) - a  # (4.10)
-                C = 2.0 * uniform(state)  # (4.11)
+                A = 2.0 * a * next_uniform(state) - a  # (4.10)
+                C = 2.0 * next_uniform(state)  # (4.11)
                 prey = swarm.personal_best[leader, c]
                 total += prey - A * abs(C * prey - X[i, c])  # (4.3)-(4.8)
             X[i, c] = total / 3.0  # (4.9)
@@ -136,7 +136,7 @@ class FireflyParameters(NamedTuple):
 @borrowing_kernel
 def other_index(i: int, k: int, state: Stream) -> int:
     """A number below k, uniform, that is not i."""
-    j = int(uniform(state) * (k - 1))
+    j = int(next_uniform(state) * (k - 1))
     return j + 1 if j >= i else j
 
 
@@ -144,7 +144,7 @@ def other_index(i: int, k: int, state: Stream) -> int:
 def roulette(sums: Array, state: Stream) -> int:
     """A number drawn by roulette, from the running sums (k,) of the weights."""
     k = sums.shape[0]
-    at = uniform(state) * sums[k - 1]
+    at = next_uniform(state) * sums[k - 1]
     i = 0
     while i < k - 1 and sums[i] < at:
         i += 1
@@ -177,11 +177,11 @@ def move_bees(swarm: Swarm, bees: BeeParameters, state: Stream) -> None:
             swarm.personal_best_costs[i] = math.inf
             for c in range(d):
                 width = swarm.upper[c] - swarm.lower[c]
-                swarm.positions[i, c] = swarm.lower[c] + uniform(state) * width
+                swarm.positions[i, c] = swarm.lower[c] + next_uniform(state) * width
             continue
         j = other_index(source, k, state)
         for c in range(d):
-            phi = bees.acceleration * (2.0 * uniform(state) - 1.0)
+            phi = bees.acceleration * (2.0 * next_uniform(state) - 1.0)
             x = swarm.personal_best[source, c]
             swarm.positions[i, c] = x + phi * (x - swarm.personal_best[j, c])
 
@@ -206,10 +206,10 @@ def move_fireflies(swarm: Swarm, fireflies: FireflyParameters, state: Stream) ->
                     square += (own[j, c] - X[i, c]) ** 2
                 beta = fireflies.attraction * math.exp(-fireflies.absorption * square / diagonal)
                 for c in range(d):
-                    X[i, c] += beta * uniform(state) * (own[j, c] - X[i, c])
+                    X[i, c] += beta * next_uniform(state) * (own[j, c] - X[i, c])
         for c in range(d):
             step = fireflies.step * bound_width(swarm, c)
-            X[i, c] += alpha * step * (2.0 * uniform(state) - 1.0)
+            X[i, c] += alpha * step * (2.0 * next_uniform(state) - 1.0)
 
 
 class GeneticParameters(NamedTuple):
@@ -251,16 +251,16 @@ def move_genetic(swarm: Swarm, genes: GeneticParameters, state: Stream) -> None:
         if i < genes.crossover_share * k:
             p, q = roulette(swarm.costs, state), roulette(swarm.costs, state)
             for c in range(d):
-                share = (1.0 + 2.0 * genes.extension) * uniform(state) - genes.extension
+                share = (1.0 + 2.0 * genes.extension) * next_uniform(state) - genes.extension
                 X[i, c] = share * own[p, c] + (1.0 - share) * own[q, c]
         else:
-            parent, sure = int(uniform(state) * k), int(uniform(state) * d)
+            parent, sure = int(next_uniform(state) * k), int(next_uniform(state) * d)
             for c in range(d):
                 X[i, c] = own[parent, c]
-                if c == sure or uniform(state) < genes.mutation_rate:
+                if c == sure or next_uniform(state) < genes.mutation_rate:
                     # Box and Muller 1958.
-                    radius = math.sqrt(-2.0 * math.log(1.0 - uniform(state)))
-                    normal = radius * math.cos(2.0 * math.pi * uniform(state))
+                    radius = math.sqrt(-2.0 * math.log(1.0 - next_uniform(state)))
+                    normal = radius * math.cos(2.0 * math.pi * next_uniform(state))
                     X[i, c] += genes.mutation_step * bound_width(swarm, c) * normal
 
 
@@ -280,11 +280,11 @@ def move_differential(swarm: Swarm, difference: DifferenceParameters, state: Str
         r = other_index(i, k, state)
         while r in (p, q):
             r = other_index(i, k, state)
-        sure = int(uniform(state) * d)
+        sure = int(next_uniform(state) * d)
         for c in range(d):
             X[i, c] = own[i, c]
-            if c == sure or uniform(state) <= difference.crossover_rate:
-                F = difference.min_factor + uniform(state) * (
+            if c == sure or next_uniform(state) <= difference.crossover_rate:
+                F = difference.min_factor + next_uniform(state) * (
                     difference.max_factor - difference.min_factor
                 )
                 X[i, c] = own[p, c] + F * (own[q, c] - own[r, c])

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.random_stream import Stream, uniform
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.random import Stream, next_uniform
 
 Array = NDArray[np.float64]
 
@@ -63,18 +63,18 @@ def move_whales(
     k, d = population.shape
     for i in range(k):
         X = population[i]
-        A = 2.0 * a * uniform(state) - a  # (2.3)
-        p = uniform(state)
+        A = 2.0 * a * next_uniform(state) - a  # (2.3)
+        p = next_uniform(state)
         if p < mu:
             towards = best
             if abs(A) >= lam:
-                towards = population[int(uniform(state) * k)]
+                towards = population[int(next_uniform(state) * k)]
             for j in range(d):
-                C = c_range[j] * uniform(state)  # (2.4)
+                C = c_range[j] * next_uniform(state)  # (2.4)
                 D = abs(C * towards[j] - X[j])  # (2.1), (2.7)
                 X[j] = towards[j] - A * D  # (2.2), (2.8)
         else:
-            phase = 2.0 * uniform(state) - 1.0  # l of (2.6)
+            phase = 2.0 * next_uniform(state) - 1.0  # l of (2.6)
             swirl = math.exp(b * phase) * math.cos(2.0 * math.pi * phase)
             for j in range(d):
                 X[j] = abs(best[j] - X[j]) * swirl + best[j]  # (2.5), (2.6)

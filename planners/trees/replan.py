@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, edge_free
 from planners.problem import Plan, Problem, begin, trivial
-from planners.random_stream import stream
 from planners.trees.tree import NONE, Growth, Tree, Workspace, edge_is_free, insert
 from planners.trees.tree_search import TreeSearch, grow_until, new_search, to_plan, with_capacity
 from planners.trees.variants import InformedRrtStar
 from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.random import stream
 
 Array = NDArray[np.float64]
 

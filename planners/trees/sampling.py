@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, blocking_segment, blocks, point_free
-from planners.random_stream import Stream, in_disc, uniform
 from planners.swarm.woa import WhaleParameters, move_whales
 from planners.trees.tree import NONE, Growth, Tree, Workspace, write_ancestors
 from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.random import Stream, next_in_disc, next_uniform
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ def sample_ellipse(start: Array, goal: Array, length: float, state: Stream) -> t
     ux, uy = goal[0] - start[0], goal[1] - start[1]
     apart = math.hypot(ux, uy)
     across = 0.5 * math.sqrt(max(length * length - apart * apart, 0.0))
-    u, v = in_disc(state)
+    u, v = next_in_disc(state)
     u, v = 0.5 * length * u / apart, across * v / apart
     x, y = 0.5 * (start[0] + goal[0]), 0.5 * (start[1] + goal[1])
     return x + u * ux - v * uy, y + u * uy + v * ux
@@ -52,7 +52,7 @@ def sample_beacon(
     if n < 3:
         run.beacon = NONE
         return nodes[run.goal].x, nodes[run.goal].y
-    k = 1 + int(uniform(state) * (n - 2))
+    k = 1 + int(next_uniform(state) * (n - 2))
     run.beacon = k
     bx, by = nodes[workspace.chain[k]].x, nodes[workspace.chain[k]].y
     ax, ay = nodes[workspace.chain[k + 1]].x, nodes[workspace.chain[k + 1]].y
@@ -60,10 +60,10 @@ def sample_beacon(
     before = math.hypot(ax - bx, ay - by) + math.hypot(cx - bx, cy - by)
     radius = growth.beacon_radius
     if growth.beacon_min_scale < 1.0:
-        radius *= growth.beacon_min_scale ** uniform(state)
+        radius *= growth.beacon_min_scale ** next_uniform(state)
     x, y = bx, by
     for _ in range(_MAX_BEACON_DRAWS):
-        u, v = in_disc(state)
+        u, v = next_in_disc(state)
         x, y = bx + radius * u, by + radius * v
         after = math.hypot(ax - x, ay - y) + math.hypot(cx - x, cy - y)
         if not growth.informed or after < before:
@@ -93,17 +93,17 @@ def sample(
     low, high, radius = bounds[0], bounds[2], 0.0
     if growth.informed and found:
         length = tree.nodes[run.goal].cost
-    if growth.corner_share > 0.0 and uniform(state) < growth.corner_share:
+    if growth.corner_share > 0.0 and next_uniform(state) < growth.corner_share:
         radius = growth.corner_radius
         if found:
-            radius *= growth.beacon_min_scale ** uniform(state)
+            radius *= growth.beacon_min_scale ** next_uniform(state)
     elif found:
-        if growth.beacon_share > 0.0 and uniform(state) < growth.beacon_share:
+        if growth.beacon_share > 0.0 and next_uniform(state) < growth.beacon_share:
             x, y = sample_beacon(tree, growth, workspace, run, state)
             if run.beacon != NONE:
                 return x, y
     else:
-        if growth.goal_bias > 0.0 and uniform(state) < growth.goal_bias:
+        if growth.goal_bias > 0.0 and next_uniform(state) < growth.goal_bias:
             return goal[0], goal[1]
         if growth.in_strip:
             low = max(low, min(start[0], goal[0]) - run.strip_margin)
@@ -113,14 +113,14 @@ def sample(
     x, y = goal[0], goal[1]
     for _ in range(_MAX_DRAWS):
         if radius > 0.0:
-            k = int(uniform(state) * len(space.segments))
-            u, v = in_disc(state)
+            k = int(next_uniform(state) * len(space.segments))
+            u, v = next_in_disc(state)
             x, y = space.segments[k, 0] + radius * u, space.segments[k, 1] + radius * v
         elif small and length < math.inf:
             x, y = sample_ellipse(start, goal, length, state)
         else:
-            x = low + uniform(state) * (high - low)
-            y = bounds[1] + uniform(state) * (bounds[3] - bounds[1])
+            x = low + next_uniform(state) * (high - low)
+            y = bounds[1] + next_uniform(state) * (bounds[3] - bounds[1])
         by_way = math.hypot(x - start[0], y - start[1]) + math.hypot(x - goal[0], y - goal[1])
         if by_way < length and point_free(space, x, y):
             break
@@ -185,7 +185,7 @@ def steering_target(
     best[0], best[1] = 0.0, 0.0
     least, from_near, from_goal = np.inf, -1, -1  # the segments that hid a whale last
     for i in range(swarm.population):
-        u, v = in_disc(state)
+        u, v = next_in_disc(state)
         population[i, 0] = u * steering.width
         population[i, 1] = v * steering.height
     for t in range(swarm.iterations + 1):

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, point_free
 from planners.problem import Plan, Problem, Status
-from planners.random_stream import Stream, stream, uniform
 from planners.swarm.woa import WhaleParameters
 from planners.trees.sampling import SteeringCost, SwarmBuffers, new_buffers, sample, steering_target
 from planners.trees.tree import (
@@ -40,6 +39,7 @@ from planners.trees.tree import (
     write_ancestors,
 )
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel
+from wheelchair_gym.random import Stream, next_uniform, stream
 
 Array = NDArray[np.float64]
 
@@ -150,7 +150,7 @@ def shortcut_path(space: SpaceArrays, tree: Tree, workspace: Workspace) -> None:
 def random_leaf(tree: Tree, one: int, other: int, third: int, state: Stream) -> int:
     """A random leaf, neither the root nor one of three nodes; NONE if no draw finds one."""
     for _ in range(_LEAF_DRAWS):
-        i = 1 + int(uniform(state) * (tree.grid[0].count - 1))
+        i = 1 + int(next_uniform(state) * (tree.grid[0].count - 1))
         if tree.nodes[i].child == NONE and i != one and i != other and i != third:
             return i
     return NONE

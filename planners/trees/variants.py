@@ -14,7 +14,6 @@ from time import perf_counter
 import numpy as np
 
 from planners.problem import Plan, PlannerBase, Problem, Status
-from planners.random_stream import stream
 from planners.swarm.objectives import Smooth
 from planners.swarm.optimizers import WoaModified
 from planners.swarm.planner import SwarmPlanner
@@ -25,6 +24,7 @@ from planners.trees.sampling import SteeringCost
 from planners.trees.tree import Growth
 from planners.trees.tree_search import search
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.random import stream
 
 _ROOM = "rooms and doors of buildings"
 # Karaman and Frazzoli 2011, d = 2: 2 sqrt((1 + 1/d) area / pi) is gamma's least value.

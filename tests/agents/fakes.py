@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from wheelchair_gym.kinematics import approach, arc_step
+from wheelchair_gym.kinematics import approach_twist, arc_step
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
@@ -61,10 +61,9 @@ class PaperWorld:
 
     def drive(self, action):
         v, w = self.mission.limits.twist(action)
-        a, s, dt = self.mission.limits.array, self.state, self.mission.period
-        s[:2] = approach(s[0], s[1], v, a[3], a[4], a[7], dt)
-        s[2:] = approach(s[2], s[3], w, a[6], a[6], a[8], dt)
-        self.pose = np.array(arc_step(*self.pose, s[0], s[2], dt))
+        limits, dt = self.mission.limits.array, self.mission.period
+        self.state[:] = approach_twist(*self.state, v, w, limits, dt)
+        self.pose = np.array(arc_step(*self.pose, self.state[0], self.state[2], dt))
         self.time += dt
         self.seen = self.reading()
 

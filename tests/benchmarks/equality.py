@@ -29,7 +29,7 @@ SCENES = "floor_plan,clutter,crowd,temporary,doorway"
 # Keys of results that say when, where, how fast and by what code they were made.
 PROVENANCE = {
     "commit", "command", "date", "machine", "versions", "source", "folder", "out", "file", "map",
-    "key", "real_time_factor",
+    "key", "crc", "real_time_factor",
 }  # fmt: skip
 
 

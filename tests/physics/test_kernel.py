@@ -17,13 +17,13 @@ from wheelchair_gym.physics.engine import (
     FY,
     OFFSETS,
     SHAPE,
-    STEP,
     TORQUE,
     VX,
     VY,
     W,
     X,
     Y,
+    engine_record,
 )
 
 
@@ -97,7 +97,7 @@ def test_kernel_equals_the_plain_api_exactly(seed, monkeypatch):
         chair.chairs.world_rows[0],
         chair.chairs.parameters[0],
     )
-    own = place["space"], place["body"], STEP
+    own = place["space"], place["body"], engine_record()["step"][0]
     k = drive_train.drive_constants(p)
     contacts = steps = 0
     duty = np.zeros(2)

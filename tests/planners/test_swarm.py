@@ -10,7 +10,6 @@ import pytest
 
 from planners import OPTIMIZERS, Problem, Space, Status, make_optimizer, make_planner
 from planners.judge import faults
-from planners.random_stream import stream
 from planners.registries import OBJECTIVES, make_objective
 from planners.smoothing.curves import CURVES
 from planners.swarm.moves import store_and_move
@@ -23,6 +22,7 @@ from planners.trees.variants import RrtWoa
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import path_length
+from wheelchair_gym.random import stream
 
 D = 4
 CENTRE = np.array([1.0, -2.0, 0.5, 3.0])

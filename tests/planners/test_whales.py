@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planners.random_stream import stream, uniform
 from planners.swarm.woa import move_whales
+from wheelchair_gym.random import next_uniform, stream
 
 # Written for compiled integers, which wrap without a word.
 pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
@@ -21,7 +21,7 @@ def moved(population, best, a, mu, lam, seed=0):
     after = population.copy()
     move_whales(after, best, a, 1.0, mu, lam, TWICE, -WIDE, WIDE, stream(rng))
     state = stream(again)
-    return after, [uniform.py_func(state) for _ in range(2 + D + 1)]
+    return after, [next_uniform(state) for _ in range(2 + D + 1)]
 
 
 @pytest.fixture
@@ -72,8 +72,8 @@ def test_positions_stay_within_bounds(population):
 
 def test_streams_are_uniform_and_repeat():
     state, again = (stream(np.random.default_rng(1)) for _ in range(2))
-    draws = np.array([uniform.py_func(state) for _ in range(4000)])
-    assert draws[0] == uniform.py_func(again)
+    draws = np.array([next_uniform(state) for _ in range(4000)])
+    assert draws[0] == next_uniform(again)
     counts = np.histogram(draws, bins=10, range=(0, 1))[0]
     assert ((counts - 400) ** 2 / 400).sum() < 30  # chi square, 9 degrees: p = 0.0004
     assert abs(np.corrcoef(draws[:-1], draws[1:])[0, 1]) < 0.06

@@ -12,12 +12,12 @@ import pytest
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import footprint_clearance
 from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, geodesic, read_map
+from wheelchair_gym.random import numpy_integer, numpy_stream, numpy_uniform
 from wheelchair_gym.scenes import SCENES, make_scene
 from wheelchair_gym.scenes.describe import scene_statistics
 from wheelchair_gym.scenes.map_file import example_clinic, example_map
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.published import DESIGN_LAB_INFLATION, GREY_WOLF_GOALS
-from wheelchair_gym.scenes.random_stream import random_stream, uniform, uniform_int
 
 RADIUS = passing_radius(FOOTPRINT)
 
@@ -176,19 +176,19 @@ def test_furniture_leaves_a_passage_between_door_and_room():
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_stream_draws_what_its_generator_would(seed):
-    drawn, plan = random_stream(np.random.default_rng(seed)), np.random.default_rng(seed + 1)
+    drawn, plan = numpy_stream(np.random.default_rng(seed)), np.random.default_rng(seed + 1)
     rng = np.random.default_rng(seed)
     for _ in range(300):
         if plan.random() < 0.5:
-            assert uniform(drawn, -2.0, 3.5) == rng.uniform(-2.0, 3.5)
+            assert numpy_uniform(drawn, -2.0, 3.5) == rng.uniform(-2.0, 3.5)
         else:
             count = int(plan.integers(1, 400))
-            assert uniform_int(drawn, count) == rng.integers(count)
+            assert numpy_integer(drawn, count) == rng.integers(count)
 
 
 def test_a_stream_never_runs_dry():
-    drawn = random_stream(np.random.default_rng(0))
-    many = [uniform(drawn, 0.0, 1.0) for _ in range(4000)]
+    drawn = numpy_stream(np.random.default_rng(0))
+    many = [numpy_uniform(drawn, 0.0, 1.0) for _ in range(4000)]
     assert len(set(many)) == len(many)
     assert np.mean(many) == pytest.approx(0.5, abs=0.02)
 

@@ -83,6 +83,17 @@ class Target:
         self.dtype, self.shape = np.dtype(dtype), shape
 
 
+def pointer_record(*fields: tuple[Any, ...]) -> tuple[np.dtype[Any], dict[str, Target]]:
+    """The dtype of a record some of whose fields are addresses, and what these point to.
+
+    Args:
+        fields: (name, `Target`) of an address; (name, dtype) or (name, dtype, shape) of a value.
+    """
+    targets = {name: kind for name, kind, *_ in fields if isinstance(kind, Target)}
+    plain = [(name, "u8") if name in targets else (name, *rest) for name, *rest in fields]
+    return np.dtype(plain, align=True), targets
+
+
 class Pointers:
     """A record array whose fields hold addresses, and the arrays that these are of.
 
@@ -122,10 +133,13 @@ class Pointers:
         self.record[name][row] = address_of(array)
         self._kept[row, name] = to
 
-    def array(self, name: str, row: int = 0) -> NDArray[Any] | None:
-        """What a field of a row points to, or None."""
+    def array(self, name: str, row: int = 0) -> NDArray[Any]:
+        """What a field of a row points to; an empty array where that is nothing yet."""
         to = self._kept.get((row, name))
-        return None if to is None else _array_of(to)
+        if to is None:
+            target = self._targets[name]
+            return np.zeros([length or 0 for length in target.shape], target.dtype)
+        return _array_of(to)
 
     def again(self) -> Pointers:
         """The same addresses in another record."""
@@ -139,8 +153,8 @@ class Pointers:
         other = Pointers.__new__(Pointers)
         memo[id(self)] = other
         record, kept = copy.deepcopy((self.record, self._kept), memo)
-        own = {"_targets": self._targets, "_constant": False}
-        other.__setstate__(own | {"record": record, "_kept": kept})
+        state = {"_targets": self._targets, "_constant": False, "record": record, "_kept": kept}
+        other.__setstate__(state)
         return other
 
     def __setstate__(self, state: dict[str, Any]) -> None:

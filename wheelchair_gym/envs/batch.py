@@ -40,6 +40,18 @@ class Batch(NamedTuple):
     was_reset: Flags  # (n,) is set where an episode was begun in this step
 
 
+# How a shield changed a twist, and why: fields of `safety.shield.Decision`.
+DECISION = np.dtype(
+    [
+        ("reason", "i8"),  # index into REASONS
+        ("asked", "f8", (2,)),  # m/s, rad/s
+        ("given", "f8", (2,)),
+        ("protective", "b1"),
+    ],
+    align=True,
+)
+
+
 class Results(NamedTuple):
     """What a step gives; a row each."""
 
@@ -47,10 +59,7 @@ class Results(NamedTuple):
     verdicts: Rows  # (n,) of VERDICT
     success: Flags  # (n,) at the goal by truth, and nothing was touched
     out: Floats  # (n, room) observations
-    reason: NDArray[np.int64]  # (n,) why a shield changed a twist
-    asked: Array  # (n, 2) m/s, rad/s
-    given: Array  # (n, 2)
-    protective: NDArray[np.bool_]  # (n,)
+    decisions: Rows  # (n,) of DECISION
 
 
 @borrowing_kernel
@@ -106,23 +115,17 @@ def begin_chair(i: int, batch: Batch, chairs: Rows, results: Results, ranges: Fl
     )
     results.success[i] = is_success(batch.rules[0], prepared, seen)
     if shields:
-        results.reason[i] = NOTHING
+        decision = results.decisions[i]
+        decision.reason, decision.protective = NOTHING, False
         for k in range(2):
-            results.asked[i, k] = results.given[i, k] = 0.0
-        results.protective[i] = False
+            decision.asked[k] = decision.given[k] = 0.0
         reset_shield(i, batch.shields)
         show_shield(i, batch, seen, ranges)
 
 
 @borrowing_kernel
 def begin_chairs(
-    low: int,
-    high: int,
-    chosen: Flags,
-    batch: Batch,
-    chairs: Rows,
-    results: Results,
-    ranges: Floats,
+    low: int, high: int, chosen: Flags, batch: Batch, chairs: Rows, results: Results, ranges: Floats
 ) -> None:
     """Begin the next episode of the chosen ones of rows low to high; see `step_chairs`."""
     for i in range(low, high):
@@ -142,19 +145,7 @@ def step_chairs(
     finals: Results,
     ranges: Floats,
 ) -> None:
-    """One control period of rows low to high.
-
-    Args:
-        low: first row; what it works on belongs to no other call.
-        high: one beyond the last.
-        same_step: begin the next episode in the step that ended one, and not in the step after.
-        actions: (n, 2) in [-1, 1]; beyond is clipped.
-        batch: what the chairs are about.
-        chairs: (1,) of CHAIRS, with a workspace that no other call uses.
-        results: of the step, or of the reset where an episode was begun.
-        finals: of the step where an episode ended and the next was begun at once.
-        ranges: (beams,) room for a scan.
-    """
+    """One control period of rows low to high."""
     rule, is_over = batch.rules[0], batch.is_over
     sensed, verdicts = results.sensed, results.verdicts
     for i in range(low, high):
@@ -183,21 +174,16 @@ def step_chairs(
             )
             results.success[i] = is_success(rule, batch.prepared[i], seen)
             if shielded:
-                shield = batch.shield_states[i]
-                results.reason[i], results.protective[i] = shield.reason, shield.protective
+                shield, decision = batch.shield_states[i], results.decisions[i]
+                decision.reason, decision.protective = shield.reason, shield.protective
                 for k in range(2):
-                    results.asked[i, k] = shield.asked[k]
-                    results.given[i, k] = shield.given[k]
+                    decision.asked[k], decision.given[k] = shield.asked[k], shield.given[k]
                 show_shield(i, batch, seen, ranges)
             is_over[i] = verdicts[i].terminated or verdicts[i].truncated
             if not (is_over[i] and same_step):
                 continue
             finals.sensed[i], finals.verdicts[i] = sensed[i], verdicts[i]
-            finals.success[i] = results.success[i]
-            finals.reason[i], finals.protective[i] = results.reason[i], results.protective[i]
-            for k in range(2):
-                finals.asked[i, k] = results.asked[i, k]
-                finals.given[i, k] = results.given[i, k]
+            finals.success[i], finals.decisions[i] = results.success[i], results.decisions[i]
             for k in range(finals.out.shape[1]):
                 finals.out[i, k] = results.out[i, k]
             batch.was_reset[i] = True

@@ -35,23 +35,19 @@ class PoseGuidance:
 
     poses = True  # what `Task` asks a guidance for
     ways: CostToGoSettings = CostToGoSettings()
-    max_detour: float | None = setting(
-        default=None,
-        unit="s",
-        low=0.0,
-        source="only ways so much dearer than from the start are sought; none: all",
-    )
-    degraded_share: float = setting(
-        default=0.0, low=0.0, high=1.0, source="of worlds whose map is told less than well"
-    )
-    patch_density: float = setting(
-        default=0.02, unit="1/m2", low=0.0, source="patches, of such a map"
-    )
-    patch_radius: float = setting(default=0.8, unit="m", low=0.0, source="radius of a patch")
-    known_radius: float = setting(
-        default=2.0, unit="m", low=0.0, source="round start and goal: well"
-    )
-    shift_sigma: float = setting(default=0.03, unit="m", low=0.0, source="sigma, of such a map")
+    max_detour: float | None = setting(default=None, unit="s", low=0.0, source="design choice")
+    """Only states whose cost exceeds that of the direct way by less than this are searched;
+    none: all."""
+    degraded_share: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    """Share of worlds whose map is degraded."""
+    patch_density: float = setting(default=0.02, unit="1/m2", low=0.0, source="design choice")
+    """Forgotten patches per area of a degraded map."""
+    patch_radius: float = setting(default=0.8, unit="m", low=0.0, source="design choice")
+    """Radius of a forgotten patch."""
+    known_radius: float = setting(default=2.0, unit="m", low=0.0, source="design choice")
+    """Distance round start and goal within which nothing is forgotten."""
+    shift_sigma: float = setting(default=0.03, unit="m", low=0.0, source="design choice")
+    """Standard deviation of the shift of a degraded map, on each axis."""
 
     def __call__(self, task: Task) -> CostToGo:
         """The ways of the outline to the task's goal."""

@@ -86,69 +86,45 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         scene: Any = None,
         config: str | Path | Mapping[str, Any] | EnvSettings | None = None,
         *,
-        beams: int | None = None,
-        rate: float | None = None,
-        pose_source: str | None = None,
-        guidance: Any = None,
-        noise: bool | None = None,
-        randomize: bool | None = None,
-        bank: Any = None,
-        shield: bool | Mapping[str, Any] | ShieldSettings | None = None,
         chair: Chair | str | Mapping[str, Any] | None = None,
         render_mode: str | None = None,
-        render_width: int | None = None,
-        render_height: int | None = None,
-        **unknown: Any,
+        **settings: Any,
     ) -> None:
         """Make the environment.
 
         Args:
             scene: name of a scene, a mapping of its name and settings, or the Path of a map file.
             config: JSON file, or its content, with any of the sections scene, rate, guidance,
-                bank, chair, sensors, physics, task, shield, hardware; the other arguments go before
+                bank, chair, sensors, physics, task, shield, hardware; the other arguments override
                 it.
-            beams: observed laser beams; fewer than the laser has are pooled by their minimum.
-            rate: of control [Hz]; a period is a whole number of physics steps.
-            pose_source: what the chair believes about its pose: truth, odometry, modelled, mcl
-                (Monte Carlo localisation on the map), or slam (the world is unknown: the chair
-                draws its own map, in the frame of its start, and finds itself on it).
-            guidance: 'geodesic' (points on the shortest way), 'poses' (of the quickest way of the
-                chair's outline, with headings, at plan times), 'module:function' or a callable
-                that gives a path from a task.
-            noise: false makes every sensor exact.
-            randomize: true draws mass, friction and motor gain anew each episode.
-            bank: of how many worlds episodes draw, or a mapping of size, turnover and seed; 0:
-                each episode has a world of its own.
-            shield: true, or a mapping of its settings: only what it lets through is driven
-                (`wheelchair_gym.safety`). None: off in simulation, on for a real chair by name.
             chair: drives instead of the simulated chair; or names a real one, such as
-                'ros://HOST:PORT' or 'hardware' (see `hardware.chairs`).
+                'ros://HOST:PORT' or 'hardware' (see `hardware.registry`).
             render_mode: 'human' (a window), 'rgb_array', or None.
-            render_width: of every frame [pixels]; even. The world is in its middle.
-            render_height: likewise.
-            unknown: nothing else is taken.
+            settings: any of
+
+                - beams: observed laser beams; fewer than the laser has are pooled by their minimum;
+                - rate: of control [Hz]; a period is an integer number of physics steps;
+                - pose_source: what the chair takes for its pose: truth, odometry, modelled, mcl
+                  (Monte Carlo localization on the map), or slam (the world is unknown: the chair
+                  draws its own map in the frame of its start, and localizes on it);
+                - guidance: 'geodesic' (points on the shortest path), 'poses' (of the quickest path
+                  of the chair's outline, with headings, at plan times), 'module:function' or a
+                  callable that gives a path from a task;
+                - noise: false makes every sensor exact;
+                - randomize: true draws mass, friction and motor gain anew for each episode;
+                - bank: how many worlds episodes share, or a mapping of size, turnover and seed; 0:
+                  each episode has its own world;
+                - shield: true, or a mapping of its settings: only what it allows is driven
+                  (`wheelchair_gym.safety`). None: off in simulation, on for a real chair by name;
+                - render_width, render_height: of every frame [pixels]; even.
 
         Raises:
             InputError: an argument or a setting is unknown or out of bounds.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"render_mode is {render_mode!r}; expected human, rgb_array or None")
-        self.settings = s = env_settings(
-            config,
-            also=("chair", "render_mode"),
-            scene=scene,
-            beams=beams,
-            rate=rate,
-            pose_source=pose_source,
-            guidance=guidance,
-            noise=noise,
-            randomize=randomize,
-            bank=bank,
-            shield=shield,
-            render_width=render_width,
-            render_height=render_height,
-            **unknown,
-        )
+        also = "chair", "render_mode"
+        self.settings = s = env_settings(config, also=also, scene=scene, **settings)
         if chair is not None and s.unshielded > 0.0:
             raise InputError(
                 f"unshielded is {s.unshielded:g}; expected 0 for a chair that is given"
@@ -156,7 +132,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if isinstance(chair, str | Mapping):
             from wheelchair_gym.hardware.registry import make_chair
 
-            if shield is False:
+            if settings.get("shield") is False:
                 raise InputError("shield is False; expected one: a real chair has it always")
             s = self.settings = dataclasses.replace(s, shield=s.shield or ShieldSettings())
             chair = make_chair(chair, s)

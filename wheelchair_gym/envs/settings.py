@@ -27,40 +27,38 @@ from wheelchair_gym.task.settings import TaskSettings
 class BankSettings:
     """A bank of worlds that episodes share; off by default."""
 
-    size: int = setting(
-        default=0, low=0, high=10_000_000, source="worlds an episode draws from; 0: each its own"
-    )
-    turnover: float = setting(
-        default=0.1, low=0.0, high=1000.0, source="worlds exchanged per episode of an environment"
-    )
-    seed: int = setting(default=0, low=0, source="of the worlds")
-    cache: str | None = setting(
-        default=None, source="folder that keeps worlds with their guidance from run to run"
-    )
+    size: int = setting(default=0, low=0, high=10_000_000, source="design choice")
+    """Number of worlds that an episode draws from; 0: every episode has its own world."""
+    turnover: float = setting(default=0.1, low=0.0, high=1000.0, source="design choice")
+    """Worlds that are replaced per episode of an environment."""
+    seed: int = setting(default=0, low=0, source="design choice")
+    """Seed of the worlds."""
+    cache: str | None = setting(default=None, source="design choice")
+    """Folder that keeps worlds with their guidance from run to run; none: nothing is kept."""
 
 
 @settings
 class StartSettings:
     """Where episodes begin: at the scene's start, or anywhere not too far from the goal."""
 
-    max_time: float = setting(
-        default=0.0, unit="s", low=0.0, source="of the goal, by plan time; 0: at the scene's start"
-    )
-    min_time: float = setting(default=1.0, unit="s", low=0.0, source="from the goal")
+    max_time: float = setting(default=0.0, unit="s", low=0.0, source="design choice")
+    """Largest plan time from the start to the goal; 0: episodes begin at the scene's start."""
+    min_time: float = setting(default=1.0, unit="s", low=0.0, source="design choice")
+    """Least plan time from the start to the goal, where starts are drawn."""
 
 
 @settings
 class EnvSettings:
     """Everything that makes an environment."""
 
-    scene: Any = setting(
-        default="floor_plan", source="a name, a mapping with a name, or the Path of a map file"
-    )
-    rate: float = setting(default=10.0, unit="Hz", low=0.5, high=200.0, source="of control")
-    guidance: Any = setting(
-        default=None,
-        source="none, 'geodesic', 'poses', 'module:function', or a mapping with 'call'",
-    )
+    scene: Any = setting(default="floor_plan", source="design choice")
+    """Scene that episodes are drawn from: a name, a mapping with a name, or the path of a map
+    file."""
+    rate: float = setting(default=10.0, unit="Hz", low=0.5, high=200.0, source="design choice")
+    """Frequency of control."""
+    guidance: Any = setting(default=None, source="design choice")
+    """What shows the way: none, 'geodesic', 'poses', 'module:function', or a mapping with
+    'call'."""
     bank: BankSettings = BankSettings()
     starts: StartSettings = StartSettings()
     chair: ChairSettings = ChairSettings()
@@ -69,24 +67,20 @@ class EnvSettings:
     slam: SlamSettings = SlamSettings()
     physics: PhysicsSettings = PhysicsSettings()
     task: TaskSettings = TaskSettings()
-    shield: ShieldSettings | None = setting(
-        default=None, source="none: what a policy asks for is driven; a real chair always has one"
-    )
-    unshielded: float = setting(
-        default=0.0,
-        low=0.0,
-        high=1.0,
-        source="of simulated episodes, driven without the shield: for training only",
-    )
+    shield: ShieldSettings | None = setting(default=None, source="design choice")
+    """Settings of the shield; none: the chair drives what a policy asks for. A real chair always
+    has a shield."""
+    unshielded: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    """Share of simulated episodes that are driven without the shield; for training only."""
     hardware: HardwareSettings = HardwareSettings()
     render_width: int = setting(
-        default=640,
-        unit="pixels",
-        low=64,
-        high=4096,
-        source="of every frame, whatever the shape of its world",
+        default=640, unit="pixels", low=64, high=4096, source="design choice"
     )
-    render_height: int = setting(default=640, unit="pixels", low=64, high=4096, source="likewise")
+    """Width of every frame, whatever the shape of the world."""
+    render_height: int = setting(
+        default=640, unit="pixels", low=64, high=4096, source="design choice"
+    )
+    """Height of every frame, whatever the shape of the world."""
 
     def __post_init__(self) -> None:
         if isinstance(self.scene, Mapping):  # plain, so that settings can be written as JSON

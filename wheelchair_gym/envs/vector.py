@@ -20,7 +20,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.envs.batch import Batch, Results, begin_chairs, step_chairs
+from wheelchair_gym.envs.batch import DECISION, Batch, Results, begin_chairs, step_chairs
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.info import info_of_rows
 from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings
@@ -335,9 +335,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
 
     def _blank_results(self, store: BufferPool) -> Results:
         n = self.num_envs
-        flags = np.zeros(n, np.bool_)
-        told = np.zeros(n, np.int64), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n, np.bool_)
-        return Results(np.zeros(n, SENSED), np.zeros(n, VERDICT), flags, store.take(), *told)
+        sensed, verdicts, decisions = (np.zeros(n, kind) for kind in (SENSED, VERDICT, DECISION))
+        return Results(sensed, verdicts, np.zeros(n, np.bool_), store.take(), decisions)
 
     def _info(self, results: Results, mask: NDArray[np.bool_]) -> Info:
         """The single env's info, as arrays with their masks."""
@@ -345,12 +344,11 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         terms = verdicts["terms"]
         values: Info = info_of_rows(sensed, verdicts, results.success) | {
             "reward_terms": {name: terms[name] for name in TERMS}
-            | {f"_{name}": mask for name in TERMS},
+            | {f"_{name}": mask for name in TERMS}
         }
         if self.settings.shield is not None:
-            decided = {"reason": _REASONS[results.reason]}
-            decided |= {"asked": results.asked, "given": results.given}
-            decided |= {"protective": results.protective}
+            decided = {name: results.decisions[name] for name in DECISION.names or ()}
+            decided["reason"] = _REASONS[decided["reason"]]
             values["shield"] = decided | {f"_{name}": mask for name in decided}
         return values | {f"_{name}": mask for name in values}
 

@@ -133,12 +133,8 @@ class SimulatedChairs:
         """All but the worlds: how they were begun in, and what was driven since."""
         state = self.__dict__.copy()
         del state["worlds"], state["pointers"]
-        arrays = (self.pointers.array("drives", i) for i in range(len(self.world_rows)))
-        steps = self.states["step"].tolist()
-        state["drives"] = [
-            np.zeros((0, 3)) if array is None else array[:step].copy()
-            for array, step in zip(arrays, steps, strict=True)
-        ]
+        steps = enumerate(self.states["step"].tolist())
+        state["drives"] = [self.pointers.array("drives", i)[:step].copy() for i, step in steps]
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -158,9 +154,7 @@ class SimulatedChairs:
     def _replay(self, i: int, episode: Episode, drives: NDArray[np.float64]) -> None:
         self.enter(i, episode)
         self.worlds[i].reserve_drives(max(_DRIVES_RESERVED, 2 * len(drives)))
-        held = self.pointers.array("drives", i)
-        if held is not None:
-            held[: len(drives)] = drives
+        self.pointers.array("drives", i)[: len(drives)] = drives
         was = self.states[i : i + 1].copy()
         replay_drives(i, self.row_pointers().record, episode.start, was["key"][0], len(drives))
         now = self.states[i : i + 1]

@@ -24,11 +24,18 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import (
     body_to_world,
     point_segment_distance,
+    point_to_world,
     rectangle_point_gap,
     rectangle_segment_gap,
     world_to_body,
 )
-from wheelchair_gym.physics.actors.bodies import NEVER, actor_states_at, actors_at, is_box
+from wheelchair_gym.physics.actors.bodies import (
+    NEVER,
+    actors_of,
+    is_box,
+    offset_from_outline,
+    shapes_of,
+)
 from wheelchair_gym.physics.actors.records import PERSON
 from wheelchair_gym.physics.engine import FX, FY, VX, VY, body_view
 
@@ -75,11 +82,11 @@ def _record_contact(
     world: Any, state: Any, p: Any, number: int, chair: Motion, other: Motion, px: float,
     py: float, nx: float, ny: float,
 ) -> None:  # fmt: skip
-    """Take in one touching point, whose normal (nx, ny) looks away from the chair."""
+    """Record one touching point, whose normal (nx, ny) looks away from the chair."""
     own, theirs = _speed(chair, px, py, nx, ny), -_speed(other, px, py, nx, ny)
     at_fault = is_at_fault(_explained_speed(state, own, px, py, nx, ny), theirs)
     if number >= 0:
-        actor = actor_states_at(world.actor_states, world.n_actors)[number]
+        actor = actors_of(world)[1][number]
         if actor.judged_at < state.tick < actor.judged_at + _REJUDGE_AFTER / p.dt:
             if not state.contact_recorded:
                 state.contact_with = number
@@ -102,17 +109,13 @@ def nearest_point(
 ) -> tuple[float, float, float, float, float]:
     """The outline's point nearest to (x, y): where, its normal that way, and how far off [m]."""
     c, s = math.cos(state.pose[2]), math.sin(state.pose[2])
-    dx, dy = x - state.pose[0], y - state.pose[1]
-    px, py = world_to_body(c, s, dx, dy)
-    qx = min(p.outline[0], max(-p.outline[1], px))
-    qy = min(p.outline[2], max(-p.outline[2], py))
-    ex, ey = px - qx, py - qy
+    qx, qy, ex, ey = offset_from_outline(p, c, s, x - state.pose[0], y - state.pose[1])
     far = d = math.sqrt(ex * ex + ey * ey)
     if d == 0.0:  # it lies inside: away from the middle of the outline
-        ex, ey = px - 0.5 * (p.outline[0] - p.outline[1]), py
+        ex, ey = qx - 0.5 * (p.outline[0] - p.outline[1]), qy
         d = max(math.sqrt(ex * ex + ey * ey), _TOUCHING)
     ex, ey = ex / d, ey / d
-    at_x, at_y = state.pose[0] + c * qx - s * qy, state.pose[1] + s * qx + c * qy
+    at_x, at_y = point_to_world(c, s, state.pose[0], state.pose[1], qx, qy)
     nx, ny = body_to_world(c, s, ex, ey)
     return at_x, at_y, nx, ny, far
 
@@ -124,10 +127,7 @@ def stop_people(world: Any, state: Any, p: Any, chair: Motion) -> float:
     Returns:
         The impulse [N s] that the hardest of them loses, which the strips feel.
     """
-    rows, actor_states = (
-        actors_at(world.actors, world.n_actors),
-        actor_states_at(world.actor_states, world.n_actors),
-    )
+    rows, actor_states = actors_of(world)
     hardest = 0.0
     for k in range(world.n_actors):
         row, actor_state = rows[k], actor_states[k]
@@ -156,29 +156,20 @@ def stop_people(world: Any, state: Any, p: Any, chair: Motion) -> float:
 
 @borrowing_kernel
 def _touch_disc(
-    world: Any, state: Any, p: Any, number: int, chair: Motion, other: Motion, x: float, y: float,
-    radius: float,
-) -> None:  # fmt: skip
-    """Note a disc if it touches the outline."""
-    px, py, nx, ny, far = nearest_point(state, p, x, y)
-    if far <= radius + _TOUCHING:
+    world: Any, state: Any, p: Any, number: int, chair: Motion, other: Motion, disc: Array
+) -> None:
+    """Record a disc if it touches the outline."""
+    px, py, nx, ny, far = nearest_point(state, p, disc[0], disc[1])
+    if far <= disc[2] + _TOUCHING:
         _record_contact(world, state, p, number, chair, other, px, py, nx, ny)
 
 
 @borrowing_kernel
 def _touch_segment(
-    world: Any,
-    state: Any,
-    p: Any,
-    number: int,
-    chair: Motion,
-    other: Motion,
-    ax: float,
-    ay: float,
-    bx: float,
-    by: float,
+    world: Any, state: Any, p: Any, number: int, chair: Motion, other: Motion, segment: Array
 ) -> None:
-    """Note a segment if it touches the outline: its ends on the sides, and corners on it."""
+    """Record a segment if it touches the outline: its ends on the sides, and corners on it."""
+    ax, ay, bx, by = segment[0], segment[1], segment[2], segment[3]
     x, y, yaw = state.pose[0], state.pose[1], state.pose[2]
     front, rear, half = p.outline[0], p.outline[1], p.outline[2]
     reach = math.sqrt(max(front, rear) ** 2 + half * half) + _TOUCHING
@@ -209,7 +200,7 @@ def _touch_segment(
         nx, ny = -nx, -ny
     for k in range(4):
         px, py = front if k < 2 else -rear, half if k % 2 == 0 else -half
-        wx, wy = x + c * px - s * py, y + s * px + c * py
+        wx, wy = point_to_world(c, s, x, y, px, py)
         beyond = (wx - ax) * nx + (wy - ay) * ny
         along = (wx - ax) * ex + (wy - ay) * ey
         if -_TOUCHING <= beyond <= _DEEPEST and 0.0 <= along <= length * length:
@@ -218,51 +209,30 @@ def _touch_segment(
 
 @borrowing_kernel
 def record_contacts(world: Any, state: Any, p: Any, chair: Motion) -> None:
-    """Note everything that the chair touches.
-
-    Args:
-        world: record of WORLD.
-        state: of the chair, whose pose is that of contact; its contact fields are written.
-        p: its parameters.
-        chair: its motion before the contact, about its centre of mass.
-    """
-    walls = table_at(world.walls, world.n_walls, 4)
-    discs = table_at(world.discs, world.n_discs, 3)
+    """Record everything that the chair touches, before the contact at a motion about its centre."""
+    walls, discs = shapes_of(world)
     rest = (0.0, 0.0, 0.0, 0.0, 0.0)
     for k in range(world.n_fixed_walls):
-        w = walls[k]
-        _touch_segment(world, state, p, -1, chair, rest, w[0], w[1], w[2], w[3])
+        _touch_segment(world, state, p, -1, chair, rest, walls[k])
     for k in range(world.n_fixed_discs):
-        _touch_disc(world, state, p, -1, chair, rest, discs[k, 0], discs[k, 1], discs[k, 2])
-    rows, actor_states = (
-        actors_at(world.actors, world.n_actors),
-        actor_states_at(world.actor_states, world.n_actors),
-    )
+        _touch_disc(world, state, p, -1, chair, rest, discs[k])
+    rows, actor_states = actors_of(world)
     for k in range(world.n_actors):
         row, actor_state, at = rows[k], actor_states[k], actor_states[k].slot
-        other = (
-            actor_state.pose[0],
-            actor_state.pose[1],
-            actor_state.twist[0],
-            actor_state.twist[1],
-            actor_state.twist[2],
-        )
+        pose, twist = actor_state.pose, actor_state.twist
+        other = (pose[0], pose[1], twist[0], twist[1], twist[2])
         if is_box(row):
             for i in range(4):
-                w = walls[at + i]
-                _touch_segment(world, state, p, k, chair, other, w[0], w[1], w[2], w[3])
+                _touch_segment(world, state, p, k, chair, other, walls[at + i])
         else:
-            _touch_disc(world, state, p, k, chair, other, discs[at, 0], discs[at, 1], discs[at, 2])
+            _touch_disc(world, state, p, k, chair, other, discs[at])
 
 
 @borrowing_kernel
 def end_contacts(world: Any, state: Any, p: Any) -> None:
     """Actors that are clear of the chair may begin a new contact."""
     walls = table_at(world.walls, world.n_walls, 4)
-    rows, actor_states = (
-        actors_at(world.actors, world.n_actors),
-        actor_states_at(world.actor_states, world.n_actors),
-    )
+    rows, actor_states = actors_of(world)
     x, y, yaw = state.pose[0], state.pose[1], state.pose[2]
     for k in range(world.n_actors):
         row, actor_state = rows[k], actor_states[k]

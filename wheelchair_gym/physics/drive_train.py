@@ -15,7 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.kinematics import STOP_RAMP_FACTOR, approach_twist, brake, wheels_of_twist
+from wheelchair_gym.geometry import body_to_world, world_to_body
+from wheelchair_gym.kinematics import (
+    STOP_RAMP_FACTOR,
+    approach_twist,
+    brake,
+    clip_to_limits,
+    wheels_of_twist,
+)
 from wheelchair_gym.physics.engine import ANGLE, FX, FY, TORQUE, VX, VY, W, body_view, step_space
 from wheelchair_gym.physics.settings import GRAVITY
 
@@ -83,11 +90,10 @@ def ramp_set_point(state: Any, p: Any, v: float, w: float, protective: bool, dt:
     limits = p.limits
     if protective:
         v, w = state.v, state.w
-        state.v, state.w = brake(v, w, STOP_RAMP_FACTOR * limits[5] * dt, p.nominal_track)
+        state.v, state.w = brake(v, w, STOP_RAMP_FACTOR * limits.protective * dt, p.nominal_track)
         state.v_rate, state.w_rate = (state.v - v) / dt, (state.w - w) / dt
         return
-    v = min(limits[0], max(-limits[1], v))
-    w = min(limits[2], max(-limits[2], w))
+    v, w = clip_to_limits(v, w, limits)
     state.v, state.v_rate, state.w, state.w_rate = approach_twist(
         state.v, state.v_rate, state.w, state.w_rate, v, w, limits, dt
     )
@@ -101,9 +107,10 @@ def update_explained_motion(state: Any, p: Any, k: DriveConstants) -> None:
     """
     motors = 2.0 * p.gain * p.torque_constant * p.current_limit / p.nominal_radius
     force = min(motors, 2.0 * k.bound / p.dt)
-    slower = _BRAKING_SHARE * k.run * min(p.limits[4], force / p.mass)
+    slower = _BRAKING_SHARE * k.run * min(p.limits.deceleration, force / p.mass)
     a22 = k.matrix[2]
-    turn_slower = _BRAKING_SHARE * k.run * min(p.limits[6], 0.5 * p.track * force / a22)
+    turn_rate = min(p.limits.turn_acceleration, 0.5 * p.track * force / a22)
+    turn_slower = _BRAKING_SHARE * k.run * turn_rate
     own = state.explained
     own[0], own[1] = min(state.v, own[0] + slower), max(state.v, own[1] - slower)
     own[2], own[3] = min(state.w, own[2] + turn_slower), max(state.w, own[3] - turn_slower)
@@ -147,14 +154,6 @@ def physics_step(
 ) -> float:
     """One physics step: motors push, tyres hold, Munk2D moves.
 
-    Args:
-        state: of the chair.
-        p: its parameters.
-        k: what was worked out of them.
-        space: address of the cpSpace.
-        body: address of the chair's cpBody.
-        engine: address of cpSpaceStep.
-
     Returns:
         The impulse of contact [N s]; 0 but for rounding where nothing is touched.
     """
@@ -163,8 +162,7 @@ def physics_step(
     turning = fields[W]
     middle = fields[ANGLE] + 1.5 * turning * dt  # heading half-way through the next step
     c, s = math.cos(middle), math.sin(middle)
-    ahead = c * fields[VX] + s * fields[VY]
-    aside = c * fields[VY] - s * fields[VX]
+    ahead, aside = world_to_body(c, s, fields[VX], fields[VY])
 
     # Drag of two casters, at their places.
     push, shove, twist = 0.0, 0.0, 0.0
@@ -230,7 +228,8 @@ def physics_step(
             side_speed, w = side_speed + change / mass, w - arm * change / moment
 
     px, py = jl + jr + push, jy + shove
-    fx, fy = (c * px - s * py) / dt, (s * px + c * py) / dt
+    fx, fy = body_to_world(c, s, px, py)
+    fx, fy = fx / dt, fy / dt
     torque = (half * (jr - jl) - arm * jy + twist) / dt
     vx, vy = fields[VX], fields[VY]
     fields[FX], fields[FY], fields[TORQUE] = fx, fy, torque

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import ctypes
 import math
+from collections import namedtuple
 from collections.abc import Callable
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import pymunk
@@ -49,45 +50,6 @@ _MARKS = {
 }
 
 
-class Offsets(NamedTuple):
-    """Where the fields of cpBody stand, counted in doubles."""
-
-    mass: int
-    mass_inverse: int
-    moment: int
-    moment_inverse: int
-    x: int
-    y: int
-    vx: int
-    vy: int
-    fx: int
-    fy: int
-    angle: int
-    w: int
-    torque: int
-
-
-class ShapeOffsets(NamedTuple):
-    """Where the fields of cpSegmentShape (ends, normal) and cpCircleShape stand, in doubles.
-
-    Then where a quadrangle's corners and normals begin (x, y, nx, ny of each) in a cpPolyShape, and
-    what all shapes have: friction, and the group whose members never touch each other.
-    """
-
-    ax: int
-    ay: int
-    bx: int
-    by: int
-    nx: int
-    ny: int
-    cx: int
-    cy: int
-    radius: int
-    corners: int
-    friction: int
-    group: int
-
-
 def address_of_struct(thing: Any) -> np.uint64:
     """The address of a cffi pointer."""
     return np.uint64(int(ffi.cast("uintptr_t", thing)))
@@ -111,7 +73,8 @@ def _field_offsets(
     return {name: int(places[0]) for name, places in found.items()}
 
 
-def _find_offsets() -> Offsets:
+def _find_offsets() -> Any:
+    """Where the fields of cpBody stand, counted in doubles."""
     m = _MARKS
     body = pymunk.Body(m["mass"], m["moment"])
     body.position, body.velocity, body.force = (
@@ -120,19 +83,27 @@ def _find_offsets() -> Offsets:
         (m["fx"], m["fy"]),
     )
     body.angle, body.angular_velocity, body.torque = m["angle"], m["w"], m["torque"]
-    return Offsets(**_field_offsets(body._body, BODY_DOUBLES, m))
+    return _named("Offsets", _field_offsets(body._body, BODY_DOUBLES, m))
 
 
-def _find_shape_offsets() -> ShapeOffsets:
+def _find_shape_offsets() -> Any:
+    """Where the fields of shapes stand, in doubles.
+
+    Ends and normal in a cpSegmentShape, place and radius in a cpCircleShape, the first corner in a
+    cpPolyShape (x, y, nx, ny of each), and in all of them the friction and the group, whose members
+    never touch each other.
+    """
     static = pymunk.Body(body_type=pymunk.Body.STATIC)
     ends = {"ax": 1234.5, "ay": -777.25, "bx": 1237.5, "by": -773.25}  # 3, 4, 5: an exact normal
     segment = pymunk.Segment(static, (ends["ax"], ends["ay"]), (ends["bx"], ends["by"]), 0.0)
     normal = segment.normal
     disc = {"cx": 55.5, "cy": -66.25, "radius": 8.8125}
     circle = pymunk.Circle(static, disc["radius"], (disc["cx"], disc["cy"]))
-    own = _field_offsets(segment._shape, SEGMENT_DOUBLES, {**ends, "nx": normal.x, "ny": normal.y})
+    found = _field_offsets(
+        segment._shape, SEGMENT_DOUBLES, {**ends, "nx": normal.x, "ny": normal.y}
+    )
     # What all shapes have comes first, a copy of the disc's place among it.
-    own |= _field_offsets(circle._shape, CIRCLE_DOUBLES, disc, own["ax"])
+    found |= _field_offsets(circle._shape, CIRCLE_DOUBLES, disc, found["ax"])
     box = pymunk.Poly(static, [(-61.5, -43.25), (61.5, -43.25), (61.5, 43.25), (-61.5, 43.25)])
     corner = _field_offsets(box._shape, POLY_DOUBLES, {"x": -61.5, "y": -43.25, "ny": -1.0})
     box.friction = 0.34375
@@ -141,19 +112,25 @@ def _find_shape_offsets() -> ShapeOffsets:
     common = _field_offsets(
         box._shape, POLY_DOUBLES, {"friction": box.friction, "group": float(mark)}
     )
-    return ShapeOffsets(**own, corners=corner["x"], **common)
+    return _named("ShapeOffsets", found | common | {"corners": corner["x"]})
+
+
+def _named(name: str, offsets: dict[str, int]) -> Any:
+    """A named tuple, whose values kernels take as constants."""
+    kind: Any = namedtuple
+    return kind(name, offsets)(**offsets)
 
 
 def _find_counter() -> int:
     """Where a cpSpace counts the shapes that it was ever given, in words."""
     space, body = pymunk.Space(), pymunk.Body(1.0, 1.0)
     space.add(body)
-    told = []
+    counts = []
     for _ in range(4):
         raw = ctypes.string_at(int(address_of_struct(space._space)), 8 * SPACE_WORDS)
-        told.append(np.frombuffer(raw, np.int64))
+        counts.append(np.frombuffer(raw, np.int64))
         space.add(pymunk.Circle(body, 1.0))
-    rises = np.flatnonzero((np.diff(told, axis=0) == 1).all(axis=0))
+    rises = np.flatnonzero((np.diff(counts, axis=0) == 1).all(axis=0))
     if len(rises) != 1:
         raise ImportError(
             f"pymunk {pymunk.version}: Munk2D's space has no counter of shapes where expected; "
@@ -211,17 +188,8 @@ _FUNCTIONS = {
     "reindex": "cpSpaceReindexShapesForBody",
     "turn": "cpBodySetAngle",
 }
-_ADDRESSES = tuple(address_of_struct(ffi.addressof(lib, name)) for name in _FUNCTIONS.values())
-STEP = _ADDRESSES[0]
 ENGINE = np.dtype([(name, "u8") for name in _FUNCTIONS])
-X, Y, VX, VY, FX, FY = (
-    OFFSETS.x,
-    OFFSETS.y,
-    OFFSETS.vx,
-    OFFSETS.vy,
-    OFFSETS.fx,
-    OFFSETS.fy,
-)
+X, Y, VX, VY, FX, FY = (OFFSETS.x, OFFSETS.y, OFFSETS.vx, OFFSETS.vy, OFFSETS.fx, OFFSETS.fy)
 ANGLE, W, TORQUE = OFFSETS.angle, OFFSETS.w, OFFSETS.torque
 
 
@@ -358,7 +326,8 @@ def _pushed_by_address(
 
 def engine_record() -> NDArray[np.void]:
     """The addresses of Munk2D's functions (1,), a record of ENGINE."""
-    return np.array([_ADDRESSES], ENGINE)
+    addresses = (address_of_struct(ffi.addressof(lib, name)) for name in _FUNCTIONS.values())
+    return np.array([tuple(addresses)], ENGINE)
 
 
 def self_test() -> None:

@@ -35,15 +35,7 @@ def draw_fault(state: Any, p: Any) -> None:
 
 @borrowing_kernel
 def apply_fault(state: Any, p: Any, kept: np.uint64, ranges: Floats, sensed: Any) -> None:
-    """Make a reading what failing sensors say.
-
-    Args:
-        state: of the chair.
-        p: its parameters.
-        kept: address of a scan (beams,) that is said again; where no sensor can fail, 0.
-        ranges: (beams,) the scan.
-        sensed: record of SENSED.
-    """
+    """Make a reading what failing sensors say."""
     if state.fault == 0 or state.step < state.fault_step - 1:
         return
     scan, rangers = floats_at(kept, ranges.shape[0]), state.frozen_ranges.shape[0]

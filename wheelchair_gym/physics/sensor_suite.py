@@ -13,6 +13,7 @@ from wheelchair_gym.compiled.address import (
     doubles_at,
     floats_at,
     integers_at,
+    pointer_record,
     table_at,
     words_at,
 )
@@ -25,25 +26,19 @@ from wheelchair_gym.sensors.ultrasonic import UltrasonicArrays
 _LASER_FIELDS = ("first", "per_angle", "reach", "nearest", "sigma", "no_echo", "bias")
 _RANGER_FIELDS = ("slope", "reach", "blind", "sigma", "ghosts", "loss_from", "loss_at")
 
-SUITE = np.dtype(
-    [("beams", "i8"), ("cosine", "u8"), ("sine", "u8"), ("salt", "u8"), ("laser_mount", "u8")]
-    + [(f"laser_{name}", "f8") for name in _LASER_FIELDS]
-    + [("rangers", "i8"), ("ranger_mount", "u8"), ("order", "u8")]
-    + [(f"ranger_{name}", "u8") for name in _RANGER_FIELDS]
-    + [(name, "u8") for name in ENGINE.names or ()],
-    align=True,
+SUITE, _TARGETS = pointer_record(
+    ("beams", "i8"),
+    ("cosine", Target("f4", None)),
+    ("sine", Target("f4", None)),
+    ("salt", Target("u4", None)),
+    ("laser_mount", Target("f8", 3)),
+    *((f"laser_{name}", "f8") for name in _LASER_FIELDS),
+    ("rangers", "i8"),
+    ("ranger_mount", Target("f8", None, 3)),
+    ("order", Target("i8", None)),
+    *((f"ranger_{name}", Target("f8", None)) for name in _RANGER_FIELDS),
+    *((name, "u8") for name in ENGINE.names or ()),
 )
-
-
-_TARGETS = {
-    "cosine": Target("f4", None),
-    "sine": Target("f4", None),
-    "salt": Target("u4", None),
-    "laser_mount": Target("f8", 3),
-    "ranger_mount": Target("f8", None, 3),
-    "order": Target("i8", None),
-    **{f"ranger_{name}": Target("f8", None) for name in _RANGER_FIELDS},
-}
 
 
 class SensorSuite:

@@ -14,31 +14,35 @@ class BodySettings:
     """Mass and what it stands on."""
 
     mass: float = setting(
-        default=135.0, unit="kg", low=20.0, high=400.0, source="60 kg chair + 75 kg person"
+        default=135.0, unit="kg", low=20.0, high=400.0, source="60 kg chair and 75 kg person"
     )
+    """Mass of chair and person."""
     centre_of_mass: float = setting(
-        default=0.15, unit="m", low=0.0, high=0.5, source="centre of mass ahead of the axle"
-    )
-    radius_of_gyration: float = setting(
-        default=0.33,
+        default=0.15,
         unit="m",
-        low=0.05,
-        high=1.0,
-        source="radius of gyration: 1.00 m x 0.62 m plate",
+        low=0.0,
+        high=0.5,
+        source="design choice: most of the weight rests on the drive wheels",
     )
-    wheelbase: float = setting(
-        default=0.48, unit="m", low=0.1, high=1.5, source="ahead of the axle"
+    """Distance of the centre of mass ahead of the drive axle."""
+    radius_of_gyration: float = setting(
+        default=0.33, unit="m", low=0.05, high=1.0, source="a plate of 1.00 m x 0.62 m"
     )
-    caster_track: float = setting(default=0.46, unit="m", low=0.0, high=1.0, source="between them")
-    caster_drag: float = setting(
-        default=0.03, low=0.0, high=1.0, source="rolling and swivelling, share of their load"
-    )
-    rolling_resistance: float = setting(
-        default=0.015, low=0.0, high=1.0, source="rolling resistance of pneumatic tyres"
-    )
+    """Radius of gyration about the centre of mass."""
+    wheelbase: float = setting(default=0.48, unit="m", low=0.1, high=1.5, source="design choice")
+    """Distance of the casters ahead of the drive axle."""
+    caster_track: float = setting(default=0.46, unit="m", low=0.0, high=1.0, source="design choice")
+    """Distance between the two casters."""
+    caster_drag: float = setting(default=0.03, low=0.0, high=1.0, source="design choice")
+    """Resistance of the casters to rolling and swivelling, as a share of their load."""
+    rolling_resistance: float = setting(default=0.015, low=0.0, high=1.0, source="pneumatic tyres")
+    """Rolling resistance of the drive wheels, as a share of their load."""
     friction: float = setting(default=0.7, low=0.05, high=2.0, source="tyre on floor")
-    wall_friction: float = setting(default=0.3, low=0.0, high=2.0, source="outline on wall")
+    """Coefficient of friction between tyre and floor."""
+    wall_friction: float = setting(default=0.3, low=0.0, high=2.0, source="design choice")
+    """Coefficient of friction between the outline and what it touches."""
     bumper_force: float = setting(default=20.0, unit="N", low=0.0, source="strip switches")
+    """Force from which a bumper strip counts as pressed."""
 
     def __post_init__(self) -> None:
         if self.centre_of_mass >= self.wheelbase:
@@ -52,40 +56,59 @@ class MotorSettings:
     torque_constant: float = setting(
         default=3.7, unit="V s/rad", low=0.01, source="1.6 m/s at 36 V without load"
     )
-    resistance: float = setting(default=1.0, unit="ohm", low=0.01)
-    current_limit: float = setting(default=12.0, unit="A", low=0.1, source="driver's limit: 44 N m")
-    inertia: float = setting(default=0.15, unit="kg m2", low=0.001, source="rotor and wheel")
-    kp: float = setting(default=40.0, unit="V s/m", low=0.0, source="closed loop of about 50 ms")
-    ki: float = setting(default=120.0, unit="V/m", low=0.0)
-    kd: float = setting(default=0.0, unit="V s2/m", low=0.0)
-    ka: float = setting(
-        default=3.0, unit="V s2/m", low=0.0, source="feed-forward of acceleration: 135 kg"
+    """Torque constant at the wheel, and back electromotive force per turn rate."""
+    resistance: float = setting(default=1.0, unit="ohm", low=0.01, source="design choice")
+    """Resistance of a motor with its driver."""
+    current_limit: float = setting(
+        default=12.0, unit="A", low=0.1, source="driver of the prototype: 44 N m"
     )
-    filter_time: float = setting(
-        default=0.02, unit="s", low=0.0, high=1.0, source="low-pass of the encoder's speed"
+    """Largest current of a motor."""
+    inertia: float = setting(
+        default=0.15, unit="kg m2", low=0.001, source="rotor and wheel of a hub motor"
     )
+    """Moment of inertia of rotor and wheel."""
+    kp: float = setting(
+        default=40.0, unit="V s/m", low=0.0, source="tuned: closed loop of about 50 ms"
+    )
+    """Proportional gain of the speed control."""
+    ki: float = setting(default=120.0, unit="V/m", low=0.0, source="design choice")
+    """Integral gain of the speed control."""
+    kd: float = setting(default=0.0, unit="V s2/m", low=0.0, source="design choice")
+    """Derivative gain of the speed control."""
+    ka: float = setting(default=3.0, unit="V s2/m", low=0.0, source="computed for 135 kg")
+    """Feed-forward of the acceleration."""
+    filter_time: float = setting(default=0.02, unit="s", low=0.0, high=1.0, source="design choice")
+    """Time constant of the low-pass on the measured wheel speed."""
     control_rate: float = setting(
-        default=100.0, unit="Hz", low=10.0, high=2000.0, source="speed control"
+        default=100.0, unit="Hz", low=10.0, high=2000.0, source="design choice"
     )
+    """Frequency of the speed control."""
 
 
 @settings
 class BatterySettings:
     """Two 36 V, 4 Ah packs in parallel."""
 
-    capacity: float = setting(default=288.0, unit="Wh", low=1.0, source="2 x 36 V x 4 Ah")
+    capacity: float = setting(
+        default=288.0, unit="Wh", low=1.0, source="two packs of 36 V and 4 Ah"
+    )
+    """Energy of the full battery."""
     full_voltage: float = setting(
         default=42.0, unit="V", low=1.0, source="10 lithium cells at 4.2 V"
     )
+    """Open-circuit voltage of the full battery."""
     empty_voltage: float = setting(
         default=30.0, unit="V", low=1.0, source="10 lithium cells at 3.0 V"
     )
-    initial_charge: float = setting(default=0.9, low=0.0, high=1.0, source="share at reset")
-    resistance: float = setting(default=0.1, unit="ohm", low=0.0)
-    idle_power: float = setting(default=15.0, unit="W", low=0.0, source="computer and sensors")
-    regeneration: float = setting(
-        default=0.5, low=0.0, high=0.95, source="share of braking energy stored"
-    )
+    """Open-circuit voltage of the empty battery."""
+    initial_charge: float = setting(default=0.9, low=0.0, high=1.0, source="design choice")
+    """Share of the capacity that is left at reset."""
+    resistance: float = setting(default=0.1, unit="ohm", low=0.0, source="design choice")
+    """Internal resistance."""
+    idle_power: float = setting(default=15.0, unit="W", low=0.0, source="design choice")
+    """Power of computer and sensors."""
+    regeneration: float = setting(default=0.5, low=0.0, high=0.95, source="design choice")
+    """Share of the braking energy that is stored."""
 
 
 @settings
@@ -95,8 +118,13 @@ class RandomSettings:
     mass: tuple[float, float] = setting(
         default=(100.0, 180.0), unit="kg", low=20.0, source="ISO 7176-11 dummies"
     )
-    friction: tuple[float, float] = setting(default=(0.5, 0.9), low=0.05, source="wet to rubber")
-    gain: tuple[float, float] = setting(default=(0.9, 1.1), low=0.1, source="of the motors")
+    """Bounds of the mass."""
+    friction: tuple[float, float] = setting(
+        default=(0.5, 0.9), low=0.05, source="wet floor to dry rubber"
+    )
+    """Bounds of the friction between tyre and floor."""
+    gain: tuple[float, float] = setting(default=(0.9, 1.1), low=0.1, source="design choice")
+    """Bounds of the motors' gain."""
 
 
 @settings
@@ -110,9 +138,8 @@ class ChairSettings:
     motor: MotorSettings = MotorSettings()
     battery: BatterySettings = BatterySettings()
     random: RandomSettings = RandomSettings()
-    randomize: bool = setting(
-        default=False, source="true: draw mass, friction and motor gain anew each episode"
-    )
+    randomize: bool = setting(default=False, source="design choice")
+    """True: mass, friction and motor gain are drawn anew for each episode."""
 
     @property
     def grip(self) -> float:
@@ -155,40 +182,50 @@ class PeopleSettings:
     """How people move: optimal reciprocal collision avoidance, and legs of limited force."""
 
     decision_period: float = setting(
-        default=0.1, unit="s", low=0.01, high=1.0, source="between two choices of a velocity"
+        default=0.1, unit="s", low=0.01, high=1.0, source="design choice"
     )
+    """Time between two choices of a velocity."""
     horizon: float = setting(
-        default=2.0, unit="s", low=0.1, high=10.0, source="kept clear of people and chair: RVO2"
+        default=2.0, unit="s", low=0.1, high=10.0, source="RVO2 (van den Berg et al. 2011)"
     )
+    """Time ahead for which a person avoids others and the chair."""
     wall_horizon: float = setting(
-        default=0.5, unit="s", low=0.05, high=10.0, source="kept clear of walls"
+        default=0.5, unit="s", low=0.05, high=10.0, source="design choice"
     )
+    """Time ahead for which a person avoids walls."""
     neighbour_distance: float = setting(
-        default=4.0, unit="m", low=0.5, high=20.0, source="farther people are not heeded"
+        default=4.0, unit="m", low=0.5, high=20.0, source="design choice"
     )
+    """Distance beyond which a person ignores others."""
     inattentive_distance: float = setting(
-        default=1.0,
-        unit="m",
-        low=0.0,
-        high=20.0,
-        source="who pays no attention sees a chair so near: a step away",
+        default=1.0, unit="m", low=0.0, high=20.0, source="design choice: a step"
     )
+    """Distance from which a person who pays no attention avoids the chair."""
     relaxation_time: float = setting(
-        default=0.3, unit="s", low=0.02, source="to take up a velocity: below a step's time"
+        default=0.3, unit="s", low=0.02, source="design choice: below the time of a step"
     )
+    """Time constant with which a person takes up a velocity."""
     max_force: float = setting(
         default=200.0,
         unit="N",
         low=1.0,
         source="75 kg at 2.7 m/s2: 1.34 m/s in 0.5 s (Helbing and Molnar 1995)",
     )
+    """Largest force of a person's legs."""
 
 
 @settings
 class PhysicsSettings:
     """How finely time is cut, and how people move."""
 
-    step: float = setting(default=0.01, unit="s", low=0.0005, high=0.05, source="ten in a period")
+    step: float = setting(
+        default=0.01,
+        unit="s",
+        low=0.0005,
+        high=0.05,
+        source="design choice: ten in a control period",
+    )
+    """Physics step."""
     people: PeopleSettings = PeopleSettings()
 
 

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.kinematics import LIMITS
 from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings, integer_ratio
 from wheelchair_gym.random import PARAMETERS, uniform
-from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
+from wheelchair_gym.sensors.settings import POSE_SOURCES, RANGERS, SensorSettings
 
 PARAMETER = np.dtype(
     [
@@ -44,7 +45,7 @@ PARAMETER = np.dtype(
         ("kd", "f8"),
         ("ka", "f8"),
         ("filter_time", "f8"),  # s
-        ("limits", "f8", (9,)),  # Limits.array
+        ("limits", LIMITS),
         # battery
         ("capacity", "f8"),  # J
         ("full_voltage", "f8"),  # V
@@ -153,7 +154,6 @@ FAULTS = (
     "odometry silent",
     "odometry frozen",
 )
-POSE_SOURCES = ("truth", "odometry", "modelled")
 
 # What a control period gives, in the order of the fields of Reading (but for the scan) and Truth.
 SENSED = np.dtype(
@@ -181,6 +181,25 @@ SENSED = np.dtype(
 )
 
 
+# Parameters that are settings of the same name, by the section of the settings.
+_COPIED = {
+    "body": (
+        "centre_of_mass", "rolling_resistance", "wheelbase", "caster_track", "caster_drag",
+        "bumper_force", "radius_of_gyration",
+    ),
+    "motor": (
+        "torque_constant", "resistance", "current_limit", "kp", "ki", "kd", "ka", "filter_time",
+    ),
+    "battery": (
+        "full_voltage", "empty_voltage", "idle_power", "regeneration", "initial_charge",
+    ),
+    "people": (
+        "relaxation_time", "max_force", "horizon", "wall_horizon", "neighbour_distance",
+        "inattentive_distance",
+    ),
+}  # fmt: skip
+
+
 def parameters(
     chair: ChairSettings, sensors: SensorSettings, physics: PhysicsSettings, period: float
 ) -> NDArray[np.void]:
@@ -194,17 +213,11 @@ def parameters(
     body, motor, battery = chair.body, chair.motor, chair.battery
     drive, odometry = chair.drive, sensors.odometry
     random, errors = chair.random, 1.0 if sensors.noise else 0.0
-    names = (
-        "centre_of_mass",
-        "rolling_resistance",
-        "wheelbase",
-        "caster_track",
-        "caster_drag",
-        "bumper_force",
-        "radius_of_gyration",
-    )
-    for name in names:
-        p[name] = getattr(body, name)
+    people = physics.people
+    sections = {"body": body, "motor": motor, "battery": battery, "people": people}
+    for section, names in _COPIED.items():
+        for name in names:
+            p[name] = getattr(sections[section], name)
     p["mass_range"] = random.mass if chair.randomize else (body.mass, body.mass)
     p["friction_range"] = random.friction if chair.randomize else (body.friction, body.friction)
     p["gain_range"] = random.gain if chair.randomize else (1.0, 1.0)
@@ -212,28 +225,14 @@ def parameters(
     p["track_error"] = errors * odometry.track_error
     p["outline"] = chair.footprint.array
     p["wheel_inertia"] = motor.inertia
-    for name in (
-        "torque_constant",
-        "resistance",
-        "current_limit",
-        "kp",
-        "ki",
-        "kd",
-        "ka",
-        "filter_time",
-    ):
-        p[name] = getattr(motor, name)
     p["nominal_track"], p["nominal_radius"] = drive.track, drive.wheel_radius
     p["counts_per_metre"] = drive.counts_per_metre
     p["limits"] = chair.limits.array
-    p["capacity"] = battery.capacity * 3600.0
-    p["full_voltage"], p["empty_voltage"] = battery.full_voltage, battery.empty_voltage
-    p["battery_resistance"], p["idle_power"] = battery.resistance, battery.idle_power
-    p["regeneration"], p["initial_charge"] = battery.regeneration, battery.initial_charge
+    p["capacity"], p["battery_resistance"] = battery.capacity * 3600.0, battery.resistance
     p["wheel_variance"] = errors * odometry.variance
-    # What finds a chair by what it sees is told of its dead reckoning.
-    own = "odometry" if sensors.localizes else sensors.pose_source
-    p["pose_source"] = POSE_SOURCES.index(own)
+    # A localizer gets the dead-reckoned pose of the chair.
+    source = "odometry" if sensors.localizes else sensors.pose_source
+    p["pose_source"] = POSE_SOURCES.index(source)
     modelled = sensors.modelled
     p["pose_sigma"] = modelled.position, modelled.position, modelled.heading
     p["pose_max"] = modelled.position_max, modelled.position_max, modelled.heading_max
@@ -246,17 +245,7 @@ def parameters(
     )
     interval = sensors.ultrasonic.interval
     p["fire_every"] = integer_ratio(interval, physics.step, "ultrasonic.interval and physics.step")
-    people = physics.people
     p["decide_every"] = max(1, round(people.decision_period / physics.step))
-    for name in (
-        "relaxation_time",
-        "max_force",
-        "horizon",
-        "wall_horizon",
-        "neighbour_distance",
-        "inattentive_distance",
-    ):
-        p[name] = getattr(people, name)
     return rows
 
 

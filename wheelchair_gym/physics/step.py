@@ -16,19 +16,23 @@ from wheelchair_gym.compiled.address import (
     doubles_at,
     field_at,
     integers_at,
+    pointer_record,
     rows_of,
     table_at,
 )
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import footprint_clearance, wrap
-from wheelchair_gym.physics.actors.bodies import apply_forces, read_actor_poses, relocate_obstacles
-from wheelchair_gym.physics.actors.doors import move_leaves, schedule_actors
-from wheelchair_gym.physics.actors.people import choose_velocities
-from wheelchair_gym.physics.actors.shapes import (
+from wheelchair_gym.physics.actors.bodies import (
+    apply_forces,
+    read_actor_poses,
+    relocate_obstacles,
     restore_actor_shapes,
     save_actor_shapes,
+    shapes_of,
     write_actor_shapes,
 )
+from wheelchair_gym.physics.actors.doors import move_leaves, schedule_actors
+from wheelchair_gym.physics.actors.people import choose_velocities
 from wheelchair_gym.physics.contact import Motion, end_contacts, record_contacts, stop_people
 from wheelchair_gym.physics.drive_train import (
     control_speed,
@@ -44,7 +48,7 @@ from wheelchair_gym.physics.state import PARAMETER, STATE, randomize_parameters
 from wheelchair_gym.physics.world import WORLD, enter_world
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, sense_laser
 from wheelchair_gym.sensors.odometry import update_odometry, update_pose_estimate
-from wheelchair_gym.sensors.ultrasonic import UltrasonicArrays, sense_ultrasonic
+from wheelchair_gym.sensors.ultrasonic import sense_ultrasonic
 
 _TOUCH = 1e-6  # N s: smaller impulses are rounding
 
@@ -65,12 +69,6 @@ def read_true_state(state: Any, p: Any, fields: Any) -> None:
 def decide_actors(state: Any, p: Any, world: Any, chair: Motion) -> float:
     """What actors decide before a physics step, and what then pushes them.
 
-    Args:
-        state: of the chair.
-        p: its parameters.
-        world: record of WORLD.
-        chair: its motion.
-
     Returns:
         The impulse [N s] of the hardest who walks into the chair.
     """
@@ -87,27 +85,9 @@ def decide_actors(state: Any, p: Any, world: Any, chair: Motion) -> float:
 
 @borrowing_kernel
 def drive_period(
-    state: Any,
-    p: Any,
-    world: Any,
-    engine: Any,
-    v: float,
-    w: float,
-    protective: bool,
-    order: Any,
+    state: Any, p: Any, world: Any, engine: Any, v: float, w: float, protective: bool, order: Any
 ) -> None:
-    """Drive towards a target twist for one control period.
-
-    Args:
-        state: of the chair; its truth, set point, wheels and battery move on.
-        p: its parameters.
-        world: record of WORLD; its actors move on.
-        engine: record with the fields of ENGINE.
-        v: target speed [m/s].
-        w: target turn [rad/s].
-        protective: come to rest as in an emergency, whatever the target.
-        order: (n,) which ranger fires k-th.
-    """
+    """Drive towards a target twist for one control period."""
     k = drive_constants(p)
     state.contact, state.bumped = False, False
     state.contact_recorded, state.at_fault, state.contact_with = False, False, -1
@@ -160,28 +140,17 @@ CLEARANCE_REACH = 2.0  # m: clearances beyond this are reported as this
 JOULES_PER_WH = 3600.0
 
 # Rows of chairs by address: a call takes a microsecond for each array, and for this record once.
-CHAIRS = np.dtype(
-    [
-        ("n", "i8"),  # rows
-        ("suite", "u8"),  # addresses of a SUITE, of the parameters that the settings give,
-        ("base", "u8"),
-        ("blank", "u8"),  # of a STATE of zeros,
-        ("parameters", "u8"),  # and of the rows (n,) of PARAMETER, STATE and WORLD
-        ("states", "u8"),
-        ("worlds", "u8"),
-        ("workspace", "u8"),  # (WORKSPACE_ROWS, segments), overwritten by each scan
-        ("segments", "i8"),
-    ]
+CHAIRS, CHAIRS_TARGETS = pointer_record(
+    ("n", "i8"),  # rows
+    ("suite", Target(SUITE, 1)),
+    ("base", Target(PARAMETER, 1)),  # the parameters that the settings give
+    ("blank", Target(STATE, 1)),  # zeros
+    ("parameters", Target(PARAMETER, None)),
+    ("states", Target(STATE, None)),
+    ("worlds", Target(WORLD, None)),
+    ("workspace", Target("f4", WORKSPACE_ROWS, None)),  # overwritten by each scan
+    ("segments", "i8"),  # columns of the workspace
 )
-CHAIRS_TARGETS = {
-    "suite": Target(SUITE, 1),
-    "base": Target(PARAMETER, 1),
-    "blank": Target(STATE, 1),
-    "parameters": Target(PARAMETER, None),
-    "states": Target(STATE, None),
-    "worlds": Target(WORLD, None),
-    "workspace": Target("f4", WORKSPACE_ROWS, None),
-}
 _suites_at, _parameters_at, _states_at, _worlds_at = map(rows_of, (SUITE, PARAMETER, STATE, WORLD))
 
 
@@ -201,34 +170,6 @@ def chair_row(chairs: Any, i: int) -> Any:
 def workspace_of(chairs: Any) -> Floats:
     """What scans are computed in (WORKSPACE_ROWS, segments)."""
     return field_at(chairs[0].workspace, WORKSPACE_ROWS, chairs[0].segments)
-
-
-@borrowing_kernel
-def sense_ultrasonics(
-    state: Any,
-    fired_after: int,
-    rangers: UltrasonicArrays,
-    world: Any,
-    workspace: Floats,
-) -> None:
-    """Range the ultrasonics that fired after a tick, each in the world as it stood then."""
-    walls = table_at(world.walls, world.n_walls, 4)
-    discs = table_at(world.discs, world.n_discs, 3)
-    n = rangers.order.shape[0]
-    for which in range(n):
-        if state.fired[which] > fired_after:
-            if state.fired[which] > 0 and world.n_actors > 0:
-                restore_actor_shapes(world, which)
-            state.ranges[which] = sense_ultrasonic(
-                rangers,
-                which,
-                state.fire_pose[which],
-                walls,
-                discs,
-                state.key,
-                state.fired[which],
-                workspace,
-            )
 
 
 @borrowing_kernel
@@ -270,10 +211,18 @@ def sense(
     ranges: Floats,
     sensed: Any,
 ) -> None:
-    """Scan, range the ultrasonics that fired after a tick, and tell."""
-    walls = table_at(world.walls, world.n_walls, 4)
-    discs = table_at(world.discs, world.n_discs, 3)
-    sense_ultrasonics(state, fired_after, rangers_of(suite), world, workspace)
+    """Scan, range the ultrasonics that fired after a tick, and write the reading."""
+    walls, discs = shapes_of(world)
+    rangers = rangers_of(suite)
+    for which in range(suite.rangers):
+        fired = state.fired[which]
+        if fired > fired_after:
+            if fired > 0 and world.n_actors > 0:
+                restore_actor_shapes(world, which)
+            place = state.fire_pose[which]
+            state.ranges[which] = sense_ultrasonic(
+                rangers, which, place, walls, discs, state.key, fired, workspace
+            )
     if world.n_actors > 0:
         write_actor_shapes(world)
     sense_laser(laser_of(suite), state.pose, walls, discs, state.key, state.step, workspace, ranges)
@@ -312,16 +261,7 @@ def place_chair(i: int, chairs: Any, start: Array, key: np.uint64) -> None:
 def reset_chair(
     i: int, chairs: Any, start: Array, key: np.uint64, ranges: Floats, sensed: Any
 ) -> None:
-    """Put row i at a start in its world and take the first reading.
-
-    Args:
-        i: row.
-        chairs: (1,) of CHAIRS; walls, discs and actors of the row's world are this episode's.
-        start: (3,) [m, m, rad].
-        key: of the episode's randomness.
-        ranges: (beams,) the scan [m].
-        sensed: (n,) of SENSED.
-    """
+    """Put row i at a start in its world and take the first reading."""
     place_chair(i, chairs, start, key)
     suite, p, state, world = chair_row(chairs, i)
     fired_after = -suite.rangers * p.fire_every

@@ -16,7 +16,7 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.address import Pointers, Target, integers_at, table_at
+from wheelchair_gym.compiled.address import Pointers, Target, integers_at, pointer_record
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.physics.actors.bodies import (
@@ -25,10 +25,11 @@ from wheelchair_gym.physics.actors.bodies import (
     add_actors,
     remove_actors,
     reset_actors,
+    shapes_of,
+    write_actor_shapes,
 )
 from wheelchair_gym.physics.actors.orca import HALF_PLANES
 from wheelchair_gym.physics.actors.records import ACTOR, Actors
-from wheelchair_gym.physics.actors.shapes import write_actor_shapes
 from wheelchair_gym.physics.engine import (
     UNIT_BOX,
     add_shape,
@@ -46,64 +47,39 @@ from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
 
-WORLD = np.dtype(
-    [
-        ("space", "u8"),  # addresses of the cpSpace, of the chair's cpBody,
-        ("body", "u8"),
-        ("segments", "u8"),  # and of the addresses of spare cpSegmentShapes and cpCircleShapes
-        ("circles", "u8"),
-        ("walls_in_space", "i8"),  # how many of these are in the Space
-        ("discs_in_space", "i8"),
-        ("walls", "u8"),  # addresses of the walls (n, 4) and discs (m, 3) of this episode [m]
-        ("discs", "u8"),
-        ("n_walls", "i8"),
-        ("n_discs", "i8"),
-        ("n_fixed_walls", "i8"),  # how many of them stay; the others are what actors show
-        ("n_fixed_discs", "i8"),
-        ("actors", "u8"),  # address of the actors (k,) of ACTOR, and of their routes (r, 2) [m]
-        ("routes", "u8"),
-        ("n_actors", "i8"),
-        ("n_routes", "i8"),
-        ("actor_states", "u8"),  # where they are (k,) of ACTOR_STATE
-        ("actors_in_space", "i8"),  # how many are in the Space
-        (
-            "spare_discs",
-            "u8",
-        ),  # addresses of pairs of spare cpBody and cpShape: discs, boxes, leaves
-        ("spare_boxes", "u8"),
-        ("spare_leaves", "u8"),
-        ("world_walls", "u8"),  # addresses of this world's own walls and discs, actors among them
-        ("world_discs", "u8"),
-        ("snapshots", "u8"),  # of what each ranger saw of the actors (rangers, shot)
-        ("snapshot_size", "i8"),
-        ("half_planes", "u8"),  # of room for half-planes (2 LINES, 4)
-        ("drives", "u8"),  # of the twists driven in this episode (room, 3): v, w, protective
-        ("drives_capacity", "i8"),
-        ("frozen_scan", "u8"),  # of a scan (beams,) that a frozen laser says again; 0: none ever is
-        ("friction", "f8"),  # of the outline on walls and things
-    ],
-    align=True,
+_PAIRS = Target("u8", None, 2)  # addresses of a cpBody and its cpShape
+WORLD, TARGETS = pointer_record(
+    ("space", "u8"),  # address of the cpSpace
+    ("body", "u8"),  # address of the chair's cpBody
+    ("segments", Target("u8", None)),  # addresses of spare cpSegmentShapes
+    ("circles", Target("u8", None)),  # addresses of spare cpCircleShapes
+    ("walls_in_space", "i8"),
+    ("discs_in_space", "i8"),
+    ("walls", Target("f8", None, 4)),  # m: walls and discs of this episode
+    ("discs", Target("f8", None, 3)),
+    ("n_walls", "i8"),
+    ("n_discs", "i8"),
+    ("n_fixed_walls", "i8"),  # how many of them stay; the others are what actors show
+    ("n_fixed_discs", "i8"),
+    ("actors", Target(ACTOR, None)),
+    ("routes", Target("f8", None, 2)),  # m: of all people
+    ("n_actors", "i8"),
+    ("n_routes", "i8"),
+    ("actor_states", Target(ACTOR_STATE, None)),
+    ("actors_in_space", "i8"),
+    ("spare_discs", _PAIRS),
+    ("spare_boxes", _PAIRS),
+    ("spare_leaves", _PAIRS),
+    ("world_walls", Target("f8", None)),  # this world's own walls and discs, actors among them
+    ("world_discs", Target("f8", None)),
+    ("snapshots", Target("f8", RANGERS, None)),  # what each ranger saw of the actors
+    ("snapshot_size", "i8"),
+    ("half_planes", Target("f8", 2 * HALF_PLANES, 4)),  # workspace
+    ("drives", Target("f8", None, 3)),  # v, w, protective of each drive of this episode
+    ("drives_capacity", "i8"),
+    ("frozen_scan", Target("f4", None)),  # (beams,) what a frozen laser repeats; 0: none ever is
+    ("friction", "f8"),  # of the outline on walls and things
 )
-
-_PAIRS = Target("u8", None, 2)  # of addresses: body and shape
-TARGETS = {
-    "segments": Target("u8", None),
-    "circles": Target("u8", None),
-    "walls": Target("f8", None, 4),
-    "discs": Target("f8", None, 3),
-    "actors": Target(ACTOR, None),
-    "routes": Target("f8", None, 2),
-    "actor_states": Target(ACTOR_STATE, None),
-    "spare_discs": _PAIRS,
-    "spare_boxes": _PAIRS,
-    "spare_leaves": _PAIRS,
-    "world_walls": Target("f8", None),
-    "world_discs": Target("f8", None),
-    "snapshots": Target("f8", RANGERS, None),
-    "half_planes": Target("f8", 2 * HALF_PLANES, 4),
-    "drives": Target("f8", None, 3),
-    "frozen_scan": Target("f4", None),
-}
 
 # A leaf slides inside its wall, and its hinge is in one: nothing has to look for that contact.
 FIXED: Final = pymunk.ShapeFilter(categories=1)
@@ -120,7 +96,7 @@ def enter_episode(world: Any, ground: Any) -> None:
     world.walls, world.discs = ground.walls, ground.discs
     world.n_walls = world.n_fixed_walls = ground.n_walls
     world.n_discs = world.n_fixed_discs = ground.n_discs
-    world.actors, world.n_actors = ground.actors, ground.n_movers
+    world.actors, world.n_actors = ground.actors, ground.n_actors
     world.routes, world.n_routes = ground.routes, ground.n_routes
 
 
@@ -135,8 +111,7 @@ def rebuild_space(engine: Any, world: Any) -> None:
     for k in range(world.discs_in_space):
         remove_shape(engine.remove, world.space, np.uint64(circles[k]))
     set_shape_counter(world.space, 1)  # 0 is the chair
-    walls = table_at(world.walls, world.n_walls, 4)
-    discs = table_at(world.discs, world.n_discs, 3)
+    walls, discs = shapes_of(world)
     for k in range(world.n_walls):
         shape = np.uint64(segments[k])
         set_segment(shape, walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3])
@@ -198,7 +173,7 @@ class World:
         self.space.add(self.body, outline)
         self._segments: list[pymunk.Shape] = []
         self._circles: list[pymunk.Shape] = []
-        self._movers: list[pymunk.Shape] = []
+        self._actor_shapes: list[pymunk.Shape] = []
         self._bodies: list[pymunk.Body] = []  # of actors
         self._pointers, self._row = pointers, row
         self._rows = rows = pointers.record[row : row + 1]
@@ -210,29 +185,39 @@ class World:
         )
 
     def reserve_shapes(self, episode: Episode) -> None:
-        """Have shapes in store for an episode's walls, discs and actors, ahead of a `furnish`.
+        """Have spare shapes for an episode's walls, discs and actors before it is entered.
 
         What the present episode uses stays as it is.
         """
         walls, discs = len(episode.walls), len(episode.discs)
-        static = self.space.static_body
-        short = walls - len(self._segments), discs - len(self._circles)
-        if short[0] > 0:
-            count = round(_GROWTH * walls) - len(self._segments)
-            self._segments += [pymunk.Segment(static, (0, 0), (1, 0), 0.0) for _ in range(count)]
-            self._add_addresses("segments", self._segments, count)
-        if short[1] > 0:
-            count = round(_GROWTH * discs) - len(self._circles)
-            self._circles += [pymunk.Circle(static, 1.0) for _ in range(count)]
-            self._add_addresses("circles", self._circles, count)
-
+        self._reserve_static("segments", self._segments, walls)
+        self._reserve_static("circles", self._circles, discs)
         if len(episode.actors):
             self._reserve_actors(walls, discs, episode.actors)
+
+    def _reserve_static(self, name: str, spare: list[pymunk.Shape], wanted: int) -> None:
+        """Have so many spare segments or circles."""
+        if wanted <= len(spare):
+            return
+        static = self.space.static_body
+        fresh: list[pymunk.Shape] = []
+        for _ in range(round(_GROWTH * wanted) - len(spare)):
+            segment = name == "segments"
+            shape: pymunk.Shape = (
+                pymunk.Segment(static, (0, 0), (1, 0), 0.0)
+                if segment
+                else pymunk.Circle(static, 1.0)
+            )
+            shape.friction, shape.filter = self._friction, FIXED
+            fresh.append(shape)
+        spare += fresh
+        addresses = np.array([address_of_struct(shape._shape) for shape in fresh], np.uint64)
+        self._point(name, np.concatenate([self._array(name), addresses]))
 
     def actor_poses(self) -> Array:
         """Where the actors are (k, 3) [m, m, rad]; NaN: not there."""
         count = int(self._rows["actors_in_space"][0])
-        actor_states: Any = self._array("actor_states", ACTOR_STATE)[:count]
+        actor_states: Any = self._array("actor_states")[:count]
         there = actor_states["is_present"][:, None]
         return np.where(there, actor_states["pose"], np.nan)
 
@@ -244,21 +229,21 @@ class World:
             "spare_leaves": (actors.leaves, _leaf),
         }
         for name, (wanted, make) in makers.items():
-            pairs = self._array(name, np.uint64, 2)
+            pairs = self._array(name)
             fresh = []
             for _ in range(round(_GROWTH * wanted) - len(pairs) if wanted > len(pairs) else 0):
                 body = pymunk.Body(1.0, 1.0)
                 shape = make(body)
                 self._bodies.append(body)
-                self._movers.append(shape)
+                self._actor_shapes.append(shape)
                 fresh.append((address_of_struct(body._body), address_of_struct(shape._shape)))
             if fresh:
                 self._point(name, np.concatenate([pairs, np.array(fresh, np.uint64)]))
-        self._reserve("actor_states", len(actors), ACTOR_STATE)
+        self._reserve("actor_states", len(actors))
         seen = {"world_walls": walls + actors.segments, "world_discs": discs + actors.discs}
         for (name, count), columns in zip(seen.items(), (4, 3), strict=True):
             before = int(self._rows[name][0])
-            self._reserve(name, columns * count, np.dtype(np.float64))
+            self._reserve(name, columns * count)
             now = name.removeprefix("world_")
             if before and int(self._rows[now][0]) == before:
                 self._rows[now] = self._rows[name]
@@ -269,29 +254,22 @@ class World:
 
     def reserve_drives(self, room: int) -> None:
         """Have room for so many drives of an episode; what was driven stays recorded."""
-        old = self._array("drives", np.float64, 3)
+        old = self._array("drives")
         new = np.zeros((room, 3))
         new[: len(old)] = old
         self._point("drives", new)
         self._rows["drives_capacity"] = room
 
-    def _reserve(self, name: str, count: int, dtype: np.dtype[Any]) -> None:
+    def _reserve(self, name: str, count: int) -> None:
         """Make an array of the world at least so long; what it holds stays."""
-        old = self._array(name, dtype)
+        old = self._array(name)
         if count > len(old):
-            new = np.zeros(round(_GROWTH * count), dtype)
+            new = np.zeros(round(_GROWTH * count), old.dtype)
             new[: len(old)] = old
             self._point(name, new)
 
-    def _array(self, name: str, dtype: Any, *columns: int) -> NDArray[Any]:
-        array = self._pointers.array(name, self._row)
-        return np.zeros((0, *columns), dtype) if array is None else array
+    def _array(self, name: str) -> NDArray[Any]:
+        return self._pointers.array(name, self._row)
 
     def _point(self, name: str, array: NDArray[Any]) -> None:
         self._pointers.point(name, array, self._row)
-
-    def _add_addresses(self, name: str, shapes: list[pymunk.Shape], new: int) -> None:
-        for shape in shapes[-new:]:
-            shape.friction, shape.filter = self._friction, FIXED
-        fresh = np.array([address_of_struct(shape._shape) for shape in shapes[-new:]], np.uint64)
-        self._point(name, np.concatenate([self._array(name, np.uint64), fresh]))

@@ -13,6 +13,7 @@ from wheelchair_gym.kinematics import (
     STOP_RAMP_FACTOR,
     approach_twist,
     brake,
+    clip_to_limits,
     odometric_step,
     peak_speed,
 )
@@ -158,7 +159,7 @@ def needs_protective_stop(g: Any, s: Any) -> bool:
 @borrowing_kernel
 def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
     """Check one period and a protective stop against moving objects and all other points."""
-    limits, outline = g.limits[:], g.outline[:]
+    limits, outline = g.limits, g.outline[:]
     near, moving = s.near[: s.n_near], s.moving[: s.n_moving]
     lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
     sv, av, sw, aw = s.set[0], s.set[1], s.set[2], s.set[3]
@@ -171,7 +172,7 @@ def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
         if k < hold:
             sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
         else:
-            sv, sw = brake(sv, sw, limits[5] * STEP, g.track)
+            sv, sw = brake(sv, sw, limits.protective * STEP, g.track)
         x, y, yaw = odometric_step(x, y, yaw, 0.5 * (v0 + sv) * STEP, 0.5 * (w0 + sw) * STEP)
         t += STEP
         fastest = abs(sv) + lever * abs(sw)
@@ -199,7 +200,7 @@ def _sweep_still(
 
     It keeps a margin [m] and a time headway [s], and enters unseen space no faster than `unseen`.
     """
-    limits, outline, near = g.limits[:], g.outline[:], s.near[: s.n_near]
+    limits, outline, near = g.limits, g.outline[:], s.near[: s.n_near]
     sv, av, sw, aw = s.set[0], s.set[1], s.set[2], s.set[3]
     lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
     px, py, yaw0 = s.pose[0], s.pose[1], s.pose[2]
@@ -258,8 +259,8 @@ def _sweep_still(
             bx, by, byaw = odometric_step(bx, by, byaw, way, turned)
         if (
             k >= hold
-            and peak_speed(sv, av, limits[7]) < _REST
-            and peak_speed(sw, aw, limits[8]) < _TURN_REST
+            and peak_speed(sv, av, limits.jerk) < _REST
+            and peak_speed(sw, aw, limits.turn_jerk) < _TURN_REST
         ):
             break
     return NOTHING
@@ -336,9 +337,8 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
         The twist, and whether the chair makes a protective stop instead: after a fault, and where
         a comfort stop is no longer enough.
     """
-    limits = g.limits[:]
-    v = min(limits[0], max(-limits[1], v))
-    w = min(limits[2], max(-limits[2], w))
+    limits = g.limits
+    v, w = clip_to_limits(v, w, limits)
     s.asked[0], s.asked[1] = v, w
     s.rearmed = s.rearmed and s.latched != NOTHING
     share, reason = 0.0, s.latched
@@ -351,7 +351,7 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
         s.latched, s.rearmed = NOTHING, False
     if s.protective:
         s.set[0], s.set[2] = brake(
-            s.set[0], s.set[2], STOP_RAMP_FACTOR * limits[5] * g.period, g.track
+            s.set[0], s.set[2], STOP_RAMP_FACTOR * limits.protective * g.period, g.track
         )
         s.set[1], s.set[3] = 0.0, 0.0
         delay_setpoint(g, s, g.period)

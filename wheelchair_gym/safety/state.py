@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import Pointers, Target
 from wheelchair_gym.config import InputError
+from wheelchair_gym.kinematics import LIMITS
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.stops import SHIELD_FAULTS
@@ -55,7 +56,7 @@ NUMBERS = (  # of the settings, as kernels take them
 
 GUARD = np.dtype(
     [
-        ("limits", "f8", (9,)),  # Limits.array
+        ("limits", LIMITS),
         ("outline", "f8", (3,)),  # Footprint.array
         ("samples", "f8", (SAMPLES, 4)),  # x, y and outward normal; corners of the rear: 0, 0
         ("period", "f8"),  # s

@@ -12,10 +12,10 @@ from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic, interpolate
 from wheelchair_gym.maps.grid import boundary
+from wheelchair_gym.random import NumpyStream, numpy_integer, numpy_stream, numpy_uniform
 from wheelchair_gym.scenes.furniture import Furniture, furnish
 from wheelchair_gym.scenes.layout import Building, FloorLayout, generate_layout
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius, sample_pose
-from wheelchair_gym.scenes.random_stream import RandomStream, random_stream, uniform, uniform_int
 from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, paint_rects
 from wheelchair_gym.types import Episode
 
@@ -83,10 +83,10 @@ class FloorPlan:
         self, rng: np.random.Generator, home: bool, width: float, height: float
     ) -> FurnishedFloor:
         """One storey of a given kind and size [m]; which side is which is drawn."""
-        return self._furnished(random_stream(rng), home, width, height)
+        return self._furnished(numpy_stream(rng), home, width, height)
 
     def _furnished(
-        self, source: RandomStream, home: bool, width: float, height: float
+        self, source: NumpyStream, home: bool, width: float, height: float
     ) -> FurnishedFloor:
         plan = generate_layout(source, home, width, height, self.door_width, self.corridor_width)
         things = furnish(source, plan, home, self.furniture_density, self.passage_width)
@@ -112,13 +112,15 @@ class FloorPlan:
         return Building(plan), episode
 
     def _world(self, rng: np.random.Generator, footprint: Footprint) -> tuple[FloorLayout, Episode]:
-        source = random_stream(rng)
+        source = numpy_stream(rng)
         start, goal = np.empty(3), np.empty(3)
         least, most = self.building_size
         for _ in range(_TRIES):
-            home = self.kind == "home" or (self.kind == "any" and uniform(source, 0.0, 1.0) < 0.5)
-            width = uniform(source, least, most)
-            height = uniform(source, least, (least + most) / 2 if home else most)
+            home = self.kind == "home" or (
+                self.kind == "any" and numpy_uniform(source, 0.0, 1.0) < 0.5
+            )
+            width = numpy_uniform(source, least, most)
+            height = numpy_uniform(source, least, (least + most) / 2 if home else most)
             storey = self._furnished(source, home, width, height)
             grid = OccupancyGrid(storey.cells, CELL)
             ground = storey.plan.rooms, storey.walls, storey.discs, footprint.array, self.clearance
@@ -164,7 +166,7 @@ def _build(plan: FloorLayout, things: Furniture) -> tuple[Cells, Array]:
 
 @borrowing_kernel
 def _draw_goal(
-    source: RandomStream,
+    source: NumpyStream,
     rooms: Index,
     walls: Array,
     discs: Array,
@@ -173,14 +175,14 @@ def _draw_goal(
     goal: Array,
 ) -> int:
     """Write a goal; the number of its room, or -1 where the draw was unlucky."""
-    there = uniform_int(source, len(rooms))
+    there = numpy_integer(source, len(rooms))
     found = sample_pose(source, rooms[there], walls, discs, outline, clearance, as_int(20), goal)
     return there if found else -1
 
 
 @borrowing_kernel
 def _draw_start(
-    source: RandomStream,
+    source: NumpyStream,
     rooms: Index,
     walls: Array,
     discs: Array,
@@ -193,7 +195,7 @@ def _draw_start(
 ) -> bool:
     """Whether a start in another room was found, with a path of the required length."""
     for _ in range(_STARTS):
-        here = uniform_int(source, len(rooms))
+        here = numpy_integer(source, len(rooms))
         if here != there and sample_pose(
             source, rooms[here], walls, discs, outline, clearance, as_int(5), start
         ):

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel
+from wheelchair_gym.random import NumpyStream, numpy_integer, numpy_uniform
 from wheelchair_gym.scenes.layout import FloorLayout, put
-from wheelchair_gym.scenes.random_stream import RandomStream, uniform, uniform_int
 from wheelchair_gym.scenes.raster import CELL, cell_count
 
 Array = NDArray[np.float64]
@@ -100,21 +100,21 @@ def _meet(a: Index, i: int, b: Index, j: int, apart: int) -> bool:
 
 
 @borrowing_kernel
-def _free(source: RandomStream, room: Index, half: int, gap: int, box: Index) -> bool:
+def _free(source: NumpyStream, room: Index, half: int, gap: int, box: Index) -> bool:
     """A square of 2 x half cells somewhere in the room, a gap from its walls; if there is room."""
     apart = gap + half
     wide, high = room[0, 2] - room[0, 0] - 2 * apart, room[0, 3] - room[0, 1] - 2 * apart
     if wide < 1 or high < 1:
         return False
-    x = room[0, 0] + apart + uniform_int(source, wide)
-    y = room[0, 1] + apart + uniform_int(source, high)
+    x = room[0, 0] + apart + numpy_integer(source, wide)
+    y = room[0, 1] + apart + numpy_integer(source, high)
     put(box, as_int(0), x - half, y - half, x + half, y + half)
     return True
 
 
 @borrowing_kernel
 def _against(
-    source: RandomStream,
+    source: NumpyStream,
     room: Index,
     side: int,
     along: int,
@@ -130,13 +130,13 @@ def _against(
     deep_0, deep_1 = room[0, 1 - a], room[0, 3 - a]
     if deep + gap > deep_1 - deep_0 or along > floor_1 - floor_0:
         return False
-    choice = uniform_int(source, as_int(4))
+    choice = numpy_integer(source, as_int(4))
     if neighbour >= 0:
         x = placed[neighbour, 2 + a] if choice % 2 else placed[neighbour, a] - along
     elif choice < 2:
         x = floor_0 if choice else floor_1 - along
     elif floor_1 - floor_0 >= along + 2 * gap:
-        x = floor_0 + gap + uniform_int(source, floor_1 - floor_0 - 2 * gap - along + 1)
+        x = floor_0 + gap + numpy_integer(source, floor_1 - floor_0 - 2 * gap - along + 1)
     else:
         return False
     first, last = x, x + along  # with its neighbour
@@ -156,7 +156,7 @@ def _against(
 
 
 def furnish(
-    source: RandomStream, plan: FloorLayout, home: bool, density: float, passage: float
+    source: NumpyStream, plan: FloorLayout, home: bool, density: float, passage: float
 ) -> Furniture:
     """Put furniture into every room; a piece that finds no place is left out.
 
@@ -183,7 +183,7 @@ def furnish(
 
 @borrowing_kernel
 def _place(
-    source: RandomStream,
+    source: NumpyStream,
     plan: FloorLayout,
     home: bool,
     density: float,
@@ -203,20 +203,20 @@ def _place(
         if r == 0 and plan.lobby:
             page = 0 if home else _LOBBY
         elif home:
-            page = _HOME_ROOMS + uniform_int(source, as_int(_HOMES))
+            page = _HOME_ROOMS + numpy_integer(source, as_int(_HOMES))
         else:
-            page = _CLINIC_ROOMS + uniform_int(source, as_int(_CLINICS))
+            page = _CLINIC_ROOMS + numpy_integer(source, as_int(_CLINICS))
         count = nil  # placed in this room
         for k in range(4):
             against[k] = -1  # the last piece on each side
         wide, high = room[0, 2] - room[0, 0], room[0, 3] - room[0, 1]
         for _ in range(int(np.rint(density * wide * high * CELL**2))):
-            piece = _BEGIN[page] + uniform_int(source, _BEGIN[page + 1] - _BEGIN[page])
-            along = cell_count(uniform(source, _EXTENT[piece, 0], _EXTENT[piece, 1]))
-            deep = cell_count(uniform(source, _EXTENT[piece, 2], _EXTENT[piece, 3]))
+            piece = _BEGIN[page] + numpy_integer(source, _BEGIN[page + 1] - _BEGIN[page])
+            along = cell_count(numpy_uniform(source, _EXTENT[piece, 0], _EXTENT[piece, 1]))
+            deep = cell_count(numpy_uniform(source, _EXTENT[piece, 2], _EXTENT[piece, 3]))
             at_wall, is_round = _STANCE[piece] == 0, _STANCE[piece] == 2
             for _ in range(4):
-                side = uniform_int(source, four)
+                side = numpy_integer(source, four)
                 neighbour = against[side] if at_wall else -1
                 if at_wall:
                     fits = _against(source, room, side, along, deep, gap, placed, neighbour, box)
@@ -242,7 +242,7 @@ def _place(
                     discs[n_discs, 2] = along / 2 * CELL
                     n_discs += 1
                 else:
-                    yaw = uniform(source, 0.0, math.pi)
+                    yaw = numpy_uniform(source, 0.0, math.pi)
                     c, s = math.cos(yaw), math.sin(yaw)
                     for k in range(4):  # corners, counter-clockwise
                         forth = along * CELL / 2 * (1.0 if k in (1, 2) else -1.0)

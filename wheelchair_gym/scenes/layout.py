@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
-from wheelchair_gym.scenes.random_stream import RandomStream, uniform, uniform_int
+from wheelchair_gym.random import NumpyStream, numpy_integer, numpy_uniform
 from wheelchair_gym.scenes.raster import CELL, Rect, cell_count, to_cells
 
 Index = NDArray[np.int64]
@@ -77,11 +77,11 @@ class Building:
 
 
 @kernel
-def _split(source: RandomStream, length: int, parts: int, least: int) -> Index:
+def _split(source: NumpyStream, length: int, parts: int, least: int) -> Index:
     """Whole numbers that sum to length, uneven by up to a quarter, none below least if possible."""
     share, total = np.empty(parts), 0.0
     for k in range(parts):
-        share[k] = uniform(source, 0.75, 1.25)
+        share[k] = numpy_uniform(source, 0.75, 1.25)
         total += share[k]
     sizes = np.empty(parts, np.int64)
     rest, most = length, 0
@@ -117,7 +117,7 @@ def _mirror(rects: Index, width: int, height: int, swap: int, flip_x: int, flip_
 
 @kernel
 def generate_layout(
-    source: RandomStream,
+    source: NumpyStream,
     home: bool,
     width: float,
     height: float,
@@ -133,15 +133,15 @@ def generate_layout(
     openings = np.empty((3 * most, 4), np.int64)
     along_x, leaf = np.zeros(3 * most, np.bool_), np.zeros(3 * most, np.bool_)
     n, d, two = as_int(0), as_int(0), as_int(2)
-    lobby = home or uniform(source, 0.0, 1.0) < 0.6
+    lobby = home or numpy_uniform(source, 0.0, 1.0) < 0.6
     if lobby:
-        deep = uniform(source, 4.0, 5.5) if home else uniform(source, 3.0, 4.5)
+        deep = numpy_uniform(source, 4.0, 5.5) if home else numpy_uniform(source, 3.0, 4.5)
         n = put(rooms, n, left, outer, left + cell_count(deep), h - outer)
         left += cell_count(deep) + INNER
     spines = 1 if home or h < _SECOND_CORRIDOR else 2
     depth = h - 2 * OUTER - 2 * spines * INNER
     for k in range(spines):
-        halls[k, 3] = cell_count(uniform(source, corridors[0], corridors[1]))
+        halls[k, 3] = cell_count(numpy_uniform(source, corridors[0], corridors[1]))
         depth -= halls[k, 3]
     rows = _split(source, depth, spines + 1, _ROOM_LEAST)
     y = outer
@@ -152,15 +152,15 @@ def generate_layout(
         if lobby:
             d = put(openings, d, left - INNER, halls[k, 1], left, halls[k, 3])
     corridor_count, end_1 = spines, right
-    if spines == 2 and (not lobby or uniform(source, 0.0, 1.0) < 0.5):
-        across = right - cell_count(uniform(source, corridors[0], corridors[1]))
+    if spines == 2 and (not lobby or numpy_uniform(source, 0.0, 1.0) < 0.5):
+        across = right - cell_count(numpy_uniform(source, corridors[0], corridors[1]))
         corridor_count = put(halls, two, across, halls[0, 3], right, halls[1, 1])
         end_1 = across - INNER
     y0 = outer
     for k in range(spines + 1):
         y1 = y0 + rows[k]
         end = end_1 if k == 1 else right
-        apart = cell_count(uniform(source, 3.0, 4.8))
+        apart = cell_count(numpy_uniform(source, 3.0, 4.8))
         parts = max(1, int(np.rint((end - left) / apart)))
         x = left
         sizes = _split(source, end - left - (parts - 1) * INNER, parts, _ROOM_LEAST)
@@ -169,20 +169,20 @@ def generate_layout(
             n = put(rooms, n, x, y0, x + size, y1)
             # Towards the corridor below, the one above, or both.
             first, last = (0 if k > 0 else 1), (1 if k < spines else 0)
-            if first < last and uniform(source, 0.0, 1.0) >= 0.3:
-                first = last = uniform_int(source, two)
+            if first < last and numpy_uniform(source, 0.0, 1.0) >= 0.3:
+                first = last = numpy_integer(source, two)
             for side in range(first, last + 1):
-                wide = cell_count(uniform(source, doors[0], doors[1]))
-                nook = not home and uniform(source, 0.0, 1.0) < 0.1
+                wide = cell_count(numpy_uniform(source, doors[0], doors[1]))
+                nook = not home and numpy_uniform(source, 0.0, 1.0) < 0.1
                 if nook:  # a waiting nook stands open
                     wide = max(wide, min(size - 2 * JAMB, _NOOK))
-                at = x + JAMB + uniform_int(source, size - 2 * JAMB - wide + 1)
+                at = x + JAMB + numpy_integer(source, size - 2 * JAMB - wide + 1)
                 along_x[d], leaf[d] = True, not nook
                 wall = y1 if side else y0 - INNER
                 d = put(openings, d, at, wall, at + wide, wall + INNER)
-            if (number > 0 or lobby) and uniform(source, 0.0, 1.0) < (0.25 if home else 0.08):
-                wide = cell_count(uniform(source, doors[0], doors[1]))  # from room to room
-                at = y0 + JAMB + uniform_int(source, y1 - y0 - 2 * JAMB - wide + 1)
+            if (number > 0 or lobby) and numpy_uniform(source, 0.0, 1.0) < (0.25 if home else 0.08):
+                wide = cell_count(numpy_uniform(source, doors[0], doors[1]))  # from room to room
+                at = y0 + JAMB + numpy_integer(source, y1 - y0 - 2 * JAMB - wide + 1)
                 leaf[d] = True
                 d = put(openings, d, x - INNER, at, x, at + wide)
             x += size + INNER
@@ -199,9 +199,9 @@ def generate_layout(
             wide = max(0, ZONE - (high - low) + 1) // 2
             put(zones, k, x0 - ZONE, low - wide, x1 + ZONE, high + wide)
     swap, flip_x, flip_y = (
-        uniform_int(source, two),
-        uniform_int(source, two),
-        uniform_int(source, two),
+        numpy_integer(source, two),
+        numpy_integer(source, two),
+        numpy_integer(source, two),
     )
     _mirror(rooms, w, h, swap, flip_x, flip_y)
     _mirror(halls, w, h, swap, flip_x, flip_y)

@@ -12,7 +12,7 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, footprint_clearance
 from wheelchair_gym.maps import bottleneck
-from wheelchair_gym.scenes.random_stream import RandomStream, uniform
+from wheelchair_gym.random import NumpyStream, numpy_uniform
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
 
@@ -68,7 +68,7 @@ def check_passable(episode: Episode, footprint: Footprint) -> float:
 
 @borrowing_kernel
 def sample_pose(
-    source: RandomStream,
+    source: NumpyStream,
     room: Index,
     walls: Array,
     discs: Array,
@@ -79,9 +79,9 @@ def sample_pose(
 ) -> bool:
     """Draw poses until the footprint is free; whether one was found."""
     for _ in range(tries):
-        pose[0] = uniform(source, room[0] * CELL + _INSET, room[2] * CELL - _INSET)
-        pose[1] = uniform(source, room[1] * CELL + _INSET, room[3] * CELL - _INSET)
-        pose[2] = uniform(source, -math.pi, math.pi)
+        pose[0] = numpy_uniform(source, room[0] * CELL + _INSET, room[2] * CELL - _INSET)
+        pose[1] = numpy_uniform(source, room[1] * CELL + _INSET, room[3] * CELL - _INSET)
+        pose[2] = numpy_uniform(source, -math.pi, math.pi)
         reach = clearance + 0.01
         gap = footprint_clearance(pose[0], pose[1], pose[2], outline, walls, discs, reach)
         if gap >= clearance and gap > 0.0:

@@ -39,7 +39,7 @@ def _define_maps(scene: type[Any], count: int, doc: str) -> None:
             "__annotations__": {"number": int},
             "__doc__": f"{doc} {k}.",
             "__module__": __name__,
-            "number": setting(default=k, low=k, high=k),
+            "number": setting(default=k, low=k, high=k, source="the number of the map"),
         }
         globals()[name] = settings(type(name, (scene,), fields))
 

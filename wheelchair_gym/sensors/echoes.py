@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.geometry import body_to_world
+from wheelchair_gym.geometry import body_to_world, world_to_body
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -108,7 +108,8 @@ def echo_of_discs(
             continue
         if far <= radius:
             return 0.0
-        bearing = math.atan2(c * y0 - s * x0, c * x0 + s * y0)
+        ahead, left = world_to_body(c, s, x0, y0)
+        bearing = math.atan2(left, ahead)
         direction = min(half, max(-half, bearing))
         aside = abs(bearing - direction)
         off = far * math.sin(aside)

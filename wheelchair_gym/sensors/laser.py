@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.compiled.simd import rasterize_line
-from wheelchair_gym.geometry import world_to_body
+from wheelchair_gym.geometry import point_to_world, world_to_body
 from wheelchair_gym.random import LASER, LASER_BIAS, bits, mix, normal
 from wheelchair_gym.sensors.echoes import atan2_f32, relative_endpoints
 from wheelchair_gym.sensors.settings import LaserSettings
@@ -187,18 +187,7 @@ def exact_scan(
     workspace: Floats,
     out: Floats,
 ) -> None:
-    """Exact ranges of one scan.
-
-    Args:
-        laser: the sensor.
-        x: pose of the sensor in the world [m], then y [m] and yaw [rad].
-        y: see x.
-        yaw: see x.
-        walls: segments (n, 4) [m].
-        discs: (m, 3) [m].
-        workspace: (WORKSPACE_ROWS, n or more), overwritten.
-        out: (beams,) ranges [m], at most the reach.
-    """
+    """Exact ranges of one scan."""
     n, width = walls.shape[0], workspace.shape[1]
     rows = workspace.reshape(workspace.size)
     ends, at, lines = rows[: 4 * width], rows[4 * width : 6 * width], rows[6 * width :]
@@ -260,20 +249,8 @@ def sense_laser(
     workspace: Floats,
     out: Floats,
 ) -> None:
-    """One scan of a chair at a pose (3,) [m, m, rad], as its laser reports it.
-
-    Args:
-        laser: the sensor.
-        pose: of the chair.
-        walls: segments (n, 4) [m], in order of memory.
-        discs: (m, 3) [m].
-        key: of the episode's randomness.
-        step: control periods since reset; the noise depends on key and step.
-        workspace: (WORKSPACE_ROWS, n or more), overwritten.
-        out: (beams,) [m].
-    """
+    """One scan of a chair at a pose (3,) [m, m, rad], as its laser reports it."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    x = pose[0] + c * laser.mount[0] - s * laser.mount[1]
-    y = pose[1] + s * laser.mount[0] + c * laser.mount[1]
+    x, y = point_to_world(c, s, pose[0], pose[1], laser.mount[0], laser.mount[1])
     exact_scan(laser, x, y, pose[2] + laser.mount[2], walls, discs, workspace, out)
     add_laser_noise(laser, key, step, out)

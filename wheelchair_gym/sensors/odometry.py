@@ -13,8 +13,9 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import odometric_step, twist_of_wheels
 from wheelchair_gym.random import POSE, WHEELS, normal
+from wheelchair_gym.sensors.settings import POSE_SOURCES
 
-TRUTH, ODOMETRY, MODELLED = range(3)
+TRUTH, ODOMETRY, MODELLED = map(POSE_SOURCES.index, ("truth", "odometry", "modelled"))
 
 
 @borrowing_kernel
@@ -36,12 +37,7 @@ def update_pose_estimate(state: Any, p: Any, keep: float) -> None:
 
 @borrowing_kernel
 def update_odometry(state: Any, p: Any) -> None:
-    """One reading of the encoders: twist, dead-reckoned pose, and the pose source's pose.
-
-    Args:
-        state: of the chair; its odometry, seen twist and seen pose move on.
-        p: its parameters.
-    """
+    """One reading of the encoders: twist, dead-reckoned pose, and the pose source's pose."""
     ways = (0.0, 0.0)
     for i in range(2):
         counts = math.floor(state.turned[i] * p.nominal_radius * p.counts_per_metre)
@@ -51,12 +47,12 @@ def update_odometry(state: Any, p: Any) -> None:
     period = p.dt * p.substeps
     v, w = twist_of_wheels(ways[0] / period, ways[1] / period, p.nominal_track)
     state.measured_twist[0], state.measured_twist[1] = v, w
-    left = ways[0] + math.sqrt(p.wheel_variance * abs(ways[0])) * normal(
-        state.key, state.step, WHEELS, 0
+    noise_l, noise_r = (
+        normal(state.key, state.step, WHEELS, 0),
+        normal(state.key, state.step, WHEELS, 1),
     )
-    right = ways[1] + math.sqrt(p.wheel_variance * abs(ways[1])) * normal(
-        state.key, state.step, WHEELS, 1
-    )
+    left = ways[0] + math.sqrt(p.wheel_variance * abs(ways[0])) * noise_l
+    right = ways[1] + math.sqrt(p.wheel_variance * abs(ways[1])) * noise_r
     way, turn = twist_of_wheels(left, right, p.nominal_track)
     x, y, yaw = odometric_step(state.odometry[0], state.odometry[1], state.odometry[2], way, turn)
     state.odometry[0], state.odometry[1], state.odometry[2] = x, y, wrap(yaw)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,36 +13,56 @@ from wheelchair_gym.config import InputError, setting, settings
 Array = NDArray[np.float64]
 
 RANGERS = 8  # ultrasonics of a chair, whatever it is
+PoseSource = Literal["truth", "odometry", "modelled", "mcl", "slam"]
+POSE_SOURCES: Final = get_args(PoseSource)
 
 
 @settings
 class LaserSettings:
     """A planar laser scanner; default as a Hokuyo UST-10LX, clipped to 10 m."""
 
-    x: float = setting(default=0.66, unit="m", source="in front, low; frame: drive axle's centre")
-    y: float = setting(default=0.0, unit="m")
-    yaw: float = setting(default=0.0, unit="rad")
-    beams: int = setting(default=1081, low=2, high=20000, source="0.25 deg between beams")
+    x: float = setting(default=0.66, unit="m", source="design choice: in front, low")
+    """Place ahead of the drive axle."""
+    y: float = setting(default=0.0, unit="m", source="design choice: in the middle")
+    """Place to the left of the middle."""
+    yaw: float = setting(default=0.0, unit="rad", source="design choice: straight ahead")
+    """Heading of the middle beam."""
+    beams: int = setting(
+        default=1081, low=2, high=20000, source="data sheet: Hokuyo UST-10LX, 0.25 deg apart"
+    )
+    """Number of beams."""
     fov: float = setting(
-        default=math.radians(270.0), unit="rad", low=0.1, high=2 * math.pi, source="UST-10LX"
+        default=math.radians(270.0),
+        unit="rad",
+        low=0.1,
+        high=2 * math.pi,
+        source="data sheet: Hokuyo UST-10LX",
     )
+    """Angle between the first and the last beam."""
     reach: float = setting(
-        default=10.0, unit="m", low=0.5, high=100.0, source="specified up to 10 m"
+        default=10.0,
+        unit="m",
+        low=0.5,
+        high=100.0,
+        source="data sheet: Hokuyo UST-10LX, specified up to 10 m",
     )
+    """Largest range; farther is no echo."""
     range_min: float = setting(
-        default=0.06, unit="m", low=0.0, source="UST-10LX: nearer is invalid"
+        default=0.06, unit="m", low=0.0, source="data sheet: Hokuyo UST-10LX"
     )
+    """Least range; nearer is invalid."""
     sigma: float = setting(
-        default=0.015, unit="m", low=0.0, high=1.0, source="0.5-2 cm repeatability at 10 m"
-    )
-    dropout: float = setting(default=0.005, low=0.0, high=1.0, source="share of beams without echo")
-    bias: float = setting(
-        default=0.002,
+        default=0.015,
         unit="m",
         low=0.0,
         high=1.0,
-        source="standard deviation of one offset an episode",
+        source="data sheet: Hokuyo UST-10LX, 0.5 to 2 cm at 10 m",
     )
+    """Standard deviation of a range."""
+    dropout: float = setting(default=0.005, low=0.0, high=1.0, source="design choice")
+    """Share of beams without an echo."""
+    bias: float = setting(default=0.002, unit="m", low=0.0, high=1.0, source="design choice")
+    """Standard deviation of the offset that all ranges of an episode share."""
 
     @property
     def angles(self) -> Array:
@@ -61,35 +81,25 @@ class UltrasonicModel:
     """One model of ultrasonic ranger: its cone and its errors."""
 
     field_of_view: float = setting(
-        default=math.radians(15.0),
-        unit="rad",
-        low=0.01,
-        high=3.0,
-        source="HC-SR04: full opening angle",
+        default=math.radians(15.0), unit="rad", low=0.01, high=3.0, source="data sheet: HC-SR04"
     )
-    reach: float = setting(default=4.0, unit="m", low=0.1, high=20.0, source="HC-SR04")
-    range_min: float = setting(
-        default=0.02, unit="m", low=0.0, source="HC-SR04: nearer echoes read as this"
-    )
-    sigma: float = setting(default=0.010, unit="m", low=0.0, high=1.0, source="")
-    ghost_share: float = setting(
-        default=0.01,
-        low=0.0,
-        high=1.0,
-        source="share of readings that show an echo that is not there",
-    )
+    """Full opening angle of the cone."""
+    reach: float = setting(default=4.0, unit="m", low=0.1, high=20.0, source="data sheet: HC-SR04")
+    """Largest range."""
+    range_min: float = setting(default=0.02, unit="m", low=0.0, source="data sheet: HC-SR04")
+    """Least range; nearer echoes read as this."""
+    sigma: float = setting(default=0.010, unit="m", low=0.0, high=1.0, source="design choice")
+    """Standard deviation of a range."""
+    ghost_share: float = setting(default=0.01, low=0.0, high=1.0, source="design choice")
+    """Share of readings that show an echo of nothing."""
     loss_from: float = setting(
-        default=math.radians(15.0),
-        unit="rad",
-        low=0.0,
-        source="incidence at which echoes begin to be lost",
+        default=math.radians(15.0), unit="rad", low=0.0, source="design choice"
     )
+    """Angle of incidence from which echoes are lost at random."""
     loss_at: float = setting(
-        default=math.radians(25.0),
-        unit="rad",
-        low=0.0,
-        source="incidence beyond which all are lost",
+        default=math.radians(25.0), unit="rad", low=0.0, source="design choice"
     )
+    """Angle of incidence from which all echoes are lost."""
 
     def __post_init__(self) -> None:
         if self.loss_at <= self.loss_from:
@@ -100,9 +110,12 @@ class UltrasonicModel:
 class Ultrasonic:
     """Where one ranger sits and of which model it is."""
 
-    x: float = setting(default=0.0, unit="m")
-    y: float = setting(default=0.0, unit="m")
-    yaw: float = setting(default=0.0, unit="rad")
+    x: float = setting(default=0.0, unit="m", source="design choice")
+    """Place ahead of the drive axle."""
+    y: float = setting(default=0.0, unit="m", source="design choice")
+    """Place to the left of the middle."""
+    yaw: float = setting(default=0.0, unit="rad", source="design choice")
+    """Heading of the cone."""
     model: Literal["narrow", "wide"] = "narrow"
 
 
@@ -125,9 +138,12 @@ class UltrasonicSettings:
     """Eight rangers of two models, fired one after another."""
 
     mounted: tuple[Ultrasonic, ...] = setting(
-        default=_mounted(), source="narrow ones look ahead, wide ones to corners and sides"
+        default=_mounted(),
+        source="design choice: narrow ones look ahead, wide ones to corners and sides",
     )
-    narrow: UltrasonicModel = setting(default=UltrasonicModel(), source="HC-SR04")
+    """Place and model of each ranger."""
+    narrow: UltrasonicModel = setting(default=UltrasonicModel(), source="data sheet: HC-SR04")
+    """Model of the narrow rangers."""
     wide: UltrasonicModel = setting(
         default=UltrasonicModel(
             field_of_view=math.radians(55.0),
@@ -138,14 +154,18 @@ class UltrasonicSettings:
             loss_from=math.radians(80.0),
             loss_at=math.radians(90.0),
         ),
-        source="SRF08: first echo in the cone",
+        source="data sheet: SRF08, first echo in the cone",
     )
+    """Model of the wide rangers."""
     order: tuple[int, ...] = setting(
-        default=(0, 4, 1, 5, 2, 6, 3, 7), source="opposite sides in turn, against cross-talk"
+        default=(0, 4, 1, 5, 2, 6, 3, 7),
+        source="design choice: opposite sides in turn, against cross-talk",
     )
+    """Order of firing."""
     interval: float = setting(
-        default=0.06, unit="s", low=0.01, high=1.0, source="between two firings: 50-65 ms a cycle"
+        default=0.06, unit="s", low=0.01, high=1.0, source="data sheets: 50 to 65 ms a cycle"
     )
+    """Time between two firings."""
 
     def __post_init__(self) -> None:
         if len(self.mounted) != RANGERS:
@@ -160,18 +180,12 @@ class UltrasonicSettings:
 class OdometrySettings:
     """Errors of dead reckoning: some drawn anew each episode, one that grows with the way."""
 
-    diameter_error: float = setting(
-        default=0.005,
-        low=0.0,
-        high=0.2,
-        source="E_d: relative difference of wheel diameters, uniform within",
-    )
-    track_error: float = setting(
-        default=0.01, low=0.0, high=0.2, source="E_b: relative error of the track, uniform within"
-    )
-    variance: float = setting(
-        default=1e-6, unit="m2/m", low=0.0, high=1.0, source="of each wheel's way"
-    )
+    diameter_error: float = setting(default=0.005, low=0.0, high=0.2, source="design choice")
+    """Largest relative difference of wheel diameters; uniform (E_d of Borenstein and Feng 1996)."""
+    track_error: float = setting(default=0.01, low=0.0, high=0.2, source="design choice")
+    """Largest relative error of the track; uniform (E_b of Borenstein and Feng 1996)."""
+    variance: float = setting(default=1e-6, unit="m2/m", low=0.0, high=1.0, source="design choice")
+    """Variance of each wheel's path per metre."""
 
 
 @settings
@@ -182,14 +196,23 @@ class ModelledPose:
     """
 
     position: float = setting(
-        default=0.02, unit="m", low=0.0, source="standard deviation of x and of y; measured"
+        default=0.02, unit="m", low=0.0, source="measured by tests.benchmarks.poses"
     )
+    """Standard deviation of x and of y."""
     heading: float = setting(
-        default=math.radians(0.4), unit="rad", low=0.0, source="standard deviation; measured"
+        default=math.radians(0.4), unit="rad", low=0.0, source="measured by tests.benchmarks.poses"
     )
-    time: float = setting(default=10.0, unit="s", low=0.01, source="correlation time; measured")
-    position_max: float = setting(default=0.10, unit="m", low=0.0, source="clip")
-    heading_max: float = setting(default=math.radians(3.0), unit="rad", low=0.0, source="clip")
+    """Standard deviation of the heading."""
+    time: float = setting(
+        default=10.0, unit="s", low=0.01, source="measured by tests.benchmarks.poses"
+    )
+    """Correlation time of the errors."""
+    position_max: float = setting(default=0.10, unit="m", low=0.0, source="design choice")
+    """Largest error of x and of y."""
+    heading_max: float = setting(
+        default=math.radians(3.0), unit="rad", low=0.0, source="design choice"
+    )
+    """Largest error of the heading."""
 
 
 @settings
@@ -199,10 +222,12 @@ class FaultSettings:
     One of laser, ultrasonics and wheel encoders, silent or frozen, at a time drawn evenly.
     """
 
-    share: float = setting(default=0.0, low=0.0, high=1.0, source="of episodes with a fault")
+    share: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    """Share of episodes with a fault."""
     onset: tuple[float, float] = setting(
-        default=(1.0, 5.0), unit="s", low=0.0, source="when it begins: from, to"
+        default=(1.0, 5.0), unit="s", low=0.0, source="design choice"
     )
+    """Bounds of the time at which a fault begins."""
 
     def __post_init__(self) -> None:
         if self.onset[0] > self.onset[1]:
@@ -218,13 +243,11 @@ class SensorSettings:
     odometry: OdometrySettings = OdometrySettings()
     modelled: ModelledPose = ModelledPose()
     faults: FaultSettings = FaultSettings()
-    pose_source: Literal["truth", "odometry", "modelled", "mcl", "slam"] = setting(
-        default="truth", source="what the chair believes about where it is"
-    )
-    noise: bool = setting(
-        default=True,
-        source="false: exact ranges, no drop-outs, no ghosts, exact odometry parameters",
-    )
+    pose_source: PoseSource = setting(default="truth", source="design choice")
+    """What the chair takes for its pose: the truth, dead reckoning, a model of a localizer,
+    Monte Carlo localization or SLAM."""
+    noise: bool = setting(default=True, source="design choice")
+    """False: exact ranges, no lost echoes, no ghosts, exact parameters of odometry."""
 
     @property
     def localizes(self) -> bool:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import body_to_world, world_to_body
+from wheelchair_gym.geometry import body_to_world, point_to_world, world_to_body
 from wheelchair_gym.random import ULTRASONIC, normal, uniform
 from wheelchair_gym.sensors.echoes import (
     echo_of_discs,
@@ -151,21 +151,7 @@ def first_echo(
     discs: Array,
     workspace: Floats,
 ) -> float:
-    """Distance [m] of the first echo of one ranger at (x, y, yaw); +inf if none within reach.
-
-    Args:
-        x: pose of the ranger in the world [m], then y [m] and yaw [rad].
-        y: see x.
-        yaw: see x.
-        slope: tangent of half of the cone's opening.
-        reach: [m].
-        loss_from: incidence at which echoes begin to be lost [rad].
-        loss_at: incidence beyond which all are lost [rad].
-        draw: in [0, 1): decides, for all surfaces of this firing, what is lost.
-        walls: segments (n, 4) [m], in order of memory.
-        discs: (m, 3) [m].
-        workspace: (WORKSPACE_ROWS, n or more), overwritten.
-    """
+    """Distance [m] of the first echo of one ranger at (x, y, yaw); +inf if none within reach."""
     c, s = math.cos(yaw), math.sin(yaw)
     best = math.inf
     if discs.shape[0] > 0:
@@ -216,26 +202,16 @@ def sense_ultrasonic(
     tick: int,
     workspace: Floats,
 ) -> float:
-    """What one ranger reports [m] when it fires from a chair at a pose (3,) [m, m, rad].
-
-    Args:
-        rangers: all of them.
-        which: the one that fires.
-        pose: of the chair.
-        walls: segments (n, 4) [m], in order of memory.
-        discs: (m, 3) [m].
-        key: of the episode.
-        tick: of the firing, which its random draws depend on.
-        workspace: (WORKSPACE_ROWS, n or more), overwritten.
-    """
+    """What one ranger reports [m] when it fires from a chair at a pose (3,) [m, m, rad]."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    mx, my = rangers.mount[which, 0], rangers.mount[which, 1]
+    mount = rangers.mount[which]
+    x, y = point_to_world(c, s, pose[0], pose[1], mount[0], mount[1])
     reach, blind = rangers.reach[which], rangers.blind[which]
     draw = _DRAWS * which
     distance = first_echo(
-        pose[0] + c * mx - s * my,
-        pose[1] + s * mx + c * my,
-        pose[2] + rangers.mount[which, 2],
+        x,
+        y,
+        pose[2] + mount[2],
         rangers.slope[which],
         reach,
         rangers.loss_from[which],

@@ -88,22 +88,7 @@ def assess(
     less_w: float,
     out: Floats,
 ) -> None:
-    """Judge the step that row i's action led to, and observe where it led.
-
-    Args:
-        i: row.
-        task: (1,) of TASK; the row's progress moves on.
-        verdicts: (n,) of VERDICT; the row is written.
-        action: (2,) in [-1, 1]; beyond is clipped.
-        pose: (3,) of the reading [m, m, rad].
-        twist: (2,) [m/s, rad/s].
-        laser: (beams of the laser,) [m].
-        ultrasonic: (rangers,) [m].
-        bumped: a bumper strip is pressed.
-        less_v: what a shield took off the speed that was asked for [m/s].
-        less_w: what it took off the turn [rad/s].
-        out: the observation, see `observe`.
-    """
+    """Judge the step that row i's action led to, and observe where it led."""
     rule, prepared, progress = task_row(task, i)
     verdict = verdicts[i]
     progress.steps_left -= 1

@@ -287,14 +287,7 @@ def write_local_point(c: float, s: float, dx: float, dy: float, out: Floats) -> 
 
 @kernel
 def write_path_ahead(path: Array, pose: Array, distances: Array, out: Floats) -> None:
-    """Points of a path (n, 2) at distances (k,) [m] beyond the nearest one, in the chair's frame.
-
-    Args:
-        path: what to follow; beyond its end the end itself is seen.
-        pose: of the chair (3,) [m, m, rad].
-        distances: rising [m].
-        out: (2 k,) x and y of each [m].
-    """
+    """Points (k, 2) [m] of a path (n, 2) at distances (k,) [m] ahead, in the chair's frame."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     segment, share, _ = project(path, pose[0], pose[1])
     last = path.shape[0] - 2
@@ -315,33 +308,19 @@ def write_path_ahead(path: Array, pose: Array, distances: Array, out: Floats) ->
 
 
 @borrowing_kernel
-def write_poses_ahead(
-    states: NDArray[np.uint32],
-    moves: NDArray[np.int32],
-    cell: float,
-    origin: Array,
-    pose: Array,
-    goal: Array,
-    times: Array,
-    out: Floats,
-) -> None:
-    """Poses at plan times (k,) [s] on the outline's way from a pose, in the chair's frame.
+def write_poses_ahead(prepared: Any, pose: Array, times: Array, out: Floats) -> None:
+    """Poses (4 k,) at plan times (k,) [s] ahead of a pose (3,), in the chair's frame.
 
-    Where no way is known they lie straight ahead to the goal, as if driven at `STRAIGHT`.
-
-    Args:
-        states: of the ways.
-        moves: of the ways.
-        cell: of the ways [m].
-        origin: of the ways (3,) [m, m, rad].
-        pose: of the chair (3,) [m, m, rad].
-        goal: (3,) [m, m, rad].
-        times: rising [s].
-        out: (4 k,) x and y [m], cosine and sine of the heading, of each.
+    Of each pose: x and y [m], cosine and sine of the heading. Where no way is known they lie on the
+    straight line to the goal, as if driven at `STRAIGHT`.
     """
-    x, y, yaw = to_local(origin, pose[0], pose[1], pose[2])
+    goal = prepared.goal
+    rows, cols, headings = prepared.state_rows, prepared.state_cols, prepared.headings
+    states = states_at(prepared.packed_states, rows, cols, headings)
+    moves = moves_at(prepared.moves, prepared.n_moves, headings, 3)
+    x, y, yaw = to_local(prepared.state_origin, pose[0], pose[1], pose[2])
     c, s = math.cos(yaw), math.sin(yaw)
-    left = poses_ahead(states, moves, cell, x, y, yaw, times, out)
+    left = poses_ahead(states, moves, prepared.state_cell, x, y, yaw, times, out)
     if math.isnan(left):
         c, s = math.cos(pose[2]), math.sin(pose[2])
         dx, dy = goal[0] - pose[0], goal[1] - pose[1]
@@ -399,18 +378,7 @@ def write_guidance(rules: Any, prepared: Any, pose: Array, out: Floats) -> None:
     """Points or poses of the guidance ahead of a pose (3,)."""
     ahead = doubles_at(rules.ahead, rules.points)
     if rules.has_poses:
-        write_poses_ahead(
-            states_at(
-                prepared.packed_states, prepared.state_rows, prepared.state_cols, prepared.headings
-            ),
-            moves_at(prepared.moves, prepared.n_moves, prepared.headings, 3),
-            prepared.state_cell,
-            prepared.state_origin,
-            pose,
-            prepared.goal,
-            ahead,
-            out,
-        )
+        write_poses_ahead(prepared, pose, ahead, out)
     else:
         write_path_ahead(table_at(prepared.path, prepared.points, 2), pose, ahead, out)
 
@@ -433,18 +401,7 @@ def observe(
     ultrasonic: Floats,
     out: Floats,
 ) -> int:
-    """Write what a policy observes of a reading; returns how many beams are finite.
-
-    Args:
-        rules: record of RULES (`task.records`).
-        prepared: record of PREPARED.
-        progress: record of PROGRESS.
-        pose: (3,) of the reading [m, m, rad].
-        twist: (2,) [m/s, rad/s].
-        laser: (beams of the laser,) [m].
-        ultrasonic: (rangers,) [m].
-        out: the keys of `OBSERVATION_KEYS` that are present, one after another.
-    """
+    """Write what a policy observes of a reading; returns how many beams are finite."""
     size = rules.size
     at = size.laser
     valid = pool_beams(laser, rules.laser_reach, out[:at])

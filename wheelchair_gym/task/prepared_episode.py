@@ -15,12 +15,13 @@ from wheelchair_gym.compiled.address import (
     Target,
     as_array,
     field_at,
+    pointer_record,
     states_at,
     table_at,
 )
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import FARTHEST
-from wheelchair_gym.geometry import project
+from wheelchair_gym.geometry import project, world_to_body
 from wheelchair_gym.maps import Geodesic
 from wheelchair_gym.maps.cost_to_go import CostToGo, time_to_go, to_local
 from wheelchair_gym.maps.geodesic import interpolate
@@ -32,52 +33,35 @@ Array = NDArray[np.float64]
 GOAL, PATH, FIELD, TIME = range(4)  # what progress is measured along
 AIMS = ("goal", "path", "field", "time")
 
-PREPARED = np.dtype(
-    [
-        ("walls", "u8"),  # addresses of walls (n, 4) and discs (m, 3) [m]
-        ("discs", "u8"),
-        ("n_walls", "i8"),
-        ("n_discs", "i8"),
-        ("actors", "u8"),  # addresses of actors (k,) of ACTOR and of their routes (r, 2) [m]
-        ("n_movers", "i8"),
-        ("routes", "u8"),
-        ("n_routes", "i8"),
-        ("start", "f8", (3,)),  # m, m, rad
-        ("goal", "f8", (3,)),
-        ("tolerance", "f8"),  # m
-        ("time_limit", "f8"),  # s; NaN: as the way to go demands
-        ("field", "u8"),  # address of the ways to go (rows, cols) [m]
-        ("rows", "i8"),
-        ("cols", "i8"),
-        ("origin", "f8", (3,)),  # m, m, rad: of its lower-left corner
-        ("resolution", "f8"),  # m
-        ("path", "u8"),  # address of the guidance (points, 2) [m]
-        ("points", "i8"),  # 0: none
-        (
-            "packed_states",
-            "u8",
-        ),  # address of the ways of the outline (state_rows, state_cols, headings)
-        ("state_rows", "i8"),  # 0: none
-        ("state_cols", "i8"),
-        ("headings", "i8"),
-        ("moves", "u8"),  # address of their moves (n_moves, headings, 3)
-        ("n_moves", "i8"),
-        ("state_cell", "f8"),  # m
-        ("state_origin", "f8", (3,)),  # m, m, rad
-    ],
-    align=True,
+PREPARED, _TARGETS = pointer_record(
+    ("walls", Target("f8", None, 4)),  # m
+    ("discs", Target("f8", None, 3)),  # m
+    ("n_walls", "i8"),
+    ("n_discs", "i8"),
+    ("actors", Target(ACTOR, None)),
+    ("n_actors", "i8"),
+    ("routes", Target("f8", None, 2)),  # m
+    ("n_routes", "i8"),
+    ("start", "f8", (3,)),  # m, m, rad
+    ("goal", "f8", (3,)),
+    ("tolerance", "f8"),  # m
+    ("time_limit", "f8"),  # s; NaN: as the distance to go demands
+    ("field", Target("f4", None, None)),  # m: distances to go (rows, cols)
+    ("rows", "i8"),
+    ("cols", "i8"),
+    ("origin", "f8", (3,)),  # m, m, rad: of its lower-left corner
+    ("resolution", "f8"),  # m
+    ("path", Target("f8", None, 2)),  # m: of the guidance (points, 2)
+    ("points", "i8"),  # 0: none
+    ("packed_states", Target("u4", None, None, None)),  # (state_rows, state_cols, headings)
+    ("state_rows", "i8"),  # 0: none
+    ("state_cols", "i8"),
+    ("headings", "i8"),
+    ("moves", Target("i4", None, None, 3)),  # (n_moves, headings, 3)
+    ("n_moves", "i8"),
+    ("state_cell", "f8"),  # m
+    ("state_origin", "f8", (3,)),  # m, m, rad
 )
-
-_TARGETS = {
-    "walls": Target("f8", None, 4),
-    "discs": Target("f8", None, 3),
-    "actors": Target(ACTOR, None),
-    "routes": Target("f8", None, 2),
-    "field": Target("f4", None, None),
-    "path": Target("f8", None, 2),
-    "packed_states": Target("u4", None, None, None),
-    "moves": Target("i4", None, None, 3),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +119,7 @@ class PreparedEpisode:
         pointers.point("actors", actors.rows)
         pointers.point("routes", actors.routes)
         r["n_walls"], r["n_discs"] = len(episode.walls), len(episode.discs)
-        r["n_movers"], r["n_routes"] = len(actors), len(actors.routes)
+        r["n_actors"], r["n_routes"] = len(actors), len(actors.routes)
         r["start"], r["goal"] = episode.start, episode.goal
         r["tolerance"] = tolerance if episode.tolerance is None else episode.tolerance
         r["time_limit"] = math.nan if episode.time_limit is None else episode.time_limit
@@ -168,9 +152,9 @@ def geodesic_to_go(prepared: Any, x: float, y: float) -> float:
     """Length of the geodesic from a point to the goal [m]; straight where none is known."""
     c, s = math.cos(prepared.origin[2]), math.sin(prepared.origin[2])
     dx, dy = x - prepared.origin[0], y - prepared.origin[1]
-    way = prepared.resolution
+    u, v = world_to_body(c, s, dx, dy)
     field = field_at(prepared.field, prepared.rows, prepared.cols)
-    way = interpolate(field, (c * dx + s * dy) / way, (c * dy - s * dx) / way)
+    way = interpolate(field, u / prepared.resolution, v / prepared.resolution)
     if way < math.inf:
         return float(way)
     return math.hypot(prepared.goal[0] - x, prepared.goal[1] - y)

@@ -4,48 +4,38 @@ from __future__ import annotations
 
 import numpy as np
 
-from wheelchair_gym.compiled.address import Target
+from wheelchair_gym.compiled.address import Target, pointer_record
 from wheelchair_gym.task.observations import SIZES, TRAIL_POINTS
 from wheelchair_gym.task.prepared_episode import PREPARED
 from wheelchair_gym.task.rewards import TERM_VALUES
 
-RULES = np.dtype(
-    [
-        ("period", "f8"),  # s
-        ("forward", "f8"),  # m/s
-        ("backward", "f8"),
-        ("turn", "f8"),  # rad/s
-        ("size", SIZES),  # numbers of each key of the observation
-        ("laser_reach", "f8"),  # m
-        ("reaches", "u8"),  # address of the ultrasonics' reaches (rangers,) [m]
-        ("twist_most", "f8", (2,)),  # m/s, rad/s
-        ("points", "i8"),  # of the guidance looked at; 0: none
-        ("ahead", "u8"),  # address of their distances (points,) [m], or plan times [s]
-        ("has_poses", "b1"),  # they are poses at plan times
-        ("uses_fan", "b1"),  # side clearances are those at a fan of poses
-        ("fan_poses", "u8"),  # address of `side_clearance.fan_poses()`
-        ("outline", "f8", (3,)),  # `Footprint.array`
-        ("mount", "f8", (2,)),  # m: of the laser
-        ("directions", "u8"),  # address of the beams' directions (laser_beams, 2)
-        ("laser_beams", "i8"),
-        ("back", "u8"),  # address of how far back places of the trail are [m]
-        ("arrival_margin", "f8"),  # m
-        ("heading", "b1"),
-        ("heading_tolerance", "f8"),  # rad
-        ("aim", "i8"),  # index into AIMS
-        ("weights", TERM_VALUES),
-        ("time_base", "f8"),  # s
-        ("time_factor", "f8"),
-    ],
-    align=True,
+RULES, RULES_TARGETS = pointer_record(
+    ("period", "f8"),  # s
+    ("forward", "f8"),  # m/s
+    ("backward", "f8"),
+    ("turn", "f8"),  # rad/s
+    ("size", SIZES),  # numbers of each key of the observation
+    ("laser_reach", "f8"),  # m
+    ("reaches", Target("f8", None)),  # m: of the ultrasonics
+    ("twist_most", "f8", (2,)),  # m/s, rad/s
+    ("points", "i8"),  # of the guidance that are observed; 0: none
+    ("ahead", Target("f8", None)),  # their distances (points,) [m], or plan times [s]
+    ("has_poses", "b1"),  # they are poses at plan times
+    ("uses_fan", "b1"),  # side clearances are those at a fan of poses
+    ("fan_poses", Target("f4", None)),  # `side_clearance.fan_poses()`
+    ("outline", "f8", (3,)),  # `Footprint.array`
+    ("mount", "f8", (2,)),  # m: of the laser
+    ("directions", Target("f8", None, 2)),  # of the beams (laser_beams, 2)
+    ("laser_beams", "i8"),
+    ("back", Target("f8", None)),  # m: how far back places of the trail are
+    ("arrival_margin", "f8"),  # m
+    ("heading", "b1"),
+    ("heading_tolerance", "f8"),  # rad
+    ("aim", "i8"),  # index into AIMS
+    ("weights", TERM_VALUES),
+    ("time_base", "f8"),  # s
+    ("time_factor", "f8"),
 )
-RULES_TARGETS = {
-    "reaches": Target("f8", None),
-    "ahead": Target("f8", None),
-    "back": Target("f8", None),
-    "fan_poses": Target("f4", None),
-    "directions": Target("f8", None, 2),
-}
 
 PROGRESS = np.dtype(
     [
@@ -64,9 +54,9 @@ PROGRESS = np.dtype(
 )
 
 # Rows of a task by address: a call takes a microsecond for each array, and for this record once.
-TASK = np.dtype([("n", "i8"), ("rules", "u8"), ("prepared", "u8"), ("progress", "u8")])
-TASK_TARGETS = {
-    "rules": Target(RULES, 1),
-    "prepared": Target(PREPARED, None),
-    "progress": Target(PROGRESS, None),
-}
+TASK, TASK_TARGETS = pointer_record(
+    ("n", "i8"),
+    ("rules", Target(RULES, 1)),
+    ("prepared", Target(PREPARED, None)),
+    ("progress", Target(PROGRESS, None)),
+)

@@ -89,17 +89,7 @@ def write_terms(
     twist: Array,
     laser: Floats,
 ) -> None:
-    """Write the weighted reward terms of one step and their sum into a record of VERDICT.
-
-    Args:
-        rule: record of RULES.
-        progress: record of PROGRESS, after the step.
-        verdict: record of VERDICT, which says already whether the episode ended.
-        covered: way to go that was covered [m, or s].
-        bumped: a bumper strip is pressed.
-        twist: (2,) [m/s, rad/s].
-        laser: (beams,) [m].
-    """
+    """Write the weighted reward terms of one step and their sum into a record of VERDICT."""
     w, t = rule.weights, verdict.terms
     now, before = progress.action, progress.previous
     shield_v, shield_w = progress.shield_intervention[0], progress.shield_intervention[1]

@@ -42,13 +42,6 @@ def proximity_speed(
 
     All of it counts where the scan shows something at the outline, none where nothing is `NEAR`.
     Beams are looked at as by `gaps`.
-
-    Args:
-        scan: see `gaps`.
-        directions: see `gaps`.
-        mount: see `gaps`.
-        outline: see `gaps`.
-        twist: (2,) [m/s, rad/s].
     """
     ahead, aside = max(outline[0], outline[1]), outline[2]
     near = math.hypot(mount[0], mount[1]) + math.hypot(ahead, aside) + NEAR
@@ -69,14 +62,6 @@ def side_clearance(
 
     Of each two beams the median of three neighbours counts, so that neither a lost echo nor the
     noise of one beam makes a gap narrow. What lies within the outline makes its gap negative.
-
-    Args:
-        scan: (beams,) as the laser reports it [m].
-        directions: `LaserSettings.directions`.
-        mount: (2,) of the laser in the chair's frame [m].
-        outline: `Footprint.array`.
-        poses: (4 k,) x and y [m], cosine and sine of the heading, of each, in the chair's frame.
-        out: (2 + 2 k,) [m], `-half_width` to `GAP_REACH`.
     """
     count, side = poses.shape[0] // 4, outline[2]
     low, high = -outline[1] - BEYOND, outline[0] + BEYOND

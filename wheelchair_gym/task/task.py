@@ -18,11 +18,7 @@ from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.task.assessment import assess, begin_task
 from wheelchair_gym.task.observations import OBSERVATION_KEYS, ObservationSource, places, spaces
-from wheelchair_gym.task.prepared_episode import (
-    AIMS,
-    PreparedEpisode,
-    first_geodesic_to_go,
-)
+from wheelchair_gym.task.prepared_episode import AIMS, PreparedEpisode, first_geodesic_to_go
 from wheelchair_gym.task.records import PROGRESS, RULES, RULES_TARGETS, TASK, TASK_TARGETS
 from wheelchair_gym.task.rewards import TERMS, VERDICT, Verdict, reached
 from wheelchair_gym.task.settings import TaskSettings

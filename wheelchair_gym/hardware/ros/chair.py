@@ -209,9 +209,9 @@ class RosChair(NotCopyable):
 
     def _approach(self, v: float, w: float) -> None:
         """Command the twist nearest to (v, w) that the limits allow within a period."""
-        now_v, v_rate, now_w, w_rate = self._set_point
         limits = self._loop.limits.array
-        after = approach_twist(now_v, v_rate, now_w, w_rate, v, w, limits, self.period)
+        v0, v_rate, w0, w_rate = self._set_point.tolist()
+        after = approach_twist(v0, v_rate, w0, w_rate, v, w, limits, self.period)
         self._set_point = np.array(after)
         twist = _twist(float(self._set_point[0]), float(self._set_point[2]))
         self._link.publish(self.settings.velocity, twist)

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.address import integers_at, rows_of, table_at
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.address import doubles_at, integers_at, rows_of, table_at
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.geometry import point_to_world, world_to_body
 from wheelchair_gym.physics.actors.records import ACTOR, DOOR, FURNITURE, NOBODY, OBSTACLE, PERSON
 from wheelchair_gym.physics.engine import (
     ANGLE,
@@ -58,10 +59,7 @@ ACTOR_STATE = np.dtype(
         ("is_present", "b1"),  # an obstacle that has appeared and is not gone
         ("is_gone", "b1"),
         ("present_until", "f8"),  # s: when it goes
-        (
-            "judged_at",
-            "i8",
-        ),  # tick at which its contact with the chair was judged; NEVER: no contact
+        ("judged_at", "i8"),  # tick at which its contact with the chair was judged; or NEVER
         ("relocate", "i8"),  # an obstacle is to be put: 1 where it belongs, 2 away
     ],
     align=True,
@@ -70,21 +68,44 @@ ACTOR_STATE = np.dtype(
 NEVER = -(1 << 40)  # a tick long before any
 PARKING = 1e4  # m: where no wall is
 _PARKING_SPACING = 20.0  # m between things that are far away
-_PASS_THROUGH_GROUP = (
-    1  # the group of those who heed nobody: they pass through each other, as in DynaBARN
-)
-_FRICTION_LEVER = (
-    3.0  # of a disc's radius and a box's length: their floor friction's mean lever is a third
-)
+_PASS_THROUGH_GROUP = 1  # people who avoid nobody pass through each other, as in DynaBARN
+_FRICTION_LEVER = 3.0  # the mean lever of floor friction is a third of a radius or a diagonal
 
-actors_at = rows_of(ACTOR)
-actor_states_at = rows_of(ACTOR_STATE)
+_actors_at, _actor_states_at = rows_of(ACTOR), rows_of(ACTOR_STATE)
+
+
+@inlined
+def actors_of(world: Any) -> Any:
+    """The actors of a world and their states: records (k,) of ACTOR and of ACTOR_STATE."""
+    n = world.n_actors
+    return _actors_at(world.actors, n), _actor_states_at(world.actor_states, n)
+
+
+@inlined
+def shapes_of(world: Any) -> Any:
+    """Walls (n, 4) and discs (m, 3) [m] of a world, those that show actors behind the others."""
+    walls = table_at(world.walls, world.n_walls, 4)
+    return walls, table_at(world.discs, world.n_discs, 3)
 
 
 @borrowing_kernel
 def is_box(row: Any) -> bool:
-    """Whether a actor has corners: furniture that is not round, and leaves."""
+    """Whether an actor has corners: furniture that is not round, and leaves."""
     return bool(row.size[1] > 0.0)
+
+
+@borrowing_kernel
+def offset_from_outline(
+    p: Any, c: float, s: float, dx: float, dy: float
+) -> tuple[float, float, float, float]:
+    """The outline's point nearest to a place, and the offset from there, in the chair's frame.
+
+    The place is (dx, dy) [m] from the chair, whose yaw has cosine c and sine s.
+    """
+    px, py = world_to_body(c, s, dx, dy)
+    qx = min(p.outline[0], max(-p.outline[1], px))
+    qy = min(p.outline[2], max(-p.outline[2], py))
+    return qx, qy, px - qx, py - qy
 
 
 @borrowing_kernel
@@ -104,11 +125,44 @@ def inertia(row: Any) -> float:
 @borrowing_kernel
 def remove_actors(engine: Any, world: Any) -> None:
     """Take the actors of the last episode out of a world's Space."""
-    actor_states = actor_states_at(world.actor_states, world.actors_in_space)
+    actor_states = _actor_states_at(world.actor_states, world.actors_in_space)
     for k in range(world.actors_in_space):
         remove_shape(engine.remove, world.space, actor_states[k].shape)
         remove_shape(engine.remove_body, world.space, actor_states[k].body)
     world.actors_in_space = 0
+
+
+@borrowing_kernel
+def _copy(source: Array, first: int, target: Array, at: int, n: int) -> None:
+    """Copy n numbers of a flat array into another."""
+    for i in range(n):
+        target[at + i] = source[first + i]
+
+
+@borrowing_kernel
+def _copy_snapshot(world: Any, which: int, saves: bool) -> None:
+    """Copy the shapes of actors to the snapshot of a ranger, or back."""
+    walls, discs = (
+        doubles_at(world.walls, 4 * world.n_walls),
+        doubles_at(world.discs, 3 * world.n_discs),
+    )
+    wall, disc = 4 * world.n_fixed_walls, 3 * world.n_fixed_discs
+    n, m = 4 * world.n_walls - wall, 3 * world.n_discs - disc
+    at = world.snapshot_size * which
+    snapshots = doubles_at(world.snapshots, at + world.snapshot_size)
+    if saves:
+        _copy(walls, wall, snapshots, at, n)
+        _copy(discs, disc, snapshots, at + n, m)
+    else:
+        _copy(snapshots, at, walls, wall, n)
+        _copy(snapshots, at + n, discs, disc, m)
+
+
+@borrowing_kernel
+def _take_spare(pairs: np.uint64, k: int, state: Any) -> None:
+    """Give an actor the k-th of the spare bodies with their shapes at an address."""
+    pair = integers_at(pairs, 2 * (k + 1))
+    state.body, state.shape = np.uint64(pair[2 * k]), np.uint64(pair[2 * k + 1])
 
 
 @borrowing_kernel
@@ -118,17 +172,11 @@ def add_actors(engine: Any, world: Any) -> None:
     From then on the world's walls and discs are its own copy, with those of actors behind them.
     """
     n = world.n_actors
-    rows, actor_states = actors_at(world.actors, n), actor_states_at(world.actor_states, n)
-    walls, fixed = table_at(world.world_walls, world.n_fixed_walls, 4), world.n_fixed_walls
-    given = table_at(world.walls, fixed, 4)
-    for k in range(fixed):
-        for i in range(4):
-            walls[k, i] = given[k, i]
-    discs, round_ones = table_at(world.world_discs, world.n_fixed_discs, 3), world.n_fixed_discs
-    stand = table_at(world.discs, round_ones, 3)
-    for k in range(round_ones):
-        for i in range(3):
-            discs[k, i] = stand[k, i]
+    rows, actor_states = actors_of(world)
+    fixed, round_ones = world.n_fixed_walls, world.n_fixed_discs
+    n_walls, n_discs = 4 * fixed, 3 * round_ones
+    _copy(doubles_at(world.walls, n_walls), 0, doubles_at(world.world_walls, n_walls), 0, n_walls)
+    _copy(doubles_at(world.discs, n_discs), 0, doubles_at(world.world_discs, n_discs), 0, n_discs)
     world.walls, world.discs = world.world_walls, world.world_discs
     segment, disc = fixed, round_ones
     balls, boxes, leaves = 0, 0, 0
@@ -137,28 +185,25 @@ def add_actors(engine: Any, world: Any) -> None:
         moment = math.inf
         friction, group = world.friction, 0
         if row.kind == DOOR:
-            pair = integers_at(world.spare_leaves, 2 * (leaves + 1))[2 * leaves :]
+            _take_spare(world.spare_leaves, leaves, state)
             leaves += 1
             state.slot, segment = segment, segment + 4
-            state.body, state.shape = np.uint64(pair[0]), np.uint64(pair[1])
             set_box(state.shape, 0.0, row.size[0], 0.5 * row.size[1])
         elif is_box(row):
-            pair = integers_at(world.spare_boxes, 2 * (boxes + 1))[2 * boxes :]
+            _take_spare(world.spare_boxes, boxes, state)
             boxes += 1
             state.slot, segment = segment, segment + 4
-            state.body, state.shape = np.uint64(pair[0]), np.uint64(pair[1])
             set_box(state.shape, -0.5 * row.size[0], 0.5 * row.size[0], 0.5 * row.size[1])
             moment = inertia(row)
         else:
-            pair = integers_at(world.spare_discs, 2 * (balls + 1))[2 * balls :]
+            _take_spare(world.spare_discs, balls, state)
             balls += 1
             state.slot, disc = disc, disc + 1
-            state.body, state.shape = np.uint64(pair[0]), np.uint64(pair[1])
             set_circle(state.shape, 0.0, 0.0, row.size[0])
             if row.kind == FURNITURE:
                 moment = inertia(row)
             elif row.kind == PERSON:
-                # Nobody is turned by rubbing along a wall; those who heed nobody pass each other.
+                # Nobody is turned by rubbing along a wall.
                 friction = 0.0
                 group = _PASS_THROUGH_GROUP if row.avoids == NOBODY else 0
         set_friction(state.shape, friction, group)
@@ -174,7 +219,7 @@ def add_actors(engine: Any, world: Any) -> None:
 @borrowing_kernel
 def read_actor_poses(world: Any) -> None:
     """Read where the actors are from their bodies."""
-    actor_states = actor_states_at(world.actor_states, world.n_actors)
+    actor_states = actors_of(world)[1]
     for k in range(world.n_actors):
         state = actor_states[k]
         fields = body_view(state.body)
@@ -184,9 +229,8 @@ def read_actor_poses(world: Any) -> None:
 @borrowing_kernel
 def reset_actors(engine: Any, world: Any) -> None:
     """Put the actors where they begin; obstacles stay away."""
-    n = world.n_actors
-    rows, actor_states = actors_at(world.actors, n), actor_states_at(world.actor_states, n)
-    for k in range(n):
+    rows, actor_states = actors_of(world)
+    for k in range(world.n_actors):
         row, state = rows[k], actor_states[k]
         state.preferred_velocity[0], state.preferred_velocity[1] = 0.0, 0.0
         state.twist[0], state.twist[1], state.twist[2] = 0.0, 0.0, 0.0
@@ -202,9 +246,8 @@ def reset_actors(engine: Any, world: Any) -> None:
 @borrowing_kernel
 def relocate_obstacles(engine: Any, world: Any) -> None:
     """Put obstacles that are to appear where they belong, and those that are to go away."""
-    n = world.n_actors
-    rows, actor_states = actors_at(world.actors, n), actor_states_at(world.actor_states, n)
-    for k in range(n):
+    rows, actor_states = actors_of(world)
+    for k in range(world.n_actors):
         row, state = rows[k], actor_states[k]
         if state.relocate == 1:
             place_body(engine, world.space, state.body, row.pose[0], row.pose[1], row.pose[2])
@@ -253,9 +296,8 @@ def _set_leaf_velocity(row: Any, state: Any, fields: Array, dt: float) -> None:
 @borrowing_kernel
 def apply_forces(world: Any, p: Any) -> None:
     """What moves the actors in the coming physics step: forces, and velocities of doors."""
-    n = world.n_actors
-    rows, actor_states = actors_at(world.actors, n), actor_states_at(world.actor_states, n)
-    for k in range(n):
+    rows, actor_states = actors_of(world)
+    for k in range(world.n_actors):
         row, state = rows[k], actor_states[k]
         fields = body_view(state.body)
         if row.kind == PERSON:
@@ -265,3 +307,40 @@ def apply_forces(world: Any, p: Any) -> None:
         elif row.kind == DOOR:
             _set_leaf_velocity(row, state, fields, p.dt)
         state.twist[0], state.twist[1], state.twist[2] = fields[VX], fields[VY], fields[W]
+
+
+@borrowing_kernel
+def write_actor_shapes(world: Any) -> None:
+    """Write what sensors see of the actors behind the walls and discs that stay."""
+    rows, actor_states = actors_of(world)
+    walls, discs = shapes_of(world)
+    for k in range(world.n_actors):
+        row, state = rows[k], actor_states[k]
+        x, y = state.pose[0], state.pose[1]
+        at = state.slot
+        if not is_box(row):
+            discs[at, 0], discs[at, 1], discs[at, 2] = x, y, row.size[0]
+            continue
+        c, s = math.cos(state.pose[2]), math.sin(state.pose[2])
+        front, b = row.size[0] if row.kind == DOOR else 0.5 * row.size[0], 0.5 * row.size[1]
+        rear = front - row.size[0]
+        px, py = point_to_world(c, s, x, y, rear, b)
+        for i in range(4):
+            ex, ey = front if i == 1 or i == 2 else rear, b if i > 1 else -b
+            qx, qy = point_to_world(c, s, x, y, ex, ey)
+            walls[at + i, 0], walls[at + i, 1] = px, py
+            walls[at + i, 2], walls[at + i, 3] = qx, qy
+            px, py = qx, qy
+
+
+@borrowing_kernel
+def save_actor_shapes(world: Any, which: int) -> None:
+    """Keep what a ranger sees of the actors at the instant when it fires."""
+    write_actor_shapes(world)
+    _copy_snapshot(world, which, True)
+
+
+@borrowing_kernel
+def restore_actor_shapes(world: Any, which: int) -> None:
+    """Show the actors as a ranger saw them when it fired."""
+    _copy_snapshot(world, which, False)

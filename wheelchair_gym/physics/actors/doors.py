@@ -16,7 +16,7 @@ from wheelchair_gym.geometry import (
     rectangle_segment_gap,
     world_to_body,
 )
-from wheelchair_gym.physics.actors.bodies import actor_states_at, actors_at
+from wheelchair_gym.physics.actors.bodies import actors_of
 from wheelchair_gym.physics.actors.records import DOOR, OBSTACLE, PERSON
 
 Array = NDArray[np.float64]
@@ -51,8 +51,8 @@ def _leaf_gap(
     """Distance [m] from a leaf's middle line to actor j; to the chair at a pose where j is -1."""
     if j < 0:
         return rectangle_segment_gap(pose[0], pose[1], pose[2], p.outline[:], x, y, ex, ey)
-    other = actors_at(world.actors, world.n_actors)[j]
-    at = actor_states_at(world.actor_states, world.n_actors)[j].pose
+    rows, actor_states = actors_of(world)
+    other, at = rows[j], actor_states[j].pose
     if other.size[1] > 0.0:
         box = doubles_at(world.half_planes, 3)  # its outline, as of a chair
         box[0] = box[1] = 0.5 * other.size[0]
@@ -64,13 +64,12 @@ def _leaf_gap(
 @borrowing_kernel
 def _is_blocked(world: Any, p: Any, pose: Array, k: int, share: float) -> bool:
     """Whether opening door k to a share brings its leaf nearer to anything that is near."""
-    n = world.n_actors
-    rows, actor_states = actors_at(world.actors, n), actor_states_at(world.actor_states, n)
+    rows, actor_states = actors_of(world)
     row = rows[k]
     least = row.least + 0.5 * row.size[1]
     x, y, ex, ey = _leaf_ends(row, share)
     ax, ay, bx, by = _leaf_ends(row, actor_states[k].opening)
-    for j in range(-1, n):
+    for j in range(-1, world.n_actors):
         if j >= 0 and (rows[j].kind == DOOR or not actor_states[j].is_present):
             continue
         after = _leaf_gap(world, p, pose, j, x, y, ex, ey)
@@ -82,9 +81,8 @@ def _is_blocked(world: Any, p: Any, pose: Array, k: int, share: float) -> bool:
 @borrowing_kernel
 def move_leaves(world: Any, p: Any, pose: Array) -> None:
     """Doors move on by a physics step, unless that brings them nearer to something near."""
-    n = world.n_actors
-    rows, actor_states = actors_at(world.actors, n), actor_states_at(world.actor_states, n)
-    for k in range(n):
+    rows, actor_states = actors_of(world)
+    for k in range(world.n_actors):
         row, state = rows[k], actor_states[k]
         if row.kind != DOOR or state.opening == state.opening_target:
             continue
@@ -101,8 +99,7 @@ def move_leaves(world: Any, p: Any, pose: Array) -> None:
 
 @borrowing_kernel
 def _should_open(world: Any, p: Any, pose: Array, k: int, time: float) -> bool:
-    n = world.n_actors
-    rows, actor_states = actors_at(world.actors, n), actor_states_at(world.actor_states, n)
+    rows, actor_states = actors_of(world)
     row = rows[k]
     if row.stay > 0.0 and time >= row.since:
         late = time - row.since
@@ -115,7 +112,7 @@ def _should_open(world: Any, p: Any, pose: Array, k: int, time: float) -> bool:
     y = row.pose[1] + math.sin(row.pose[2]) * half
     if distance_to_chair(p, pose, x, y) < row.near:
         return True
-    for j in range(n):
+    for j in range(world.n_actors):
         if rows[j].kind == PERSON:
             at = actor_states[j].pose
             if math.hypot(at[0] - x, at[1] - y) < row.near:
@@ -126,10 +123,9 @@ def _should_open(world: Any, p: Any, pose: Array, k: int, time: float) -> bool:
 @borrowing_kernel
 def _has_space(world: Any, k: int) -> bool:
     """Whether other actors leave room for obstacle k to appear."""
-    n = world.n_actors
-    rows, actor_states = actors_at(world.actors, n), actor_states_at(world.actor_states, n)
+    rows, actor_states = actors_of(world)
     row = rows[k]
-    for j in range(n):
+    for j in range(world.n_actors):
         other, at = rows[j], actor_states[j].pose
         if j == k or other.kind == DOOR or not actor_states[j].is_present:
             continue
@@ -143,17 +139,9 @@ def _has_space(world: Any, k: int) -> bool:
 
 @borrowing_kernel
 def schedule_actors(world: Any, p: Any, pose: Array, time: float) -> None:
-    """Decide which doors are to open, which obstacles to appear and which to go.
-
-    Args:
-        world: record of WORLD.
-        p: the chair's parameters.
-        pose: of the chair (3,) [m, m, rad].
-        time: since reset [s].
-    """
-    n = world.n_actors
-    rows, actor_states = actors_at(world.actors, n), actor_states_at(world.actor_states, n)
-    for k in range(n):
+    """Decide which doors are to open, which obstacles to appear and which to go."""
+    rows, actor_states = actors_of(world)
+    for k in range(world.n_actors):
         row, state = rows[k], actor_states[k]
         if row.kind == DOOR:
             state.opening_target = 1.0 if _should_open(world, p, pose, k, time) else 0.0

@@ -31,16 +31,7 @@ def add_half_plane(lines: Array, n: int, x: float, y: float, dx: float, dy: floa
 
 @borrowing_kernel
 def avoid_wall(lines: Array, n: int, nx: float, ny: float, room: float, horizon: float) -> int:
-    """Approach something no faster than reaches it in a horizon [s].
-
-    Args:
-        lines: (2 LINES, 4) that a line is added to.
-        n: lines so far.
-        nx: unit vector from its nearest point to the person.
-        ny: see nx.
-        room: left before touching [m]; negative where they overlap.
-        horizon: [s].
-    """
+    """Approach something no faster than reaches it in a horizon [s]."""
     speed = -room / horizon
     return add_half_plane(lines, n, nx * speed, ny * speed, ny, -nx)
 
@@ -60,22 +51,7 @@ def avoid_disc(
     horizon: float,
     soon: float,
 ) -> int:
-    """Stay clear of a moving disc for a horizon [s].
-
-    Args:
-        lines: (2 LINES, 4) that a line is added to.
-        n: lines so far.
-        dx: from the person to the disc [m].
-        dy: see dx.
-        radius: of both together [m].
-        vx: the person's velocity [m/s].
-        vy: see vx.
-        ux: the disc's velocity [m/s].
-        uy: see ux.
-        share: of the avoiding that the person does.
-        horizon: [s].
-        soon: within which an overlap is to end [s].
-    """
+    """Stay clear of a moving disc for a horizon [s]."""
     rx, ry = vx - ux, vy - uy
     square = dx * dx + dy * dy
     apart = square > radius * radius
@@ -161,14 +137,6 @@ def best_velocity(
     """The velocity nearest to a preferred one (ox, oy) that all lines allow.
 
     Where none does, walls hold and the other lines are overstepped by as little as may be.
-
-    Args:
-        lines: (2 LINES, 4); the second half is overwritten.
-        hard: how many of them, the first, are walls.
-        n: how many there are.
-        most: speed [m/s].
-        ox: preferred velocity [m/s].
-        oy: see ox.
     """
     first, x, y = _linear_program(lines, 0, n, most, ox, oy, False)
     worst = 0.0

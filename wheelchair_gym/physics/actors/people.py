@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import segments_cross, world_to_body
-from wheelchair_gym.physics.actors.bodies import actor_states_at, actors_at
+from wheelchair_gym.geometry import body_to_world, segments_cross
+from wheelchair_gym.physics.actors.bodies import actors_of, offset_from_outline, shapes_of
 from wheelchair_gym.physics.actors.orca import HALF_PLANES, avoid_disc, avoid_wall, best_velocity
 from wheelchair_gym.physics.actors.records import DOOR, EVERYBODY, NOBODY, PERSON
 from wheelchair_gym.random import ACTORS, normal, uniform
@@ -45,9 +45,8 @@ def _next_waypoint(world: Any, row: Any, state: Any) -> None:
         square = dx * dx + dy * dy
         before = state.waypoint - state.direction
         done = square < _REACHED * _REACHED
-        last = (
-            state.waypoint + state.direction < 0 or state.waypoint + state.direction >= row.points
-        )
+        after = state.waypoint + state.direction
+        last = after < 0 or after >= row.points
         if not done and not last and 0 <= before < row.points and square < _PASSED * _PASSED:
             ex = route[at, 0] - route[row.first + before, 0]
             ey = route[at, 1] - route[row.first + before, 1]
@@ -64,8 +63,7 @@ def _next_waypoint(world: Any, row: Any, state: Any) -> None:
 def _static_half_planes(world: Any, state: Any, radius: float, sight: float, p: Any) -> int:
     """Lines of the nearest walls, leaves and things that stand, the nearest kept."""
     lines = table_at(world.half_planes, 2 * HALF_PLANES, 4)
-    walls = table_at(world.walls, world.n_walls, 4)
-    discs = table_at(world.discs, world.n_discs, 3)
+    walls, discs = shapes_of(world)
     x, y, n = state.pose[0], state.pose[1], 0
     for k in range(world.n_walls):
         ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
@@ -79,37 +77,24 @@ def _static_half_planes(world: Any, state: Any, radius: float, sight: float, p: 
         if far < sight * sight and far > 0.0 and n < _WALLS:
             d = math.sqrt(far)
             n = avoid_wall(lines, n, dx / d, dy / d, d - radius, p.wall_horizon)
-    rows, actor_states = (
-        actors_at(world.actors, world.n_actors),
-        actor_states_at(world.actor_states, world.n_actors),
-    )
+    rows, actor_states = actors_of(world)
     for k in range(world.n_fixed_discs):
-        n = _avoid_static_disc(
-            lines, n, x, y, radius, sight, discs[k, 0], discs[k, 1], discs[k, 2], p
-        )
+        ex, ey, r = x - discs[k, 0], y - discs[k, 1], discs[k, 2]
+        n = _avoid_static_disc(lines, n, ex, ey, radius, sight, r, p)
     for k in range(world.n_actors):
         row, at = rows[k], actor_states[k].pose
         things = row.kind != PERSON and row.kind != DOOR and row.size[1] == 0.0
         if things and actor_states[k].is_present:
-            n = _avoid_static_disc(lines, n, x, y, radius, sight, at[0], at[1], row.size[0], p)
+            ex, ey, r = x - at[0], y - at[1], row.size[0]
+            n = _avoid_static_disc(lines, n, ex, ey, radius, sight, r, p)
     return n
 
 
 @borrowing_kernel
 def _avoid_static_disc(
-    lines: Array,
-    n: int,
-    x: float,
-    y: float,
-    radius: float,
-    sight: float,
-    dx: float,
-    dy: float,
-    r: float,
-    p: Any,
+    lines: Array, n: int, ex: float, ey: float, radius: float, sight: float, r: float, p: Any
 ) -> int:
-    """The line of one disc that stands."""
-    ex, ey = x - dx, y - dy
+    """The line of one static disc, from which a person is (ex, ey) away."""
     d = math.sqrt(ex * ex + ey * ey)
     if d - r < sight and d > 0.0 and n < _WALLS:
         return avoid_wall(lines, n, ex / d, ey / d, d - r - radius, p.wall_horizon)
@@ -138,17 +123,13 @@ def _avoid_outline(p: Any, state: Any, row: Any, n: int, lines: Array, pose: Arr
     """The chair's outline as a wall, for who sees it; nobody presses on who touches it."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     dx, dy = state.pose[0] - pose[0], state.pose[1] - pose[1]
-    px, py = world_to_body(c, s, dx, dy)
-    qx = min(p.outline[0], max(-p.outline[1], px))
-    qy = min(p.outline[2], max(-p.outline[2], py))
-    ex, ey = px - qx, py - qy
+    _, _, ex, ey = offset_from_outline(p, c, s, dx, dy)
     d = math.sqrt(ex * ex + ey * ey)
     gap = d - row.size[0]
-    nx, ny = (c * ex - s * ey) / max(d, 1e-9), (s * ex + c * ey) / max(d, 1e-9)
-    if (
-        d > 0.0
-        and gap < (p.neighbour_distance, p.inattentive_distance, 0.0)[EVERYBODY - row.avoids]
-    ):
+    nx, ny = body_to_world(c, s, ex, ey)
+    nx, ny = nx / max(d, 1e-9), ny / max(d, 1e-9)
+    sight = (p.neighbour_distance, p.inattentive_distance, 0.0)[EVERYBODY - row.avoids]
+    if d > 0.0 and gap < sight:
         return avoid_wall(lines, n, nx, ny, gap - _PERSONAL_SPACE, 2.0 * p.wall_horizon)
     if d > 0.0 and gap < _TOUCH:
         return avoid_wall(lines, n, nx, ny, 0.0, p.wall_horizon)
@@ -181,10 +162,7 @@ def _choose_velocity(
     world: Any, p: Any, k: int, wx: float, wy: float, pose: Array, twist: Array
 ) -> tuple[float, float]:
     """The velocity that person k chooses for a preferred one (wx, wy) [m/s]."""
-    rows, actor_states = (
-        actors_at(world.actors, world.n_actors),
-        actor_states_at(world.actor_states, world.n_actors),
-    )
+    rows, actor_states = actors_of(world)
     row, state = rows[k], actor_states[k]
     lines = table_at(world.half_planes, 2 * HALF_PLANES, 4)
     radius, vx, vy = row.size[0], state.twist[0], state.twist[1]
@@ -198,11 +176,8 @@ def _choose_velocity(
         for j in range(world.n_actors):
             other, at = rows[j], actor_states[j].pose
             dx, dy = at[0] - state.pose[0], at[1] - state.pose[1]
-            if (
-                j == k
-                or other.kind != PERSON
-                or dx * dx + dy * dy > p.neighbour_distance * p.neighbour_distance
-            ):
+            far = dx * dx + dy * dy > p.neighbour_distance * p.neighbour_distance
+            if j == k or other.kind != PERSON or far:
                 continue
             if _is_occluded(world, state.pose[0], state.pose[1], at[0], at[1]):
                 continue
@@ -217,20 +192,8 @@ def _choose_velocity(
 def choose_velocities(
     world: Any, p: Any, key: np.uint64, tick: int, pose: Array, twist: Array
 ) -> None:
-    """Everyone chooses a velocity anew, all by what they see at one instant.
-
-    Args:
-        world: record of WORLD.
-        p: parameters.
-        key: of the episode's randomness.
-        tick: physics steps since reset.
-        pose: of the chair (3,) [m, m, rad].
-        twist: of the chair (2,) [m/s, rad/s].
-    """
-    rows, actor_states = (
-        actors_at(world.actors, world.n_actors),
-        actor_states_at(world.actor_states, world.n_actors),
-    )
+    """Everyone chooses a velocity anew, all by what they see at one instant."""
+    rows, actor_states = actors_of(world)
     route = table_at(world.routes, world.n_routes, 2)
     period = p.decide_every * p.dt
     for k in range(world.n_actors):
@@ -252,9 +215,8 @@ def choose_velocities(
             world, p, k, wx, wy, pose, twist
         )
         got = (state.twist[0] * dx + state.twist[1] * dy) / max(far, 1e-9)
-        state.blocked_for = max(
-            0.0, state.blocked_for + (period if got < _SLOW * speed else -period)
-        )
+        change = period if got < _SLOW * speed else -period
+        state.blocked_for = max(0.0, state.blocked_for + change)
         limit = row.patience * (0.5 + uniform(key, tick, ACTORS, world.n_actors + k))
         if state.blocked_for > limit and row.points > 1:
             state.direction, state.blocked_for = -state.direction, 0.0

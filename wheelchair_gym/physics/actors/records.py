@@ -1,6 +1,6 @@
 """What moves in a world besides the chair, as arrays: people, doors, obstacles, furniture.
 
-A actor is a record of ACTOR; ways that people walk stand in one table beside it. The simulation
+An actor is a record of ACTOR; ways that people walk stand in one table beside it. The simulation
 moves them, the sensors see their discs and segments, and this page says which those are.
 """
 
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.compiled.address import as_array
 from wheelchair_gym.config import FARTHEST, InputError
+from wheelchair_gym.geometry import polygon_edges, to_world
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.void]
@@ -306,21 +307,19 @@ def actor_shapes(actors: Actors, poses: Array) -> tuple[Array, Array]:
         if len(outline) == 1:
             discs.append(np.array([(x, y, row["size"][0])]))
         else:
-            segments.append(np.hstack([outline, np.roll(outline, -1, axis=0)]))
+            segments.append(polygon_edges(outline))
     return np.concatenate(discs), np.concatenate(segments)
 
 
 def actor_outline(row: Any, x: float, y: float, yaw: float) -> Array:
-    """Points of a actor at a pose: its centre (1, 2) if round, else its corners (4, 2) [m]."""
+    """Points of an actor at a pose: its centre (1, 2) if round, else its corners (4, 2) [m]."""
     length, width = row["size"]
-    c, s = math.cos(yaw), math.sin(yaw)
     if width == 0.0:
         return np.array([(x, y)])
     front, b = length if row["kind"] == DOOR else 0.5 * length, 0.5 * width
     rear = front - length
     corners = np.array([(rear, -b), (front, -b), (front, b), (rear, b)])
-    turned: Array = corners @ np.array([(c, s), (-s, c)]) + (x, y)
-    return turned
+    return to_world(corners, (x, y, yaw))
 
 
 def leaf_line(row: Any, x: float, y: float, yaw: float) -> Array:
