@@ -22,8 +22,8 @@ from wheelchair_gym.safety.clearance import clearance_to_points, required_cleara
 Array = NDArray[np.float64]
 
 TURN_LENGTH = 0.4  # m per rad: about the mean lever of the outline about the drive axle
-# Steps are twice as long as those of the control generator, and the pose follows the twist at the
-# end of a step: half as many poses are tested, which is what the time of a period goes into.
+# Two steps exist: with the control generator's 0.05 s a fan of twists takes 2.5 times as long. The
+# ramps of the twist are the same; here the pose follows the twist at the end of a step.
 STEP = 0.1  # s
 SPEED_CLEARANCE = 0.06  # s: the outline keeps this share of its speed clear, as the shield does
 SLOW = 0.1  # m/s: and only above this speed

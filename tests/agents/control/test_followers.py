@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.control import FOLLOWERS
+from agents.control import FOLLOWERS, make_follower
 from agents.control.local_map import LocalMap, sampled_walls, voxel_means
 from agents.control.rollout import (
     Body,
@@ -16,6 +16,7 @@ from agents.control.rollout import (
     stops_clear,
 )
 from agents.policies import make_policy
+from planners import make_planner
 from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
@@ -200,6 +201,16 @@ def test_a_policy_is_slowed_as_the_shield_of_its_own_chair_would(chair, shield):
         slowed = local_map.limit_for_unseen_space(twists, motion)
         np.testing.assert_array_equal(slowed, same.limit_for_unseen_space(twists, motion))
         assert (slowed != twists).any()
+
+
+def test_settings_are_read_under_their_earlier_names():
+    follower = make_follower({"name": "woa", "objective": {"wish": 0.3, "struck": 2.0}})
+    assert follower.objective.desired_clearance == 0.3
+    assert follower.objective.actor_weight == 2.0
+    for spec in ({"name": "lattice"}, {"name": "disc_then_lattice"}):
+        old = {"reverse_cost": 3.0}
+        planner = make_planner({**spec, **(old if spec["name"] == "lattice" else {"lattice": old})})
+        assert getattr(planner, "lattice", planner).reverse_factor == 3.0
 
 
 @pytest.mark.parametrize(
