@@ -72,7 +72,6 @@ class Watch:
         """What is to be called after each scan of a log, and at the end (with anything)."""
         if not self:
             return lambda slam: None, lambda end: None
-        from wheelchair_gym.recording import messages as m
         from wheelchair_gym.recording.record import RecordingSettings
         from wheelchair_gym.recording.sink import NANO, Sink
 
@@ -91,14 +90,14 @@ class Watch:
             way = log.increments[k][[0, 2]] / period if period > 0.0 else np.zeros(2)
             if stamp - shown >= own.refresh_period:
                 shown = stamp
-                out.send("/map", m.grid(out.now, slam.map))
-                out.send("/tf_static", m.mounts(out.now, laser))
-                out.send("/trail", m.trail(out.now, slam.trajectory[:, :2]))
-            out.send("/tf", m.frames(out.now, slam.pose, reckoned[k]))
-            out.send("/scan", m.scan(out.now, laser, log.ranges[k]))
-            out.send("/odometry", m.odometry(out.now, reckoned[k], way))
-            out.send("/pose", m.pose_in_map(out.now, slam.pose))
-            out.send("/particles", m.particles(out.now, slam.poses))
+                out.send("/map", slam.map)
+                out.send("/tf_static", laser)
+                out.send("/trail", slam.trajectory[:, :2])
+            out.send("/tf", slam.pose, reckoned[k])
+            out.send("/scan", laser, log.ranges[k])
+            out.send("/odometry", reckoned[k], way)
+            out.send("/pose", slam.pose)
+            out.send("/particles", slam.poses)
             k += 1
             if (why := out.new_error()) and self.when_full == "end":
                 raise InputError(f"{why}, and the run, too")

@@ -24,7 +24,7 @@ from wheelchair_gym.kinematics import Limits, approach_twist, arc_step
 from wheelchair_gym.physics.actors.bodies import actors_of
 from wheelchair_gym.physics.state import FAULTS
 from wheelchair_gym.random import episode_key, uniform
-from wheelchair_gym.safety.state import CELL, _samples
+from wheelchair_gym.safety.state import CELL, outline_samples
 from wheelchair_gym.sensors.settings import SensorSettings
 
 Array = NDArray[np.float64]
@@ -212,8 +212,8 @@ def entering(shields: Any, twist: Array, outline: Array, memory: float) -> Array
         outline: front, rear, half width [m].
         memory: of the shields [s].
     """
-    samples = _samples(*outline.tolist())
-    ax, ay, nx, ny = samples.T
+    samples = outline_samples(*outline.tolist())
+    ax, ay, nx, ny = (samples[name] for name in ("x", "y", "normal_x", "normal_y"))
     v, w = twist[:, :1], twist[:, 1:]
     vx, vy = v - w * ay, w * ax
     out = vx * nx + vy * ny

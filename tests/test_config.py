@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from agents.cli.commands import POSES
 from agents.cli.lists import all_settings
 from planners.trees.variants import RrtStarWoaGlobal
 from tests.configs import SINGLE
@@ -18,7 +19,7 @@ from wheelchair_gym.envs.guidance import PoseGuidance
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.physics.settings import ChairSettings
-from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sensors.settings import POSE_SOURCES, SensorSettings
 
 
 @pytest.mark.parametrize("name", SINGLE)
@@ -109,6 +110,10 @@ def classes_of_settings():
             defaults = (field.default for field in dataclasses.fields(cls))
             waiting += [type(value) for value in defaults if dataclasses.is_dataclass(value)]
     return sorted(found, key=lambda cls: (cls.__module__, cls.__name__))
+
+
+def test_the_command_line_offers_every_pose_source():
+    assert POSES == POSE_SOURCES
 
 
 # Packages whose settings have no description yet.

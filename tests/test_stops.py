@@ -41,8 +41,8 @@ def test_several_faults_are_several_rows():
     [
         ("the laser is silent (unplugged)", Ends.ITSELF),
         ("/scan is silent (its last message lacks 'ranges')", Ends.ITSELF),
-        ("/tf does not tell where base_link is on map", Ends.ITSELF),
-        ("/clock has stood still for 2.1 s: the simulation is paused or has ended", Ends.ITSELF),
+        ("/tf does not report where base_link is on map", Ends.ITSELF),
+        ("/clock has stood still for 2.1 s: the simulation is paused or over", Ends.ITSELF),
         ("the drive board brings it to rest", Ends.ITSELF),
         ("a person drives it by the joystick", Ends.PERSON),
         ("ws://x: the link is lost: closed", Ends.NEW_RUN),

@@ -19,7 +19,7 @@ _VECTOR_ENTRY = "wheelchair_gym.envs.vector:NavigationVectorEnv"
 
 for _id, _kwargs in (("Navigation-v0", {}), ("GuidedNavigation-v0", {"guidance": "geodesic"})):
     gym.register(f"wheelchair_gym/{_id}", _ENTRY, vector_entry_point=_VECTOR_ENTRY, kwargs=_kwargs)
-# Nobody tells a real chair the truth: what differs from the defaults in configs/hardware.json.
+# What configs/hardware.json changes of the defaults: a real chair does not know its true pose.
 _REAL = {
     "sensors": {"pose_source": "mcl"},
     "chair": {"motor": {"control_rate": 200.0}},

@@ -93,7 +93,7 @@ def setting_docs(cls: type) -> dict[str, str]:
 @dataclass_transform(frozen_default=True, field_specifiers=(setting, dataclasses.field))
 def settings(cls: type[T]) -> type[T]:
     """Make a frozen dataclass whose values are checked whenever one is made."""
-    own = getattr(cls, "__post_init__", None)
+    check_class = getattr(cls, "__post_init__", None)
 
     def check(self: Any) -> None:
         hints = typing.get_type_hints(type(self))
@@ -103,8 +103,8 @@ def settings(cls: type[T]) -> type[T]:
             value = _convert(value, hints[field.name], where)
             _bounded(value, field.metadata, where)
             object.__setattr__(self, field.name, value)
-        if own is not None:
-            own(self)
+        if check_class is not None:
+            check_class(self)
 
     cls.__post_init__ = check  # type: ignore[attr-defined]
     cls.__deepcopy__ = lambda self, memo: self  # type: ignore[attr-defined]  # it never changes
@@ -266,10 +266,10 @@ def with_values(settings: Mapping[str, Any], values: Mapping[str, Any]) -> dict[
     Raises:
         InputError: a key leads into what has no keys.
     """
-    whole = {**settings}
+    changed = {**settings}
     for key, value in values.items():
         *above, last = key.split(".")
-        place = whole
+        place = changed
         for part in above:
             inner = place.get(part, {})
             if not isinstance(inner, Mapping):
@@ -277,4 +277,4 @@ def with_values(settings: Mapping[str, Any], values: Mapping[str, Any]) -> dict[
             place[part] = {**inner}
             place = place[part]
         place[last] = value
-    return whole
+    return changed

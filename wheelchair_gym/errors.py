@@ -1,4 +1,4 @@
-"""What is told to a person whose input is wrong."""
+"""The error of wrong input, and how messages show a value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files: read within stated limits from regular files only; written whole or not at all.
+"""Files: read within stated limits from regular files only; written completely or not at all.
 
 Every reader of the project opens its file here. A limit is checked before memory is asked for.
 """
@@ -92,7 +92,7 @@ def read_bytes(path: str | Path, limit: str) -> bytes:
     """
     with opened(path, limit) as file:
         content = file.read(os.fstat(file.fileno()).st_size + 1)
-        while more := file.read(_MIB):  # some files hold more than they say
+        while more := file.read(_MIB):  # some files hold more than their size says
             content += more
             _check_size(path, len(content), limit)
     _check_size(path, len(content), limit)
@@ -266,7 +266,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 
 
 def write_error(path: Path, error: OSError) -> InputError:
-    """What a person is told of a file that cannot be written."""
+    """The error of a file that cannot be written."""
     taken = isinstance(error, FileExistsError | NotADirectoryError)
     why = "its folder is a file" if taken else error.strerror or str(error)
     return InputError(f"{path}: cannot be written ({why})")

@@ -1,4 +1,4 @@
-"""Angles, frames, segments and footprints: pure functions, used by every room.
+"""Angles, frames, segments and footprints: pure functions.
 
 Frames follow REP-103: x forward, y left, angles counter-clockwise [rad]; lengths in metres.
 Scalar kernels serve compiled loops; functions on arrays accept any batch axes.
@@ -203,20 +203,20 @@ def rectangle_segment_gap(
     overlap = True
     for k in range(4):
         if k == 0:
-            step, room = -ex, px - back
+            step, space = -ex, px - back
         elif k == 1:
-            step, room = ex, front - px
+            step, space = ex, front - px
         elif k == 2:
-            step, room = -ey, py + half
+            step, space = -ey, py + half
         else:
-            step, room = ey, half - py
+            step, space = ey, half - py
         if step == 0.0:
-            if room < 0.0:
+            if space < 0.0:
                 overlap = False
         elif step < 0.0:
-            t0 = max(t0, room / step)
+            t0 = max(t0, space / step)
         else:
-            t1 = min(t1, room / step)
+            t1 = min(t1, space / step)
     if overlap and t0 <= t1:
         return 0.0
     # Apart: the nearest pair has an end of the segment, or a corner of the rectangle.
@@ -272,3 +272,45 @@ def best_clearance_heading(
     gaps = [footprint_clearance(x, y, yaw, outline.array, walls, discs, 2.0) for yaw in yaws]
     best = int(np.argmax(gaps))
     return float(yaws[best]), float(gaps[best])
+
+
+@kernel
+def clearance_to_points(
+    x: float, y: float, yaw: float, footprint: Array, points: Array, interest: float
+) -> float:
+    """Distance [m] from a footprint at a pose to the nearest of points, at most `interest`.
+
+    Points (k, 3) hold x, y and a lower bound of the distance from the origin, in rising order.
+    """
+    c, s = math.cos(yaw), math.sin(yaw)
+    middle = 0.5 * (footprint[0] - footprint[1])
+    half_length, half_width = 0.5 * (footprint[0] + footprint[1]), footprint[2]
+    mx, my = x + c * middle, y + s * middle
+    reach = math.hypot(x, y) + interest
+    reach += math.hypot(max(footprint[0], footprint[1]), half_width)
+    best = interest * interest
+    for k in range(points.shape[0]):
+        if points[k, 2] > reach:
+            break
+        px, py = world_to_body(c, s, points[k, 0] - mx, points[k, 1] - my)
+        dx, dy = max(abs(px) - half_length, 0.0), max(abs(py) - half_width, 0.0)
+        best = min(best, dx * dx + dy * dy)
+    return math.sqrt(best)
+
+
+@kernel
+def signed_clearance(px: float, py: float, footprint: Array) -> float:
+    """Distance [m] from a point in the footprint's own frame to its edge; below 0 inside."""
+    dx = max(px - footprint[0], -footprint[1] - px)
+    dy = abs(py) - footprint[2]
+    if dx > 0.0 and dy > 0.0:
+        return math.sqrt(dx * dx + dy * dy)
+    return float(max(dx, dy))
+
+
+@kernel
+def required_clearance(
+    margin: float, headway: float, speed: float, turn: float, lever: float, creep: float
+) -> float:
+    """Clearance [m] required around a footprint: `margin`, and more with its speed."""
+    return margin + headway * max(0.0, speed + 0.5 * lever * turn - creep)

@@ -105,7 +105,7 @@ class Limits:
             a_v = a_w = math.nan
         if type(a_v) is not float or not math.isfinite(a_v + a_w):
             raise InputError(f"action is {action!r}; expected two finite numbers in [-1, 1]")
-        # As plain Python, which is sooner done than calling compiled code.
+        # As plain Python, which is faster than calling compiled code.
         plain: Any = twist_of_action
         return np.array(plain.py_func(a_v, a_w, self.forward, self.backward, self.turn))
 
@@ -122,7 +122,7 @@ LIMITS: Final = np.dtype([(f.name, "f8") for f in dataclasses.fields(Limits)], a
 
 @settings
 class DriveGeometry:
-    """The two drive wheels, as the chair's own computer believes them to be."""
+    """The two drive wheels, as the chair's computer believes them to be."""
 
     track: float = setting(default=0.54, unit="m", low=0.1, source="common hub motors")
     """Distance between the two drive wheels."""
@@ -156,10 +156,9 @@ def corner_speed(v: float, w: float, ahead: float, aside: float) -> float:
 def odometric_step(
     x: float, y: float, yaw: float, distance: float, turn: float
 ) -> tuple[float, float, float]:
-    """The pose after a way [m] driven while turning [rad]: the thesis's model (2.15)-(2.17).
+    """The pose after a distance [m] driven while turning [rad]: the thesis, (2.15)-(2.17).
 
-    Heading from +x, counter-clockwise; the way lies along the mean heading, which is exact to
-    second order in the turn.
+    The distance lies along the mean heading, which is exact to second order in the turn.
     """
     middle = yaw + 0.5 * turn
     return x + distance * math.cos(middle), y + distance * math.sin(middle), yaw + turn
@@ -201,7 +200,7 @@ def approach(
     Args:
         speed: now [m/s or rad/s].
         slope: its present rate of change.
-        target: where it shall end.
+        target: to be reached.
         up: largest rate away from zero.
         down: largest rate towards zero.
         jerk: largest change of the rate per second.
@@ -269,13 +268,5 @@ def clip_to_limits(v: float, w: float, limits: Any) -> tuple[float, float]:
 
 @kernel
 def peak_speed(speed: float, slope: float, jerk: float) -> float:
-    """How fast something is or is yet to be while its slope is brought to nothing.
-
-    On its way through rest it is not at rest.
-
-    Args:
-        speed: now [m/s or rad/s].
-        slope: its present rate of change.
-        jerk: largest change of the rate per second.
-    """
+    """The largest speed [m/s or rad/s] while jerk brings the rate of change to zero."""
     return abs(speed) + 0.5 * slope * slope / jerk

@@ -1,4 +1,4 @@
-"""The words that everyone speaks: what a chair can know, where it is, and what drives it."""
+"""The types of the interface: what a chair knows, its world, its task and its commands."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ class Reading(NamedTuple):
     bumped: bool  # a bumper strip is pressed
     battery: float  # V
     stamp: float  # s since reset
-    halted: str = ""  # why the chair stands whatever it is told; empty: it does as it is told
+    halted: str = ""  # why the chair stands whatever the command; empty: it obeys commands
     # The environment fills these in for a policy (`NavigationEnv.reading`).
     action: tuple[float, float] = (0.0, 0.0)  # the last one asked of the chair, in [-1, 1]
-    withheld: tuple[float, float] = (0.0, 0.0)  # m/s, rad/s: what the shield took from its twist
+    shield_intervention: tuple[float, float] = (0.0, 0.0)  # taken from its twist [m/s, rad/s]
     map: OccupancyGrid | None = None  # drawn so far, where the chair draws its own map
 
 
@@ -70,7 +70,7 @@ def check_reading(reading: Reading, beams: int) -> None:
 class Belief(NamedTuple):
     """What a pose source goes by: for viewers and logs, never for a policy.
 
-    A chair that can tell it has a property `belief`; of others, the pose alone is shown.
+    A chair that has one offers it as its property `belief`; of others, only the pose is shown.
     """
 
     odometry: Array  # (3,) m, m, rad: dead-reckoned, in the frame odom (REP-105)
@@ -113,7 +113,7 @@ class Episode:
     """Where and what: a world, a start and a goal.
 
     Walls form closed loops that do not cross: a point is inside something solid exactly if a ray
-    from it crosses walls an odd number of times. The map is what the chair is told about the world.
+    from it crosses walls an odd number of times. The map is what the chair knows of the world.
     Neither an episode nor its arrays are ever changed: a deep copy of one is itself.
 
     Raises:
@@ -129,9 +129,7 @@ class Episode:
     time_limit: float | None = None  # s: where the world says so
     name: str = ""
     actors: Actors = field(default_factory=no_actors)  # which the map does not show
-    reference_length: float | None = (
-        None  # m: how long the way is that its source measures speed by
-    )
+    reference_length: float | None = None  # m: the path length by which its source measures speed
 
     def __post_init__(self) -> None:
         shapes: dict[str, tuple[int | None, ...]] = {"start": (3,), "goal": (3,)}
@@ -165,7 +163,7 @@ class Mission:
     chair: ChairSettings
     sensors: SensorSettings
     shield: ShieldSettings | None  # of what filters the commands; None: nothing does
-    guarded: bool  # the shield filters this episode's commands
+    is_shielded: bool  # the shield filters this episode's commands
     key: int  # of the episode; seeds what a policy draws
 
     @property
@@ -260,7 +258,7 @@ class Chair(Protocol):
 
     @property
     def truth(self) -> Truth:
-        """How things really are, as far as this chair can tell."""
+        """How things really are, as far as this chair knows."""
         ...
 
     def close(self) -> None:

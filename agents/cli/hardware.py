@@ -23,14 +23,17 @@ from wheelchair_gym.files import atomic_write
 from wheelchair_gym.geometry import relative_pose
 from wheelchair_gym.hardware import joystick
 from wheelchair_gym.hardware.boards.monitor import status_rows, subscribe
-from wheelchair_gym.hardware.boards.parameters import board_parameters
+from wheelchair_gym.hardware.boards.parameters import (
+    board_parameters,
+    save_parameters,
+    set_parameters,
+)
 from wheelchair_gym.hardware.boards.ports import may_reset
-from wheelchair_gym.hardware.boards.senses import BoardSensors
+from wheelchair_gym.hardware.boards.senses import POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.control_loop import WallClock
 from wheelchair_gym.hardware.tools import distance_calibration, wheel_calibration
-from wheelchair_gym.hardware.tools.diagnostics import POLL_PERIOD, Diagnostics
-from wheelchair_gym.hardware.tools.provision import save_parameters, set_parameters
+from wheelchair_gym.hardware.tools.diagnostics import Diagnostics
 from wheelchair_gym.hardware.tools.speed_tuning import GAINS, step_response
 from wheelchair_gym.physics.settings import MotorSettings
 

@@ -15,11 +15,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.geometry import to_frame, to_world
+from wheelchair_gym.geometry import clearance_to_points, to_frame, to_world
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 from wheelchair_gym.safety import Shield
-from wheelchair_gym.safety.clearance import clearance_to_points
 from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.types import Mission, Reading
 

@@ -15,9 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import kernel
-from wheelchair_gym.geometry import Footprint, rectangle_point_gap
+from wheelchair_gym.geometry import (
+    Footprint,
+    clearance_to_points,
+    rectangle_point_gap,
+    required_clearance,
+)
 from wheelchair_gym.kinematics import Limits, approach_twist, arc_step, peak_speed
-from wheelchair_gym.safety.clearance import clearance_to_points, required_clearance
 
 Array = NDArray[np.float64]
 

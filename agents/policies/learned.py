@@ -133,11 +133,11 @@ class LearnedDriver:
         period = self._hold * mission.period
         self._task = Task(task, mission.chair, mission.sensors, period, guidance)
         self.network.reset(1)
-        self._withheld = np.zeros(2)
+        self._intervention = np.zeros(2)
         self._steps, self._updated = 0, 0.0
         self._grows = mission.map is None and guidance is not None
         first = mission.reading
-        self._task.begin(self._prepare(first), first, mission.key, mission.guarded)
+        self._task.begin(self._prepare(first), first, mission.key, mission.is_shielded)
 
     def _prepare(self, reading: Reading) -> PreparedEpisode:
         """The episode from where the chair is, on the map as it is now."""
@@ -152,14 +152,14 @@ class LearnedDriver:
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
-        self._withheld += np.divide(reading.withheld, self._hold)
+        self._intervention += np.divide(reading.shield_intervention, self._hold)
         if self._steps % self._hold == 0:
             if self._grows and reading.stamp - self._updated >= UPDATE_PERIOD:
                 self._updated = reading.stamp
                 self._task.replace_prepared(self._prepare(reading))
             # The twist driven may be less than commanded: `deploy` begins slowly.
-            less = float(self._withheld[0]), float(self._withheld[1])
-            self._withheld[:] = 0.0
+            less = float(self._intervention[0]), float(self._intervention[1])
+            self._intervention[:] = 0.0
             seen = self._task.assess(reading, np.array(reading.action), less)
             self.observation = np.concatenate(
                 [seen[key] for key, _ in self.layout.sizes if key in seen]

@@ -49,7 +49,7 @@ class PaperWorld:
         self.mission = Mission(
             map=grid, reading=self.seen, goal=np.array(goal, float), tolerance=0.3,
             time_limit=60.0, period=period, chair=ChairSettings(), sensors=self.sensors,
-            shield=None, guarded=False, key=7,
+            shield=None, is_shielded=False, key=7,
         )  # fmt: skip
 
     def reading(self):

@@ -189,7 +189,7 @@ def test_a_latched_shield_is_told_and_goes_on_when_a_person_re_arms_it(way):
     assert 15 < latched.count("laser silent") < 40
     lines = [line.split("s  ", 1)[1] for line in drive.log]
     (told,) = [line for line in lines if line.startswith("stands: the shield has stopped it")]
-    assert "laser silent; needs a re-arm by a person: see to its plug" in told
+    assert "laser silent; needs a re-arm by a person: check its plug" in told
     assert [k for k, line in enumerate(lines) if line == "goes on"] == [len(lines) - 1]
     assert float(drive.log[-1].split("s  ")[0]) > 3.9
     assert any("no longer: the laser is silent" in line for line in lines)
@@ -224,7 +224,7 @@ def test_a_re_arm_while_the_cause_stands_is_refused_and_told():
     tries = at(3.0, lambda: rearm(drive.hosted.chair, drive.env.shield))
     drive.each = lambda env: [fails(env), tries(env)]
     assert drive.run()["outcome"] == "halted"
-    assert any("not re-armed: laser silent, still; see to its plug" in line for line in drive.log)
+    assert any("not re-armed: laser silent, still; check its plug" in line for line in drive.log)
     assert drive.end()
 
 

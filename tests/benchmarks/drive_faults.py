@@ -36,7 +36,7 @@ from wheelchair_gym.hardware.boards.protocol import (
     Status,
     Switch,
 )
-from wheelchair_gym.hardware.twin.build import build_target
+from wheelchair_gym.hardware.twin.board import build_target
 from wheelchair_gym.hardware.twin.lockstep import JoystickState
 from wheelchair_gym.hardware.twin.plant import Slope
 from wheelchair_gym.kinematics import DriveGeometry

@@ -16,8 +16,7 @@ import numpy as np
 from tests.hardware.bench import ibus
 from tests.hardware.pilot import Pilot
 from wheelchair_gym.hardware.boards.protocol import Odometry, Receiver
-from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard
-from wheelchair_gym.hardware.twin.build import build_target
+from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard, build_target
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 
 # Interrupt vectors of the ATmega2560, and the pin that changes with each run of the control.

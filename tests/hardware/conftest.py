@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from wheelchair_gym.hardware.twin.build import build_target, missing_tools
+from wheelchair_gym.hardware.twin.board import build_target, missing_tools
 
 
 def build(target):

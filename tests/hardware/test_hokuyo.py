@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from wheelchair_gym.config import InputError
+from wheelchair_gym.hardware.connection import RETRY
 from wheelchair_gym.hardware.laser.hokuyo import ANSWER_WITHIN, Hokuyo, open_laser
 from wheelchair_gym.hardware.laser.scip import (
     STAMP_WRAP,
@@ -18,12 +19,11 @@ from wheelchair_gym.hardware.laser.scip import (
     ScipParser,
     checksum,
     decode_numbers,
-    encode_number,
+    encode_numbers,
     metres,
     scan_of,
     specs_of,
 )
-from wheelchair_gym.hardware.reconnect import RETRY
 from wheelchair_gym.hardware.twin.laser import URG_04LX, UST_10LX, ScipSensor
 
 MODELS = {"ust": UST_10LX, "urg": URG_04LX}
@@ -45,9 +45,9 @@ def stream_of(model, scans=2):
 
 def test_checksums_are_those_of_the_specification():
     assert (checksum(b"00"), checksum(b"99")) == (ord("P"), ord("b"))
-    assert encode_number(1234, 2) == b"CB"  # the specification's own examples
-    assert encode_number(5432, 3) == b"1Dh"
-    assert encode_number(16_000_000, 4) == b"m2@0"
+    assert encode_numbers([1234], 2) == b"CB"  # the specification's own examples
+    assert encode_numbers([5432], 3) == b"1Dh"
+    assert encode_numbers([16_000_000], 4) == b"m2@0"
     assert decode_numbers(b"1DhCB0", 3).tolist() == [5432, 78976]
     assert decode_numbers(b"1D", 3) is None
     assert decode_numbers(b"1D\x07", 3) is None

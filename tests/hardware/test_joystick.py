@@ -2,36 +2,53 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
 from tests.hardware.hosted import Hosted
 from tests.physics.worlds import box
 from wheelchair_gym.config import InputError
+from wheelchair_gym.hardware.connection import RETRY
 from wheelchair_gym.hardware.joystick import (
     EV_ABS,
     EV_KEY,
     EV_SYN,
     SYN_DROPPED,
-    Event,
     Joystick,
     JoystickSettings,
 )
-from wheelchair_gym.hardware.reconnect import RETRY
 from wheelchair_gym.kinematics import Limits
 
 OWN = JoystickSettings(device="fake")
 AHEAD = np.array([0.4, 0.0])
 
 
+class Event(NamedTuple):
+    type: int
+    code: int
+    value: int
+
+
+class Info(NamedTuple):
+    min: int
+    max: int
+
+
 class FakeDevice:
     def __init__(self):
-        self.axes = {0: (0, 255), 1: (-32768, 32767)}
         self.said, self.plugged = [], True
+
+    def capabilities(self, absinfo):
+        ranges = {0: (0, 255), 1: (-32768, 32767)}
+        return {EV_ABS: [(code, Info(*ends)) for code, ends in ranges.items()]}
 
     def read(self):
         if not self.plugged:
             raise OSError(19, "No such device")
+        if not self.said:
+            raise BlockingIOError
         said, self.said = self.said, []
         return said
 

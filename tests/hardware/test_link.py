@@ -28,7 +28,7 @@ from wheelchair_gym.hardware.boards.protocol import (
     Receiver,
     encode,
 )
-from wheelchair_gym.hardware.reconnect import RETRY
+from wheelchair_gym.hardware.connection import RETRY
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
 from wheelchair_gym.hardware.twin.protocol_twin import CABLES, LineNoise, SerialCable

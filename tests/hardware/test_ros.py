@@ -27,7 +27,7 @@ from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.geometry import point_segment_distance, to_world
-from wheelchair_gym.hardware.clock_sync import ClockSync
+from wheelchair_gym.hardware.connection import ClockSync
 from wheelchair_gym.hardware.registry import chair_settings, make_chair
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
 from wheelchair_gym.hardware.ros.senses import RosSensors
@@ -281,12 +281,12 @@ def test_wrong_messages_are_not_used_and_named(bridge, wrong, caplog):
     senses = RosSensors(RosSettings(), SENSORS, False)
     message = bridge._map() if topic == "/map" else bridge._messages()[topic]()
     senses.receive(topic, message, 1.0)
-    known = dict(senses._heard)
+    known = dict(senses._newest)
     assert senses.describe_silence(topic) == f"{topic} is silent"
     for _ in range(3):
         senses.receive(topic, mangle(json.loads(json.dumps(message))), 1.1)
     assert why in senses.describe_silence(topic)
-    assert senses._heard == known
+    assert senses._newest == known
     assert len(caplog.records) == 1  # said once
 
 
@@ -314,8 +314,8 @@ STAMPS = {
     "an infinite part": ('{"sec": 1, "nanosec": Infinity}', "expected 0 to"),
     "negative": ('{"sec": -5, "nanosec": 0}', "expected 0 to"),
     "beyond 32 bits": ('{"sec": 4294967296, "nanosec": 0}', "expected 0 to"),
-    "years ahead": ('{"sec": 1900000000, "nanosec": 0}', "later than its clock told"),
-    "an hour ahead": ('{"sec": 15946, "nanosec": 0}', "later than its clock told"),
+    "years ahead": ('{"sec": 1900000000, "nanosec": 0}', "later than its clock showed"),
+    "an hour ahead": ('{"sec": 15946, "nanosec": 0}', "later than its clock showed"),
     "years behind": ('{"sec": 5, "nanosec": 0}', "older than the one before"),
 }
 
@@ -392,7 +392,7 @@ def test_silence_is_measured_in_simulated_time(bridge):
         slow.paused = True
         own = spec(slow, use_sim_time=True, clock_timeout=0.2, patience=0.2)
         paused = make_chair(own, env_settings(CONFIG))
-        with pytest.raises(InputError, match=r"/clock has (stood still|told no time)"):
+        with pytest.raises(InputError, match=r"/clock has (stood still|reported no time)"):
             paused.reset(None, 0)
         paused.close()
     finally:

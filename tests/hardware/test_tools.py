@@ -12,6 +12,7 @@ from tests.hardware.hosted import Hosted
 from tests.physics.worlds import box
 from wheelchair_gym.hardware.boards.dead_reckoning import WheelOdometry
 from wheelchair_gym.hardware.boards.monitor import status_rows
+from wheelchair_gym.hardware.boards.parameters import save_parameters, set_parameters
 from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.tools.diagnostics import Diagnostics
 from wheelchair_gym.hardware.tools.distance_calibration import (
@@ -22,7 +23,6 @@ from wheelchair_gym.hardware.tools.distance_calibration import (
     drive_run,
     fit_wall,
 )
-from wheelchair_gym.hardware.tools.provision import save_parameters, set_parameters
 from wheelchair_gym.hardware.tools.speed_tuning import step_response
 from wheelchair_gym.hardware.tools.wheel_calibration import (
     Square,
@@ -110,7 +110,7 @@ def test_another_fan_and_other_parameters_are_found():
     hosted.twin.drive.reset()
     clock.wait(clock.now() + 0.5)
     senses.poll()
-    senses.forget_parameters()
+    senses.parameters["drive"].reported.clear()
     assert set_parameters(senses, clock, "drive", {"kp": 33.0}) == {}
     before = clock.now()
     refused = set_parameters(senses, clock, "drive", {"kp": 1e9, "ki": 120.0})

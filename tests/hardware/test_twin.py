@@ -32,7 +32,7 @@ from wheelchair_gym.hardware.boards.protocol import (
 )
 from wheelchair_gym.hardware.laser.hokuyo import Hokuyo
 from wheelchair_gym.hardware.twin.board import FREQUENCY
-from wheelchair_gym.hardware.twin.laser import sensor_model
+from wheelchair_gym.hardware.twin.laser import sensor_specs
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 from wheelchair_gym.hardware.twin.plant import Slope
 from wheelchair_gym.physics.settings import MotorSettings
@@ -469,7 +469,7 @@ def test_the_laser_says_what_it_sees(pilot):
 
 
 def test_beams_that_no_hokuyo_has_are_said_so():
-    assert sensor_model(LaserSettings()).steps_per_turn == 1440
-    assert sensor_model(LaserSettings(beams=181, fov=math.pi)).steps_per_turn == 360
+    assert sensor_specs(LaserSettings()).steps_per_turn == 1440
+    assert sensor_specs(LaserSettings(beams=181, fov=math.pi)).steps_per_turn == 360
     with pytest.raises(InputError, match="64 beams over 270 deg"):
-        sensor_model(LaserSettings(beams=64))
+        sensor_specs(LaserSettings(beams=64))

@@ -37,7 +37,7 @@ OWN = {
     "compiled.kernel._file_digest": "sources of the project",
     "evaluation.runs.source_digest": "sources of the project",
     "envs.world_banks._identity": "sources of the project",
-    "hardware.twin.build._folder": "sources of the project",
+    "hardware.twin.board._folder": "sources of the project",
     "envs.world_banks._of_bank": "pickles of a folder of this program's own, as __pycache__ is",
     "compiled.second_process.locked": "an empty file that is a lock",
     "compiled.second_process.compile_beside": "the null device",

@@ -242,7 +242,7 @@ def test_misuse_is_named():
 
 def test_a_period_must_hold_whole_steps():
     chair = exact_chair()
-    with pytest.raises(ValueError, match=r"0\.1 s is not a whole multiple of 0\.03 s"):
+    with pytest.raises(ValueError, match=r"0\.1 s is not an integer multiple of 0\.03 s"):
         type(chair)(physics=dataclasses.replace(chair.physics, step=0.03))
 
 

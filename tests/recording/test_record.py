@@ -463,7 +463,7 @@ def test_movers_are_recorded_and_replayed_where_they_were(tmp_path):
     np.testing.assert_array_equal(again.render(), picture)
     with (tmp_path / "run.mcap").open("rb") as stream:
         topics = [channel.topic for _, channel, _ in make_reader(stream).iter_messages()]
-    assert topics.count("/movers") == 6
+    assert topics.count("/actors") == 6
 
 
 def test_a_run_guided_by_ways_of_the_outline_is_seen_and_judged_the_same(tmp_path):

@@ -17,7 +17,7 @@ from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.settings import BodySettings, ChairSettings
 from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.safety.perception import last_rows
-from wheelchair_gym.safety.state import KEPT, REASONS
+from wheelchair_gym.safety.state import KEPT, POINT, REASONS
 from wheelchair_gym.sensors.settings import FaultSettings, SensorSettings
 from wheelchair_gym.types import Reading
 
@@ -255,13 +255,13 @@ def test_what_slipped_out_of_view_is_remembered(turn):
 
 
 def test_of_more_than_it_remembers_the_last_is_kept():
-    rows = np.zeros((KEPT + 40, 3))
-    rows[:, 0] = np.arange(len(rows))
+    rows = np.zeros(KEPT + 40, POINT)
+    rows["x"] = np.arange(len(rows))
     assert last_rows(rows, len(rows), KEPT) == KEPT
-    assert rows[0, 0] == 40
-    assert rows[KEPT - 1, 0] == KEPT + 39
+    assert rows["x"][0] == 40
+    assert rows["x"][KEPT - 1] == KEPT + 39
     assert last_rows(rows, 7, KEPT) == 7
-    assert rows[0, 0] == 40
+    assert rows["x"][0] == 40
 
 
 FAULTS = [name for name in REASONS if name.endswith(("silent", "frozen"))]

@@ -117,7 +117,7 @@ def kernel(function: F) -> F:
 def borrowing_kernel(function: F) -> F:
     """Compile a function that makes no arrays: it borrows its own without counting references.
 
-    Counting costs some 200 ns a call for a tuple of arrays, forty times a small test's own work.
+    Counting costs some 200 ns a call for a tuple of arrays, forty times the work of a small test.
     """
     return _compiled(function, _nrt=False)
 

@@ -58,19 +58,19 @@ def _is_from_us(function: Any) -> bool:
 
 
 class CompileProgress(event.Listener):
-    """Tells on standard error which kernel is compiled, and how many were so far.
+    """Prints on standard error which kernel is compiled, and how many were so far.
 
     On a terminal one line that changes; in a log one line after half a second of compiling, and
-    one every ten seconds. How many will be needed nobody knows before they are called.
+    one every ten seconds. The number needed is not known before they are called.
     """
 
     def __init__(self) -> None:
-        self.quiet = False  # a helper process says nothing
+        self.quiet = False  # a helper process prints nothing
         self._compiled: set[Callable[..., Any]] = set()
         self._begun: list[float] = []  # s, of each compilation at work, the outermost first
         self._spent = 0.0  # s compiled before the outermost one at work
         self._due = _PATIENCE  # s of compiling until the next line of a log
-        self._told_at = -math.inf  # s: when a log last got a line about waiting
+        self._printed_at = -math.inf  # s: when a log last got a line about waiting
 
     def on_start(self, event: Any) -> None:
         """A kernel is about to be compiled, perhaps on behalf of another."""
@@ -101,9 +101,9 @@ class CompileProgress(event.Listener):
         if sys.stderr.isatty():
             sys.stderr.write(f"\r\033[K{line}")
             sys.stderr.flush()
-        elif time.monotonic() - self._told_at >= _LOG_PAUSE:
+        elif time.monotonic() - self._printed_at >= _LOG_PAUSE:
             print(line, file=sys.stderr, flush=True)
-            self._told_at = time.monotonic()
+            self._printed_at = time.monotonic()
 
     def _write(self, function: Callable[..., Any], spent: float) -> None:
         line = f"compiling kernel {len(self._compiled)}, once on this machine"

@@ -1,4 +1,4 @@
-"""The loop over many chairs: drive, sense, judge, observe and begin anew, without Python."""
+"""The loop over many chairs: drive, sense, assess, observe and reset, without Python."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Rows = NDArray[np.void]
 
 
 class Batch(NamedTuple):
-    """Chairs, where they are and what they are about; a row each."""
+    """Chairs, their worlds and their tasks; a row each."""
 
     task: Rows  # (1,) of TASK
     shields: Rows  # (1,) of SHIELDS
@@ -37,7 +37,7 @@ class Batch(NamedTuple):
     shield_states: Rows  # (n,) of SHIELD; (0,) without
     unshielded: Array  # (1,) share of episodes without
     is_over: Flags  # (n,) the episode has ended in an earlier step
-    was_reset: Flags  # (n,) is set where an episode was begun in this step
+    was_reset: Flags  # (n,) an episode began in this step
 
 
 # How a shield changed a twist, and why: fields of `safety.shield.Decision`.
@@ -58,7 +58,7 @@ class Results(NamedTuple):
     sensed: Rows  # (n,) of SENSED
     verdicts: Rows  # (n,) of VERDICT
     success: Flags  # (n,) at the goal by truth, and nothing was touched
-    out: Floats  # (n, room) observations
+    out: Floats  # (n, numbers) observations
     decisions: Rows  # (n,) of DECISION
 
 
@@ -77,8 +77,8 @@ def is_unshielded(key: np.uint64, share: float) -> bool:
 
 
 @borrowing_kernel
-def show_shield(i: int, batch: Batch, seen: Any, ranges: Floats) -> None:
-    """Give row i's shield a reading."""
+def update_row_shield(i: int, batch: Batch, seen: Any, ranges: Floats) -> None:
+    """Update row i's shield with a reading."""
     update_shield(
         i,
         batch.shields,
@@ -120,7 +120,7 @@ def begin_chair(i: int, batch: Batch, chairs: Rows, results: Results, ranges: Fl
         for k in range(2):
             decision.asked[k] = decision.given[k] = 0.0
         reset_shield(i, batch.shields)
-        show_shield(i, batch, seen, ranges)
+        update_row_shield(i, batch, seen, ranges)
 
 
 @borrowing_kernel
@@ -178,7 +178,7 @@ def step_chairs(
                 decision.reason, decision.protective = shield.reason, shield.protective
                 for k in range(2):
                     decision.asked[k], decision.given[k] = shield.asked[k], shield.given[k]
-                show_shield(i, batch, seen, ranges)
+                update_row_shield(i, batch, seen, ranges)
             is_over[i] = verdicts[i].terminated or verdicts[i].truncated
             if not (is_over[i] and same_step):
                 continue

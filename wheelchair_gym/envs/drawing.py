@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class EpisodeRenderer:
-    """Draws where a chair is, was and is led; made of the world when first asked for."""
+    """Draws a chair with its trail and its guidance; the view is made when first needed."""
 
     def __init__(self, settings: EnvSettings) -> None:
         self._settings = settings

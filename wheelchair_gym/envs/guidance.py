@@ -1,4 +1,4 @@
-"""Guidance: what a setting of that name stands for, and the two that come with the house."""
+"""Guidance: what the setting of that name means, and the two that are built in."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from wheelchair_gym.task.task import Guidance, Task
 
 Array = NDArray[np.float64]
 
-GOAL_DEPTH = 0.5  # share of how near a goal counts, so that ways end well within
+GOAL_DEPTH = 0.5  # share of the tolerance within which routes end
 
 
 def geodesic_path(task: Task) -> Array:
@@ -29,8 +29,8 @@ def geodesic_path(task: Task) -> Array:
 class PoseGuidance:
     """Poses on the quickest way of the chair's outline, from wherever the chair is.
 
-    The map may be told less than well, as a stand-in for one that is drawn on the way: patches of
-    it forgotten (which planners take for free), and all of it shifted.
+    The map may be degraded, as a stand-in for one that the chair builds: some patches are
+    forgotten, which planners take for free, and all of it is shifted.
     """
 
     poses = True  # what `Task` asks a guidance for
@@ -50,9 +50,9 @@ class PoseGuidance:
     """Standard deviation of the shift of a degraded map, on each axis."""
 
     def __call__(self, task: Task) -> CostToGo:
-        """The ways of the outline to the task's goal."""
+        """The cost to go of the outline to the task's goal."""
         return cost_to_go(
-            self._told(task),
+            self._map_of(task),
             task.goal,
             task.footprint,
             task.limits,
@@ -62,8 +62,8 @@ class PoseGuidance:
             slack=self.max_detour,
         )
 
-    def _told(self, task: Task) -> OccupancyGrid:
-        """The map, or a worse one; the same for the same start and goal."""
+    def _map_of(self, task: Task) -> OccupancyGrid:
+        """The map, or a degraded one; the same for the same start and goal."""
         grid = task.map
         rng = np.random.default_rng(np.concatenate([task.start, task.goal]).view(np.uint32))
         if self.degraded_share == 0.0 or rng.random() >= self.degraded_share:

@@ -48,7 +48,7 @@ INFO_KEYS = (
 
 
 def info_of(truth: Truth, reading: Reading, verdict: Verdict, success: bool) -> dict[str, Any]:
-    """What one environment tells of a step, but for its reward terms and its shield."""
+    """The info of one environment, but for its reward terms and its shield."""
     sources = {"truth": truth, "reading": reading, "verdict": verdict}
     return {
         key.name: getattr(sources[key.source], key.field) if key.field else success
@@ -57,7 +57,7 @@ def info_of(truth: Truth, reading: Reading, verdict: Verdict, success: bool) -> 
 
 
 def info_of_rows(sensed: Any, verdicts: Any, success: Any) -> dict[str, Any]:
-    """The same of many environments, from records (n,) of SENSED and VERDICT."""
+    """The info of many environments, from records (n,) of SENSED and VERDICT."""
     return {
         key.name: (verdicts if key.source == "verdict" else sensed)[key.column]
         if key.field

@@ -16,7 +16,7 @@ from wheelchair_gym.envs.batch import is_unshielded
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.info import info_of, info_table
-from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings, make_finder
+from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings, make_localizer
 from wheelchair_gym.envs.world_banks import WorldBank
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.localization.localized_chair import LocalizedChair, unwrapped
@@ -38,8 +38,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     ## Description
     A differential-drive wheelchair (1.00 m x 0.62 m) stands in a world of walls and round obstacles
-    and shall bring its drive axle to the goal without touching anything. Motors, tyres, battery and
-    contact are simulated; sensors err as real ones do.
+    and has to bring its drive axle to the goal without touching anything. Motors, tyres, battery
+    and contact are simulated; sensors err as real ones do.
 
     ## Action
     `Box(-1, 1, (2,), float32)`: target speed and turn; 0 stands still.
@@ -73,7 +73,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     ## Copies
     `copy.deepcopy(env)` is exact at any moment: it steps on as the original does, to the bit. So is
-    a copy by `pickle`. Its window opens anew. What drives a real chair cannot be copied.
+    a copy by `pickle`. It opens its own window. What drives a real chair cannot be copied.
 
     ## Arguments
     See `__init__`. Version 0: first release.
@@ -139,7 +139,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.chair: Chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
         self._simulated = isinstance(self.chair, SimulatedChair)
         if s.sensors.localizes:
-            localizer = make_finder(s)
+            localizer = make_localizer(s)
             self.chair = LocalizedChair(self.chair, localizer)
         guided = make_guidance(s.guidance)
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guided, s.shield)
@@ -148,7 +148,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.shield: Shield | None = None
         if s.shield is not None:
             self.shield = Shield(s.shield, s.chair, s.sensors, 1.0 / s.rate)
-            # A real chair tells when a person re-arms it; that is meant for its shield, too.
+            # A person who re-arms a real chair re-arms its shield, too.
             getattr(unwrapped(self.chair), "on_rearm", []).append(self.shield.rearm)
         self.worlds = WorldBank(s, self.task)
         self.observation_space = cast("gym.Space[Observation]", self.task.space)
@@ -279,7 +279,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             chair=task.chair,
             sensors=task.sensors,
             shield=task.shield,
-            guarded=task.is_shielded,
+            is_shielded=task.is_shielded,
             key=task.key,
         )
 
@@ -289,7 +289,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         task = self.task
         v, w = task.action.tolist()
         drawn = None if task.built_map is None else task.built_map()
-        return task.reading._replace(action=(v, w), withheld=task.shield_intervention, map=drawn)
+        less = task.shield_intervention
+        return task.reading._replace(action=(v, w), shield_intervention=less, map=drawn)
 
     def show(self, shown: Shown) -> None:
         """Show people what a policy wants shown, until the next call or reset()."""

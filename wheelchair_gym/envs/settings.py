@@ -1,4 +1,4 @@
-"""Settings of an environment, and how a person's packed_states become them."""
+"""Settings of an environment, and how they follow from arguments."""
 
 from __future__ import annotations
 
@@ -95,12 +95,12 @@ class EnvSettings:
         if self.sensors.pose_source == "slam" and self.guidance is not None:
             raise InputError(
                 f"guidance is {self.guidance!r}; expected none with the pose source slam: "
-                "nobody knows the way through an unknown world"
+                "there is no map to plan on"
             )
 
 
 _ON_EDGE = 1e-3  # m: a sensor so near the outline's edge is on it
-_OWN = ("scene", "rate", "guidance", "bank", "shield", "render_width", "render_height")
+_ARGUMENTS = ("scene", "rate", "guidance", "bank", "shield", "render_width", "render_height")
 _PLACES = {
     "beams": ("task", "beams"),
     "pose_source": ("sensors", "pose_source"),
@@ -119,7 +119,7 @@ def env_settings(
 
     Args:
         config: path of a JSON file, its content, ready settings, or None for the defaults.
-        also: further arguments of who asks, for the message about one that nobody knows.
+        also: further arguments of the caller, for the message about an unknown one.
         changes: scene, rate, guidance, bank, shield, render_width, render_height, beams,
             pose_source, noise, randomize.
 
@@ -136,9 +136,9 @@ def env_settings(
         base = read(EnvSettings, config)
     else:
         raise InputError(f"config is {config!r}; expected a file, its content or EnvSettings")
-    unknown = [name for name in changes if name not in (*_OWN, *_PLACES)]
+    unknown = [name for name in changes if name not in (*_ARGUMENTS, *_PLACES)]
     if unknown:
-        known = _OWN[0], "config", *_OWN[1:], *_PLACES, *also
+        known = _ARGUMENTS[0], "config", *_ARGUMENTS[1:], *_PLACES, *also
         near = suggest(unknown[0], known)
         raise InputError(
             f"{', '.join(unknown)}: not an argument of this env; it has {', '.join(known)}{near}"
@@ -159,10 +159,10 @@ def env_settings(
     return made
 
 
-def _warn_of_mounts(own: EnvSettings) -> None:
+def _warn_of_mounts(config: EnvSettings) -> None:
     """Warn of sensors that are mounted outside the chair's outline."""
-    outline, rangers = own.chair.footprint, own.sensors.ultrasonic.mounted
-    mounts: list[tuple[str, Any]] = [("laser", own.sensors.laser)]
+    outline, rangers = config.chair.footprint, config.sensors.ultrasonic.mounted
+    mounts: list[tuple[str, Any]] = [("laser", config.sensors.laser)]
     mounts += [(f"ultrasonic {k}", mount) for k, mount in enumerate(rangers)]
     outside = [
         f"{name} at ({mount.x:g}, {mount.y:g})"
@@ -203,8 +203,8 @@ def _shield(spec: Any) -> ShieldSettings | None:
     raise InputError(f"shield is {spec!r}; expected true, false or an object of its settings")
 
 
-def make_finder(own: EnvSettings) -> Localizer:
-    """What tells a chair its pose from what it sees."""
-    if own.sensors.pose_source == "slam":
-        return Slam(own.sensors.laser, own.slam)
-    return MonteCarloLocalizer(own.localization, own.sensors.laser)
+def make_localizer(config: EnvSettings) -> Localizer:
+    """What estimates the pose from the scans."""
+    if config.sensors.pose_source == "slam":
+        return Slam(config.sensors.laser, config.slam)
+    return MonteCarloLocalizer(config.localization, config.sensors.laser)

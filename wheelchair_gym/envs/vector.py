@@ -1,6 +1,6 @@
 """Many chairs at once: the same step as one chair's, looped by a compiled function.
 
-Results that are handed out lie in memory that is not overwritten while somebody holds them.
+Returned arrays are never overwritten while a caller holds them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from wheelchair_gym.physics.chairs import SimulatedChairs, size_workspace
 from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.random import episode_key
 from wheelchair_gym.safety.shield import SHIELDS, point_to_shields
-from wheelchair_gym.safety.state import REASONS, SHIELD, Guard
+from wheelchair_gym.safety.state import REASONS, SHIELD, ShieldConstants
 from wheelchair_gym.task.prepared_episode import PREPARED, PreparedEpisode
 from wheelchair_gym.task.records import PROGRESS
 from wheelchair_gym.task.rewards import TERMS, VERDICT
@@ -39,7 +39,7 @@ Floats = NDArray[np.float32]
 
 
 class BufferPool:
-    """Arrays to write results to, none of which anyone still holds.
+    """Arrays to write results to that no caller holds any more.
 
     The memory of an array is used again once the array and all parts of it are gone, so that large
     results need no fresh memory at each step and yet are never overwritten. A copy has memory of
@@ -73,7 +73,7 @@ class BufferPool:
 Info = dict[str, Any]
 
 _REASONS = np.array(REASONS)
-_ROWS_A_THREAD = 64  # fewer are done sooner than a second thread has woken up
+_ROWS_A_THREAD = 64  # fewer take less time than a second thread needs to wake up
 _ALSO = ("num_envs", "autoreset_mode", "num_threads", "render_mode")  # arguments
 _CORES: int = vars(numba.config)["NUMBA_NUM_THREADS"]  # that this process may use
 
@@ -81,7 +81,7 @@ _CORES: int = vars(numba.config)["NUMBA_NUM_THREADS"]  # that this process may u
 class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     """`NavigationEnv` for many chairs: row i is the single env seeded with seed + i, to the bit.
 
-    What is observed, done, rewarded and told is as there, with a first axis of `num_envs`; infos
+    Observations, actions, rewards and infos are as there, with a first axis of `num_envs`; infos
     are arrays with their masks. An episode's end begins the next one by itself: in the step after
     (NEXT_STEP, its action is ignored) or in the same step (SAME_STEP, with `final_obs` and
     `final_info`). Arrays that were handed out are never written again. A deep copy, or one by
@@ -138,13 +138,13 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         bounds = np.linspace(0, n, self.num_threads + 1).astype(int)
         self._shares = list(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True))
         self.chairs = SimulatedChairs(s.chair, s.sensors, s.physics, 1.0 / s.rate, n)
-        self._guard: Guard | None = None
+        self._guard: ShieldConstants | None = None
         if s.shield is not None:
-            self._guard = Guard(s.shield, s.chair, s.sensors, 1.0 / s.rate)
+            self._guard = ShieldConstants(s.shield, s.chair, s.sensors, 1.0 / s.rate)
         self._progress = np.zeros(n, PROGRESS)
         self._shields = np.zeros(n if s.shield else 0, SHIELD)
         self._over = np.zeros(n, np.bool_)
-        self._held: list[PreparedEpisode | None] = [None] * n  # prepared_rows driven on now
+        self._held: list[PreparedEpisode | None] = [None] * n  # driven now
         self._next: list[PreparedEpisode | None] = [None] * n
         self._seeds = [0] * n
         self._counts = np.zeros(n, np.int64)  # episodes begun of the present seeds
@@ -192,7 +192,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         return {name: value for name, value in self.__dict__.items() if name not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take up what many chairs were about."""
+        """Restore the state of a copy."""
         self.__dict__.update(state)
         self._bind()
 
@@ -240,7 +240,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         for (low, high), rows, ranges in shares:
             begin_chairs(low, high, chosen, self._batch, rows.record, results, ranges)
         self._batch.is_over[chosen] = False
-        self._taken_up(np.flatnonzero(chosen))
+        self._draw_next(np.flatnonzero(chosen))
         self._last = results
         return self.task.unpack(results.out), self._info(results, chosen)
 
@@ -282,7 +282,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         terminated, truncated = verdicts["terminated"].copy(), verdicts["truncated"].copy()
         infos = self._info(results, np.ones(n, np.bool_))
         if begun.any():
-            self._taken_up(np.flatnonzero(begun))
+            self._draw_next(np.flatnonzero(begun))
             if same_step:
                 rewards[begun] = finals.verdicts["reward"][begun]
                 terminated[begun] = finals.verdicts["terminated"][begun]
@@ -306,13 +306,13 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             other.result()
 
     def _draw(self, i: int) -> None:
-        """Make row i's next episode ready: its prepared, its key, and shapes for its walls."""
+        """Draw row i's next episode, its key, and shapes for its walls."""
         seed, count = self._seeds[i], int(self._counts[i])
         prepared = self._next[i] = self.worlds.episode(seed, count)
         self._make_ready(i, prepared)
 
     def _make_ready(self, i: int, prepared: PreparedEpisode) -> None:
-        """Let a prepared be row i's next, without a change to the present one."""
+        """Let a prepared episode be row i's next, without a change to the present one."""
         self._batch.next_prepared[i] = prepared.record[0]
         self._batch.keys[i] = episode_key(self._seeds[i], int(self._counts[i]))
         self.chairs.worlds[i].reserve_shapes(prepared.episode)
@@ -324,8 +324,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             for rows in self._rows:
                 size_workspace(rows, segments)
 
-    def _taken_up(self, rows: NDArray[np.intp]) -> None:
-        """Rows have begun what was next_prepared: draw what comes after."""
+    def _draw_next(self, rows: NDArray[np.intp]) -> None:
+        """Draw the episodes after those that rows have begun."""
         for i in rows.tolist():
             prepared = self._held[i] = self._next[i]
             self.chairs.episodes[i] = None if prepared is None else prepared.episode

@@ -30,14 +30,14 @@ _BANK = 0x62616E6B  # apart from the worlds of single seeds, on which policies a
 
 
 class WorldBank:
-    """Courses by seed and episode.
+    """Prepared episodes by seed and number.
 
     Args:
         settings: scene and bank.
         task: makes episodes ready to be driven.
 
     Raises:
-        InputError: the scene is unknown, or what a folder shall keep has no name.
+        InputError: the scene is unknown, or what a folder is to keep has no name.
     """
 
     def __init__(self, settings: EnvSettings, task: Task) -> None:
@@ -56,7 +56,7 @@ class WorldBank:
         return len(self._made)
 
     def episode(self, seed: int, episode: int) -> PreparedEpisode:
-        """The prepared of an episode of a seed, from where that is to begin."""
+        """The prepared episode of a seed and a number, at its start."""
         prepared = self._prepared(seed, episode)
         if self.max_time > 0.0 and prepared.cost_to_go is not None:
             start = prepared.cost_to_go.sample(
@@ -75,14 +75,14 @@ class WorldBank:
             prepared = self._made[number] = self._of_bank(number)
         return prepared
 
-    def fill(self, told: Callable[[int, int], None] | None = None) -> None:
-        """Make every world that the first episodes draw from, and tell how many are ready."""
+    def fill(self, report: Callable[[int, int], None] | None = None) -> None:
+        """Make every world that the first episodes draw from, and report how many are ready."""
         # In no order: runs side by side that keep worlds in one folder then share the work.
         for ready, number in enumerate(np.random.default_rng().permutation(self._bank.size)):
             if number not in self._made:
                 self._made[int(number)] = self._of_bank(int(number))
-            if told is not None:
-                told(ready + 1, self._bank.size)
+            if report is not None:
+                report(ready + 1, self._bank.size)
 
     def pick(self, seed: int, episode: int) -> int:
         """Which world of its window an episode of a seed draws."""
@@ -97,7 +97,7 @@ class WorldBank:
         self._lowest = begin
 
     def prepare(self, episode: Episode) -> PreparedEpisode:
-        """The prepared of a given episode."""
+        """The prepared episode of a given one."""
         return self._task.prepare(episode)
 
     def _begin(self, episode: int) -> int:

@@ -29,7 +29,7 @@ from wheelchair_gym.hardware.boards.protocol import (
     Switch,
 )
 from wheelchair_gym.hardware.boards.senses import BoardSensors
-from wheelchair_gym.hardware.control_loop import Clock, ControlLoop, WallClock
+from wheelchair_gym.hardware.control_loop import Clock, ControlLoop, WallClock, wait_until
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.physics.settings import ChairSettings
@@ -103,7 +103,7 @@ class HardwareChair(NotCopyable):
         self._lock = self._loop.lock
         self._target, self._sent_at = STOP, -math.inf
         self.latched, self.commanded = "", np.zeros(2)
-        self._ways, self._read_at = np.zeros(2), 0.0  # of the last reading
+        self._travel, self._read_at = np.zeros(2), 0.0  # of the last reading
         self._closed = False
         self._loop.start_guard(self._guard, settings.poll_period, self.close)
 
@@ -128,7 +128,7 @@ class HardwareChair(NotCopyable):
         self._require(self._not_ready, timeout)
         for board, values in self.parameters.items():
             self._require(
-                lambda b=board, v=values: self.senses.parameter_mismatch(b, v),  # type: ignore[misc]
+                lambda b=board, v=values: self.senses.parameters[b].mismatch(v),  # type: ignore[misc]
                 2.0,
             )
         with self._lock:
@@ -148,7 +148,7 @@ class HardwareChair(NotCopyable):
         with self._lock:
             self.latched = ""
             self._read_at = self.clock.now()
-            odometry, self._ways = self.senses.odometer.at(self._read_at)
+            odometry, self._travel = self.senses.odometer.at(self._read_at)
             self._loop.begin(odometry)
             self.senses.pressed = False
             return self._reading(self._stop_reason(), np.zeros(2))
@@ -166,9 +166,9 @@ class HardwareChair(NotCopyable):
         with self._lock:
             self.senses.poll()
             now, odometer = self.clock.now(), self.senses.odometer
-            _, ways = odometer.at(now)
-            measured = odometer.twist(ways - self._ways, max(now - self._read_at, 1e-3))
-            self._ways, self._read_at = ways, now
+            _, travel = odometer.at(now)
+            measured = odometer.twist(travel - self._travel, max(now - self._read_at, 1e-3))
+            self._travel, self._read_at = travel, now
             return self._reading(self._stop_reason() or why, measured)
 
     def command(self, twist: Array, protective: bool = False) -> str:
@@ -189,7 +189,7 @@ class HardwareChair(NotCopyable):
             return why
 
     def rearm(self) -> None:
-        """Re-arm the chair: only ever called for a person who has seen to the cause of the stop."""
+        """Re-arm the chair: called only for a person who has removed the cause of the stop."""
         with self._lock:
             if self._is_stopped and not self.settings.dry_run:
                 self._send(_ZERO)  # the board requires a fresh command of zero
@@ -215,7 +215,7 @@ class HardwareChair(NotCopyable):
 
     @property
     def truth(self) -> Truth:
-        """The best estimate: the localizer's pose, the nearest echo, what the bumpers felt."""
+        """The best estimate: the localizer's pose, the nearest echo, contacts at the bumpers."""
         return self._loop.truth
 
     @property
@@ -280,11 +280,11 @@ class HardwareChair(NotCopyable):
                 same = self.senses.stamp_of("odometry") == before
                 return "the drive board is silent" if same else ""
 
-        self._loop.wait_until(missing, self.settings.limits.odometry, interval=_FINE)
+        wait_until(self.clock, missing, self.settings.limits.odometry, interval=_FINE)
         self.clock.wait(self.clock.now() + _FINE)  # some arrive a little later than others
 
     def _require(self, missing: Callable[[], str], timeout: float) -> None:
-        """Wait until nothing is missing, and tell a person what is."""
+        """Wait until nothing is missing, and report what is."""
 
         def on_wait(why: str) -> None:
             self.on_wait(f"{why}; waits {timeout:g} s for it")

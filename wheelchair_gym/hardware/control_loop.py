@@ -1,4 +1,4 @@
-"""What every real chair shares: clocks, control periods, the guard, timeouts, the best estimate.
+"""What all real chairs share: clocks, control periods, the guard, timeouts, the best estimate.
 
 Time is an argument: real time, or that of a simulated world, in which nothing waits.
 """
@@ -26,15 +26,15 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 POLL_PERIOD = 0.01  # s between two checks of what arrives in other threads
-QUIET = 1.0  # s of waiting before a person is told what the chair waits for
-_MAX_CLEARANCE = 2.0  # m: `Truth.clearance` says no more
+QUIET = 1.0  # s of waiting before a person is informed
+_MAX_CLEARANCE = 2.0  # m: upper bound of `Truth.clearance`
 
 
 class Clock(Protocol):
     """Time, and what happens while it passes."""
 
     def now(self) -> float:
-        """Seconds; they only grow."""
+        """Seconds; they never decrease."""
         ...
 
     def wait(self, deadline: float, cancelled: threading.Event | None = None) -> None:
@@ -44,7 +44,7 @@ class Clock(Protocol):
     def call_every(
         self, callback: Callable[[], object], interval: float, name: str
     ) -> Callable[[], None]:
-        """Call a function at an interval [s], whatever the caller does; the result ends that."""
+        """Call a function at an interval [s] beside the caller; returns what ends that."""
         ...
 
 
@@ -87,6 +87,35 @@ class WallClock:
         return end
 
 
+def wait_until(
+    clock: Clock,
+    missing: Callable[[], str],
+    timeout: float,
+    cancelled: threading.Event | None = None,
+    interval: float = POLL_PERIOD,
+    on_wait: Callable[[str], object] = lambda why: None,
+) -> str:
+    """Wait until nothing is missing; returns what still is after the timeout [s].
+
+    Args:
+        clock: real or simulated time.
+        missing: returns what is missing; empty: nothing.
+        timeout: [s].
+        cancelled: ends the wait, too.
+        interval: between two checks [s].
+        on_wait: is called with what is missing after a second, and whenever that changes, apart
+            from the part in brackets.
+    """
+    begun, reported = clock.now(), ""
+    while (why := missing()) and clock.now() < begun + timeout:
+        what = why.partition(" (")[0]
+        if what != reported and clock.now() - begun >= QUIET:
+            reported = what
+            on_wait(why)
+        clock.wait(clock.now() + interval, cancelled)
+    return why
+
+
 class ControlLoop:
     """The control periods of a real chair, its guard, and the best estimate of its state.
 
@@ -101,7 +130,7 @@ class ControlLoop:
 
     Attributes:
         odometry: the pose (3,) by odometry.
-        truth: the estimated pose, the nearest echo, what the bumpers felt; no energy.
+        truth: the estimated pose, the nearest echo, contacts at the bumpers; no energy.
         lock: held by whoever commands.
     """
 
@@ -161,7 +190,7 @@ class ControlLoop:
     def wait_period(self, cancelled: threading.Event | None = None) -> None:
         """Wait for the end of the control period, or until the event is set.
 
-        Periods end at multiples of the period; those that the policy missed are left out.
+        Periods end at multiples of the period; those that the policy missed are skipped.
         """
         missed = math.floor((self.clock.now() - self._due) / self.period)
         self._due += self.period * (1 + max(0, missed))
@@ -172,46 +201,19 @@ class ControlLoop:
         """Whether the last command is no longer valid."""
         return self.clock.now() > self._valid_until
 
-    def wait_until(
-        self,
-        missing: Callable[[], str],
-        timeout: float,
-        cancelled: threading.Event | None = None,
-        interval: float = POLL_PERIOD,
-        on_wait: Callable[[str], object] | None = None,
-    ) -> str:
-        """Wait until nothing is missing; what still is after the timeout [s].
-
-        Args:
-            missing: returns what is missing; empty: nothing.
-            timeout: [s].
-            cancelled: ends the wait, too.
-            interval: between two checks [s].
-            on_wait: is called with what is missing after a second, and whenever that changes,
-                apart from what stands in brackets.
-        """
-        begun, reported = self.clock.now(), ""
-        while (why := missing()) and self.clock.now() < begun + timeout:
-            what = why.partition(" (")[0]
-            if on_wait is not None and what != reported and self.clock.now() - begun >= QUIET:
-                reported = what
-                on_wait(why)
-            self.clock.wait(self.clock.now() + interval, cancelled)
-        return why
-
     def require(
         self,
         missing: Callable[[], str],
         timeout: float,
         cancelled: threading.Event | None = None,
-        on_wait: Callable[[str], object] | None = None,
+        on_wait: Callable[[str], object] = lambda why: None,
     ) -> None:
         """Wait as `wait_until` does.
 
         Raises:
             InputError: something is still missing after the timeout.
         """
-        if why := self.wait_until(missing, timeout, cancelled, on_wait=on_wait):
+        if why := wait_until(self.clock, missing, timeout, cancelled, on_wait=on_wait):
             raise InputError(f"{self.name}: {why}; waited {timeout:g} s")
 
     def localized(self, pose: Array) -> None:
@@ -239,9 +241,9 @@ class ControlLoop:
             halted: why the chair stopped, see `Reading`.
         """
         before, laser = self.truth, ranges[0]
-        way = before.distance + float(np.hypot(*relative_pose(self.odometry, odometry)[:2]))
+        distance = before.distance + float(np.hypot(*relative_pose(self.odometry, odometry)[:2]))
         self.odometry, touched = odometry, before.touched or bumped
-        self.truth = Truth(pose, twist, self._clearance(laser), bumped, touched, way, 0.0)
+        self.truth = Truth(pose, twist, self._clearance(laser), bumped, touched, distance, 0.0)
         stamp = self.clock.now() - self._begun
         return Reading(pose, twist, *ranges, bumped, battery, stamp, halted)
 

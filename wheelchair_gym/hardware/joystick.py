@@ -1,20 +1,21 @@
-"""A joystick at the host: a person's hand, above every policy, while a button is held.
+"""A joystick at the host, by which a person overrides every policy while holding a button.
 
-Holding the dead-man button takes the chair; letting go brakes it, and it stands until the person
-hands it back. One that is unplugged while it has the chair keeps it standing. A wireless one that
-repeats its last values hides that its radio is lost: those belong to the drive board's receiver.
+The dead-man button takes control; its release brakes the chair, which stands until the person
+returns control. A joystick that is unplugged while it has control keeps the chair standing. A
+wireless joystick that repeats its last values hides the loss of its radio: use one at the drive
+board's receiver instead.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.hardware.reconnect import Reconnecting
+from wheelchair_gym.hardware.connection import Reconnecting
 from wheelchair_gym.kinematics import Limits
 
 Array = NDArray[np.float64]
@@ -51,60 +52,7 @@ class JoystickSettings:
             raise InputError("JoystickSettings: the three buttons and the two axes must differ")
 
 
-class Event(NamedTuple):
-    """What a device says."""
-
-    type: int
-    code: int
-    value: int
-
-
-class Device(Protocol):
-    """An open input device."""
-
-    @property
-    def axes(self) -> dict[int, tuple[int, int]]:
-        """Least and most value of each axis."""
-        ...
-
-    def read(self) -> Iterable[Event]:
-        """What it has said since; never waits.
-
-        Raises:
-            OSError: it is gone.
-        """
-        ...
-
-    def close(self) -> None:
-        """Let it go."""
-        ...
-
-
-Opener = Callable[[JoystickSettings], Device]
-
-
-class _Evdev:
-    """A device of Linux's evdev."""
-
-    def __init__(self, device: Any) -> None:
-        self._device = device
-        self.axes = {code: (info.min, info.max) for code, info in _axes(device)}
-
-    def read(self) -> Iterable[Event]:
-        """See `Device.read`."""
-        try:
-            return [Event(e.type, e.code, e.value) for e in self._device.read()]
-        except BlockingIOError:
-            return []
-
-    def close(self) -> None:
-        """See `Device.close`."""
-        self._device.close()
-
-
-def _axes(device: Any) -> list[tuple[int, Any]]:
-    found: list[tuple[int, Any]] = device.capabilities(absinfo=True).get(EV_ABS, [])
-    return found
+Opener = Callable[[JoystickSettings], Any]  # returns an `evdev.InputDevice`
 
 
 def load_evdev() -> Any:
@@ -120,22 +68,26 @@ def load_evdev() -> Any:
     return evdev
 
 
-def open_evdev(settings: JoystickSettings) -> Device:
-    """Open the joystick that the settings name, or the first that has what they ask.
+def _axes(device: Any) -> dict[int, tuple[int, int]]:
+    """Minimum and maximum of each axis of a device."""
+    axes = device.capabilities(absinfo=True).get(EV_ABS, [])
+    return {code: (info.min, info.max) for code, info in axes}
+
+
+def open_evdev(settings: JoystickSettings) -> Any:
+    """Open the joystick of the settings, or the first that has its axes and its button.
 
     Raises:
         InputError: see `load_evdev`.
         OSError: there is none.
     """
     evdev = load_evdev()
+    wanted = {settings.forward_axis, settings.turn_axis}
     for path in evdev.list_devices() if settings.device == ANY else [settings.device]:
         device = evdev.InputDevice(path)
-        axes = {code for code, _ in _axes(device)}
-        if {
-            settings.forward_axis,
-            settings.turn_axis,
-        } <= axes and settings.dead_man_button in device.capabilities().get(EV_KEY, []):
-            return _Evdev(device)
+        buttons = device.capabilities().get(EV_KEY, [])
+        if wanted <= _axes(device).keys() and settings.dead_man_button in buttons:
+            return device
         device.close()
     where = "at any /dev/input/event*" if settings.device == ANY else f"at {settings.device}"
     raise OSError(
@@ -145,15 +97,15 @@ def open_evdev(settings: JoystickSettings) -> Device:
 
 
 class Joystick:
-    """What a person's hand asks for; see `HardwareChair.hand`.
+    """A person's command by a joystick; see `HardwareChair.joystick`.
 
     Args:
-        settings: which one, and its buttons.
-        rearm: is called when the person re-arms with both sticks at rest.
+        settings: device, axes and buttons.
+        rearm: is called when the person re-arms with both sticks centred.
         opener: makes the device.
 
     Attributes:
-        taken: the person has the chair.
+        in_control: the person has control of the chair.
     """
 
     def __init__(
@@ -164,77 +116,77 @@ class Joystick:
     ) -> None:
         self.settings, self.in_control = settings, False
         self._rearm = rearm
-        self._line = Reconnecting(lambda: opener(settings))
-        self._let_go()
+        self._axes: dict[int, tuple[int, int]] = {}
+        self._line = Reconnecting(lambda: opener(settings), self._begin)
+        self._release()
 
     @property
     def error(self) -> str:
-        """Why there is none, as a line of text; empty while it is open."""
+        """Why the device is closed, as a line of text; empty while it is open."""
         return self._line.error
 
     def __call__(self, now: float, limits: Limits) -> Array | None:
-        """The twist (2,) [m/s, rad/s] that is asked for; None while nobody has taken the chair."""
-        self._listen(now)
+        """The commanded twist (2,) [m/s, rad/s]; None while the person has no control."""
+        self._read(now)
         if not self.in_control:
             return None
         if not self._held:
             return np.zeros(2)
-        own = self.settings
-        ahead, aside = -self._stick(own.forward_axis), -self._stick(own.turn_axis)
-        v = ahead * (limits.forward if ahead > 0.0 else limits.backward)
-        return own.speed_fraction * np.array([v, aside * limits.turn])
+        forward = -self._stick(self.settings.forward_axis)
+        turn = -self._stick(self.settings.turn_axis)
+        v = forward * (limits.forward if forward > 0.0 else limits.backward)
+        return self.settings.speed_fraction * np.array([v, turn * limits.turn])
 
     def close(self) -> None:
-        """Let the device go; the chair stays with whom it is."""
-        self._let_go()
+        """Close the device; who has control does not change."""
+        self._release()
         self._line.close()
 
-    def _let_go(self) -> None:
+    def _begin(self, device: Any) -> None:
+        self._axes = _axes(device)
+
+    def _release(self) -> None:
         self._held, self._values = False, dict[int, int]()
 
-    def _listen(self, now: float) -> None:
+    def _read(self, now: float) -> None:
         device = self._line.get(now)
         if device is None:
             return
         try:
             for event in device.read():
-                self._heed(event)
+                self._handle(event)
+        except BlockingIOError:  # no events
+            return
         except OSError as error:
-            self._let_go()
+            self._release()
             self._line.lose(error)
 
-    def _heed(self, event: Event) -> None:
-        own = self.settings
+    def _handle(self, event: Any) -> None:
+        settings = self.settings
+        pressed = event.type == EV_KEY and event.value == 1
         if event.type == EV_SYN and event.code == SYN_DROPPED:
-            self._let_go()  # something was missed: the button is to be pressed again
+            self._release()  # events were missed: the button must be pressed again
         elif event.type == EV_ABS:
             self._values[event.code] = event.value
-        elif (
-            event.type == EV_KEY and event.code == own.dead_man_button and event.value != 2
-        ):  # 2: repeated
-            self._held = event.value == 1
-            self.in_control |= self._held
-        elif event.type == EV_KEY and event.code == own.release_button and event.value == 1:
+        elif event.type == EV_KEY and event.code == settings.dead_man_button:
+            if event.value != 2:  # repeated
+                self._held = pressed
+                self.in_control |= pressed
+        elif pressed and event.code == settings.release_button:
             self.in_control &= self._held
-        elif (
-            event.type == EV_KEY
-            and event.code == own.rearm_button
-            and event.value == 1
-            and self._rests
-        ):
+        elif pressed and event.code == settings.rearm_button and self._centred:
             self._rearm()
 
     @property
-    def _rests(self) -> bool:
-        return (
-            self._stick(self.settings.forward_axis) == self._stick(self.settings.turn_axis) == 0.0
-        )
+    def _centred(self) -> bool:
+        axes = self.settings.forward_axis, self.settings.turn_axis
+        return all(self._stick(axis) == 0.0 for axis in axes)
 
     def _stick(self, axis: int) -> float:
-        """Where a stick is, -1 to 1; 0 before it has said."""
+        """The deflection of a stick, -1 to 1; 0 before its first event."""
         if self._line.connection is None or axis not in self._values:
             return 0.0
-        least, most = self._line.connection.axes[axis]
+        least, most = self._axes[axis]
         if most <= least:
             return 0.0
         tilt = min(1.0, max(-1.0, 2.0 * (self._values[axis] - least) / (most - least) - 1.0))

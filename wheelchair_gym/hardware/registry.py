@@ -1,4 +1,4 @@
-"""Real chairs by name: what stands behind `Chair` in place of the simulated one."""
+"""Real chairs by name, which implement `Chair` as the simulated one does."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def chair_settings(spec: str | Mapping[str, Any], base: HardwareSettings | None 
     """Settings of a chair from NAME, NAME://HOST:PORT or a mapping {"name": NAME, settings}.
 
     Args:
-        spec: that.
-        base: what a chair of these settings keeps where the spec says nothing.
+        spec: name, URL or mapping.
+        base: settings of the chair where the spec has none.
 
     Raises:
         InputError: the name is unknown, or a setting is wrong.
@@ -45,42 +45,41 @@ def chair_settings(spec: str | Mapping[str, Any], base: HardwareSettings | None 
 
 
 def make_chair(spec: str | Mapping[str, Any], settings: EnvSettings) -> Chair:
-    """A chair, once it answers.
+    """A chair that answers.
 
     Args:
         spec: see `chair_settings`.
-        settings: of the environment that drives it: its sensors, its outline, the rate, and whether
-            the pose is what the chair tells of itself on the map, or is worked out here.
+        settings: of the environment that drives it: sensors, outline, rate, and whether the pose
+            on the map comes from the chair or from a localizer here.
 
     Raises:
         InputError: the spec is wrong, or nothing answers there.
     """
-    own = chair_settings(spec, settings.hardware)
+    config = chair_settings(spec, settings.hardware)
     sensors, period = settings.sensors, 1.0 / settings.rate
-    if isinstance(own, HardwareSettings):
+    if isinstance(config, HardwareSettings):
         from wheelchair_gym.hardware.chair import HardwareChair
         from wheelchair_gym.hardware.joystick import Joystick, load_evdev
 
         source = sensors.pose_source
         if source in ("truth", "modelled"):
             raise InputError(
-                f"chair hardware: nobody tells it the pose source {source!r}; expected mcl, slam "
-                "or odometry"
+                f"chair hardware: it has no pose source {source!r}; expected mcl, slam or odometry"
             )
-        if own.joystick.device:
+        if config.joystick.device:
             load_evdev()
-        real = HardwareChair(own, sensors, settings.chair, period)
-        if own.joystick.device:
-            real.joystick = Joystick(own.joystick, real.rearm)
+        real = HardwareChair(config, sensors, settings.chair, period)
+        if config.joystick.device:
+            real.joystick = Joystick(config.joystick, real.rearm)
         return localized(real, settings)
     from wheelchair_gym.hardware.ros.chair import RosChair
 
-    worked_out = sensors.pose_source not in ("truth", "modelled")
-    return RosChair(own, sensors, settings.chair, period, not worked_out)
+    on_map = sensors.pose_source in ("truth", "modelled")
+    return RosChair(config, sensors, settings.chair, period, on_map)
 
 
 def check_extras(spec: str | Mapping[str, Any]) -> None:
-    """Refuse a chair at once whose packages are missing, before anything else is prepared.
+    """Refuse a chair whose packages are missing, before anything else is prepared.
 
     Raises:
         InputError: the spec is wrong, or an extra is not installed.
@@ -96,7 +95,7 @@ def check_extras(spec: str | Mapping[str, Any]) -> None:
 
 
 def localized(chair: Chair, settings: EnvSettings) -> Chair:
-    """The chair, with a pose on the map from its odometry where no localizer gives one."""
+    """The chair, with its pose from odometry where no localizer estimates one."""
     if settings.sensors.localizes:
         return chair
     from wheelchair_gym.hardware.boards.dead_reckoning import OdometryLocalizer

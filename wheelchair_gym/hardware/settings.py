@@ -6,12 +6,12 @@ from wheelchair_gym.config import setting, settings
 from wheelchair_gym.hardware.joystick import JoystickSettings
 from wheelchair_gym.safety.settings import StaleSettings
 
-_STALE = StaleSettings()  # of the shield: the host's limits are the same unless they are set
+_STALE = StaleSettings()  # of the shield: the host's limits are the same by default
 
 
 @settings
 class HostLimits:
-    """Limits of age, delay and clock drift; the chair is told to stop beyond them."""
+    """Limits of age, delay and clock drift, beyond which the chair is stopped."""
 
     scan: float = setting(default=_STALE.laser, unit="s", low=0.01, source="the shield's limit")
     """Maximum age of a laser scan."""
@@ -96,4 +96,4 @@ class HardwareSettings:
     """Maximum duty cycle of the motors; 1 for drivers with a charge pump."""
     # The resonator of an Arduino Mega drifts by 0.5 %.
     limits: HostLimits = HostLimits(clock_drift=0.006)
-    joystick: JoystickSettings = JoystickSettings()  # fmt: skip
+    joystick: JoystickSettings = JoystickSettings()

@@ -32,10 +32,10 @@ class SimulatedChair:
         chair: body, motors, limits.
         sensors: what it senses and how it errs.
         physics: the physics step.
-        period: control period [s], a whole number of physics steps.
+        period: control period [s], an integer number of physics steps.
 
     Raises:
-        InputError: the periods are not whole multiples of the physics step.
+        InputError: the periods are not integer multiples of the physics step.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class SimulatedChair:
         return {name: getattr(self, name) for name in (*names, "_moves", "_truth")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take up what a chair was about."""
+        """Restore the state of a copy."""
         self.__dict__.update(state)
         self._bind()
 
@@ -136,7 +136,7 @@ class SimulatedChair:
 
     @property
     def state(self) -> Rows:
-        """The whole state (1,), a record; see `physics.state.STATE`."""
+        """The state (1,), a record; see `physics.state.STATE`."""
         return np.array(self.chairs.states)
 
     @property
@@ -158,7 +158,7 @@ class SimulatedChair:
         return np.empty(self._beams, np.float32), self._store[self._used - 1 : self._used]
 
     def _reading(self, ranges: NDArray[np.float32], sensed: Rows) -> Reading:
-        told: Any = sensed.item()
+        values: Any = sensed.item()
         actors = self._world.actor_poses() if self._moves else NO_POSES
-        self._truth = Truth._make((*told[7:], actors))
-        return Reading(told[0], told[1], ranges, *told[2:7])
+        self._truth = Truth._make((*values[7:], actors))
+        return Reading(values[0], values[1], ranges, *values[2:7])

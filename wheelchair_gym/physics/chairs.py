@@ -23,7 +23,7 @@ from wheelchair_gym.sensors.laser import WORKSPACE_ROWS
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Episode
 
-_DRIVES_RESERVED = 128  # drives recorded before more room is made
+_DRIVES_RESERVED = 128  # drives recorded before memory grows
 
 # What sensing alone writes into a state: a copy takes it as it was.
 _WRITTEN_BY_SENSING = (
@@ -39,14 +39,7 @@ def size_workspace(rows: Pointers, segments: int) -> None:
 
 
 class SimulatedChairs:
-    """State of simulated chairs and their worlds.
-
-    Args:
-        chair: body, motors, limits.
-        sensors: what they sense and how they err.
-        physics: the physics step.
-        period: control period [s].
-        n: how many.
+    """State of n simulated chairs and their worlds, which share a control period [s].
 
     Attributes:
         suite: sensors and engine.
@@ -54,13 +47,13 @@ class SimulatedChairs:
         blank: (1,) of STATE, zero.
         parameters: (n,) of PARAMETER, of the present episodes.
         states: (n,) of STATE.
-        places: (n,) of WORLD.
+        world_rows: (n,) of WORLD.
         worlds: with the Space of each.
         episodes: that they drive in; None before the first.
-        left: drives for which every row has room; who drives them counts it down.
+        drives_left: drives for which every row has memory; the caller counts it down.
 
     Raises:
-        InputError: the periods are not whole multiples of the physics step.
+        InputError: the periods are not integer multiples of the physics step.
     """
 
     def __init__(
@@ -94,10 +87,10 @@ class SimulatedChairs:
             pointers.point("frozen_scan", row, i)
         for world in self.worlds:
             world.reserve_drives(_DRIVES_RESERVED)
-        self.drives_left = _DRIVES_RESERVED  # control periods for which every row has room
+        self.drives_left = _DRIVES_RESERVED  # control periods for which every row has memory
 
     def row_pointers(self) -> Pointers:
-        """Where the rows lie, a record (1,) of CHAIRS; its workspace is the caller's own."""
+        """Where the rows lie, a record (1,) of CHAIRS; the caller adds its workspace."""
         rows = Pointers(np.zeros(1, CHAIRS), CHAIRS_TARGETS)
         rows.record["n"] = len(self.states)
         rows.point("suite", self.suite.pointers)
@@ -107,7 +100,7 @@ class SimulatedChairs:
         return rows
 
     def enter(self, i: int, episode: Episode) -> None:
-        """Let row i's world be an episode's, to be begun in."""
+        """Let row i's world be an episode's."""
         self.worlds[i].reserve_shapes(episode)
         self.episodes[i] = episode
         place: Any = self.world_rows[i]
@@ -122,15 +115,15 @@ class SimulatedChairs:
             self.pointers.point("routes", actors.routes, i)
 
     def reserve_drives(self) -> None:
-        """Have room to record more drives of every row; call it before `left` falls below 0."""
-        rooms = self.world_rows["drives_capacity"]
+        """Have memory to record more drives; call it before `drives_left` falls below 0."""
+        capacity = self.world_rows["drives_capacity"]
         for i, world in enumerate(self.worlds):
-            if rooms[i] - self.states["step"][i] <= _DRIVES_RESERVED:
-                world.reserve_drives(2 * int(rooms[i]))
-        self.drives_left = int((rooms - self.states["step"]).min()) - 1
+            if capacity[i] - self.states["step"][i] <= _DRIVES_RESERVED:
+                world.reserve_drives(2 * int(capacity[i]))
+        self.drives_left = int((capacity - self.states["step"]).min()) - 1
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but the worlds: how they were begun in, and what was driven since."""
+        """All but the worlds, with what was driven in them since the reset."""
         state = self.__dict__.copy()
         del state["worlds"], state["pointers"]
         steps = enumerate(self.states["step"].tolist())
@@ -138,7 +131,7 @@ class SimulatedChairs:
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Make the worlds anew, and drive again what was driven in them.
+        """Make the worlds, and drive again what was driven in them.
 
         Raises:
             TypeError: that leads elsewhere.

@@ -67,14 +67,14 @@ def _speed(motion: Motion, px: float, py: float, nx: float, ny: float) -> float:
 
 
 @borrowing_kernel
-def _explained_speed(state: Any, own: float, px: float, py: float, nx: float, ny: float) -> float:
+def _explained_speed(state: Any, speed: float, px: float, py: float, nx: float, ny: float) -> float:
     """How much [m/s] of the closing speed of a point of the outline its own driving explains."""
     ahead = math.cos(state.pose[2]) * nx + math.sin(state.pose[2]) * ny
     around = (px - state.pose[0]) * ny - (py - state.pose[1]) * nx
     v = state.explained[1] if ahead > 0.0 else state.explained[0]
     w = state.explained[3] if around > 0.0 else state.explained[2]
     driven = max(0.0, ahead * v + around * w)
-    return own if own <= _CONTROL * driven + _CONTROL_LEAST else driven
+    return speed if speed <= _CONTROL * driven + _CONTROL_LEAST else driven
 
 
 @borrowing_kernel
@@ -83,8 +83,8 @@ def _record_contact(
     py: float, nx: float, ny: float,
 ) -> None:  # fmt: skip
     """Record one touching point, whose normal (nx, ny) looks away from the chair."""
-    own, theirs = _speed(chair, px, py, nx, ny), -_speed(other, px, py, nx, ny)
-    at_fault = is_at_fault(_explained_speed(state, own, px, py, nx, ny), theirs)
+    ours, theirs = _speed(chair, px, py, nx, ny), -_speed(other, px, py, nx, ny)
+    at_fault = is_at_fault(_explained_speed(state, ours, px, py, nx, ny), theirs)
     if number >= 0:
         actor = actors_of(world)[1][number]
         if actor.judged_at < state.tick < actor.judged_at + _REJUDGE_AFTER / p.dt:
@@ -95,11 +95,11 @@ def _record_contact(
     if not state.contact_recorded or (at_fault and not state.at_fault):
         better = True
     else:
-        faster = own + theirs > state.approach_speed[0] + state.approach_speed[1]
+        faster = ours + theirs > state.approach_speed[0] + state.approach_speed[1]
         better = faster and at_fault == state.at_fault
     if better:
         state.contact_recorded, state.contact_with = True, number
-        state.approach_speed[0], state.approach_speed[1] = own, theirs
+        state.approach_speed[0], state.approach_speed[1] = ours, theirs
     state.at_fault |= at_fault
 
 

@@ -111,9 +111,9 @@ def update_explained_motion(state: Any, p: Any, k: DriveConstants) -> None:
     a22 = k.matrix[2]
     turn_rate = min(p.limits.turn_acceleration, 0.5 * p.track * force / a22)
     turn_slower = _BRAKING_SHARE * k.run * turn_rate
-    own = state.explained
-    own[0], own[1] = min(state.v, own[0] + slower), max(state.v, own[1] - slower)
-    own[2], own[3] = min(state.w, own[2] + turn_slower), max(state.w, own[3] - turn_slower)
+    e = state.explained
+    e[0], e[1] = min(state.v, e[0] + slower), max(state.v, e[1] - slower)
+    e[2], e[3] = min(state.w, e[2] + turn_slower), max(state.w, e[3] - turn_slower)
 
 
 @borrowing_kernel

@@ -345,11 +345,11 @@ def self_test() -> None:
             space.add(body, pymunk.Poly.create_box(body, (1.0, 0.6)))
             shapes = pymunk.Segment(static, (0, 0), (1, 1), 0.0), pymunk.Circle(static, 1.0)
             wall, disc = (address_of_struct(shape._shape) for shape in shapes)
-            own = address_of_struct(space._space), address_of_struct(body._body)
+            chair = address_of_struct(space._space), address_of_struct(body._body)
             other = pymunk.Body(1.0, 1.0)
             box = pymunk.Poly(other, UNIT_BOX)
             things = address_of_struct(other._body), address_of_struct(box._shape)
-            ends.append(_pushed_by_address(engine_record()[0], *own, wall, disc, *things, 60))
+            ends.append(_pushed_by_address(engine_record()[0], *chair, wall, disc, *things, 60))
         else:
             body = pymunk.Body(10.0, 2.0)
             space.add(body, pymunk.Poly.create_box(body, (1.0, 0.6)))

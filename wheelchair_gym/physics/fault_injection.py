@@ -1,4 +1,4 @@
-"""Sensors that fail: what a chair is told from then on. How things are does not change."""
+"""Sensors that fail: what readings hold from then on. The truth does not change."""
 
 from __future__ import annotations
 
@@ -28,14 +28,17 @@ def draw_fault(state: Any, p: Any) -> None:
     if p.fault_share <= 0.0 or uniform(state.key, 0, FAULTS, 0) >= p.fault_share:
         return
     state.fault = 1 + int(_KINDS * uniform(state.key, 0, FAULTS, 1))
-    span = p.fault_onset[1] - p.fault_onset[0]
-    begin = p.fault_onset[0] + span * uniform(state.key, 0, FAULTS, 2)
+    duration = p.fault_onset[1] - p.fault_onset[0]
+    begin = p.fault_onset[0] + duration * uniform(state.key, 0, FAULTS, 2)
     state.fault_step = max(1, math.ceil(begin / (p.dt * p.substeps)))
 
 
 @borrowing_kernel
 def apply_fault(state: Any, p: Any, kept: np.uint64, ranges: Floats, sensed: Any) -> None:
-    """Make a reading what failing sensors say."""
+    """Replace parts of a reading by what failing sensors report.
+
+    `kept` is the address of the scan (beams,) that a frozen laser repeats.
+    """
     if state.fault == 0 or state.step < state.fault_step - 1:
         return
     scan, rangers = floats_at(kept, ranges.shape[0]), state.frozen_ranges.shape[0]

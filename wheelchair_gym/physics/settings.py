@@ -113,7 +113,7 @@ class BatterySettings:
 
 @settings
 class RandomSettings:
-    """Chair parameters drawn anew each episode, uniform within these bounds."""
+    """Chair parameters drawn for each episode, uniform within these bounds."""
 
     mass: tuple[float, float] = setting(
         default=(100.0, 180.0), unit="kg", low=20.0, source="ISO 7176-11 dummies"
@@ -139,11 +139,11 @@ class ChairSettings:
     battery: BatterySettings = BatterySettings()
     random: RandomSettings = RandomSettings()
     randomize: bool = setting(default=False, source="design choice")
-    """True: mass, friction and motor gain are drawn anew for each episode."""
+    """True: mass, friction and motor gain are drawn for each episode."""
 
     @property
     def grip(self) -> float:
-        """What its tyres hold together [m/s2], on the slipperiest floor that it is told of."""
+        """The acceleration [m/s2] that its tyres hold on the least rough floor of the settings."""
         body = self.body
         friction = min(self.random.friction) if self.randomize else body.friction
         return friction * GRAVITY * (1.0 - body.centre_of_mass / body.wheelbase)
@@ -159,7 +159,7 @@ class ChairSettings:
 
     @property
     def following_lag(self) -> float:
-        """How much later [s] the heaviest chair it is told of follows than its feed-forward says.
+        """How much later [s] the heaviest chair of the settings follows than its feed-forward says.
 
         What that does not give of the volts for an acceleration, an error of speed has to.
         """
@@ -233,9 +233,9 @@ def integer_ratio(long: float, short: float, names: str) -> int:
     """How many short periods fit into a long one.
 
     Raises:
-        InputError: the ratio is not a whole number of at least 1.
+        InputError: the ratio is not an integer of at least 1.
     """
     ratio = long / short
     if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6:
-        raise InputError(f"{names}: {long:g} s is not a whole multiple of {short:g} s")
+        raise InputError(f"{names}: {long:g} s is not an integer multiple of {short:g} s")
     return round(ratio)

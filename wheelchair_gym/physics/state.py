@@ -120,7 +120,7 @@ STATE = np.dtype(
         ("contact", "b1"),  # touched anything in this period
         ("touched", "b1"),  # and since reset
         ("bumped", "b1"),  # a bumper strip was pressed in this period
-        ("contact_recorded", "b1"),  # a contact of this period is told of by the next three
+        ("contact_recorded", "b1"),  # the next three describe a contact of this period
         ("at_fault", "b1"),  # the chair caused a contact in this period
         ("contact_with", "i8"),  # the actor touched in this period; -1: none
         ("approach_speed", "f8", (2,)),  # m/s: chair and other, at that contact
@@ -137,7 +137,7 @@ STATE = np.dtype(
         # what fails
         ("fault", "i8"),  # index into FAULTS
         ("fault_step", "i8"),  # the first reading that is wrong
-        ("frozen_twist", "f8", (2,)),  # as it was said before
+        ("frozen_twist", "f8", (2,)),  # the last right values
         ("frozen_pose", "f8", (3,)),
         ("frozen_ranges", "f4", (RANGERS,)),
         ("frozen_age", "f4", (RANGERS,)),
@@ -174,7 +174,7 @@ SENSED = np.dtype(
         ("energy", "f8"),
         ("at_fault", "b1"),
         ("contact_with", "i8"),
-        ("approach_speed", "f8"),  # a field with an axis costs half a microsecond to tell
+        ("approach_speed", "f8"),  # a field with an axis takes half a microsecond more
         ("other_approach_speed", "f8"),
     ],
     align=True,
@@ -206,7 +206,7 @@ def parameters(
     """The parameters (1,) of a chair before an episode's own are drawn.
 
     Raises:
-        InputError: control period, speed control and physics step are not whole multiples.
+        InputError: control period, speed control and physics step are not integer multiples.
     """
     rows = np.zeros(1, PARAMETER)
     p: Any = rows[0]

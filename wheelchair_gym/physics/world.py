@@ -1,4 +1,4 @@
-"""Worlds in pymunk: one Space for each chair, furnished anew at each reset.
+"""Worlds in pymunk: one Space for each chair, furnished at each reset.
 
 A Space keeps more than its shapes: contact caches, the order of the broad phase. The canonical
 entry leaves none of it: the chair goes far away, all walls and discs are taken out and the next
@@ -222,7 +222,7 @@ class World:
         return np.where(there, actor_states["pose"], np.nan)
 
     def _reserve_actors(self, walls: int, discs: int, actors: Actors) -> None:
-        """Have bodies in store for actors, and room for what is seen of them."""
+        """Have spare bodies for actors, and memory for what is seen of them."""
         makers: dict[str, tuple[int, Callable[[pymunk.Body], pymunk.Shape]]] = {
             "spare_discs": (actors.discs, lambda body: pymunk.Circle(body, 1.0)),
             "spare_boxes": (actors.boxes, lambda body: pymunk.Poly(body, UNIT_BOX)),
@@ -252,13 +252,13 @@ class World:
             self._point("snapshots", np.zeros((RANGERS, shot)))
             self._rows["snapshot_size"] = shot
 
-    def reserve_drives(self, room: int) -> None:
-        """Have room for so many drives of an episode; what was driven stays recorded."""
+    def reserve_drives(self, capacity: int) -> None:
+        """Have memory for so many drives of an episode; what was driven stays recorded."""
         old = self._array("drives")
-        new = np.zeros((room, 3))
+        new = np.zeros((capacity, 3))
         new[: len(old)] = old
         self._point("drives", new)
-        self._rows["drives_capacity"] = room
+        self._rows["drives_capacity"] = capacity
 
     def _reserve(self, name: str, count: int) -> None:
         """Make an array of the world at least so long; what it holds stays."""

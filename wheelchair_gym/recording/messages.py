@@ -1,13 +1,13 @@
 """Foxglove's typed messages of a chair, its sensors and its map, for viewers.
 
-Frames follow REP-105: map -> odom -> base_link -> laser, ultrasonic_0, ...; the first is what the
-pose source corrects, the second what dead reckoning says, and the mounts stand still.
+Frames follow REP-105: map -> odom -> base_link -> laser, ultrasonic_0, ...; the pose source sets
+the first transform, odometry changes the second, and the mounts are static.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from typing import Any, Final
 
@@ -25,88 +25,26 @@ from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
 Array = NDArray[np.float64]
 
 _NANO = 1_000_000_000
-_SPOKES = 9  # points on the arc of a cone
-_FAN = [corner for k in range(1, _SPOKES) for corner in (0, k, k + 1)]  # its triangles
-_LINE = 0.03  # m, thickness of what is drawn
-
-TYPED_CHANNELS: Final[dict[str, Any]] = {
-    "/map": channels.GridChannel,
-    "/tf": channels.FrameTransformsChannel,
-    "/tf_static": channels.FrameTransformsChannel,
-    "/scan": channels.LaserScanChannel,
-    "/ultrasonic": channels.SceneUpdateChannel,
-    "/odometry": channels.OdometryChannel,
-    "/path": channels.PosesInFrameChannel,
-    "/lookahead": channels.PosesInFrameChannel,
-    "/goal": channels.PoseInFrameChannel,
-    "/pose": channels.PoseInFrameChannel,
-    "/truth": channels.PoseInFrameChannel,
-    "/particles": channels.PointCloudChannel,
-    "/movers": channels.SceneUpdateChannel,
-    "/footprint": channels.SceneUpdateChannel,
-    "/trail": channels.SceneUpdateChannel,
-    "/note": channels.LogChannel,
-    "/image": channels.CompressedImageChannel,
-}
-
-
-def _schema(title: str, **properties: Any) -> dict[str, Any]:
-    return {
-        "type": "object",
-        "title": title,
-        "properties": properties,
-        "required": list(properties),
-    }
-
-
-_NUMBER, _TEXT, _YES = {"type": "number"}, {"type": "string"}, {"type": "boolean"}
-_LIST, _THING = {"type": "array"}, {"type": "object"}
-_MAYBE = {"type": ["number", "null"]}  # null: unknown
-_NUMBERS = {"type": "array", "items": _NUMBER}
-
-JSON_SCHEMAS: Final[dict[str, Any]] = {
-    "/episode": _schema(
-        "episode", settings=_THING, map=_THING, start=_NUMBERS, goal=_NUMBERS, walls=_LIST,
-        discs=_LIST, tolerance=_MAYBE, time_limit=_MAYBE, name=_TEXT,
-    ),
-    "/reading": _schema(
-        "reading", pose=_NUMBERS, twist=_NUMBERS, laser=_TEXT, ultrasonic=_TEXT, age=_TEXT,
-        bumped=_YES, battery=_MAYBE, stamp=_NUMBER, halted=_TEXT, odometry=_NUMBERS, truth=_THING,
-    ),
-    "/command": _schema("command", action=_NUMBERS, v=_NUMBER, w=_NUMBER),
-    "/shield": _schema(
-        "shield", reason=_TEXT, asked=_NUMBERS, given=_NUMBERS, protective=_YES
-    ),
-    "/verdict": _schema(
-        "verdict", reward=_NUMBER, terms={"type": "object", "additionalProperties": _NUMBER},
-        terminated=_YES, truncated=_YES,
-    ),
-    "/battery": _schema("battery", voltage=_MAYBE),
-    "/board": {
-        **_schema(
-            "board", wall=_NUMBER, mode=_TEXT, faults=_TEXT, switches=_TEXT, left=_NUMBER,
-            right=_NUMBER, duty_left=_NUMBER, duty_right=_NUMBER, v=_NUMBER, w=_NUMBER,
-        ),
-        "required": ["wall"],
-    },
-}  # fmt: skip
+_ARC = 9  # points on the arc of a cone
+_TRIANGLES = [corner for k in range(1, _ARC) for corner in (0, k, k + 1)]  # of a cone
+_LINE = 0.03  # m: thickness of lines
 
 
 def _time(now: int) -> Any:
     return m.Timestamp(now // _NANO, now % _NANO)
 
 
-def _turned(yaw: float) -> Any:
+def _quaternion(yaw: float) -> Any:
     return m.Quaternion(x=0.0, y=0.0, z=math.sin(0.5 * yaw), w=math.cos(0.5 * yaw))
 
 
-def _at(x: float, y: float) -> Any:
+def _vector(x: float, y: float) -> Any:
     return m.Vector3(x=float(x), y=float(y), z=0.0)
 
 
 def _pose(pose: Iterable[float]) -> Any:
     x, y, yaw = pose
-    return m.Pose(position=_at(x, y), orientation=_turned(yaw))
+    return m.Pose(position=_vector(x, y), orientation=_quaternion(yaw))
 
 
 def _colour(colour: Colour, alpha: float) -> Any:
@@ -124,10 +62,10 @@ def pose_in_map(now: int, pose: Iterable[float]) -> Any:
 
 
 def poses_in_map(now: int, points: ArrayLike) -> Any:
-    """Points (n, 2) on the map, each heading for the next one."""
+    """Points (n, 2) on the map, each with its heading to the next one."""
     places = np.asarray(points, np.float64)[:, :2]
-    ways = np.diff(places, axis=0, append=places[-1:])
-    yaws = np.arctan2(ways[:, 1], ways[:, 0])
+    steps = np.diff(places, axis=0, append=places[-1:])
+    yaws = np.arctan2(steps[:, 1], steps[:, 0])
     yaws[-1] = yaws[max(0, len(yaws) - 2)]
     poses = [_pose(row) for row in np.column_stack([places, yaws]).tolist()]
     return m.PosesInFrame(frame_id="map", timestamp=_time(now), poses=poses)
@@ -137,12 +75,12 @@ def _transform(now: int, parent: str, child: str, pose: Iterable[float]) -> Any:
     x, y, yaw = pose
     return m.FrameTransform(
         timestamp=_time(now), parent_frame_id=parent, child_frame_id=child,
-        translation=_at(x, y), rotation=_turned(yaw),
+        translation=_vector(x, y), rotation=_quaternion(yaw),
     )  # fmt: skip
 
 
 def frames(now: int, pose: Array, odometry: Array) -> Any:
-    """The tree map -> odom -> base_link, from the believed and the dead-reckoned pose (3,)."""
+    """The tree map -> odom -> base_link, from the estimated pose (3,) and the odometry's."""
     tree = [
         _transform(now, "map", "odom", map_to_odom(pose, odometry)),
         _transform(now, "odom", "base_link", odometry),
@@ -191,24 +129,21 @@ def scan(now: int, laser: LaserSettings, ranges: NDArray[np.float32]) -> Any:
 
 @cache
 def _fan(cone: float) -> list[tuple[float, float]]:
-    """The tip of a cone [rad] and points on its arc, as far away as 1."""
-    angles = np.linspace(-0.5 * cone, 0.5 * cone, _SPOKES).tolist()
+    """The tip of a cone of an angle [rad], and points on its arc at distance 1."""
+    angles = np.linspace(-0.5 * cone, 0.5 * cone, _ARC).tolist()
     return [(0.0, 0.0), *((math.cos(angle), math.sin(angle)) for angle in angles)]
 
 
 def cones(
-    now: int,
-    rangers: UltrasonicSettings,
-    ranges: NDArray[np.float32],
-    ages: NDArray[np.float32],
+    now: int, rangers: UltrasonicSettings, ranges: NDArray[np.float32], ages: NDArray[np.float32]
 ) -> Any:
-    """What each ultrasonic says, as a cone in its own frame: paler with age, palest without echo.
+    """The ultrasonics' ranges as cones in their frames: paler with age, palest without echo.
 
-    Of one that is invalid (NaN), or too near (-inf), nothing is drawn.
+    No cone is drawn of a range that is invalid (NaN) or too near (-inf).
     """
     found = []
-    told = zip(rangers.mounted, ranges.tolist(), ages.tolist(), strict=True)
-    for k, (one, value, age) in enumerate(told):
+    values = zip(rangers.mounted, ranges.tolist(), ages.tolist(), strict=True)
+    for k, (one, value, age) in enumerate(values):
         narrow = one.model == "narrow"
         model = rangers.narrow if narrow else rangers.wide
         fans = []
@@ -218,9 +153,9 @@ def cones(
             corners = [m.Point3(x=far * x, y=far * y, z=0.0) for x, y in _fan(model.field_of_view)]
             alpha = max(0.1, 0.5 - 0.4 * age) if echo else 0.05
             colour = _colour(NARROW if narrow else WIDE, alpha)
-            fans = [m.TriangleListPrimitive(points=corners, color=colour, indices=_FAN)]
+            fans = [m.TriangleListPrimitive(points=corners, color=colour, indices=_TRIANGLES)]
         name = f"ultrasonic_{k}"
-        words = {"range": value, "age": age}
+        metadata = {"range": value, "age": age}
         found.append(
             m.SceneEntity(
                 timestamp=_time(now),
@@ -228,7 +163,7 @@ def cones(
                 id=name,
                 frame_locked=True,
                 triangles=fans,
-                metadata=[m.KeyValuePair(key=key, value=f"{v:.3f}") for key, v in words.items()],
+                metadata=[m.KeyValuePair(key=key, value=f"{v:.3f}") for key, v in metadata.items()],
             )
         )
     return m.SceneUpdate(entities=found)
@@ -254,15 +189,15 @@ def footprint(now: int, corners: Array) -> Any:
 
 
 def trail(now: int, places: Sequence[Array] | Array) -> Any:
-    """The way driven so far (n, 2), on the map."""
+    """The trajectory so far (n, 2), on the map."""
     return _line(now, "map", "trail", np.array(places), TRAIL, False)
 
 
-def movers(now: int, shapes: tuple[Array, Array]) -> Any:
-    """Movers' discs (n, 3) and segments (m, 4) [m]: round ones as cylinders, others as lines."""
+def actors(now: int, shapes: tuple[Array, Array]) -> Any:
+    """Actors' discs (n, 3) and segments (m, 4) [m], as cylinders and lines."""
     discs, segments = shapes
     colour = _colour(PERSON, 0.9)
-    round_ones = [
+    cylinders = [
         m.CylinderPrimitive(
             pose=_pose((x, y, 0.0)),
             size=m.Vector3(x=2.0 * r, y=2.0 * r, z=0.1),
@@ -280,23 +215,23 @@ def movers(now: int, shapes: tuple[Array, Array]) -> Any:
         color=colour,
     )
     entity = m.SceneEntity(
-        timestamp=_time(now), frame_id="map", id="movers", cylinders=round_ones,
+        timestamp=_time(now), frame_id="map", id="actors", cylinders=cylinders,
         lines=[lines] if len(segments) else [],
     )  # fmt: skip
     return m.SceneUpdate(entities=[entity])
 
 
 def odometry(now: int, pose: Array, twist: Array) -> Any:
-    """The dead-reckoned pose (3,) and the twist (2,)."""
+    """The odometry's pose (3,) and the twist (2,)."""
     v, w = twist.tolist()
     return m.Odometry(
         timestamp=_time(now), frame_id="odom", body_frame_id="base_link", pose=_pose(pose),
-        linear_velocity=_at(v, 0.0), angular_velocity=m.Vector3(x=0.0, y=0.0, z=w),
+        linear_velocity=_vector(v, 0.0), angular_velocity=m.Vector3(x=0.0, y=0.0, z=w),
     )  # fmt: skip
 
 
 def particles(now: int, poses: Array) -> Any:
-    """Poses (n, 3) on the map where the chair may be, as points that carry their yaw."""
+    """Possible poses (n, 3) on the map, as points with a yaw."""
     kind = m.PackedElementFieldNumericType.Float32
     named = [
         m.PackedElementField(name=name, offset=4 * k, type=kind)
@@ -308,10 +243,10 @@ def particles(now: int, poses: Array) -> Any:
     )  # fmt: skip
 
 
-def log_message(now: int, who: str, said: str, wrong: bool = False) -> Any:
-    """A line for people."""
-    level = m.LogLevel.Warning if wrong else m.LogLevel.Info
-    return m.Log(timestamp=_time(now), level=level, message=said, name=who)
+def log_message(now: int, name: str, text: str, warning: bool = False) -> Any:
+    """A log line of a part."""
+    level = m.LogLevel.Warning if warning else m.LogLevel.Info
+    return m.Log(timestamp=_time(now), level=level, message=text, name=name)
 
 
 def image(now: int, picture: NDArray[np.uint8], quality: int) -> Any:
@@ -321,3 +256,25 @@ def image(now: int, picture: NDArray[np.uint8], quality: int) -> Any:
     return m.CompressedImage(
         timestamp=_time(now), frame_id="map", data=data.tobytes(), format="jpeg"
     )
+
+
+# Topic: its channel, and what makes its messages of an instant [ns] and content.
+TYPED: Final[dict[str, tuple[Any, Callable[..., Any]]]] = {
+    "/map": (channels.GridChannel, grid),
+    "/tf": (channels.FrameTransformsChannel, frames),
+    "/tf_static": (channels.FrameTransformsChannel, mounts),
+    "/scan": (channels.LaserScanChannel, scan),
+    "/ultrasonic": (channels.SceneUpdateChannel, cones),
+    "/odometry": (channels.OdometryChannel, odometry),
+    "/path": (channels.PosesInFrameChannel, poses_in_map),
+    "/lookahead": (channels.PosesInFrameChannel, poses_in_map),
+    "/goal": (channels.PoseInFrameChannel, pose_in_map),
+    "/pose": (channels.PoseInFrameChannel, pose_in_map),
+    "/truth": (channels.PoseInFrameChannel, pose_in_map),
+    "/particles": (channels.PointCloudChannel, particles),
+    "/actors": (channels.SceneUpdateChannel, actors),
+    "/footprint": (channels.SceneUpdateChannel, footprint),
+    "/trail": (channels.SceneUpdateChannel, trail),
+    "/note": (channels.LogChannel, log_message),
+    "/image": (channels.CompressedImageChannel, image),
+}

@@ -1,32 +1,41 @@
-"""Replay: a recording is read as a chair that was driven before, judged by the same loop.
+"""Replays a recording as a chair that returns recorded readings, judged by the same loop.
 
-Files are unpacked within limits; what is damaged is refused with the file's name.
+Files are unpacked within limits; damaged ones are refused with the file's name.
 """
 
 from __future__ import annotations
 
-import base64
 import dataclasses
 import io
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple, get_type_hints
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from wheelchair_gym.config import load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.guidance import is_built_in
 from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import LIMITS, check_cells, is_coordinate, parse_json, read_bytes
+from wheelchair_gym.files import LIMITS, parse_json, read_bytes
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.localization.logs import SensorLog
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.migration import migrated
-from wheelchair_gym.physics.actors.records import ACTOR, Actors
-from wheelchair_gym.recording.record import COMMAND, EPISODE, FLOATS, READING, SETTINGS, VERDICT
+from wheelchair_gym.physics.actors.records import Actors
+from wheelchair_gym.recording.topics import (
+    COMMAND,
+    EPISODE,
+    FIELDS,
+    READING,
+    SETTINGS,
+    VERDICT,
+    Content,
+    numbers,
+    read_fields,
+    reading_fields,
+)
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
 
@@ -34,7 +43,7 @@ Array = NDArray[np.float64]
 
 
 def mcap_messages(content: bytes, topics: Sequence[str]) -> list[tuple[str, bytes]]:
-    """Topics and texts of messages on these topics, in the order of their time.
+    """Topics and texts of messages on these topics, in the order of their times.
 
     Raises:
         ImportError: the extra 'record' is not installed.
@@ -65,7 +74,7 @@ def mcap_messages(content: bytes, topics: Sequence[str]) -> list[tuple[str, byte
 
 
 def _decompressed(compression: str, data: bytes) -> bytes:
-    """The content of a chunk, no longer than the limit whatever its header says."""
+    """The content of a chunk, which must not exceed the limit."""
     most = LIMITS["chunk"].most
     if compression == "":
         content = data
@@ -85,47 +94,6 @@ def _decompressed(compression: str, data: bytes) -> bytes:
     return content
 
 
-def value_of(content: Mapping[str, Any], name: str, kind: type) -> Any:
-    """The value of a key, of this type."""
-    value = content[name]
-    if type(value) is not kind:
-        raise ValueError(f"{name} is {shorten(value)}")
-    return value
-
-
-def number(content: Mapping[str, Any], name: str) -> float:
-    """The value of a key, a number as large as a coordinate may be."""
-    if not is_coordinate(content[name]):
-        raise ValueError(f"{name} is {shorten(content[name])}")
-    return float(content[name])
-
-
-def numbers(content: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Array:
-    """The value of a key, an array (*shape) of coordinates; -1 is any length."""
-    values = np.array(value_of(content, name, list), dtype=np.float64)
-    if values.size == 0 and -1 in shape:
-        values = np.empty([max(0, side) for side in shape])
-    fits = values.ndim == len(shape) and all(
-        wanted in (-1, side) for side, wanted in zip(values.shape, shape, strict=True)
-    )
-    if not fits or not (np.abs(values) <= LIMITS["coordinate"].most).all():
-        raise ValueError(f"{name} is {shorten(content[name])}")
-    return values
-
-
-def packed_array(
-    content: Mapping[str, Any], name: str, kind: DTypeLike, size: int = -1
-) -> NDArray[Any]:
-    """The value of a key, an array (size,) as `recording.record.packed` wrote it; -1: any size."""
-    # Of bytes that may be written to: for read-only arrays, kernels would be compiled once more.
-    data = bytearray(base64.b64decode(value_of(content, name, str), validate=True))
-    values = np.frombuffer(data, kind)
-    if size not in (-1, len(values)):
-        raise ValueError(f"{name} has {len(values)} values; expected {size}")
-    return values
-
-
-Record = dict[str, Any]
 _TOPICS: Final = (EPISODE, READING, COMMAND, VERDICT)
 
 
@@ -138,14 +106,14 @@ class RecordedState(NamedTuple):
 
 
 class RecordedEpisode(NamedTuple):
-    """One episode of a recording; entry k + 1 of the readings follows from action k."""
+    """One episode of a recording; state k + 1 follows from action k."""
 
     settings: EnvSettings
     episode: Episode
-    path: Any  # guidance (n, 2) [m], or what guides by ways of the outline, or None
+    path: Any  # guidance (n, 2) [m], or its settings, or None
     states: list[RecordedState]  # (n + 1,)
-    actions: list[NDArray[Any]]  # (n,) of (2,), as they were given
-    verdicts: list[Record]  # (n,) of reward, terms, terminated, truncated
+    actions: list[NDArray[Any]]  # (n,) of (2,)
+    verdicts: list[Content]  # (n,) of reward, terms, terminated, truncated
 
 
 class ReplayedChair:
@@ -177,156 +145,110 @@ class ReplayedChair:
 
     @property
     def truth(self) -> Truth:
-        """How things were."""
+        """The recorded truth."""
         return self._readings[self._at].truth
 
     def built_map(self) -> OccupancyGrid:
-        """The map that the chair had drawn, as it was last recorded."""
-        told = self.belief.built_map
-        assert told is not None  # each episode's first reading holds one
-        return told()
+        """The map that the chair had built, as last recorded."""
+        built_map = self.belief.built_map
+        assert built_map is not None  # the first reading of each episode has one
+        return built_map()
 
     @property
     def belief(self) -> Belief:
-        """What the pose source went by."""
+        """The recorded belief."""
         return self._readings[self._at].belief
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: no resource is held."""
 
 
 def read_recording(file: str | Path) -> list[RecordedEpisode]:
     """The episodes of a recording.
 
     Raises:
-        InputError: the extra 'record' is not installed, or the file is no whole recording of ours.
+        InputError: the extra 'record' is not installed, or the file is no complete recording.
     """
     content = read_bytes(file, "recording")
-    chapters: list[RecordedEpisode] = []
+    episodes: list[RecordedEpisode] = []
     try:
         for topic, text in mcap_messages(content, _TOPICS):
-            _take(chapters, topic, parse_json(text, topic))
+            _take(episodes, topic, parse_json(text, topic))
     except ImportError:
         raise InputError("replaying needs: pip install 'wheelchair_gym[record]'") from None
-    except Exception as error:  # whatever readers and decompressors make of damaged bytes
+    except Exception as error:  # of readers and decompressors, for damaged bytes
         why = f"no {error}" if isinstance(error, KeyError) else str(error) or type(error).__name__
         why = " ".join(why.split())[:200]
-        raise InputError(f"{file}: expected a whole recording as MCAP ({why})") from None
-    if chapters:  # a full disk or an error may have cut the last step
-        _cut(chapters)
-    for chapter in chapters:
-        if not len(chapter.states) - 1 == len(chapter.actions) == len(chapter.verdicts):
+        raise InputError(f"{file}: expected a complete recording as MCAP ({why})") from None
+    if episodes:  # a full disk or an error may have cut the last step
+        _cut(episodes)
+    for recorded in episodes:
+        if not len(recorded.states) - 1 == len(recorded.actions) == len(recorded.verdicts):
             raise InputError(f"{file}: expected a reading after each command, and a verdict")
-    if not chapters:
+    if not episodes:
         raise InputError(f"{file}: expected a recording of a chair; there is no {EPISODE} in it")
-    return chapters
+    return episodes
 
 
-def _cut(chapters: list[RecordedEpisode]) -> None:
+def _cut(episodes: list[RecordedEpisode]) -> None:
     """Cut the last episode after its last complete step."""
-    last = chapters[-1]
+    last = episodes[-1]
     steps = min(len(last.states) - 1, len(last.actions), len(last.verdicts))
     if steps < 0:
-        chapters.pop()
+        episodes.pop()
         return
     del last.states[steps + 1 :], last.actions[steps:], last.verdicts[steps:]
 
 
-def _take(chapters: list[RecordedEpisode], topic: str, content: Record) -> None:
+def _take(episodes: list[RecordedEpisode], topic: str, content: Any) -> None:
+    """Add a message to the episodes."""
     if not isinstance(content, dict):
         raise ValueError(f"{topic} holds no object")
     if topic == EPISODE:
-        chapters.append(_begun(content))
-    elif not chapters:
+        episodes.append(_read_episode(content))
+    elif not episodes:
         raise ValueError(f"{topic} comes before the first {EPISODE}")
     elif topic == READING:
-        readings = chapters[-1].states
-        before = readings[-1] if readings else None
-        readings.append(_moment(content, before, chapters[-1].settings.sensors))
+        states = episodes[-1].states
+        before = states[-1].belief if states else None
+        states.append(_read_state(content, before, episodes[-1].settings.sensors))
     elif topic == COMMAND:
-        chapters[-1].actions.append(numbers(content, "action", (2,)))
+        episodes[-1].actions.append(FIELDS[COMMAND]["action"].read(content["action"]))
     else:
-        for name in ("terminated", "truncated"):
-            value_of(content, name, bool)
-        number(content, "reward")
-        for name in value_of(content, "terms", dict):
-            number(content["terms"], name)
-        content["terms"] = migrated(content["terms"], "task.reward")
-        chapters[-1].verdicts.append(content)
+        episodes[-1].verdicts.append(read_fields(FIELDS[VERDICT], content))
 
 
-def _grid(content: Record) -> OccupancyGrid:
-    rows, columns = (int(side) for side in numbers(content, "shape", (2,)))
-    check_cells(rows, columns, "map")
-    x, y, yaw = numbers(content, "origin", (3,)).tolist()
-    cells = packed_array(content, "cells", "<i1", rows * columns).reshape(rows, columns)
-    grid = OccupancyGrid(cells, number(content, "resolution"), (x, y, yaw))
-    if not all(map(is_coordinate, grid.bounds)):
-        raise ValueError("the map reaches too far")
-    return grid
-
-
-def _begun(content: Record) -> RecordedEpisode:
-    tolerance, time_limit = (
-        None if content[name] is None else number(content, name)
-        for name in ("tolerance", "time_limit")
-    )
-    episode = Episode(
-        _grid(value_of(content, "map", dict)),
-        numbers(content, "start", (3,)),
-        numbers(content, "goal", (3,)),
-        numbers(content, "walls", (-1, 4)),
-        numbers(content, "discs", (-1, 3)),
-        tolerance,
-        time_limit,
-        value_of(content, "name", str),
-    )
-    if "movers" in content:  # not in recordings of the first release
-        rows, routes = packed_array(content, "movers", ACTOR), numbers(content, "routes", (-1, 2))
-        episode = dataclasses.replace(episode, actors=Actors(rows, routes))
+def _read_episode(content: Content) -> RecordedEpisode:
+    if "movers" in content:  # until release 0.1
+        content["actors"] = content.pop("movers")
+    # Recordings of the first release have no actors.
+    values = read_fields(FIELDS[EPISODE], content, "actors", "routes")
+    given, routes = values.pop("settings"), values.pop("routes", None)
+    if "actors" in values:
+        values["actors"] = Actors(values["actors"], routes)
     path = content["path"]
     if isinstance(path, list):
-        path = numbers(content, "path", (-1, 3 if path and np.size(path[0]) == 3 else 2))
+        path = numbers(-1, 3 if path and np.size(path[0]) == 3 else 2).read(path)
     elif not is_built_in(path):
         raise ValueError(f"path is {shorten(path)}")
-    given = value_of(content, "settings", dict)
     if not set(given) <= set(SETTINGS):
         raise ValueError(f"settings has {shorten(sorted(given))}; expected {', '.join(SETTINGS)}")
     settings = load(EnvSettings, migrated(given), EPISODE)
-    return RecordedEpisode(settings, episode, path, [], [], [])
+    return RecordedEpisode(settings, Episode(**values), path, [], [], [])
 
 
-def _moment(
-    content: Record, before: RecordedState | None, sensors: SensorSettings
-) -> RecordedState:
-    """A recorded instant; fields missing in older recordings count as unknown."""
-    told: Record = {"bumped": value_of(content, "bumped", bool), "stamp": number(content, "stamp")}
-    told |= {"pose": numbers(content, "pose", (3,)), "twist": numbers(content, "twist", (2,))}
-    rangers = len(sensors.ultrasonic.mounted)
-    sizes = {"laser": sensors.laser.beams, "ultrasonic": rangers, "age": rangers}
-    told |= {name: packed_array(content, name, "<f4", sizes[name]) for name in FLOATS}
-    told["battery"] = math.nan if content["battery"] is None else number(content, "battery")
-    real = migrated(value_of(content, "truth", dict), "truth")
-    for name, kind in get_type_hints(Truth).items():
-        if kind is float and name in real:
-            real[name] = number(real, name)
-        elif kind in (bool, int) and name in real:
-            value_of(real, name, kind)
-    real |= {"pose": numbers(real, "pose", (3,)), "twist": numbers(real, "twist", (2,))}
-    if "actor_poses" in real:
-        real["actor_poses"] = packed_array(real, "actor_poses", "<f8").reshape(-1, 3)
-    particles, chart = content.get("particles"), before.belief.built_map if before else None
-    if "map" in content:
-        grid = _grid(value_of(content, "map", dict))
-        chart = lambda: grid  # noqa: E731
-    belief = Belief(
-        numbers(content, "odometry" if "odometry" in content else "pose", (3,)),
-        None if particles is None else packed_array(content, "particles", "<f4").reshape(-1, 3),
-        chart,
-    )
-    return RecordedState(
-        Reading(**told, halted=str(content.get("halted", ""))), Truth(**real), belief
-    )
+def _read_state(content: Content, before: Belief | None, sensors: SensorSettings) -> RecordedState:
+    """A recorded instant; fields that older recordings lack count as unknown."""
+    fields = reading_fields(sensors.laser.beams, len(sensors.ultrasonic.mounted))
+    values = read_fields(fields, content, "halted", "odometry", "particles", "map")
+    built_map = before.built_map if before else None
+    if "map" in values:
+        grid = values.pop("map")
+        built_map = lambda: grid  # noqa: E731
+    odometry = values.pop("odometry", values["pose"])
+    belief = Belief(odometry, values.pop("particles", None), built_map)
+    truth = values.pop("truth")
+    return RecordedState(Reading(**{"halted": "", **values}), truth, belief)
 
 
 def sensor_log(file: str | Path) -> tuple[SensorLog, LaserSettings]:
@@ -335,28 +257,26 @@ def sensor_log(file: str | Path) -> tuple[SensorLog, LaserSettings]:
     Raises:
         InputError: see `read_recording`.
     """
-    chapter = read_recording(file)[0]
-    readings = [moment.reading for moment in chapter.states]
+    recorded = read_recording(file)[0]
+    readings = [moment.reading for moment in recorded.states]
     stamps = np.array([reading.stamp for reading in readings])
-    ways = (
-        np.array([reading.twist for reading in readings])
-        * np.diff(stamps, prepend=stamps[0])[:, None]
-    )
-    increments = np.array([odometric_step(0.0, 0.0, 0.0, way, turn) for way, turn in ways])
+    periods = np.diff(stamps, prepend=stamps[0])[:, None]
+    motions = np.array([reading.twist for reading in readings]) * periods
+    increments = np.array([odometric_step(0.0, 0.0, 0.0, *motion) for motion in motions])
     ranges = np.stack([reading.laser for reading in readings])
-    return SensorLog(stamps - stamps[0], increments, ranges, {}), chapter.settings.sensors.laser
+    return SensorLog(stamps - stamps[0], increments, ranges, {}), recorded.settings.sensors.laser
 
 
-def replay_env(chapter: RecordedEpisode, render_mode: str | None = None) -> NavigationEnv:
+def replay_env(recorded: RecordedEpisode, render_mode: str | None = None) -> NavigationEnv:
     """An environment whose next `reset()` and steps replay an episode and judge it again."""
-    sensors = chapter.settings.sensors
-    if sensors.pose_source != "truth":  # the recorded pose is what it came to; nobody looks again
+    sensors = recorded.settings.sensors
+    if sensors.pose_source != "truth":  # the recorded pose is the result: no localizer runs again
         sensors = dataclasses.replace(sensors, pose_source="odometry")
-    path = chapter.path
+    path = recorded.path
     guidance = (lambda task: path) if isinstance(path, np.ndarray) else path
-    settings = dataclasses.replace(chapter.settings, sensors=sensors, guidance=guidance)
-    chair = ReplayedChair(chapter.states)
+    settings = dataclasses.replace(recorded.settings, sensors=sensors, guidance=guidance)
+    chair = ReplayedChair(recorded.states)
     env = NavigationEnv(config=settings, chair=chair, render_mode=render_mode)
-    if chapter.settings.sensors.pose_source == "slam":
+    if recorded.settings.sensors.pose_source == "slam":
         env.task.built_map = chair.built_map
     return env

@@ -1,4 +1,4 @@
-"""Where messages go: an MCAP file, viewers that join over a WebSocket, or both."""
+"""Writes messages to an MCAP file, to viewers that connect over a WebSocket, or to both."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ import json
 import logging
 import os
 import struct
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import write_error
+from wheelchair_gym.recording.topics import FIELDS, json_schema, write_fields
 
 _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # of a record: opcode, length
@@ -21,21 +23,21 @@ _TAIL = _HEAD.pack(_DATA_END, 4) + bytes(4) + _HEAD.pack(0x02, 20) + bytes(20) +
 
 
 class McapFile:
-    """What a writer of MCAP writes to, from begin to end.
+    """A file that an MCAP writer writes sequentially.
 
-    After each record the file is ended, and the next one takes that end's place: a program that is
-    killed leaves a whole file. Where the disk is full, or gone, what was written so far is made a
-    whole file, and what comes later is dropped: `write` never fails.
+    After each record an end is written, which the next record replaces: a program that is killed
+    leaves a complete file. When the disk is full, or gone, the file is completed after its last
+    record, and later records are dropped: `write` never fails.
 
     Args:
-        path: of the file; where it exists a number is added to its name.
+        path: of the file; if it exists, a number is added to its name.
 
     Attributes:
         path: of the file that is written.
-        error: why nothing is written any longer; empty: all is.
+        error: why no more is written; empty: all is.
 
     Raises:
-        InputError: it cannot be made.
+        InputError: the file cannot be created.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -54,22 +56,22 @@ class McapFile:
         except OSError as error:
             raise write_error(first, error) from None
         self._at = 0
-        self._left, self._head = len(_MAGIC), b""  # bytes of the record that is written
+        self._left, self._head = len(_MAGIC), b""  # of the present record: bytes to come, header
         self._ending = False
 
     def write(self, data: bytes | bytearray) -> int:
-        """Take all of the data."""
+        """Write all of the data."""
         self._at += len(data)
         if self.error:
             return len(data)
         try:
             self._put(data)
-            if self._whole(bytes(data)):
+            if self._completes_record(bytes(data)):
                 self._put(_TAIL)
                 self._file.seek(self._at)
         except OSError as error:
             self.error = error.strerror or str(error)
-            self._mend()
+            self._repair()
         return len(data)
 
     def _put(self, data: bytes | bytearray) -> None:
@@ -77,8 +79,8 @@ class McapFile:
         while left:
             left = left[self._file.write(left) :]
 
-    def _whole(self, data: bytes) -> bool:
-        """Whether a record ends with this data, and more are to come."""
+    def _completes_record(self, data: bytes) -> bool:
+        """Whether a record ends with this data, and more records follow."""
         while data:
             skipped = min(self._left, len(data))
             self._left, data = self._left - skipped, data[skipped:]
@@ -91,23 +93,23 @@ class McapFile:
         return not (self._left or self._head or self._ending)
 
     def seek(self, offset: int, whence: int = 0) -> int:
-        """Where it is: a writer that does not go back asks for no other place.
+        """The present position, which is the only one that can be sought.
 
         Raises:
-            OSError: it does go back.
+            OSError: it is another one.
         """
         if (offset, whence) not in ((0, os.SEEK_CUR), (self._at, os.SEEK_SET)):
-            raise OSError("a recording is written from begin to end")
+            raise OSError("a recording is written sequentially")
         return self._at
 
     def flush(self) -> None:
-        """Nothing is held back."""
+        """Do nothing: the file has no buffer."""
 
     def close(self) -> None:
-        """No more is written."""
+        """Close the file."""
         self._file.close()
 
-    def _mend(self) -> None:
+    def _repair(self) -> None:
         """End the file after its last complete record, or an earlier one if space is short."""
         ends = self._ends()
         while ends:
@@ -121,7 +123,7 @@ class McapFile:
                 continue
 
     def _ends(self) -> list[int]:
-        """Where whole records of data end, in their order."""
+        """The offsets at which complete records of data end."""
         size, at = self._file.seek(0, os.SEEK_END), len(_MAGIC)
         ends = []
         while at + _HEAD.size <= size:
@@ -136,7 +138,7 @@ class McapFile:
 
 NANO = 1_000_000_000
 _NAME = "wheelchair_gym"
-_CHUNK = 1 << 18  # bytes: a full disk costs no more of the recording
+_CHUNK = 1 << 18  # bytes: a full disk loses no more than this
 _LOG = logging.getLogger(__name__)
 
 
@@ -144,14 +146,14 @@ class Sink:
     """Sends messages of all topics to a file and to live viewers.
 
     Args:
-        file: MCAP to write; a number is added to its name where it exists. It is whole after
+        file: MCAP to write; if it exists, a number is added to its name. It is complete after
             `close`, and after a disk has run full.
-        port: of this machine, where Foxglove's viewers may join (WebSocket); 0: a free one.
+        port: of this machine, for Foxglove's viewers (WebSocket); 0: a free one.
 
     Attributes:
         file: that is written, or None.
-        now: the instant of what is sent [ns].
-        port: where viewers may join, or None.
+        now: time stamp of the messages [ns].
+        port: for viewers, or None.
 
     Raises:
         InputError: the extra 'record' is not installed, the file cannot be written, or the port is
@@ -166,8 +168,8 @@ class Sink:
         except ImportError:
             raise InputError("recording needs: pip install 'wheelchair_gym[record]'") from None
         self.now = 0
-        self._context = context = foxglove.Context()  # channels end with it
-        self._told = False
+        self._context = context = foxglove.Context()  # kept: channels end with it
+        self._reported = False
         self._disk = None if file is None else McapFile(file)
         self._file = None if self._disk is None else _opened(self._disk, context)
         self.file = None if self._disk is None else self._disk.path
@@ -178,32 +180,37 @@ class Sink:
             try:
                 self._server = foxglove.start_server(name=_NAME, port=port, context=context)
             except (OSError, OverflowError, RuntimeError) as error:
-                raise InputError(f"port {port}: nobody can join there ({error})") from None
+                raise InputError(f"port {port}: viewers cannot connect there ({error})") from None
         self.port: int | None = self._server.port if self._server else None
-        self._channels: dict[str, Any] = {
-            topic: kind(topic, context=context) for topic, kind in messages.TYPED_CHANNELS.items()
+        self._typed = {
+            topic: (channel(topic, context=context), make)
+            for topic, (channel, make) in messages.TYPED.items()
         }
-        for topic, schema in messages.JSON_SCHEMAS.items():
-            self._channels[topic] = foxglove.Channel(topic, schema=schema, context=context)
+        self._channels = {
+            topic: foxglove.Channel(topic, schema=json_schema(topic), context=context)
+            for topic in FIELDS
+        }
 
-    def send(self, topic: str, message: Any) -> None:
-        """Send a typed message, see `recording.messages.TYPED_CHANNELS`."""
-        self._channels[topic].log(message, log_time=self.now)
+    def send(self, topic: str, *content: Any) -> None:
+        """Send a typed message, see `recording.messages.TYPED`."""
+        channel, make = self._typed[topic]
+        channel.log(make(self.now, *content), log_time=self.now)
 
-    def write(self, topic: str, content: dict[str, Any]) -> None:
-        """Send JSON content, see `recording.messages.JSON_SCHEMAS`."""
+    def write(self, topic: str, values: Mapping[str, Any], **more: Any) -> None:
+        """Send values as JSON, see `recording.topics.FIELDS`, and more JSON content."""
+        content = write_fields(FIELDS[topic], values) | more
         text = json.dumps(content, allow_nan=False)
         self._channels[topic].log(text.encode(), log_time=self.now)
 
     def new_error(self) -> str:
         """The error that has ended the file early; reported once, then empty."""
-        if self._told or self._disk is None or not self._disk.error:
+        if self._reported or self._disk is None or not self._disk.error:
             return ""
-        self._told = True
+        self._reported = True
         return f"{self.file}: {self._disk.error}; the recording ends here"
 
     def close(self) -> None:
-        """Finish the file and let viewers go; may be called again."""
+        """Complete the file and disconnect viewers; may be called again."""
         if self._file:
             self._file.close()
         if self._disk:
@@ -219,5 +226,5 @@ def _opened(disk: McapFile, context: Any) -> Any:
     import foxglove
     from foxglove.mcap import MCAPWriteOptions
 
-    own = MCAPWriteOptions(chunk_size=_CHUNK, disable_seeking=True)
-    return foxglove.open_mcap(disk, context=context, writer_options=own)
+    options = MCAPWriteOptions(chunk_size=_CHUNK, disable_seeking=True)
+    return foxglove.open_mcap(disk, context=context, writer_options=options)

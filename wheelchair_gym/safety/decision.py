@@ -9,6 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.geometry import (
+    clearance_to_points,
+    point_to_world,
+    required_clearance,
+    signed_clearance,
+    world_to_body,
+)
 from wheelchair_gym.kinematics import (
     STOP_RAMP_FACTOR,
     approach_twist,
@@ -17,30 +24,37 @@ from wheelchair_gym.kinematics import (
     odometric_step,
     peak_speed,
 )
-from wheelchair_gym.safety.clearance import (
-    clearance_to_points,
-    required_clearance,
-    signed_clearance,
+from wheelchair_gym.safety.grid import was_seen
+from wheelchair_gym.safety.state import (
+    FAR,
+    MOVING,
+    NOTHING,
+    OBSTACLE,
+    REST_SPEED,
+    SAMPLES,
+    UNSEEN,
+    set_motion,
 )
-from wheelchair_gym.safety.perception import was_seen
-from wheelchair_gym.safety.state import FAR, MOVING, NOTHING, OBSTACLE, SAMPLES, STANDS, UNSEEN
 
 Array = NDArray[np.float64]
 
-STEP = 0.05  # s between two poses of a roll-out
-_LONGEST = 100  # poses
-_FAST, _TURNS = 1.03, 1.15  # times what it is set to: so much faster a chair may move and turn
-_CRAWLING = 0.25  # of the margin
-_HASTE = 2.0  # times as fast as it may go where nobody has seen: too fast to brake in comfort
-_LEFT = 0.5  # of the slow zone
+STEP = 0.05  # s between two poses of a predicted trajectory
+_MAX_STEPS = 100
+_FAST, _TURNS = 1.03, 1.15  # factors by which a chair may exceed its set speed and turn rate
+_MARGIN_SHARE = 0.25  # share of the margin that is kept where the chair creeps or stops hard
+_TOO_FAST = 2.0  # times the speed allowed in unseen space: too fast for a comfort stop
+_HEADWAY_SHARE = 0.5  # share of the slow zone that must be left for a comfort stop
 _PIVOT = 0.05  # m/s ahead: slower is a pivot
 _BETWEEN = 0.02  # m: samples are farther from a point than the outline is by less
 _STOOD = 0.15  # s: a scan or two
-_BLIND = 0.3  # m ahead of the axle: beside what is farther back the laser does not look
+_BLIND = 0.3  # m ahead of the axle: the laser does not see what is beside a point farther back
 _REST = 0.01  # m/s: slower is at rest
 _TURN_REST = 0.02  # rad/s
 _ROUND = 1e-6  # of a pose
 _WORSE = 1e-6  # m: what is inside the stop zone may not come nearer, beyond rounding
+_HALVINGS = 5  # of the share that is driven: to 3 %
+_COARSE = 4  # the same for planning, with many twists at once
+_FINE = 0.01  # s: step of the set point's model, as boards run it at 100 Hz
 
 
 @borrowing_kernel
@@ -54,10 +68,11 @@ def held_steps(g: Any) -> int:
 def outward_speed(g: Any, k: int, v: float, v1: float, w: float, w1: float) -> float:
     """Greatest outward speed [m/s] of outline sample k, for intervals of speed and turn rate.
 
-    That is along its side's normal; for a rear corner in a pivot, and in reverse, as fast as it
-    moves. Ahead, it follows its own side.
+    It is the speed along the normal of the sample's side. For a rear corner in a pivot or in
+    reverse it is the corner's full speed; ahead, a rear corner follows its own side.
     """
-    ax, ay, nx, ny = g.samples[k, 0], g.samples[k, 1], g.samples[k, 2], g.samples[k, 3]
+    point = g.samples[k]
+    ax, ay, nx, ny = point.x, point.y, point.normal_x, point.normal_y
     if k < 2:  # the rear corners
         if v > _PIVOT:
             return 0.0
@@ -70,45 +85,44 @@ def outward_speed(g: Any, k: int, v: float, v1: float, w: float, w1: float) -> f
 
 @borrowing_kernel
 def may_reach_person(
-    g: Any, x: float, y: float, yaw: float, v: float, w: float, moving: Array, t: float
+    g: Any, s: Any, x: float, y: float, yaw: float, v: float, w: float, t: float
 ) -> bool:
     """Whether a moving object may reach a part of the outline that moves outward.
 
-    A part that does not move outward is left out: contact there would happen to a standing chair,
-    too.
+    Other parts are left out: contact there would happen to a standing chair, too.
     """
-    c, s = math.cos(yaw), math.sin(yaw)
+    c, sn = math.cos(yaw), math.sin(yaw)
     walks = g.person_speed * t
     starts = min(walks, 0.5 * g.person_acceleration * t * t)
     for k in range(SAMPLES):
         if outward_speed(g, k, v, v, w, w) <= g.creep_speed:
             continue
-        ax, ay = g.samples[k, 0], g.samples[k, 1]
-        px, py = x + c * ax - s * ay, y + s * ax + c * ay
-        for i in range(moving.shape[0]):
-            room = g.stop_margin + _BETWEEN + (starts if moving[i, 3] > _STOOD else walks)
-            if moving[i, 4] > 0.0:
+        ax = g.samples[k].x
+        px, py = point_to_world(c, sn, x, y, ax, g.samples[k].y)
+        for i in range(s.n_moving):
+            reach = g.stop_margin + _BETWEEN + (starts if s.standing_for[i] > _STOOD else walks)
+            if s.hidden_for[i] > 0.0:
                 if ax < _BLIND:
-                    room = g.stop_margin + _BETWEEN + walks + g.person_speed * moving[i, 4]
-                elif moving[i, 0] < _BLIND:
-                    continue  # they show themselves before they are where the laser looks
+                    reach = g.stop_margin + _BETWEEN + walks + g.person_speed * s.hidden_for[i]
+                elif s.moving[i, 0] < _BLIND:
+                    continue  # the laser sees them before they are ahead
                 else:
-                    room = g.stop_margin + _BETWEEN + walks
-            dx, dy = moving[i, 0] - px, moving[i, 1] - py
-            if dx * dx + dy * dy < room * room:
+                    reach = g.stop_margin + _BETWEEN + walks
+            dx, dy = s.moving[i, 0] - px, s.moving[i, 1] - py
+            if dx * dx + dy * dy < reach * reach:
                 return True
     return False
 
 
 @borrowing_kernel
-def speed_interval(speed: float, late: float, times: float) -> tuple[float, float]:
+def speed_interval(speed: float, delayed: float, factor: float) -> tuple[float, float]:
     """Interval between a speed and its delayed value, where that is farther from zero.
 
-    Each is so many times as far from zero. A speed that rises is no danger for being late.
+    Both ends are scaled away from zero by the factor. A delay of a rising speed is no danger.
     """
-    late = late if abs(late) > abs(speed) else speed
-    low, high = min(speed, late), max(speed, late)
-    return low * (times if low < 0.0 else 1.0), high * (times if high > 0.0 else 1.0)
+    delayed = delayed if abs(delayed) > abs(speed) else speed
+    low, high = min(speed, delayed), max(speed, delayed)
+    return low * (factor if low < 0.0 else 1.0), high * (factor if high > 0.0 else 1.0)
 
 
 @borrowing_kernel
@@ -121,8 +135,8 @@ def enters_unseen_space(
     for k in range(SAMPLES):
         if outward_speed(g, k, v, v1, w, w1) <= most:
             continue
-        ax, ay = g.samples[k, 0], g.samples[k, 1]
-        if not was_seen(s, x + c * ax - sn * ay, y + sn * ax + c * ay, since):
+        px, py = point_to_world(c, sn, x, y, g.samples[k].x, g.samples[k].y)
+        if not was_seen(s, px, py, since):
             return True
     return False
 
@@ -134,7 +148,7 @@ def check_trajectory(g: Any, s: Any, v: float, w: float) -> int:
     Without a better option the next decision brakes in the same way: within the comfort limits
     before static obstacles, at the protective limit before moving ones.
     """
-    reason = _sweep_still(g, s, v, w, g.stop_margin, g.time_headway, g.unseen_speed)
+    reason = _sweep_static(g, s, v, w, g.stop_margin, g.time_headway, g.unseen_speed)
     return _sweep_moving(g, s, v, w) if reason == NOTHING and s.n_moving > 0 else reason
 
 
@@ -142,32 +156,35 @@ def check_trajectory(g: Any, s: Any, v: float, w: float) -> int:
 def needs_protective_stop(g: Any, s: Any) -> bool:
     """Whether a comfort stop is no longer clear, by more than noise.
 
-    Part of the slow zone has to be left, and inside the stop zone the chair has to be slow.
+    Part of the slow zone must be left, and inside the stop zone the chair must be slow.
     """
-    if s.set[0] == 0.0 and s.set[2] == 0.0:
+    v, w = s.setpoint.v, s.setpoint.w
+    if v == 0.0 and w == 0.0:
         return False
     if s.n_moving > 0 and _sweep_moving(g, s, 0.0, 0.0) != NOTHING:
         return True
     if s.n_close > 0:
         lever = 0.5 * math.sqrt(max(g.outline[0], g.outline[1]) ** 2 + g.outline[2] ** 2)
-        if abs(s.set[0]) + lever * abs(s.set[2]) <= _HASTE * g.creep_speed:
+        if abs(v) + lever * abs(w) <= _TOO_FAST * g.creep_speed:
             return False
-    least, unseen = _CRAWLING * g.stop_margin, _HASTE * g.unseen_speed
-    return bool(_sweep_still(g, s, 0.0, 0.0, least, _LEFT * g.time_headway, unseen) != NOTHING)
+    margin, unseen = _MARGIN_SHARE * g.stop_margin, _TOO_FAST * g.unseen_speed
+    headway = _HEADWAY_SHARE * g.time_headway
+    return bool(_sweep_static(g, s, 0.0, 0.0, margin, headway, unseen) != NOTHING)
 
 
 @borrowing_kernel
 def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
     """Check one period and a protective stop against moving objects and all other points."""
-    limits, outline = g.limits, g.outline[:]
+    limits, outline, setpoint = g.limits, g.outline[:], s.setpoint
     near, moving = s.near[: s.n_near], s.moving[: s.n_moving]
     lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
-    sv, av, sw, aw = s.set[0], s.set[1], s.set[2], s.set[3]
+    sv, av, sw, aw = setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope
     x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * g.reaction_time, sw * g.reaction_time)
     t, hold = g.reaction_time, held_steps(g)
-    least = _CRAWLING * g.stop_margin
-    bound, mbound = s.gap - (abs(sv) + lever * abs(sw)) * t, 0.0
-    for k in range(_LONGEST):
+    least = _MARGIN_SHARE * g.stop_margin
+    # Lower bounds of both clearances, which are computed anew only where they might matter.
+    bound, moving_bound = s.gap - (abs(sv) + lever * abs(sw)) * t, 0.0
+    for k in range(_MAX_STEPS):
         v0, w0 = sv, sw
         if k < hold:
             sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
@@ -183,40 +200,41 @@ def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
             bound = clearance_to_points(x, y, yaw, outline, near, least + 0.2)
             if bound < least:
                 return OBSTACLE
-        mbound -= fastest * STEP
+        moving_bound -= fastest * STEP
         need = g.stop_margin + g.person_speed * (t + s.hidden)
-        if fastest > g.creep_speed and mbound < need:
-            mbound = clearance_to_points(x, y, yaw, outline, moving, need + 0.3)
-            if mbound < need and may_reach_person(g, x, y, yaw, _FAST * sv, _TURNS * sw, moving, t):
+        if fastest > g.creep_speed and moving_bound < need:
+            moving_bound = clearance_to_points(x, y, yaw, outline, moving, need + 0.3)
+            fast, turns = _FAST * sv, _TURNS * sw
+            if moving_bound < need and may_reach_person(g, s, x, y, yaw, fast, turns, t):
                 return MOVING
     return NOTHING
 
 
 @borrowing_kernel
-def _sweep_still(
+def _sweep_static(
     g: Any, s: Any, v: float, w: float, margin: float, headway: float, unseen: float
 ) -> int:
     """Check one period and a comfort stop against static obstacles and unseen space.
 
     It keeps a margin [m] and a time headway [s], and enters unseen space no faster than `unseen`.
     """
-    limits, outline, near = g.limits, g.outline[:], s.near[: s.n_near]
-    sv, av, sw, aw = s.set[0], s.set[1], s.set[2], s.set[3]
+    limits, outline, near, setpoint = g.limits, g.outline[:], s.near[: s.n_near], s.setpoint
+    sv, av, sw, aw = setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope
     lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
     px, py, yaw0 = s.pose[0], s.pose[1], s.pose[2]
     c0, s0 = math.cos(yaw0), math.sin(yaw0)
-    bx, by, byaw = px, py, yaw0  # where it is if the wheels do at once what they are set to
-    # What the wheels do now they do a moment longer.
+    bx, by, byaw = px, py, yaw0  # the pose if the wheels follow the set point at once
+    # The wheels keep their present speeds for a reaction time.
     x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * g.reaction_time, sw * g.reaction_time)
     t = g.reaction_time
     hold = held_steps(g)
-    # Along something inside the stop zone the chair may crawl on, as far as noise leaves room.
-    least = _CRAWLING * g.stop_margin if s.n_close > 0 else margin
-    # Of the gap, from below: it is looked for anew only where it might matter.
+    # Along something inside the stop zone the chair may creep on, as far as noise permits.
+    least = _MARGIN_SHARE * g.stop_margin if s.n_close > 0 else margin
+    # A lower bound of the clearance, which is computed anew only where it might matter.
     bound = s.gap - (abs(sv) + lever * abs(sw)) * t if s.n_close == 0 else 0.0
-    lv, lw = s.late[0], s.late[1]
+    lv, lw = s.delayed_v, s.delayed_w
     rises, late = True, STEP / (g.reaction_time + STEP)
-    for k in range(_LONGEST):
+    for k in range(_MAX_STEPS):
         if k == hold:
             v, w = 0.0, 0.0
         v0, w0 = sv, sw
@@ -236,9 +254,8 @@ def _sweep_still(
                 return OBSTACLE
             c, sn = math.cos(yaw), math.sin(yaw)
             for i in range(s.n_close):
-                ex, ey = s.close[i, 0] - x, s.close[i, 1] - y
-                gap = signed_clearance(c * ex + sn * ey, c * ey - sn * ex, outline)
-                if gap < s.close[i, 2] - _WORSE:
+                ex, ey = world_to_body(c, sn, s.close[i].x - x, s.close[i].y - y)
+                if signed_clearance(ex, ey, outline) < s.close[i].distance - _WORSE:
                     return OBSTACLE
         rises = rises and (k < hold or speed > abs(v0) or turn > abs(w0))
         lv, lw = lv + late * (sv - lv), lw + late * (sw - lw)
@@ -246,35 +263,27 @@ def _sweep_still(
         wl, wh = speed_interval(sw, lw, _TURNS)
         if max(-vl, vh) + lever * max(-wl, wh) > unseen:
             since = s.stamp - g.memory_time
-            # Until it brakes it may be farther back than a reaction ahead of its set point.
+            # Until it brakes, the chair may lag behind its set point by up to a reaction time.
             if rises and enters_unseen_space(
                 g, s, bx, by, byaw, vl, vh, wl, wh, since + k * STEP, unseen
             ):
                 return UNSEEN
-            wx, wy, wyaw = px + c0 * x - s0 * y, py + s0 * x + c0 * y, yaw0 + yaw
-            if enters_unseen_space(g, s, wx, wy, wyaw, vl, vh, wl, wh, since + t, unseen):
+            wx, wy = point_to_world(c0, s0, px, py, x, y)
+            if enters_unseen_space(g, s, wx, wy, yaw0 + yaw, vl, vh, wl, wh, since + t, unseen):
                 return UNSEEN
         if rises:
             way, turned = 0.5 * (v0 + sv) * STEP, 0.5 * (w0 + sw) * STEP
             bx, by, byaw = odometric_step(bx, by, byaw, way, turned)
-        if (
-            k >= hold
-            and peak_speed(sv, av, limits.jerk) < _REST
-            and peak_speed(sw, aw, limits.turn_jerk) < _TURN_REST
-        ):
+        rests = peak_speed(sv, av, limits.jerk) < _REST
+        if k >= hold and rests and peak_speed(sw, aw, limits.turn_jerk) < _TURN_REST:
             break
     return NOTHING
 
 
-_HALVINGS = 5  # of the share that is driven: to 3 %
-_COARSE = 4  # the same for who plans, of many twists at once
-_FINE = 0.01  # s: step of the set point's model, as boards run it at 100 Hz
-
-
 @borrowing_kernel
-def _share(g: Any, s: Any, v: float, w: float) -> tuple[float, int]:
+def _allowed_share(g: Any, s: Any, v: float, w: float) -> tuple[float, int]:
     """The share of a twist that may be driven, and the reason that limits it."""
-    if v == 0.0 and w == 0.0 and s.set[0] == 0.0 and s.set[2] == 0.0:
+    if v == 0.0 and w == 0.0 and s.setpoint.v == 0.0 and s.setpoint.w == 0.0:
         return 1.0, NOTHING
     reason = check_trajectory(g, s, v, w)
     if reason == NOTHING:
@@ -291,22 +300,22 @@ def _share(g: Any, s: Any, v: float, w: float) -> tuple[float, int]:
 
 @borrowing_kernel
 def limit_for_unseen_space(g: Any, s: Any, motion: Array, twists: Array) -> None:
-    """Scale twists (n, 2) in place to what the rule of unseen space allows to begin and to last."""
-    known = s.n_near, s.n_moving, s.n_close, s.gap
-    a, b, c, d = s.set[0], s.set[1], s.set[2], s.set[3]
-    late_v, late_w = s.late[0], s.late[1]
+    """Scale twists (n, 2) in place to what the rule of unseen space allows, now and later.
+
+    `motion` (4,) is the chair's speed, its slope, its turn rate and its slope.
+    """
+    obstacles, setpoint = (s.n_near, s.n_moving, s.n_close, s.gap), s.setpoint
+    v0, v0_slope, w0, w0_slope = setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope
+    delayed = s.delayed_v, s.delayed_w
     s.n_near, s.n_moving, s.n_close, s.gap = 0, 0, 0, FAR
     for k in range(twists.shape[0]):
         v, w = twists[k, 0], twists[k, 1]
         low, high, share = 0.0, 1.0, 1.0
         for _ in range(_COARSE + 1):
-            for i in range(4):
-                s.set[i] = motion[i]
-            s.late[0], s.late[1] = motion[0], motion[2]
+            set_motion(s, motion[0], motion[1], motion[2], motion[3])
             good = check_trajectory(g, s, share * v, share * w) == NOTHING
             if good:  # and once the chair drives like that
-                s.set[0], s.set[1], s.set[2], s.set[3] = share * v, 0.0, share * w, 0.0
-                s.late[0], s.late[1] = share * v, share * w
+                set_motion(s, share * v, 0.0, share * w, 0.0)
                 good = check_trajectory(g, s, share * v, share * w) == NOTHING
             if good:
                 low = share
@@ -316,17 +325,17 @@ def limit_for_unseen_space(g: Any, s: Any, motion: Array, twists: Array) -> None
                 break
             share = 0.5 * (low + high)
         twists[k, 0], twists[k, 1] = low * v, low * w
-    s.n_near, s.n_moving, s.n_close, s.gap = known
-    s.set[0], s.set[1], s.set[2], s.set[3] = a, b, c, d
-    s.late[0], s.late[1] = late_v, late_w
+    s.n_near, s.n_moving, s.n_close, s.gap = obstacles
+    set_motion(s, v0, v0_slope, w0, w0_slope)
+    s.delayed_v, s.delayed_w = delayed
 
 
 @borrowing_kernel
 def delay_setpoint(g: Any, s: Any, dt: float) -> None:
     """Let the delayed set point follow the set point, as the wheels do."""
     share = dt / (g.reaction_time + dt)
-    s.late[0] += share * (s.set[0] - s.late[0])
-    s.late[1] += share * (s.set[2] - s.late[1])
+    s.delayed_v += share * (s.setpoint.v - s.delayed_v)
+    s.delayed_w += share * (s.setpoint.w - s.delayed_w)
 
 
 @borrowing_kernel
@@ -337,30 +346,29 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
         The twist, and whether the chair makes a protective stop instead: after a fault, and where
         a comfort stop is no longer enough.
     """
-    limits = g.limits
+    limits, setpoint = g.limits, s.setpoint
     v, w = clip_to_limits(v, w, limits)
     s.asked[0], s.asked[1] = v, w
     s.rearmed = s.rearmed and s.latched != NOTHING
     share, reason = 0.0, s.latched
     if reason == NOTHING:
-        share, reason = _share(g, s, v, w)
+        share, reason = _allowed_share(g, s, v, w)
     v, w = share * v, share * w
     s.protective = s.latched != NOTHING or (share == 0.0 and needs_protective_stop(g, s))
     s.reason, s.given[0], s.given[1] = reason, v, w
-    if s.rearmed and abs(s.set[0]) + abs(s.set[2]) < STANDS:  # it stands a period more
+    if s.rearmed and abs(setpoint.v) + abs(setpoint.w) < REST_SPEED:  # it stands one more period
         s.latched, s.rearmed = NOTHING, False
     if s.protective:
-        s.set[0], s.set[2] = brake(
-            s.set[0], s.set[2], STOP_RAMP_FACTOR * limits.protective * g.period, g.track
-        )
-        s.set[1], s.set[3] = 0.0, 0.0
+        slower = STOP_RAMP_FACTOR * limits.protective * g.period
+        setpoint.v, setpoint.w = brake(setpoint.v, setpoint.w, slower, g.track)
+        setpoint.v_slope, setpoint.w_slope = 0.0, 0.0
         delay_setpoint(g, s, g.period)
         return 0.0, 0.0, True
     n = max(1, round(g.period / _FINE))
     dt = g.period / n
     for _ in range(n):
-        s.set[0], s.set[1], s.set[2], s.set[3] = approach_twist(
-            s.set[0], s.set[1], s.set[2], s.set[3], v, w, limits, dt
+        setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope = approach_twist(
+            setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope, v, w, limits, dt
         )
         delay_setpoint(g, s, dt)
     return v, w, False

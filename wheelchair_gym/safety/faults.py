@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import wrap
+from wheelchair_gym.safety.grid import laser_frame
 from wheelchair_gym.safety.state import (
     BUMPED,
     ECHOES,
@@ -30,21 +31,28 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 _FACTOR = np.uint64(0x9E3779B97F4A7C15)
-_STIRRED = 1e-3  # m or rad in a period: a chair that moves more sees something else
-_ASKED_V, _ASKED_W = 0.1, 0.25  # m/s, rad/s: so told, wheels that count nothing are not believed
-_OFF_V, _OFF_W = 0.25, 0.5  # m/s, rad/s: so far from what they are told, wheels are astray
+_MOVED = 1e-3  # m or rad in a period: sensors of a chair that moves more report something new
+_ASKED_V, _ASKED_W = 0.1, 0.25  # m/s, rad/s: at such set points, wheels must report a motion
+_OFF_V, _OFF_W = 0.25, 0.5  # m/s, rad/s: wheels so far from the set point are astray
 _ASTRAY = 0.5  # s
+_VALID = 0.5  # least share of valid beams
 _ROUND = 1e-6  # s
-_FEW = 0.02  # share of the beams that should have an echo: with fewer the laser is taken for blind
-_LEAST = 2  # of the beams kept that should have an echo, for that to be said
-_EDGE = 0.3  # rad from the end of the fan: what moves may have left it since
+_FEW = 0.02  # share of the predicted echoes: with fewer, the laser counts as blind
+_LEAST = 2  # stored beams that must predict an echo before the laser can count as blind
+_EDGE = 0.3  # rad from the end of the fan: what moves may have left the fan
 _FAR = 1.0  # m: the same, of the laser's reach
+
+
+@inlined
+def _lasting(condition: bool, seconds: float, dt: float) -> float:
+    """How long [s] a condition has lasted that lasted so long a time dt before."""
+    return seconds + dt if condition else 0.0
 
 
 @borrowing_kernel
 def hash_value(value: float, salt: int) -> np.uint64:
     """A hash of a number, also of NaN and infinities."""
-    # Whatever is invalid has a word of its own; the others are told apart to 2^-30 m.
+    # Each kind of invalid value has a word of its own; the others differ by at least 2^-30 m.
     if value != value:
         word = np.uint64(1)
     elif value == math.inf:
@@ -88,21 +96,16 @@ def count_echoes(laser: Floats) -> int:
 def expected_echoes(g: Any, s: Any) -> int:
     """Number of an earlier scan's echoes that should be in view from the present pose."""
     half = -g.first - _EDGE
-    cosine, sine = math.cos(s.pose[2]), math.sin(s.pose[2])
-    x = s.pose[0] + cosine * g.mount[0] - sine * g.mount[1]
-    y = s.pose[1] + sine * g.mount[0] + cosine * g.mount[1]
-    yaw = s.echo_pose[2]
-    old_x = s.echo_pose[0] + math.cos(yaw) * g.mount[0] - math.sin(yaw) * g.mount[1]
-    old_y = s.echo_pose[1] + math.sin(yaw) * g.mount[0] + math.cos(yaw) * g.mount[1]
-    yaw += g.mount[2]
+    now, before = laser_frame(g, s.pose), laser_frame(g, s.echo_pose)
+    yaw = s.echo_pose[2] + g.mount[2]
     count = 0
     for k in range(ECHOES):
         if not g.nearest <= s.echo[k] < g.reach:
             continue
         beam = k * (g.beams - 1) // (ECHOES - 1)
         way = yaw + g.first + beam / g.per_angle
-        dx = old_x + s.echo[k] * math.cos(way) - x
-        dy = old_y + s.echo[k] * math.sin(way) - y
+        dx = before.x + s.echo[k] * math.cos(way) - now.x
+        dy = before.y + s.echo[k] * math.sin(way) - now.y
         far = math.hypot(dx, dy)
         bearing = wrap(math.atan2(dy, dx) - s.pose[2] - g.mount[2])
         count += g.nearest < far < g.reach - _FAR and abs(bearing) < half
@@ -112,26 +115,86 @@ def expected_echoes(g: Any, s: Any) -> int:
 @borrowing_kernel
 def laser_is_blind(g: Any, s: Any, laser: Floats, echoes: int, dt: float) -> bool:
     """Whether scans have lacked echoes, against the evidence, for too long."""
-    beams, should, heard = laser.shape[0], 0, 0
+    beams, expected, heard = laser.shape[0], 0, 0
     if echoes < _FEW * beams:
-        should = expected_echoes(g, s)
+        expected = expected_echoes(g, s)
         for k in range(s.n_arc.shape[0]):
             heard += s.n_arc[k] > 0
-    if should >= _LEAST and echoes * ECHOES < _FEW * should * beams:
-        s.laser_blind += dt
-    else:
-        s.laser_blind = 0.0
-        for k in range(ECHOES):
-            s.echo[k] = laser[k * (beams - 1) // (ECHOES - 1)]
+    lacking = expected >= _LEAST and echoes * ECHOES < _FEW * expected * beams
+    s.laser_blind = _lasting(lacking, s.laser_blind, dt)
+    if not lacking:
         for k in range(3):
             s.echo_pose[k] = s.pose[k]
-    if heard > 0 and echoes == 0:
-        s.laser_denied += dt
-    else:
-        s.laser_denied = 0.0
+        for k in range(ECHOES):
+            s.echo[k] = laser[k * (beams - 1) // (ECHOES - 1)]
+    s.laser_denied = _lasting(heard > 0 and echoes == 0, s.laser_denied, dt)
     blind = s.laser_blind > g.stale_laser + g.period + _ROUND
     denied = s.laser_denied > g.stale_ultrasonic + g.period + _ROUND
     return bool(blind or denied)
+
+
+@borrowing_kernel
+def _check_laser(g: Any, s: Any, laser: Floats, moves: bool, dt: float) -> tuple[bool, int]:
+    """Update the laser's timers; returns whether the scan is new, and the reason of a fault."""
+    valid = valid_share(laser) >= _VALID
+    s.laser_silent = _lasting(not valid, s.laser_silent, dt)
+    now, echoes = hash_floats(laser, np.uint64(0)), count_echoes(laser)
+    # Scans without echoes have no noise, and so are equal.
+    fresh = not s.begun or now != s.laser_hash or echoes == 0
+    blind = valid and laser_is_blind(g, s, laser, echoes, dt)
+    if fresh or moves:
+        s.laser_frozen = _lasting(not fresh, s.laser_frozen, dt)
+    s.laser_hash = now
+    if s.laser_silent > g.stale_laser + _ROUND:
+        return fresh, LASER_SILENT
+    if s.laser_frozen > g.stale_laser + _ROUND:
+        return fresh, LASER_FROZEN
+    return fresh, LASER_BLIND if blind else 0
+
+
+@borrowing_kernel
+def _check_ultrasonics(
+    g: Any, s: Any, ultrasonic: Floats, age: Floats, moves: bool, dt: float
+) -> int:
+    """Update the timers of the ultrasonics; returns the reason of a fault, 0: none."""
+    mounted, reason = False, 0
+    for k in range(age.shape[0]):
+        if age[k] == math.inf:  # never heard
+            continue
+        mounted = True
+        heard = ultrasonic[k] == ultrasonic[k] and age[k] <= g.stale_ultrasonic
+        s.sonar_silent[k] = _lasting(not heard, s.sonar_silent[k], dt)
+        old = float(age[k]) if age[k] == age[k] else s.sonar_silent[k]
+        if max(old, s.sonar_silent[k]) > g.stale_ultrasonic + _ROUND:
+            reason = SONAR_SILENT
+    now = hash_floats(age, hash_floats(ultrasonic, np.uint64(0)))
+    repeats = mounted and moves and s.begun and now == s.sonar_hash
+    s.sonar_frozen = _lasting(repeats, s.sonar_frozen, dt)
+    s.sonar_hash = now
+    return SONAR_FROZEN if s.sonar_frozen > g.stale_ultrasonic + _ROUND else reason
+
+
+@borrowing_kernel
+def _check_odometry(g: Any, s: Any, pose: Array, twist: Array, halted: bool, dt: float) -> int:
+    """Update the odometry's timers; returns the reason of a fault, 0: none."""
+    v, w, setpoint = twist[0], twist[1], s.setpoint
+    finite = math.isfinite(v + w)
+    same = s.begun and finite and v == s.read_twist[0] and w == s.read_twist[1]
+    for k in range(3):
+        same = same and pose[k] == s.read_pose[k]
+        s.read_pose[k] = pose[k]
+    still = v == 0.0 and w == 0.0
+    asked = abs(setpoint.v) > _ASKED_V or abs(setpoint.w) > _ASKED_W
+    off = abs(v - setpoint.v) > _OFF_V or abs(w - setpoint.w) > _OFF_W
+    s.odometry_silent = _lasting(not finite, s.odometry_silent, dt)
+    frozen = (same and not still) or (finite and still and asked)
+    s.odometry_frozen = _lasting(not halted and frozen, s.odometry_frozen, dt)
+    s.astray = _lasting(not halted and finite and off, s.astray, dt)
+    s.read_twist[0], s.read_twist[1] = v, w
+    if s.odometry_silent > g.stale_odometry + _ROUND:
+        return ODOMETRY_SILENT
+    frozen = s.odometry_frozen > g.stale_odometry + _ROUND or s.astray > _ASTRAY
+    return ODOMETRY_FROZEN if frozen else 0
 
 
 @borrowing_kernel
@@ -140,81 +203,19 @@ def check_sensors(
     bumped: bool, halted: bool, dt: float,
 ) -> bool:  # fmt: skip
     """Detect faults and latch them; returns whether the scan is new and trusted."""
-    reason = 0
-    finite = math.isfinite(twist[0] + twist[1])
-    moves = not finite or abs(twist[0]) * dt > _STIRRED or abs(twist[1]) * dt > _STIRRED
-    # laser
-    half = 0.5
-    if valid_share(laser) < half:
-        s.laser_silent += dt
-    else:
-        s.laser_silent = 0.0
-    now, echoes = hash_floats(laser, np.uint64(0)), count_echoes(laser)
-    fresh = not s.begun or now != s.laser_hash or echoes == 0  # no noise tells empty scans apart
-    valid = valid_share(laser) >= half
-    if valid and laser_is_blind(g, s, laser, echoes, dt):
-        reason = LASER_BLIND
-    if fresh:
-        s.laser_frozen = 0.0
-    elif moves:
-        s.laser_frozen += dt
-    s.laser_hash = now
-    # ultrasonics
-    mounted = False
-    for k in range(age.shape[0]):
-        if age[k] == math.inf:  # never heard
-            continue
-        mounted = True
-        if ultrasonic[k] == ultrasonic[k] and age[k] <= g.stale_ultrasonic:
-            s.sonar_silent[k] = 0.0
-        else:
-            s.sonar_silent[k] += dt
-        old = float(age[k]) if age[k] == age[k] else s.sonar_silent[k]
-        if max(old, s.sonar_silent[k]) > g.stale_ultrasonic + _ROUND:
-            reason = SONAR_SILENT
-    now = hash_floats(age, hash_floats(ultrasonic, np.uint64(0)))
-    if mounted and moves and s.begun and now == s.sonar_hash:
-        s.sonar_frozen += dt
-    else:
-        s.sonar_frozen = 0.0
-    s.sonar_hash = now
-    if s.sonar_frozen > g.stale_ultrasonic + _ROUND:
-        reason = SONAR_FROZEN
-    if s.laser_frozen > g.stale_laser + _ROUND:
-        reason = LASER_FROZEN
-    if s.laser_silent > g.stale_laser + _ROUND:
-        reason = LASER_SILENT
-    # odometry
-    same = s.begun and finite
-    for k in range(3):
-        same = same and pose[k] == s.told[k]
-    for k in range(2):
-        same = same and twist[k] == s.told[3 + k]
-    still = twist[0] == 0.0 and twist[1] == 0.0
-    told = abs(s.set[0]) > _ASKED_V or abs(s.set[2]) > _ASKED_W
-    if finite:
-        s.odometry_silent = 0.0
-    else:
-        s.odometry_silent += dt
-    if not halted and ((same and not still) or (finite and still and told)):
-        s.odometry_frozen += dt
-    else:
-        s.odometry_frozen = 0.0
-    off = abs(twist[0] - s.set[0]) > _OFF_V or abs(twist[1] - s.set[2]) > _OFF_W
-    if not halted and finite and off:
-        s.astray += dt
-    else:
-        s.astray = 0.0
-    if s.odometry_frozen > g.stale_odometry + _ROUND or s.astray > _ASTRAY:
-        reason = ODOMETRY_FROZEN
-    if s.odometry_silent > g.stale_odometry + _ROUND:
-        reason = ODOMETRY_SILENT
+    v, w = twist[0], twist[1]
+    moves = not math.isfinite(v + w) or abs(v) * dt > _MOVED or abs(w) * dt > _MOVED
+    fresh, laser_fault = _check_laser(g, s, laser, moves, dt)
+    sonar_fault = _check_ultrasonics(g, s, ultrasonic, age, moves, dt)
+    odometry_fault = _check_odometry(g, s, pose, twist, halted, dt)
     if bumped:
         reason = BUMPED
+    elif odometry_fault > 0:
+        reason = odometry_fault
+    elif laser_fault == LASER_BLIND and sonar_fault > 0:
+        reason = sonar_fault
+    else:
+        reason = laser_fault if laser_fault > 0 else sonar_fault
     if reason > 0:
-        s.latched, s.rearmed = reason, False  # nobody re-arms what still fails
-    for k in range(3):
-        s.told[k] = pose[k]
-    for k in range(2):
-        s.told[3 + k] = twist[k]
-    return fresh and s.laser_blind == 0.0  # a scan that is doubted clears nothing
+        s.latched, s.rearmed = reason, False  # a fault whose cause lasts cannot be cleared
+    return fresh and s.laser_blind == 0.0  # a doubtful scan clears no cell

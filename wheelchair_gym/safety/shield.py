@@ -24,7 +24,7 @@ from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.decision import decide, limit_for_unseen_space
 from wheelchair_gym.safety.perception import reset, update
 from wheelchair_gym.safety.settings import ShieldSettings
-from wheelchair_gym.safety.state import GUARD, REASONS, SHIELD, Guard
+from wheelchair_gym.safety.state import CONSTANTS, REASONS, SHIELD, ShieldConstants
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 from wheelchair_gym.types import Reading, check_reading
 
@@ -32,17 +32,17 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 
-_guards_at, _shields_at = rows_of(GUARD), rows_of(SHIELD)
+_constants_at, _shields_at = rows_of(CONSTANTS), rows_of(SHIELD)
 # Rows of shields by address: a call takes a microsecond for each array.
-SHIELDS = np.dtype([("n", "i8"), ("guard", "u8"), ("shields", "u8")])
-SHIELDS_TARGETS = {"guard": Target(GUARD, 1), "shields": Target(SHIELD, None)}
+SHIELDS = np.dtype([("n", "i8"), ("constants", "u8"), ("shields", "u8")])
+SHIELDS_TARGETS = {"constants": Target(CONSTANTS, 1), "shields": Target(SHIELD, None)}
 
 
 @inlined
 def _shield_row(shields: Any, i: int) -> Any:
     """The records of row i: what all shields share, and its own state."""
     rows = shields[0]
-    return _guards_at(rows.guard, 1)[0], _shields_at(rows.shields, rows.n)[i]
+    return _constants_at(rows.constants, 1)[0], _shields_at(rows.shields, rows.n)[i]
 
 
 @borrowing_kernel
@@ -57,29 +57,29 @@ def update_shield(
     age: Floats, bumped: bool, halted: bool, stamp: float,
 ) -> None:  # fmt: skip
     """Give row i a reading."""
-    guard, shield = _shield_row(shields, i)
-    update(guard, shield, pose, twist, laser, ultrasonic, age, bumped, halted, stamp)
+    constants, shield = _shield_row(shields, i)
+    update(constants, shield, pose, twist, laser, ultrasonic, age, bumped, halted, stamp)
 
 
 @borrowing_kernel
 def filter_twist(i: int, shields: Any, v: float, w: float) -> tuple[float, float, bool]:
     """What may be driven of a twist [m/s, rad/s] behind row i; true: it is a protective stop."""
-    guard, shield = _shield_row(shields, i)
-    return decide(guard, shield, v, w)
+    constants, shield = _shield_row(shields, i)
+    return decide(constants, shield, v, w)
 
 
 @borrowing_kernel
 def slow_row_for_unseen(i: int, shields: Any, motion: Array, twists: Array) -> None:
     """Slow twists (n, 2) to what may last where nobody has seen, as row i remembers it."""
-    guard, shield = _shield_row(shields, i)
-    limit_for_unseen_space(guard, shield, motion, twists)
+    constants, shield = _shield_row(shields, i)
+    limit_for_unseen_space(constants, shield, motion, twists)
 
 
-def point_to_shields(guard: Guard, shields: NDArray[np.void]) -> Pointers:
+def point_to_shields(constants: ShieldConstants, shields: NDArray[np.void]) -> Pointers:
     """Where shields (n,) of SHIELD and what they share lie, a record (1,) of SHIELDS."""
     rows = Pointers(np.zeros(1, SHIELDS), SHIELDS_TARGETS)
     rows.record["n"] = len(shields)
-    rows.point("guard", guard.pointers)
+    rows.point("constants", constants.pointers)
     rows.point("shields", shields)
     return rows
 
@@ -97,7 +97,7 @@ class Shield:
     """Limits the twists of one run to what is safe.
 
     Args:
-        own: settings.
+        config: settings.
         chair: outline and limits.
         sensors: where they sit.
         period: of control [s].
@@ -105,25 +105,25 @@ class Shield:
 
     def __init__(
         self,
-        own: ShieldSettings | None = None,
+        config: ShieldSettings | None = None,
         chair: ChairSettings | None = None,
         sensors: SensorSettings | None = None,
         period: float = 0.1,
     ) -> None:
-        self.settings = own or ShieldSettings()
-        self._guard = Guard(
+        self.settings = config or ShieldSettings()
+        self._constants = ShieldConstants(
             self.settings, chair or ChairSettings(), sensors or SensorSettings(), period
         )
         self.state: NDArray[np.void] = np.zeros(1, SHIELD)
         self._beams = (sensors or SensorSettings()).laser.beams
-        self._rows = point_to_shields(self._guard, self.state)
+        self._rows = point_to_shields(self._constants, self.state)
         self._asked = False
         self._warm()
         self.reset()
 
     def _warm(self) -> None:
         """Compile everything that a decision needs before a chair drives."""
-        beams = int(self._guard.record["beams"][0])
+        beams = int(self._constants.record["beams"][0])
         dark, deaf = np.full(beams, np.nan, np.float32), np.full(RANGERS, np.nan, np.float32)
         blank = Reading(np.zeros(3), np.zeros(2), dark, deaf, deaf, False, math.nan, 0.0)
         self.filter(np.zeros(2), blank)

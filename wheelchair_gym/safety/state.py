@@ -1,4 +1,4 @@
-"""The shield's records: constants of the chair (GUARD) and the state of the last seconds (SHIELD).
+"""The shield's records: CONSTANTS of the chair, and SHIELD, the state of the last seconds.
 
 The memory is bounded: points that the laser hit, echoes that only ultrasonics measured, and a grid
 that moves with the chair and holds when each cell was last seen. All coordinates are in the frame
@@ -8,12 +8,14 @@ of uncorrected dead reckoning, so that near objects keep their place.
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import Pointers, Target
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError
 from wheelchair_gym.kinematics import LIMITS
 from wheelchair_gym.physics.settings import ChairSettings
@@ -29,39 +31,43 @@ REASONS: Final = ("", "obstacle", "moving", "unseen", *SHIELD_FAULTS)
 NOTHING, OBSTACLE, MOVING, UNSEEN, LASER_SILENT, LASER_FROZEN, LASER_BLIND = range(7)
 SONAR_SILENT, SONAR_FROZEN, ODOMETRY_SILENT, ODOMETRY_FROZEN, BUMPED = range(7, 12)
 
-CELL = 0.10  # m: of the grid of what was looked at
-CELLS = 64  # a side of it: 3.2 m round the chair, as far as whoever moves matters
-REACH = 2.6  # m from the axle: what a chair at 0.8 m/s sweeps before it rests, and its outline
-FAR = 3.6  # m: points farther off are not taken in
-BINS = 36  # of distance, to order points by
+CELL = 0.10  # m: side of a cell of the grid
+CELLS = 64  # cells per side: 3.2 m around the chair, as far as people matter
+REACH = 2.6  # m from the axle: the outline, and what it sweeps from 0.8 m/s to rest
+FAR = 3.6  # m from the laser: farther points are not stored
+BINS = 36  # of distance, to sort points by
 FRESH = 512  # points of one scan
-KEPT = 512  # and of those before
+KEPT = 512  # points of earlier scans
 ARC = 12  # points on the arc of an echo
 NEAR = FRESH + KEPT + RANGERS * ARC
-MOVERS = 96  # points of what moves
+MARKS = 96  # points that may move
 CLOSE = 64  # points inside the stop zone
-LONE = 48  # things that one beam hit
+HITS = 48  # hits of single beams
 RATES: Final = (4.0, 100.0)  # Hz: of control
-_SPARE = 1.2  # times what its limits ask for a chair must be able to do, to follow its set point
+_SPARE = 1.2  # the chair must exceed its limits by this factor to follow its set point
 _ROUND = 1e-6
-STANDS = 0.02  # m/s, rad/s: slower is at rest
-ECHOES = 64  # beams of the last scan with echoes that are kept, to notice a laser gone blind
-SAMPLES = 38  # points of the outline that may enter what nobody has seen
+REST_SPEED = 0.02  # m/s, rad/s: slower is at rest
+ECHOES = 64  # beams of the last scan with echoes that are kept, to detect a blind laser
+SAMPLES = 38  # points of the outline that are checked against unseen space
 
-NUMBERS = (  # of the settings, as kernels take them
-    "stop_margin", "time_headway", "reaction_time", "creep_speed", "memory_time",
-    "static_memory_time", "vacated_time", "unseen_speed", "person_speed", "person_acceleration",
-    "moving_memory_time",
-)  # fmt: skip
+COPIED = [field.name for field in fields(ShieldSettings) if field.name != "stale"]
+_F8 = "f8"
+SETPOINT = np.dtype([(name, _F8) for name in ("v", "v_slope", "w", "w_slope")])
+SAMPLE = np.dtype([(name, _F8) for name in ("x", "y", "normal_x", "normal_y")])
+XY = np.dtype([("x", _F8), ("y", _F8)])  # m
+POINT = np.dtype([*XY.descr, ("stamp", _F8)])  # stamp: kept until then [s]
+HIT = np.dtype([*POINT.descr, ("scans", _F8)])  # stamp: of the last hit; hits in so many scans
+MARK = np.dtype([*POINT.descr, ("seen", _F8)])  # stamps [s] of the last motion and sighting
+DISTANT = np.dtype([(name, _F8) for name in ("x", "y", "distance")])  # m
 
-GUARD = np.dtype(
+CONSTANTS = np.dtype(
     [
         ("limits", LIMITS),
         ("outline", "f8", (3,)),  # Footprint.array
-        ("samples", "f8", (SAMPLES, 4)),  # x, y and outward normal; corners of the rear: 0, 0
+        ("samples", SAMPLE, (SAMPLES,)),  # outward normals; 0, 0 at the rear corners
         ("period", "f8"),  # s
         ("track", "f8"),  # m
-        *((name, "f8") for name in NUMBERS),
+        *((name, "f8") for name in COPIED),
         ("stale_laser", "f8"),
         ("stale_ultrasonic", "f8"),
         ("stale_odometry", "f8"),
@@ -72,8 +78,8 @@ GUARD = np.dtype(
         ("per_angle", "f8"),  # beams per rad
         ("nearest", "f8"),  # m
         ("reach", "f8"),  # m
-        ("mount", "f8", (3,)),  # of the laser
-        ("ranger_mount", "f8", (RANGERS, 3)),
+        ("mount", "f8", (3,)),  # pose of the laser
+        ("ranger_mount", "f8", (RANGERS, 3)),  # poses
         ("ranger_half", "f8", (RANGERS,)),  # rad: half of the cone
         ("ranger_reach", "f8", (RANGERS,)),  # m
     ],
@@ -82,62 +88,66 @@ GUARD = np.dtype(
 
 SHIELD = np.dtype(
     [
-        ("begun", "b1"),  # there was a reading
-        ("stamp", "f8"),  # s: of the last one
-        ("pose", "f8", (3,)),  # m, m, rad: dead-reckoned since reset
-        ("told", "f8", (5,)),  # pose and twist of the last reading, to the bit
-        ("set", "f8", (4,)),  # speed, its slope, turn, its slope: what the chair is set to
-        ("late", "f8", (2,)),  # speed and turn that it was set to a reaction time ago
+        ("begun", "b1"),  # a reading has come
+        ("stamp", "f8"),  # s: of the last reading
+        ("pose", "f8", (3,)),  # dead-reckoned since reset
+        ("read_pose", "f8", (3,)),  # pose and twist of the last reading, to the bit
+        ("read_twist", "f8", (2,)),
+        ("setpoint", SETPOINT),  # speed and turn rate that the chair approaches, and their slopes
+        ("delayed_v", "f8"),  # the set point a reaction time ago
+        ("delayed_w", "f8"),
         # faults
         ("latched", "i8"),  # reason, 0: none
-        ("rearmed", "b1"),  # a person asks to be let go on
+        ("rearmed", "b1"),  # a person asks to clear the fault
         ("laser_hash", "u8"),
         ("sonar_hash", "u8"),
-        ("laser_silent", "f8"),  # s without, s that it was the same
-        ("laser_frozen", "f8"),
-        ("laser_blind", "f8"),  # s without an echo where the scan before had some
-        ("laser_denied", "f8"),  # s without an echo while ultrasonics hear something
-        ("echo", "f4", (ECHOES,)),  # m: ranges of beams, evenly, of the last scan with echoes
-        ("echo_pose", "f8", (3,)),  # m, m, rad: where that was taken
+        ("laser_silent", "f8"),  # s without valid ranges
+        ("laser_frozen", "f8"),  # s with repeated ranges
+        ("laser_blind", "f8"),  # s without the echoes that the scan before predicts
+        ("laser_denied", "f8"),  # s without an echo while ultrasonics measure one
+        ("echo", "f4", (ECHOES,)),  # m: evenly spaced ranges of the last scan with echoes
+        ("echo_pose", "f8", (3,)),  # pose at that scan
         ("sonar_silent", "f8", (RANGERS,)),
         ("sonar_frozen", "f8"),
         ("odometry_silent", "f8"),
         ("odometry_frozen", "f8"),
-        ("astray", "f8"),  # s that the wheels did not what they were told
-        # what was looked at
+        ("astray", "f8"),  # s for which the wheels have not followed the set point
+        # grid
         ("corner", "i8", (2,)),  # cell of the grid's lower left corner
-        ("columns", "i8"),  # 0 or 1: which of them were looked at last, even or odd ones
-        ("seen", "f4", (CELLS, CELLS)),  # s: by a ray that came so far
-        ("clear", "f4", (CELLS, CELLS)),  # s: by one that went well beyond
-        ("beam", "i4", (CELLS,)),  # of one column of cells: which sees it, how far it is
-        ("range", "f4", (CELLS,)),
-        # points: x, y [m], until when they are kept [s]; those that may move: when they last did,
+        ("columns", "i8"),  # 0 or 1: whether even or odd columns were updated last
+        ("seen", "f4", (CELLS, CELLS)),  # s: when a ray last reached the cell
+        ("clear", "f4", (CELLS, CELLS)),  # s: when a ray last passed well beyond it
+        ("beam", "i4", (CELLS,)),  # of one column: the beam that covers each cell
+        ("range", "f4", (CELLS,)),  # m: the distance of its centre
+        # points that the laser hit; the first n_old are of earlier scans
         ("n_points", "i8"),
-        ("n_old", "i8"),  # of them are of scans before the last one
-        ("points", "f8", (FRESH + KEPT, 3)),
-        # what one beam hit: x, y [m], when last [s], in how many scans
-        ("n_lone", "i8"),
-        ("lone", "f8", (LONE, 4)),
+        ("n_old", "i8"),
+        ("points", POINT, (FRESH + KEPT,)),
+        ("n_hits", "i8"),
+        ("hits", HIT, (HITS,)),  # of single beams
         ("n_marks", "i8"),
-        ("marks", "f8", (MOVERS, 4)),  # and were seen
-        ("marked", "f8", (MOVERS, 4)),  # before the last scan
-        # echoes that no laser explains
+        ("marks", MARK, (MARKS,)),  # points that may move
+        ("old_marks", MARK, (MARKS,)),  # before the last scan
+        ("in_view", "i1", (MARKS,)),  # 1: the body of a mark is wholly in view
+        # echoes that no laser point explains
         ("fired", "f8", (RANGERS,)),  # s: when each ranger fired
-        ("doubtful", "f8", (RANGERS,)),  # m: an echo heard once, or NaN
+        ("doubtful", "f8", (RANGERS,)),  # m: an echo measured once, or NaN
         ("n_arc", "i8", (RANGERS,)),
-        ("arc", "f8", (RANGERS, ARC, 2)),  # m
-        # the same in the chair's frame now
+        ("arc", XY, (RANGERS, ARC)),
+        # the same in the chair's frame
         ("n_near", "i8"),
-        ("local", "f8", (NEAR, 3)),  # x, y, distance
-        ("near", "f8", (NEAR, 3)),  # x, y, and no more than its distance; which rises
+        ("unsorted", DISTANT, (NEAR,)),
+        ("near", "f8", (NEAR, 3)),  # x, y and a lower bound of the distance, which rises
         ("n_moving", "i8"),
-        ("moving", "f8", (MOVERS, 5)),  # x, y, 0; for how long it stands, and is hidden [s]
+        ("moving", "f8", (MARKS, 3)),  # x, y, 0
+        ("standing_for", "f8", (MARKS,)),  # s
+        ("hidden_for", "f8", (MARKS,)),  # s
         ("hidden", "f8"),  # s: the longest of these
         ("n_close", "i8"),
-        ("close", "f8", (CLOSE, 3)),  # x, y, and its signed gap
-        ("gap", "f8"),  # m: of the outline
+        ("close", DISTANT, (CLOSE,)),  # signed clearances
+        ("gap", "f8"),  # m: clearance of the outline
         ("bins", "i8", (BINS + 1,)),
-        # what was decided last
+        # the last decision
         ("reason", "i8"),
         ("asked", "f8", (2,)),
         ("given", "f8", (2,)),
@@ -145,6 +155,14 @@ SHIELD = np.dtype(
     ],
     align=True,
 )
+
+
+@borrowing_kernel
+def set_motion(s: Any, v: float, v_slope: float, w: float, w_slope: float) -> None:
+    """Let the chair of a SHIELD record drive at a set point, without delay."""
+    setpoint = s.setpoint
+    setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope = v, v_slope, w, w_slope
+    s.delayed_v, s.delayed_w = v, w
 
 
 def check(chair: ChairSettings, period: float) -> None:
@@ -174,8 +192,8 @@ def check(chair: ChairSettings, period: float) -> None:
             )
 
 
-class Guard:
-    """Constants of a shield: settings, outline, limits and mounts, as the record `record` (1,).
+class ShieldConstants:
+    """Settings, outline, limits and mounts of a shield, as the record `record` (1,).
 
     A copy in this process is the object itself; another process makes a new one.
 
@@ -184,46 +202,45 @@ class Guard:
     """
 
     def __init__(
-        self, own: ShieldSettings, chair: ChairSettings, sensors: SensorSettings, period: float
+        self, config: ShieldSettings, chair: ChairSettings, sensors: SensorSettings, period: float
     ) -> None:
-        self._made_of = own, chair, sensors, period
+        self._made_of = config, chair, sensors, period
         check(chair, period)
-        self.laser = LaserArrays.of(sensors.laser, False)
+        self.laser = laser = LaserArrays.of(sensors.laser, False)
         targets = dict.fromkeys(("cosine", "sine"), Target("f4", None))
-        self.pointers = pointers = Pointers(np.zeros(1, GUARD), targets, constant=True)
+        self.pointers = pointers = Pointers(np.zeros(1, CONSTANTS), targets, constant=True)
         self.record: Rows = pointers.record
         g: Any = self.record[0]
         g["limits"], g["outline"] = chair.limits.array, chair.footprint.array
-        g["samples"] = _samples(*chair.footprint.array.tolist())
+        g["samples"] = outline_samples(*chair.footprint.array.tolist())
         g["period"], g["track"] = period, chair.drive.track
-        for name in NUMBERS:
-            g[name] = getattr(own, name)
+        for name in COPIED:
+            g[name] = getattr(config, name)
         g["reaction_time"] += chair.following_lag
         for name in ("laser", "ultrasonic", "odometry"):
-            g[f"stale_{name}"] = getattr(own.stale, name)
+            g[f"stale_{name}"] = getattr(config.stale, name)
+        pointers.point("cosine", laser.cosine)
+        pointers.point("sine", laser.sine)
         g["beams"] = sensors.laser.beams
-        pointers.point("cosine", self.laser.cosine)
-        pointers.point("sine", self.laser.sine)
-        g["first"], g["per_angle"] = self.laser.first, self.laser.per_angle
-        g["nearest"], g["mount"] = sensors.laser.range_min, self.laser.mount
-        g["reach"] = sensors.laser.reach
+        for name in ("first", "per_angle", "nearest", "mount", "reach"):
+            g[name] = getattr(laser, name)
         rangers = sensors.ultrasonic
         for k, one in enumerate(rangers.mounted):
             model = rangers.narrow if one.model == "narrow" else rangers.wide
             g["ranger_mount"][k] = one.x, one.y, one.yaw
             g["ranger_half"][k], g["ranger_reach"][k] = 0.5 * model.field_of_view, model.reach
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Guard:
+    def __deepcopy__(self, memo: dict[int, Any]) -> ShieldConstants:
         return self
 
-    def __reduce__(self) -> tuple[type[Guard], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[type[ShieldConstants], tuple[Any, ...]]:
         return type(self), self._made_of
 
 
-def _samples(front: float, rear: float, half: float) -> NDArray[np.float64]:
-    """Points of the outline with their normals, about one cell apart."""
+def outline_samples(front: float, rear: float, half: float) -> Rows:
+    """Points of the outline with their normals, about one cell apart, as SAMPLE (SAMPLES,)."""
     rows = [(-rear, side * half, 0.0, 0.0) for side in (-1, 1)]
     rows += [(front, y, 1.0, 0.0) for y in np.linspace(-half, half, 7)]
     rows += [(-rear, y, -1.0, 0.0) for y in np.linspace(-half, half, 7)]
     rows += [(x, side * half, 0.0, side) for side in (-1, 1) for x in np.linspace(-rear, front, 11)]
-    return np.array(rows, np.float64)
+    return np.array(rows, SAMPLE)

@@ -1,10 +1,10 @@
-"""Why a chair stops, how the stop ends, and what a person does to go on: one table.
+"""Why a chair stops, how the stop ends, and what a person does to continue: one table.
 
-    drive board, link, chair, shield ──▶ messages ──▶ Stops ──▶ lines of a log, time that it stands
+    drive board, link, chair, shield ──▶ messages ──▶ StopMonitor ──▶ log lines, stopped time
 
-`STOPS` is read by the shield (its faults), the hardware chair, the log of a deployed policy and the
-documentation (`python -m wheelchair_gym.safety.stops` prints it as a table). `Stops` is the state
-machine over all of them: a chair goes on when nothing holds it any longer.
+The shield (its faults), the hardware chair, the log of a deployed policy and the documentation
+(`python -m wheelchair_gym.safety.stops` prints it) read the table `STOPS`. `StopMonitor` tracks all
+active stops: a chair goes on when none is left.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ class Ends(enum.Enum):
     """How a stop ends."""
 
     ITSELF = "goes on by itself"
-    PERSON = "goes on when the person hands it back"
+    PERSON = "goes on when the person returns control"
     REARM = "needs a re-arm by a person"
     NEW_RUN = "needs a re-arm by a person, and a new start of the program"
 
 
 class Stop(NamedTuple):
-    """A reason for which a chair stands."""
+    """A reason for which a chair is stopped."""
 
     name: str
     part: str  # that reports it
@@ -38,12 +38,14 @@ class Stop(NamedTuple):
 BY_HAND: Final = "a person drives it by the joystick"
 DRY_RUN: Final = "a dry run sends no commands"
 BROUGHT_TO_REST: Final = "the drive board brings it to rest"
-_PLUG = "see to its plug, its cable and its power"
-_TOLD = "the shield has stopped it: {}"
+_PLUG = "check its plug, its cable and its power"
+_SHIELD_MESSAGE = "the shield has stopped it: {}"
 
 
 def _shield(name: str, meaning: str, advice: str) -> Stop:
-    return Stop(name, "shield", re.escape(_TOLD.format(name)), meaning, Ends.REARM, advice)
+    return Stop(
+        name, "shield", re.escape(_SHIELD_MESSAGE.format(name)), meaning, Ends.REARM, advice
+    )
 
 
 def _board(name: str, meaning: str, advice: str) -> Stop:
@@ -56,11 +58,11 @@ STOPS: Final = (
     _shield("laser frozen", "the laser repeats a scan while the chair moves", "restart the laser"),
     _shield(
         "laser blind",
-        "the laser has no echo at all where it saw something before, or where ultrasonics hear it",
+        "the laser has no echo where it had some before, or where ultrasonics have one",
         "clean and uncover its window; where nothing is within its reach, start the program again",
     ),
     _shield(
-        "ultrasonic silent", "an ultrasonic that was heard before is heard no longer", _PLUG
+        "ultrasonic silent", "an ultrasonic that worked before is silent", _PLUG
     ),
     _shield(
         "ultrasonic frozen", "the ultrasonics repeat themselves although the chair moves",
@@ -68,84 +70,84 @@ STOPS: Final = (
     ),
     _shield("odometry silent", "the speed of the wheels is unknown", _PLUG),
     _shield(
-        "odometry frozen", "the encoders do not show what the wheels were told to do",
-        "see whether a wheel is blocked or slips, and to the encoders",
+        "odometry frozen", "the encoders do not show the commanded motion",
+        "check whether a wheel is blocked or slips; check the encoders",
     ),
     _shield("bumped", "a bumper strip is pressed", "free the chair"),
-    _board("RESET", "the board was switched on, or restarted", "nothing needs to be mended"),
-    _board("EMERGENCY_STOP", "the emergency stop was pressed", "let the emergency stop go"),
-    _board("LINK", "no command came for a second", "see to the USB cable and to the computer"),
+    _board("RESET", "the board was switched on, or restarted", "nothing needs repair"),
+    _board("EMERGENCY_STOP", "the emergency stop was pressed", "release the emergency stop"),
+    _board("LINK", "no command came for a second", "check the USB cable and the computer"),
     _board(
-        "STALL", "a wheel is driven and does not turn, or its encoder is not heard",
-        "free the wheel; see to its motor's and its encoder's cables",
+        "STALL", "a wheel is driven and does not turn, or its encoder is silent",
+        "free the wheel; check the cables of its motor and its encoder",
     ),
     _board(
         "DIRECTION", "a wheel turns against its motor",
         "exchange the motor's two wires, or the encoder's A and B, never both",
     ),
-    _board("ENCODER", "an encoder's steps are impossible", "see to its cable and its shield"),
-    _board("OVER_SPEED", "a wheel turned too fast", "see to the slope, the drivers, the gains"),
+    _board("ENCODER", "an encoder's steps are impossible", "check its cable and its shield"),
+    _board("OVER_SPEED", "a wheel turned too fast", "check the slope, the drivers, the gains"),
     _board("UNDER_VOLTAGE", "the battery is empty", "charge the battery"),
-    _board("DRIVER", "a motor driver reports a fault", "see to the driver and its motor"),
+    _board("DRIVER", "a motor driver reports a fault", "check the driver and its motor"),
     _board("STORE", "the board's memory is unreadable", "run wheelchair hardware setup"),
-    _board("RUNAWAY", "a wheel turned although it should not", "see to the drivers and the brakes"),
-    _board("BRAKE", "the closed brakes slip", "see to the brakes; do not park on a slope"),
+    _board("RUNAWAY", "a wheel turned although it should not", "check the drivers and the brakes"),
+    _board("BRAKE", "the closed brakes slip", "check the brakes; do not park on a slope"),
     _board(
-        "IMPLAUSIBLE", "the motors' voltage and the measured speed do not fit together",
-        "see to the encoders and their counts per metre, then to the motors",
+        "IMPLAUSIBLE", "the motors' voltage and the measured speed do not match",
+        "check the encoders and their counts per metre, then the motors",
     ),
-    _board("not armed", "nobody has armed the board yet", "close the freewheel lever if open"),
+    _board("not armed", "the board is not armed yet", "close the freewheel lever if it is open"),
     Stop(
         "board fault", "drive board", r"the drive board has stopped \(",
-        "the board has stopped for a fault", Ends.NEW_RUN, "see to what it names",
+        "the board has stopped for a fault", Ends.NEW_RUN, "check what it names",
     ),
     Stop(
         "drive board silent", "link", r"the drive board is silent",
         "no odometry came for too long; the board stops by itself", Ends.ITSELF,
-        "see to the USB cable; it waits until the board is heard",
+        "check the USB cable; it waits until the board sends again",
     ),
     Stop(
         "range board silent", "link", r"the range board is silent", "no range came for too long",
-        Ends.ITSELF, "see to the USB cable; it waits until the board is heard",
+        Ends.ITSELF, "check the USB cable; it waits until the board sends again",
     ),
     Stop(
         "laser line silent", "link", r"the laser is silent", "no scan came for too long",
-        Ends.ITSELF, f"{_PLUG}; it waits until the laser is heard",
+        Ends.ITSELF, f"{_PLUG}; it waits until the laser sends again",
     ),
     Stop(
         "topic silent", "link", r"\S+ is silent", "no message of a topic came for too long",
-        Ends.ITSELF, "see to the node that publishes it; it waits until it is heard",
+        Ends.ITSELF, "check the node that publishes it; it waits for the next message",
     ),
     Stop(
-        "pose unknown", "link", r"\S+ does not tell where ",
+        "pose unknown", "link", r"\S+ does not report where ",
         "transforms do not lead from the map to the chair", Ends.ITSELF,
-        "see to the localiser; it waits until the pose is told",
+        "check the localizer; it waits until the pose is known",
     ),
     Stop(
-        "clock stands", "link", r"\S+ has (told no time|stood still) ",
-        "the simulated clock of ROS does not go on", Ends.ITSELF,
-        "start the simulation; it waits until the clock goes on",
+        "clock stands", "link", r"\S+ has (reported no time|stood still) ",
+        "the simulated clock of ROS does not advance", Ends.ITSELF,
+        "start the simulation; it waits until the clock advances",
     ),
     Stop(
         "link lost", "link", r".*the link is lost",
         "the connection to the chair's computer is closed", Ends.NEW_RUN, "connect it again",
     ),
     Stop(
-        "by hand", "person", re.escape(BY_HAND), "a person has the chair by a joystick",
-        Ends.PERSON, "let the stick go and hand the chair back",
+        "by hand", "person", re.escape(BY_HAND), "a person drives the chair by a joystick",
+        Ends.PERSON, "release the stick and return control",
     ),
     Stop(
         "brought to rest", "drive board", re.escape(BROUGHT_TO_REST),
-        "the board ends a motion, after commands were missing or a person let go", Ends.ITSELF,
-        "it waits until the chair stands",
+        "the board ends a motion, since commands were missing or a person let go", Ends.ITSELF,
+        "it waits until the chair is at rest",
     ),
     Stop(
         "dry run", "program", re.escape(DRY_RUN), "nothing is sent to the chair",
         Ends.NEW_RUN, "run it without --dry-run",
     ),
     Stop(
-        "unknown", "unknown", r"", "a part says what this table does not hold", Ends.ITSELF,
-        "see to what it names",
+        "unknown", "unknown", r"", "a message that this table does not hold", Ends.ITSELF,
+        "check what it names",
     ),
 )  # fmt: skip
 
@@ -155,7 +157,7 @@ SHIELD_FAULTS: Final = tuple(stop.name for stop in STOPS if stop.part == "shield
 
 def shield_message(fault: str) -> str:
     """The message of a fault that the shield has latched; empty for none."""
-    return _TOLD.format(fault) if fault else ""
+    return _SHIELD_MESSAGE.format(fault) if fault else ""
 
 
 def matching_stops(message: str) -> list[Stop]:
@@ -166,7 +168,7 @@ def matching_stops(message: str) -> list[Stop]:
 
 
 def advice_for(message: str) -> str:
-    """What a person does about a message, as a part of a sentence."""
+    """What a person does about a message, as part of a sentence."""
     rows = matching_stops(message)
     return "; ".join(dict.fromkeys(stop.advice for stop in rows))
 

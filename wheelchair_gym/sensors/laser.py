@@ -27,7 +27,7 @@ from wheelchair_gym.sensors.settings import LaserSettings
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-WORKSPACE_ROWS = 10  # rows of workspace: 4 for ends, 2 for bearings, 4 for lines
+WORKSPACE_ROWS = 10  # rows of workspace: 4 for ends, 2 for angles, 4 for lines
 
 _F = np.float32
 _ZERO, _ONE, _TINY, _NONE = _F(0.0), _F(1.0), _F(1e-30), _F(np.inf)

@@ -38,21 +38,21 @@ def update_pose_estimate(state: Any, p: Any, keep: float) -> None:
 @borrowing_kernel
 def update_odometry(state: Any, p: Any) -> None:
     """One reading of the encoders: twist, dead-reckoned pose, and the pose source's pose."""
-    ways = (0.0, 0.0)
+    distances = (0.0, 0.0)
     for i in range(2):
         counts = math.floor(state.turned[i] * p.nominal_radius * p.counts_per_metre)
         way = (counts - state.measured_counts[i]) / p.counts_per_metre
         state.measured_counts[i] = counts
-        ways = (way, ways[1]) if i == 0 else (ways[0], way)
+        distances = (way, distances[1]) if i == 0 else (distances[0], way)
     period = p.dt * p.substeps
-    v, w = twist_of_wheels(ways[0] / period, ways[1] / period, p.nominal_track)
+    v, w = twist_of_wheels(distances[0] / period, distances[1] / period, p.nominal_track)
     state.measured_twist[0], state.measured_twist[1] = v, w
     noise_l, noise_r = (
         normal(state.key, state.step, WHEELS, 0),
         normal(state.key, state.step, WHEELS, 1),
     )
-    left = ways[0] + math.sqrt(p.wheel_variance * abs(ways[0])) * noise_l
-    right = ways[1] + math.sqrt(p.wheel_variance * abs(ways[1])) * noise_r
+    left = distances[0] + math.sqrt(p.wheel_variance * abs(distances[0])) * noise_l
+    right = distances[1] + math.sqrt(p.wheel_variance * abs(distances[1])) * noise_r
     way, turn = twist_of_wheels(left, right, p.nominal_track)
     x, y, yaw = odometric_step(state.odometry[0], state.odometry[1], state.odometry[2], way, turn)
     state.odometry[0], state.odometry[1], state.odometry[2] = x, y, wrap(yaw)

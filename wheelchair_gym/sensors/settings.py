@@ -66,14 +66,14 @@ class LaserSettings:
 
     @property
     def angles(self) -> Array:
-        """Of each beam in the laser's own frame (beams,) [rad], from right to left."""
+        """Angle of each beam in the laser's frame (beams,) [rad], from right to left."""
         return np.linspace(-0.5 * self.fov, 0.5 * self.fov, self.beams)
 
     @property
     def directions(self) -> Array:
         """Cosine and sine of each beam in the chair's frame (beams, 2)."""
-        bearings = self.yaw + self.angles
-        return np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
+        angles = self.yaw + self.angles
+        return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
 @settings
@@ -178,7 +178,7 @@ class UltrasonicSettings:
 
 @settings
 class OdometrySettings:
-    """Errors of dead reckoning: some drawn anew each episode, one that grows with the way."""
+    """Errors of dead reckoning: some drawn for each episode, one that grows with the distance."""
 
     diameter_error: float = setting(default=0.005, low=0.0, high=0.2, source="design choice")
     """Largest relative difference of wheel diameters; uniform (E_d of Borenstein and Feng 1996)."""
@@ -217,7 +217,7 @@ class ModelledPose:
 
 @settings
 class FaultSettings:
-    """Sensors that fail: they fall silent, or say the same bytes again for the rest of an episode.
+    """Sensors that fail: they fall silent, or repeat the same bytes for the rest of an episode.
 
     One of laser, ultrasonics and wheel encoders, silent or frozen, at a time drawn evenly.
     """
@@ -231,7 +231,7 @@ class FaultSettings:
 
     def __post_init__(self) -> None:
         if self.onset[0] > self.onset[1]:
-            raise InputError(f"FaultSettings.since is {self.onset}; expected from, to")
+            raise InputError(f"FaultSettings.onset is {self.onset}; expected from, to")
 
 
 @settings

@@ -34,7 +34,7 @@ def task_row(task: Any, i: int) -> Any:
 
 @borrowing_kernel
 def estimates_arrival(rules: Any, prepared: Any, pose: Array) -> bool:
-    """Whether a chair that estimates its pose (3,) may say that it has arrived."""
+    """Whether a chair with an estimated pose (3,) counts as arrived."""
     tolerance = max(prepared.tolerance - rules.arrival_margin, 0.5 * prepared.tolerance)
     return reached(pose, prepared.goal, tolerance, rules.heading, rules.heading_tolerance)
 
@@ -88,7 +88,7 @@ def assess(
     less_w: float,
     out: Floats,
 ) -> None:
-    """Judge the step that row i's action led to, and observe where it led."""
+    """Assess the step of row i's action, and write the observation that follows."""
     rule, prepared, progress = task_row(task, i)
     verdict = verdicts[i]
     progress.steps_left -= 1

@@ -28,7 +28,7 @@ Floats = NDArray[np.float32]
 
 GOAL_REACH = 100.0  # m: farther goals are observed at this distance
 PATH_REACH = 10.0  # m: points farther off than this on an axis are clipped
-PRIVILEGED_MAX = 256.0  # s, m: a critic observes longer times and ways as this
+PRIVILEGED_MAX = 256.0  # s, m: a critic observes longer times and distances as this
 INTERVENTION_MAX = 2.0  # full speeds ahead or of turning: more is observed as this
 STRAIGHT = 0.8  # m/s: the pace of a way that is not known
 TRAIL_POINTS = 64  # of a trail that are kept
@@ -364,11 +364,11 @@ def extend_trail(progress: Any, pose: Array) -> None:
 
 
 @borrowing_kernel
-def write_trail(progress: Any, pose: Array, ways: Array, out: Floats) -> None:
+def write_trail(progress: Any, pose: Array, distances: Array, out: Floats) -> None:
     """Where the chair was some metres (k,) ago: x and y in its frame now, (2 k,) [m]."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    for k in range(ways.shape[0]):
-        at = max(progress.n_trail - 1 - round(ways[k] / TRAIL_SPACING), 0) % TRAIL_POINTS
+    for k in range(distances.shape[0]):
+        at = max(progress.n_trail - 1 - round(distances[k] / TRAIL_SPACING), 0) % TRAIL_POINTS
         dx, dy = progress.trail_points[at, 0] - pose[0], progress.trail_points[at, 1] - pose[1]
         write_local_point(c, s, dx, dy, out[2 * k : 2 * k + 2])
 

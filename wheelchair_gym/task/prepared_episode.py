@@ -1,4 +1,4 @@
-"""A prepared: an episode made ready to be driven, with the ways to its goal."""
+"""An episode prepared to be driven, with the distances to its goal."""
 
 from __future__ import annotations
 
@@ -97,16 +97,16 @@ class PreparedEpisode:
         geodesic: Geodesic,
         path: Array | None,
         tolerance: float,
-        ways: CostToGo | None = None,
+        cost_to_go: CostToGo | None = None,
     ) -> PreparedEpisode:
-        """Lay out a prepared.
+        """Prepare an episode.
 
         Args:
             episode: where and what.
-            geodesic: ways to its goal.
+            geodesic: distances to its goal.
             path: guidance (n, 2) [m], or None.
             tolerance: where the episode names none [m].
-            ways: of the outline, where they guide.
+            cost_to_go: of the outline, where it guides.
         """
         points = np.empty((0, 2))
         if path is not None:
@@ -128,19 +128,23 @@ class PreparedEpisode:
         r["origin"], r["resolution"] = geodesic.grid.origin, geodesic.grid.resolution
         pointers.point("path", points)
         r["points"] = len(points)
-        if ways is not None:
+        if cost_to_go is not None:
             packed_states, moves = (
-                np.ascontiguousarray(ways.packed_states),
-                np.ascontiguousarray(ways.moves),
+                np.ascontiguousarray(cost_to_go.packed_states),
+                np.ascontiguousarray(cost_to_go.moves),
             )
             pointers.point("packed_states", packed_states)
             pointers.point("moves", moves)
             r["state_rows"], r["state_cols"], r["headings"] = packed_states.shape
-            r["n_moves"], r["state_cell"], r["state_origin"] = len(moves), ways.cell, ways.origin
-        return cls(episode, geodesic, path, ways, pointers)
+            r["n_moves"], r["state_cell"], r["state_origin"] = (
+                len(moves),
+                cost_to_go.cell,
+                cost_to_go.origin,
+            )
+        return cls(episode, geodesic, path, cost_to_go, pointers)
 
     def starting_at(self, start: Array) -> PreparedEpisode:
-        """This prepared from another start (3,) [m, m, rad]."""
+        """The same episode from another start (3,) [m, m, rad]."""
         episode = replace(self.episode, start=start)
         pointers = self.pointers.again()
         pointers.record["start"] = episode.start
@@ -173,7 +177,7 @@ def path_to_go(path: Array, x: float, y: float) -> float:
 
 @borrowing_kernel
 def seconds_to_go(prepared: Any, x: float, y: float, yaw: float) -> float:
-    """Seconds to the goal from a pose by the ways of the outline; NaN where none is known."""
+    """Seconds to the goal from a pose by the cost to go of the outline; NaN where none is known."""
     if prepared.state_rows == 0:
         return math.nan
     packed_states = states_at(
@@ -197,5 +201,5 @@ def distance_to_go(prepared: Any, aim: int, x: float, y: float, yaw: float) -> f
 
 @borrowing_kernel
 def first_geodesic_to_go(prepared_rows: Any, x: float, y: float) -> float:
-    """`way_to_go` of the only row of prepared_rows (1,)."""
+    """`geodesic_to_go` of the only row of prepared_rows (1,)."""
     return geodesic_to_go(prepared_rows[0], x, y)

@@ -1,4 +1,4 @@
-"""Gaps: how far the chair's outline is from what a scan shows, and could move aside."""
+"""Side clearances: how far the chair's outline is from what a scan shows, and could move aside."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from wheelchair_gym.sensors.laser import median3
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-CLEARANCE_MAX = 0.5  # m: wider gaps are told as this
+CLEARANCE_MAX = 0.5  # m: larger clearances are observed as this
 NEAR = 0.2  # m from the outline, from which on proximity_speed counts
 BEYOND = 0.05  # m before and behind the outline that count as beside it
 
@@ -27,10 +27,10 @@ def fan_poses() -> Floats:
 
     x and y [m], cosine and sine of the heading, of each.
     """
-    ways = [(0.5, turn) for turn in (-0.8, -0.4, 0.0, 0.4, 0.8)]
-    ways += [(1.1, turn) for turn in (-1.0, -0.5, 0.0, 0.5, 1.0)]
-    ways += [(0.0, turn) for turn in (-1.0, -0.5, 0.5, 1.0)]
-    x, y, yaw = np.array([arc_step(0.0, 0.0, 0.0, way, turn, 1.0) for way, turn in ways]).T
+    arcs = [(0.5, turn) for turn in (-0.8, -0.4, 0.0, 0.4, 0.8)]
+    arcs += [(1.1, turn) for turn in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+    arcs += [(0.0, turn) for turn in (-1.0, -0.5, 0.5, 1.0)]
+    x, y, yaw = np.array([arc_step(0.0, 0.0, 0.0, way, turn, 1.0) for way, turn in arcs]).T
     return np.stack([x, y, np.cos(yaw), np.sin(yaw)], -1).astype(np.float32).ravel()
 
 
@@ -41,7 +41,7 @@ def proximity_speed(
     """Squared speed [m2/s2] of the outline's fastest corner, less the farther off all is.
 
     All of it counts where the scan shows something at the outline, none where nothing is `NEAR`.
-    Beams are looked at as by `gaps`.
+    Beams are filtered as by `side_clearance`.
     """
     ahead, aside = max(outline[0], outline[1]), outline[2]
     near = math.hypot(mount[0], mount[1]) + math.hypot(ahead, aside) + NEAR
@@ -58,10 +58,10 @@ def proximity_speed(
 def side_clearance(
     scan: Floats, directions: Array, mount: Array, outline: Array, poses: Floats, out: Floats
 ) -> None:
-    """Gaps to the left and to the right of the outline, where it stands and at poses ahead.
+    """Clearances (2 + 2 k,) [m] left and right of the outline, where it stands and at poses ahead.
 
     Of each two beams the median of three neighbours counts, so that neither a lost echo nor the
-    noise of one beam makes a gap narrow. What lies within the outline makes its gap negative.
+    noise of one beam makes a clearance small. What lies within the outline makes it negative.
     """
     count, side = poses.shape[0] // 4, outline[2]
     low, high = -outline[1] - BEYOND, outline[0] + BEYOND

@@ -29,50 +29,27 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Rows = NDArray[np.void]
 Observation = dict[str, Floats]
-# A path (n, 2) [m] from the start to the goal; or, if its attribute `poses` is true, the ways of
-# the chair's outline.
+# A path (n, 2) [m] from the start to the goal; or, if its attribute `poses` is true, the cost to
+# go of the chair's outline.
 Guidance = Callable[["Task"], Array | CostToGo]
 
 TWIST_RANGE = 1.5  # a chair pushed or overshooting is seen up to this multiple of its limits
 
 
 class Task:
-    """Navigation to a goal; made once, begun anew each episode.
+    """Navigation to a goal; made once, reset for each episode."""
 
-    Attributes:
-        map: what the chair knows of the world: what it was told, or what it has drawn itself.
-        chart: gives what it has drawn, if the world is unknown.
-        start: where the episode begins (3,) [m, m, rad].
-        goal: (3,) [m, m, rad].
-        geodesic: the shortest ways to the goal.
-        tolerance: [m].
-        time_limit: [s].
-        period: control period [s].
-        chair, sensors: settings of the chair.
-        footprint, limits, drive: those of its parts.
-        shield: settings of what filters its commands, or None.
-        reading: the latest; its pose is the chair's own estimate.
-        observation, verdict: of that reading.
-        is_shielded: a shield filters what the chair is told.
-        action: the last one (2,), of a policy or of what stands between it and the task.
-        shield_intervention: what the shield took from the twist that it asked for [m/s, rad/s].
-        path: of the guidance (n, 2) [m], or None.
-        key: of the episode's randomness; seeds whatever a policy draws.
-        boxes: the space of each key of an observation, in the order in which kernels write them.
-        room: numbers in an observation.
-        rules: what kernels need to know of all this (1,), a record of RULES.
-    """
-
-    start: Array
-    goal: Array
-    geodesic: Geodesic
-    reading: Reading
-    observation: Observation
-    verdict: Verdict
-    key: int
-    is_shielded: bool
-    action: Array
-    shield_intervention: tuple[float, float]
+    # Of the present episode; `map` is what the chair knows of its world.
+    start: Array  # (3,) m, m, rad
+    goal: Array  # (3,) m, m, rad
+    geodesic: Geodesic  # the shortest distances to the goal
+    key: int  # of the episode's randomness; seeds what a policy draws
+    is_shielded: bool  # a shield filters the commands
+    reading: Reading  # the latest; its pose is the chair's estimate
+    observation: Observation  # of that reading
+    verdict: Verdict  # of that reading
+    action: Array  # (2,) the last one, in [-1, 1]
+    shield_intervention: tuple[float, float]  # taken from the last twist [m/s, rad/s]
 
     def __init__(
         self,
@@ -89,12 +66,12 @@ class Task:
             )
         self.settings = settings
         self.chair, self.sensors, self.shield = chair, sensors, shield
-        self.footprint, self.limits, self.drive = chair.footprint, chair.limits, chair.drive
+        self.footprint, self.limits = chair.footprint, chair.limits
         self.period = period
         self.guidance = guidance
-        self.tolerance = settings.tolerance
-        self.time_limit = settings.time_base
-        self.path: Array | None = None
+        self.tolerance = settings.tolerance  # m
+        self.time_limit = settings.time_base  # s
+        self.path: Array | None = None  # (n, 2) m: of the guidance
         self.built_map: Callable[[], OccupancyGrid] | None = None
         rangers = sensors.ultrasonic
         self._reaches = np.array(
@@ -177,56 +154,56 @@ class Task:
         return self._told if self.built_map is None else self.built_map()
 
     def prepare(self, episode: Episode, radius: float | None = None) -> PreparedEpisode:
-        """What an episode is driven on: the ways to its goal, and the guidance.
+        """What an episode is driven on: the distances to its goal, and the guidance.
 
         Args:
             episode: to be driven.
-            radius: that ways keep from what is solid [m]; none: half the width and a margin.
+            radius: that routes keep from what is solid [m]; none: half the width and a margin.
 
         Raises:
             ValueError: the guidance gave no path.
         """
         if radius is None:
             radius = self.footprint.half_width + self.settings.margin
-        ways = geodesic(episode.map, episode.goal[:2], radius)
+        distances = geodesic(episode.map, episode.goal[:2], radius)
         path = None
         if self.guidance is not None:
-            self._take(episode, ways)
+            self._take(episode, distances)
             self.tolerance = self.tolerance_of(episode)
             path = self.guidance(self)
             if isinstance(path, CostToGo) != self.has_poses:
-                expected = "ways of the outline" if self.has_poses else "a path (n, 2)"
+                expected = "the cost to go of the outline" if self.has_poses else "a path (n, 2)"
                 raise ValueError(f"guidance gave {type(path).__name__}; expected {expected}")
-        return self.make_prepared(episode, ways, path)
+        return self.make_prepared(episode, distances, path)
 
     def tolerance_of(self, episode: Episode) -> float:
         """How near its goal counts [m]."""
         return self.settings.tolerance if episode.tolerance is None else episode.tolerance
 
     def make_prepared(
-        self, episode: Episode, ways: Geodesic, guide: Array | CostToGo | None
+        self, episode: Episode, distances: Geodesic, guide: Array | CostToGo | None
     ) -> PreparedEpisode:
-        """The prepared of an episode whose ways and guidance are known."""
+        """The prepared episode of known distances and guidance."""
         if isinstance(guide, CostToGo):
             path = guide.path(episode.start)[:, :2]
             if len(path) < 2:
                 path = np.stack([episode.start[:2], episode.goal[:2]])
-            return PreparedEpisode.of(episode, ways, path, self.settings.tolerance, guide)
+            return PreparedEpisode.of(episode, distances, path, self.settings.tolerance, guide)
         if guide is not None:
             guide = as_array(guide, np.float64, (None, None), "the path of the guidance")
             if len(guide) < 2 or guide.shape[1] < 2:
                 raise InputError(f"guidance gave a path of shape {guide.shape}; expected (n, 2)")
-        return PreparedEpisode.of(episode, ways, guide, self.settings.tolerance)
+        return PreparedEpisode.of(episode, distances, guide, self.settings.tolerance)
 
-    def _take(self, episode: Episode, ways: Geodesic) -> None:
+    def _take(self, episode: Episode, distances: Geodesic) -> None:
         self._told, self.start, self.goal = episode.map, episode.start, episode.goal
-        self.geodesic = ways
+        self.geodesic = distances
         self._goal = tuple(episode.goal.tolist())
 
     def begin(
         self, prepared: PreparedEpisode, reading: Reading, key: int, is_shielded: bool = False
     ) -> Observation:
-        """Take up a new episode with its first reading, behind a shield if it is is_shielded."""
+        """Begin an episode with its first reading; behind a shield if it is shielded."""
         self.replace_prepared(prepared)
         self.reading, self.key, self.is_shielded = reading, key, is_shielded
         self.action, self.shield_intervention = np.zeros(2), (0.0, 0.0)
@@ -249,7 +226,7 @@ class Task:
         return self.observation
 
     def replace_prepared(self, prepared: PreparedEpisode) -> None:
-        """Go on on another prepared: on a map that has grown, say."""
+        """Go on with another prepared episode, such as that of a map that has grown."""
         self._take(prepared.episode, prepared.geodesic)
         self._prepared, self.path = prepared, prepared.path
         self._rows.point("prepared", prepared.pointers)
@@ -257,11 +234,11 @@ class Task:
     def assess(
         self, reading: Reading, action: Array, less: tuple[float, float] = (0.0, 0.0)
     ) -> Observation:
-        """Judge the step that an action (2,) in [-1, 1] led to, and observe where it led.
+        """Assess the step of an action (2,) in [-1, 1], and return the observation that follows.
 
         `less` is what a shield took from the twist that was asked for [m/s, rad/s].
 
-        `verdict` then holds what it was worth, `reading` where it led.
+        `verdict` then holds its reward, `reading` the new reading.
         """
         out = np.empty(self.observation_size, np.float32)
         assess(
@@ -286,7 +263,7 @@ class Task:
         self.verdict = Verdict(*cast("tuple[Any, ...]", self._judged.item()))
 
     def unpack(self, out: Floats) -> Observation:
-        """Observations (n, room) or one (room,), written in one piece, by key."""
+        """Observations (n, numbers) or one (numbers,), written in one piece, by key."""
         if out.ndim == 1:
             return {key: out[place] for key, place in self._places.items()}
         return {key: out[:, place] for key, place in self._places.items()}
@@ -298,7 +275,7 @@ class Task:
     def at_goal(self, pose: Array) -> bool:
         """Whether a true pose (3,) is at the goal."""
         s = self.settings
-        plain: Any = reached  # as plain Python, which is sooner done than calling compiled code
+        plain: Any = reached  # as plain Python, which is faster than calling compiled code
         x, y, yaw = pose.tolist()
         at = plain.py_func((x, y, yaw), self._goal, self.tolerance, s.heading, s.heading_tolerance)
         return bool(at)

@@ -60,7 +60,7 @@ def test_monitor_listens_to_the_program_that_drives(served, capsys):
     owner.start()
     try:
         end = time.monotonic() + 30.0
-        while senses._feed is None and time.monotonic() < end:
+        while senses._monitor is None and time.monotonic() < end:
             time.sleep(0.01)
         words = ["hardware", "monitor", "--config", str(served.config), "--seconds", "1"]
         assert main(words) == 0
@@ -195,7 +195,7 @@ def test_a_person_says_where_it_stands(monkeypatch, capsys):
     ],
 )
 def test_wrong_words_are_one_line(monkeypatch, capsys, words, why):
-    monkeypatch.setattr("wheelchair_gym.hardware.tools.provision.PATIENCE", 0.05)
+    monkeypatch.setattr("wheelchair_gym.hardware.boards.parameters.PATIENCE", 0.05)
     assert main(["hardware", *words]) == 2
     said = capsys.readouterr().err.strip().splitlines()
     assert len(said) == 1

@@ -20,10 +20,9 @@ from planners import make_planner
 from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
-from wheelchair_gym.geometry import Footprint, footprint_clearance
+from wheelchair_gym.geometry import Footprint, clearance_to_points, footprint_clearance
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.safety import Shield
-from wheelchair_gym.safety.clearance import clearance_to_points
 
 PLANNER = "a_star"
 NOBODY = np.empty((0, 5))

@@ -1,4 +1,4 @@
-"""Dead reckoning from the drive board's counts, moved on to any instant; and as a localizer."""
+"""Dead reckoning from the drive board's counts, extrapolated to any instant; and as a localizer."""
 
 from __future__ import annotations
 
@@ -17,72 +17,68 @@ from wheelchair_gym.types import Episode
 Array = NDArray[np.float64]
 
 _WRAP = 1 << 32  # counts
-# As plain Python: a few calls a second are not worth a compiler.
+# As plain Python: a few calls per second need no compiled code.
 _step: Any = odometric_step
 _twist: Any = twist_of_wheels
 
 
-def _moved(pose: Array, ways: Array, track: float) -> Array:
-    """A pose (3,) after the ways of both wheels (2,) [m]."""
-    x, y, yaw = _step.py_func(*pose.tolist(), *_twist.py_func(*ways.tolist(), track))
+def _advanced(pose: Array, travel: Array, track: float) -> Array:
+    """A pose (3,) after both wheels have rolled (2,) [m]."""
+    x, y, yaw = _step.py_func(*pose.tolist(), *_twist.py_func(*travel.tolist(), track))
     return np.array([x, y, float(wrap_angle(yaw))])
 
 
 class WheelOdometry:
-    """Where the wheels have come since it was made.
+    """The pose by the wheels since it was made.
 
-    Odometry may be a few hundredths of a second old when it is wanted: what the wheels did since
-    is worked out from their speeds.
-
-    Args:
-        geometry: track, counts of a metre.
-        most: how far [s] it is moved on at most.
+    Odometry may be some hundredths of a second old when it is used: it is extrapolated by the
+    wheels' speeds, for at most `most` [s].
     """
 
     def __init__(self, geometry: DriveGeometry, most: float) -> None:
         self._geometry, self._most = geometry, most
-        self._pose, self._ways = np.zeros(3), np.zeros(2)
+        self._pose, self._travel = np.zeros(3), np.zeros(2)
         self._speeds = np.zeros(2)
         self._counts: tuple[int, int] | None = None
-        self._taken = 0.0
+        self._made = 0.0
 
     def restart(self) -> None:
-        """The board counts anew: what it counted in between is lost."""
+        """The board has restarted its counters: what it counted in between is lost."""
         self._counts = None
 
-    def update(self, odometry: Odometry, taken: float) -> None:
-        """Odometry that was made at a time [s]."""
+    def update(self, odometry: Odometry, made: float) -> None:
+        """Take odometry that was made at a time [s]."""
         counts = odometry.left, odometry.right
         if self._counts is not None:
             steps = [
                 (after - before + _WRAP // 2) % _WRAP - _WRAP // 2
                 for before, after in zip(self._counts, counts, strict=True)
             ]
-            ways = np.array(steps) / self._geometry.counts_per_metre
-            self._pose = _moved(self._pose, ways, self._geometry.track)
-            self._ways = self._ways + ways
-        self._counts, self._taken = counts, taken
+            travel = np.array(steps) / self._geometry.counts_per_metre
+            self._pose = _advanced(self._pose, travel, self._geometry.track)
+            self._travel = self._travel + travel
+        self._counts, self._made = counts, made
         self._speeds = np.array([odometry.speed_left, odometry.speed_right])
 
     def at(self, now: float) -> tuple[Array, Array]:
-        """The pose (3,), and the ways (2,) [m] of left and right wheel, at a time [s]."""
-        more = self._speeds * min(self._most, max(0.0, now - self._taken))
-        return _moved(self._pose, more, self._geometry.track), self._ways + more
+        """Pose (3,) and travel (2,) [m] of the left and the right wheel, at a time [s]."""
+        more = self._speeds * min(self._most, max(0.0, now - self._made))
+        return _advanced(self._pose, more, self._geometry.track), self._travel + more
 
-    def twist(self, ways: Array, seconds: float) -> Array:
-        """The mean twist (2,) of ways (2,) [m] in so many seconds."""
-        return np.array(_twist.py_func(*(ways / seconds).tolist(), self._geometry.track))
+    def twist(self, travel: Array, seconds: float) -> Array:
+        """The mean twist (2,) of wheels that travel (2,) [m] in a time [s]."""
+        return np.array(_twist.py_func(*(travel / seconds).tolist(), self._geometry.track))
 
 
 class OdometryLocalizer:
-    """Takes the pose from the odometry alone; see `localization.localized_chair.Localizer`."""
+    """The pose by odometry alone; see `localization.localized_chair.Localizer`."""
 
     def begin(self, episode: Episode, key: int) -> None:
-        """Start where an episode does; nothing is drawn."""
+        """Start at an episode's start; nothing is random."""
         self._pose = np.array(episode.start, np.float64)
 
     def update(self, increment: Array, ranges: NDArray[np.float32]) -> Array:
-        """The pose (3,), moved on by what the odometry says (3,); ranges are not looked at."""
+        """The pose (3,) after an increment (3,) of the odometry; ranges are ignored."""
         self._pose = compose(self._pose, increment)
         return self._pose
 
@@ -93,5 +89,5 @@ class OdometryLocalizer:
 
     @property
     def built_map(self) -> Callable[[], OccupancyGrid] | None:
-        """It draws no map."""
+        """None: it builds no map."""
         return None

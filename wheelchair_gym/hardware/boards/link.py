@@ -1,41 +1,42 @@
-"""A serial line to one board: frames out and in, never waiting, opened anew when it was lost."""
+"""A serial line to one board: frames out and in, without waiting, reopened when it was lost."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from wheelchair_gym.hardware.boards.ports import Port, explain, load_serial, open_port
 from wheelchair_gym.hardware.boards.protocol import VERSION, Frame, Message, Receiver, encode
-from wheelchair_gym.hardware.reconnect import Reconnecting
+from wheelchair_gym.hardware.connection import Reconnecting
 
 _CHUNK = 4096  # bytes read at once
-_STRANGE = 20  # frames refused, and none understood: no noise does that
+_UNREADABLE = 20  # frames refused, and none understood: noise does not do that
 
 
 @dataclass
 class LinkStatistics:
-    """What passed over a link since it was made."""
+    """Traffic over a link since it was made."""
 
     sent: int = 0  # frames
     received: int = 0  # good frames
     bad: int = 0  # frames refused
-    missed: int = 0  # gaps in the board's sequence, by frames
-    unsent: int = 0  # frames given while there was no line, or no room
-    opened: int = 0  # times that the line was opened
+    missed: int = 0  # frames missing in the board's sequence
+    unsent: int = 0  # frames dropped for want of a line, or of room in its buffer
+    opened: int = 0  # how often the line was opened
 
 
 class Link:
-    """A line to a board that heals: what fails is data, never an exception.
+    """A line to a board that reconnects: a failure is data, not an exception.
 
     Args:
         url: device or URL for `open_port`.
-        clock: seconds that only grow; simulated time runs on another than the wall's.
+        clock: seconds that never decrease.
         opener: makes the port.
 
     Attributes:
-        statistics: what passed.
+        statistics: of its traffic.
 
     Raises:
         InputError: pyserial is needed, and not installed.
@@ -54,10 +55,10 @@ class Link:
         self._clock = clock
         self._line = Reconnecting(lambda: opener(url), self._begin)
         self._receiver, self._understood = Receiver(), False
-        self._heard: float | None = None
+        self._received_at = -math.inf
         self._sequence = 0
-        self._last: int | None = None  # sequence of the board
-        self._bad_before = 0  # frames refused before the line was opened this time
+        self._last: int | None = None  # the board's last sequence number
+        self._bad_before = 0  # frames refused before the line was last opened
 
     @property
     def connected(self) -> bool:
@@ -66,21 +67,21 @@ class Link:
 
     @property
     def error(self) -> str:
-        """Why the line is not open, as a line of text; empty while it is."""
+        """Why the line is closed, as a line of text; empty while it is open."""
         return self._line.error
 
     @property
     def mismatch(self) -> str:
-        """Why what comes is not understood, as a line of text; empty: it is, or nothing comes."""
+        """Why the board's data are not understood, as a line of text; empty: no reason."""
         receiver = self._receiver
         if receiver.other is not None:
             return (
                 f"{self.url}: the board speaks version {receiver.other} of the protocol, this "
                 f"program version {VERSION}: flash the firmware of this release (make firmware)"
             )
-        if self.statistics.opened and not self._understood and receiver.bad >= _STRANGE:
+        if self.statistics.opened and not self._understood and receiver.bad >= _UNREADABLE:
             return (
-                f"{self.url}: what comes is not understood ({receiver.bad} frames refused): a "
+                f"{self.url}: its data are not understood ({receiver.bad} frames refused): a "
                 "different device or firmware is at this port"
             )
         return ""
@@ -88,7 +89,7 @@ class Link:
     @property
     def silence(self) -> float:
         """Seconds since the last good frame; +inf before the first."""
-        return float("inf") if self._heard is None else self._clock() - self._heard
+        return self._clock() - self._received_at
 
     def send(self, message: Message) -> int | None:
         """Send a message; its sequence number, None if it could not be sent.
@@ -97,7 +98,7 @@ class Link:
             ValueError: a value is not finite or does not fit its field.
         """
         self._sequence = (self._sequence + 1) & 0xFF
-        # A zero byte ahead: what noise put there costs itself only.
+        # The zero byte ends what noise may have put on the line.
         data = b"\0" + encode(message, self._sequence)
         port = self._line.get(self._clock())
         if port is None:
@@ -132,16 +133,16 @@ class Link:
             self._last = frame.sequence
         if frames:
             self._understood = True
-            self._heard = self._clock()
+            self._received_at = self._clock()
             self.statistics.received += len(frames)
         return frames
 
     def close(self) -> None:
-        """Let the line go for good."""
+        """Close the line for good."""
         self._line.close()
 
     def _begin(self, port: Port) -> None:
-        port.write(b"\0")  # ends whatever the board has half heard
+        port.write(b"\0")  # ends a frame that the board has received in part
         self._last, self._receiver, self._understood = None, Receiver(), False
         self._bad_before = self.statistics.bad
         self.statistics.opened += 1

@@ -1,15 +1,23 @@
-"""Parameters of the boards: names in the boards' order, and the values that a chair's settings ask.
+"""Parameters of the boards: names, the values that a chair's settings ask for, reading, writing.
 
-Defaults and bounds live in the firmware (protocol.h), which tells them on request.
+Defaults and bounds live in the firmware (protocol.h), which reports them on request.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields
+from typing import TYPE_CHECKING
 
+from wheelchair_gym.hardware.boards.link import Link
+from wheelchair_gym.hardware.boards.protocol import Get, Mode, Parameter, Save, Set, Status
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings, UltrasonicSettings
+
+if TYPE_CHECKING:
+    from wheelchair_gym.hardware.boards.senses import BoardSensors
+    from wheelchair_gym.hardware.control_loop import Clock
 
 DRIVE_PARAMETERS = (
     "track",
@@ -45,18 +53,21 @@ DRIVE_PARAMETERS = (
     "park",
     "slip",
     "duty_limit",
-)
+)  # in the board's order
 RANGE_PARAMETERS = ("interval", "sound", "narrow_reach", "wide_reach", "narrow_blind", "wide_blind")
-
-
-_MISSING, _COUNTS = 0.01, 3.0  # m; counts of coarse encoders, which tell of a way in jumps
+NAMES = {"drive": DRIVE_PARAMETERS, "range": RANGE_PARAMETERS}
+PATIENCE = 3.0  # s for each parameter
+_REPEAT = 0.1  # s between two attempts to set one
+_SAVED = 0.2  # s for an answer to `Save`
+_AGREE = 1e-4  # relative difference between equal parameters: boards keep 32 bits
+_MISSING, _COUNTS = 0.01, 3.0  # m; counts of coarse encoders, which report a motion in jumps
 
 
 def drive_parameters(chair: ChairSettings) -> dict[str, float]:
     """What the drive board must hold for a chair; its other parameters are the board's own."""
     drive, limits, motor = chair.drive, chair.limits, chair.motor
     values = {field.name: float(getattr(limits, field.name)) for field in fields(limits)}
-    # The chair is to slow at this rate; so that it does, the board's set point falls faster.
+    # To slow the chair at this rate, the board's set point falls faster.
     del values["protective"]
     values |= {"track": drive.track, "counts_per_metre": drive.counts_per_metre}
     values |= {name: float(getattr(motor, name)) for name in ("kp", "ki", "kd", "ka")}
@@ -83,3 +94,108 @@ def board_parameters(
     drive = drive_parameters(chair)
     drive |= {name: getattr(hardware, name) for name in ("battery_full", "duty_limit")}
     return {"drive": drive, "range": range_parameters(sensors.ultrasonic)}
+
+
+class ParameterTable:
+    """The parameters that a board has reported.
+
+    Args:
+        board: drive or range.
+        link: to the board, or None.
+
+    Attributes:
+        reported: by name, since this was last cleared.
+    """
+
+    def __init__(self, board: str, link: Link | None) -> None:
+        self.board, self.link, self.names = board, link, NAMES[board]
+        self.reported: dict[str, Parameter] = {}
+
+    def update(self, parameter: Parameter) -> None:
+        """Take a parameter that the board reports."""
+        if parameter.number < len(self.names):
+            self.reported[self.names[parameter.number]] = parameter
+
+    def mismatch(self, wanted: dict[str, float]) -> str:
+        """That the board holds another parameter than is wanted; empty: all agree.
+
+        One that has not been reported yet is requested, and named.
+        """
+        if self.link is None:
+            return ""
+        for name, value in wanted.items():
+            held = self.reported.get(name)
+            if held is None:
+                self.link.send(Get(self.names.index(name)))
+                return f"the {self.board} board does not report its {name}"
+            if not math.isclose(held.value, value, rel_tol=_AGREE, abs_tol=1e-6):
+                found = f"the {self.board} board's {name} is {held.value:.6g}; expected {value:.6g}"
+                if self.refuses(name, value):
+                    found += f", which it refuses: it takes {held.low:g} to {held.high:g}"
+                return found
+        return ""
+
+    def refuses(self, name: str, value: float) -> bool:
+        """Whether the board's own bounds of a parameter, if reported, forbid a value."""
+        held = self.reported.get(name)
+        return held is not None and not held.low <= value <= held.high
+
+
+def set_parameters(
+    senses: BoardSensors, clock: Clock, board: str, wanted: dict[str, float]
+) -> dict[str, str]:
+    """Set the parameters of a board that differ; the board must be at rest.
+
+    They are in force at once, and lost at power-off until the board has saved them.
+
+    Returns:
+        What is still wrong with a parameter, by its name.
+    """
+    table = senses.parameters[board]
+    if table.link is None:
+        return dict.fromkeys(wanted, f"there is no {board} board")
+    found = {name: _set(senses, clock, table, name, value) for name, value in wanted.items()}
+    return {name: why for name, why in found.items() if why}
+
+
+def _set(senses: BoardSensors, clock: Clock, table: ParameterTable, name: str, value: float) -> str:
+    """Set one parameter; returns what is still wrong with it."""
+    link, number, sent = table.link, table.names.index(name), -math.inf
+    assert link is not None
+
+    def settled() -> bool:
+        nonlocal sent
+        if not table.mismatch({name: value}) or table.refuses(name, value):
+            return True
+        if name in table.reported and clock.now() - sent > _REPEAT:
+            link.send(Set(number, value))
+            link.send(Get(number))
+            sent = clock.now()
+        return False
+
+    done = senses.wait_for(clock, settled, PATIENCE)
+    why = table.mismatch({name: value})
+    if done or table.board != "drive" or not math.isfinite(senses.stamp_of("odometry")):
+        return why
+    mode = Mode(senses.odometry.mode)
+    if mode in (Mode.STOPPED, Mode.READY):
+        return why
+    return f"{why}: it takes parameters at rest, with its drivers off; its mode is {mode.name}"
+
+
+def save_parameters(senses: BoardSensors, clock: Clock, board: str) -> bool:
+    """Let a board keep its parameters over power-off; returns whether it confirms that."""
+    link = senses.parameters[board].link
+    end = clock.now() + PATIENCE
+    while link is not None and clock.now() < end:
+        sequence = link.send(Save())
+
+        def saved(sequence: int | None = sequence) -> bool:
+            answer = senses.answers.get(board)
+            return (
+                answer is not None and answer.sequence == sequence and answer.status == Status.DONE
+            )
+
+        if senses.wait_for(clock, saved, _SAVED):
+            return True
+    return False

@@ -1,4 +1,4 @@
-"""Serial ports: opened for one program alone, and why one cannot be opened, with what to do."""
+"""Serial ports: opened exclusively, with an explanation and advice where one cannot be opened."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Any, Protocol
 from wheelchair_gym.config import InputError
 from wheelchair_gym.hardware.boards.protocol import BAUD
 
-TWIN = "wheelchair_gym.hardware.twin"  # knows URLs twin://NAME
-_BY_ID = "/dev/serial/by-id"  # names that stay when boards are plugged in in another order
+TWIN = "wheelchair_gym.hardware.twin"  # has the protocol of URLs twin://NAME
+_BY_ID = "/dev/serial/by-id"  # names that do not depend on the order of plugging in
 _TERMINALS = range(136, 144)  # major numbers of Linux's pseudo-terminals
 _BUSY = (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK)
 _REFUSED = (errno.EACCES, errno.EPERM)
@@ -26,15 +26,15 @@ _MODEM_MANAGER = (
 
 
 class Port(Protocol):
-    """What a link needs of a serial port; pyserial's are such."""
+    """A serial port as a link needs it, such as pyserial's."""
 
     @property
     def in_waiting(self) -> int:
-        """Bytes that can be read at once."""
+        """Bytes that can be read without waiting."""
         ...
 
     def read(self, size: int) -> bytes:
-        """At most so many bytes, at once."""
+        """At most this many bytes, without waiting."""
         ...
 
     def write(self, data: bytes) -> int | None:
@@ -42,7 +42,7 @@ class Port(Protocol):
         ...
 
     def close(self) -> None:
-        """Let the port go."""
+        """Close the port."""
         ...
 
 
@@ -62,10 +62,10 @@ def load_serial() -> Any:
 
 
 def open_port(url: str) -> Port:
-    """Open a device, or any URL that pyserial knows, without waiting for anything later.
+    """Open a device, or any URL that pyserial knows; reading and writing never wait.
 
     A device is locked against other programs. The first opening after it was plugged in resets an
-    Arduino; DTR then stays as it is, so that later ones do not.
+    Arduino; later ones do not, since DTR keeps its level.
 
     Raises:
         OSError: it cannot be opened; the text says why, and what to do.
@@ -89,12 +89,12 @@ def open_port(url: str) -> Port:
 
 
 def is_device(url: str) -> bool:
-    """Whether it names a device of this computer."""
+    """Whether a URL names a device of this computer."""
     return "://" not in url
 
 
 def may_reset(url: str) -> bool:
-    """Whether opening it may reset a board: a serial device, but no pseudo-terminal."""
+    """Whether opening a URL may reset a board: a serial device, but no pseudo-terminal."""
     try:
         found = os.stat(url)
     except (OSError, ValueError):
@@ -103,37 +103,37 @@ def may_reset(url: str) -> bool:
 
 
 def explain(url: str, error: OSError) -> OSError:
-    """The error of a port, in a line that names it and says what to do."""
+    """The error of a port as a line that names the port and says what to do."""
     if not is_device(url):
         return error
     number = error.errno
     if number in _BUSY:
         who = holders(url)
-        said = f"{url} is in use by {who or 'another program'}; end it first"
+        text = f"{url} is in use by {who or 'another program'}; end it first"
         if not who or "ModemManager" in who:
-            said += f" ({_MODEM_MANAGER})" if is_running("ModemManager") else ""
+            text += f" ({_MODEM_MANAGER})" if is_running("ModemManager") else ""
     elif number in _REFUSED:
-        said = (
+        text = (
             f"{url}: you have no right to open it: sudo usermod -aG {_group(url)} $USER, then log "
             "out and in again"
         )
     elif number in _GONE:
-        said = f"{url}: there is no such device: plug the board in, or name its port; {_ports()}"
+        text = f"{url}: there is no such device: plug the board in, or name its port; {_ports()}"
     elif "returned no data" in str(error):
-        said = f"{url}: it was unplugged, or has no power"
+        text = f"{url}: it was unplugged, or has no power"
     else:
-        said = f"{error}" if url in str(error) else f"{url}: {error}"
-    return OSError(" ".join(said.split()))
+        text = f"{error}" if url in str(error) else f"{url}: {error}"
+    return OSError(" ".join(text.split()))
 
 
 def silent_advice() -> str:
-    """What to look at where a port is open and its board says nothing."""
-    said = "its firmware (make firmware), its power; another board's port"
-    return f"{said}; {_MODEM_MANAGER}" if is_running("ModemManager") else said
+    """Advice for a port that is open and whose board is silent."""
+    advice = "its firmware (make firmware), its power; another board's port"
+    return f"{advice}; {_MODEM_MANAGER}" if is_running("ModemManager") else advice
 
 
 def holders(device: str) -> str:
-    """The programs that hold a device, as far as /proc tells; empty: nobody knows."""
+    """The programs that hold a device, as far as /proc shows; empty: unknown."""
     real = os.path.realpath(device)
     numbers = _lockers(real) or _openers(real)
     if numbers == [os.getpid()]:
@@ -142,7 +142,7 @@ def holders(device: str) -> str:
 
 
 def is_running(program: str) -> bool:
-    """Whether a program of that name runs, as far as /proc tells."""
+    """Whether a program of that name runs, as far as /proc shows."""
     for file in Path("/proc").glob("[0-9]*/comm"):
         with contextlib.suppress(OSError):
             if file.read_text(errors="replace").strip() == program:
@@ -151,15 +151,15 @@ def is_running(program: str) -> bool:
 
 
 def _claim(number: int, url: str) -> None:
-    """Nobody else opens it, and closing it does not reset the board at the next opening."""
-    with contextlib.suppress(ImportError, OSError):  # what a system lacks is done without
+    """Lock a port, and keep its next opening from resetting the board."""
+    with contextlib.suppress(ImportError, OSError):  # not every system has these calls
         import fcntl
         import termios
 
         settings = termios.tcgetattr(number)
         settings[2] &= ~termios.HUPCL
         termios.tcsetattr(number, termios.TCSANOW, settings)
-        if may_reset(url):  # a pseudo-terminal would keep it after we are killed
+        if may_reset(url):  # a pseudo-terminal would stay locked after this program is killed
             fcntl.ioctl(number, termios.TIOCEXCL)
 
 
@@ -175,7 +175,7 @@ def _lockers(real: str) -> list[int]:
 
 
 def _openers(real: str) -> list[int]:
-    """Processes that have a file open, of those that we may look at."""
+    """Processes that have a file open, of those that this user may inspect."""
     found = set()
     for link in Path("/proc").glob("[0-9]*/fd/*"):
         with contextlib.suppress(OSError):
@@ -201,11 +201,11 @@ def _group(device: str) -> str:
         name = grp.getgrgid(os.stat(device).st_gid).gr_name
     except (ImportError, KeyError, OSError):
         name = "root"
-    return "dialout" if name == "root" else name  # Debian's; a device of root's alone is no port
+    return "dialout" if name == "root" else name  # Debian's; only root owns what is no port
 
 
 def _ports() -> str:
-    """The serial ports that there are, by names that stay."""
+    """The serial ports of this computer, by names that do not change."""
     try:
         names = sorted(os.listdir(_BY_ID))
     except OSError:

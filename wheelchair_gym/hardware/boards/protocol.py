@@ -1,4 +1,4 @@
-"""Messages between host and boards, and their frames, as pure bytes; the tables are protocol.h's.
+"""Messages between host and boards, and their frames, as bytes; protocol.h has the same tables.
 
 A frame is COBS(version, kind, sequence, payload, CRC-32), ended by a zero byte. Messages hold SI
 units; the step of each number on the wire is in its layout.
@@ -10,45 +10,46 @@ import enum
 import math
 import struct
 import zlib
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
 
 
 class CommandFlag(enum.IntFlag):
-    """How a command is to be carried out."""
+    """How a command is executed."""
 
     PROTECTIVE = 0x01  # brake at the protective rate, exempt from jerk
 
 
 class Mode(enum.IntEnum):
-    """Who drives."""
+    """Who drives the chair."""
 
     STOPPED = 0  # drivers off, brakes on; a person must re-arm
     HOST = 1
     MANUAL = 2  # the joystick at the board
-    STOPPING = 3  # on the way to rest, under control
+    STOPPING = 3  # a controlled stop
     READY = 4  # drivers off, brakes on; the next command drives
 
 
 class Fault(enum.IntFlag):
-    """What the drive board has latched until a person re-arms it."""
+    """Faults that the drive board latches until a person re-arms it."""
 
     RESET = 0x0001
     EMERGENCY_STOP = 0x0002
     LINK = 0x0004  # no command for longer than `latch`
-    STALL = 0x0008  # a wheel is driven and no counts come: stuck, or blind
+    STALL = 0x0008  # a wheel is driven and no counts come: blocked, or without encoder
     DIRECTION = 0x0010  # a wheel turns against its motor
-    ENCODER = 0x0020  # steps that no encoder can make
+    ENCODER = 0x0020  # impossible steps
     OVER_SPEED = 0x0040
     UNDER_VOLTAGE = 0x0080
     DRIVER = 0x0100  # a motor driver reports a fault, Hall sensors among them
-    STORE = 0x0200  # EEPROM unreadable: parameters are the defaults, until a host stores them
-    RUNAWAY = 0x0400  # a wheel turns faster than its aim, or does not come to rest
+    STORE = 0x0200  # EEPROM unreadable: parameters are defaults until a host saves them
+    RUNAWAY = 0x0400  # a wheel turns faster than its set point, or does not come to rest
     BRAKE = 0x0800  # the closed brakes have slipped repeatedly
     IMPLAUSIBLE = 0x1000  # motor voltage and measured speed do not fit together
 
 
 class Switch(enum.IntFlag):
-    """What is pressed or pulled at the drive board."""
+    """Switches at the drive board."""
 
     STOP_PRESSED = 0x01
     FRONT = 0x02
@@ -64,12 +65,12 @@ STRIPS = Switch.FRONT | Switch.REAR | Switch.LEFT | Switch.RIGHT
 
 
 class RangeStatus(enum.IntEnum):
-    """What came of an ultrasonic firing."""
+    """The result of an ultrasonic's firing."""
 
     ECHO = 0
     NO_ECHO = 1
     SILENT = 2  # the sensor does not answer
-    UNTRIED = 3
+    UNTRIED = 3  # it has not fired yet
 
 
 class Status(enum.IntEnum):
@@ -78,40 +79,77 @@ class Status(enum.IntEnum):
     DONE = 0
     UNKNOWN = 1
     OUT_OF_RANGE = 2
-    MOVING = 3  # only at rest, with the drivers off
-    CAUSE_STANDS = 4  # of a fault (STORE: none was stored yet), or the freewheel lever
-    NOT_AT_ZERO = 5  # needs a fresh command of zero
+    MOVING = 3  # the request needs rest, with the drivers off
+    CAUSE_STANDS = 4  # of a fault (STORE: nothing was saved yet), or the freewheel lever
+    NOT_AT_ZERO = 5  # the request needs a fresh command of zero
     OTHER_FAULTS = 6
     BUSY = 7
 
 
 class Board(enum.IntEnum):
-    """Which board speaks."""
+    """Which board sends."""
 
     DRIVE_BOARD = 1
     RANGE_BOARD = 2
 
 
+VERSION = 2
+BAUD = 500_000  # 1/s: exact on a 16 MHz AVR
+RANGERS = 8
+PAYLOAD_MAX = 48
+_HEAD, _CRC = 3, 4
+BODY_MAX = _HEAD + PAYLOAD_MAX + _CRC
+ENCODED_MAX = BODY_MAX + 1
+
+
+class Layout(NamedTuple):
+    """The wire format of a message: a code of `struct` and the value of one step, per field."""
+
+    kind: int
+    message: type[Any]
+    codes: str
+    steps: tuple[float, ...]
+
+
+LAYOUTS: list[Layout] = []
+MessageClass = TypeVar("MessageClass", bound=type[Any])
+
+
+def _layout(kind: int, codes: str, **steps: float) -> Callable[[MessageClass], MessageClass]:
+    """Declare the wire format of a message; fields without a step have 1."""
+
+    def declare(message: MessageClass) -> MessageClass:
+        wire_steps = tuple(steps.get(name, 1.0) for name in message._fields)
+        LAYOUTS.append(Layout(kind, message, "<" + codes, wire_steps))
+        return message
+
+    return declare
+
+
+@_layout(0x01, "hhB", v=1e-4, w=1e-4)
 class Command(NamedTuple):
-    """Host to drive board: the target twist, and a sign of life."""
+    """Host to drive board: the target twist; it also shows that the host works."""
 
     v: float  # m/s
     w: float  # rad/s
     flags: int = 0  # CommandFlag
 
 
+@_layout(0x02, "H")
 class Rearm(NamedTuple):
-    """Host to drive board: a person has seen to these faults."""
+    """Host to drive board: a person has removed the causes of these faults."""
 
     faults: int  # Fault
 
 
+@_layout(0x03, "B")
 class Get(NamedTuple):
-    """Host to board: tell me a parameter."""
+    """Host to board: request a parameter."""
 
     number: int
 
 
+@_layout(0x04, "Bf")
 class Set(NamedTuple):
     """Host to board: change a parameter; only at rest."""
 
@@ -119,14 +157,29 @@ class Set(NamedTuple):
     value: float
 
 
+@_layout(0x05, "")
 class Save(NamedTuple):
-    """Host to board: keep all parameters in EEPROM."""
+    """Host to board: save all parameters in EEPROM."""
 
 
+@_layout(0x06, "")
 class Identify(NamedTuple):
-    """Host to board: who are you?"""
+    """Host to board: request an Identity."""
 
 
+@_layout(
+    0x81,
+    "IiihhhhhhHBHBBBHB",
+    stamp=1e-3,
+    speed_left=1e-4,
+    speed_right=1e-4,
+    v=1e-4,
+    w=1e-4,
+    duty_left=1e-4,
+    duty_right=1e-4,
+    battery=1e-3,
+    age=1e-3,
+)
 class Odometry(NamedTuple):
     """Drive board to host, 50 Hz."""
 
@@ -146,7 +199,7 @@ class Odometry(NamedTuple):
     echo: int  # sequence of the last command accepted
     age: float  # s, of that command; 0.255 or more reads 0.255
     bad: int  # frames refused since reset
-    lost: int  # bytes and frames dropped for want of room
+    lost: int  # bytes and frames dropped for lack of buffer space
 
 
 class Range(NamedTuple):
@@ -157,6 +210,7 @@ class Range(NamedTuple):
     status: int  # RangeStatus
 
 
+@_layout(0x82, "IH" + RANGERS * "HHB", stamp=1e-3)
 class Ranges(NamedTuple):
     """Range board to host, after each firing."""
 
@@ -165,6 +219,7 @@ class Ranges(NamedTuple):
     ranges: tuple[Range, ...]  # eight, in the order of mounting
 
 
+@_layout(0x83, "BBfff")
 class Parameter(NamedTuple):
     """Board to host: the answer to Get and Set."""
 
@@ -175,95 +230,34 @@ class Parameter(NamedTuple):
     high: float
 
 
+@_layout(0x84, "BBB")
 class Answer(NamedTuple):
-    """Board to host: the answer to Rearm and Save, and to what it cannot understand."""
+    """Board to host: the answer to Rearm and Save, and to unknown messages."""
 
     kind: int
     sequence: int
     status: int  # Status
 
 
+@_layout(0x85, "BBBB")
 class Identity(NamedTuple):
     """Board to host: the answer to Identify; sent once after a reset, too."""
 
     board: int  # Board
     parameters: int
     cause: int  # of the reset: MCUSR; 1 power, 2 reset pin, 4 brown-out, 8 watchdog timer
-    stored: int  # 1: EEPROM holds parameters that a host has stored
+    stored: int  # 1: EEPROM holds parameters that a host has saved
 
 
 class Unknown(NamedTuple):
-    """A good frame of a kind or size that this version does not know."""
+    """A valid frame of an unknown kind or size."""
 
     kind: int
     payload: bytes
 
 
-Message = (
-    Command
-    | Rearm
-    | Get
-    | Set
-    | Save
-    | Identify
-    | Odometry
-    | Ranges
-    | Parameter
-    | Answer
-    | Identity
-    | Unknown
-)
+Message = tuple[Any, ...]  # one of these
 
-
-VERSION = 2
-BAUD = 500_000  # 1/s: exact on a 16 MHz AVR
-RANGERS = 8
-PAYLOAD_MAX = 48
-_HEAD, _CRC = 3, 4
-BODY_MAX = _HEAD + PAYLOAD_MAX + _CRC
-ENCODED_MAX = BODY_MAX + 1
-
-
-class Layout(NamedTuple):
-    """How a message lies on the wire: a code of `struct` and the step of one, per field."""
-
-    kind: int
-    message: type[Any]
-    codes: str
-    steps: tuple[float, ...]
-
-
-def _layout(kind: int, message: type[Any], codes: str, **steps: float) -> Layout:
-    return Layout(kind, message, "<" + codes, tuple(steps.get(f, 1.0) for f in message._fields))
-
-
-_RANGE = "HHB"
-LAYOUTS = (
-    _layout(0x01, Command, "hhB", v=1e-4, w=1e-4),
-    _layout(0x02, Rearm, "H"),
-    _layout(0x03, Get, "B"),
-    _layout(0x04, Set, "Bf"),
-    _layout(0x05, Save, ""),
-    _layout(0x06, Identify, ""),
-    _layout(
-        0x81,
-        Odometry,
-        "IiihhhhhhHBHBBBHB",
-        stamp=1e-3,
-        speed_left=1e-4,
-        speed_right=1e-4,
-        v=1e-4,
-        w=1e-4,
-        duty_left=1e-4,
-        duty_right=1e-4,
-        battery=1e-3,
-        age=1e-3,
-    ),
-    _layout(0x82, Ranges, "IH" + RANGERS * _RANGE, stamp=1e-3),
-    _layout(0x83, Parameter, "BBfff"),
-    _layout(0x84, Answer, "BBB"),
-    _layout(0x85, Identity, "BBBB"),
-)
 _BY_KIND = {layout.kind: layout for layout in LAYOUTS}
 _BY_TYPE = {layout.message: layout for layout in LAYOUTS}
 _RANGE_STEPS = (1e-3, 1e-3, 1.0)
@@ -307,7 +301,7 @@ def payload_of(message: Message) -> tuple[int, bytes]:
 
 
 def message_of(kind: int, payload: bytes) -> Message:
-    """The message of a payload; `Unknown` where kind or size are not known."""
+    """The message of a payload; `Unknown` for an unknown kind or size."""
     layout = _BY_KIND.get(kind)
     if layout is None or struct.calcsize(layout.codes) != len(payload):
         return Unknown(kind, payload)
@@ -341,7 +335,7 @@ def cobs_decode(encoded: bytes) -> bytes | None:
 
 
 def encode(message: Message, sequence: int) -> bytes:
-    """A whole frame of a message.
+    """The frame of a message.
 
     Raises:
         ValueError: a value is not finite or does not fit its field.
@@ -352,18 +346,18 @@ def encode(message: Message, sequence: int) -> bytes:
 
 
 class Frame(NamedTuple):
-    """A good frame."""
+    """A valid frame."""
 
     sequence: int
     message: Message
 
 
 class Receiver:
-    """Takes bytes as they come, cut anywhere; gives good frames and counts the others.
+    """Makes frames of a stream of bytes, cut anywhere, and counts invalid ones.
 
     Attributes:
-        bad: frames refused, for want of form, checksum or version.
-        other: version of the last frame that was whole and of another one; None: there was none.
+        bad: frames refused, for their form, checksum or version.
+        other: version of the last valid frame if it is another one; None: it is not.
     """
 
     def __init__(self) -> None:
@@ -388,7 +382,7 @@ class Receiver:
         return frames
 
     def _take(self, data: bytes) -> None:
-        # One byte more than a frame can have is enough to know that it is none.
+        # One byte more than a frame can have shows that it is none.
         self._bytes += data[: ENCODED_MAX + 1 - len(self._bytes)]
 
     def _check(self, encoded: bytes) -> Frame | None:

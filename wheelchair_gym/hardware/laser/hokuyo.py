@@ -1,4 +1,4 @@
-"""A Hokuyo laser at a TCP port or a serial line: opened, switched on, read; anew when silent."""
+"""A Hokuyo laser at a TCP port or a serial line, which is reopened when it is silent."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.hardware.boards.ports import Port, load_serial, open_port
+from wheelchair_gym.hardware.connection import Reconnecting
 from wheelchair_gym.hardware.laser.scip import (
     DONE_ALREADY,
     LASER_OFF,
@@ -26,18 +27,17 @@ from wheelchair_gym.hardware.laser.scip import (
     scan_of,
     specs_of,
 )
-from wheelchair_gym.hardware.reconnect import Reconnecting
 
 PORT = 10940  # of TCP
-ANSWER_WITHIN = 1.0  # s: a request without answer, or a stream without scan: begin anew
+ANSWER_WITHIN = 1.0  # s without an answer or a scan, after which the laser is reopened
 _CHUNK = 65536
 _TCP = "tcp://"
 
 
 class TcpPort:
-    """A TCP connection as a port: connects while others go on, and never waits.
+    """A TCP connection as a port: it connects in the background, and never waits.
 
-    Give the host as an address: a name is looked up, which may take its time.
+    The host should be an address: the lookup of a name may take long.
 
     Raises:
         OSError: the address cannot be resolved, or the connection fails at once.
@@ -55,7 +55,7 @@ class TcpPort:
 
     @property
     def in_waiting(self) -> int:
-        """Bytes that can be read at once."""
+        """Bytes that can be read without waiting."""
         readable, writable, _ = select.select([self._socket], [self._socket], [], 0)
         if writable:
             if error := self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
@@ -69,12 +69,12 @@ class TcpPort:
         return len(self._bytes)
 
     def read(self, size: int) -> bytes:
-        """At most so many bytes, at once."""
+        """At most this many bytes, without waiting."""
         data, self._bytes = self._bytes[:size], self._bytes[size:]
         return data
 
     def write(self, data: bytes) -> int:
-        """Send bytes, as soon as there is room."""
+        """Send bytes, as soon as there is room for them."""
         self._unsent += data
         _, writable, _ = select.select([], [self._socket], [], 0)
         if writable:
@@ -82,7 +82,7 @@ class TcpPort:
         return len(data)
 
     def close(self) -> None:
-        """Let the connection go."""
+        """Close the connection."""
         self._socket.close()
 
     def _flush(self) -> None:
@@ -107,7 +107,7 @@ def open_laser(url: str) -> Port:
 
 
 class TimedScan(NamedTuple):
-    """A scan, and when it was heard."""
+    """A scan, and when it was received."""
 
     scan: Scan
     stamp: float  # s of the sensor's clock, which does not wrap here
@@ -116,26 +116,26 @@ class TimedScan(NamedTuple):
 
 @dataclass
 class LaserStatistics:
-    """What came of a laser since it was made."""
+    """What a laser has sent since it was made."""
 
     scans: int = 0
     bad: int = 0  # replies refused
-    refused: int = 0  # requests that it did not take
+    refused: int = 0  # requests that it refused
     opened: int = 0
 
 
 class Hokuyo:
-    """A laser that streams scans; what fails is data, never an exception.
+    """A laser that streams scans; a failure is data, not an exception.
 
     Args:
         url: tcp://HOST:PORT or a serial device.
         reach: ranges beyond it count as no echo [m].
-        clock: seconds that only grow.
+        clock: seconds that never decrease.
         opener: makes the port.
 
     Attributes:
-        specs: what the sensor says of itself, None until it has.
-        statistics: what came of it.
+        specs: the sensor's specification, None until it is known.
+        statistics: of what it has sent.
 
     Raises:
         InputError: pyserial is needed, and not installed.
@@ -157,7 +157,7 @@ class Hokuyo:
         self._line = Reconnecting(lambda: opener(url), self._begin)
         self._parser = ScipParser()
         self._bad_before = 0
-        self._asked = ""  # the request whose reply is awaited
+        self._asked = ""  # the last request
         self._since = 0.0  # s, of the last request or scan
         self._turns, self._last = 0, 0  # wraps of the sensor's clock, and its last time stamp
 
@@ -173,7 +173,7 @@ class Hokuyo:
         try:
             while port is not None and (waiting := port.in_waiting):
                 for reply in self._parser.feed(port.read(waiting)):
-                    self._heed(port, reply, scans)
+                    self._handle(port, reply, scans)
             if port is not None and self._clock() - self._since > ANSWER_WITHIN:
                 self._lose(f"no answer to {self._asked} for {ANSWER_WITHIN:g} s")
         except (OSError, InputError) as error:
@@ -182,35 +182,35 @@ class Hokuyo:
         return scans
 
     def close(self) -> None:
-        """Switch the laser off and let it go for good."""
+        """Switch the laser off and close it for good."""
         if self._line.connection is not None:
             with contextlib.suppress(OSError):
                 self._line.connection.write(b"QT\n")
         self._line.close()
 
     def _lose(self, why: str) -> None:
-        """It is lost; what is said of it names it."""
+        """Close the connection, which has failed for a reason."""
         self._line.lose(why if self.url in why else f"{self.url}: {why}")
 
     def _begin(self, port: Port) -> None:
         self._bad_before, self._parser = self.statistics.bad, ScipParser()
         self.statistics.opened += 1
         self._line.error = "does not stream yet"
-        port.write(b"\n")  # ends whatever was half said
-        self._ask(port, "SCIP2.0")  # what speaks it already says so, in its way
+        port.write(b"\n")  # ends what may have been sent in part
+        self._ask(port, "SCIP2.0")  # sensors that always use SCIP 2 refuse it
 
     def _ask(self, port: Port, request: str) -> None:
         self._asked, self._since = request, self._clock()
         port.write(request.encode("ascii") + b"\n")
 
-    def _heed(self, port: Port, reply: Reply, scans: list[TimedScan]) -> None:
+    def _handle(self, port: Port, reply: Reply, scans: list[TimedScan]) -> None:
         if reply.echo != self._asked:
-            return  # of an earlier request, or a stream that was not stopped yet
+            return  # to an earlier request, or of a stream that has not stopped yet
         if reply.status == STREAMING:
             self._take(reply, scans)
             return
         command = self._asked[:2]
-        if command in ("SC", "QT"):  # old sensors refuse one of them; either may be
+        if command in ("SC", "QT"):  # old sensors may refuse either
             self._ask(port, "QT" if command == "SC" else "PP")
         elif command == "PP" and reply.status == OK:
             self.specs = specs_of(reply)
@@ -229,7 +229,7 @@ class Hokuyo:
 
     def _take(self, reply: Reply, scans: list[TimedScan]) -> None:
         assert self.specs is not None
-        scan = scan_of(reply, min(self.reach, self.specs.farthest))
+        scan = scan_of(reply, min(self.reach, self.specs.farthest * 1e-3))
         if scan is None:
             self._parser.bad += 1
             return

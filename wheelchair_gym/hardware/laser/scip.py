@@ -1,4 +1,4 @@
-"""SCIP 2.2, the language of Hokuyo's lasers: pure bytes in, replies and scans out.
+"""SCIP 2.2, the protocol of Hokuyo's lasers, for both ends: bytes to replies and scans, and back.
 
 A request is a line; a reply is its echo, a status of two characters with a checksum, data lines of
 at most 64 characters with a checksum each, and an empty line (Hokuyo, 'Communication Protocol
@@ -11,14 +11,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.config import InputError
 
 DATA_LINE = 64  # characters of data in a line, at most
 STAMP_WRAP = 1 << 24  # ms: a time stamp has four characters of six bits
-ERRORS_UP_TO = 20  # mm: what is not longer is an error code
-NO_ECHO_FROM = 65533  # mm: UST sensors say so of a beam that nothing answers
+ERRORS_UP_TO = 20  # mm: numbers up to this are error codes
+NO_ECHO_FROM = 65533  # mm: what UST sensors report of a beam without an echo
 OK, DONE_ALREADY, STREAMING, LASER_OFF = "00", "02", "99", "10"
 _REPLY_MOST = 1 << 16  # bytes; 1,081 ranges with intensity take 6,700
 
@@ -30,13 +30,8 @@ def checksum(data: bytes) -> int:
     return (sum(data) & 0x3F) + 0x30
 
 
-def encode_number(value: int, characters: int) -> bytes:
-    """A number as characters of six bits, the highest first."""
-    return bytes((value >> 6 * k & 0x3F) + 0x30 for k in reversed(range(characters)))
-
-
-def encode_numbers(values: NDArray[np.integer], characters: int) -> bytes:
-    """Numbers (n,) as characters, one after another."""
+def encode_numbers(values: ArrayLike, characters: int) -> bytes:
+    """Numbers (n,) as characters of six bits, the highest first, one number after another."""
     shifts = 6 * np.arange(characters - 1, -1, -1)
     digits = np.asarray(values, np.int64)[:, None] >> shifts & 0x3F  # (n, characters)
     return (digits + 0x30).astype(np.uint8).tobytes()
@@ -53,18 +48,24 @@ def decode_numbers(data: bytes, characters: int) -> NDArray[np.int64] | None:
 
 
 class Reply(NamedTuple):
-    """One whole reply whose checksums agree."""
+    """A complete reply whose checksums agree."""
 
     echo: str  # the request
     status: str
     lines: tuple[bytes, ...]  # of data, without checksums
 
+    def encode(self) -> bytes:
+        """The reply as a sensor sends it."""
+        lines = [self.status.encode("ascii"), *self.lines]
+        checked = [line + bytes((checksum(line),)) for line in lines]
+        return b"\n".join([self.echo.encode("ascii", "replace"), *checked, b"", b""])
+
 
 class ScipParser:
-    """Takes bytes as they come, cut and joined anywhere; gives whole replies.
+    """Makes replies of a stream of bytes, cut and joined anywhere.
 
     Attributes:
-        bad: replies refused, for want of form or checksum.
+        bad: replies refused, for their form or a checksum.
     """
 
     def __init__(self) -> None:
@@ -73,14 +74,14 @@ class ScipParser:
 
     def feed(self, data: bytes) -> list[Reply]:
         """The replies that these bytes complete."""
-        *wholes, self._bytes = (self._bytes + data).split(b"\n\n")
+        *parts, self._bytes = (self._bytes + data).split(b"\n\n")
         if len(self._bytes) > _REPLY_MOST:  # no reply is so long: wait for the next one
             self._bytes, self.bad = b"", self.bad + 1
         replies = []
-        for whole in wholes:
-            if not whole.strip(b"\n"):
+        for part in parts:
+            if not part.strip(b"\n"):
                 continue
-            reply = self._check(whole.lstrip(b"\n"))
+            reply = self._check(part.lstrip(b"\n"))
             if reply is None:
                 self.bad += 1
             else:
@@ -88,8 +89,8 @@ class ScipParser:
         return replies
 
     @staticmethod
-    def _check(whole: bytes) -> Reply | None:
-        echo, *rest = whole.split(b"\n")
+    def _check(data: bytes) -> Reply | None:
+        echo, *rest = data.split(b"\n")
         if not rest or not echo.isascii():
             return None
         if not 1 <= len(rest[0]) <= 3:
@@ -101,26 +102,31 @@ class ScipParser:
                 return None
         if not status.isalnum():
             return None
-        data = tuple(line[:-1] for line in rest[1:])
-        return Reply(echo.decode("ascii"), status.decode("ascii"), data)
+        lines = tuple(line[:-1] for line in rest[1:])
+        return Reply(echo.decode("ascii"), status.decode("ascii"), lines)
 
 
 class Specs(NamedTuple):
-    """What a sensor says of itself (PP)."""
+    """A sensor's specification."""
 
     model: str
-    nearest: float  # m
-    farthest: float  # m
+    nearest: int  # mm
+    farthest: int  # mm
     steps_per_turn: int
     first: int  # step
     last: int
-    front: int  # the step that looks ahead
-    rate: float  # Hz
+    front: int  # the step straight ahead
+    rpm: int
 
     @property
     def beams(self) -> int:
         """Ranges in a scan."""
         return self.last - self.first + 1
+
+    @property
+    def rate(self) -> float:
+        """Scans per second."""
+        return self.rpm / 60.0
 
     @property
     def angles(self) -> NDArray[np.float64]:
@@ -129,9 +135,16 @@ class Specs(NamedTuple):
         angles: NDArray[np.float64] = steps * (2.0 * math.pi / self.steps_per_turn)
         return angles
 
+    def encode(self) -> tuple[bytes, ...]:
+        """The lines of the reply to PP."""
+        return tuple(f"{key}:{value};".encode() for key, value in zip(_KEYS, self, strict=True))
+
+
+_KEYS = ("MODL", "DMIN", "DMAX", "ARES", "AMIN", "AMAX", "AFRT", "SCAN")  # of Specs' fields
+
 
 def specs_of(reply: Reply) -> Specs:
-    """What the reply to PP says.
+    """The specification in a reply to PP.
 
     Raises:
         InputError: an entry is missing or no number.
@@ -141,27 +154,18 @@ def specs_of(reply: Reply) -> Specs:
         key, _, value = line.decode("ascii", "replace").rstrip(";").partition(":")
         entries[key] = value.rstrip(";")
     try:
-        specs = Specs(
-            entries["MODL"],
-            int(entries["DMIN"]) * 1e-3,
-            int(entries["DMAX"]) * 1e-3,
-            int(entries["ARES"]),
-            int(entries["AMIN"]),
-            int(entries["AMAX"]),
-            int(entries["AFRT"]),
-            int(entries["SCAN"]) / 60.0,
-        )
+        specs = Specs(entries["MODL"], *(int(entries[key]) for key in _KEYS[1:]))
     except KeyError as error:
         raise InputError(f"laser: its specification lacks {error.args[0]}") from None
     except ValueError as error:
         raise InputError(f"laser: its specification holds no number: {error}") from None
-    if not 0 <= specs.first < specs.last or specs.steps_per_turn < 1 or specs.rate <= 0.0:
+    if not 0 <= specs.first < specs.last or specs.steps_per_turn < 1 or specs.rpm <= 0:
         raise InputError(f"laser: its specification makes no sense: {specs}")
     return specs
 
 
 class Scan(NamedTuple):
-    """One turn of the laser; ranges as REP-117 has them."""
+    """One turn of the laser; ranges as in REP-117."""
 
     stamp: int  # ms, of the sensor's clock, below STAMP_WRAP
     first: int  # step of the first range
@@ -169,27 +173,48 @@ class Scan(NamedTuple):
 
 
 def metres(millimetres: NDArray[np.integer], farthest: float) -> Floats:
-    """Ranges [m] of what a sensor said [mm]: +inf beyond `farthest`, NaN for error codes."""
+    """Ranges [m] of a sensor's numbers [mm]: +inf beyond `farthest`, NaN for error codes."""
     ranges = millimetres.astype(np.float32) * np.float32(1e-3)
     ranges[ranges > np.float32(farthest)] = np.inf
     ranges[millimetres <= ERRORS_UP_TO] = np.nan
     return ranges
 
 
+def scan_fields(request: str) -> tuple[int, int, int] | None:
+    """First step, last step and beams per cluster of a request for scans; None: it is malformed."""
+    fields = request[2:12]
+    if len(fields) < 10 or not fields.isdecimal():
+        return None
+    return int(fields[:4]), int(fields[4:8]), max(1, int(fields[8:10]))
+
+
+def encode_scan(
+    request: str, millimetres: NDArray[np.integer], first_step: int, stamp: int
+) -> bytes:
+    """The reply that holds a scan, whose first range is that of a step, made at a stamp [ms]."""
+    fields = scan_fields(request)
+    assert fields is not None
+    first, last, cluster = fields
+    part = millimetres[first - first_step : last - first_step + 1]
+    # A cluster is reported by its nearest range.
+    data = encode_numbers(np.minimum.reduceat(part, np.arange(0, len(part), cluster)), 3)
+    lines = [data[k : k + DATA_LINE] for k in range(0, len(data), DATA_LINE)]
+    return Reply(request, STREAMING, (encode_numbers([stamp % STAMP_WRAP], 4), *lines)).encode()
+
+
 def scan_of(reply: Reply, farthest: float) -> Scan | None:
-    """The scan of a reply to GD, GS, MD or MS; None if it holds none, or one that is not whole."""
+    """The scan of a reply to GD, GS, MD or MS; None if it holds none, or an incomplete one."""
     command = reply.echo[:2]
     if command not in ("GD", "GS", "MD", "MS") or reply.status not in (OK, STREAMING):
         return None
     if len(reply.lines) < 2 or len(reply.lines[0]) != 4:
         return None
-    characters = 2 if command[1] == "S" else 3
     stamp = decode_numbers(reply.lines[0], 4)
-    numbers = decode_numbers(b"".join(reply.lines[1:]), characters)
-    fields = reply.echo[2:12]
-    if stamp is None or numbers is None or not fields.isdecimal() or len(fields) < 10:
+    numbers = decode_numbers(b"".join(reply.lines[1:]), 2 if command[1] == "S" else 3)
+    fields = scan_fields(reply.echo)
+    if stamp is None or numbers is None or fields is None:
         return None
-    first, last, cluster = int(fields[:4]), int(fields[4:8]), max(1, int(fields[8:10]))
+    first, last, cluster = fields
     if len(numbers) != (last - first) // cluster + 1:
         return None
     return Scan(int(stamp[0]), first, metres(numbers, farthest))

@@ -4,11 +4,11 @@
                        ▲                                       Odometry ─┼─▶ Reading
                        └── stale sensor, late policy: zero   tf, Range ──┘
 
-Ages are by this computer's clock: a message counts from its arrival, less the delay beyond that of
-the quickest message of its topic, which the stamps show whatever the other clock reads. With
-`use_sim_time`, ages and control periods are by ROS's simulated time instead. The guard sends zero
-when a sensor falls silent or the policy is late, and zero is sent on every way out. No program here
-can stop a chair whose link is cut: the chair's own computer must stop when commands stay away.
+Ages are by this computer's clock: a message is as old as its arrival, plus its delay beyond that of
+the quickest message of its topic, by the stamps. With `use_sim_time`, ages and control periods are
+by ROS's simulated time instead. The guard sends zero when a sensor is silent or the policy is late,
+and zero is sent whenever the program ends. No program here can stop a chair whose link is cut: the
+chair's own computer must stop it when no command comes.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ class RosChair(NotCopyable):
     Args:
         settings: topics, frames, limits.
         sensors: where the laser and the ultrasonics are mounted, and the number of beams.
-        chair: its outline, and the limits of the commands: a base may have none of its own.
+        chair: its outline, and the limits of the commands: a base may have none itself.
         period: the control period [s].
-        on_map: the pose is that in the frame `map_frame`, from tf; false: the odometry's.
+        on_map: the pose is that in the frame `map_frame`, by tf; false: by odometry.
 
     Raises:
         InputError: the extra 'ros' is not installed, or no rosbridge answers.
@@ -59,7 +59,7 @@ class RosChair(NotCopyable):
         self.settings, self.sensors, self.period, s = settings, sensors, period, settings
         self._clock = SimulatedClock(s.clock, s.clock_timeout) if s.use_sim_time else None
         self._senses = RosSensors(settings, sensors, on_map, self._clock)
-        self._set_point = np.zeros(4)  # speed, its slope, turn, its slope: the last command
+        self._setpoint = (0.0, 0.0, 0.0, 0.0)  # speed, its slope, turn rate, its slope
         self._link = Rosbridge(s.host, s.port, self._senses.receive, s.link)
         self.url = self._link.url
         self._loop = ControlLoop(
@@ -124,11 +124,11 @@ class RosChair(NotCopyable):
         self._link.close()
 
     def episode(self, goal: ArrayLike, start: ArrayLike | None = None) -> Episode:
-        """An episode on the map that ROS publishes, from the chair's place to a goal (2 or 3,).
+        """An episode on the map that ROS publishes, from the chair's pose to a goal (2 or 3,).
 
         Args:
             goal: [m, m, rad]; without a heading it gets the one with the largest clearance.
-            start: (3,) the chair's pose, where tf does not say.
+            start: (3,) the chair's pose, instead of that by tf.
 
         Raises:
             InputError: there is no map, the chair's pose on it is unknown, or the goal is not on
@@ -138,7 +138,7 @@ class RosChair(NotCopyable):
         topic, senses = self.settings.map, self._senses
         self._link.subscribe(topic, senses.topics[topic].type)
         self._require(lambda: "" if senses.map else senses.describe_silence(topic))
-        self._link.unsubscribe(topic)  # a large map takes long to read, again and again
+        self._link.unsubscribe(topic)  # a large map takes long to read
         grid: OccupancyGrid = senses.map
         if start is None:
             self._require(lambda: "" if senses.map_pose() else senses.describe_missing_pose())
@@ -158,7 +158,7 @@ class RosChair(NotCopyable):
             )
             if clearance <= 0.0:
                 where = f"({end[0]:g}, {end[1]:g}) m"
-                raise InputError(f"{self.url}: no room for the chair at {where}, however it faces")
+                raise InputError(f"{self.url}: the chair does not fit at {where} at any heading")
         return Episode(grid, begin, end, walls, name=self.url)
 
     def found(self, pose: Array) -> None:
@@ -204,38 +204,32 @@ class RosChair(NotCopyable):
 
     def _stop(self) -> None:
         """Command zero at once."""
-        self._set_point = np.zeros(4)
+        self._setpoint = (0.0, 0.0, 0.0, 0.0)
         self._link.publish(self.settings.velocity, _twist(0.0, 0.0))
 
     def _approach(self, v: float, w: float) -> None:
         """Command the twist nearest to (v, w) that the limits allow within a period."""
-        limits = self._loop.limits.array
-        v0, v_rate, w0, w_rate = self._set_point.tolist()
-        after = approach_twist(v0, v_rate, w0, w_rate, v, w, limits, self.period)
-        self._set_point = np.array(after)
-        twist = _twist(float(self._set_point[0]), float(self._set_point[2]))
+        self._setpoint = approach_twist(*self._setpoint, v, w, self._loop.limits.array, self.period)
+        twist = _twist(self._setpoint[0], self._setpoint[2])
         self._link.publish(self.settings.velocity, twist)
 
     def _guard(self) -> None:
         """Replace a command that is no longer valid by zero."""
         with self._lock:
             stale = self._loop.expired or bool(self._senses.stale(self.clock.now()))
-            if self._set_point.any() and stale:
+            if any(self._setpoint) and stale:
                 self._stop()
 
     def _reading(self, halted: str) -> Reading:
         senses, now = self._senses, self.clock.now()
         odometry, twist = senses.odometry
-        place = senses.map_pose() if senses.on_map else None
+        on_map = senses.map_pose() if senses.on_map else None
         ranges = senses.ranges(now)
-        pose = odometry if place is None else place.value
+        pose = odometry if on_map is None else on_map.value
         halted = senses.stale(now) or halted
         return self._loop.reading(odometry, pose, twist, ranges, False, senses.battery, halted)
 
 
 def _twist(v: float, w: float) -> dict[str, dict[str, float]]:
     """A geometry_msgs/Twist."""
-    return {
-        "linear": {"x": v, "y": 0.0, "z": 0.0},
-        "angular": {"x": 0.0, "y": 0.0, "z": w},
-    }
+    return {"linear": {"x": v, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": w}}

@@ -1,4 +1,4 @@
-"""ROS's simulated time: what /clock says, for chairs that are simulations themselves."""
+"""ROS's simulated time, by /clock, for chairs that are simulations."""
 
 from __future__ import annotations
 
@@ -9,44 +9,44 @@ from collections.abc import Callable
 
 from wheelchair_gym.hardware.control_loop import WallClock
 
-_LOOK = 0.05  # s of wall time between two looks at what else may end a wait
+_POLL = 0.05  # s of wall time between two checks of what else may end a wait
 
 
 class SimulatedClock:
-    """The newest of /clock as a `pacing.Clock`; it never runs backwards.
+    """The newest time of /clock as a `control_loop.Clock`; it never runs backwards.
 
-    A simulation that begins anew tells smaller times: they count on from the last one.
+    Where a simulation restarts at a smaller time, this clock goes on from its last time.
 
     Args:
-        topic: that tells it, for messages.
-        stall: s of wall time that it may stand still.
+        topic: its name, for error messages.
+        stall: s of wall time for which it may stand still.
     """
 
     def __init__(self, topic: str, stall: float) -> None:
         self.topic, self.stall = topic, stall
-        self._now, self._told, self._begun = 0.0, -math.inf, 0.0
+        self._now, self._last, self._offset = 0.0, -math.inf, 0.0
         self._moved = time.monotonic()
         self._changed = threading.Condition()
 
-    def update(self, told: float) -> None:
-        """/clock says a time [s]."""
+    def update(self, time_: float) -> None:
+        """Take a time [s] of /clock."""
         with self._changed:
-            if told == self._told:
+            if time_ == self._last:
                 return
-            if told < self._told or self._told == -math.inf:
-                self._begun = self._now - told
-            self._told, self._now = told, self._begun + told
+            if time_ < self._last or self._last == -math.inf:
+                self._offset = self._now - time_
+            self._last, self._now = time_, self._offset + time_
             self._moved = time.monotonic()
             self._changed.notify_all()
 
     def host_time(self, stamp: float) -> float:
-        """When a message was made by this clock, at the latest now; NaN, unknown, is now.
+        """When a message was made by this clock, at the latest now; now for an unknown stamp, NaN.
 
         Raises:
-            ValueError: it lies so far ahead that it cannot be by this clock.
+            ValueError: the stamp is too far ahead to be by this clock.
         """
         now = self.now()
-        made = now if math.isnan(stamp) else self._begun + stamp
+        made = now if math.isnan(stamp) else self._offset + stamp
         if made - now > 10.0:
             raise ValueError(
                 f"is stamped {made - now:.3g} s ahead of {self.topic}; expected simulated time"
@@ -55,22 +55,20 @@ class SimulatedClock:
 
     @property
     def stopped(self) -> str:
-        """That it stands still, as a line of text; empty: it runs."""
-        stood = self.stalled_for
-        if stood <= self.stall:
+        """Why time stands still, as a line of text; empty: it runs."""
+        stalled = self.stalled_for
+        if stalled <= self.stall:
             return ""
-        if self._told == -math.inf:
+        if self._last == -math.inf:
             return (
-                f"{self.topic} has told no time for {stood:.1f} s: start the simulation, or set "
-                "use_sim_time to false in the chair's settings"
+                f"{self.topic} has reported no time for {stalled:.1f} s: start the simulation, or "
+                "set use_sim_time to false in the chair's settings"
             )
-        return (
-            f"{self.topic} has stood still for {stood:.1f} s: the simulation is paused or has ended"
-        )
+        return f"{self.topic} has stood still for {stalled:.1f} s: the simulation is paused or over"
 
     @property
     def stalled_for(self) -> float:
-        """Seconds of wall time since it moved."""
+        """Seconds of wall time since it last advanced."""
         return time.monotonic() - self._moved
 
     def now(self) -> float:
@@ -83,12 +81,12 @@ class SimulatedClock:
             while self._now < deadline and self.stalled_for <= self.stall:
                 if cancelled is not None and cancelled.is_set():
                     return
-                self._changed.wait(_LOOK)
+                self._changed.wait(_POLL)
         if self.stopped:
-            time.sleep(_LOOK)  # whoever waits again at once does not keep a core busy
+            time.sleep(_POLL)  # a caller that waits again at once does not keep a core busy
 
     def call_every(
         self, callback: Callable[[], object], interval: float, name: str
     ) -> Callable[[], None]:
-        """See `Clock.guard`; by the wall's time, so that it looks while this one stands."""
+        """See `Clock.call_every`; by wall time, which goes on while this clock stands."""
         return WallClock().call_every(callback, interval, name)

@@ -1,11 +1,11 @@
 """One rosbridge v2 link: a ROS system's topics as JSON over a WebSocket.
 
-roslibpy (2.1, MIT, maintained) speaks this protocol, too, but not so that a person may sit in what
-it drives: its default transport runs Twisted's reactor, which cannot run twice in one process
-(roslibpy#56); it connects again by itself, so that a chair would go on after a lost link; messages
-that it cannot read are dropped in silence; and its `publish` only queues, so that nobody knows
-whether a command to stop has left. Here a message is on its way when `publish` returns, what cannot
-be read ends the link, and a lost link stays lost.
+roslibpy (2.1, MIT, maintained) implements this protocol, too, but is not safe with a person in the
+chair: its default transport runs Twisted's reactor, which cannot run twice in one process
+(roslibpy#56); it reconnects by itself, so that a chair would go on after a lost link; it silently
+drops messages that it cannot read; and its `publish` only queues, so that it is unknown whether a
+stop command was sent. Here a message has been sent when `publish` returns, an unreadable message
+ends the link, and a lost link stays lost.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
 
 _LOG = logging.getLogger(__name__)
 
-Hear = Callable[[str, Any, float], None]
+Callback = Callable[[str, Any, float], None]
 
 
 def load_websockets() -> None:
-    """Make sure of the package websockets.
+    """Check that the package websockets is installed.
 
     Raises:
         InputError: the extra 'ros' is not installed.
@@ -46,19 +46,19 @@ class Rosbridge:
     Args:
         host: where rosbridge_server runs.
         port: of its WebSocket.
-        hear: called in a thread with topic, message and when it came [s, `time.monotonic`].
-        link: how it is kept.
+        on_message: called in a thread with topic, message and its arrival [s, `time.monotonic`].
+        link: timeouts and sizes.
 
     Attributes:
-        lost: why the link is gone, in a line; empty while it stands.
-        gone: is set when it is.
-        last_words: a topic and a message that are published before the link is given up.
+        lost: why the link is lost, in a line; empty while it is open.
+        closed: is set when the link is lost.
+        farewell: a topic and a message that are published before the link is closed.
 
     Raises:
         InputError: the extra 'ros' is not installed, or no rosbridge answers there.
     """
 
-    def __init__(self, host: str, port: int, on_message: Hear, link: RosbridgeSettings) -> None:
+    def __init__(self, host: str, port: int, on_message: Callback, link: RosbridgeSettings) -> None:
         load_websockets()
         from websockets.exceptions import ConnectionClosed, WebSocketException
         from websockets.sync.client import connect
@@ -67,9 +67,9 @@ class Rosbridge:
         name, ping = f"[{host}]" if ":" in host else host, link.ping_interval
         self.url = f"ros://{name}:{port}"
         self.lost, self.closed = "", threading.Event()
-        self._pen = threading.RLock()
+        self._write_lock = threading.RLock()
         self.farewell: tuple[str, Any] | None = None
-        self._hear, self._stack = on_message, ExitStack()
+        self._on_message, self._stack = on_message, ExitStack()
         try:
             plug = socket.create_connection((host, port), link.connect_timeout)
             self._socket = self._stack.enter_context(
@@ -86,30 +86,30 @@ class Rosbridge:
         self._thread.start()
 
     def subscribe(self, topic: str, kind: str, queue: int = 1) -> None:
-        """Ask for a topic of a type; of messages that wait, the newest so many."""
+        """Subscribe to a topic of a type; the newest `queue` messages wait."""
         self._send({"op": "subscribe", "topic": topic, "type": kind, "queue_length": queue})
 
     def unsubscribe(self, topic: str) -> None:
-        """Ask for a topic no longer."""
+        """Unsubscribe from a topic."""
         self._send({"op": "unsubscribe", "topic": topic})
 
     def advertise(self, topic: str, kind: str) -> None:
-        """Say that messages of a type will be published."""
+        """Announce that messages of a type will be published."""
         self._send({"op": "advertise", "topic": topic, "type": kind})
 
     def publish(self, topic: str, message: Any) -> None:
-        """Send a message; nothing happens where the link is lost."""
+        """Send a message; it is dropped where the link is lost."""
         self._send({"op": "publish", "topic": topic, "msg": message})
 
     def close(self) -> None:
-        """Say the last words and let go; may be called again."""
+        """Publish the farewell and close the link; may be called again."""
         self._end("closed")
         self._stack.close()
         if threading.current_thread() is not self._thread:
             self._thread.join()
 
     def _send(self, content: dict[str, Any]) -> None:
-        with self._pen:  # nothing follows the last words
+        with self._write_lock:  # nothing follows the farewell
             if self.lost:
                 return
             try:
@@ -127,11 +127,11 @@ class Rosbridge:
         except self._broken as error:
             why = f"it broke ({error})"
         self._end(why)
-        with suppress(Exception):  # whatever a broken socket says of being closed
+        with suppress(Exception):  # a broken socket may refuse to be closed
             self._stack.close()
 
     def _take(self, text: str | bytes, now: float) -> str:
-        """Take in a message; why the link cannot be trusted any longer, or nothing."""
+        """Handle a message; returns why the link is unusable, or nothing."""
         if isinstance(text, bytes):
             return "it sends bytes; expected JSON"
         try:
@@ -140,10 +140,10 @@ class Rosbridge:
             return f"it sends what is not JSON: {text[:40]!r}"
         operation = content.get("op") if isinstance(content, dict) else None
         if operation == "publish" and isinstance(content.get("topic"), str):
-            self._hear(content["topic"], content.get("msg"), now)
+            self._on_message(content["topic"], content.get("msg"), now)
         elif operation == "status":
             if content.get("level") in ("error", "warning"):
-                _LOG.warning("%s says: %s", self.url, " ".join(str(content.get("msg")).split()))
+                _LOG.warning("%s reports: %s", self.url, " ".join(str(content.get("msg")).split()))
         elif operation in ("fragment", "png", "cbor", "cbor-raw"):
             return f"it sends {operation!r}, which was not asked for"
         elif not isinstance(operation, str):
@@ -151,8 +151,8 @@ class Rosbridge:
         return ""
 
     def _end(self, why: str) -> None:
-        """Say the last words, and remember why; the first time only."""
-        with self._pen:
+        """Publish the farewell, and store why the link is lost; the first time only."""
+        with self._write_lock:
             if not self.lost:
                 self.lost = " ".join(why.split())
                 if self.farewell is not None:

@@ -1,4 +1,4 @@
-"""What a chair under ROS says of itself: the newest of each topic, and what is missing."""
+"""What a chair under ROS reports: the newest message of each topic, and what is missing."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import compose, relative_pose
-from wheelchair_gym.hardware.clock_sync import NEVER, ClockSync, Stamped
+from wheelchair_gym.hardware.connection import NEVER, ClockSync, Stamped
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.clock import SimulatedClock
 from wheelchair_gym.hardware.ros.settings import RosSettings
@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 _LOG = logging.getLogger(__name__)
-_LONGEST = 200  # characters of what is said of a bad message
-_BROADCASTERS = 100  # messages that wait: each node tells its own transforms, at once at the start
+_LONGEST = 200  # characters of the description of a bad message
+_BROADCASTERS = 100  # messages that wait: each node sends its transforms at the start
 
 
 class Topic(NamedTuple):
@@ -35,15 +35,15 @@ class Topic(NamedTuple):
 
 
 class RosSensors:
-    """The newest of each topic, and whether it may be driven by.
+    """The newest message of each topic, and whether it is fresh enough to drive.
 
-    Messages come in one thread and are looked at in others: what is handed over is never changed.
+    Messages come in one thread and are read in others: a stored value is never changed.
 
     Args:
         settings: topics, frames, limits.
         sensors: what a scan must look like.
-        on_map: a pose on the map, by tf, is one of the things that the chair is driven by.
-        clock: simulated time, by which all is measured; None: it is real.
+        on_map: driving needs a pose on the map, by tf.
+        clock: simulated time, for ages; None: real time.
     """
 
     def __init__(
@@ -82,15 +82,15 @@ class RosSensors:
         self.clear()
 
     def clear(self) -> None:
-        """Nothing was heard; mounts, which are told once, stay known."""
-        self._heard: dict[str, Stamped] = {}
+        """Forget all messages but static transforms, which are sent once."""
+        self._newest: dict[str, Stamped] = {}
         self._moved: dict[str, tuple[str, Array, float]] = {}  # child: parent, pose, when
-        self._arrivals: dict[str, ClockSync] = {}
+        self._clocks: dict[str, ClockSync] = {}
         self._wrong: dict[str, str] = {}  # topic: what was wrong with its last message
         self._warned: set[str] = set()
 
     def receive(self, topic: str, message: Any, came: float) -> None:
-        """Take in a message, or note what is wrong with it; runs in the link's thread."""
+        """Store a message, or what is wrong with it; runs in the link's thread."""
         if topic not in self.topics:
             return
         s = self.settings
@@ -112,7 +112,7 @@ class RosSensors:
                 if topic == s.scan:
                     self._laser = str(message["header"]["frame_id"]).lstrip("/")
                 stamp = ros.stamp(message["header"])
-                self._heard[topic] = Stamped(value, self._taken(topic, stamp, came))
+                self._newest[topic] = Stamped(value, self._made_at(topic, stamp, came))
             self._wrong.pop(topic, None)
         except KeyError as error:
             self._refuse(topic, f"lacks {error}")
@@ -121,11 +121,11 @@ class RosSensors:
         except (AttributeError, IndexError, OverflowError, TypeError):
             self._refuse(topic, "is not made as its type says")
 
-    def _taken(self, topic: str, stamp: float, came: float) -> float:
-        """When a message was made that came then, by the clock that all is measured by."""
+    def _made_at(self, topic: str, stamp: float, came: float) -> float:
+        """When a message was made that came then, by the clock of all ages."""
         if self.clock is not None:
             return self.clock.host_time(stamp)
-        clock = self._arrivals.setdefault(topic, ClockSync(self.settings.limits.clock_drift))
+        clock = self._clocks.setdefault(topic, ClockSync(self.settings.limits.clock_drift))
         return clock.host_time(stamp, came)
 
     def _refuse(self, topic: str, why: str) -> None:
@@ -135,74 +135,69 @@ class RosSensors:
             _LOG.warning("a message of %s %s; it is not used", topic, why)
 
     def stale(self, now: float) -> str:
-        """Which of what the chair is driven by is too old or missing; empty: nothing."""
+        """Which data that driving needs are too old or missing; empty: none."""
         if self.clock is not None and (why := self.clock.stopped):
             return why
         for topic, one in self.topics.items():
-            if now - self._heard.get(topic, NEVER).measured_at > one.max_age:
+            if now - self._newest.get(topic, NEVER).measured_at > one.max_age:
                 return self.describe_silence(topic)
         if self.on_map:
-            place = self.map_pose()
-            if place is None or now - place.measured_at > self.settings.limits.pose:
+            pose = self.map_pose()
+            if pose is None or now - pose.measured_at > self.settings.limits.pose:
                 return self.describe_missing_pose()
         return ""
 
     @property
     def odometry(self) -> tuple[Array, Array]:
         """Pose (3,) and twist (2,)."""
-        told: tuple[Array, Array] = self._heard[self.settings.odometry].value
-        return told
+        odometry: tuple[Array, Array] = self._newest[self.settings.odometry].value
+        return odometry
 
     @property
     def map(self) -> Any:
         """The map, or None."""
-        return self._heard.get(self.settings.map, Stamped(None, 0.0)).value
+        return self._newest.get(self.settings.map, Stamped(None, 0.0)).value
 
     @property
     def battery(self) -> float:
         """[V], or NaN."""
-        return float(self._heard.get(self.settings.battery, NEVER).value)
+        return float(self._newest.get(self.settings.battery, NEVER).value)
 
     def describe_silence(self, topic: str) -> str:
-        """That a topic is silent, and what was wrong with what it said last."""
+        """That a topic is silent, and what was wrong with its last message."""
         wrong = self._wrong.get(topic)
-        said = f"{topic} is silent" + (f" (its last message {wrong})" if wrong else "")
-        if not wrong and topic not in self._heard:
-            said += ": does its node run, is this its name?"
+        text = f"{topic} is silent" + (f" (its last message {wrong})" if wrong else "")
+        if not wrong and topic not in self._newest:
+            text += ": does its node run, is this its name?"
         if self._simulated and self.clock is None:
-            said += (
-                f"; {self.settings.clock} tells simulated time: for a simulation set use_sim_time"
-            )
-        return said
+            text += f"; {self.settings.clock} has simulated time: for a simulation set use_sim_time"
+        return text
 
     def describe_missing_pose(self) -> str:
         """That tf does not lead from the map to the chair."""
         s = self.settings
-        return f"{s.tf} does not tell where {s.base_frame} is on {s.map_frame}"
+        return f"{s.tf} does not report where {s.base_frame} is on {s.map_frame}"
 
     def moving(self) -> str:
-        """That the chair moves; empty: it stands."""
+        """That the chair moves; empty: it is at rest."""
         v, w = self.odometry[1]
         moves = max(abs(v), abs(w)) > self.settings.limits.rest_speed
         return f"it does not come to rest ({v:.2f} m/s, {w:.2f} rad/s)" if moves else ""
 
     def map_pose(self) -> Stamped | None:
-        """The pose (3,) on the map that tf tells, as old as the oldest transform on the way."""
+        """The pose (3,) on the map by tf, as old as the oldest transform of its chain."""
         return self._chain(self.settings.base_frame, self.settings.map_frame)
 
     def laser_mount_error(self) -> str:
-        """That tf has the laser elsewhere than the settings; empty: it has not, or is silent."""
-        told = self._chain(self._laser, self.settings.base_frame)
+        """That the laser's pose in tf is not that of the settings; empty: it is, or is unknown."""
+        mount = self._chain(self._laser, self.settings.base_frame)
         laser = self.sensors.laser
-        if told is None:
+        if mount is None:
             return ""
-        apart = relative_pose((laser.x, laser.y, laser.yaw), told.value)
-        if (
-            np.hypot(*apart[:2]) <= self.settings.mount_tolerance
-            and abs(apart[2]) <= self.settings.mount_tolerance
-        ):
+        apart = relative_pose((laser.x, laser.y, laser.yaw), mount.value)
+        if max(np.hypot(*apart[:2]), abs(apart[2])) <= self.settings.mount_tolerance:
             return ""
-        x, y, yaw = told.value
+        x, y, yaw = mount.value
         return (
             f"{self.settings.tf} has the laser at ({x:.2f}, {y:.2f}) m, {math.degrees(yaw):.0f} "
             f"deg; sensors.laser says ({laser.x:.2f}, {laser.y:.2f}) m, "
@@ -212,23 +207,23 @@ class RosSensors:
     def _chain(self, frame: str, root: str) -> Stamped | None:
         """The pose (3,) of a frame in one above it."""
         edges = {**self._rigid, **self._moved}
-        pose, taken = np.zeros(3), math.inf
+        pose, oldest = np.zeros(3), math.inf
         for _ in range(len(edges) + 1):
             if frame == root:
-                return Stamped(pose, taken)
+                return Stamped(pose, oldest)
             if frame not in edges:
                 return None
             frame, edge, when = edges[frame]
-            pose, taken = compose(edge, pose), min(taken, when)
-        return None  # round in a circle
+            pose, oldest = compose(edge, pose), min(oldest, when)
+        return None  # the transforms form a cycle
 
     def ranges(self, now: float) -> tuple[Floats, Floats, Floats]:
         """Laser, ultrasonics and their ages; what is too old is invalid."""
         s = self.settings
-        scan = self._heard[s.scan]
+        scan = self._newest[s.scan]
         fresh = now - scan.measured_at <= s.limits.scan
         laser = scan.value if fresh else np.full_like(scan.value, np.nan)
-        heard = [self._heard.get(topic, NEVER) for topic in s.ultrasonic] or [NEVER] * RANGERS
-        ages = np.array([now - one.measured_at for one in heard], np.float32)
-        values = np.array([one.value for one in heard], np.float32)
+        newest = [self._newest.get(topic, NEVER) for topic in s.ultrasonic] or [NEVER] * RANGERS
+        ages = np.array([now - one.measured_at for one in newest], np.float32)
+        values = np.array([one.value for one in newest], np.float32)
         return laser, np.where(ages <= s.limits.ultrasonic, values, np.float32(np.nan)), ages

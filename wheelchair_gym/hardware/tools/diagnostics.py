@@ -1,4 +1,4 @@
-"""What a technician looks at: is all there, does all answer, how often, how late."""
+"""A technician's diagnostics: whether all parts are there, answer, how often and how late."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from wheelchair_gym.hardware.boards.protocol import (
     RangeStatus,
     Switch,
 )
-from wheelchair_gym.hardware.boards.senses import BoardSensors
+from wheelchair_gym.hardware.boards.senses import POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.control_loop import Clock
 
-POLL_PERIOD = 0.005  # s between two looks at the lines
-WATCH = 3.0  # s that all is watched for rates
-PATIENCE = 3.0  # s for the first word of each
-LATE = 0.03  # s from a command to the odometry that tells of it: its period of 20 ms, and the line
+WATCH = 3.0  # s for which rates are measured
+PATIENCE = 3.0  # s for the first message of each part
+LATE = 0.03  # s from a command to odometry that echoes it: its period of 20 ms, and the line
 RATES = {"odometry": 50.0, "ultrasonic": 1.0 / 0.06, "scan": 40.0}  # Hz
-AMISS = 0.1  # share by which a rate may be off
-SEEN = 0.3  # least share of beams with an echo: else the laser looks into nothing, or is covered
-_WHO = {"odometry": "drive board", "ultrasonic": "range board", "scan": "laser"}
+TOLERANCE = 0.1  # maximum relative error of a rate
+ECHOES = 0.3  # least share of beams with an echo: with fewer, the laser may be covered
+_PARTS = {"odometry": "drive board", "ultrasonic": "range board", "scan": "laser"}
+_BOARDS = {"drive": ("odometry", Board.DRIVE_BOARD), "range": ("ultrasonic", Board.RANGE_BOARD)}
 
 
 class Finding(NamedTuple):
@@ -43,39 +43,35 @@ class Finding(NamedTuple):
     advice: str = ""  # what to look at where it is not good
 
 
-Press = Callable[[str], None]
-
-
 class Diagnostics:
-    """Looks a chair over, at rest; it sends no command but zero, and needs no re-arm.
+    """Checks a chair at rest; it sends no command but zero, and needs no re-arm.
 
     Args:
         senses: the lines.
-        clock: whose time it is.
-        wanted: parameters by board, see `HardwareChair.wanted`.
+        clock: real or simulated time.
+        wanted: parameters by board, see `HardwareChair.parameters`.
     """
 
     def __init__(
         self, senses: BoardSensors, clock: Clock, wanted: dict[str, dict[str, float]]
     ) -> None:
         self.senses, self.clock, self.wanted = senses, clock, wanted
+        self.lines: dict[str, Link | None] = {"odometry": senses.drive, "ultrasonic": senses.range}
 
-    def run(self, ask: Press | None = None, patience: float = 30.0) -> list[Finding]:
-        """All findings, in the order in which a technician mends them.
+    def run(
+        self, ask: Callable[[str], None] | None = None, patience: float = 30.0
+    ) -> list[Finding]:
+        """All findings, in the order in which a technician repairs them.
 
         Args:
-            ask: tells a person what to do (the emergency stop is pressed and let go); None: it is
-                not tried.
+            ask: asks a person to press and release the emergency stop; None: it is not tested.
             patience: s that the person has for it.
         """
-        heard = self._wait(lambda: not self._missing(), PATIENCE)
+        self._wait(lambda: not self._missing(), PATIENCE)
         found = [self._line(name) for name in self._parts()]
         if "odometry" in self._missing():
             return found
-        found += self._identities()
-        found += self._rates()
-        if heard or "odometry" not in self._missing():
-            found += self._drive()
+        found += self._identities() + self._rates() + self._drive()
         if self.senses.range and "ultrasonic" not in self._missing():
             found += self._rangers()
         if "scan" not in self._missing():
@@ -85,79 +81,65 @@ class Diagnostics:
         return found
 
     def _parts(self) -> list[str]:
-        return ["odometry", *(["ultrasonic"] if self.senses.range else []), "scan"]
+        return [name for name in _PARTS if name != "ultrasonic" or self.senses.range]
 
     def _missing(self) -> list[str]:
         ages = self.senses.ages(self.clock.now())
         return [name for name in self._parts() if not math.isfinite(ages[name])]
 
-    def _wait(self, true: Callable[[], bool], seconds: float) -> bool:
-        end = self.clock.now() + seconds
-        while self.clock.now() < end:
-            self.senses.poll()
-            if true():
-                return True
-            self.clock.wait(self.clock.now() + POLL_PERIOD)
-        return False
+    def _wait(self, condition: Callable[[], bool], seconds: float) -> bool:
+        return self.senses.wait_for(self.clock, condition, seconds)
 
     def _line(self, name: str) -> Finding:
-        own, senses = self.senses.settings, self.senses
-        url = {"odometry": own.drive_port, "ultrasonic": own.range_port, "scan": own.laser_port}[
-            name
-        ]
-        lines = {"odometry": senses.drive, "ultrasonic": senses.range, "scan": senses.laser}
-        line = lines[name]
-        why = "" if line is None else line.error
-        mismatch = line.mismatch if isinstance(line, Link) else ""
-        silent = name in self._missing()
-        found = (why or mismatch or "open, but silent") if silent else "open"
-        if line is senses.laser:
-            advice = "its cable, its power, its address"
-        else:  # what is known of a port that cannot be opened says itself what to do
-            advice = "" if why or mismatch else silent_advice()
-        return Finding(
-            _WHO[name], "line", found if found.startswith(url) else f"{url}: {found}",
-            not silent, advice,
-        )  # fmt: skip
+        senses, ports = self.senses, self.senses.settings
+        silent, link = name in self._missing(), self.lines.get(name)
+        if name == "scan":
+            url, why, advice = ports.laser_port, senses.laser.error, "its cable, power, address"
+        else:
+            url = ports.drive_port if name == "odometry" else ports.range_port
+            why = "" if link is None else link.error or link.mismatch
+            advice = "" if why else silent_advice()  # the error of a port holds its own advice
+        found = (why or "open, but silent") if silent else "open"
+        text = found if found.startswith(url) else f"{url}: {found}"
+        return Finding(_PARTS[name], "line", text, not silent, advice)
 
     def _identities(self) -> list[Finding]:
         found = []
-        for name, link, board in (
-            ("drive", self.senses.drive, Board.DRIVE_BOARD),
-            ("range", self.senses.range, Board.RANGE_BOARD),
-        ):
-            if link is None or (name == "range" and "ultrasonic" in self._missing()):
+        for name, (data, board) in _BOARDS.items():
+            link, part = self.lines[data], f"{name} board"
+            if link is None or data in self._missing():
                 continue
             link.send(Identify())
             self._wait(lambda n=name: n in self.senses.identities, 0.5)  # type: ignore[misc]
-            told = self.senses.identities.get(name)
-            if told is None:
-                found.append(Finding(f"{name} board", "firmware", "tells nothing", False, "flash"))
+            identity = self.senses.identities.get(name)
+            if identity is None:
+                found.append(Finding(part, "firmware", "does not identify itself", False, "flash"))
                 continue
-            text = f"{told.parameters} parameters, reset cause 0x{told.cause:02x}"
-            text += ", stored" if told.stored else ", defaults"
-            good = told.board == board
+            text = f"{identity.parameters} parameters, reset cause 0x{identity.cause:02x}"
+            text += ", stored" if identity.stored else ", defaults"
+            good = identity.board == board
             swapped = "" if good else "it is the other board: swap the two devices in the config"
-            found.append(Finding(f"{name} board", "firmware", text, good, swapped))
-            wanted = self.wanted[name]
-            self._wait(lambda n=name, w=wanted: not self._unsure(n, w), 3.0)  # type: ignore[misc]
-            differs = self.senses.parameter_mismatch(name, wanted)
-            found.append(
-                Finding(
-                    f"{name} board", "parameters", differs or "as the config says", not differs,
-                    "wheelchair hardware setup",
-                )
-            )  # fmt: skip
+            found.append(Finding(part, "firmware", text, good, swapped))
+            differs = self._mismatch(name)
+            text, advice = differs or "as the config says", "wheelchair hardware setup"
+            found.append(Finding(part, "parameters", text, not differs, advice))
         return found
 
-    def _unsure(self, name: str, wanted: dict[str, float]) -> bool:
-        """Whether parameters are still asked for."""
-        return "does not tell" in self.senses.parameter_mismatch(name, wanted)
+    def _mismatch(self, board: str) -> str:
+        """How a board's parameters differ from the wanted ones, once all are reported."""
+        table, wanted = self.senses.parameters[board], self.wanted[board]
+
+        def complete() -> bool:
+            differs = table.mismatch(wanted)  # requests what is missing
+            return not differs or table.reported.keys() >= wanted.keys()
+
+        self._wait(complete, 3.0)
+        return table.mismatch(wanted)
 
     def _rates(self) -> list[Finding]:
         senses, counts = self.senses, dict.fromkeys(self._parts(), 0)
         latest: dict[str, float] = {}
-        late, sequence, sent = [], None, 0.0
+        delays, sequence, sent = [], None, 0.0
         begun = self.clock.now()
         while self.clock.now() - begun < WATCH:
             if sequence is None:
@@ -169,50 +151,38 @@ class Diagnostics:
                     latest[name] = stamp
                     counts[name] += 1
             if math.isfinite(senses.ages(now)["odometry"]) and senses.odometry.echo == sequence:
-                late.append(now - sent)
+                delays.append(now - sent)
                 sequence = None
             self.clock.wait(now + POLL_PERIOD)
-        found = []
+        found, advice = [], "a busy computer or USB hub; a wrong device"
         for name, count in counts.items():
-            if name in self._missing():
-                continue
-            rate, right = count / WATCH, RATES[name]
-            good = abs(rate - right) <= AMISS * right
-            found.append(
-                Finding(
-                    _WHO[name], "rate", f"{rate:.1f} Hz, expected {right:.1f}", good,
-                    "a busy computer or USB hub; a wrong device",
-                )
-            )  # fmt: skip
-        p99 = float(np.quantile(late, 0.99)) if late else math.inf
-        found.append(
-            Finding(
-                "drive board", "answer to a command", f"{1e3 * p99:.0f} ms (99 % of {len(late)})",
-                p99 <= LATE + POLL_PERIOD, "USB latency timer, a busy computer",
-            )
-        )  # fmt: skip
+            if name not in self._missing():
+                rate, expected = count / WATCH, RATES[name]
+                good = abs(rate - expected) <= TOLERANCE * expected
+                text = f"{rate:.1f} Hz, expected {expected:.1f}"
+                found.append(Finding(_PARTS[name], "rate", text, good, advice))
+        p99 = float(np.quantile(delays, 0.99)) if delays else math.inf
+        text, good = f"{1e3 * p99:.0f} ms (99 % of {len(delays)})", p99 <= LATE + POLL_PERIOD
+        advice = "USB latency timer, a busy computer"
+        found.append(Finding("drive board", "answer to a command", text, good, advice))
         bad = senses.drive.statistics.bad + (senses.range.statistics.bad if senses.range else 0)
         found.append(Finding("both boards", "frames refused", str(bad), bad == 0, "cable, ground"))
         return found
 
     def _drive(self) -> list[Finding]:
-        told, empty = self.senses.odometry, self.wanted["drive"]["under_voltage"]
-        faults, switches = Fault(told.faults), Switch(told.switches)
-        standing = faults & ~(Fault.RESET | Fault.LINK | Fault.STORE)
+        state, empty = self.senses.odometry, self.wanted["drive"]["under_voltage"]
+        faults, switches = Fault(state.faults), Switch(state.switches)
+        serious = faults & ~(Fault.RESET | Fault.LINK | Fault.STORE)
+        voltage = f"{state.battery:.1f} V, empty at {empty:g}"
+        mode = f"{Mode(state.mode).name}, faults {flag_names(faults)}"
+        advice = "what is named, or its broken wire"
         return [
             Finding(
-                "battery", "voltage", f"{told.battery:.1f} V, empty at {empty:g}",
-                told.battery > empty, "charge it; divider of A0",
+                "battery", "voltage", voltage, state.battery > empty, "charge it; divider of A0"
             ),
-            Finding(
-                "drive board", "state", f"{Mode(told.mode).name}, faults {flag_names(faults)}",
-                not standing, "see 'How it stops' in the README",
-            ),
-            Finding(
-                "switches", "pressed", flag_names(switches), not switches,
-                "what is named, or its broken wire",
-            ),
-        ]  # fmt: skip
+            Finding("drive board", "state", mode, not serious, "see 'How it stops' in the README"),
+            Finding("switches", "pressed", flag_names(switches), not switches, advice),
+        ]
 
     def _rangers(self) -> list[Finding]:
         found = []
@@ -225,35 +195,30 @@ class Diagnostics:
         return found
 
     def _laser(self) -> list[Finding]:
-        specs, misfit = self.senses.laser.specs, self.senses.laser_mismatch()
+        specs, mismatch = self.senses.laser.specs, self.senses.laser_mismatch()
         laser, _, _ = self.senses.ranges(self.clock.now())
         share = float(np.isfinite(laser).mean())
-        model = "unknown" if specs is None else specs.model
+        fan = mismatch or f"{'unknown' if specs is None else specs.model}: as the config says"
+        advice = "its window; or nothing stands within reach"
         return [
-            Finding("laser", "fan", misfit or f"{model}: as the config says", not misfit, "config"),
-            Finding(
-                "laser", "beams with an echo", f"{share:.0%}", share >= SEEN,
-                "its window; or nothing stands within reach",
-            ),
-        ]  # fmt: skip
+            Finding("laser", "fan", fan, not mismatch, "config"),
+            Finding("laser", "beams with an echo", f"{share:.0%}", share >= ECHOES, advice),
+        ]
 
-    def _emergency_stop(self, ask: Press, patience: float) -> list[Finding]:
+    def _emergency_stop(self, ask: Callable[[str], None], patience: float) -> list[Finding]:
         def pressed() -> bool:
             return bool(self.senses.odometry.switches & Switch.STOP_PRESSED)
 
+        def latched() -> bool:
+            return bool(self.senses.odometry.faults & Fault.EMERGENCY_STOP)
+
         ask("press the emergency stop")
         down = self._wait(pressed, patience)
-        latched = down and self._wait(
-            lambda: bool(self.senses.odometry.faults & Fault.EMERGENCY_STOP), 0.2
-        )
+        good = down and self._wait(latched, 0.2)
         if down:
             ask("let it go")
-        up = down and self._wait(lambda: not pressed(), patience)
-        still = up and self.senses.odometry.mode == Mode.STOPPED
-        said = "seen, latched, let go" if still and latched else "pressed" if down else "not seen"
-        return [
-            Finding(
-                "emergency stop", "second contact", said, bool(still and latched),
-                "contact at pin 37, closed to ground when let go",
-            )
-        ]  # fmt: skip
+            good &= self._wait(lambda: not pressed(), patience)
+            good &= self.senses.odometry.mode == Mode.STOPPED
+        text = "seen, latched, let go" if good else "pressed" if down else "not seen"
+        advice = "contact at pin 37, closed to ground when let go"
+        return [Finding("emergency stop", "second contact", text, good, advice)]

@@ -1,8 +1,7 @@
-"""Counts of a metre: a straight way, by the counts of the wheels and by laser or tape.
+"""Encoder counts per metre: a straight run, measured by the wheels' counts and by laser or tape.
 
-The laser needs a flat wall ahead: how far the axle's centre came is what the wall came nearer. The
-way by the counts is reckoned with the counts per metre that the chair believes, which the ratio of
-the two corrects.
+The laser needs a flat wall ahead, whose distance from the axle's centre changes with the run. The
+ratio of both distances corrects the counts per metre of the chair's odometry.
 """
 
 from __future__ import annotations
@@ -22,21 +21,21 @@ from wheelchair_gym.localization.scan import read_scan
 
 Array = NDArray[np.float64]
 
-SPEED = 0.15  # m/s as the chair believes: with a tenth of its counts it would be 1.5, at SLOW 0.5
-SLOW = 0.05  # m/s for the first FEEL metres, which tell by the laser how fast it really is
+SPEED = 0.15  # m/s by odometry: 1.5 with a tenth of the true counts per metre, 0.5 at SLOW
+SLOW = 0.05  # m/s for the first FEEL metres, after which the laser shows the true speed
 FEEL = 0.05  # m
-ROOM = 0.6  # m that stay free ahead of the footprint, and at its sides HALF
-HALF = 0.1  # m
-LEAST = 0.4  # m of way, below which the laser's noise would count
-TIMES = 10.0  # most that counted and measured may differ: beyond, something else is wrong
-ASKEW = 0.02  # share that one wheel may roll further than the other
-SPREAD = 0.02  # share that runs may differ
+ROOM = 0.6  # m that stay free ahead of the footprint,
+HALF = 0.1  # m and beside it
+LEAST = 0.4  # m: the laser's noise matters in shorter runs
+TIMES = 10.0  # greatest ratio of counted and measured distance
+ASKEW = 0.02  # greatest relative difference of the wheels' travel
+SPREAD = 0.02  # greatest relative difference between runs
 _SCANS, _PATIENCE = 10, 3.0  # scans of a wall, and s for them
 _FAN = math.radians(12.0)  # to each side of ahead
-_FLAT = 0.02  # m: root mean square of echoes about a wall; the laser's noise is 15 mm
-_SHARE = 0.7  # of echoes that must lie on it
-_TURNED = math.radians(25.0)  # most that it may be turned from facing the chair
-_SECONDS = 60.0  # for a run
+_FLAT = 0.02  # m: root mean square distance of echoes from a wall; the laser's noise is 15 mm
+_SHARE = 0.7  # least share of echoes on the wall
+_TURNED = math.radians(25.0)  # greatest angle between heading and wall normal
+_SECONDS = 60.0  # s for a run
 
 
 class Wall(NamedTuple):
@@ -47,34 +46,34 @@ class Wall(NamedTuple):
 
 
 class Run(NamedTuple):
-    """A straight way."""
+    """A straight run."""
 
-    odometry: float  # m, as the chair believes
+    odometry: float  # m
     measured: float  # m
 
 
 class Distance(NamedTuple):
-    """What runs told."""
+    """The result of runs."""
 
     counts_per_metre: float  # mean
     deviation: float  # standard deviation of one run; 0 of a single one
-    before: float  # what was believed
+    before: float  # of the present odometry
     runs: tuple[Run, ...]
 
 
 def calibrate_distance(runs: Sequence[Run], believed: float) -> Distance:
-    """Counts of a metre.
+    """Counts per metre.
 
     Args:
         runs: at least one.
-        believed: counts of a metre by which ways were counted.
+        believed: counts per metre of the runs' odometry.
 
     Raises:
         ValueError: a run is implausible, or they differ by more than `SPREAD`.
     """
     for run in runs:
         if not (math.isfinite(run.measured) and run.measured > 0.0):
-            raise ValueError(f"a way of {run.measured:g} m was measured; expected more than 0")
+            raise ValueError(f"a distance of {run.measured:g} m was measured; expected more than 0")
         if run.odometry < LEAST / TIMES or not 1.0 / TIMES <= run.odometry / run.measured <= TIMES:
             raise ValueError(
                 f"{run.measured:.3f} m were measured and {run.odometry:.3f} m counted: more than "
@@ -108,9 +107,7 @@ def fit_wall(echoes: Array) -> Wall:
         near = near & (off < 3.0 * _FLAT) if (off < 3.0 * _FLAT).sum() >= 20 else near
     rms = float(np.sqrt(np.mean(off[near] ** 2)))
     if near.mean() < _SHARE or rms > _FLAT:
-        raise ValueError(
-            "what the laser sees ahead is no flat wall: face one, or use a tape (--tape)"
-        )
+        raise ValueError("the laser finds no flat wall ahead: face one, or use a tape (--tape)")
     bearing = -math.atan(slope)
     if abs(bearing) > _TURNED:
         raise ValueError(
@@ -121,12 +118,12 @@ def fit_wall(echoes: Array) -> Wall:
 
 
 def measure_wall(senses: BoardSensors, clock: Clock, poll: Callable[[], object]) -> Wall:
-    """The wall ahead of a chair that stands.
+    """The wall ahead of a chair at rest.
 
     Args:
         senses: its lines.
-        clock: whose time it is.
-        poll: takes in what has come, where nobody else does.
+        clock: real or simulated time.
+        poll: reads the lines, if no chair does.
 
     Raises:
         ValueError: there is none, or too few scans come.
@@ -154,56 +151,58 @@ def _ahead(senses: BoardSensors, ranges: NDArray[np.float32]) -> Array:
 
 
 def distance_moved(before: Wall, after: Wall, pose: Array) -> float:
-    """How far [m] a chair came whose wheels say (3,) that it came to a pose, by a wall."""
-    way = math.hypot(pose[0], pose[1])
-    if way < 1e-6:
+    """How far [m] a chair moved, by the wall before and after, to a pose (3,) by odometry."""
+    counted = math.hypot(pose[0], pose[1])
+    if counted < 1e-6:
         raise ValueError("the wheels did not turn, or nothing was counted")
     if abs(float(wrap_angle(before.bearing - after.bearing))) > _TURNED:
-        raise ValueError("it turned on its way; expected a straight one")
-    along = (pose[0] * math.cos(before.bearing) + pose[1] * math.sin(before.bearing)) / way
+        raise ValueError("it turned during the run; expected a straight one")
+    along = (pose[0] * math.cos(before.bearing) + pose[1] * math.sin(before.bearing)) / counted
     return abs(float((before.distance - after.distance) / along))
 
 
-def check_straight(ways: Array) -> None:
-    """Refuse ways (2,) [m] of left and right wheel that are not those of a straight run.
+def check_straight(travel: Array) -> None:
+    """Check that wheels that travel (2,) [m] left and right made a straight run.
 
     Raises:
-        ValueError: they are not.
+        ValueError: they did not.
     """
-    left, right = ways.tolist()
+    left, right = travel.tolist()
     if abs(left - right) > ASKEW * max(abs(left), abs(right)) + 0.01:
         raise ValueError(
             f"the left wheel counted {left:.3f} m and the right {right:.3f} m; expected a straight "
-            "way: is an encoder loose, do tyres differ?"
+            "run: is an encoder loose, do tyres differ?"
         )
 
 
 def drive_run(
-    chair: HardwareChair, way: float, back: bool, measured: Callable[[float], float] | None
+    chair: HardwareChair, distance: float, back: bool, measured: Callable[[float], float] | None
 ) -> Run:
-    """Drive a straight way; a person re-arms first, where it is not armed.
+    """Drive a straight run, once a person has re-armed the chair.
 
-    It ends after the way, by the laser as well as by the counts, or `ROOM` before what is ahead.
+    The run ends after the distance, by the laser or by the counts, or `ROOM` before an obstacle.
 
     Args:
-        chair: faces a wall; what is ahead of it is free.
-        way: [m].
-        back: backwards: over a way that it has just come.
-        measured: asks for the way [m] by tape, told what was counted; None: the laser tells.
+        chair: faces a wall, with free space ahead.
+        distance: [m].
+        back: backwards, over the ground of the run before.
+        measured: asks a person for the distance [m] by tape, given that by the counts; None: the
+            laser measures it.
 
     Raises:
         InputError: the chair does not get ready.
-        ValueError: it was stopped under way, there is no wall or no room, or it was not straight.
+        ValueError: the chair stopped before the end, there is no wall or too little free space, or
+            the run was not straight.
     """
     reading = chair.reset(None, 0)  # type: ignore[arg-type]
     senses, clock = chair.senses, chair.clock
-    start, (_, ways) = reading.pose, senses.odometer.at(clock.now())
+    start, (_, travel) = reading.pose, senses.odometer.at(clock.now())
     wall = measure_wall(senses, clock, lambda: None) if measured is None else None
     gap = _gap(chair, reading.laser) - ROOM
-    if not back and gap < min(way, LEAST):
+    if not back and gap < min(distance, LEAST):
         raise ValueError(
             f"{max(0.0, gap + ROOM):.2f} m are free ahead; expected at least "
-            f"{min(way, LEAST) + ROOM:.2f} m"
+            f"{min(distance, LEAST) + ROOM:.2f} m"
         )
     begun, sign, done = clock.now(), -1.0 if back else 1.0, 0.0
     while True:
@@ -211,22 +210,23 @@ def drive_run(
         counted = abs(float(pose[0]))
         if wall is not None:
             done = sign * (wall.distance - _nearest(senses, reading.laser, wall))
-        if done >= way or (wall is None and counted >= way) or counted >= TIMES * way:
+        moved = counted if wall is None else done
+        if moved >= distance or counted >= TIMES * distance:
             break
         if not back and _gap(chair, reading.laser) < ROOM:
             break
         if clock.now() - begun > _SECONDS:
-            raise ValueError(f"{way:g} m were not done within {_SECONDS:g} s")
-        fast = SPEED if max(done, 0.0 if wall is not None else counted) > FEEL else SLOW
+            raise ValueError(f"{distance:g} m were not done within {_SECONDS:g} s")
+        fast = SPEED if moved > FEEL else SLOW
         if wall is not None and counted > 1e-3 and done > FEEL:
-            fast *= min(2.0, counted / done)  # it is faster or slower than it believes
+            fast *= min(2.0, counted / done)  # to the true speed
         turn = -2.0 * float(wrap_angle(pose[2])) - sign * 1.0 * float(pose[1])
         reading = chair.drive(np.array([sign * fast, max(-0.1, min(0.1, turn))]))
         if reading.halted:
-            raise ValueError(f"the way was not driven to its end: {reading.halted}")
+            raise ValueError(f"the run was not driven to its end: {reading.halted}")
     for _ in range(10):
         reading = chair.drive(np.zeros(2))
-    check_straight(senses.odometer.at(clock.now())[1] - ways)
+    check_straight(senses.odometer.at(clock.now())[1] - travel)
     pose = relative_pose(start, reading.pose)
     counted = math.hypot(pose[0], pose[1])
     if wall is None:
@@ -236,7 +236,7 @@ def drive_run(
 
 
 def _gap(chair: HardwareChair, ranges: NDArray[np.float32]) -> float:
-    """How much [m] is free ahead of the footprint; 0 where the laser tells nothing."""
+    """Free space [m] ahead of the footprint; 0 without valid ranges."""
     if not np.isfinite(ranges).any():
         return 0.0
     front, _, half = chair.chair.footprint.array
@@ -246,7 +246,7 @@ def _gap(chair: HardwareChair, ranges: NDArray[np.float32]) -> float:
 
 
 def _nearest(senses: BoardSensors, ranges: NDArray[np.float32], wall: Wall) -> float:
-    """About how far [m] a wall is from the axle's centre, by one scan."""
+    """The distance [m] of a wall from the axle's centre, roughly, by one scan."""
     x, y = _ahead(senses, ranges).T
     if len(x) == 0:
         return wall.distance

@@ -1,4 +1,4 @@
-"""How the board's speed control answers a step: for gains of a chair that nobody has tuned."""
+"""The step response of the drive board's speed controller, for tuning its gains."""
 
 from __future__ import annotations
 
@@ -8,65 +8,53 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.hardware.boards.senses import POLL_PERIOD
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.kinematics import twist_of_wheels
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
 
-LOOK = 0.005  # s between two looks at the lines
-BEFORE, AFTER = 0.2, 1.5  # s that are recorded of standing still, and of coming to rest
-SETTLED = 0.05  # share of the step within which a speed counts as settled
+BEFORE, AFTER = 0.2, 1.5  # s that are recorded at rest before the step, and after it
+SETTLED = 0.05  # relative error of a speed that counts as settled
 # Parameter of the drive board -> field of MotorSettings.
 GAINS = {"kp": "kp", "ki": "ki", "kd": "kd", "ka": "ka", "smoothing": "filter_time"}
 
 
 @dataclass(frozen=True)
 class Step:
-    """A recorded step.
+    """A recorded step of the speed [m/s] or of the turn rate [rad/s]."""
 
-    Attributes:
-        times: (n,) s.
-        asked: (n,) set point in the middle of the axle or at the turn [m/s or rad/s].
-        done: (n,) what the wheels did.
-        duties: (n, 2).
-        size: of the step.
-        ended: s, when it was taken back.
-    """
-
-    times: Array
-    set_point: Array
-    measured: Array
-    duties: Array
+    times: Array  # (n,) s
+    set_point: Array  # (n,)
+    measured: Array  # (n,)
+    duties: Array  # (n, 2)
     size: float
-    duration: float
+    duration: float  # s
 
     @property
     def figures(self) -> dict[str, float]:
-        """Lag behind the set point [s], overshoot [share], error at the end and RMS, settling [s].
+        """Lag [s], relative overshoot, end error and RMS error, and settling time [s].
 
-        The set point rises within the chair's limits of acceleration and jerk: what counts is how
-        the wheels follow it.
+        They compare the wheels with the set point, which rises within the chair's limits of
+        acceleration and jerk.
         """
         up = (self.times >= 0.0) & (self.times < self.duration)
-        t, asked, done = (
-            self.times[up],
-            self.set_point[up] / self.size,
-            self.measured[up] / self.size,
-        )
+        t, target = self.times[up], self.set_point[up] / self.size
+        speed = self.measured[up] / self.size
         last = t > self.duration - 0.3
-        off = np.flatnonzero(np.abs(done - 1.0) > SETTLED)
+        off = np.flatnonzero(np.abs(speed - 1.0) > SETTLED)
         return {
-            "lag_s": _crossing(t, done) - _crossing(t, asked),
-            "overshoot": float(max(0.0, done.max() - 1.0)),
-            "end_error": float(abs(done[last].mean() - 1.0)) if last.any() else math.nan,
-            "rms_error": float(np.sqrt(np.mean((done - asked) ** 2))),
+            "lag_s": _crossing(t, speed) - _crossing(t, target),
+            "overshoot": float(max(0.0, speed.max() - 1.0)),
+            "end_error": float(abs(speed[last].mean() - 1.0)) if last.any() else math.nan,
+            "rms_error": float(np.sqrt(np.mean((speed - target) ** 2))),
             "settled_s": float(t[off[-1]]) if len(off) else 0.0,
         }
 
 
 def _crossing(times: Array, values: Array) -> float:
-    """When half of the step is done [s]."""
+    """When half of the step is reached [s]."""
     past = np.flatnonzero(values >= 0.5)
     return float(times[past[0]]) if len(past) else math.nan
 
@@ -74,18 +62,18 @@ def _crossing(times: Array, values: Array) -> float:
 def step_response(
     chair: HardwareChair, episode: Episode, size: float, seconds: float, turn: bool = False
 ) -> Step:
-    """Drive a step and record it; a person re-arms first. The way ahead must be free.
+    """Drive a step and record it, once a person has re-armed the chair; ahead must be free space.
 
     Args:
-        chair: any.
-        episode: is not looked at by a real chair.
-        size: of the step [m/s, or rad/s where it turns].
-        seconds: it is held.
-        turn: it turns in place.
+        chair: real, or the twin's.
+        episode: a real chair ignores it.
+        size: of the step [m/s, or rad/s].
+        seconds: duration of the step.
+        turn: the step is one of the turn rate.
 
     Raises:
         InputError: the chair does not get ready.
-        ValueError: it was stopped under way, by what the text says.
+        ValueError: the chair stopped before the end; the text says why.
     """
     chair.reset(episode, 0)
     clock, rows = chair.clock, []
@@ -101,12 +89,12 @@ def step_response(
             why = chair.command(twist)
             if why:
                 raise ValueError(f"the step was not driven to its end: {why}")
-            clock.wait(min(until, clock.now() + LOOK))
+            clock.wait(min(until, clock.now() + POLL_PERIOD))
             stamp = chair.senses.stamp_of("odometry")
             if stamp > seen:
-                seen, told = stamp, chair.senses.odometry
-                v, w = twist_of_wheels(told.speed_left, told.speed_right, chair.chair.drive.track)
-                now, asked = (w, told.w) if turn else (v, told.v)
-                rows.append((stamp - begun, asked, now, told.duty_left, told.duty_right))
+                seen, state = stamp, chair.senses.odometry
+                v, w = twist_of_wheels(state.speed_left, state.speed_right, chair.chair.drive.track)
+                speed, set_point = (w, state.w) if turn else (v, state.v)
+                rows.append((stamp - begun, set_point, speed, state.duty_left, state.duty_right))
     table = np.array(rows)
     return Step(table[:, 0], table[:, 1], table[:, 2], table[:, 3:], size, seconds)

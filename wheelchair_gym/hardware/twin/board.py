@@ -1,17 +1,23 @@
-"""One emulated board: firmware on simavr, run to exact cycles, with its pins and its EEPROM."""
+"""An emulated board: firmware built from source, and run on simavr to exact cycles."""
 
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Callable, Mapping
+import hashlib
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.hardware.boards.parameters import DRIVE_PARAMETERS, RANGE_PARAMETERS
+from wheelchair_gym.hardware.boards.parameters import NAMES
 from wheelchair_gym.hardware.boards.protocol import (
     Answer,
     Identify,
@@ -24,8 +30,77 @@ from wheelchair_gym.hardware.boards.protocol import (
     Status,
     encode,
 )
-from wheelchair_gym.hardware.twin.build import build_target
 from wheelchair_gym.types import NotCopyable
+
+FIRMWARE = Path(__file__).resolve().parents[1] / "firmware"
+_SIMAVR = Path("/usr/include/simavr/sim_avr.h")
+# What each target needs to be built.
+_NEEDS = {
+    "drive.elf": ("make", "avr-gcc"),
+    "range.elf": ("make", "avr-gcc"),
+    "libemulator.so": ("make", "cc", "simavr"),
+    "libfirmware.so": ("make", "cc"),
+    "fuzz": ("make", "cc"),
+}
+
+
+def _sources() -> list[Path]:
+    twin = Path(__file__).resolve().parent
+    files = [path for folder in (FIRMWARE, twin) for path in folder.glob("*.[ch]")]
+    return [*sorted(files), FIRMWARE / "Makefile"]
+
+
+@cache
+def _folder() -> Path:
+    """Where these sources are built: each state of the sources has a folder of its own."""
+    digest = hashlib.sha256(b"\0".join(path.read_bytes() for path in _sources())).hexdigest()[:16]
+    cache_home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return cache_home / "wheelchair_gym" / f"firmware-{digest}"
+
+
+def missing_tools(target: str) -> list[str]:
+    """Tools that a target needs and that are not installed; none where it is built already."""
+    if (_folder() / target).exists():
+        return []
+    return [
+        need
+        for need in _NEEDS[target]
+        if not (_SIMAVR.exists() if need == "simavr" else shutil.which(need))
+    ]
+
+
+@cache
+def build_target(target: str) -> Path:
+    """The path of a target of the firmware's Makefile, built if need be.
+
+    Raises:
+        InputError: a compiler or the emulator's library is missing, or the build failed.
+    """
+    path = _folder() / target
+    if path.exists():
+        return path
+    if lacks := missing_tools(target):
+        raise InputError(f"{target} needs {' and '.join(lacks)}: run `make emulator`")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{path.parent}: cannot be made ({error.strerror}); XDG_CACHE_HOME names another place"
+        ) from None
+    # Other processes may build the same target: each builds in a folder of its own, then moves it.
+    with tempfile.TemporaryDirectory(dir=path.parent) as aside:
+        made = subprocess.run(
+            ["make", "-s", "-C", str(FIRMWARE), f"BUILD={aside}", f"{aside}/{target}"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if made.returncode:
+            lines = made.stderr.strip().splitlines()
+            raise InputError(f"{target} was not built: {lines[0] if lines else made.returncode}")
+        os.replace(Path(aside) / target, path)
+    return path
+
 
 FREQUENCY = 16_000_000  # Hz
 CRASHED = 5  # simavr's cpu_Crashed
@@ -87,7 +162,7 @@ class EmulatedBoard(NotCopyable):
         self._board = self._library.board_new(mcu.encode(), elf, FREQUENCY, rates)
         if not self._board:
             raise InputError(f"{target} cannot be run on an emulated {mcu}")
-        self._room = c.create_string_buffer(_READ)
+        self._buffer = c.create_string_buffer(_READ)
         self._ping: Any = None
 
     def run(self, cycle: int) -> None:
@@ -111,26 +186,26 @@ class EmulatedBoard(NotCopyable):
 
     @property
     def overruns(self) -> int:
-        """Bytes that a serial line lost, for nobody took them in time."""
+        """Bytes that a serial line lost because the firmware read too late."""
         return int(self._library.board_overruns(self._board))
 
     def reset(self) -> None:
-        """Start anew, as after power-off; EEPROM stays."""
+        """Restart, as after power-off; the EEPROM keeps its content."""
         self._library.board_reset(self._board)
 
     def hang(self) -> None:
-        """Let the program run in a circle where it stands, until its watchdog timer resets it."""
+        """Let the program hang until its watchdog timer resets it."""
         self._library.board_hang(self._board)
 
     def write(self, data: bytes, line: int = 0) -> None:
-        """Put bytes on the wire of a serial line; they arrive at its rate."""
+        """Send bytes over a serial line; they arrive at its rate."""
         self._library.board_write(self._board, line, data, len(data))
 
     def read(self) -> bytes:
-        """What the board has said since the last call."""
+        """The bytes that the board has sent since the last call."""
         parts = []
-        while count := self._library.board_read(self._board, self._room, _READ):
-            parts.append(self._room.raw[:count])
+        while count := self._library.board_read(self._board, self._buffer, _READ):
+            parts.append(self._buffer.raw[:count])
         return b"".join(parts)
 
     def set_pin(self, port: str, bit: int, high: bool) -> None:
@@ -154,18 +229,18 @@ class EmulatedBoard(NotCopyable):
         return self.read_memory(address) | self.read_memory(address + 1) << 8
 
     def eeprom(self, size: int, offset: int = 0) -> bytes:
-        """What EEPROM holds."""
-        room = c.create_string_buffer(size)
-        self._library.board_eeprom(self._board, offset, room, size, 0)
-        return room.raw
+        """The content of the EEPROM."""
+        content = c.create_string_buffer(size)
+        self._library.board_eeprom(self._board, offset, content, size, 0)
+        return content.raw
 
     def set_eeprom(self, data: bytes, offset: int = 0) -> None:
-        """Change what EEPROM holds."""
-        room = c.create_string_buffer(data, len(data))
-        self._library.board_eeprom(self._board, offset, room, len(data), 1)
+        """Change the content of the EEPROM."""
+        content = c.create_string_buffer(data, len(data))
+        self._library.board_eeprom(self._board, offset, content, len(data), 1)
 
     def on_ping(self, ping: Callable[[int, int], int]) -> None:
-        """Ask for the flight of each shot: ping(sonar, cycle) -> us, 0 no echo, -1 silent.
+        """Set the source of echoes: ping(sonar, cycle) -> flight [us], 0 no echo, -1 silent.
 
         128 is added to the number of an I2C sonar that is only asked whether it is there.
         """
@@ -191,17 +266,17 @@ class EmulatedBoard(NotCopyable):
         return int(self._library.board_waited(self._board, vector, c.byref(count))), count.value
 
     def watch_pin(self, port: str, bit: int) -> None:
-        """Note from now on when a pin changes."""
+        """Record from now on when a pin changes."""
         self._library.board_note(self._board, port.encode(), bit)
 
     def pin_changes(self) -> NDArray[np.uint64]:
-        """Cycles (n,) of the changes of the noted pin since the last call; the last 4,096."""
+        """Cycles (n,) of the changes of the watched pin since the last call; the last 4,096."""
         cycles = np.empty(4096, np.uint64)
         count = self._library.board_notes(self._board, cycles.ctypes.data, len(cycles))
         return cycles[:count]
 
     def close(self) -> None:
-        """Let the board go."""
+        """Free the board."""
         if self._board:
             self._library.board_free(self._board)
             self._board = None
@@ -211,51 +286,40 @@ _BOOT = FREQUENCY // 10  # cycles
 _ANSWER = FREQUENCY // 100
 _SAVED = FREQUENCY  # a byte of EEPROM each control run of 5 ms, at most 32 parameters of 4
 _SIZE = 256  # bytes: more than the largest store
-_NAMES = {"drive.elf": DRIVE_PARAMETERS, "range.elf": RANGE_PARAMETERS}
 
 
+@cache
 def stored_parameters(
-    mcu: str, target: str, bauds: tuple[int, int], wanted: Mapping[str, float]
+    mcu: str, target: str, bauds: tuple[int, int], wanted: tuple[tuple[str, float], ...]
 ) -> bytes:
-    """What EEPROM holds once a host has written these parameters and stored them.
+    """The EEPROM's content after a host has set parameters (name, value) and saved them.
 
-    Args:
-        mcu: see `EmulatedBoard`.
-        target: see `EmulatedBoard`.
-        bauds: see `EmulatedBoard`.
-        wanted: values by name; the others keep the board's own defaults.
+    The board is that of `EmulatedBoard`; its other parameters keep their defaults.
 
     Raises:
         InputError: the board refuses a value.
     """
-    return _stored(mcu, target, bauds, tuple(wanted.items()))
-
-
-@cache
-def _stored(
-    mcu: str, target: str, bauds: tuple[int, int], wanted: tuple[tuple[str, float], ...]
-) -> bytes:
-    board = EmulatedBoard(mcu, target, bauds)
+    board, names = EmulatedBoard(mcu, target, bauds), NAMES[target.removesuffix(".elf")]
     board.run(_BOOT)
     for name, value in wanted:
-        told = _asked(board, Set(_NAMES[target].index(name), value), Parameter)
-        if not isinstance(told, Parameter) or told.status != Status.DONE:
+        answer = _request(board, Set(names.index(name), value), Parameter)
+        if answer is None or answer.status != Status.DONE:
             raise InputError(f"the board refuses {name} = {value:g}")
-    _asked(board, Save(), Answer)
+    _request(board, Save(), Answer)
     board.run(board.cycle + _SAVED)
-    told = _asked(board, Identify(), Identity)
-    if not isinstance(told, Identity) or not told.stored:
+    identity = _request(board, Identify(), Identity)
+    if identity is None or not identity.stored:
         raise InputError("the board does not keep its parameters")
-    kept = board.eeprom(_SIZE)
+    content = board.eeprom(_SIZE)
     board.close()
-    return kept
+    return content
 
 
-def _asked(board: EmulatedBoard, message: Message, kind: type) -> Message | None:
-    """The answer to a message."""
+def _request(board: EmulatedBoard, message: Message, kind: type) -> Any:
+    """The answer of a kind to a message, or None."""
     receiver = Receiver()
     board.read()
     board.write(b"\0" + encode(message, 0))
     board.run(board.cycle + _ANSWER)
-    heard = [frame.message for frame in receiver.feed(board.read())]
-    return next((told for told in heard if isinstance(told, kind)), None)
+    messages = [frame.message for frame in receiver.feed(board.read())]
+    return next((answer for answer in messages if isinstance(answer, kind)), None)

@@ -1,9 +1,8 @@
-"""Words that break the served twin, and mend it again."""
+"""Commands that inject faults into the served twin, and clear them again."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 
 from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.twin.lockstep import Faults, JoystickState
@@ -12,7 +11,7 @@ from wheelchair_gym.hardware.twin.protocol_twin import LineNoise
 from wheelchair_gym.hardware.twin.serve import ServedTwin
 from wheelchair_gym.sensors.settings import RANGERS
 
-_SIDES = ("left", "right")
+_SIDES = {"left": 0, "right": 1}
 _SWITCHES = {
     "stop": Switch.STOP_PRESSED,
     "front": Switch.FRONT,
@@ -23,8 +22,29 @@ _SWITCHES = {
     "driver-left": Switch.DRIVER_LEFT,
     "driver-right": Switch.DRIVER_RIGHT,
 }
+_STICKS = {"free": JoystickState(manual=True), "back": JoystickState(), "silent": None}
 
-_HANDS = {"free": JoystickState(manual=True), "back": JoystickState(), "silent": None}
+COMMANDS = {  # name: its arguments
+    "press": " | ".join(_SWITCHES),
+    "release": " | ".join(_SWITCHES),
+    "encoder": "left | right, lost | swapped",
+    "block": "left | right",
+    "driver": "left | right, DUTY (-1 to 1) at which it is stuck",
+    "motor": "left | right, inverted; or both swapped",
+    "brakes": "SHARE of their torque that is left",
+    "slope": "DEGREES (0 to 20), and the DIRECTION in degrees in which the floor falls",
+    "push": "NEWTONS (-1000 to 1000) along its heading",
+    "reset-on-open": "drive | range: opening its port resets the board",
+    "battery": "VOLTS",
+    "sonar": "0 to 7, silent | METRES",
+    "stick": "AHEAD ASIDE (-1 to 1, held) | free | back | silent",
+    "unplug": "drive | range | laser",
+    "silence": "laser",
+    "noise": "SHARE of bytes that are corrupted",
+    "hang": "drive | range",
+    "power": "drive | range: off and on",
+    "heal": "",
+}
 
 
 def _number(word: str, low: float, high: float) -> float:
@@ -34,147 +54,87 @@ def _number(word: str, low: float, high: float) -> float:
     return value
 
 
-def _press(served: ServedTwin, words: Sequence[str]) -> None:
-    served.twin.faults.switches |= _SWITCHES[words[0]]
+def _inject(served: ServedTwin, words: list[str]) -> None:
+    """Carry out a command.
 
-
-def _release(served: ServedTwin, words: Sequence[str]) -> None:
-    served.twin.faults.switches &= ~_SWITCHES[words[0]]
-
-
-def _encoder(served: ServedTwin, words: Sequence[str]) -> None:
-    faults = served.twin.faults
-    kinds = {"lost": faults.disconnected_encoders, "swapped": faults.swapped_encoders}
-    kinds[words[1]][_SIDES.index(words[0])] = True
-
-
-def _block(served: ServedTwin, words: Sequence[str]) -> None:
-    held = list(served.twin.faults.blocked_wheels)
-    held[_SIDES.index(words[0])] = True
-    served.twin.faults.blocked_wheels = (held[0], held[1])
-
-
-def _driver(served: ServedTwin, words: Sequence[str]) -> None:
-    side = _SIDES.index(words[0])
-    served.twin.faults.stuck_drivers[side] = _number(words[1], -1.0, 1.0)
-
-
-def _motor(served: ServedTwin, words: Sequence[str]) -> None:
-    if words[0] == "both" and words[1] == "swapped":
-        served.twin.faults.swapped_motors = True
-    elif words[1] == "inverted":
-        served.twin.faults.inverted_motors[_SIDES.index(words[0])] = True
-    else:
-        raise ValueError(words[1])
-
-
-def _brakes(served: ServedTwin, words: Sequence[str]) -> None:
-    served.twin.faults.brake_fraction = _number(words[0], 0.0, 1.0)
-
-
-def _slope(served: ServedTwin, words: Sequence[str]) -> None:
-    angle = math.radians(_number(words[0], 0.0, 20.0))
-    to = math.radians(_number(words[1], -360.0, 360.0)) if len(words) > 1 else 0.0
-    served.twin.faults.slope = Slope(angle, to)
-
-
-def _push(served: ServedTwin, words: Sequence[str]) -> None:
-    served.twin.faults.push_force = _number(words[0], -1000.0, 1000.0)
-
-
-def _reset_on_open(served: ServedTwin, words: Sequence[str]) -> None:
-    {"drive": served.drive, "range": served.range}[words[0]].wire.resets_on_open = True
-
-
-def _battery(served: ServedTwin, words: Sequence[str]) -> None:
-    served.twin.faults.battery = _number(words[0], 0.0, 60.0)
-
-
-def _sonar(served: ServedTwin, words: Sequence[str]) -> None:
-    which, faults = int(_number(words[0], 0, RANGERS - 1)), served.twin.faults
-    if words[1] == "silent":
-        faults.silent_ultrasonics.add(which)
-    else:
-        faults.stuck_ultrasonics[which] = _number(words[1], 0.0, 6.0)
-
-
-def _stick(served: ServedTwin, words: Sequence[str]) -> None:
-    faults = served.twin.faults
-    if words[0] in _HANDS:
-        faults.joystick = _HANDS[words[0]]
-    else:
-        ahead, aside = (_number(word, -1.0, 1.0) for word in words)
-        faults.joystick = JoystickState(ahead, aside, manual=True, dead_man=True)
-
-
-def _unplug(served: ServedTwin, words: Sequence[str]) -> None:
-    if words[0] == "laser":
-        served.twin.laser.plugged = False
-    else:
-        {"drive": served.drive, "range": served.range}[words[0]].wire.plugged = False
-
-
-def _silence(served: ServedTwin, words: Sequence[str]) -> None:
-    if words[0] != "laser":
-        raise ValueError(words[0])
-    served.twin.laser.silent = True
-
-
-def _noise(served: ServedTwin, words: Sequence[str]) -> None:
-    share = _number(words[0], 0.0, 1.0)
-    for end in (served.drive, served.range):
-        end.wire.noise = LineNoise(corrupt=share)
-
-
-def _hang(served: ServedTwin, words: Sequence[str]) -> None:
-    {"drive": served.twin.drive, "range": served.twin.range}[words[0]].hang()
-
-
-def _power(served: ServedTwin, words: Sequence[str]) -> None:
-    {"drive": served.twin.drive, "range": served.twin.range}[words[0]].reset()
-
-
-def _heal(served: ServedTwin, words: Sequence[str]) -> None:
-    twin = served.twin
-    twin.faults = Faults()
-    twin.laser.plugged, twin.laser.silent = True, False
-    for end in (served.drive, served.range):
-        end.wire.plugged, end.wire.noise, end.wire.resets_on_open = True, LineNoise(), False
-
-
-COMMANDS: dict[str, tuple[str, Callable[[ServedTwin, Sequence[str]], None]]] = {
-    "press": (" | ".join(_SWITCHES), _press),
-    "release": (" | ".join(_SWITCHES), _release),
-    "encoder": ("left | right, lost | swapped", _encoder),
-    "block": ("left | right", _block),
-    "driver": ("left | right, DUTY (-1 to 1) at which it is stuck", _driver),
-    "motor": ("left | right, inverted; or both swapped", _motor),
-    "brakes": ("SHARE of their torque that is left", _brakes),
-    "slope": ("DEGREES (0 to 20), and the DIRECTION in degrees in which the floor falls", _slope),
-    "push": ("NEWTONS (-1000 to 1000) along its heading", _push),
-    "reset-on-open": ("drive | range: opening its port resets the board", _reset_on_open),
-    "battery": ("VOLTS", _battery),
-    "sonar": ("0 to 7, silent | METRES", _sonar),
-    "stick": ("AHEAD ASIDE (-1 to 1, held) | free | back | silent", _stick),
-    "unplug": ("drive | range | laser", _unplug),
-    "silence": ("laser", _silence),
-    "noise": ("SHARE of bytes that are corrupted", _noise),
-    "hang": ("drive | range", _hang),
-    "power": ("drive | range: off and on", _power),
-    "heal": ("", _heal),
-}
+    Raises:
+        KeyError, ValueError: it is malformed.
+    """
+    twin, faults = served.twin, served.twin.faults
+    terminals = {"drive": served.drive, "range": served.range}
+    boards = {"drive": twin.drive, "range": twin.range}
+    match words:
+        case ["press", switch]:
+            faults.switches |= _SWITCHES[switch]
+        case ["release", switch]:
+            faults.switches &= ~_SWITCHES[switch]
+        case ["encoder", side, "lost"]:
+            faults.disconnected_encoders[_SIDES[side]] = True
+        case ["encoder", side, "swapped"]:
+            faults.swapped_encoders[_SIDES[side]] = True
+        case ["block", side]:
+            k, (left, right) = _SIDES[side], faults.blocked_wheels
+            faults.blocked_wheels = (left or k == 0, right or k == 1)
+        case ["driver", side, duty]:
+            faults.stuck_drivers[_SIDES[side]] = _number(duty, -1.0, 1.0)
+        case ["motor", "both", "swapped"]:
+            faults.swapped_motors = True
+        case ["motor", side, "inverted"]:
+            faults.inverted_motors[_SIDES[side]] = True
+        case ["brakes", share]:
+            faults.brake_fraction = _number(share, 0.0, 1.0)
+        case ["slope", degrees, *direction] if len(direction) < 2:
+            downhill = _number(direction[0], -360.0, 360.0) if direction else 0.0
+            angle = math.radians(_number(degrees, 0.0, 20.0))
+            faults.slope = Slope(angle, math.radians(downhill))
+        case ["push", newtons]:
+            faults.push_force = _number(newtons, -1000.0, 1000.0)
+        case ["reset-on-open", board]:
+            terminals[board].wire.resets_on_open = True
+        case ["battery", volts]:
+            faults.battery = _number(volts, 0.0, 60.0)
+        case ["sonar", which, "silent"]:
+            faults.silent_ultrasonics.add(int(_number(which, 0, RANGERS - 1)))
+        case ["sonar", which, metres]:
+            k = int(_number(which, 0, RANGERS - 1))
+            faults.stuck_ultrasonics[k] = _number(metres, 0.0, 6.0)
+        case ["stick", state]:
+            faults.joystick = _STICKS[state]
+        case ["stick", ahead, aside]:
+            forward, turn = _number(ahead, -1.0, 1.0), _number(aside, -1.0, 1.0)
+            faults.joystick = JoystickState(forward, turn, manual=True, dead_man=True)
+        case ["unplug", "laser"]:
+            twin.laser.plugged = False
+        case ["unplug", board]:
+            terminals[board].wire.plugged = False
+        case ["silence", "laser"]:
+            twin.laser.silent = True
+        case ["noise", share]:
+            for end in terminals.values():
+                end.wire.noise = LineNoise(corrupt=_number(share, 0.0, 1.0))
+        case ["hang", board]:
+            boards[board].hang()
+        case ["power", board]:
+            boards[board].reset()
+        case ["heal"]:
+            twin.faults = Faults()
+            twin.laser.plugged, twin.laser.silent = True, False
+            for end in terminals.values():
+                wire = end.wire
+                wire.plugged, wire.noise, wire.resets_on_open = True, LineNoise(), False
+        case _:
+            raise ValueError(words)
 
 
 def run_command(served: ServedTwin, line: str) -> str:
-    """Do what a line of words says; what to tell the person."""
+    """Carry out a line of words; returns what to print."""
     words = line.split()
     if not words:
         return ""
     if words[0] not in COMMANDS:
-        return "\n".join(f"{name} {what}".rstrip() for name, (what, _) in COMMANDS.items())
-    what, act = COMMANDS[words[0]]
+        return "\n".join(f"{name} {arguments}".rstrip() for name, arguments in COMMANDS.items())
     try:
-        act(served, words[1:])
-    except (IndexError, KeyError, ValueError):
-        return f"{line.strip()}: expected {words[0]} {what}"
+        _inject(served, words)
+    except (KeyError, ValueError):
+        return f"{line.strip()}: expected {words[0]} {COMMANDS[words[0]]}"
     return f"{line.strip()}: done"

@@ -1,4 +1,4 @@
-"""The twin in this process, in simulated time: a hardware chair that drives it, repeatably."""
+"""The twin in this process, in simulated time, and a hardware chair that drives it repeatably."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ _numbers = itertools.count()
 
 @dataclass
 class _Guard:
-    look: Callable[[], object]
+    call: Callable[[], object]
     every: int  # steps
     due: int
 
 
 class TwinClock:
-    """The time of a simulated world, which passes while somebody waits; see `pacing.Clock`."""
+    """Simulated time, which passes while somebody waits; see `control_loop.Clock`."""
 
     def __init__(self, twin: Twin) -> None:
         self._twin = twin
@@ -49,12 +49,12 @@ class TwinClock:
             for guard in list(self._guards):
                 if self._twin.steps >= guard.due:
                     guard.due = self._twin.steps + guard.every
-                    guard.look()
+                    guard.call()
 
     def call_every(
         self, callback: Callable[[], object], interval: float, name: str
     ) -> Callable[[], None]:
-        """See `Clock.guard`."""
+        """See `Clock.call_every`."""
         every = max(1, round(interval / TIME_STEP))
         guard = _Guard(callback, every, self._twin.steps + every)
         self._guards.append(guard)
@@ -67,17 +67,17 @@ class TwinClock:
 
 
 class TwinChair:
-    """A twin, its wires, and the hardware chair that drives it.
+    """A twin, its cables, and the hardware chair that drives it.
 
     Args:
-        twin: stands at an episode's start.
-        period: of control [s].
-        settings: of the hardware chair; its lines are replaced.
+        twin: after its reset.
+        period: the control period [s].
+        settings: of the hardware chair; its ports are replaced.
 
     Attributes:
-        chair: drives it.
-        drive: wire of the drive board.
-        range: wire of the range board.
+        chair: the hardware chair.
+        drive: cable of the drive board.
+        range: cable of the range board.
     """
 
     def __init__(self, twin: Twin, period: float, settings: HardwareSettings | None = None) -> None:
@@ -85,7 +85,7 @@ class TwinChair:
         self._names = f"{name}-drive", f"{name}-range"
         self.drive = CABLES[self._names[0]] = SerialCable(twin.drive, np.random.default_rng(0))
         self.range = CABLES[self._names[1]] = SerialCable(twin.range, np.random.default_rng(1))
-        own = dataclasses.replace(
+        config = dataclasses.replace(
             settings or HardwareSettings(),
             drive_port=f"twin://{name}-drive", range_port=f"twin://{name}-range", laser_port="twin",
         )  # fmt: skip
@@ -95,11 +95,11 @@ class TwinChair:
             return twin.laser
 
         sensors, chair = plant.sensors, plant.settings
-        senses = BoardSensors(own, sensors, chair.drive, self.clock.now, laser_opener=laser)
-        self.chair = HardwareChair(own, sensors, chair, period, self.clock, senses)
+        senses = BoardSensors(config, sensors, chair.drive, self.clock.now, laser_opener=laser)
+        self.chair = HardwareChair(config, sensors, chair, period, self.clock, senses)
 
     def close(self) -> None:
-        """Let chair and wires go; the twin stays."""
+        """Close the chair and its cables; the twin stays."""
         self.chair.close()
         for name in self._names:
             CABLES.pop(name, None)

@@ -1,8 +1,7 @@
-"""Both boards and the world in lock step: a millisecond of physics, then one of the boards.
+"""Both boards and the world in lock step: a millisecond of physics, then a millisecond of firmware.
 
-What the boards' registers hold at the start of a step drives the physics over it. The result
-reaches the boards in the next step: encoder edges at their exact cycles, voltages and switches at
-its start.
+The boards' registers at the start of a step drive its physics. The results reach the boards in the
+next step: encoder edges at their exact cycles, voltages and switches at its start.
 """
 
 from __future__ import annotations
@@ -17,13 +16,13 @@ from wheelchair_gym.hardware.twin.laser import TURN, TwinLaser
 from wheelchair_gym.hardware.twin.plant import TIME_STEP, Motion, Plant, Slope
 from wheelchair_gym.types import Episode
 
-EVERY = 7  # ms between two frames
-_CENTRE, _SPAN, _OFF, _ON = 1500, 500, 1000, 2000
+EVERY = 7  # ms between two frames of the joystick's receiver
+_CENTRE, _TRAVEL, _OFF, _ON = 1500, 500, 1000, 2000
 
 
 @dataclass(frozen=True)
 class JoystickState:
-    """What a person does at the joystick; sticks in [-1, 1], left positive."""
+    """The state of the joystick; sticks in [-1, 1], left positive."""
 
     forward: float = 0.0
     turn: float = 0.0
@@ -32,10 +31,10 @@ class JoystickState:
 
 
 def ibus_frame(stick: JoystickState) -> bytes:
-    """A frame of the receiver."""
+    """A frame of the joystick's receiver (iBUS)."""
     values = [_CENTRE] * 14
-    values[0] = round(_CENTRE - _SPAN * stick.turn)
-    values[1] = round(_CENTRE + _SPAN * stick.forward)
+    values[0] = round(_CENTRE - _TRAVEL * stick.turn)
+    values[1] = round(_CENTRE + _TRAVEL * stick.forward)
     values[4], values[5] = _ON if stick.manual else _OFF, _ON if stick.dead_man else _OFF
     data = b"\x20\x40" + b"".join(v.to_bytes(2, "little") for v in values)
     return data + (0xFFFF - sum(data)).to_bytes(2, "little")
@@ -58,50 +57,40 @@ _NONE = Switch(0)
 
 @dataclass
 class Faults:
-    """What is broken, or done to it by hand, on command."""
+    """Injected faults, and what a person does to the chair; pairs are (left, right)."""
 
     switches: Switch = _NONE  # pressed or pulled
-    disconnected_encoders: list[bool] = field(
-        default_factory=lambda: [False, False]
-    )  # encoders without signal
-    swapped_encoders: list[bool] = field(
-        default_factory=lambda: [False, False]
-    )  # encoders' A and B
-    battery: float | None = None  # V: what the drive board sees
-    blocked_wheels: tuple[bool, bool] = (False, False)  # wheels that something blocks
-    silent_ultrasonics: set[int] = field(default_factory=set)  # ultrasonics that do not answer
-    stuck_ultrasonics: dict[int, float] = field(
-        default_factory=dict
-    )  # and those that always say this [m]
-    joystick: JoystickState | None = (
-        None  # what a joystick's receiver at the drive board says; None: silent
-    )
-    # drivers whose output stays at a duty whatever the board says; None: they obey. Enable still
-    # switches them off.
-    stuck_drivers: list[float | None] = field(default_factory=lambda: [None, None])
+    disconnected_encoders: list[bool] = field(default_factory=lambda: [False] * 2)
+    swapped_encoders: list[bool] = field(default_factory=lambda: [False] * 2)  # A and B
+    battery: float | None = None  # V: what the drive board measures
+    blocked_wheels: tuple[bool, bool] = (False, False)
+    silent_ultrasonics: set[int] = field(default_factory=set)
+    stuck_ultrasonics: dict[int, float] = field(default_factory=dict)  # m
+    joystick: JoystickState | None = None  # at the drive board's receiver; None: silent
+    # Duties at which drivers are stuck, until they are disabled; None: they work.
+    stuck_drivers: list[float | None] = field(default_factory=lambda: [None] * 2)
     swapped_motors: bool = False  # each driver feeds the other side's motor
-    inverted_motors: list[bool] = field(default_factory=lambda: [False, False])  # motors' two wires
-    brake_fraction: float = 1.0  # share of the spring brakes' torque that is left
+    inverted_motors: list[bool] = field(default_factory=lambda: [False] * 2)  # the two wires
+    brake_fraction: float = 1.0  # of the spring brakes' torque
     slope: Slope | None = None  # of the floor; None: level
-    push_force: float = 0.0  # N, with which a person pushes the chair along its heading
+    push_force: float = 0.0  # N, along the chair's heading
 
 
 class Twin:
-    """An emulated drive board and range board on a simulated chair; time passes in `advance`.
+    """An emulated drive board and range board on a simulated chair; time passes in `run`.
 
     Args:
         plant: the chair.
-        new: its boards were never set up: their EEPROM is blank. Else it holds the parameters of
-            the plant's settings.
+        new: the boards' EEPROM is blank. Otherwise it holds the parameters of the plant's settings.
 
     Attributes:
-        drive: the drive board; bytes go through a `Wire`.
+        drive: the drive board, see `SerialCable`.
         range: the range board.
-        laser: the laser; its `port` is the connection.
-        faults: what is broken; change it at any time.
+        laser: the laser.
+        faults: injected; they may change at any time.
         motion: of the last step.
         steps: milliseconds since power-on.
-        hits: steps in which a strip was hit.
+        bumper_steps: steps in which a bumper strip was hit.
     """
 
     def __init__(self, plant: Plant | None = None, new: bool = False) -> None:
@@ -114,10 +103,10 @@ class Twin:
         self.drive, self.range = EmulatedBoard(*drive), EmulatedBoard(*ranges)
         if not new:
             chair = self.plant.chair
-            self.drive.set_eeprom(stored_parameters(*drive, drive_parameters(chair.settings)))
-            self.range.set_eeprom(
-                stored_parameters(*ranges, range_parameters(chair.sensors.ultrasonic))
-            )
+            wanted = drive_parameters(chair.settings)
+            self.drive.set_eeprom(stored_parameters(*drive, tuple(wanted.items())))
+            wanted = range_parameters(chair.sensors.ultrasonic)
+            self.range.set_eeprom(stored_parameters(*ranges, tuple(wanted.items())))
         for i in range(4):
             self.range.add_pulse_sonar(("D", 4 + i), ("B", i))
         for i in range(4):
@@ -129,24 +118,21 @@ class Twin:
         self.steps = self.bumper_steps = 0
         self.motion = Motion(0.0, 0.0, 0.0, 0.0, 0.0, False)
         self._turned = [0.0, 0.0]
-        self._shown: Switch | None = None
+        self._set: Switch | None = None
         self._strip, self._strip_until = _NONE, 0
 
     def reset(self, episode: Episode, key: int) -> None:
         """Put the chair at an episode's start; the boards and their time go on."""
         self.plant.reset(episode, key)
-        # Counts within a step are worked out from differences: a jump of the chair is none.
+        # Encoders turn by differences of the motion: the jump to the start is none.
         self.motion = self.plant.step((0.0, 0.0), (False, False), 1.0)
 
     @property
     def duty(self) -> tuple[float, float]:
         """Duties at the motors' terminals, read from the drive board's registers."""
         board = self.drive
-        top, way, on = (
-            board.read_word(_ICR4) + 1,
-            board.read_memory(_PORTL),
-            board.read_memory(_TCCR4A),
-        )
+        top, way = board.read_word(_ICR4) + 1, board.read_memory(_PORTL)
+        on = board.read_memory(_TCCR4A)
         left = (board.read_word(_OCR4A) + 1) / top if on & _COM4A1 else 0.0
         right = (board.read_word(_OCR4B) + 1) / top if on & _COM4B1 else 0.0
         return (-left if way & 1 else left), (-right if way & 2 else right)
@@ -166,7 +152,7 @@ class Twin:
         return not held or bool(self.faults.switches & Switch.STOP_PRESSED)
 
     def run(self, seconds: float) -> None:
-        """Let time pass, a whole number of milliseconds."""
+        """Advance by a whole number of milliseconds."""
         for _ in range(round(seconds / TIME_STEP)):
             self._step()
 
@@ -182,15 +168,15 @@ class Twin:
         )
         self.steps += 1
         until = self.steps * CYCLES
-        self._show_switches()
+        self._set_switches()
         battery = motion.battery if self.faults.battery is None else self.faults.battery
         self.drive.set_voltage(0, battery / BATTERY_FULL * ADC_FULL)
-        ways = motion.left - before.left, motion.right - before.right
-        for wheel, way in enumerate(ways):
+        counts = motion.left - before.left, motion.right - before.right
+        for wheel, count in enumerate(counts):
             if self.faults.disconnected_encoders[wheel]:
                 continue
             start = self._turned[wheel]
-            end = start + (-way if self.faults.swapped_encoders[wheel] else way)
+            end = start + (-count if self.faults.swapped_encoders[wheel] else count)
             if math.floor(start) != math.floor(end):
                 self.drive.rotate_encoder("B", 2 * wheel, start, end, until)
             self._turned[wheel] = end
@@ -202,7 +188,7 @@ class Twin:
             self.laser.turn(self.steps)
 
     def _terminals(self) -> tuple[float, float]:
-        """Duties at the motors: those that the board asks for, but for what is broken."""
+        """Duties at the motors: those of the board, changed by the faults."""
         faults, asked = self.faults, self.duty
         left, right = (
             duty if stuck is None else stuck
@@ -210,11 +196,10 @@ class Twin:
         )
         if faults.swapped_motors:
             left, right = right, left
-        return (-left if faults.inverted_motors[0] else left), (
-            -right if faults.inverted_motors[1] else right
-        )
+        inverted = faults.inverted_motors
+        return -left if inverted[0] else left, -right if inverted[1] else right
 
-    def _show_switches(self) -> None:
+    def _set_switches(self) -> None:
         if self.motion.bumped:
             self.bumper_steps += 1
             forward, turning = self.motion.speed, self.motion.turn
@@ -222,14 +207,14 @@ class Twin:
             sides = Switch.LEFT | Switch.RIGHT
             self._strip = (Switch.FRONT if forward > 0.0 else Switch.REAR) if ahead else sides
             self._strip_until = self.steps + STRIP_HELD
-        shown = self.faults.switches
+        switches = self.faults.switches
         if self.steps < self._strip_until:
-            shown |= self._strip
-        if shown == self._shown:
+            switches |= self._strip
+        if switches == self._set:
             return
-        self._shown = shown
+        self._set = switches
         for bit in range(8):
-            self.drive.set_pin("C", bit, bool(shown >> bit & 1))
+            self.drive.set_pin("C", bit, bool(switches >> bit & 1))
 
     def _ping(self, sonar: int, _cycle: int) -> int:
         which = sonar & 0x7F
@@ -243,7 +228,7 @@ class Twin:
         return round(metres * 2.0 / SOUND * 1e6) if math.isfinite(metres) else 0
 
     def close(self) -> None:
-        """Let the boards go."""
+        """Free the boards."""
         self.drive.close()
         self.range.close()
         self.plant.chair.close()

@@ -1,8 +1,7 @@
-"""The simulated chair under motors that somebody else drives: the same physics, one step at a time.
+"""The simulated chair under motors that the firmware drives: the same physics, one step at a time.
 
-Only what the simulation leaves to its own speed control is given from outside: the two duties,
-whether each driver has power, the torque of the spring brakes, and what pulls at the chair (a
-slope, a person).
+Inputs are the two duties, whether each driver has power, the torque of the spring brakes, and
+external forces (a slope, a person).
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ class BrakeSettings:
 
 
 class Motion(NamedTuple):
-    """What the chair's boards can sense of it."""
+    """What the boards can measure of the chair."""
 
     left: float  # encoder counts, with their fraction
     right: float
@@ -52,19 +51,14 @@ class Motion(NamedTuple):
 
 
 class Slope(NamedTuple):
-    """A floor that is not level.
+    """A floor that is not level."""
 
-    Attributes:
-        angle: of the floor against the horizontal [rad].
-        downhill: direction in the world in which it falls [rad].
-    """
-
-    angle: float
-    downhill: float = 0.0
+    angle: float  # rad, to the horizontal
+    downhill: float = 0.0  # rad: the direction in the world in which it falls
 
     @property
     def pull(self) -> tuple[float, float]:
-        """What gravity adds to a chair that rolls freely (x, y) [m/s2]."""
+        """Acceleration (x, y) [m/s2] of a chair that rolls freely."""
         along = GRAVITY * math.sin(self.angle)
         return along * math.cos(self.downhill), along * math.sin(self.downhill)
 
@@ -75,17 +69,8 @@ def brake_impulses(
 ) -> tuple[float, float]:
     """Impulses [N s] at the left and right rim by which closed spring brakes hold their wheels.
 
-    A brake is dry friction: it stops its wheel and all that rolls with it, or takes its full torque
-    where that is not enough. Both are those that bring the chair to rest in this step.
-
-    Args:
-        state: of the chair.
-        p: its parameters.
-        k: what was worked out of them.
-        forward: speed of the centre of mass along the heading [m/s].
-        aside: its speed across it, left positive [m/s].
-        turn: of the chair [rad/s].
-        most: impulse that one brake can take [N s].
+    A brake is dry friction: the impulses bring the chair to rest in this step, but none exceeds
+    `most`. The speeds are those of the centre of mass, along the heading and to its left.
     """
     half = 0.5 * p.track
     left = k.inertia[0] * k.radii[0] * state.spin[0]
@@ -107,18 +92,10 @@ def step_plant(
     pull: tuple[float, float],
     force: float,
 ) -> tuple[float, float, float, float, float, bool]:
-    """One physics step under given duties; the fields of `Motion`.
+    """One physics step of the first of CHAIRS under given duties; the fields of `Motion`.
 
-    Args:
-        chairs: (1,) of CHAIRS, whose first row it is.
-        left: duty of the left motor.
-        right: duty of the right one.
-        powered: false: that driver's output is open, its motor turns freely.
-        brake: torque of each closed spring brake [N m]; 0 where they are held open.
-        held: wheels (left, right) that something blocks.
-        pull: acceleration along the floor (x, y) [m/s2]: gravity's on a slope, at the centre of
-            mass. The tyres' load is that of level ground: 1 % more than on 8 degrees.
-        force: with which a person pushes the chair along its heading [N].
+    `pull` is the acceleration (x, y) [m/s2] by gravity on a slope, at the centre of mass. The load
+    of the tyres is that of level ground: 1 % more than on 8 degrees. See `Plant.step` for the rest.
     """
     suite, p, state, world = chair_row(chairs, 0)
     k = drive_constants(p)
@@ -128,20 +105,20 @@ def step_plant(
         (pull[0] + c * force / p.mass, X, VX),
         (pull[1] + s * force / p.mass, Y, VY),
     ):
-        # Munk2D moves a body by its speed before a step, and tyres answer within the step: the way
-        # that it will move by this part of its speed is none.
+        # Munk2D moves a body by its speed before a step, and tyres react within the step: this
+        # part of the speed must not move it.
         fields[speed] += along * p.dt
         fields[axis] -= along * p.dt * p.dt
     forward, aside = c * fields[VX] + s * fields[VY], c * fields[VY] - s * fields[VX]
     most = brake * p.dt * k.per_radius[0]
     taken = brake_impulses(state, p, k, forward, aside, fields[W], most)
     for i in range(2):
-        # What a brake takes from the wheel, the tyre then takes from the chair; until then the
-        # wheel turns on as the chair moves, by its speed before.
+        # A brake slows the wheel, and then the tyre slows the chair; until then the wheel turns
+        # as the chair moves, by its speed before.
         slower = taken[i] / (k.inertia[i] * k.radii[i])
         state.spin[i] -= slower
         state.turned[i] += slower * p.dt
-        # An open motor draws nothing: its voltage is that which it makes itself.
+        # An open motor draws no current: its voltage is its own back-EMF.
         free = p.torque_constant * state.spin[i] / state.voltage
         state.duty[i] = (left if i == 0 else right) if powered[i] else free
         if held[i]:
@@ -162,7 +139,7 @@ def step_plant(
 
 @borrowing_kernel
 def measure_ultrasonic(chairs: Any, which: int) -> float:
-    """What one ultrasonic ranges from where the chair stands now [m]; +inf without echo."""
+    """The range [m] of one ultrasonic at the chair's present pose; +inf without echo."""
     suite, _, state, world = chair_row(chairs, 0)
     return sense_ultrasonic(
         rangers_of(suite),
@@ -178,7 +155,7 @@ def measure_ultrasonic(chairs: Any, which: int) -> float:
 
 @borrowing_kernel
 def scan_laser(chairs: Any, turn: int, ranges: Any) -> None:
-    """One turn of the laser from where the chair stands now, as it reports it [m]."""
+    """Write the ranges [m] of one turn of the laser at the chair's present pose."""
     suite, _, state, world = chair_row(chairs, 0)
     sense_laser(
         laser_of(suite),
@@ -193,13 +170,7 @@ def scan_laser(chairs: Any, turn: int, ranges: Any) -> None:
 
 
 class Plant:
-    """A chair in a world, to be pushed by motors from outside.
-
-    Args:
-        chair: body, motors, battery.
-        sensors: its ultrasonics.
-        brakes: its spring brakes.
-    """
+    """A chair in a world, driven by given duties of its motors."""
 
     def __init__(
         self,
@@ -212,13 +183,13 @@ class Plant:
         self._rows = self.chair.rows
 
     def reset(self, episode: Episode, key: int) -> None:
-        """Stand at the episode's start.
+        """Put the chair at the episode's start.
 
         Raises:
-            InputError: something moves in its world: here everything but the chair stands still.
+            InputError: the episode has actors, which the twin does not simulate.
         """
         if len(episode.actors):
-            raise InputError("the twin's world holds still: expected an episode without actors")
+            raise InputError("the twin simulates no actors: expected an episode without actors")
         self.chair.reset(episode, key)
 
     def step(
@@ -230,11 +201,11 @@ class Plant:
         slope: Slope | None = None,
         force: float = 0.0,
     ) -> Motion:
-        """Move on by STEP.
+        """Advance by TIME_STEP.
 
         Args:
             duty: of the left and the right motor.
-            powered: which drivers' outputs are on.
+            powered: which drivers' outputs are on; a motor without power turns freely.
             brake: share of the spring brakes' torque that holds the wheels; 0: they are open.
             held: wheels that something blocks.
             slope: of the floor; None: level.
@@ -245,11 +216,11 @@ class Plant:
         return Motion._make(step_plant(self._rows, *duty, powered, torque, held, pull, force))
 
     def ping(self, which: int) -> float:
-        """What an ultrasonic ranges now [m]; +inf without echo."""
+        """The present range of an ultrasonic [m]; +inf without echo."""
         return float(measure_ultrasonic(self._rows, which))
 
     def scan(self, turn: int) -> NDArray[np.float32]:
-        """What the laser reports in its turn of this number (beams,) [m], REP-117."""
+        """The ranges (beams,) [m] of a turn of the laser, by its number, as in REP-117."""
         ranges = np.empty(self.chair.sensors.laser.beams, np.float32)
         scan_laser(self._rows, turn, ranges)
         return ranges

@@ -1,6 +1,6 @@
 """Serial cables between a host and the emulated boards, and pyserial's URLs twin://NAME for them.
 
-pyserial finds the class `Serial` by the name of this module. No time passes here: whoever owns the
+pyserial finds the class `Serial` by the name of this module. No time passes here: the owner of the
 twin runs it.
 """
 
@@ -16,12 +16,12 @@ from wheelchair_gym.hardware.twin.board import EmulatedBoard
 
 @dataclass
 class LineNoise:
-    """What a cable does to bytes, each way."""
+    """Errors of a cable, in both directions."""
 
-    corrupt: float = 0.0  # share of bytes changed to anything
+    corrupt: float = 0.0  # share of bytes replaced by random ones
     flip: float = 0.0  # share of bytes with one bit wrong
-    drop: float = 0.0  # share of bytes that vanish
-    burst: float = 0.0  # share of bytes at which a run of 20 is changed to anything
+    drop: float = 0.0  # share of bytes that are lost
+    burst: float = 0.0  # share of bytes at which 20 random ones begin
 
 
 _BURST = 20
@@ -33,12 +33,11 @@ class SerialCable:
 
     Attributes:
         board: at the other end.
-        rng: of the harm.
-        harm: what is done to bytes.
-        plugged: false: both ends hear nothing, and the host gets an error.
-        resets: the board is reset when a host opens the port, as an Arduino is with its automatic
-            reset in place.
-        log: bytes that the board has said, unharmed, while it is a list.
+        rng: of the errors.
+        noise: errors of the bytes.
+        plugged: false: both ends receive nothing, and the host gets an error.
+        resets_on_open: the board is reset when a host opens the port, as an Arduino is.
+        log: bytes that the board has sent, without errors, while it is a list.
     """
 
     board: EmulatedBoard
@@ -49,70 +48,70 @@ class SerialCable:
     log: list[bytes] | None = None
 
     def open(self) -> None:
-        """A host has opened the port."""
+        """React to a host that opens the port."""
         if self.resets_on_open:
             self.board.reset()
 
     def write(self, data: bytes) -> None:
-        """From the host to the board."""
+        """Send bytes from the host to the board."""
         if self.plugged:
-            self.board.write(self._harmed(data))
+            self.board.write(self._with_noise(data))
 
     def read(self) -> bytes:
-        """From the board to the host."""
+        """Receive bytes from the board at the host."""
         data = self.board.read()
         if self.log is not None:
             self.log.append(data)
-        return self._harmed(data) if self.plugged else b""
+        return self._with_noise(data) if self.plugged else b""
 
-    def _harmed(self, data: bytes) -> bytes:
-        harm = self.noise
-        if not data or not (harm.corrupt or harm.flip or harm.drop or harm.burst):
+    def _with_noise(self, data: bytes) -> bytes:
+        noise = self.noise
+        if not data or not (noise.corrupt or noise.flip or noise.drop or noise.burst):
             return data
         rng, n = self.rng, len(data)
         out = np.frombuffer(data, np.uint8).copy()
-        changed = rng.random(n) < harm.corrupt
-        for start in np.flatnonzero(rng.random(n) < harm.burst):
+        changed = rng.random(n) < noise.corrupt
+        for start in np.flatnonzero(rng.random(n) < noise.burst):
             changed[start : start + _BURST] = True
         out[changed] = rng.integers(0, 256, int(changed.sum()))
-        flipped = rng.random(n) < harm.flip
+        flipped = rng.random(n) < noise.flip
         out[flipped] ^= np.uint8(1) << rng.integers(0, 8, int(flipped.sum()), dtype=np.uint8)
-        return out[rng.random(n) >= harm.drop].tobytes()
+        return out[rng.random(n) >= noise.drop].tobytes()
 
 
 CABLES: dict[str, SerialCable] = {}  # by name, for URLs twin://NAME
 
 
 class Serial:
-    """What `serial.serial_for_url` makes for such a URL."""
+    """The port that `serial.serial_for_url` makes for such a URL."""
 
     def __init__(self, _port: None = None, **_settings: Any) -> None:
         self.port = ""
         self.dtr = True
-        self._wire: SerialCable | None = None
+        self._cable: SerialCable | None = None
         self._waiting = b""
 
     def open(self) -> None:
-        """Plug in.
+        """Open the port.
 
         Raises:
-            OSError: there is no such wire, or it is unplugged.
+            OSError: there is no such cable, or it is unplugged.
         """
         name = self.port.removeprefix("twin://")
-        wire = CABLES.get(name)
-        if wire is None or not wire.plugged:
+        cable = CABLES.get(name)
+        if cable is None or not cable.plugged:
             raise OSError(f"{self.port}: no such device")
-        self._wire = wire
-        wire.open()
+        self._cable = cable
+        cable.open()
 
     @property
     def in_waiting(self) -> int:
-        """Bytes that can be read at once."""
+        """Bytes that can be read without waiting."""
         self._waiting += self._plugged().read()
         return len(self._waiting)
 
     def read(self, size: int = 1) -> bytes:
-        """At most so many bytes, at once."""
+        """At most this many bytes, without waiting."""
         data, self._waiting = self._waiting[:size], self._waiting[size:]
         return data
 
@@ -122,10 +121,10 @@ class Serial:
         return len(data)
 
     def close(self) -> None:
-        """Unplug."""
-        self._wire = None
+        """Close the port."""
+        self._cable = None
 
     def _plugged(self) -> SerialCable:
-        if self._wire is None or not self._wire.plugged:
+        if self._cable is None or not self._cable.plugged:
             raise OSError(f"{self.port}: device reports readiness to read but it was unplugged")
-        return self._wire
+        return self._cable

@@ -1,7 +1,6 @@
 """The twin in real time: a pseudo-terminal for each board, a TCP port for the laser.
 
-Whatever speaks to the chair speaks to this, unchanged. A board whose wire `resets` is reset when
-its terminal is opened, as a real Arduino is.
+Any program for the real chair can use it unchanged.
 """
 
 from __future__ import annotations
@@ -20,13 +19,13 @@ import numpy as np
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.protocol_twin import SerialCable
 
-SLICE = 0.005  # s of the world between two looks at the lines
-LATE = 5.0  # s behind real time at which the rest is forgiven; before, the world catches up
+SLICE = 0.005  # s of simulated time between two reads of the lines
+LATE = 5.0  # s behind real time, up to which the simulation catches up
 _CHUNK = 65536
 
 
 class Terminal:
-    """A pseudo-terminal at a wire; what nobody reads is dropped.
+    """A pseudo-terminal at a cable; bytes that no host reads are dropped.
 
     Attributes:
         path: of the device that a host opens.
@@ -38,7 +37,7 @@ class Terminal:
         tty.setraw(far)
         os.set_blocking(self._near, False)
         self.path = os.ttyname(far)
-        os.close(far)  # so that the near end tells whether a host has it open
+        os.close(far)  # so that the near end shows whether a host has it open
         self._poll = select.poll()
         self._poll.register(self._near, select.POLLIN)
         self._open = False
@@ -48,27 +47,27 @@ class Terminal:
         before, self._open = self._open, not self._hung_up()
         if self._open and not before:
             self.wire.open()
-        with contextlib.suppress(OSError):  # nothing to read, or nobody there
+        with contextlib.suppress(OSError):  # nothing to read, or no host
             self.wire.write(os.read(self._near, _CHUNK))
         data = self.wire.read()
         if data and self._open:
             try:
                 os.write(self._near, data)
-            except BlockingIOError:  # nobody reads: what waits is old
+            except BlockingIOError:  # the host does not read: the bytes are old
                 self._flush()
 
     def _hung_up(self) -> bool:
         return any(event & select.POLLHUP for _, event in self._poll.poll(0))
 
     def _flush(self) -> None:
-        """Drop what waits at the far end; a host that has it for itself alone keeps it."""
+        """Drop the bytes that wait at the far end, unless a host has locked it."""
         with contextlib.suppress(OSError):
             far = os.open(self.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
             termios.tcflush(far, termios.TCIFLUSH)
             os.close(far)
 
     def close(self) -> None:
-        """Take the device away."""
+        """Remove the device."""
         os.close(self._near)
 
 
@@ -88,35 +87,35 @@ class LaserServer:
         with contextlib.suppress(BlockingIOError):
             peer, _ = self._listener.accept()
             peer.setblocking(False)
-            self._hang_up()
+            self._disconnect()
             self._peer = peer
         if not self._laser.plugged:
-            self._hang_up()
+            self._disconnect()
         if self._peer is None:
             return
         try:
             with contextlib.suppress(BlockingIOError):
                 data = self._peer.recv(_CHUNK)
                 if not data:
-                    self._hang_up()
+                    self._disconnect()
                     return
                 self._laser.write(data)
-            if not self._unsent:  # a host that does not read misses scans, not parts of them
+            if not self._unsent:  # a host that does not read misses whole scans
                 self._unsent = self._laser.read(_CHUNK)
             with contextlib.suppress(BlockingIOError):
                 self._unsent = self._unsent[self._peer.send(self._unsent) :]
         except OSError:
-            self._hang_up()
+            self._disconnect()
 
-    def _hang_up(self) -> None:
+    def _disconnect(self) -> None:
         if self._peer is not None:
             self._peer.close()
         self._peer, self._unsent = None, b""
         self._laser.close()
 
     def close(self) -> None:
-        """Let the port go."""
-        self._hang_up()
+        """Close the port."""
+        self._disconnect()
         self._listener.close()
 
 
@@ -124,7 +123,7 @@ class ServedTwin:
     """A twin that runs in real time, behind devices.
 
     Args:
-        twin: stands at an episode's start.
+        twin: after its reset.
         host: address for the laser's TCP port.
         port: of the laser; 0 chooses one.
 
@@ -132,7 +131,7 @@ class ServedTwin:
         drive: terminal of the drive board.
         range: terminal of the range board.
         laser: server of the laser.
-        behind: the most seconds that the world was late so far.
+        max_delay: the longest delay behind real time so far [s].
 
     Raises:
         OSError: no pseudo-terminal, or the port is taken.
@@ -146,7 +145,7 @@ class ServedTwin:
         self.max_delay = 0.0
 
     def run(self, until: Callable[[], bool]) -> None:
-        """Let real time pass until something is so; paced to absolute deadlines."""
+        """Run in real time, with absolute deadlines, until `until` returns true."""
         due = time.monotonic()
         while not until():
             self.twin.run(SLICE)
@@ -157,10 +156,10 @@ class ServedTwin:
             self.max_delay = max(self.max_delay, late)
             if late < 0.0:
                 time.sleep(-late)
-            elif late > LATE:  # a machine too slow: the world is slower than it should be
+            elif late > LATE:  # the machine is too slow: so is the simulation
                 due += late
 
     def close(self) -> None:
-        """Take devices and port away; the twin stays."""
+        """Remove the devices and the port; the twin stays."""
         for end in (self.drive, self.range, self.laser):
             end.close()

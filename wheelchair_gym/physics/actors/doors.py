@@ -122,7 +122,7 @@ def _should_open(world: Any, p: Any, pose: Array, k: int, time: float) -> bool:
 
 @borrowing_kernel
 def _has_space(world: Any, k: int) -> bool:
-    """Whether other actors leave room for obstacle k to appear."""
+    """Whether obstacle k can appear beside the other actors."""
     rows, actor_states = actors_of(world)
     row = rows[k]
     for j in range(world.n_actors):

@@ -22,7 +22,7 @@ _PARALLEL = 1e-9
 
 @borrowing_kernel
 def add_half_plane(lines: Array, n: int, x: float, y: float, dx: float, dy: float) -> int:
-    """Write a line, if there is room; how many there are then."""
+    """Write a line if fewer than HALF_PLANES are there; returns how many there are then."""
     if n == HALF_PLANES:
         return n
     lines[n, 0], lines[n, 1], lines[n, 2], lines[n, 3] = x, y, dx, dy
@@ -30,9 +30,9 @@ def add_half_plane(lines: Array, n: int, x: float, y: float, dx: float, dy: floa
 
 
 @borrowing_kernel
-def avoid_wall(lines: Array, n: int, nx: float, ny: float, room: float, horizon: float) -> int:
-    """Approach something no faster than reaches it in a horizon [s]."""
-    speed = -room / horizon
+def avoid_wall(lines: Array, n: int, nx: float, ny: float, gap: float, horizon: float) -> int:
+    """Approach what has the normal (nx, ny) no faster than closes a gap [m] in a horizon [s]."""
+    speed = -gap / horizon
     return add_half_plane(lines, n, nx * speed, ny * speed, ny, -nx)
 
 
@@ -49,13 +49,13 @@ def avoid_disc(
     uy: float,
     share: float,
     horizon: float,
-    soon: float,
+    overlap_time: float,
 ) -> int:
     """Stay clear of a moving disc for a horizon [s]."""
     rx, ry = vx - ux, vy - uy
     square = dx * dx + dy * dy
     apart = square > radius * radius
-    per = 1.0 / horizon if apart else 1.0 / soon
+    per = 1.0 / horizon if apart else 1.0 / overlap_time
     wx, wy = rx - per * dx, ry - per * dy
     length = math.sqrt(wx * wx + wy * wy)
     along = wx * dx + wy * dy

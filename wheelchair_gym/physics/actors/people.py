@@ -61,7 +61,7 @@ def _next_waypoint(world: Any, row: Any, state: Any) -> None:
 
 @borrowing_kernel
 def _static_half_planes(world: Any, state: Any, radius: float, sight: float, p: Any) -> int:
-    """Lines of the nearest walls, leaves and things that stand, the nearest kept."""
+    """Lines of near walls, leaves and static things; returns how many."""
     lines = table_at(world.half_planes, 2 * HALF_PLANES, 4)
     walls, discs = shapes_of(world)
     x, y, n = state.pose[0], state.pose[1], 0
@@ -108,7 +108,7 @@ def _is_occluded(world: Any, x: float, y: float, ex: float, ey: float) -> bool:
     left, right, low, high = min(x, ex), max(x, ex), min(y, ey), max(y, ey)
     for k in range(world.n_walls):
         ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
-        # Most walls lie wholly on one side: that is sooner seen than where they cross.
+        # Most walls lie on one side, which is quick to see.
         if (ax < left and bx < left) or (ax > right and bx > right):
             continue
         if (ay < low and by < low) or (ay > high and by > high):
@@ -120,7 +120,7 @@ def _is_occluded(world: Any, x: float, y: float, ex: float, ey: float) -> bool:
 
 @borrowing_kernel
 def _avoid_outline(p: Any, state: Any, row: Any, n: int, lines: Array, pose: Array) -> int:
-    """The chair's outline as a wall, for who sees it; nobody presses on who touches it."""
+    """The line of the chair's outline as a wall, for people who see or touch it."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     dx, dy = state.pose[0] - pose[0], state.pose[1] - pose[1]
     _, _, ex, ey = offset_from_outline(p, c, s, dx, dy)
@@ -183,8 +183,8 @@ def _choose_velocity(
                 continue
             ux, uy = actor_states[j].twist[0], actor_states[j].twist[1]
             share = 1.0 if other.avoids == NOBODY else 0.5
-            both, soon = radius + other.size[0], p.decide_every * p.dt
-            n = avoid_disc(lines, n, dx, dy, both, vx, vy, ux, uy, share, p.horizon, soon)
+            both, overlap_time = radius + other.size[0], p.decide_every * p.dt
+            n = avoid_disc(lines, n, dx, dy, both, vx, vy, ux, uy, share, p.horizon, overlap_time)
     return best_velocity(lines, hard, n, row.speed, wx, wy)
 
 
@@ -192,7 +192,7 @@ def _choose_velocity(
 def choose_velocities(
     world: Any, p: Any, key: np.uint64, tick: int, pose: Array, twist: Array
 ) -> None:
-    """Everyone chooses a velocity anew, all by what they see at one instant."""
+    """Let every person choose a velocity, all by the same instant of a chair at a pose (3,)."""
     rows, actor_states = actors_of(world)
     route = table_at(world.routes, world.n_routes, 2)
     period = p.decide_every * p.dt

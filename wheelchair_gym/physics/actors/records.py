@@ -1,7 +1,7 @@
 """What moves in a world besides the chair, as arrays: people, doors, obstacles, furniture.
 
-An actor is a record of ACTOR; ways that people walk stand in one table beside it. The simulation
-moves them, the sensors see their discs and segments, and this page says which those are.
+An actor is a record of ACTOR; the routes of people stand in one table beside it. The simulation
+moves them, and sensors see their discs and segments.
 """
 
 from __future__ import annotations

@@ -1,0 +1,143 @@
+"""Connections that are opened again when they are lost, and the age of what comes over them."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+
+RETRY = 0.5  # s between attempts to open what is not there
+_MAX_JUMP = 60.0  # s that a clock may jump ahead of this computer's: an hour or a year is an error
+
+
+class Closes(Protocol):
+    """Something that can be closed."""
+
+    def close(self) -> None:
+        """Close it."""
+        ...
+
+
+Connection = TypeVar("Connection", bound=Closes)
+
+
+class Reconnecting(Generic[Connection]):
+    """A connection that is opened again while it is lost; a failure is data, not an exception.
+
+    Args:
+        opener: makes it, or raises OSError or ValueError.
+        begin: is called with each new one; where it raises an OSError, that one is lost, too.
+
+    Attributes:
+        connection: what is open, or None.
+        error: why there is none, as a line of text; empty while there is, unless its user sets it.
+    """
+
+    def __init__(
+        self,
+        opener: Callable[[], Connection],
+        begin: Callable[[Connection], object] = lambda connection: None,
+    ) -> None:
+        self.connection: Connection | None = None
+        self.error = "not opened yet"
+        self._opener, self._begin = opener, begin
+        self._tried = -math.inf
+        self._closed = False
+
+    def get(self, now: float) -> Connection | None:
+        """The connection; opened, if it is time [s] to try."""
+        if self.connection is not None or self._closed or now - self._tried < RETRY:
+            return self.connection
+        self._tried = now
+        try:
+            self.connection = self._opener()
+            self.error = ""
+            self._begin(self.connection)
+        except (OSError, ValueError) as error:  # ValueError: pyserial's for a malformed URL
+            self.lose(error)
+        return self.connection
+
+    def lose(self, why: object) -> None:
+        """Close the connection, which has failed."""
+        lost, self.connection = self.connection, None
+        self.error = str(why)
+        if lost is not None:
+            with contextlib.suppress(OSError):  # it may be gone already
+                lost.close()
+
+    def close(self) -> None:
+        """Close the connection for good."""
+        self._closed = True
+        self.lose("closed")
+
+
+class Stamped(NamedTuple):
+    """The newest message of a topic."""
+
+    value: Any
+    measured_at: float  # s, `time.monotonic`
+
+
+NEVER = Stamped(math.nan, -math.inf)
+
+
+class ClockSync:
+    """The times of messages of one topic by this computer's clock."""
+
+    def __init__(self, drift: float) -> None:
+        self._drift = drift
+        self._last, self._ahead, self._came = -math.inf, math.inf, 0.0
+
+    def host_time(self, stamp: float, came: float) -> float:
+        """When a message was made that came then [s]; `stamp` is by its maker's clock, or NaN.
+
+        Raises:
+            ValueError: it is no newer than the one before, or its clock has jumped ahead.
+        """
+        if math.isnan(stamp):
+            return came
+        if stamp <= self._last:
+            raise ValueError(f"is {self._last - stamp:.3g} s older than the one before")
+        if (jump := self._ahead - (came - stamp)) > _MAX_JUMP and math.isfinite(self._ahead):
+            raise ValueError(
+                f"is stamped {jump:.3g} s later than its clock showed before; if that clock was "
+                "set, reset the chair"
+            )
+        # Bound of the clocks' difference: that of the quickest message so far, and their drift.
+        ahead = min(came - stamp, self._ahead + self._drift * (came - self._came))
+        self._last, self._ahead, self._came = stamp, ahead, came
+        return stamp + ahead
+
+
+class Latest:
+    """The newest message of one topic, whose maker may restart its clock.
+
+    Args:
+        drift: s per s that the two clocks may drift apart.
+
+    Attributes:
+        message: the newest; its time is -inf before the first.
+    """
+
+    def __init__(self, drift: float) -> None:
+        self._drift = drift
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all messages."""
+        self.message = NEVER
+        self._clock = ClockSync(self._drift)
+
+    def update(self, value: Any, stamp: float, came: float) -> None:
+        """Take a message that was made at a time of its maker's clock."""
+        try:
+            made = self._clock.host_time(stamp, came)
+        except ValueError:  # its maker was switched off and on
+            self._clock = ClockSync(self._drift)
+            made = self._clock.host_time(stamp, came)
+        self.message = Stamped(value, made)
+
+    def age(self, now: float) -> float:
+        """Seconds since the newest message was made; +inf before the first."""
+        return now - self.message.measured_at

@@ -1,0 +1,248 @@
+"""Topics with JSON content: each field is declared once, with its schema, its writer and reader.
+
+Readers raise KeyError for a missing field, and ValueError for one that is malformed.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple, get_type_hints
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from wheelchair_gym.errors import shorten
+from wheelchair_gym.files import LIMITS, check_cells, is_coordinate
+from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.migration import migrated
+from wheelchair_gym.physics.actors.records import ACTOR
+from wheelchair_gym.types import Truth
+
+Content = dict[str, Any]
+
+EPISODE: Final = "/episode"
+READING: Final = "/reading"
+COMMAND: Final = "/command"
+SHIELD: Final = "/shield"  # what the shield made of the command
+VERDICT: Final = "/verdict"
+BATTERY: Final = "/battery"
+BOARD: Final = "/board"  # of a real chair: wall time, and the drive board's report
+# Settings of an environment that judging needs.
+SETTINGS: Final = ("rate", "chair", "sensors", "task", "shield")
+
+
+class Kind(NamedTuple):
+    """How a field is described, written and read."""
+
+    schema: Mapping[str, Any]
+    read: Callable[[Any], Any]
+    write: Callable[[Any], Any] = lambda value: value
+
+
+def _exactly(type_: type) -> Callable[[Any], Any]:
+    """A reader of values of one type."""
+
+    def read(value: Any) -> Any:
+        if type(value) is not type_:
+            raise ValueError(f"is {shorten(value)}")
+        return value
+
+    return read
+
+
+def _number(value: Any) -> float:
+    """A number as large as a coordinate may be."""
+    if not is_coordinate(value):
+        raise ValueError(f"is {shorten(value)}")
+    return float(value)
+
+
+_list, _text, _object = _exactly(list), _exactly(str), _exactly(dict)
+
+
+def numbers(*shape: int) -> Kind:
+    """An array (*shape) of coordinates as lists; -1 is any length."""
+
+    def read(value: Any) -> NDArray[np.float64]:
+        values = np.array(_list(value), dtype=np.float64)
+        if values.size == 0 and -1 in shape:
+            values = np.empty([max(0, side) for side in shape])
+        fits = values.ndim == len(shape) and all(
+            wanted in (-1, side) for side, wanted in zip(values.shape, shape, strict=True)
+        )
+        if not fits or not (np.abs(values) <= LIMITS["coordinate"].most).all():
+            raise ValueError(f"is {shorten(value)}")
+        return values
+
+    items = {"type": "number"} if len(shape) == 1 else {"type": "array"}
+    return Kind({"type": "array", "items": items}, read, lambda value: np.asarray(value).tolist())
+
+
+def _packed(dtype: DTypeLike, size: int = -1) -> Kind:
+    """An array (size,) as text, to the bit, infinities and NaN included; -1: any size."""
+
+    def read(value: Any) -> NDArray[Any]:
+        # Of bytes that may be written to: for read-only arrays, kernels would be compiled again.
+        values = np.frombuffer(bytearray(base64.b64decode(_text(value), validate=True)), dtype)
+        if size not in (-1, len(values)):
+            raise ValueError(f"has {len(values)} values; expected {size}")
+        return values
+
+    def write(values: ArrayLike) -> str:
+        return base64.b64encode(np.ascontiguousarray(values, dtype).tobytes()).decode()
+
+    return Kind({"type": "string"}, read, write)
+
+
+def _nullable(missing: float | None) -> Kind:
+    """A number, or null for the missing value."""
+
+    def write(value: float | None) -> float | None:
+        return None if value is None or not math.isfinite(value) else value
+
+    schema = {"type": ["number", "null"]}
+    return Kind(schema, lambda value: missing if value is None else _number(value), write)
+
+
+NUMBER: Final = Kind({"type": "number"}, _number)
+TEXT: Final = Kind({"type": "string"}, _text)
+FLAG: Final = Kind({"type": "boolean"}, _exactly(bool))
+OBJECT: Final = Kind({"type": "object"}, _object)
+
+
+def read_fields(fields: Mapping[str, Kind], content: Content, *optional: str) -> Content:
+    """The fields of a message; an optional one may be missing."""
+    values = {}
+    for name, kind in fields.items():
+        if name not in optional or name in content:
+            try:
+                values[name] = kind.read(content[name])
+            except ValueError as error:
+                raise ValueError(f"{name} {error}") from None
+    return values
+
+
+def write_fields(fields: Mapping[str, Kind], values: Mapping[str, Any]) -> Content:
+    """The content of a message of these values; fields without a value are left out."""
+    return {name: kind.write(values[name]) for name, kind in fields.items() if name in values}
+
+
+def _poses(name: str) -> Kind:
+    """Poses (n, 3) as packed numbers of a type."""
+    kind = _packed(name)
+    return kind._replace(read=lambda value: kind.read(value).reshape(-1, 3))
+
+
+_MAP_FIELDS: Final = {
+    "cells": _packed("<i1"),
+    "shape": numbers(2),
+    "resolution": NUMBER,
+    "origin": numbers(3),
+}
+
+
+def _read_map(value: Any) -> OccupancyGrid:
+    content = read_fields(_MAP_FIELDS, _object(value))
+    rows, columns = (int(side) for side in content["shape"])
+    check_cells(rows, columns, "map")
+    cells = content["cells"]
+    if len(cells) != rows * columns:
+        raise ValueError(f"has {len(cells)} cells; expected {rows * columns}")
+    x, y, yaw = content["origin"].tolist()
+    grid = OccupancyGrid(cells.reshape(rows, columns), content["resolution"], (x, y, yaw))
+    if not all(map(is_coordinate, grid.bounds)):
+        raise ValueError("reaches too far")
+    return grid
+
+
+def _write_map(grid: OccupancyGrid) -> Content:
+    return write_fields(_MAP_FIELDS, {name: getattr(grid, name) for name in _MAP_FIELDS})
+
+
+MAP: Final = Kind({"type": "object"}, _read_map, _write_map)
+_SCALARS = {float: NUMBER, bool: FLAG, int: Kind({"type": "integer"}, _exactly(int))}
+_TRUTH_FIELDS: Final = {
+    name: {"pose": numbers(3), "twist": numbers(2), "actor_poses": _poses("<f8")}.get(name)
+    or _SCALARS[hint]
+    for name, hint in get_type_hints(Truth).items()
+}
+
+
+def _read_truth(value: Any) -> Truth:
+    content = migrated(_object(value), "truth")
+    return Truth(**content | read_fields(_TRUTH_FIELDS, content, *Truth._field_defaults))
+
+
+def _write_truth(truth: Truth) -> Content:
+    return write_fields(_TRUTH_FIELDS, truth._asdict())
+
+
+def _read_terms(value: Any) -> dict[str, float]:
+    terms = {name: _number(term) for name, term in _object(value).items()}
+    return migrated(terms, "task.reward")
+
+
+def reading_fields(beams: int = -1, rangers: int = -1) -> dict[str, Kind]:
+    """The fields of a reading with so many beams and ultrasonics; -1: any number."""
+    return {
+        "pose": numbers(3),
+        "twist": numbers(2),
+        "laser": _packed("<f4", beams),
+        "ultrasonic": _packed("<f4", rangers),
+        "age": _packed("<f4", rangers),
+        "bumped": FLAG,
+        "battery": _nullable(math.nan),
+        "stamp": NUMBER,
+        "halted": TEXT,
+        "odometry": numbers(3),
+        "truth": Kind({"type": "object"}, _read_truth, _write_truth),
+        "particles": _poses("<f4"),
+        "map": MAP,
+    }
+
+
+_OPTIONAL = ("particles", "map")  # fields of a reading
+FIELDS: Final[dict[str, dict[str, Kind]]] = {
+    EPISODE: {
+        "settings": OBJECT,
+        "map": MAP,
+        "start": numbers(3),
+        "goal": numbers(3),
+        "walls": numbers(-1, 4),
+        "discs": numbers(-1, 3),
+        "tolerance": _nullable(None),
+        "time_limit": _nullable(None),
+        "name": TEXT,
+        "actors": _packed(ACTOR),
+        "routes": numbers(-1, 2),
+    },
+    READING: reading_fields(),
+    COMMAND: {"action": numbers(2), "v": NUMBER, "w": NUMBER},
+    SHIELD: {"reason": TEXT, "asked": numbers(2), "given": numbers(2), "protective": FLAG},
+    VERDICT: {
+        "reward": NUMBER,
+        "terms": Kind({"type": "object", "additionalProperties": NUMBER.schema}, _read_terms),
+        "terminated": FLAG,
+        "truncated": FLAG,
+    },
+    BATTERY: {"voltage": _nullable(math.nan)},
+    BOARD: {
+        "wall": NUMBER,
+        **dict.fromkeys(("mode", "faults", "switches"), TEXT),
+        **dict.fromkeys(("left", "right", "duty_left", "duty_right", "v", "w"), NUMBER),
+    },
+}
+
+
+def json_schema(topic: str) -> dict[str, Any]:
+    """The JSON schema of a topic's messages."""
+    fields = FIELDS[topic]
+    optional = {READING: _OPTIONAL, BOARD: set(fields) - {"wall"}}.get(topic, ())
+    return {
+        "type": "object",
+        "title": topic.removeprefix("/"),
+        "properties": {name: kind.schema for name, kind in fields.items()},
+        "required": [name for name in fields if name not in optional],
+    }
