@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from planners.problem import Planner
+from wheelchair_gym.migration import migrated
 from wheelchair_gym.registry import Registry, in_module
 
 PLANNERS: Final = Registry(
@@ -14,7 +15,7 @@ PLANNERS: Final = Registry(
         "bug1": "planners.reactive.bug:Bug1",
         "bug2": "planners.reactive.bug:Bug2",
         "cell_decomposition": "planners.graphs.cell_decomposition:CellDecomposition",
-        "disc_then_lattice": "planners.lattice.disc_then_lattice:DiscThenLattice",
+        "disc_then_lattice": "planners.lattice.lattice:DiscThenLattice",
         "geometric": "planners.graphs.geometric:Geometric",
         "lattice": "planners.lattice.lattice:Lattice",
         "potential_field": "planners.reactive.potential_field:PotentialField",
@@ -58,6 +59,8 @@ def make_planner(spec: str | Mapping[str, Any] | Planner) -> Planner:
     Raises:
         InputError: the name is unknown, or a setting is not one of the planner's.
     """
+    if isinstance(spec, Mapping):
+        spec = migrated(spec, "planner")
     planner: Planner = PLANNERS.make(spec)
     return planner
 

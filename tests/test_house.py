@@ -36,6 +36,7 @@ FOR_PLANNERS = {
     "compiled",
     "errors",
     "files",
+    "migration",
     "registry",
     "random",
 }

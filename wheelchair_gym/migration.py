@@ -43,6 +43,14 @@ RENAMED: Final[dict[str, dict[str, str]]] = {
     "sensors.modelled": {"position_most": "position_max", "heading_most": "heading_max"},
     "sensors.faults": {"since": "onset"},
     "starts": {"within": "max_time", "least": "min_time"},
+    "follower.objective": {
+        "foresight": "prediction_time",
+        "wish": "desired_clearance",
+        "room": "actor_clearance",
+        "struck": "actor_weight",
+    },
+    "planner": {"reverse_cost": "reverse_factor"},
+    "planner.lattice": {"reverse_cost": "reverse_factor"},
     "guidance": {
         "slack": "max_detour",
         "share": "degraded_share",

@@ -1,24 +1,21 @@
-"""Followers: from a path and what stands round the chair to the next twist."""
+"""Followers: from a path and what is around the chair to the next twist."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from agents.control.controls import ControlsFollower
-from agents.control.fan import DynamicWindow, Window
-from agents.control.mppi import PathIntegral
-from agents.control.pursuit import PurePursuit
-from agents.control.whales import WhaleFollower
+from agents.control import followers
 from wheelchair_gym.config import InputError, load
+from wheelchair_gym.migration import migrated
 
 FOLLOWERS: dict[str, type] = {
-    "controls": ControlsFollower,
-    "dwa": DynamicWindow,
-    "mppi": PathIntegral,
-    "pure_pursuit": PurePursuit,
-    "window": Window,
-    "woa": WhaleFollower,
+    "controls": followers.ControlsFollower,
+    "dwa": followers.DynamicWindow,
+    "mppi": followers.PathIntegral,
+    "pure_pursuit": followers.PurePursuit,
+    "window": followers.Window,
+    "woa": followers.WhaleFollower,
 }
 
 
@@ -28,7 +25,7 @@ def make_follower(spec: Mapping[str, Any]) -> Any:
     Raises:
         InputError: the name is unknown or a setting is wrong.
     """
-    values = dict(spec)
+    values = migrated(spec, "follower")
     name = values.pop("name", "window")
     if not isinstance(name, str) or name not in FOLLOWERS:
         raise InputError(f"follower {name!r} is unknown; known: {', '.join(sorted(FOLLOWERS))}")

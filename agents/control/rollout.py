@@ -1,12 +1,14 @@
-"""Roll-outs of candidate twists: what the chair would sweep, and what it would gain.
+"""Roll-outs of commands: what the chair would sweep, and what it would gain along its path.
 
 Everything is in the chair's own frame at the present moment: obstacles are points, the reference
-is a chain of poses with its way s, where a radian of turning counts as `TURN_LENGTH` metres.
+path is a chain of poses with the distance s along it, where a radian of turning counts as
+`TURN_LENGTH` metres.
 """
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,102 +25,67 @@ from wheelchair_gym.kinematics import Limits, approach_twist, arc_step, peak_spe
 
 Array = NDArray[np.float64]
 
-
-class Motion:
-    """Speed and turn with their slopes, which no encoder tells; and what bounds them.
-
-    Attributes:
-        state: speed, its slope, turn, its slope (4,).
-        last: the target twist commanded last (2,).
-    """
-
-    def __init__(self, limits: Limits, outline: Footprint, period: float) -> None:
-        self.limits = limits
-        self.outline = outline
-        self.array = limits.array
-        self.footprint = outline.array
-        self.period = period
-        self.state: Array = np.zeros(4)
-        self.last: Array = np.zeros(2)
-
-    @property
-    def body(self) -> Body:
-        """The chair as kernels take it."""
-        return Body(self.state, self.last, self.array, self.footprint)
-
-    def measured(self, twist: Array) -> None:
-        """Believe the encoders where the ramps must be wrong: a bump, a slip, a shield."""
-        for k, far in ((0, 0.10), (1, 0.20)):
-            if abs(self.state[2 * k] - twist[k]) > far:
-                self.state[2 * k], self.state[2 * k + 1] = twist[k], 0.0
-
-    def command(self, twist: Array) -> None:
-        """Note what is commanded for the next period."""
-        v, v_rate, w, w_rate = self.state.tolist()
-        to_v, to_w = twist.tolist()
-        self.state[:] = approach_twist(v, v_rate, w, w_rate, to_v, to_w, self.array, self.period)
-        self.last = np.array(twist)
-
-
 TURN_LENGTH = 0.4  # m per rad: about the mean lever of the outline about the drive axle
-STEP = 0.1  # s between two poses of a roll-out
-HEADWAY = 0.06  # s: so much of its own speed the outline keeps clear beside it, as a shield has it
-SLOW = 0.1  # m/s: and from here on only
-CAUTION = 0.35  # s: of way by which the chair keeps farther from what moves; it may turn any moment
-
-
-class Weights(NamedTuple):
-    """What a roll-out is scored by (`agents.control.follower`); all costs are in metres of way."""
-
-    horizon: float  # s over which it is scored
-    foresight: float  # s over which movers are foreseen
-    wish: float  # m of clearance beyond which more is worth nothing
-    room: float  # m, the same from what moves
-    progress: float  # gain of a metre along the reference
-    clearance: float  # cost of a metre in touch with something, falling to nothing at the wish
-    path: float  # cost of a metre beside the reference, at the end, and half half-way
-    comfort: float  # cost of changing the twist by 1 m/s or 1 rad/s
-    reverse: float  # cost of a metre in reverse
-    struck: float  # cost of a mover that comes up to the chair
-
-
-class Near(NamedTuple):
-    """What is round the chair, in its own frame."""
-
-    points: Array  # (k, 3) x, y and the distance from the origin [m], which rises
-    movers: Array  # (m, 5) x, y [m], vx, vy [m/s], radius [m]
-    reference: Array  # (n, 4) x, y [m], yaw [rad], way [m]
+# Two steps exist: with the control generator's 0.05 s a fan of twists takes 2.5 times as long. The
+# ramps of the twist are the same; here the pose follows the twist at the end of a step.
+STEP = 0.1  # s
+SPEED_CLEARANCE = 0.06  # s: the outline keeps this share of its speed clear, as the shield does
+SLOW = 0.1  # m/s: and only above this speed
+ACTOR_CAUTION = 0.35  # s: of own speed, kept as distance from actors, which may turn any moment
+X, Y, YAW, S = range(4)  # columns of a reference path
+VX, VY, RADIUS = 2, 3, 4  # columns of actors, after X and Y
 
 
 class Body(NamedTuple):
-    """The chair, and how it moves now."""
+    """The chair and its present motion, as kernels take them."""
 
-    state: Array  # (4,) speed, its slope, turn, its slope
+    state: Array  # (4,) speed, its rate of change, turn rate, its rate of change
     last: Array  # (2,) the twist commanded before
     limits: Any  # record, `Limits.array`
     footprint: Array  # (3,) `Footprint.array`
 
 
+class ChairState:
+    """The chair's twist with its rates of change, which no encoder measures; and what bounds it."""
+
+    def __init__(self, limits: Limits, footprint: Footprint, period: float) -> None:
+        self.limits, self.footprint, self.period = limits, footprint, period
+        self.body = Body(np.zeros(4), np.zeros(2), limits.array, footprint.array)
+
+    def measured(self, twist: Array) -> None:
+        """Take the encoders' twist where the ramps must be wrong: a bump, a slip, a shield."""
+        state = self.body.state
+        for k, tolerance in ((0, 0.10), (1, 0.20)):
+            if abs(state[2 * k] - twist[k]) > tolerance:
+                state[2 * k], state[2 * k + 1] = twist[k], 0.0
+
+    def command(self, twist: Array) -> None:
+        """Note what is commanded for the next period."""
+        state, limits = self.body.state, self.body.limits
+        v, v_rate, w, w_rate = state
+        state[:] = approach_twist(v, v_rate, w, w_rate, twist[0], twist[1], limits, self.period)
+        self.body.last[:] = twist
+
+
+class LocalView(NamedTuple):
+    """What is around the chair, in its own frame, as kernels take it."""
+
+    points: Array  # (k, 3) x, y and the distance from the origin [m], which rises
+    actors: Array  # (m, 5) x, y [m], vx, vy [m/s], radius [m]
+    reference: Array  # (n, 4) x, y [m], yaw [rad], s [m]
+
+
 @kernel
 def match(
-    x: float, y: float, yaw: float, reference: Array, first: int, most: float
+    x: float, y: float, yaw: float, reference: Array, first: int, max_s: float
 ) -> tuple[int, float]:
-    """The reference pose nearest to a pose, and how far it is [m].
-
-    Args:
-        x: the pose's x [m]; then y [m] and yaw [rad].
-        y: see x.
-        yaw: see x.
-        reference: rows (n, 4) x, y, yaw, s.
-        first: row to begin with.
-        most: rows with a larger s [m] are not looked at: no way is gained that was not driven.
-    """
+    """The row of the reference pose nearest to a pose, up to a way s, and how far it is [m]."""
     best, row = 1e18, first
     for k in range(first, reference.shape[0]):
-        if reference[k, 3] > most:
+        if reference[k, S] > max_s:
             break
-        dx, dy = reference[k, 0] - x, reference[k, 1] - y
-        turn = reference[k, 2] - yaw
+        dx, dy = reference[k, X] - x, reference[k, Y] - y
+        turn = reference[k, YAW] - yaw
         turn = TURN_LENGTH * (turn - 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5))
         distance = dx * dx + dy * dy + turn * turn
         if distance < best:
@@ -127,64 +94,48 @@ def match(
 
 
 @kernel
-def mover_gap(
-    x: float, y: float, yaw: float, footprint: Array, movers: Array, t: float, interest: float
+def actor_distance(
+    x: float, y: float, yaw: float, footprint: Array, actors: Array, t: float, limit: float
 ) -> float:
-    """Distance [m] from the outline at a pose to where the nearest mover is foreseen; 0 inside.
-
-    Args:
-        x: the pose's x [m]; then y [m] and yaw [rad].
-        y: see x.
-        yaw: see x.
-        footprint: `Footprint.array`.
-        movers: see `Near`.
-        t: when the chair is at that pose [s].
-        interest: farther ones are not looked for [m].
-    """
+    """Distance [m], at most `limit`, from the outline to the nearest actor predicted at time t."""
     c, s = math.cos(yaw), math.sin(yaw)
-    best = interest
-    for k in range(movers.shape[0]):
-        px, py = movers[k, 0] + t * movers[k, 2] - x, movers[k, 1] + t * movers[k, 3] - y
+    best = limit
+    for k in range(actors.shape[0]):
+        px, py = actors[k, X] + t * actors[k, VX] - x, actors[k, Y] + t * actors[k, VY] - y
         gap = rectangle_point_gap(c * px + s * py, c * py - s * px, footprint)
-        best = min(best, max(0.0, gap - movers[k, 4]))
+        best = min(best, max(0.0, gap - actors[k, RADIUS]))
     return best
 
 
 @kernel
-def stops_clear(v: float, w: float, body: Body, near: Near, hold: float, margin: float) -> bool:
-    """Whether a twist, held for a while and then braked, keeps the margin until the chair rests.
+def stops_clear(
+    v: float, w: float, body: Body, view: LocalView, hold: float, margin: float
+) -> bool:
+    """Whether a twist, held for `hold` seconds and then braked, keeps the margin until rest.
 
-    What moves is where it is foreseen, or stops where it is now: in motion the chair comes to
+    An actor is where it is predicted, or stops where it is now: in motion the chair comes to
     neither nearer than it would be if it stood.
-
-    Args:
-        v: target speed [m/s].
-        w: target turn [rad/s].
-        body: the chair now.
-        near: what is round it.
-        hold: how long the twist is held [s].
-        margin: what must remain [m].
     """
     x, y, yaw = 0.0, 0.0, 0.0
-    state, limits = body.state, body.limits
-    sv, av, sw, aw = state[0], state[1], state[2], state[3]
+    limits, footprint, actors = body.limits, body.footprint, view.actors
+    sv, av, sw, aw = body.state[0], body.state[1], body.state[2], body.state[3]
     held = round(hold / STEP)
-    lever = math.hypot(max(body.footprint[0], body.footprint[1]), body.footprint[2])
+    lever = math.hypot(max(footprint[0], footprint[1]), footprint[2])
     for k in range(held + 40):
         if k == held:
             v, w = 0.0, 0.0
         sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
         x, y, yaw = arc_step(x, y, yaw, sv, sw, STEP)
-        need = required_clearance(margin, HEADWAY, abs(sv), abs(sw), lever, SLOW)
-        if clearance_to_points(x, y, yaw, body.footprint, near.points, need + 0.01) < need:
+        need = required_clearance(margin, SPEED_CLEARANCE, abs(sv), abs(sw), lever, SLOW)
+        if clearance_to_points(x, y, yaw, footprint, view.points, need + 0.01) < need:
             return False
         still = abs(sv) < 0.02 and abs(sw) < 0.05
-        if not still and near.movers.shape[0] > 0:
-            room = margin + CAUTION * abs(sv)
+        if not still and actors.shape[0] > 0:
+            distance = margin + ACTOR_CAUTION * abs(sv)
             for t in (0.0, (k + 1) * STEP):
-                gap = mover_gap(x, y, yaw, body.footprint, near.movers, t, room)
-                if gap < room:  # drawing away from who comes is always allowed
-                    here = mover_gap(0.0, 0.0, 0.0, body.footprint, near.movers, t, room)
+                gap = actor_distance(x, y, yaw, footprint, actors, t, distance)
+                if gap < distance:  # moving away from an actor is always allowed
+                    here = actor_distance(0.0, 0.0, 0.0, footprint, actors, t, distance)
                     if gap < here:
                         return False
         ends = (
@@ -196,112 +147,188 @@ def stops_clear(v: float, w: float, body: Body, near: Near, hold: float, margin:
 
 
 @kernel
-def cost_of(
-    commands: Array, body: Body, near: Near, start: int, margin: float, weights: Weights
+def rollout_cost(
+    commands: Array, body: Body, view: LocalView, start: int, margin: float, objective: Any
 ) -> float:
-    """The cost [m] of commands, rolled out: the one objective of every local controller.
+    """The cost [m] of commands (k, 3), rolled out: the one objective of every local controller.
 
-    Args:
-        commands: (k, 3) m/s, rad/s, s, one after another; the last one lasts.
-        body: the chair now.
-        near: what is round it.
-        start: the row of the reference where the chair is.
-        margin: what must always remain between the outline and an obstacle [m].
-        weights: see `Weights`.
+    `start` is the reference's row where the chair is; the last command lasts until the horizon.
     """
-    state, limits, footprint, reference = body.state, body.limits, body.footprint, near.reference
-    steps = round(weights.horizon / STEP)
+    limits, footprint, reference = body.limits, body.footprint, view.reference
+    desired, weight = objective.desired_clearance, objective.clearance
+    steps = round(objective.horizon / STEP)
     lever = math.hypot(max(footprint[0], footprint[1]), footprint[2])
     x, y, yaw = 0.0, 0.0, 0.0
-    gap = 0.0  # a lower bound; looked for anew only where it might matter
-    sv, av, sw, aw = state[0], state[1], state[2], state[3]
+    gap = 0.0  # a lower bound; measured anew only where it might matter
+    sv, av, sw, aw = body.state[0], body.state[1], body.state[2], body.state[3]
     v, w, row, until = commands[0, 0], commands[0, 1], 0, commands[0, 2]
-    cost: float = weights.comfort * (abs(v - body.last[0]) + 0.5 * abs(w - body.last[1]))
-    backed, driven, barred, some = 0.0, 0.1, False, near.movers.shape[0] > 0
+    cost: float = objective.comfort * (abs(v - body.last[0]) + 0.5 * abs(w - body.last[1]))
+    reversed_way, driven, blocked, actors = 0.0, 0.1, False, view.actors.shape[0] > 0
     end = (0.0, 0.0, 0.0)
-    for k in range(max(steps, round(weights.foresight / STEP)) if some else steps):
-        if k == steps:  # from here on it comes to rest: is that where others come?
+    count = max(steps, round(objective.prediction_time / STEP)) if actors else steps
+    for k in range(count):
+        if k == steps:  # from here on it comes to rest: do actors come there?
             v, w = 0.0, 0.0
         while k < steps and k * STEP >= until - 1e-9 and row + 1 < commands.shape[0]:
             row += 1
             change = abs(commands[row, 0] - v) + 0.5 * abs(commands[row, 1] - w)
-            cost += weights.comfort * change
+            cost += objective.comfort * change
             v, w, until = commands[row, 0], commands[row, 1], until + commands[row, 2]
-        if not barred:
+        if not blocked:
             sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
             ax, ay, ayaw = arc_step(x, y, yaw, sv, sw, STEP)
             if k < steps:
                 gap -= (abs(sv) + lever * abs(sw)) * STEP
-                if gap < weights.wish:
-                    gap = clearance_to_points(
-                        ax, ay, ayaw, footprint, near.points, weights.wish + 0.2
-                    )
-                if gap < margin:  # whatever lies beyond is not gained
-                    cost += weights.clearance * weights.horizon * (steps - k) / steps
-                    barred = True
+                if gap < desired:
+                    gap = clearance_to_points(ax, ay, ayaw, footprint, view.points, desired + 0.2)
+                if gap < margin:  # what lies beyond is not reached
+                    cost += weight * objective.horizon * (steps - k) / steps
+                    blocked = True
                 else:
-                    # By way, not by time: a chair that is slow where it is tight is no worse off,
-                    # and none is better off where it stands before a narrow place.
+                    # By way, not by time: slow driving in a narrow place costs no more, and
+                    # standing before it gains nothing.
                     moved = (abs(sv) + TURN_LENGTH * abs(sw)) * STEP
-                    short = max(0.0, 1.0 - gap / weights.wish)
-                    cost += weights.clearance * short * short * moved
-                    backed += max(0.0, -sv) * STEP
+                    short = max(0.0, 1.0 - gap / desired)
+                    cost += weight * short * short * moved
+                    reversed_way += max(0.0, -sv) * STEP
                     driven += 1.1 * moved
                     end = (ax, ay, ayaw)
                     if k == steps // 2:  # half-way, too, or it cuts corners
-                        most = reference[start, 3] + driven
+                        most = reference[start, S] + driven
                         _, error = match(ax, ay, ayaw, reference, start, most)
-                        cost += 0.5 * weights.path * error
-            if not barred:
+                        cost += 0.5 * objective.path * error
+            if not blocked:
                 x, y, yaw = ax, ay, ayaw
-        if some:
-            room = mover_gap(x, y, yaw, footprint, near.movers, (k + 1) * STEP, weights.room)
-            short = 1.0 - room / weights.room
-            cost += weights.clearance * short * short * STEP
-            if room < margin:
-                cost += weights.struck * (1.0 - 0.6 * k * STEP / weights.foresight)
+        if actors:
+            limit = objective.actor_clearance
+            distance = actor_distance(x, y, yaw, footprint, view.actors, (k + 1) * STEP, limit)
+            short = 1.0 - distance / limit
+            cost += weight * short * short * STEP
+            if distance < margin:
+                cost += objective.actor_weight * (1.0 - 0.6 * k * STEP / objective.prediction_time)
                 break
-        elif barred:
+        elif blocked:
             break
-    at, error = match(end[0], end[1], end[2], reference, start, reference[start, 3] + driven)
-    cost += weights.path * error
-    cost -= weights.progress * (reference[at, 3] - reference[start, 3])
-    return cost + weights.reverse * backed
+    at, error = match(end[0], end[1], end[2], reference, start, reference[start, S] + driven)
+    cost += objective.path * error
+    cost -= objective.progress * (reference[at, S] - reference[start, S])
+    cost += objective.reverse * reversed_way
+    return cost
 
 
 @kernel
-def begin(near: Near) -> int:
+def start_row(view: LocalView) -> int:
     """The row of the reference where the chair is."""
-    row, _ = match(0.0, 0.0, 0.0, near.reference, 0, near.reference[0, 3] + 0.3)
+    row, _ = match(0.0, 0.0, 0.0, view.reference, 0, view.reference[0, S] + 0.3)
     return row
 
 
 @kernel
-def costs_of(candidates: Array, body: Body, near: Near, margin: float, weights: Weights) -> Array:
-    """The costs (c,) [m] of candidates (c, k, 3); see `cost_of`."""
-    costs, start = np.empty(candidates.shape[0]), begin(near)
+def rollout_costs(
+    candidates: Array, body: Body, view: LocalView, margin: float, objective: Any
+) -> Array:
+    """The costs (c,) [m] of candidates (c, k, 3); see `rollout_cost`."""
+    costs, start = np.empty(candidates.shape[0]), start_row(view)
     for i in range(candidates.shape[0]):
-        costs[i] = cost_of(candidates[i], body, near, start, margin, weights)
+        costs[i] = rollout_cost(candidates[i], body, view, start, margin, objective)
     return costs
 
 
 @kernel
 def cheapest(
-    twists: Array, costs: Array, body: Body, near: Near, hold: float, margin: float
+    twists: Array, costs: Array, body: Body, view: LocalView, hold: float, margin: float
 ) -> int:
-    """The cheapest twist that leaves room to stop, or -1.
+    """The index of the cheapest twist (c, 2 or more) that passes `stops_clear`, or -1.
 
-    The dear test is made only from the best on, until one passes.
-
-    Args:
-        twists: (c, 2 or 3) [m/s, rad/s]; what follows does not count.
-        costs: (c,) of what begins with them.
-        body: the chair now.
-        near: what is round it.
-        hold: how long the twist is held [s].
-        margin: what must always remain [m].
+    The test takes long: it is made from the cheapest on, until one passes.
     """
     for i in np.argsort(costs):
-        if stops_clear(twists[i, 0], twists[i, 1], body, near, hold, margin):
+        if stops_clear(twists[i, 0], twists[i, 1], body, view, hold, margin):
             return int(i)
     return -1
+
+
+SPACING = 0.05  # m (or m of turning) between two reference poses
+SMOOTHING = 0.25  # m: half of the stretch over which corners of a plain polyline are rounded
+
+
+def _resampled(path: Array, spacing: float) -> Array:
+    """A polyline (n, 2) with points at most `spacing` apart, its own vertices kept."""
+    parts = [path[:1]]
+    for a, b in pairwise(path):
+        count = max(1, math.ceil(float(np.hypot(*(b - a))) / spacing))
+        parts.append(a + (b - a) * (np.arange(1, count + 1) / count)[:, None])
+    return np.concatenate(parts)
+
+
+def poses_of(path: Array, heading: float) -> Array:
+    """The poses (m, 3) of a path (n, 2) with corners a little rounded.
+
+    They begin with a pivot from the chair's heading [rad].
+    """
+    points = _resampled(path, SPACING)
+    wide = round(SMOOTHING / SPACING)
+    if len(points) > 2 * wide + 1:
+        before = 2 * points[0] - points[wide:0:-1]
+        after = 2 * points[-1] - points[-2 : -wide - 2 : -1]
+        padded = np.concatenate([before, points, after])
+        window = np.ones(2 * wide + 1) / (2 * wide + 1)
+        points = np.column_stack([np.convolve(padded[:, k], window, "valid") for k in (0, 1)])
+    steps = np.gradient(points, axis=0)
+    yaw = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    turn = math.remainder(yaw[0] - heading, 2 * math.pi)
+    count = math.ceil(abs(turn) * TURN_LENGTH / SPACING)
+    yaw += heading + turn - yaw[0]
+    pivot = np.column_stack(
+        [np.repeat(points[:1], count, axis=0), heading + turn * np.arange(count) / max(1, count)]
+    )
+    return np.concatenate([pivot, np.column_stack([points, yaw])])
+
+
+class ReferencePath:
+    """Poses to follow, the distance s [m] along them, and how far the chair has come.
+
+    Attributes:
+        rows: (n, 4) x, y [m], yaw [rad], s [m].
+        at: the row where the chair is.
+    """
+
+    def __init__(self, path: Array, pose: Array) -> None:
+        if len(path) < 2:
+            path = np.concatenate([path[:, :2], path[:, :2] + 1e-6])
+        poses = path if path.shape[1] == 3 else poses_of(path, float(pose[2]))
+        turns = np.remainder(np.diff(poses[:, YAW]) + math.pi, 2 * math.pi) - math.pi
+        ways = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+        s = np.concatenate([[0.0], np.cumsum(ways + TURN_LENGTH * np.abs(turns))])
+        self.rows = np.column_stack([poses, s])  # (n, 4)
+        self.at = 0
+
+    def advance(self, pose: Array) -> float:
+        """Move along to where the pose is; the distance [m] between pose and reference."""
+        first = int(np.searchsorted(self.rows[:, S], self.way - 0.2))
+        self.at, distance = match(pose[0], pose[1], pose[2], self.rows, first, self.way + 0.4)
+        return float(distance)
+
+    @property
+    def way(self) -> float:
+        """How far along the chair has come [m]."""
+        return float(self.rows[self.at, S])
+
+    @property
+    def left(self) -> float:
+        """How far it is to the end [m]."""
+        return float(self.rows[-1, S]) - self.way
+
+    @property
+    def ended(self) -> bool:
+        """Whether the chair has come to the end."""
+        return self.left < 0.1
+
+    def ahead(self, pose: Array, distance: float = 2.5) -> Array:
+        """The reference poses (m, 4) of the next `distance` metres, in the chair's frame."""
+        ends = np.searchsorted(self.rows[:, S], [self.way - 0.1, self.way + distance])
+        part = self.rows[min(ends[0], self.at) : ends[1] + 1].copy()
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        part[:, :2] = (part[:, :2] - pose[:2]) @ np.array([(c, -s), (s, c)])
+        part[:, YAW] -= pose[2]
+        return part

@@ -15,18 +15,18 @@ from wheelchair_gym.types import Command, Mission, Reading
 Array = NDArray[np.float64]
 
 
-# What planners are told for driving: who seeks the shortest path, to keep away from walls; who
-# turns in place and backs, how slowly that goes where nobody looks.
+# Settings of planners for driving: shortest paths shall keep away from walls; turning in place and
+# reversing, where no sensor looks, are slow.
 DRIVING: dict[str, dict[str, Any]] = {
     "a_star": {"obstacle_weight": 4.0, "desired_clearance": 0.7},
-    "lattice": {"pivot_speed_ratio": 0.25, "reverse_cost": 4.0, "limits": {"backward": 0.1}},
+    "lattice": {"pivot_speed_ratio": 0.25, "reverse_factor": 4.0, "limits": {"backward": 0.1}},
 }
 
 
 class Policy(Protocol):
-    """Something that drives. It knows a mission and readings, never the truth or the environment.
+    """Something that drives. It gets a mission and readings, never the truth or the environment.
 
-    It changes neither of them; all that it has to say is in its commands.
+    It changes neither of them; its commands are all that it returns.
     """
 
     def reset(self, mission: Mission) -> None:
@@ -41,8 +41,8 @@ class Policy(Protocol):
 class GymPolicy:
     """A policy in a Gymnasium loop: its `act` takes an observation and gives an action.
 
-    The policy is asked with the reading that the environment made the observation from. What it
-    wants shown, the environment shows.
+    The policy gets the reading that the environment made the observation from. The environment
+    shows what the command has to show.
 
     Args:
         policy: any.
@@ -135,22 +135,22 @@ def settings_of(spec: str | Mapping[str, Any] | Any) -> Any:
 
 
 def spec_of(policy: str | Mapping[str, Any] | Any) -> str | Mapping[str, Any] | Any:
-    """What a policy is compared as: names and mappings as they are, settings of ours as a mapping.
+    """What a policy is compared as: names and mappings as they are, our settings as a mapping.
 
-    Settings of somebody's own stay as they are; their class and their values tell them apart.
+    Settings of other packages stay as they are; their class and their values identify them.
 
     Raises:
-        InputError: `make_policy` does not take it, or its values cannot be told.
+        InputError: `make_policy` does not take it, or its values cannot be read.
     """
     if isinstance(policy, str | Mapping):
         return policy
     settings_of(policy)
     for name, family in policy_settings().items():
         if type(policy) is family:
-            plain, own = dump(family()), dump(policy)
-            changed = {key: value for key, value in own.items() if value != plain[key]}
+            plain, config = dump(family()), dump(policy)
+            changed = {key: value for key, value in config.items() if value != plain[key]}
             if name == "planned":
-                named = (own[part].get("name", "") for part in ("planner", "follower"))
+                named = (config[part].get("name", "") for part in ("planner", "follower"))
                 changed["label"] = "+".join(named)
             return {"name": name, **changed} if changed else name
     if not is_dataclass(policy):
@@ -161,9 +161,9 @@ def spec_of(policy: str | Mapping[str, Any] | Any) -> str | Mapping[str, Any] | 
 
 
 def kind_of(policy: str | Mapping[str, Any] | Any) -> str:
-    """What family of ours a policy is of: learned, planned, ...; empty: somebody's own."""
-    own = settings_of(policy)
-    return next((name for name, kind in policy_settings().items() if type(own) is kind), "")
+    """The name of a policy's family: learned, planned, ...; empty if it is not one of ours."""
+    config = settings_of(policy)
+    return next((name for name, kind in policy_settings().items() if type(config) is kind), "")
 
 
 def _named(name: str, values: dict[str, Any]) -> Any:
@@ -179,11 +179,11 @@ def _named(name: str, values: dict[str, Any]) -> Any:
     planner, plus, follower = name.partition("+")
     if planner not in PLANNERS or (plus and follower not in FOLLOWERS):
         raise InputError(f"policy {name!r} is unknown; known: {policy_names()}")
-    for key, own in (("planner", planner), ("follower", follower)):
+    for key, chosen in (("planner", planner), ("follower", follower)):
         part = values.get(key, {})
         if not isinstance(part, Mapping):
             raise InputError(f"policy {name}.{key} is {part!r}; expected an object of settings")
-        if own or part:
-            part = {**DRIVING.get(own, {}), **part}
-            values[key] = {**part, "name": own or part.get("name", "window")}
+        if chosen or part:
+            part = {**DRIVING.get(chosen, {}), **part}
+            values[key] = {**part, "name": chosen or part.get("name", "window")}
     return load(families["planned"], values, f"policy {name}")

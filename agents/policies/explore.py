@@ -1,4 +1,4 @@
-"""Exploring an unknown world: to one frontier after another, and to the goal when it is known."""
+"""Exploring an unknown world: to one frontier after another, then to the goal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.unknown_space import standing
+from agents.control.unknown_space import with_free_footprint
 from agents.policies.planned import Planned
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.localization.occupancy import Frontier, find_frontiers
@@ -18,16 +18,16 @@ from wheelchair_gym.types import Command, Mission, Reading
 
 Array = NDArray[np.float64]
 SAME = 1.0  # m: a frontier that recedes is the same one so far away
-MORE = 1.02  # times as many cells known: worth another try
+MORE = 1.02  # times as many explored cells: frontiers that were given up are tried again
 
 
 @settings
 class Explore:
-    """Explore by frontiers (Yamauchi 1997); T1's way through a house that nobody has mapped yet.
+    """Explore by frontiers (Yamauchi 1997), as T1 in a house without a map.
 
-    The chair draws its map and finds itself on it (pose source `slam`), drives to the frontier that
-    is nearest, counting the rest of the way to the goal, and plans to the goal once a way over
-    known ground leads there. Without a goal to seek it stops when no frontier is left.
+    The chair draws its map and localizes on it (pose source `slam`), drives to the frontier that is
+    nearest, counting the rest of the way to the goal, and plans to the goal once a path over
+    explored space leads there. Without a goal it stops when no frontier is left.
     """
 
     planner: Mapping[str, Any] = field(default_factory=lambda: {"name": "lattice"})
@@ -67,20 +67,20 @@ class Explorer:
     """Drives to frontiers, then to the goal.
 
     Attributes:
-        state: `explore`, `drive` (the goal is known) or `done` (nothing is left to see).
+        state: `explore`, `drive` (to the goal) or `done` (nothing is left to see).
     """
 
-    def __init__(self, own: Explore) -> None:
-        self.own = own
+    def __init__(self, config: Explore) -> None:
+        self.config = config
 
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
         self._mission = mission
-        self._given_up: list[Array] = []  # places (2,) that could not be reached, or told nothing
-        self._spent = self._since = 0.0  # s on this frontier, and since the last look
-        self._seen = 0  # cells known when frontiers were given up for good
+        self._given_up: list[Array] = []  # places (2,) that were in vain
+        self._spent = self._since = 0.0  # s on this frontier, and since the last search
+        self._seen = 0  # explored cells when frontiers were last given up
         self.state = "explore"
-        self._driver = self.own.planned().make()
+        self._driver = self.config.planned().make()
         self._driver.reset(mission)
         self._choose(mission.reading)
 
@@ -91,30 +91,30 @@ class Explorer:
         period = self._mission.period
         self._since += period
         self._spent += period
-        if self.state == "explore" and (self._since >= self.own.look or self._driver.ended):
+        if self.state == "explore" and (self._since >= self.config.look or self._driver.ended):
             self._choose(reading)
         if self.state == "done":
             return Command(np.zeros(2), self._driver.shown)
         return self._driver.act(reading)
 
     def _choose(self, reading: Reading) -> None:
-        """Aim at the goal if its way is known, or else at the frontier that is worth most."""
-        own, mission = self.own, self._mission
+        """Aim at the goal if a path to it is explored, or else at the frontier of least cost."""
+        config, mission = self.config, self._mission
         pose, goal = reading.pose, mission.goal[:2]
-        known = standing(mission.map_at(reading), pose, mission.footprint)
+        grid = with_free_footprint(mission.map_at(reading), pose, mission.footprint)
         self._since = 0.0
-        if own.seek and np.isfinite(geodesic(known, goal, own.clearance).at(pose[:2])):
+        if config.seek and np.isfinite(geodesic(grid, goal, config.clearance).at(pose[:2])):
             self.state = "drive"
             self._driver.aim(mission.goal, reading)
             return
         aim = self._driver.goal[:2]
-        over = self._driver.ended or not self._driver.solved or self._spent > own.patience
+        over = self._driver.ended or not self._driver.solved or self._spent > config.patience
         if over:
             self._given_up.append(aim)
-        found = find_frontiers(known, pose, own.clearance, own.least)
+        found = find_frontiers(grid, pose, config.clearance, config.least)
         for one in sorted(found, key=self._cost):
             away = [np.hypot(*(one.place - place)) for place in self._given_up]
-            if min(away, default=np.inf) < own.clearance:
+            if min(away, default=np.inf) < config.clearance:
                 continue
             if np.hypot(*(one.place - aim)) < SAME and not over:
                 return  # on the way there
@@ -123,15 +123,15 @@ class Explorer:
             if self._driver.solved:
                 return
             self._given_up.append(one.place)
-        seen = int((known.cells != UNKNOWN).sum())
-        if found and seen > MORE * self._seen:  # much was seen since: what was given up may open
+        seen = int((grid.cells != UNKNOWN).sum())
+        if found and seen > MORE * self._seen:  # much was seen since: a path there may be open now
             self._seen = seen
             self._given_up.clear()
             return
-        self.state = "drive" if own.seek else "done"
-        self._driver.aim(mission.goal if own.seek else pose, reading)
+        self.state = "drive" if config.seek else "done"
+        self._driver.aim(mission.goal if config.seek else pose, reading)
 
     def _cost(self, one: Frontier) -> float:
         """What a frontier costs [m]: the way there and on to the goal, less what it may show."""
-        rest = self.own.towards * float(np.hypot(*(one.place - self._mission.goal[:2])))
-        return one.path_length + (rest if self.own.seek else 0.0) - self.own.gain * one.length
+        rest = self.config.towards * float(np.hypot(*(one.place - self._mission.goal[:2])))
+        return one.path_length + (rest if self.config.seek else 0.0) - self.config.gain * one.length

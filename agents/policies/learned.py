@@ -1,4 +1,4 @@
-"""Learned policies: what was trained drives wherever a chair has readings, a map and a goal."""
+"""Learned policies: a trained network drives wherever a chair has readings, a map and a goal."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from wheelchair_gym.types import Command, Episode, Mission, Reading, Shown
 
 Floats = NDArray[np.float32]
 
-RELOOK = 1.0  # s between two looks at a map that grows
-SLACK = 4.0  # s: till then a chair may have strayed so far from the way
+UPDATE_PERIOD = 1.0  # s between two updates from a map that grows
+SLACK = 4.0  # s: until then the chair may have strayed so far from the path
 
 
 @settings
@@ -55,7 +55,7 @@ class Learned:
         """A fresh policy.
 
         Raises:
-            InputError: there are no such weights, or they are not whole.
+            InputError: there are no such weights, or they are incomplete.
         """
         path = self._file()
         if path.suffix == ".onnx":
@@ -97,7 +97,7 @@ def weights_digest(spec: Any) -> str | None:
 class LearnedDriver:
     """Observes as in training, by the same task and guidance, and acts as often.
 
-    `told` is the flat observation (room,) that its last action is for.
+    `observation` is the flat observation (n,) that its last action is for.
     """
 
     def __init__(
@@ -122,48 +122,50 @@ class LearnedDriver:
         if len(mission.sensors.ultrasonic.mounted) != dict(self.layout.sizes)["ultrasonic"]:
             raise InputError("the policy was trained with other ultrasonics than this chair has")
         shown = "path" in dict(self.layout.sizes)
-        own = dataclasses.replace(env.task, privileged=False, aim="goal")
+        task = dataclasses.replace(env.task, privileged=False, aim="goal")
         self._mission = mission
-        # The chair that drives is this one; what is seen of it is as in training.
+        # The chair is the mission's; it is observed as in training.
         spec = env.guidance
         if self.layout.path_has_heading:
             slack = SLACK if mission.map is None else None
             spec = {"call": "poses", "ways": _ways(env), "max_detour": slack}
         guidance = make_guidance(spec) if shown else None
         period = self._hold * mission.period
-        self._eye = Task(own, mission.chair, mission.sensors, period, guidance)
+        self._task = Task(task, mission.chair, mission.sensors, period, guidance)
         self.network.reset(1)
-        self._withheld = np.zeros(2)
-        self._steps, self._looked = 0, 0.0
+        self._intervention = np.zeros(2)
+        self._steps, self._updated = 0, 0.0
         self._grows = mission.map is None and guidance is not None
         first = mission.reading
-        self._eye.begin(self._look(first), first, mission.key, mission.is_shielded)
+        self._task.begin(self._prepare(first), first, mission.key, mission.is_shielded)
 
-    def _look(self, reading: Reading) -> PreparedEpisode:
-        """The course from where the chair is, on the map as it is now."""
+    def _prepare(self, reading: Reading) -> PreparedEpisode:
+        """The episode from where the chair is, on the map as it is now."""
         mission, pose = self._mission, reading.pose
         goal = np.zeros(3)
         goal[: len(mission.goal)] = mission.goal
-        known = mission.map_at(reading)
-        if mission.map is None:  # the way may lead beyond what is drawn
-            known = known.extended_to(np.stack([pose[:2], goal[:2]]), BEYOND)
-        episode = Episode(known, pose, goal, tolerance=mission.tolerance)
-        return self._eye.prepare(episode)
+        grid = mission.map_at(reading)
+        if mission.map is None:  # the path may lead beyond what is drawn
+            grid = grid.extended_to(np.stack([pose[:2], goal[:2]]), BEYOND)
+        episode = Episode(grid, pose, goal, tolerance=mission.tolerance)
+        return self._task.prepare(episode)
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
-        self._withheld += np.divide(reading.shield_intervention, self._hold)
+        self._intervention += np.divide(reading.shield_intervention, self._hold)
         if self._steps % self._hold == 0:
-            if self._grows and reading.stamp - self._looked >= RELOOK:
-                self._looked = reading.stamp
-                self._eye.replace_prepared(self._look(reading))
-            # What was driven may be less than what was asked for: `deploy` begins slowly.
-            less = float(self._withheld[0]), float(self._withheld[1])
-            self._withheld[:] = 0.0
-            seen = self._eye.assess(reading, np.array(reading.action), less)
-            self.told = np.concatenate([seen[key] for key, _ in self.layout.sizes if key in seen])
-            action = self.network(self.told[None])[0].astype(np.float64)
-            shown = Shown(self._eye.path)
+            if self._grows and reading.stamp - self._updated >= UPDATE_PERIOD:
+                self._updated = reading.stamp
+                self._task.replace_prepared(self._prepare(reading))
+            # The twist driven may be less than commanded: `deploy` begins slowly.
+            less = float(self._intervention[0]), float(self._intervention[1])
+            self._intervention[:] = 0.0
+            seen = self._task.assess(reading, np.array(reading.action), less)
+            self.observation = np.concatenate(
+                [seen[key] for key, _ in self.layout.sizes if key in seen]
+            )
+            action = self.network(self.observation[None])[0].astype(np.float64)
+            shown = Shown(self._task.path)
             self._command = Command.from_action(action, self._mission.limits, shown)
         self._steps += 1
         return self._command

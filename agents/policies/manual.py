@@ -29,8 +29,8 @@ class Manual:
 class Driver:
     """Reads keys and sticks each time it is asked to act."""
 
-    def __init__(self, own: Manual) -> None:
-        self.own = own
+    def __init__(self, config: Manual) -> None:
+        self.config = config
 
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`.
@@ -52,7 +52,7 @@ class Driver:
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`; at rest, and done, once the window is closed."""
-        pygame, own = self._pygame, self.own
+        pygame, config = self._pygame, self.config
         if not pygame.display.get_init():
             return Command(np.zeros(2), done=True)
         keys = pygame.key.get_pressed()
@@ -62,10 +62,10 @@ class Driver:
 
         v = held(pygame.K_UP, pygame.K_w) - held(pygame.K_DOWN, pygame.K_s)
         w = held(pygame.K_LEFT, pygame.K_a) - held(pygame.K_RIGHT, pygame.K_d)
-        share = own.slow if held(pygame.K_LSHIFT, pygame.K_RSHIFT) else 1.0
-        action = share * np.array([own.speed * v, own.turn * w])
+        share = config.slow if held(pygame.K_LSHIFT, pygame.K_RSHIFT) else 1.0
+        action = share * np.array([config.speed * v, config.turn * w])
         for stick in self._sticks:
             if stick.get_numaxes() >= 2 and not action.any():
                 tilt = -np.array([stick.get_axis(1), stick.get_axis(0)])  # ahead, to the left
-                action = np.where(np.abs(tilt) > own.idle, tilt, 0.0)
+                action = np.where(np.abs(tilt) > config.idle, tilt, 0.0)
         return Command.from_action(np.clip(action, -1.0, 1.0), self._limits)

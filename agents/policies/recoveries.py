@@ -1,7 +1,8 @@
-"""What a chair does where its path does not lead on.
+"""When a chair gives up following its path, and its recoveries.
 
-It backs out or turns in place (`back_out`, `turn`), turns slowly to see what the laser has never
-looked at, plans a way round temporary obstacles, or plans anew with less clearance.
+`ProgressMonitor` tells when. The chair then backs up or turns in place (`back_up`, `turn`), turns
+slowly to see what the laser has never seen (`Spin`), plans around temporary obstacles
+(`DetourPolicy`), or plans anew with less clearance (`widest_plan`).
 """
 
 from __future__ import annotations
@@ -11,11 +12,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.follower import near_of
-from agents.control.local_map import Surroundings
-from agents.control.reference import Reference
-from agents.control.rollout import Motion, stops_clear
-from agents.control.temporary_obstacles import Standing
+from agents.control.followers import CREEP, HOLD, Situation
+from agents.control.local_map import TemporaryObstacles
+from agents.control.rollout import ReferencePath, stops_clear
 from agents.evaluation.metrics import backing
 from planners import Planner
 from planners.collision.space import Space
@@ -26,46 +25,122 @@ from wheelchair_gym.maps import FREE, UNKNOWN, OccupancyGrid, bottleneck
 
 Array = NDArray[np.float64]
 
-RATE = 0.2  # rad/s: the rear corners enter what was not seen slower than 0.1 m/s
-ROUND = 2.0 * math.pi  # rad
-ELSEWHERE = 0.5  # m: from here on the chair may look round again
+PROGRESS = 0.1  # m of way that count as progress
+END_SHARE = 0.4  # of the patience at the path's end, where the goal is near but not reached
+BOLD = 1.0  # m of way after a stall on which clearance costs nothing; margins stay
+HALT_SHARE = 0.5  # of time that counts while the chair halts for actors
 
 
-class LookRound:
-    """Begins where a chair has not looked round yet; goes on until that is done."""
+class ProgressMonitor:
+    """Measures the progress along a path, and tells when there has been none for too long.
+
+    Attributes:
+        tries: plans made since there was progress.
+        bold: m of way on which clearance costs nothing.
+    """
+
+    def __init__(self, patience: float) -> None:
+        self._patience = patience  # s
+        self.tries, self.bold = 0, 0.0
+        self.begin()
+
+    def begin(self) -> None:
+        """A new path begins."""
+        self._best = self.stalled_time = 0.0  # m of way, s without progress
+
+    def update(self, way: float) -> bool:
+        """Whether the way [m] along the path is progress."""
+        if way <= self._best + PROGRESS:
+            return False
+        self.bold = max(0.0, self.bold - (way - self._best))
+        self._best, self.stalled_time, self.tries = way, 0.0, 0
+        return True
+
+    def stalled(self, ended: bool) -> bool:
+        """Whether there is no progress for too long, which is sooner where the path has ended."""
+        return self.stalled_time > (END_SHARE if ended else 1.0) * self._patience
+
+    def retry(self) -> None:
+        """Something else is tried, boldly."""
+        self.tries += 1
+        self.stalled_time, self.bold = 0.0, BOLD
+
+
+ACTOR_RANGE = 2.0  # m from the outline, within which an actor explains why the chair stands
+
+
+class StatusReport:
+    """Names the chair's state for people.
+
+    Attributes:
+        state: the last one.
+        status: the same, and why: a line of text.
+        held: s for which the state is kept while the chair only follows.
+    """
+
+    def __init__(self, footprint: Footprint) -> None:
+        self._footprint = footprint
+        self.held = 0.0
+        self.state, self.status = "follows", ""
+
+    def set(self, state: str, reason: str = "", held: float | None = None) -> None:
+        """Set the state, to be kept for a while [s] or as long as the last one."""
+        self.state = state
+        self.status = ": ".join(filter(None, (state, reason)))
+        self.held = self.held if held is None else held
+
+    def follow(self, twist: Array | None, actors: Array, reason: str) -> None:
+        """Set the state that a follower's twist (2,) means, among actors (m, 5)."""
+        gap = np.hypot(actors[:, 0], actors[:, 1]).min(initial=np.inf)
+        near = gap < ACTOR_RANGE + self._footprint.reach
+        v = 0.0 if twist is None else twist[0]
+        if near and v < 0.0:
+            self.set("gives way")
+        elif near and v < CREEP:
+            self.set("halts")
+        elif twist is None:
+            self.set("waits")
+        elif self.held <= 0.0:
+            self.set("follows", reason)
+
+
+SPIN_RATE = 0.2  # rad/s: the rear corners enter unknown space slower than 0.1 m/s
+SPIN_DISTANCE = 0.5  # m from the last spin, from which on the chair may spin again
+
+
+class Spin:
+    """A slow turn in place, once around at most, at a place where there was none yet."""
 
     def __init__(self) -> None:
         self._rate = 0.0  # rad/s
         self._turned = 0.0  # rad
-        self._place = np.full(2, np.inf)  # m: where it was done last
+        self._place = np.full(2, np.inf)  # m: of the last one
 
     @property
     def on(self) -> bool:
-        """Whether the chair is at it."""
+        """Whether the chair is spinning."""
         return self._rate != 0.0
 
     @property
     def done(self) -> bool:
-        """Whether it has turned all round."""
-        return self._turned > ROUND
+        """Whether it has turned once around."""
+        return self._turned > 2.0 * math.pi
 
     def begin(self, pose: Array, goal: Array) -> None:
-        """Begin towards a goal (2 or 3,), unless it was done here."""
-        if np.hypot(*(pose[:2] - self._place)) > ELSEWHERE:
-            self._rate = math.copysign(RATE, to_frame(goal[:2], pose)[1])
+        """Begin towards a goal (2 or 3,), unless there was a spin here."""
+        if np.hypot(*(pose[:2] - self._place)) > SPIN_DISTANCE:
+            self._rate = math.copysign(SPIN_RATE, to_frame(goal[:2], pose)[1])
             self._place, self._turned = pose[:2].copy(), 0.0
 
     def end(self) -> None:
-        """It has seen enough."""
+        """Stop: enough was seen."""
         self._rate = 0.0
 
-    def twist(
-        self, around: Surroundings, reference: Reference, chair: Motion, period: float
-    ) -> Array | None:
-        """The next twist (2,), the other way round where this one is closed; None ends it."""
-        self._turned += RATE * period
+    def twist(self, now: Situation) -> Array | None:
+        """The next twist (2,), the other way around where this one is blocked; None ends it."""
+        self._turned += SPIN_RATE * now.chair.period
         for rate in (self._rate, -self._rate):
-            twist = turn(around, reference, chair, rate)
+            twist = first_clear([(0.0, rate)], now)
             if twist is not None:
                 self._rate = rate
                 return twist
@@ -73,120 +148,109 @@ class LookRound:
         return None
 
 
-BACK = 0.15  # m/s in reverse: nothing looks back
-CRAWL = 0.04  # m/s of any part in reverse where there are people: so slow it harms nobody it hits
-SAME = 1.0  # m: so near the last place it backs out farther, up to
+BACK = 0.15  # m/s in reverse: no sensor looks back
+CRAWL = 0.04  # m/s of any part in reverse among people: harmless to whom it hits
+SAME_PLACE = 1.0  # m: so near the last place it backs up farther, up to
 FARTHEST = 4  # times as far
 TURNS = (0.0, 0.3, -0.3, 0.7, -0.7)  # rad/s, in order of preference
-MARGIN = 0.05  # m and
-HOLD = 0.4  # s: what a way back must leave, as `Window` asks of a way ahead
+MARGIN = 0.05  # m that a way back must leave, as `Window` asks of a way ahead
 
 
-class Retreats:
-    """Where the chair backed out last, and how often: each time farther than did not help."""
+class BackUp:
+    """Where the chair backed up last, and how often: each time farther than did not help."""
 
     def __init__(self) -> None:
         self._place, self._count = np.full(2, np.inf), 0
 
     def begin(self, place: Array) -> int:
-        """How many times as far as usual to back out of a place (2,) [m]."""
-        near = math.dist(place, self._place) < SAME
+        """How many times as far as usual to back up from a place (2,) [m]."""
+        near = math.dist(place, self._place) < SAME_PLACE
         self._count = min(self._count + 1, FARTHEST) if near else 1
         self._place = place.copy()
         return self._count
 
 
-def crawled(twist: Array, outline: Footprint) -> Array:
+def crawled(twist: Array, footprint: Footprint) -> Array:
     """A twist (2,) in reverse, slowed so that no rear corner moves faster than a crawl."""
-    speed = corner_speed(twist[0], twist[1], outline.rear, outline.half_width)
+    speed = corner_speed(twist[0], twist[1], footprint.rear, footprint.half_width)
     slowed: Array = twist * min(1.0, CRAWL / speed)
     return slowed
 
 
-def back_out(around: Surroundings, reference: Reference, chair: Motion) -> Array | None:
-    """The straightest slow twist (2,) back that leaves room to stop; None where there is none."""
-    if around.blind:
+def first_clear(twists: list[tuple[float, float]], now: Situation) -> Array | None:
+    """The first twist (2,) from which the chair can stop clear, at the widest margin; or None."""
+    view = now.view
+    for margin in now.local_map.margins(MARGIN):
+        for v, w in twists:
+            if stops_clear(v, w, now.chair.body, view, HOLD, margin):
+                return np.array([v, w])
+    return None
+
+
+def back_up(now: Situation) -> Array | None:
+    """The straightest slow twist (2,) back that leaves space to stop; None where there is none."""
+    if now.local_map.blind:
         return None
-    near, back = near_of(around, reference), -min(BACK, chair.limits.backward)
-    for margin in around.margins(chair.footprint, MARGIN):
-        for turn in TURNS:
-            for v, w in ((back, turn), (0.0, turn)):
-                if (v or w) and stops_clear(v, w, chair.body, near, HOLD, margin):
-                    return np.array([v, w])
-    return None
-
-
-def turn(around: Surroundings, reference: Reference, chair: Motion, rate: float) -> Array | None:
-    """The twist (2,) that turns in place at a rate [rad/s], if it leaves room to stop."""
-    near = near_of(around, reference)
-    for margin in around.margins(chair.footprint, MARGIN):
-        if stops_clear(0.0, rate, chair.body, near, HOLD, margin):
-            return np.array([0.0, rate])
-    return None
+    back = -min(BACK, now.chair.limits.backward)
+    twists = [(v, turn) for turn in TURNS for v in (back, 0.0) if v or turn]
+    return first_clear(twists, now)
 
 
 AHEAD = 3.0  # m of the path on which temporary obstacles count
-AGAIN = 3.0  # s until a plan is tried again that led round nothing
-DETOUR = 2.0  # m by which a way round may be longer at once, and
-STROLL = 0.5  # m/s more the longer it waits: it waits as long as the way round would cost
-TOLERATED = 0.06  # m: cells are drawn whole, and hits err
+RETRY_TIME = 3.0  # s until a plan that found no way is tried again
+DETOUR = 2.0  # m by which a detour may be longer at once, and
+STROLL = 0.5  # m/s more the longer the chair waits: it waits as long as the detour would cost
+TOLERATED = 0.06  # m: obstacles are drawn as whole cells, and hits err
 
 
-class Detours:
-    """What a chair remembers of ways round.
+class DetourPolicy:
+    """Decides between a detour around temporary obstacles and waiting.
 
     Attributes:
-        taken: the path leads round what is temporary.
+        taken: the path leads around temporary obstacles.
+        waited: s that the chair has waited rather than take a long detour.
+        pause: s until a detour is planned again.
     """
 
     def __init__(self) -> None:
         self.taken = False
-        self._looked = 0.0  # s since the last look at what stands on the way
-        self._held = 0.0  # s that the chair has waited rather than go a long way round
-        self._waited = 0.0  # s until a plan is tried again that led round nothing
-
-    def end_wait(self) -> None:
-        """The chair goes on: what it waited for is past."""
-        self._held = 0.0
+        self.waited = self.pause = 0.0
+        self._checked = 0.0  # s since the path was last checked
 
     def wait(self) -> float:
-        """No way round is taken for now; for so long [s]."""
-        self._waited = AGAIN
-        return AGAIN
+        """Take no detour for a time [s], which is returned."""
+        self.pause = RETRY_TIME
+        return RETRY_TIME
 
-    def tick(self, period: float) -> None:
-        """Time goes by [s]."""
-        self._waited -= period
-
-    def too_long(self, way_round: Reference, barred: Reference) -> bool:
-        """Whether a way round is so long that the chair rather waits; then it has waited more."""
-        long = way_round.left > barred.left + DETOUR + STROLL * self._held
-        self._held += AGAIN * long
+    def too_long(self, detour: ReferencePath, blocked: ReferencePath) -> bool:
+        """Whether a detour is so long that the chair waits; then it has waited longer."""
+        long = detour.left > blocked.left + DETOUR + STROLL * self.waited
+        self.waited += RETRY_TIME * long
         return long
 
     def due(self, period: float, every: float) -> bool:
-        """Whether it is time to look at what stands on the way."""
-        self._looked += period
-        if self._looked < every or self._waited > 0.0:
+        """Whether it is time to check the path for temporary obstacles."""
+        self._checked += period
+        if self._checked < every or self.pause > 0.0:
             return False
-        self._looked = 0.0
+        self._checked = 0.0
         return True
 
 
-def barred(standing: Standing, reference: Reference, clearance: float) -> bool:
-    """Whether a temporary obstacle stands on the next metres of the way."""
+def is_blocked(temporary: TemporaryObstacles, reference: ReferencePath, clearance: float) -> bool:
+    """Whether a temporary obstacle is on the next metres of the path."""
     rows = reference.rows[reference.at :]
     ahead = rows[rows[:, 3] < reference.way + AHEAD]
-    return standing.on_way(ahead, clearance - TOLERATED)
+    return temporary.blocks(ahead, clearance - TOLERATED)
 
 
 FINER = 0.04  # m: a plan that finds no way is tried again with this much less clearance,
-BACKS = 0.3  # m: and once more if it leads so far in reverse, where nothing looks
+REVERSE_WAY = 0.3  # m: and once more if it leads so far in reverse, where no sensor looks
 
 
 def widest_plan(
     planner: Planner,
-    known: OccupancyGrid,
+    grid: OccupancyGrid,
     start: Array,
     goal: Array,
     clearance: float,
@@ -197,7 +261,7 @@ def widest_plan(
 
     Args:
         planner: makes the plans.
-        known: the map; what is unknown is taken for free.
+        grid: the map; unknown space is taken for free.
         start: pose (3,) [m, m, rad].
         goal: (2 or 3,) [m, m, rad].
         clearance: to begin with [m].
@@ -207,20 +271,20 @@ def widest_plan(
     Returns:
         The plan, the last one tried if none leads there, and its clearance [m].
     """
-    space = Space.from_grid(known)
-    free = np.where(known.cells == UNKNOWN, FREE, known.cells)
-    taken = OccupancyGrid(free, known.resolution, known.origin)
-    most = bottleneck(taken, start[:2], goal[:2]) + 0.5 * known.resolution
+    space = Space.from_grid(grid)
+    free = np.where(grid.cells == UNKNOWN, FREE, grid.cells)
+    assumed = OccupancyGrid(free, grid.resolution, grid.origin)
+    most = bottleneck(assumed, start[:2], goal[:2]) + 0.5 * grid.resolution
     while clearance > most and clearance - FINER >= least:
-        clearance -= FINER  # what no disc passes is not worth a search
+        clearance -= FINER  # where no disc passes a search is in vain
     best = math.inf  # m in reverse
     while True:
         plan = planner.plan(Problem(space, start, goal, clearance), rng)
-        found, backs = plan.status is Status.SOLVED, backing(plan.path)
+        found, reverse = plan.status is Status.SOLVED, backing(plan.path)
         second = best < math.inf
-        if not second or (found and backs < best - BACKS):
+        if not second or (found and reverse < best - REVERSE_WAY):
             chosen = plan, clearance
         clearance -= FINER
-        if second or (found and backs < BACKS) or clearance < least:
+        if second or (found and reverse < REVERSE_WAY) or clearance < least:
             return chosen
-        best = backs if found else best  # once more: with less clearance it may lead ahead
+        best = reverse if found else best  # once more: with less clearance it may lead ahead

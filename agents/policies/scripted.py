@@ -32,13 +32,13 @@ class RandomPolicy:
 class RandomDriver:
     """Holds one random action after another."""
 
-    def __init__(self, own: RandomPolicy) -> None:
-        self.own = own
+    def __init__(self, config: RandomPolicy) -> None:
+        self.config = config
 
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
-        self._limits, self._rng = mission.limits, episode_rng(mission, self.own.seed)
-        self._held = max(1, round(self.own.hold / mission.period))
+        self._limits, self._rng = mission.limits, episode_rng(mission, self.config.seed)
+        self._held = max(1, round(self.config.hold / mission.period))
         self._count = 0
 
     def act(self, reading: Reading) -> Command:
@@ -66,8 +66,8 @@ class StraightPolicy:
 class StraightDriver:
     """Steers for the goal."""
 
-    def __init__(self, own: StraightPolicy) -> None:
-        self.own = own
+    def __init__(self, config: StraightPolicy) -> None:
+        self.config = config
 
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
@@ -77,5 +77,5 @@ class StraightDriver:
         """See `Policy.act`."""
         (x, y, yaw), goal = reading.pose, self._goal
         error = math.remainder(math.atan2(goal[1] - y, goal[0] - x) - yaw, 2 * math.pi)
-        v = self._limits.forward * max(0.0, 1.0 - abs(error) / self.own.pivot)
-        return Command(np.array([v, self.own.gain * error]))
+        v = self._limits.forward * max(0.0, 1.0 - abs(error) / self.config.pivot)
+        return Command(np.array([v, self.config.gain * error]))

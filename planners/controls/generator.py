@@ -2,8 +2,11 @@
 
 Segment by segment a swarm searches the commands whose roll-out ends where the segment ends, turned
 towards the next one, soon, and away from obstacles (thesis, section 2.9.3 and algorithm 6). Each
-segment's commands leave room to come to rest, so that a chair that drives them is never trapped in
+segment's commands leave space to come to rest, so that a chair that drives them is never trapped in
 motion: where nothing leads on, the commands end at rest.
+
+A particle is a list of at most `COMMANDS` commands and how many of them count. It is rolled out
+under the chair's limits. Good maneuvers that can be written down are in the swarm from the start.
 """
 
 from __future__ import annotations
@@ -11,20 +14,40 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.controls.maneuver import Aims, Leg, bridge
-from planners.controls.rollout import INTEREST, World, brake, drive, look, motion_at, rollout
-from planners.swarm.woa import WhaleParameters, WhaleSettings
-from wheelchair_gym.compiled.kernel import kernel
+from planners.controls.rollout import (
+    MAX_CLEARANCE,
+    MOTION,
+    STEP,
+    Motion,
+    World,
+    brake,
+    drive,
+    measure_clearance,
+    motion_at,
+    rollout,
+    stopping_time,
+    time_to_cover,
+)
+from planners.swarm.woa import WhaleParameters, WhaleSettings, move_whales
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel, record_of
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry import Footprint, wrap
 from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.random import Stream, stream
+from wheelchair_gym.random import Stream, next_uniform, stream
 
 Array = NDArray[np.float64]
+
+COMMANDS = 6  # in a particle, at most
+V, W, T = range(3)  # columns of commands
+_COUNT = 3 * COMMANDS  # where a particle tells how many of its commands count
+_SIZE = _COUNT + 1
+_MANEUVERS = 5
+_COLLISION = 1e3  # s: cost of a contact, above all else that can be wrong with a segment
 
 
 @dataclass(frozen=True)
@@ -45,19 +68,165 @@ class Controls:
         return self.commands[k, :2].copy() if k < len(self.commands) else np.zeros(2)
 
 
+class Segment(NamedTuple):
+    """One segment: its end, and where the path goes from there."""
+
+    x: float  # m
+    y: float
+    onward: float  # rad: direction of the next segment
+    last: bool  # the chair comes to rest here
+
+
+@borrowing_kernel
+def segment_cost(
+    particle: Array, now: Motion, leg: Segment, world: World, weights: Any, trial: Motion
+) -> float:
+    """The cost [s] of a particle that begins with the motion `now`; `trial` is workspace."""
+    trial[0] = now[0]
+    motion = trial[0]
+    for k in range(int(particle[_COUNT])):
+        drive(motion, particle[3 * k + V], particle[3 * k + W], particle[3 * k + T], world)
+    if leg.last:
+        brake(motion, world)
+    gap = math.hypot(leg.x - motion.x, leg.y - motion.y)
+    end = weights.arrival_weight if leg.last else weights.end_weight
+    cost: float = end * gap + weights.time_weight * (motion.time - now[0].time)
+    if not leg.last:
+        error = abs(wrap(leg.onward - motion.yaw))
+        cost += weights.heading_weight * error * (1.0 + 2.0 * abs(motion.v))
+        brake(motion, world)  # whatever follows, the chair can come to rest without contact
+    if not motion.free:
+        return _COLLISION + cost
+    near: float = max(0.0, 1.0 - motion.least / weights.desired_clearance)
+    cost += weights.clearance_weight * near
+    return cost
+
+
+@borrowing_kernel
+def arc(now: Any, leg: Segment, limits: Any, rest: bool, commands: Array) -> int:
+    """Write commands that drive an arc to the segment's end; how many they are."""
+    dx, dy = leg.x - now.x, leg.y - now.y
+    gap = max(1e-6, math.hypot(dx, dy))
+    angle = wrap(math.atan2(dy, dx) - now.yaw)
+    sine = math.sin(angle)
+    bend = 2.0 * sine / gap
+    speed = min(limits.forward, limits.turn / max(abs(bend), 1e-6))
+    way = gap * angle / sine if abs(sine) > 1e-3 else gap
+    commands[0, V], commands[0, W] = speed, speed * bend
+    gain = max(0.0, speed - now.v)
+    # The way [m] that is lost while speeding up.
+    slow = 0.5 * gain * stopping_time(gain, limits.acceleration, limits.jerk)
+    if rest:
+        halt = stopping_time(speed, limits.deceleration, limits.jerk)
+        slow -= 0.5 * speed * (halt - STEP)
+        commands[1, T] = halt
+    commands[0, T] = max(0.0, (way + slow) / speed)
+    return 2 if rest else 1
+
+
+@borrowing_kernel
+def straight(
+    now: Any, leg: Segment, limits: Any, backward: bool, rest: bool, commands: Array
+) -> int:
+    """Write commands that come to rest, turn to the segment's end and drive straight there.
+
+    The chair drives backward, and comes to rest at the end, too, if it shall. Returns how many
+    commands they are.
+    """
+    halt_v = stopping_time(now.v, limits.deceleration, limits.jerk)
+    halt_w = stopping_time(now.w, limits.turn_acceleration, limits.turn_jerk)
+    # Where the chair will rest: speeds fall in curves that are symmetric in time.
+    run = 0.5 * now.v * max(0.0, halt_v - STEP)
+    yaw = now.yaw + 0.5 * now.w * max(0.0, halt_w - STEP)
+    x, y = now.x + run * math.cos(now.yaw), now.y + run * math.sin(now.yaw)
+    k, halt = 0, max(halt_v, halt_w)
+    if halt > 0.0:
+        commands[k, T] = halt
+        k += 1
+    way = math.hypot(leg.x - x, leg.y - y)
+    facing = math.atan2(leg.y - y, leg.x - x) + (math.pi if backward else 0.0)
+    angle = wrap(facing - yaw)
+    if abs(angle) > 2e-3:
+        # Small angles are turned slowly, so that the speed asked for is reached.
+        rate, jerk = limits.turn_acceleration, limits.turn_jerk
+        speed = min(limits.turn, math.sqrt(0.5 * abs(angle) * rate))
+        commands[k, W] = math.copysign(speed, angle)
+        commands[k, T] = time_to_cover(abs(angle), speed, rate, rate, jerk, True)
+        commands[k + 1, T] = stopping_time(speed, rate, jerk)
+        k += 2
+    limit = limits.backward if backward else limits.forward
+    if way > 5e-3 and limit > 0.0:
+        up, down, jerk = limits.acceleration, limits.deceleration, limits.jerk
+        speed = min(limit, math.sqrt(0.5 * way * up)) if rest else limit
+        commands[k, V] = -speed if backward else speed
+        commands[k, T] = time_to_cover(way, speed, up, down, jerk, rest)
+        k += 1
+        if rest:
+            commands[k, T] = stopping_time(speed, down, jerk)
+            k += 1
+    return max(1, k)
+
+
+@borrowing_kernel
+def write_maneuver(kind: int, now: Any, leg: Segment, limits: Any, commands: Array) -> int:
+    """Write one of the maneuvers that serve well in free space; how many commands it has."""
+    commands[:] = 0.0
+    if kind <= 1:
+        return arc(now, leg, limits, kind == 1, commands)
+    return straight(now, leg, limits, kind == 4, kind != 2, commands)
+
+
+@kernel
+def bridge(
+    now: Motion, leg: Segment, world: World, weights: Any, swarm: WhaleParameters, state: Stream
+) -> tuple[Array, bool]:
+    """The commands (k, 3) for one segment from the motion `now`, and whether they are free."""
+    limits = world.limits
+    gap = math.hypot(leg.x - now[0].x, leg.y - now[0].y)
+    lower, upper, c_range = np.empty(_SIZE), np.empty(_SIZE), np.full(_SIZE, 2.0)
+    lower[V::3], upper[V::3] = -limits.backward, limits.forward
+    lower[W::3], upper[W::3] = -limits.turn, limits.turn
+    lower[T::3], upper[T::3] = 0.0, 3.0 + 2.0 * gap / limits.forward + math.pi / limits.turn
+    lower[_COUNT], upper[_COUNT] = 1.0, COMMANDS + 0.999
+    trial = np.zeros(1, MOTION)
+    population = np.zeros((max(swarm.population, _MANEUVERS), _SIZE))
+    for i in range(population.shape[0]):
+        X = population[i]
+        if i < _MANEUVERS:
+            commands = X[:_COUNT].reshape(COMMANDS, 3)
+            X[_COUNT] = write_maneuver(i, now[0], leg, limits, commands)
+            continue
+        X[:] = population[i % _MANEUVERS]
+        for j in range(_SIZE):
+            # The duration of a command varies with itself, a speed with its whole range.
+            scale = X[j] if j % 3 == T else upper[j] - lower[j]
+            X[j] += 0.3 * scale * (2.0 * next_uniform(state) - 1.0)
+            X[j] = min(max(X[j], lower[j]), upper[j])
+    best, least = population[0].copy(), np.inf
+    for t in range(swarm.iterations + 1):
+        for i in range(population.shape[0]):
+            cost = segment_cost(population[i], now, leg, world, weights, trial)
+            if cost < least:
+                least = cost
+                best[:] = population[i]
+        if t < swarm.iterations:
+            a = swarm.a * (1.0 - t / swarm.iterations)
+            move_whales(
+                population, best, a, swarm.b, swarm.mu, swarm.lam, c_range, lower, upper, state
+            )
+    count = int(best[_COUNT])
+    return best[: 3 * count].copy().reshape(count, 3), least < _COLLISION
+
+
 @kernel
 def around(walls: Array, box: Array) -> Array:
     """The walls (k, 4) whose own boxes meet a box (4,) xmin, ymin, xmax, ymax [m]."""
     kept = np.empty_like(walls)
     n = 0
     for k in range(walls.shape[0]):
-        ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
-        if (
-            max(ax, bx) >= box[0]
-            and min(ax, bx) <= box[2]
-            and max(ay, by) >= box[1]
-            and min(ay, by) <= box[3]
-        ):
+        ax, ay, bx, by = walls[k]
+        in_x = max(ax, bx) >= box[0] and min(ax, bx) <= box[2]
+        if in_x and max(ay, by) >= box[1] and min(ay, by) <= box[3]:
             kept[n] = walls[k]
             n += 1
     return kept[:n].copy()
@@ -65,72 +234,46 @@ def around(walls: Array, box: Array) -> Array:
 
 @kernel
 def follow(
-    targets: Array,
-    start: Array,
-    whole: World,
-    roam: float,
-    to_rest: bool,
-    aims: Aims,
-    swarm: WhaleParameters,
-    state: Stream,
-) -> tuple[Array, int, bool]:
+    targets: Array, start: Motion, everything: World, search_range: float, to_rest: bool,
+    weights: Any, swarm: WhaleParameters, state: Stream,
+) -> tuple[Array, int, bool]:  # fmt: skip
     """Commands (k, 3) through targets (n, 2) [m]; the targets reached, and whether all was free.
 
-    Args:
-        targets: where the segments end.
-        start: the motion at the beginning.
-        whole: the chair and all its surroundings.
-        roam: how far off a segment the axle may go [m].
-        to_rest: whether the chair comes to rest at the last target, or may still be in motion.
-        aims: what commands are worth.
-        swarm: the whales.
-        state: stream of random numbers.
+    The axle stays within `search_range` [m] of a segment. The chair comes to rest at the last
+    target if it shall.
     """
     n = targets.shape[0]
     commands = np.empty((8 * n + 1, 3))
     count = 0
-    motions = start.copy()
-    motion = motions[0]
-    reach = math.hypot(max(whole.footprint[0], whole.footprint[1]), whole.footprint[2])
+    motion = start.copy()
+    now, footprint = motion[0], everything.footprint
+    reach = math.hypot(max(footprint[0], footprint[1]), footprint[2])
+    far = reach + 2.0 * MAX_CLEARANCE
     reached = 0
     while reached < n:
         x, y = targets[reached, 0], targets[reached, 1]
-        box = np.array(
-            [
-                min(x, motion.x) - roam,
-                min(y, motion.y) - roam,
-                max(x, motion.x) + roam,
-                max(y, motion.y) + roam,
-            ]
-        )
-        far = reach + 2.0 * INTEREST
-        known = box + np.array([-far, -far, far, far])
-        world = World(
-            around(whole.walls, known),
-            whole.discs,
-            box,
-            whole.footprint,
-            whole.limits,
-            whole.margin,
-        )
-        onward = math.atan2(y - motion.y, x - motion.x)
+        box = np.array([min(x, now.x), min(y, now.y), max(x, now.x), max(y, now.y)])
+        box += search_range * np.array([-1.0, -1.0, 1.0, 1.0])
+        walls = around(everything.walls, box + np.array([-far, -far, far, far]))
+        world = World(walls, everything.discs, box, footprint, everything.limits, everything.margin)
+        onward = math.atan2(y - now.y, x - now.x)
         if reached + 1 < n:
             onward = math.atan2(targets[reached + 1, 1] - y, targets[reached + 1, 0] - x)
-        leg = Leg(x, y, onward, to_rest and reached + 1 == n)
-        found, free = bridge(motions, leg, world, aims, swarm, state)
+        leg = Segment(x, y, onward, to_rest and reached + 1 == n)
+        found, free = bridge(motion, leg, world, weights, swarm, state)
         if not free:
             break
         for k in range(found.shape[0]):
-            if found[k, 2] > 1e-3:
-                drive(motion, found[k, 0], found[k, 1], found[k, 2], world)
+            if found[k, T] > 1e-3:
+                drive(now, found[k, V], found[k, W], found[k, T], world)
                 commands[count] = found[k]
                 count += 1
         reached += 1
-    rest = brake(motion, whole)
+    rest = brake(now, everything)
     if rest > 0.0:
         commands[count] = 0.0, 0.0, rest
         count += 1
-    return commands[:count].copy(), reached, bool(motion.free)
+    return commands[:count].copy(), reached, bool(now.free)
 
 
 def simplified(path: Array, tolerance: float) -> Array:
@@ -172,7 +315,7 @@ def ahead(path: Array, position: Array, horizon: float | None) -> tuple[Array, b
 
 @settings
 class ControlGenerator:
-    """How commands are searched, and what they are worth."""
+    """How commands are searched, and what they cost."""
 
     whales: WhaleSettings = setting(
         default=WhaleSettings(population=12, iterations=10), source="design choice"
@@ -264,35 +407,18 @@ class ControlGenerator:
         world = World(
             np.ascontiguousarray(walls, dtype=np.float64).reshape(-1, 4),
             np.ascontiguousarray(discs, dtype=np.float64).reshape(-1, 3),
-            everywhere,
-            footprint.array,
-            limits.array,
-            self.margin,
-        )
+            everywhere, footprint.array, limits.array, self.margin,
+        )  # fmt: skip
         start = motion_at(pose, twist)
-        look(start[0], pose[0], pose[1], pose[2], world)
+        measure_clearance(start[0], pose[0], pose[1], pose[2], world)
         if 0.0 < start[0]["gap"] < self.margin:  # already nearer: at least no nearer than now
             world = world._replace(margin=float(start[0]["gap"]) * 0.999)
-            look(start[0], pose[0], pose[1], pose[2], world)
+            measure_clearance(start[0], pose[0], pose[1], pose[2], world)
         targets, to_rest = self.targets(points, pose)
-        aims = Aims(
-            end=self.end_weight,
-            arrival=self.arrival_weight,
-            heading=self.heading_weight,
-            time=self.time_weight,
-            clearance=self.clearance_weight,
-            comfortable=self.desired_clearance,
-        )
         commands, reached, free = follow(
-            targets,
-            start,
-            world,
-            self.search_range,
-            to_rest,
-            aims,
-            self.whales.parameters,
-            stream(rng),
-        )
+            targets, start, world, self.search_range, to_rest, record_of(self),
+            self.whales.parameters, stream(rng),
+        )  # fmt: skip
         poses, twists, times = rollout(commands, pose, twist, world.limits)
         gaps = np.hypot(*(poses[:, :2] - targets[-1]).T)
         error = float(gaps[-1] if to_rest else gaps.min())

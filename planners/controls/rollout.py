@@ -1,7 +1,7 @@
-"""Roll-out: where commands (v, w, t) take the chair, within its limits, and what it comes near.
+"""Roll-out: where commands (v, w, t) take the chair, within its limits, and its clearance there.
 
-A command is a twist to be asked for during t seconds. The chair approaches it as its limits of
-acceleration and jerk allow, so what is rolled out is what a chair that keeps these limits drives.
+A command is a target twist for t seconds. The chair approaches it as its limits of acceleration and
+jerk allow, so what is rolled out is what a chair that keeps these limits drives.
 """
 
 from __future__ import annotations
@@ -18,14 +18,10 @@ from wheelchair_gym.kinematics import approach, approach_twist, odometric_step
 
 Array = NDArray[np.float64]
 
-# Clearances beyond this are all alike [m]; it bounds how far the chair moves between two looks.
-INTEREST = 0.5
-# Near obstacles no point of the outline moves farther than this between two looks [m].
-FINEST = 0.02
-# Slower than this is at rest [m/s, rad/s]: the last of a jerk-limited approach is rounding.
-_REST = 1e-5
-# Step of a roll-out [s]: as a control loop of 20 Hz.
-STEP = 0.05
+MAX_CLEARANCE = 0.5  # m: larger clearances are not told apart
+FINEST = 0.02  # m: near obstacles no point of the outline moves farther between two tests
+STEP = 0.05  # s: as a control loop of 20 Hz
+_REST = 1e-5  # m/s, rad/s: slower is at rest; the last of a jerk-limited approach is rounding
 
 MOTION = np.dtype(
     [
@@ -34,11 +30,11 @@ MOTION = np.dtype(
         ("yaw", np.float64),  # rad
         ("v", np.float64),  # m/s
         ("w", np.float64),  # rad/s
-        ("v_slope", np.float64),  # m/s2
-        ("w_slope", np.float64),  # rad/s2
+        ("v_rate", np.float64),  # m/s2
+        ("w_rate", np.float64),  # rad/s2
         ("time", np.float64),  # s since the roll-out began
-        ("moved", np.float64),  # m: bound of what the outline moved since the last look
-        ("gap", np.float64),  # m: clearance at the last look
+        ("moved", np.float64),  # m: bound of how far the outline moved since the last test
+        ("gap", np.float64),  # m: clearance at the last test
         ("least", np.float64),  # m: least clearance so far
         ("free", np.bool_),  # false once the clearance fell below the margin
     ]
@@ -47,7 +43,7 @@ Motion = NDArray[Any]  # (1,) MOTION
 
 
 class World(NamedTuple):
-    """What a roll-out needs to know of the chair and its surroundings."""
+    """The chair and the obstacles around it."""
 
     walls: Array  # (n, 4) m
     discs: Array  # (m, 3) m: x, y, radius
@@ -58,35 +54,33 @@ class World(NamedTuple):
 
 
 def motion_at(pose: Array, twist: Array) -> Motion:
-    """A motion that begins at a pose (3,) with a twist (2,), not looked at yet."""
+    """A motion that begins at a pose (3,) with a twist (2,), whose clearance is not tested yet."""
     motion = np.zeros(1, MOTION)
     motion["x"], motion["y"], motion["yaw"] = pose
     motion["v"], motion["w"] = twist
-    motion["gap"], motion["least"], motion["free"] = 0.0, INTEREST, True
+    motion["gap"], motion["least"], motion["free"] = 0.0, MAX_CLEARANCE, True
     return motion
 
 
 @borrowing_kernel
 def advance(motion: Any, v: float, w: float, dt: float, limits: Any) -> tuple[float, float]:
     """Move on for one step [s] towards a twist; returns the way [m] and the turn [rad] made."""
-    v0, w0 = motion.v, motion.w
-    v1, v_slope, w1, w_slope = approach_twist(
-        v0, motion.v_slope, w0, motion.w_slope, v, w, limits, dt
+    v, v_rate, w, w_rate = approach_twist(
+        motion.v, motion.v_rate, motion.w, motion.w_rate, v, w, limits, dt
     )
-    way, turn = 0.5 * (v0 + v1) * dt, 0.5 * (w0 + w1) * dt
+    way, turn = 0.5 * (motion.v + v) * dt, 0.5 * (motion.w + w) * dt
     x, y, yaw = odometric_step(motion.x, motion.y, motion.yaw, way, turn)
     motion.x, motion.y, motion.yaw = x, y, yaw
-    motion.v, motion.v_slope = v1, v_slope
-    motion.w, motion.w_slope = w1, w_slope
+    motion.v, motion.v_rate, motion.w, motion.w_rate = v, v_rate, w, w_rate
     motion.time += dt
     return way, turn
 
 
 @borrowing_kernel
-def look(motion: Any, x: float, y: float, yaw: float, world: World) -> None:
+def measure_clearance(motion: Any, x: float, y: float, yaw: float, world: World) -> None:
     """Measure the clearance at a pose of the motion, and judge it."""
     box = world.box
-    gap = footprint_clearance(x, y, yaw, world.footprint, world.walls, world.discs, INTEREST)
+    gap = footprint_clearance(x, y, yaw, world.footprint, world.walls, world.discs, MAX_CLEARANCE)
     inside = box[0] <= x <= box[2] and box[1] <= y <= box[3]
     motion.gap = gap
     motion.moved = 0.0
@@ -96,9 +90,9 @@ def look(motion: Any, x: float, y: float, yaw: float, world: World) -> None:
 
 @borrowing_kernel
 def drive(motion: Any, v: float, w: float, t: float, world: World) -> None:
-    """Ask for a twist during t seconds; stops where it is no longer free.
+    """Drive towards a twist for t seconds; stops where the motion is no longer free.
 
-    The clearance is measured again before the outline can have moved that far, and at least every
+    The clearance is tested again before the outline can have moved that far, and at least every
     `FINEST` metres where it is less.
     """
     footprint = world.footprint
@@ -118,17 +112,17 @@ def drive(motion: Any, v: float, w: float, t: float, world: World) -> None:
             if motion.free and motion.moved + moved / parts > motion.gap:
                 part = k / parts
                 px, py, pyaw = odometric_step(x, y, yaw, part * way, part * turn)
-                look(motion, px, py, pyaw, world)
+                measure_clearance(motion, px, py, pyaw, world)
 
 
 @borrowing_kernel
 def brake(motion: Any, world: World) -> float:
-    """Ask for rest until the chair rests, or is no longer free; returns the time that took [s]."""
+    """Brake until the chair rests, or is no longer free; returns the time that took [s]."""
     steps = 0
     while motion.free and max(abs(motion.v), abs(motion.w)) > _REST:
         drive(motion, 0.0, 0.0, STEP, world)
         steps += 1
-    motion.v, motion.w, motion.v_slope, motion.w_slope = 0.0, 0.0, 0.0, 0.0
+    motion.v, motion.w, motion.v_rate, motion.w_rate = 0.0, 0.0, 0.0, 0.0
     return steps * STEP
 
 
@@ -138,21 +132,16 @@ def time_to_cover(
 ) -> float:
     """How long to ask for a speed, from rest, to cover an amount [m or rad, s].
 
-    Args:
-        amount: what to cover, positive.
-        speed: the speed asked for, positive.
-        up: limit of acceleration, then of deceleration and of jerk.
-        down: see up.
-        jerk: see up.
-        rest: whether the amount includes what is covered while coming to rest afterwards.
+    `up`, `down` and `jerk` limit acceleration and deceleration; `rest` tells whether the amount
+    includes what is covered while coming to rest afterwards.
     """
     t, low, high = amount / speed, 0.0, np.inf
-    for _ in range(16):  # Newton's rule, kept within what is known to be too short and too long
-        covered, now, slope, left = 0.0, 0.0, 0.0, t
+    for _ in range(16):  # Newton's method between bounds that are too short and too long
+        covered, now, rate, left = 0.0, 0.0, 0.0, t
         while left > 1e-9 or (rest and now > _REST):
             step = min(STEP, left) if left > 1e-9 else STEP
             before = now
-            now, slope = approach(now, slope, speed if left > 1e-9 else 0.0, up, down, jerk, step)
+            now, rate = approach(now, rate, speed if left > 1e-9 else 0.0, up, down, jerk, step)
             covered += 0.5 * (before + now) * step
             left -= step
         error = amount - covered
@@ -168,15 +157,20 @@ def time_to_cover(
     return t
 
 
+@borrowing_kernel
+def stopping_time(speed: float, rate: float, jerk: float) -> float:
+    """Time [s] to come to rest from a speed, within a deceleration and a jerk."""
+    speed = abs(speed)
+    if speed == 0.0:
+        return 0.0
+    if speed > rate * rate / jerk:
+        return speed / rate + rate / jerk + STEP
+    return 2.0 * math.sqrt(speed / jerk) + STEP
+
+
 @kernel
 def rollout(commands: Array, pose: Array, twist: Array, limits: Any) -> tuple[Array, Array, Array]:
-    """Where commands take the chair (thesis, (2.15)-(2.17), under limits).
-
-    Args:
-        commands: (k, 3) m/s, rad/s, s.
-        pose: where it begins (3,) m, m, rad.
-        twist: its twist there (2,) m/s, rad/s.
-        limits: the chair's limits, `Limits.array`.
+    """Where commands (k, 3) take the chair (thesis, (2.15)-(2.17), under limits).
 
     Returns:
         Poses (n, 3), twists (n, 2) and times (n,) [s], the first ones those of the beginning.
@@ -185,8 +179,7 @@ def rollout(commands: Array, pose: Array, twist: Array, limits: Any) -> tuple[Ar
     for k in range(commands.shape[0]):
         n += math.ceil(max(0.0, commands[k, 2] - 1e-9) / STEP) + 1
     poses, twists, times = np.empty((n, 3)), np.empty((n, 2)), np.empty(n)
-    motions = np.zeros(1, MOTION)
-    motion = motions[0]
+    motion = np.zeros(1, MOTION)[0]
     motion.x, motion.y, motion.yaw = pose[0], pose[1], pose[2]
     motion.v, motion.w = twist[0], twist[1]
     k, n, left = -1, 0, 0.0

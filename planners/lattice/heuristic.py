@@ -1,7 +1,7 @@
-"""How long it is to the goal for the axle alone: what guides a search over poses.
+"""The heuristic of the search over poses: the time to the goal for the axle alone.
 
 The disc about the axle that fits into the outline must pass wherever the outline passes. Over a
-grid of its places, Dijkstra's algorithm from the goal counts the duration, dearer near walls, no
+grid of its places, Dijkstra's algorithm from the goal counts the duration, increased near walls, no
 farther than it is asked to.
 """
 
@@ -17,32 +17,31 @@ from planners.collision.space import Space
 from planners.graphs.heap import pop, push
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import point_segment_distance, wrap
+from wheelchair_gym.maps.driving_cost import MotionCost
 
 Array = NDArray[np.float64]
 Field = NDArray[np.float32]
 
 SPACING = 0.05  # m: of the grid of places
 ROUNDING = SPACING / math.sqrt(2.0)  # m: a place is at most this far from its grid point
-LOOKAHEAD = 12  # grid points: the way is aimed at so far ahead
-MIN_AIM = 0.2  # m: what is nearer gives no direction
-SEED_RADIUS = 0.15  # m: grid points this near to where ways end are free, whatever stands there
+LOOKAHEAD = 12  # grid points ahead on the path: they give the direction
+MIN_AIM = 0.2  # m: a nearer point gives no direction
+SEED_RADIUS = 0.15  # m: grid points this near to the ends of paths are free in any case
 
 
 class Guide(NamedTuple):
-    """Seconds to the goal for the axle, as far as they are known."""
+    """Seconds to the goal for the axle, as far as they have been computed."""
 
-    gaps: Field  # (rows, columns) m: distance to what is solid, at most what matters
+    gaps: Field  # (rows, columns) m: distance to obstacles, at most what matters
     origin: Array  # (2,) m
-    left: Field  # (rows, columns) s; inf where not known, or no way
+    left: Field  # (rows, columns) s; inf where not computed, or no path
     settled: NDArray[np.bool_]  # (rows, columns)
-    onward: NDArray[np.int32]  # (rows, columns): the next grid point on the way, itself at the goal
+    onward: NDArray[np.int32]  # (rows, columns): the next grid point, itself at the goal
     keys: Array
     items: NDArray[np.int64]
     size: NDArray[np.int64]  # (1,): of the heap
     radius: float  # m: of the disc about the axle
-    desired_clearance: float  # m: a larger gap costs no less
-    obstacle_weight: float  # extra cost factor of a metre at no gap
-    speed: float  # m/s
+    motion: MotionCost
 
 
 @borrowing_kernel
@@ -53,7 +52,7 @@ def _rasterize_segments(
     rows, columns = gaps.shape
     most = 2.0 * SPACING
     for k in range(segments.shape[0]):
-        ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+        ax, ay, bx, by = segments[k]
         low_i = max(0, math.ceil((min(ay, by) - most - origin[1]) / SPACING))
         high_i = min(rows - 1, int((max(ay, by) + most - origin[1]) / SPACING))
         low_j = max(0, math.ceil((min(ax, bx) - most - origin[0]) / SPACING))
@@ -90,12 +89,7 @@ def _propagate_nearest(
                         if k < 0 or k == last or k == nearest[i, j]:
                             continue
                         last = k
-                        ax, ay, bx, by = (
-                            segments[k, 0],
-                            segments[k, 1],
-                            segments[k, 2],
-                            segments[k, 3],
-                        )
+                        ax, ay, bx, by = segments[k]
                         gap = np.float32(point_segment_distance(x, y, ax, ay, bx, by))
                         if gap < gaps[i, j]:
                             gaps[i, j], nearest[i, j] = gap, k
@@ -116,24 +110,22 @@ def distance_field(space: Space, most: float) -> Field:
     return gaps
 
 
-def new_guide(
-    seeds: Array,
-    gaps: Field,
-    origin: Array,
-    radius: float,
-    desired_clearance: float,
-    obstacle_weight: float,
-    speed: float,
-) -> Guide:
+def new_guide(seeds: Array, gaps: Field, origin: Array, motion: MotionCost) -> Guide:
     """A guide to where seeds (k, 3) are: x, y [m], and the duration left from there."""
     n, more = gaps.size, len(seeds) * (2 * int(SEED_RADIUS / SPACING) + 3) ** 2
     guide = Guide(
         gaps, origin, np.full(gaps.shape, np.inf, np.float32), np.zeros(gaps.shape, np.bool_),
         np.empty(gaps.shape, np.int32), np.empty(8 * n + more), np.empty(8 * n + more, np.int64),
-        np.zeros(1, np.int64), radius, desired_clearance, obstacle_weight, speed,
+        np.zeros(1, np.int64), float(motion.outline.min()), motion,
     )  # fmt: skip
     _seed(guide, seeds)
     return guide
+
+
+@borrowing_kernel
+def _grid_point(guide: Guide, x: float, y: float) -> tuple[int, int]:
+    row = int((y - guide.origin[1]) / SPACING + 0.5)
+    return row, int((x - guide.origin[0]) / SPACING + 0.5)
 
 
 @borrowing_kernel
@@ -141,14 +133,13 @@ def _seed(guide: Guide, seeds: Array) -> None:
     rows, columns = guide.gaps.shape
     reach = int(SEED_RADIUS / SPACING) + 1
     for k in range(seeds.shape[0]):
-        row = int((seeds[k, 1] - guide.origin[1]) / SPACING + 0.5)
-        column = int((seeds[k, 0] - guide.origin[0]) / SPACING + 0.5)
+        row, column = _grid_point(guide, seeds[k, 0], seeds[k, 1])
         for i in range(max(0, row - reach), min(rows, row + reach + 1)):
             for j in range(max(0, column - reach), min(columns, column + reach + 1)):
                 dx = guide.origin[0] + j * SPACING - seeds[k, 0]
                 dy = guide.origin[1] + i * SPACING - seeds[k, 1]
                 far = math.hypot(dx, dy)
-                key = np.float32(seeds[k, 2] + far / guide.speed)
+                key = np.float32(seeds[k, 2] + far / guide.motion.forward)
                 if far <= SEED_RADIUS and key < guide.left[i, j]:
                     guide.left[i, j] = key
                     guide.onward[i, j] = i * columns + j
@@ -160,8 +151,7 @@ def _seed(guide: Guide, seeds: Array) -> None:
 def cost_to_go(guide: Guide, x: float, y: float) -> float:
     """Seconds [s] from a place to the goal, infinite where the disc does not pass."""
     rows, columns = guide.gaps.shape
-    row = int((y - guide.origin[1]) / SPACING + 0.5)
-    column = int((x - guide.origin[0]) / SPACING + 0.5)
+    row, column = _grid_point(guide, x, y)
     if row < 0 or column < 0 or row >= rows or column >= columns:
         return math.inf
     if guide.settled[row, column]:
@@ -170,7 +160,7 @@ def cost_to_go(guide: Guide, x: float, y: float) -> float:
     if guide.gaps[row, column] < least and guide.left[row, column] == math.inf:
         return math.inf
     keys, items, left, settled = guide.keys, guide.items, guide.left, guide.settled
-    size = guide.size[0]
+    size, motion = guide.size[0], guide.motion
     while size > 0 and not settled[row, column]:
         item = pop(keys, items, size)
         size -= 1
@@ -187,11 +177,10 @@ def cost_to_go(guide: Guide, x: float, y: float) -> float:
                 gap = float(guide.gaps[r, c])
                 if gap < least:
                     continue
-                short = min(1.0, max(0.0, 1.0 - (gap - guide.radius) / guide.desired_clearance))
+                short = min(1.0, max(0.0, 1.0 - (gap - guide.radius) / motion.desired_clearance))
                 way = SPACING * (math.sqrt(2.0) if di != 0 and dj != 0 else 1.0)
-                key = np.float32(
-                    here + way / guide.speed * (1.0 + guide.obstacle_weight * short * short)
-                )
+                factor = 1.0 + motion.obstacle_weight * short * short
+                key = np.float32(here + way / motion.forward * factor)
                 if key < left[r, c]:
                     left[r, c] = key
                     guide.onward[r, c] = item
@@ -208,8 +197,7 @@ def heading_error(guide: Guide, x: float, y: float, yaw: float) -> float:
     The duration left from there must be known. Near the goal 0.
     """
     columns = guide.gaps.shape[1]
-    row = int((y - guide.origin[1]) / SPACING + 0.5)
-    column = int((x - guide.origin[0]) / SPACING + 0.5)
+    row, column = _grid_point(guide, x, y)
     for _ in range(LOOKAHEAD):
         item = guide.onward[row, column]
         row, column = item // columns, item % columns

@@ -17,27 +17,28 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.footprint import Sweeps, sweep, sweeps
+from planners.collision.footprint import Sweeps, path_gap, sweep, sweeps
 from planners.collision.nearby import Nearby, nearby
 from planners.collision.polygon_tests import clearance
 from planners.collision.space import Space
+from planners.graphs.visibility import Visibility
 from planners.lattice.heuristic import Field, distance_field, new_guide
 from planners.lattice.narrow_passages import gaps_at, make_lines, narrow_places
 from planners.lattice.pose_search import (
-    COUNT,
-    EXPANDED,
-    GOAL,
+    COUNTS,
+    NODE,
     PIECE,
     Grid,
-    MotionCost,
+    Search,
     Tree,
     expand,
     trace_path,
 )
-from planners.problem import Plan, PlannerBase, Problem, Status, check
+from planners.problem import Plan, PlannerBase, Problem, Status, check, remaining
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry import Footprint, wrap
 from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.maps.driving_cost import DrivingCost, MotionCost
 
 Array = NDArray[np.float64]
 
@@ -79,7 +80,7 @@ def prepare_map(
 
 
 @settings
-class Lattice(PlannerBase):
+class Lattice(DrivingCost, PlannerBase):
     """A path (n, 3) with headings for the chair's rectangle; it may drive backwards.
 
     The rectangle keeps the problem's clearance less half its width. A start without heading has
@@ -111,24 +112,6 @@ class Lattice(PlannerBase):
     """Size of a position cell."""
     refinements: int = setting(default=1, low=0, high=4, source="design choice")
     """How often moves and cells are halved where no path is found."""
-    desired_clearance: float = setting(
-        default=0.25, unit="m", low=0.01, source="free space beside the chair in a door of 1.1 m"
-    )
-    """Gap beyond which more clearance costs no less."""
-    obstacle_weight: float = setting(default=3.0, low=0.0, source="tuned on training seeds")
-    """Extra cost factor of a move at no gap."""
-    lateral_acceleration: float = setting(
-        default=0.35, unit="m/s2", low=0.01, source="comfort, as in the followers"
-    )
-    """Lateral acceleration that bounds the speed in curves."""
-    pivot_speed_ratio: float = setting(
-        default=0.6, low=0.05, high=1.0, source="speed of the followers turning in place"
-    )
-    """Angular velocity of a pivot, as a share of the limit."""
-    reverse_cost: float = setting(
-        default=2.0, low=1.0, source="design choice: no sensor looks back"
-    )
-    """Cost factor of reverse motion."""
     curvature_weight: float = setting(default=0.03, unit="s m", low=0.0, source="design choice")
     """Cost of a change of curvature, against oscillation."""
     heuristic_weight: float = setting(
@@ -156,7 +139,8 @@ class Lattice(PlannerBase):
         start, goal = np.zeros(3), np.array(problem.goal, dtype=np.float64)
         start[: len(problem.start)] = problem.start
         map_data = prepare_map(problem.space, self.footprint, self.reach, self.desired_clearance)
-        motion = self.motion(max(MIN_GAP, problem.clearance - self.footprint.half_width))
+        margin = max(MIN_GAP, problem.clearance - self.footprint.half_width)
+        motion = self.motion_cost(self.footprint, self.limits, margin, self.curvature_weight)
         status, motion = self._ends(problem, map_data, motion, start, goal)
         if status is not None:
             return Plan(status)
@@ -180,18 +164,6 @@ class Lattice(PlannerBase):
         """Longest distance [m] that a move, or a piece of a longer stretch, covers."""
         return max(self.move_length, PIECE)
 
-    def motion(self, margin: float) -> MotionCost:
-        """The cost of the chair's motion at a margin [m]."""
-        limits = self.limits
-        # Accelerating to full speed costs half its duration; so does stopping.
-        switch = 0.5 * limits.forward / limits.acceleration
-        return MotionCost(
-            self.footprint.array, margin, self.desired_clearance, self.obstacle_weight,
-            limits.forward, limits.backward / self.reverse_cost, limits.turn,
-            self.pivot_speed_ratio * limits.turn, self.lateral_acceleration,
-            switch, self.curvature_weight,
-        )  # fmt: skip
-
     def moves(self, level: int) -> Sweeps:
         """All moves, halved `level` times."""
         part = 0.5**level
@@ -207,12 +179,7 @@ class Lattice(PlannerBase):
         return moves
 
     def _ends(
-        self,
-        problem: Problem,
-        map_data: MapData,
-        motion: MotionCost,
-        start: Array,
-        goal: Array,
+        self, problem: Problem, map_data: MapData, motion: MotionCost, start: Array, goal: Array
     ) -> tuple[Status | None, MotionCost]:
         """Why the outline does not fit at an end, or None; and the cost with a margin that fits."""
         near, workspace = map_data.near, sweeps(1)
@@ -234,35 +201,14 @@ class Lattice(PlannerBase):
         return None, motion
 
     def _search(
-        self,
-        map_data: MapData,
-        motion: MotionCost,
-        start: Array,
-        goal: Array,
-        level: int,
-        most: int,
-        end: float,
-    ) -> tuple[Array, int, int, bool]:
+        self, map_data: MapData, motion: MotionCost, start: Array, goal: Array, level: int,
+        most: int, end: float,
+    ) -> tuple[Array, int, int, bool]:  # fmt: skip
         """The path (n, 3) or none, expanded poses, nodes, and whether the search is complete."""
         near, part = map_data.near, 0.5**level
-        radius = min(self.footprint.front, self.footprint.rear, self.footprint.half_width)
-        low = near.box[:2].copy()
+        low, join = near.box[:2].copy(), self.goal_connection_distance
         lines, seeds = make_lines(
-            near,
-            motion,
-            map_data.narrows,
-            goal,
-            self.move_length * part,
-            self.goal_connection_distance,
-        )
-        guide = new_guide(
-            seeds,
-            map_data.gaps,
-            low,
-            radius,
-            self.desired_clearance,
-            self.obstacle_weight,
-            self.limits.forward,
+            near, motion, map_data.narrows, goal, self.move_length * part, join
         )
         moves = self.moves(level)
         hull = np.concatenate([moves.box[:, :2].min(axis=0), moves.box[:, 2:].max(axis=0)])
@@ -272,42 +218,121 @@ class Lattice(PlannerBase):
             low, cell, columns, headings, moves, hull, self.heuristic_weight, self.stop_ratio,
             self.heading_weight / self.limits.turn,
         )  # fmt: skip
-        slots = np.zeros(rows * columns * headings, np.float32)
-        tree = _new_tree(start, slots, len(lines.poses))
-        aim = np.array([goal[0], goal[1], self.goal_connection_distance])
-        workspace, seen, out = sweeps(1), np.empty_like(near.segments), np.empty((3, 2))
-        over = False
+        tree = _new_tree(start, rows * columns * headings, len(lines.poses))
+        search = Search(
+            near, motion, new_guide(seeds, map_data.gaps, low, motion), lines, grid,
+            np.array([goal[0], goal[1], join]), tree, sweeps(1), np.empty_like(near.segments),
+            np.empty((3, 2)),
+        )  # fmt: skip
+        over, counts = False, tree.counts[0]
         most_made = len(moves.way) + 3 * (len(lines.poses) + 1)  # of one expansion
-        while not over and tree.state[EXPANDED] < most:
+        while not over and counts["expanded"] < most:
             if time.perf_counter() >= end:
                 break
-            if tree.state[COUNT] + most_made > len(tree.cost):
-                tree = _enlarged(tree, most_made)
-            until = min(most, int(tree.state[EXPANDED]) + CHUNK)
-            over = expand(near, motion, guide, lines, grid, aim, tree, until, workspace, seen, out)
-        node = int(tree.state[GOAL])
-        path = trace_path(tree, node, POSE_SPACING) if node >= 0 else np.empty((0, 3))
-        return path, int(tree.state[EXPANDED]), int(tree.state[COUNT]), over
+            if counts["nodes"] + most_made > len(search.tree.nodes):
+                search = search._replace(tree=_enlarged(search.tree, most_made))
+            over = expand(search, min(most, int(counts["expanded"]) + CHUNK))
+        node = int(counts["goal"])
+        path = trace_path(search.tree, node, POSE_SPACING) if node >= 0 else np.empty((0, 3))
+        return path, int(counts["expanded"]), int(counts["nodes"]), over
 
 
-def _new_tree(start: Array, slots: NDArray[np.float32], anchors: int) -> Tree:
+def _new_tree(start: Array, slots: int, anchors: int) -> Tree:
     """A tree of the start alone, in the open list."""
-    n = INITIAL_NODES
-    pose, numbers, none = np.empty((n, 3)), np.zeros((4, n)), np.full((2, n), -1)
-    pose[0] = start
+    nodes = np.zeros(INITIAL_NODES, NODE)
+    nodes["x"][0], nodes["y"][0], nodes["yaw"][0] = start
+    nodes["parent"], nodes["anchor"] = -1, -1
     return Tree(
-        pose, numbers[0], none[0], numbers[1], numbers[2], none[1], numbers[3],
-        np.zeros(n, np.int64), slots, np.full(anchors, -1.0), np.full(anchors + 1, np.inf),
-        np.array([1, 1, 0, -1]),
+        nodes, np.zeros(len(nodes)), np.zeros(len(nodes), np.int64), np.zeros(slots, np.float32),
+        np.full(anchors, -1.0), np.full(anchors + 1, np.inf), np.array([(1, 1, 0, -1)], COUNTS),
     )  # fmt: skip
 
 
 def _enlarged(tree: Tree, more: int) -> Tree:
-    """The tree with workspace for twice as many nodes, and so many more."""
-    workspace, need = len(tree.cost), 2 * len(tree.cost) + more
-    arrays = {}
-    for name in ("pose", "cost", "parent", "way", "turn", "anchor", "keys", "items"):
-        old = getattr(tree, name)
-        arrays[name] = np.empty((need, *old.shape[1:]), old.dtype)
-        arrays[name][:workspace] = old
-    return tree._replace(**arrays)
+    """The tree with space for twice as many nodes, and so many more."""
+    extra = len(tree.nodes) + more
+    nodes, keys, items = (
+        np.concatenate([old, np.empty(extra, old.dtype)])
+        for old in (tree.nodes, tree.keys, tree.items)
+    )
+    return tree._replace(nodes=nodes, keys=keys, items=items)
+
+
+FILLETS = (1.0, 0.5, 0.0)  # m: tried in this order; 0 is a pivot
+
+
+def drive_path(path: Array, start: Array, goal: Array, fillet: float) -> Array:
+    """Poses (n, 3) along a path (k, 2): arcs at corners, pivots at the ends.
+
+    Args:
+        path: corners [m], the first one at the start.
+        start: (3,).
+        goal: (2,) or (3,).
+        fillet: distance of an arc's ends from its corner [m], at most half an edge.
+    """
+    poses = [start]
+    path = path[np.append(True, np.hypot(*np.diff(path, axis=0).T) > 0.0)]
+    steps = np.diff(path, axis=0)
+    ways, yaws = np.hypot(*steps.T), np.arctan2(steps[:, 1], steps[:, 0])
+    for k, (corner, yaw) in enumerate(zip(path[:-1], yaws, strict=True)):
+        turn = float(wrap(yaw - poses[-1][2]))
+        cut = min(fillet, 0.5 * ways[k - 1], 0.5 * ways[k]) if k > 0 else 0.0
+        back = cut * np.array([math.cos(poses[-1][2]), math.sin(poses[-1][2]), 0.0])
+        begin = np.array([*corner, poses[-1][2]]) - back
+        poses.append(begin)
+        parts = max(1, math.ceil(abs(turn) / (2.0 * POSE_SPACING)))
+        bend = math.tan(0.5 * turn) / cut if cut > 0.0 else 0.0  # 1/m
+        for part in range(1, parts + 1):
+            angle = turn * part / parts
+            chord = 2.0 * math.sin(0.5 * angle) / bend if bend != 0.0 else 2.0 * cut * part / parts
+            along = begin[2] + 0.5 * angle
+            x, y = begin[0] + chord * math.cos(along), begin[1] + chord * math.sin(along)
+            poses.append(np.array([x, y, begin[2] + angle]))
+    poses.append(np.array([*path[-1], poses[-1][2]]))
+    if len(goal) == 3:
+        turn = float(wrap(goal[2] - poses[-1][2]))
+        parts = max(1, math.ceil(abs(turn) / (2.0 * POSE_SPACING)))
+        poses.extend(poses[-1] + [0.0, 0.0, turn * k / parts] for k in range(1, parts + 1))
+    return np.array(poses)
+
+
+@settings
+class DiscThenLattice(PlannerBase):
+    """The shortest path of a disc as wide as the chair, if the rectangle fits; or the lattice's.
+
+    It is faster than the lattice on a map that was planned in before, and slower on a new map,
+    whose obstacles must be inflated first. The disc's path is driven forward only.
+    """
+
+    lattice: Lattice = Lattice()
+    lateral_margin: float = setting(default=0.10, unit="m", low=0.0, source="design choice")
+    """Extra radius of the disc, because arcs cut corners."""
+
+    def trivial(self, problem: Problem) -> Plan | None:
+        """Nothing: the planners that this one asks know trivial problems."""
+        return None
+
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """Plan without random numbers; the counter `tight` is 1 where the lattice answered."""
+        footprint = self.lattice.footprint
+        margin = max(MIN_GAP, problem.clearance - footprint.half_width)
+        wide = replace(
+            problem, clearance=max(problem.clearance, footprint.half_width) + self.lateral_margin
+        )
+        disc = Visibility().plan(wide, rng, remaining(end))
+        start = np.zeros(3)
+        start[: len(problem.start)] = problem.start
+        goal = np.asarray(problem.goal, dtype=np.float64)
+        path, solved = disc.path, False
+        if disc.status is Status.SOLVED:
+            for fillet in FILLETS:
+                path = drive_path(disc.path, start, goal, fillet)
+                solved = path_gap(path, problem.space, footprint, 2.0 * margin) >= margin
+                if solved:
+                    break
+        if solved:
+            status, counters = disc.status, {**disc.counters, "iterations": 0, "tight": 0}
+        else:
+            plan = self.lattice.plan(problem, rng, remaining(end))
+            status, path, counters = plan.status, plan.path, {**plan.counters, "tight": 1}
+        return Plan(status, path, counters=counters)

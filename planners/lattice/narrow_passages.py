@@ -1,9 +1,9 @@
-"""Narrow places of a map, and the lines of poses along which an outline passes them.
+"""Narrow passages of a map, and the lines of poses along which an outline passes them.
 
-In the middle of a narrow place the distance to what is solid has a saddle: the two nearest points
-lie opposite each other. A chair that fits through with little play stands in line there: on the
-line through the middle, at right angles to the gap. The search over poses reaches the poses of
-these lines, and the goal's, exactly.
+In the middle of a narrow passage the distance to obstacles has a saddle: the two nearest points lie
+opposite each other. A chair that fits through with little play is aligned there: on the line
+through the middle, at right angles to the gap. The search over poses reaches the poses of these
+lines, and the goal's, exactly.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from planners.collision.footprint import Sweeps, sweeps
 from planners.collision.nearby import CELL, Nearby
 from planners.lattice.heuristic import SPACING, Field
-from planners.lattice.pose_search import Lines, MotionCost, duration, free_gap
+from planners.lattice.pose_search import Lines, free_gap
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import point_segment_distance
+from wheelchair_gym.maps.driving_cost import MotionCost, duration
 
 Array = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ def _nearest_side(
 
 
 @borrowing_kernel
-def _known(places: Array, count: int, x: float, y: float, yaw: float) -> bool:
+def _is_found(places: Array, count: int, x: float, y: float, yaw: float) -> bool:
     """Whether a place is in line with one of the first places, and near to it."""
     for k in range(count):
         dx, dy = places[k, 0] - x, places[k, 1] - y
@@ -106,19 +107,19 @@ def narrow_places(near: Nearby, gaps: Field, least: float, most: float) -> Array
                 half = 0.5 * math.hypot(bx - ax, by - ay)
                 if moved < SETTLED or first <= 0.0:
                     yaw = math.atan2(bx - ax, ay - by) % math.pi
-                    if least <= half <= most and not _known(found, n, x, y, yaw):
+                    if least <= half <= most and not _is_found(found, n, x, y, yaw):
                         found[n, 0], found[n, 1], found[n, 2] = x, y, yaw
                         n += 1
                     break
     return found[:n].copy()
 
 
-REACH = 0.8  # m: from how far a line is joined: about a chair's length
+REACH = 0.8  # m: distance from which a line is joined: about a chair's length
 LONGEST = 3.0  # m: of a straight last stretch
 BESIDE = 0.5  # m: from so far beside its beginning it is tried
-TURNS = 0.5 * math.pi  # rad: a chair that can turn so far to both hands can come from anywhere
+TURNS = 0.5 * math.pi  # rad: a chair that can turn so far to both sides can come from anywhere
 YAWS = 24  # headings tried at a goal that has none
-ASKEW = 0.8  # rad: by how much the heading may differ there
+HEADING_RANGE = 0.8  # rad: by how much the heading may differ there
 
 
 @kernel
@@ -146,7 +147,7 @@ def entries(
     n = goals.shape[0]
     seen = np.empty_like(near.segments)
     places, far = np.empty((2 * n, 3)), np.zeros(n)
-    roomy = np.zeros(2 * n, np.bool_)
+    turnable = np.zeros(2 * n, np.bool_)
     for k in range(2 * n):
         x, y, yaw = goals[k // 2]
         sign = 1.0 if k % 2 == 0 else -1.0
@@ -159,19 +160,17 @@ def entries(
                     gap = free_gap(near, motion, px, py, yaw, 0.0, turn, workspace, seen)
                     turns = gap >= motion.margin
             if turns:
-                roomy[k] = True
+                turnable[k] = True
                 break
             qx, qy = px - sign * step * math.cos(yaw), py - sign * step * math.sin(yaw)
-            if (
-                free_gap(near, motion, qx, qy, yaw, sign * step, 0.0, workspace, seen)
-                < motion.margin
-            ):
+            gap = free_gap(near, motion, qx, qy, yaw, sign * step, 0.0, workspace, seen)
+            if gap < motion.margin:
                 break
             d += step
         places[k, 0], places[k, 1] = x - sign * d * math.cos(yaw), y - sign * d * math.sin(yaw)
         places[k, 2] = duration(motion, sign * d, 0.0)
         far[k // 2] = max(far[k // 2], d)
-    return (places[roomy] if roomy.any() else places), far
+    return (places[turnable] if turnable.any() else places), far
 
 
 def make_lines(
@@ -211,8 +210,8 @@ def make_lines(
     poses = np.repeat(middles[:, None], len(along), axis=1)  # (lines, along, 3)
     poses[..., 0] += along * np.cos(middles[:, 2:])
     poses[..., 1] += along * np.sin(middles[:, 2:])
-    standing = gaps_at(near, motion, poses.reshape(-1, 3), sweeps(1)) >= motion.margin
-    free = standing.reshape(poses.shape[:2])
+    clear = gaps_at(near, motion, poses.reshape(-1, 3), sweeps(1)) >= motion.margin
+    free = clear.reshape(poses.shape[:2])
     # Anchors: where the goal is reached, then the rest; the goal's own place in its line is first.
     index = np.full((len(middles), len(along) + 2), -1)
     if headed:
@@ -229,7 +228,7 @@ def make_lines(
         np.concatenate([ahead, index[:, 2:][free]]),
         np.concatenate([behind, index[:, :-2][free]]),
         np.concatenate([np.maximum(join, reach + BESIDE), np.full(many, REACH)]),
-        np.concatenate([np.full(len(at_goal), math.pi), np.full(many, ASKEW)]),
+        np.concatenate([np.full(len(at_goal), math.pi), np.full(many, HEADING_RANGE)]),
         len(at_goal),
         headed,
     )

@@ -1,4 +1,4 @@
-"""A* from pose to pose over stretches that the outline sweeps freely, and what a stretch costs.
+"""A* from pose to pose over stretches that the outline sweeps freely.
 
 States share a cell of position and heading but keep their own continuous pose (hybrid A*: Dolgov
 et al. 2010). Some poses, the anchors, are reached exactly: the goal, and those in line with narrow
@@ -9,7 +9,7 @@ places. To a given pose lead pivot, straight and pivot, or two arcs that meet in
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,54 +21,11 @@ from planners.lattice.heuristic import Guide, cost_to_go, heading_error
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
+from wheelchair_gym.maps.driving_cost import STILL, MotionCost, duration, kind_of, stretch_cost
 
 Array = NDArray[np.float64]
 
-PIECE = 0.3  # m: longer stretches are looked at in pieces, each from its own beginning
-STILL = 1e-9  # m, rad: less is no motion
-
-
-class MotionCost(NamedTuple):
-    """How the chair drives, and what its motion costs."""
-
-    outline: Array  # (3,) m: front, rear, half width
-    margin: float  # m: least gap
-    desired_clearance: float  # m: a larger gap costs no less
-    obstacle_weight: float  # extra cost factor of a move at no gap
-    forward: float  # m/s
-    backward: float  # m/s, speed that reverse motion is rated with
-    turn: float  # rad/s
-    pivot_speed: float  # rad/s of a pivot
-    lateral_acceleration: float  # m/s2
-    switch_time: float  # s: to stop and start in another direction
-    curvature_weight: float  # s per 1/m of a change of curvature
-
-
-@borrowing_kernel
-def duration(motion: MotionCost, way: float, turn: float) -> float:
-    """Time [s] that a stretch takes at the speed it allows."""
-    if abs(way) < STILL:
-        return abs(turn) / motion.pivot_speed
-    bend = abs(turn / way)
-    speed = motion.forward if way > 0.0 else motion.backward
-    if bend > 0.0:
-        speed = min(speed, min(motion.turn / bend, math.sqrt(motion.lateral_acceleration / bend)))
-    return abs(way) / speed
-
-
-@borrowing_kernel
-def kind_of(way: float, turn: float) -> int:
-    """1: ahead, -1: back, 2: a pivot, 0: none."""
-    if abs(way) < STILL:
-        return 2 if abs(turn) > STILL else 0
-    return 1 if way > 0.0 else -1
-
-
-@borrowing_kernel
-def stretch_cost(motion: MotionCost, way: float, turn: float, gap: float) -> float:
-    """Cost [s] of a stretch: its duration, increased near obstacles."""
-    short = (motion.desired_clearance - gap) / motion.desired_clearance
-    return duration(motion, way, turn) * (1.0 + motion.obstacle_weight * short * short)
+PIECE = 0.3  # m: longer stretches are tested in pieces, each from its own beginning
 
 
 @borrowing_kernel
@@ -92,18 +49,91 @@ def free_gap(
     return gap
 
 
+Ints = NDArray[np.int64]
+
+AT_GOAL = -2  # the anchor of a node at the goal
+FREE_HEADING_ERROR = 0.4  # rad: smaller errors cost nothing
+
+
+class Lines(NamedTuple):
+    """Poses to reach exactly; those of one line are one straight move apart."""
+
+    poses: Array  # (n, 3)
+    ahead: Ints  # (n,) the anchor one straight move ahead, or -1
+    behind: Ints  # (n,)
+    reach: Array  # (n,) m: from how far a connection is tried
+    turn: Array  # (n,) rad: by how much the heading may differ for that
+    goals: int  # so many, the first ones, are at the goal
+    headed: bool  # whether the goal has a heading; else any will do
+
+
+class Grid(NamedTuple):
+    """The discretization of states into cells and headings, and the moves."""
+
+    origin: Array  # (2,) m
+    cell_size: float  # m
+    columns: int
+    headings: int
+    moves: Sweeps
+    hull: Array  # (4,) m: what bounds all
+    heuristic_weight: float  # factor of the heuristic (weighted A*)
+    stop_ratio: float  # stop when no path can cost less than this share of the best one
+    heading_weight: float  # s/rad of the heading error, in the heuristic
+
+
+NODE = np.dtype(
+    [
+        ("x", np.float64),  # m
+        ("y", np.float64),
+        ("yaw", np.float64),  # rad
+        ("way", np.float64),  # m of the stretch from the parent
+        ("turn", np.float64),  # rad
+        ("cost", np.float64),  # s
+        ("parent", np.int64),  # -1: none
+        ("anchor", np.int64),  # the anchor it is at, -1: none
+    ]
+)
+COUNTS = np.dtype([(name, np.int64) for name in ("nodes", "open", "expanded", "goal")])
+
+
+class Tree(NamedTuple):
+    """Nodes: poses reached, how, and at what cost; and the open list."""
+
+    nodes: NDArray[Any]  # (n,) NODE
+    keys: Array  # (n,) of the heap
+    items: Ints  # (n,)
+    best: NDArray[np.float32]  # (slots,) s: least cost of each state, 0: none
+    left_anchor: Array  # (anchors,) s left from each, -1: not computed yet
+    best_anchor: Array  # (anchors + 1,) s; the last one is that of the goal
+    counts: NDArray[Any]  # (1,) COUNTS: nodes, of them open, expanded; the node at the goal
+
+
+class Search(NamedTuple):
+    """All that a search has."""
+
+    near: Nearby
+    motion: MotionCost
+    guide: Guide
+    lines: Lines
+    grid: Grid
+    goal: Array  # (3,) x, y [m], from how far [m] it is reached where any heading will do
+    tree: Tree
+    workspace: Sweeps
+    seen: Array  # (segments, 4): workspace
+    out: Array  # (3, 2): a connection's ways and turns
+
+
 @borrowing_kernel
 def connect(
-    near: Nearby, motion: MotionCost, x: float, y: float, yaw: float, kind: int,
-    tx: float, ty: float, tyaw: float, budget: float, workspace: Sweeps, seen: Array, out: Array,
+    search: Search, x: float, y: float, yaw: float, kind: int,
+    tx: float, ty: float, tyaw: float, budget: float,
 ) -> float:  # fmt: skip
-    """The cheapest of four connections to a target pose, whose heading is free if it is NaN.
+    """Cost [s] of the cheapest of four connections to a target pose; a NaN heading is free.
 
-    Writes distances and turns (3, 2) to `out`.
-
-    Returns:
-        The cost [s], infinite where no connection is free and below the budget.
+    Infinite where no connection is free and below the budget. Writes distances and turns (3, 2)
+    to `search.out`.
     """
+    near, motion, out = search.near, search.motion, search.out
     dx, dy = tx - x, ty - y
     far, towards = math.hypot(dx, dy), wrap(math.atan2(dy, dx) - yaw)
     best = budget
@@ -170,7 +200,7 @@ def connect(
             way, turn = (a, b, 0.0)[part], (s, t, u)[part]
             if kind_of(way, turn) == 0:
                 continue
-            gap = free_gap(near, motion, px, py, pyaw, way, turn, workspace, seen)
+            gap = free_gap(near, motion, px, py, pyaw, way, turn, search.workspace, search.seen)
             if gap < motion.margin:
                 cost = math.inf
                 break
@@ -185,93 +215,44 @@ def connect(
     return best if found else math.inf
 
 
-Whole = NDArray[np.int64]
-
-AT_GOAL = -2  # the anchor of a node at the goal
-FREE_HEADING_ERROR = 0.4  # rad: smaller errors cost nothing
-COUNT, SIZE, EXPANDED, GOAL = range(4)  # of `Tree.state`
-
-
-class Lines(NamedTuple):
-    """Poses to reach exactly; those of one line are one straight move apart."""
-
-    poses: Array  # (n, 3)
-    ahead: Whole  # (n,) the anchor one straight move ahead, or -1
-    behind: Whole  # (n,)
-    reach: Array  # (n,) m: from how far it is tried
-    turn: Array  # (n,) rad: by how much the heading may differ for that
-    goals: int  # so many, the first ones, are at the goal
-    headed: bool  # whether the goal has a heading; else any will do
-
-
-class Grid(NamedTuple):
-    """The discretization of states into cells and headings, and the moves."""
-
-    origin: Array  # (2,) m
-    cell_size: float  # m
-    columns: int
-    headings: int
-    moves: Sweeps
-    hull: Array  # (4,) m: what bounds all
-    heuristic_weight: float  # factor of the heuristic (weighted A*)
-    stop_ratio: float  # stop when no path can cost less than this share of the best one
-    heading_weight: float  # s/rad of the heading error, in the heuristic
-
-
-class Tree(NamedTuple):
-    """Nodes: poses reached, how, and at what cost; and the open list."""
-
-    pose: Array  # (n, 3)
-    cost: Array  # (n,) s
-    parent: Whole  # (n,)
-    way: Array  # (n,) m of the stretch from the parent
-    turn: Array  # (n,) rad
-    anchor: Whole  # (n,) the anchor it is at, -1: none
-    keys: Array  # (n,) of the heap
-    items: Whole  # (n,)
-    best: NDArray[np.float32]  # (slots,) s: least cost of each state, 0: none
-    left_anchor: Array  # (anchors,) s left from each, -1: not known yet
-    best_anchor: Array  # (anchors + 1,) s; the last one is that of the goal
-    state: Whole  # (4,): how many nodes, how many open, how many expanded, the node at the goal
-
-
 @borrowing_kernel
-def _add(tree: Tree, node: int, way: float, turn: float, cost: float, anchor: int) -> int:
+def _add(tree: Tree, parent: int, way: float, turn: float, cost: float, anchor: int) -> int:
     """Make a node at the end of a stretch."""
-    new = tree.state[COUNT]
-    x, y, yaw = arc_step(tree.pose[node, 0], tree.pose[node, 1], tree.pose[node, 2], way, turn, 1.0)
-    tree.pose[new, 0], tree.pose[new, 1], tree.pose[new, 2] = x, y, yaw
-    tree.way[new], tree.turn[new], tree.cost[new] = way, turn, cost
-    tree.parent[new], tree.anchor[new] = node, anchor
-    tree.state[COUNT] = new + 1
+    new, start, node = tree.counts[0].nodes, tree.nodes[parent], tree.nodes[tree.counts[0].nodes]
+    x, y, yaw = arc_step(start.x, start.y, start.yaw, way, turn, 1.0)
+    node.x, node.y, node.yaw = x, y, yaw
+    node.way, node.turn, node.cost = way, turn, cost
+    node.parent, node.anchor = parent, anchor
+    tree.counts[0].nodes = new + 1
     return int(new)
 
 
 @borrowing_kernel
 def _open(tree: Tree, node: int, key: float) -> None:
-    push(tree.keys, tree.items, tree.state[SIZE], key, node)
-    tree.state[SIZE] += 1
+    push(tree.keys, tree.items, tree.counts[0].open, key, node)
+    tree.counts[0].open += 1
 
 
 @borrowing_kernel
-def _estimate(guide: Guide, grid: Grid, x: float, y: float, yaw: float) -> float:
+def _estimate(search: Search, x: float, y: float, yaw: float) -> float:
     """Estimated cost to the goal [s]: the heuristic."""
-    left = cost_to_go(guide, x, y)
+    left = cost_to_go(search.guide, x, y)
     if not left < math.inf:
         return left
-    error = max(0.0, heading_error(guide, x, y, yaw) - FREE_HEADING_ERROR)
-    return grid.heuristic_weight * (left + grid.heading_weight * error)
+    error = max(0.0, heading_error(search.guide, x, y, yaw) - FREE_HEADING_ERROR)
+    return search.grid.heuristic_weight * (left + search.grid.heading_weight * error)
 
 
 @borrowing_kernel
-def _connect_anchors(
-    near: Nearby, motion: MotionCost, guide: Guide, lines: Lines, grid: Grid, goal: Array,
-    tree: Tree, node: int, workspace: Sweeps, seen: Array, out: Array,
-) -> None:  # fmt: skip
+def _connect_anchors(search: Search, number: int) -> None:
     """Connect a node to every anchor in range that it reaches at least cost."""
-    x, y, yaw = tree.pose[node, 0], tree.pose[node, 1], tree.pose[node, 2]
-    kind = kind_of(tree.way[node], tree.turn[node])
-    many, here = lines.poses.shape[0], _estimate(guide, grid, x, y, yaw)
+    motion, lines, goal, tree, out = (
+        search.motion, search.lines, search.goal, search.tree, search.out,
+    )  # fmt: skip
+    node = tree.nodes[number]
+    x, y, yaw, cost_here = node.x, node.y, node.yaw, node.cost
+    kind = kind_of(node.way, node.turn)
+    many, here = lines.poses.shape[0], _estimate(search, x, y, yaw)
     for a in range(many + 1):
         free_heading = a == many
         if free_heading:
@@ -287,7 +268,7 @@ def _connect_anchors(
             tx, ty, tyaw = lines.poses[a, 0], lines.poses[a, 1], lines.poses[a, 2]
             dx, dy = tx - x, ty - y
             reach = lines.reach[a]
-            if abs(dx) > reach or abs(dy) > reach or a == tree.anchor[node]:
+            if abs(dx) > reach or abs(dy) > reach or a == node.anchor:
                 continue
             far = math.hypot(dx, dy)
             turn = abs(wrap(tyaw - yaw))
@@ -296,126 +277,135 @@ def _connect_anchors(
             least = max(far / motion.forward, turn / motion.turn)
         at_goal = free_heading or a < lines.goals
         entry = many if at_goal else a
-        budget = tree.best_anchor[entry] - tree.cost[node]
+        budget = tree.best_anchor[entry] - cost_here
         if least >= budget:
             continue
         left = 0.0
         if not at_goal:
             if tree.left_anchor[a] < 0.0:
-                tree.left_anchor[a] = _estimate(guide, grid, tx, ty, tyaw)
+                tree.left_anchor[a] = _estimate(search, tx, ty, tyaw)
             left = tree.left_anchor[a]
             if not left < here:
                 continue
-        more = connect(near, motion, x, y, yaw, kind, tx, ty, tyaw, budget, workspace, seen, out)
+        more = connect(search, x, y, yaw, kind, tx, ty, tyaw, budget)
         if not more < budget:
             continue
-        cost = tree.cost[node] + more
+        cost = cost_here + more
         tree.best_anchor[entry] = cost
-        last = node
+        last = number
         for part in range(3):
             if kind_of(out[part, 0], out[part, 1]) != 0:
                 last = _add(tree, last, out[part, 0], out[part, 1], cost, -1)
-        if last == node:  # it stands there
-            last = _add(tree, node, 0.0, 0.0, cost, -1)
-        tree.anchor[last] = AT_GOAL if at_goal else a
+        if last == number:  # it stands there
+            last = _add(tree, number, 0.0, 0.0, cost, -1)
+        end = tree.nodes[last]
+        end.anchor = AT_GOAL if at_goal else a
         # To the bit: what follows along the line is where its anchors are.
-        tree.pose[last, 0], tree.pose[last, 1] = tx, ty
+        end.x, end.y = tx, ty
         if not free_heading:
-            tree.pose[last, 2] = tyaw
+            end.yaw = tyaw
         if at_goal:
-            tree.state[GOAL] = last
-            _open(tree, last, cost * grid.stop_ratio)
+            tree.counts[0].goal = last
+            _open(tree, last, cost * search.grid.stop_ratio)
         else:
             _open(tree, last, cost + left)
 
 
 @borrowing_kernel
-def expand(
-    near: Nearby, motion: MotionCost, guide: Guide, lines: Lines, grid: Grid, goal: Array,
-    tree: Tree, most: int, workspace: Sweeps, seen: Array, out: Array,
-) -> bool:  # fmt: skip
+def _outdated(search: Search, number: int) -> bool:
+    """Whether a cheaper node has been found for the state of a node since it was opened."""
+    tree, node = search.tree, search.tree.nodes[number]
+    if node.anchor >= 0:
+        return bool(node.cost > tree.best_anchor[node.anchor])
+    slot = _slot(search.grid, node.x, node.y, node.yaw)
+    return bool(slot < tree.best.shape[0] and node.cost > tree.best[slot] * (1.0 + 1e-6))
+
+
+@borrowing_kernel
+def _expand_moves(search: Search, number: int) -> None:
+    """Open the ends of all moves from a node that are free and cheaper than what was found."""
+    near, motion, lines, grid, tree = (
+        search.near, search.motion, search.lines, search.grid, search.tree,
+    )  # fmt: skip
+    node = tree.nodes[number]
+    x, y, yaw, anchor = node.x, node.y, node.yaw, node.anchor
+    kind = kind_of(node.way, node.turn)
+    bend = node.turn / node.way if abs(kind) == 1 else 0.0
+    desired, margin = motion.desired_clearance, motion.margin
+    count = segments_in_view(near, x, y, yaw, grid.hull, desired, search.seen)
+    for m in range(grid.moves.way.shape[0]):
+        way, turn = grid.moves.way[m], grid.moves.turn[m]
+        now = kind_of(way, turn)
+        cost = node.cost + duration(motion, way, turn)
+        if kind != 0 and kind != now:
+            cost += motion.switch_time
+        if kind == now and now != 2:
+            cost += motion.curvature_weight * abs(bend - turn / way)
+        ax, ay, ayaw = arc_step(x, y, yaw, way, turn, 1.0)
+        onto = -1
+        if anchor >= 0 and turn == 0.0:
+            onto = lines.ahead[anchor] if way > 0.0 else lines.behind[anchor]
+        entry = lines.poses.shape[0] if 0 <= onto < lines.goals else onto
+        if not (near.box[0] <= ax <= near.box[2] and near.box[1] <= ay <= near.box[3]):
+            continue
+        slot = _slot(grid, ax, ay, ayaw)
+        if not _is_cheaper(tree, entry, slot, cost):
+            continue
+        left = _estimate(search, ax, ay, ayaw)
+        if not left < math.inf:
+            continue
+        gap = stretch_gap(grid.moves, m, motion.outline, search.seen, count, desired, margin)
+        if gap < margin:
+            continue
+        cost += stretch_cost(motion, way, turn, gap) - duration(motion, way, turn)
+        if not _is_cheaper(tree, entry, slot, cost):
+            continue
+        if onto >= 0:
+            tree.best_anchor[entry] = cost
+        else:
+            tree.best[slot] = cost
+        new = _add(tree, number, way, turn, cost, onto)
+        if onto >= 0:
+            end = tree.nodes[new]
+            end.x, end.y, end.yaw = lines.poses[onto, 0], lines.poses[onto, 1], lines.poses[onto, 2]
+            if onto < lines.goals:
+                end.anchor = AT_GOAL
+                tree.counts[0].goal = new
+                left = (grid.stop_ratio - 1.0) * cost
+        _open(tree, new, cost + left)
+
+
+@borrowing_kernel
+def _is_cheaper(tree: Tree, entry: int, slot: int, cost: float) -> bool:
+    """Whether a cost is below the least one of an anchor, or where that is -1 of a state."""
+    if entry >= 0:
+        return bool(cost < tree.best_anchor[entry])
+    return bool(not tree.best[slot] > 0.0 or cost < tree.best[slot])
+
+
+@borrowing_kernel
+def expand(search: Search, most: int) -> bool:
     """Expand nodes until the goal is taken from the open list or the list is empty: True.
 
     False when `most` nodes are expanded in all, or when the tree may be too small for another.
     """
-    slots = tree.best.shape[0]
-    capacity = tree.cost.shape[0] - grid.moves.way.shape[0] - 3 * (lines.poses.shape[0] + 1)
-    while tree.state[SIZE] > 0:
-        if tree.state[EXPANDED] >= most or tree.state[COUNT] > capacity:
+    tree, counts = search.tree, search.tree.counts[0]
+    largest = search.grid.moves.way.shape[0] + 3 * (search.lines.poses.shape[0] + 1)
+    capacity = tree.nodes.shape[0] - largest
+    while counts.open > 0:
+        if counts.expanded >= most or counts.nodes > capacity:
             return False
-        node = pop(tree.keys, tree.items, tree.state[SIZE])
-        tree.state[SIZE] -= 1
-        anchor = tree.anchor[node]
-        if anchor == AT_GOAL:
-            if node == tree.state[GOAL]:
+        number = pop(tree.keys, tree.items, counts.open)
+        counts.open -= 1
+        if tree.nodes[number].anchor == AT_GOAL:
+            if number == counts.goal:
                 return True
             continue
-        x, y, yaw = tree.pose[node, 0], tree.pose[node, 1], tree.pose[node, 2]
-        if anchor >= 0:
-            if tree.cost[node] > tree.best_anchor[anchor]:
-                continue
-        else:
-            slot = _slot(grid, x, y, yaw)
-            if slot < slots and tree.cost[node] > tree.best[slot] * (1.0 + 1e-6):
-                continue
-        tree.state[EXPANDED] += 1
-        _connect_anchors(near, motion, guide, lines, grid, goal, tree, node, workspace, seen, out)
-        kind = kind_of(tree.way[node], tree.turn[node])
-        bend = tree.turn[node] / tree.way[node] if abs(kind) == 1 else 0.0
-        count = segments_in_view(near, x, y, yaw, grid.hull, motion.desired_clearance, seen)
-        for m in range(grid.moves.way.shape[0]):
-            way, turn = grid.moves.way[m], grid.moves.turn[m]
-            now = kind_of(way, turn)
-            cost = tree.cost[node] + duration(motion, way, turn)
-            if kind != 0 and kind != now:
-                cost += motion.switch_time
-            if kind == now and now != 2:
-                cost += motion.curvature_weight * abs(bend - turn / way)
-            ax, ay, ayaw = arc_step(x, y, yaw, way, turn, 1.0)
-            onto = -1
-            if anchor >= 0 and turn == 0.0:
-                onto = lines.ahead[anchor] if way > 0.0 else lines.behind[anchor]
-            entry = lines.poses.shape[0] if 0 <= onto < lines.goals else onto
-            if not (near.box[0] <= ax <= near.box[2] and near.box[1] <= ay <= near.box[3]):
-                continue
-            slot = _slot(grid, ax, ay, ayaw)
-            if onto >= 0:
-                if cost >= tree.best_anchor[entry]:
-                    continue
-            elif tree.best[slot] > 0.0 and cost >= tree.best[slot]:
-                continue
-            left = _estimate(guide, grid, ax, ay, ayaw)
-            if not left < math.inf:
-                continue
-            gap = stretch_gap(
-                grid.moves,
-                m,
-                motion.outline,
-                seen,
-                count,
-                motion.desired_clearance,
-                motion.margin,
-            )
-            if gap < motion.margin:
-                continue
-            cost += stretch_cost(motion, way, turn, gap) - duration(motion, way, turn)
-            if onto >= 0:
-                if cost >= tree.best_anchor[entry]:
-                    continue
-                tree.best_anchor[entry] = cost
-            else:
-                if tree.best[slot] > 0.0 and cost >= tree.best[slot]:
-                    continue
-                tree.best[slot] = cost
-            new = _add(tree, node, way, turn, cost, onto)
-            if onto >= 0:
-                for axis in range(3):
-                    tree.pose[new, axis] = lines.poses[onto, axis]
-                if onto < lines.goals:
-                    tree.anchor[new] = AT_GOAL
-                    tree.state[GOAL] = new
-                    left = (grid.stop_ratio - 1.0) * cost
-            _open(tree, new, cost + left)
+        if _outdated(search, number):
+            continue
+        counts.expanded += 1
+        _connect_anchors(search, number)
+        _expand_moves(search, number)
     return True
 
 
@@ -427,23 +417,25 @@ def _slot(grid: Grid, x: float, y: float, yaw: float) -> int:
 
 
 @kernel
-def trace_path(tree: Tree, node: int, spacing: float) -> Array:
+def trace_path(tree: Tree, number: int, spacing: float) -> Array:
     """The poses (n, 3) from the root to a node, at most `spacing` [m, rad / 2] apart."""
-    count, last = 1, node
-    while tree.parent[last] >= 0:
-        count += _part_count(tree.way[last], tree.turn[last], spacing)
-        last = tree.parent[last]
+    nodes = tree.nodes
+    count, last = 1, number
+    while nodes[last].parent >= 0:
+        count += _part_count(nodes[last].way, nodes[last].turn, spacing)
+        last = nodes[last].parent
     path = np.empty((count, 3))
-    path[count - 1] = tree.pose[node]
-    k = count - 1
-    while tree.parent[node] >= 0:
-        way, turn = tree.way[node], tree.turn[node]
-        node = tree.parent[node]
-        x, y, yaw = tree.pose[node, 0], tree.pose[node, 1], tree.pose[node, 2]
+    k, node = count - 1, nodes[number]
+    path[k, 0], path[k, 1], path[k, 2] = node.x, node.y, node.yaw
+    while node.parent >= 0:
+        way, turn = node.way, node.turn
+        node = nodes[node.parent]
         parts = _part_count(way, turn, spacing)
         for part in range(parts - 1, -1, -1):
             k -= 1
-            path[k, 0], path[k, 1], path[k, 2] = arc_step(x, y, yaw, way, turn, part / parts)
+            path[k, 0], path[k, 1], path[k, 2] = arc_step(
+                node.x, node.y, node.yaw, way, turn, part / parts
+            )
     for k in range(1, count):
         path[k, 2] = path[k - 1, 2] + wrap(path[k, 2] - path[k - 1, 2])
     return path

@@ -60,6 +60,14 @@ def test_each_step_of_a_way_is_one_a_chair_can_drive(scene, seed, slack):
     assert np.abs(aside).max() < 2.0 * ways.cell / 64
 
 
+def test_moves_may_cost_more_than_a_thousand_ticks():
+    episode = make_scene("doorway").sample(np.random.default_rng(0))
+    config = CostToGoSettings(obstacle_weight=12.0, reverse_factor=10.0)
+    found = cost_to_go(episode.map, episode.goal, Footprint(), Limits(), config=config)
+    path = found.path(episode.start)
+    assert np.hypot(*(path[-1] - episode.goal)[:2]) <= found.cell
+
+
 def test_a_door_that_is_too_narrow_is_no_way_and_slimmer_outlines_find_one():
     cells = np.zeros((60, 120), np.int8)
     cells[[0, -1]], cells[:, [0, -1]] = OCCUPIED, OCCUPIED

@@ -7,6 +7,7 @@ constant frozen in, so an edit anywhere recompiles what depends on it and nothin
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import pickle
 from collections.abc import Callable
@@ -129,3 +130,10 @@ def absorbed_kernel(function: F) -> F:
 def inlined(function: F) -> F:
     """Compile a small function that its callers absorb; for arithmetic inside the hottest loops."""
     return _compiled(function, inline="always")
+
+
+def record_of(config: Any) -> Any:
+    """The fields of type float of a settings object as a record, which kernels read by name."""
+    names = [field.name for field in dataclasses.fields(config) if field.type == "float"]
+    values = tuple(getattr(config, name) for name in names)
+    return np.array([values], [(name, np.float64) for name in names])[0]

@@ -5,11 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.control import FOLLOWERS
-from agents.control.local_map import Surroundings, sampled_walls, voxel_means
-from agents.control.reference import Reference, poses_of
-from agents.control.rollout import Body, Near, mover_gap, stops_clear
+from agents.control import FOLLOWERS, make_follower
+from agents.control.local_map import LocalMap, sampled_walls, voxel_means
+from agents.control.rollout import (
+    Body,
+    LocalView,
+    ReferencePath,
+    actor_distance,
+    poses_of,
+    stops_clear,
+)
 from agents.policies import make_policy
+from planners import make_planner
 from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
@@ -100,7 +107,7 @@ def test_a_twist_that_could_not_stop_is_refused():
     fast = body(0.8)
     for distance, clear in ((0.5, False), (3.0, True)):
         x = 0.70 + distance
-        near = Near(np.array([[x, 0.0, x]]), NOBODY, np.zeros((2, 4)))
+        near = LocalView(np.array([[x, 0.0, x]]), NOBODY, np.zeros((2, 4)))
         assert stops_clear(0.8, 0.0, fast, near, 0.4, 0.05) is clear
 
 
@@ -108,7 +115,7 @@ def test_room_beside_a_wall_is_slow_room():
     x = np.arange(-1.0, 3.0, 0.04)
     y = np.full(x.size, Footprint().array[2] + 0.05 + 0.02)  # 2 cm more than the margin
     wall = np.column_stack([x, y, np.hypot(x, y)])
-    near = Near(wall[np.argsort(wall[:, 2])], NOBODY, np.zeros((2, 4)))
+    near = LocalView(wall[np.argsort(wall[:, 2])], NOBODY, np.zeros((2, 4)))
     for v, clear in ((0.2, True), (0.8, False)):
         assert stops_clear(v, 0.0, body(v), near, 0.4, 0.05) is clear
 
@@ -126,12 +133,12 @@ def test_room_beside_a_wall_is_slow_room():
 )
 def test_movers_are_not_met_in_motion(mover, v, clear):
     speed = 0.8 if mover[0] > 1.0 and v > 0.0 else 0.3 * (v == 0.0)
-    near = Near(np.empty((0, 3)), np.array([mover]), np.zeros((2, 4)))
+    near = LocalView(np.empty((0, 3)), np.array([mover]), np.zeros((2, 4)))
     assert stops_clear(v, 0.0, body(speed), near, 0.4, 0.05) is clear
     exact = footprint_clearance(
         0.0, 0.0, 0.0, Footprint().array, np.empty((0, 4)), np.array([[*mover[:2], mover[4]]]), 9.0
     )
-    assert mover_gap(0, 0, 0, Footprint().array, near.movers, 0.0, 9.0) == pytest.approx(exact)
+    assert actor_distance(0, 0, 0, Footprint().array, near.actors, 0.0, 9.0) == pytest.approx(exact)
 
 
 def test_a_reference_begins_where_the_chair_looks_and_ends_at_the_goal():
@@ -140,7 +147,7 @@ def test_a_reference_begins_where_the_chair_looks_and_ends_at_the_goal():
     assert poses[0] == pytest.approx((0.0, 0.0, 1.5), abs=1e-9)
     assert poses[-1] == pytest.approx((2.0, 2.0, np.pi / 2), abs=1e-6)
     assert np.hypot(*np.diff(poses[:, :2], axis=0).T).max() < 0.06
-    reference = Reference(path, np.array([0.0, 0.0, 1.5]))
+    reference = ReferencePath(path, np.array([0.0, 0.0, 1.5]))
     assert (np.diff(reference.rows[:, 3]) >= 0).all()
     ways = [reference.advance(pose) and reference.way for pose in poses]
     assert (np.diff(ways) >= -1e-9).all()
@@ -162,11 +169,11 @@ def test_what_slips_out_of_sight_is_remembered():
     world = PaperWorld(corridor(width=2.0), (1.0, 0.0, 0.0), (7.0, 0.0, 0.0))
     post = np.array([[2.6, 0.5, 2.7, 0.5], [2.7, 0.5, 2.7, 0.6]])
     world.walls = np.concatenate([world.walls, post])
-    around = Surroundings(world.mission)
+    local_map = LocalMap(world.mission)
     while world.pose[0] < 2.9:
         world.drive(np.array([0.8, 0.0]))
-        around.update(world.seen)
-    behind = around.points[:, :2] + world.pose[:2]
+        local_map.update(world.seen)
+    behind = local_map.points[:, :2] + world.pose[:2]
     assert np.hypot(*(behind - (2.65, 0.5)).T).min() < 0.06
 
 
@@ -184,15 +191,25 @@ def test_a_policy_is_slowed_as_the_shield_of_its_own_chair_would(chair, shield):
     """Where nobody has looked: backwards, and turning, at the start."""
     env = NavigationEnv("empty", {"chair": chair}, shield=shield)
     env.reset(seed=0)
-    own, around = env.settings, Surroundings(env.mission)
-    same = Shield(own.shield, own.chair, own.sensors, 1.0 / own.rate)
+    config, local_map = env.settings, LocalMap(env.mission)
+    same = Shield(config.shield, config.chair, config.sensors, 1.0 / config.rate)
     same.update(env.task.reading)
     twists = np.array([(v, w) for v in (-0.3, -0.1, 0.0, 0.6) for w in (-0.9, 0.0, 0.4)])
     for v in (0.0, -0.2):
         motion = np.array([v, 0.0, 0.0, 0.0])
-        slowed = around.unhurried(twists, motion)
+        slowed = local_map.limit_for_unseen_space(twists, motion)
         np.testing.assert_array_equal(slowed, same.limit_for_unseen_space(twists, motion))
         assert (slowed != twists).any()
+
+
+def test_settings_are_read_under_their_earlier_names():
+    follower = make_follower({"name": "woa", "objective": {"wish": 0.3, "struck": 2.0}})
+    assert follower.objective.desired_clearance == 0.3
+    assert follower.objective.actor_weight == 2.0
+    for spec in ({"name": "lattice"}, {"name": "disc_then_lattice"}):
+        old = {"reverse_cost": 3.0}
+        planner = make_planner({**spec, **(old if spec["name"] == "lattice" else {"lattice": old})})
+        assert getattr(planner, "lattice", planner).reverse_factor == 3.0
 
 
 @pytest.mark.parametrize(
@@ -201,7 +218,10 @@ def test_a_policy_is_slowed_as_the_shield_of_its_own_chair_would(chair, shield):
         ("nowhere", "known: explore, manual, ppo_goal, ppo_guided, random, straight, td3_guided"),
         (f"{PLANNER}+nobody", "known"),
         ({"name": "straight", "gian": 1.0}, "gian"),
-        ({"name": f"{PLANNER}+window", "follower": {"objective": {"wish": -1}}}, "wish"),
+        (
+            {"name": f"{PLANNER}+window", "follower": {"objective": {"desired_clearance": -1}}},
+            "desired_clearance",
+        ),
         ({"seed": 1}, "name"),
         (7, "policy"),
     ],

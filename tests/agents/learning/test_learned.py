@@ -72,7 +72,7 @@ def test_a_driver_sees_what_was_driven_and_what_a_shield_withheld(trained):
         for _ in range(40):
             policy.act(env.reading)
             flat = np.concatenate([observation[key] for key in env.task.spaces])
-            assert policy.told == pytest.approx(flat, abs=1e-6)
+            assert policy.observation == pytest.approx(flat, abs=1e-6)
             most[env.task.is_shielded] = max(
                 most[env.task.is_shielded], abs(observation["shield"][1])
             )
@@ -95,7 +95,7 @@ def test_a_driver_is_told_what_was_withheld_in_all_the_time_since_it_acted(train
         for k in range(60):
             policy.act(env.reading)
             if k and k % 2 == 0:
-                seen = policy.told[policy.layout.slice_of("shield")]
+                seen = policy.observation[policy.layout.slice_of("shield")]
                 mean = np.mean(withheld[-2:], axis=0) / (0.8, 1.0)
                 assert seen == pytest.approx([1.0, *mean], abs=1e-6)
                 most = max(most, abs(withheld[-1][0] - withheld[-2][0]))

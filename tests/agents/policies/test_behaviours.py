@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from agents.control.local_map import Surroundings
+from agents.control.local_map import LocalMap
 from agents.evaluation.evaluate import env_settings, make_env
 from agents.evaluation.metrics import backing
 from agents.policies import make_policy
-from agents.policies.recoveries import AGAIN, Retreats
+from agents.policies.recoveries import RETRY_TIME, BackUp
 from planners.problem import Plan, Status
 from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.config import InputError
@@ -43,11 +43,11 @@ class Peopled(PaperWorld):
 def watched(place, seconds, v=0.0):
     """The surroundings of a chair that watches something for a while."""
     world = Peopled(place, corridor(12.0, 4.0), (1.0, 0.0, 0.0), (11.0, 0.0, 0.0))
-    around = Surroundings(world.mission)
+    local_map = LocalMap(world.mission)
     for _ in range(round(seconds / world.mission.period)):
         world.drive(np.array([v, 0.0]))
-        around.update(world.seen)
-    return world, around
+        local_map.update(world.seen)
+    return world, local_map
 
 
 @pytest.mark.parametrize("v", [0.0, 0.6])
@@ -58,34 +58,34 @@ def test_what_moves_is_tracked_whether_the_chair_stands_or_drives(velocity, v):
             velocity[1] * t
         )
 
-    world, around = watched(place, 1.8, v)
-    assert len(around.movers) == 1
-    x, y, vx, vy, radius = around.movers[0]
+    world, local_map = watched(place, 1.8, v)
+    assert len(local_map.actors) == 1
+    x, y, vx, vy, radius = local_map.actors[0]
     there = place(world.time)
     assert np.hypot(world.pose[0] + x - there[0], world.pose[1] + y - there[1]) < 0.12
     assert np.hypot(vx - velocity[0], vy - velocity[1]) < 0.3
     assert 0.15 < radius < 0.35
-    assert not len(around.standing.stood)
-    hits = around.points[:, :2] + world.pose[:2]
+    assert not len(local_map.temporary.points)
+    hits = local_map.points[:, :2] + world.pose[:2]
     assert np.hypot(*(hits - there).T).min() > 0.3  # it is no obstacle that stands
 
 
 @pytest.mark.parametrize("v", [0.0, 0.5])
 def test_what_stands_is_temporary_and_the_map_static(v):
-    world, around = watched(lambda t: (4.5, 0.3), 3.0, v)
-    assert len(around.movers) == 0
-    stood = around.standing.stood
+    world, local_map = watched(lambda t: (4.5, 0.3), 3.0, v)
+    assert len(local_map.actors) == 0
+    stood = local_map.temporary.points
     assert len(stood)
     assert np.hypot(*(stood - (4.5, 0.3)).T).max() < 0.45
-    changed = around.standing.painted().cells != world.mission.map.cells
+    changed = local_map.temporary.painted().cells != world.mission.map.cells
     assert 0 < changed.sum() < 60
 
 
 def test_what_is_gone_is_forgotten_once_it_is_seen_to_be():
-    _, around = watched(lambda t: (3.5, 0.0) if t < 2.5 else None, 2.3)
-    assert len(around.standing.stood)
-    _, around = watched(lambda t: (3.5, 0.0) if t < 2.5 else None, 3.0)
-    assert not len(around.standing.stood)
+    _, local_map = watched(lambda t: (3.5, 0.0) if t < 2.5 else None, 2.3)
+    assert len(local_map.temporary.points)
+    _, local_map = watched(lambda t: (3.5, 0.0) if t < 2.5 else None, 3.0)
+    assert not len(local_map.temporary.points)
 
 
 def states(place, goal=(9.0, 0.0, 0.0), seconds=30.0, width=3.2):
@@ -130,14 +130,14 @@ def test_a_blocked_goal_is_waited_for_and_told():
 
 
 def test_where_backing_out_did_not_help_it_is_done_for_longer():
-    retreats, here = Retreats(), np.array([1.0, 0.0])
-    assert [retreats.begin(here) for _ in range(5)] == [1, 2, 3, 4, 4]
-    assert retreats.begin(here + 1.5) == 1
+    backup, here = BackUp(), np.array([1.0, 0.0])
+    assert [backup.begin(here) for _ in range(5)] == [1, 2, 3, 4, 4]
+    assert backup.begin(here + 1.5) == 1
 
 
 @pytest.mark.parametrize(("peopled", "most"), [(True, 0.042), (False, 0.1)])
 def test_no_part_backs_so_fast_among_people_that_it_harms_whom_it_hits(peopled, most, monkeypatch):
-    monkeypatch.setattr("agents.policies.planned.back_out", lambda *_: np.array([-0.15, 0.3]))
+    monkeypatch.setattr("agents.policies.planned.back_up", lambda *_: np.array([-0.15, 0.3]))
     policy = make_policy("a_star+window")
     world = Peopled(lambda t: None, corridor(10.0, 3.2), (5.0, 0.0, 0.0), (9.0, 0.0, 0.0))
     policy.reset(world.mission)
@@ -157,7 +157,7 @@ def test_no_long_way_round_is_taken_for_want_of_progress_before_it_has_backed_ou
     policy.reset(world.mission)
     way = np.array([(1.0, 0.0), (1.0 + policy._reference.left + longer, 0.0)])
     policy._replan = lambda: policy._take(way, start)  # what a new plan comes to
-    policy._stalled()
+    policy._recover()
     assert (policy._backing > 0.0) == backs
 
 
@@ -195,7 +195,7 @@ def test_a_plan_that_led_nowhere_is_tried_again_now_and_then(monkeypatch):
         world.time += world.mission.period  # and there it stays
         world.seen = world.reading()
     assert 2 <= len(planned) <= 3
-    assert min(np.diff(planned)) > 0.9 * AGAIN
+    assert min(np.diff(planned)) > 0.9 * RETRY_TIME
     assert policy._reference is before
 
 
@@ -206,10 +206,10 @@ def test_for_a_metre_after_no_progress_room_costs_nothing():
     places, costs = [], []
     for k in range(90):
         if k == 15:
-            policy._stalled()
+            policy._recover()
         world.step(policy)
         places.append(world.pose[0])
-        costs.append(policy._follower.own.objective.clearance)
+        costs.append(policy._follower.config.objective.clearance)
     bold = np.flatnonzero(np.array(costs) == 0.0)
     assert bold[0] == 15
     assert np.all(np.diff(bold) == 1)

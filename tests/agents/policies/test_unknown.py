@@ -10,7 +10,7 @@ import pytest
 from scipy import ndimage
 
 from agents.cli import main
-from agents.control.unknown_space import assumed, standing, walled
+from agents.control.unknown_space import assumed_maps, walls_block, with_free_footprint
 from agents.evaluation.evaluate import ENV, make_env
 from agents.evaluation.map_evaluation import map_by_driving, map_quality
 from agents.policies import GymPolicy, make_policy
@@ -96,7 +96,7 @@ def test_what_is_assumed_of_the_unseen():
     cells = np.full((100, 100), UNKNOWN, np.int8)
     cells[:, 50:] = FREE
     known, pose = OccupancyGrid(cells, 0.1), np.array([5.0, 5.0, 0.0])
-    stands, turns, anywhere = assumed(known, pose, Footprint())
+    stands, turns, anywhere = assumed_maps(known, pose, Footprint())
     assert anywhere is known
     for careful, least in ((stands, 0.30), (turns, 0.43)):
         row = careful.cells[50]
@@ -105,12 +105,14 @@ def test_what_is_assumed_of_the_unseen():
         assert (row[46:] == FREE).all()
         solid = careful.to_world(np.argwhere(careful.cells == OCCUPIED))
         assert least < np.hypot(*(solid - pose[:2]).T).min() < least + 0.25
-    assert (standing(known, pose, Footprint()).cells[50, 43:] == FREE).all()
+    assert (with_free_footprint(known, pose, Footprint()).cells[50, 43:] == FREE).all()
     assert (known.cells[50, :50] == UNKNOWN).all()
     way = [(6.0, 5.0), (6.0, 9.0)]
-    assert not walled(known, way, 0.4)
+    assert not walls_block(known, way, 0.4)
     cells[70, 60] = OCCUPIED
-    assert walled(OccupancyGrid(cells, 0.1), [(6.0, y) for y in np.arange(5.0, 9.0, 0.05)], 0.4)
+    assert walls_block(
+        OccupancyGrid(cells, 0.1), [(6.0, y) for y in np.arange(5.0, 9.0, 0.05)], 0.4
+    )
 
 
 def test_what_cannot_be_done_in_an_unknown_world_is_refused():

@@ -1,0 +1,544 @@
+"""Followers: from a path and what is around the chair to the next twist.
+
+All of them accept a twist only if the chair, once it has held it for a moment, can still stop clear
+of everything (`stops_clear`). Four of them choose by rolled-out commands and share one objective.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.control.local_map import LocalMap
+from agents.control.rollout import (
+    Body,
+    ChairState,
+    LocalView,
+    ReferencePath,
+    S,
+    cheapest,
+    rollout_cost,
+    rollout_costs,
+    start_row,
+    stops_clear,
+)
+from planners.controls.generator import ControlGenerator, Controls
+from planners.swarm.woa import WhaleParameters, WhaleSettings, move_whales
+from wheelchair_gym.compiled.kernel import kernel, record_of
+from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import to_world
+from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.random import Stream, stream
+from wheelchair_gym.types import no_walls
+
+Array = NDArray[np.float64]
+
+TIGHT = 0.5  # share of the margin: where less of it is left, the chair creeps
+CREEP = 0.1  # m/s: walking-stick speed
+HOLD = 0.4  # s for which a twist is held before the stop that must be clear
+SPEEDS = np.array([0.12, 0.25, 0.45, 0.7, 1.0])  # shares of the speed limit, in a fan
+TURNS = np.array([0.06, 0.14, 0.25, 0.4, 0.6, 0.8, 1.0])  # shares of the turn limit, in a fan
+
+
+class Situation(NamedTuple):
+    """What a follower decides by."""
+
+    local_map: LocalMap
+    reference: ReferencePath
+    chair: ChairState
+
+    @property
+    def view(self) -> LocalView:
+        """What kernels need to know of what is around the chair."""
+        local_map = self.local_map
+        reference = self.reference.ahead(local_map.pose)
+        return LocalView(local_map.points, local_map.actors, reference)
+
+
+class Follower(Protocol):
+    """Drives along one reference; made anew for every path."""
+
+    def twist(self, now: Situation) -> Array | None:
+        """The next target twist (2,) [m/s, rad/s], or None where nothing safe leads on."""
+        ...
+
+
+@settings
+class Objective:
+    """The cost of a roll-out; every term counts in metres of way."""
+
+    horizon: float = setting(default=1.5, unit="s", low=0.3, source="tuned on training floor plans")
+    """Time over which commands are rolled out and scored."""
+    prediction_time: float = setting(
+        default=4.0, unit="s", low=0.3, source="a chair at rest leaves its place in 3 s"
+    )
+    """Time over which actors are predicted."""
+    desired_clearance: float = setting(
+        default=0.20, unit="m", low=0.01, source="half the play in a 1.0 m door"
+    )
+    """Clearance to static obstacles beyond which more brings no lower cost."""
+    actor_clearance: float = setting(
+        default=0.45, unit="m", low=0.01, source="personal space begins there"
+    )
+    """Distance from actors beyond which more brings no lower cost."""
+    progress: float = setting(default=1.0, low=0.0, source="the unit")
+    """Gain of a metre along the path."""
+    clearance: float = setting(
+        default=0.8, low=0.0, source="less than progress, or nothing tight is entered"
+    )
+    """Cost of a metre in contact, which falls to zero at the desired clearance."""
+    path: float = setting(default=1.5, low=0.0, source="tuned")
+    """Cost of a metre beside the path at the end; half of it counts half-way."""
+    comfort: float = setting(default=0.05, unit="s", low=0.0, source="tuned against wobble")
+    """Cost of a change of the twist by 1 m/s; a change by 1 rad/s costs half as much."""
+    reverse: float = setting(default=0.5, low=0.0, source="tuned")
+    """Cost of a metre in reverse."""
+    actor_weight: float = setting(default=6.0, unit="m", low=0.0, source="tuned")
+    """Cost of a place that an actor reaches."""
+
+
+@settings
+class RolloutSettings:
+    """What the followers that choose by roll-outs have in common."""
+
+    hold: float = setting(default=HOLD, unit="s", low=0.1, source="four periods at 10 Hz")
+    """Time for which a twist is held before the stop that must be clear."""
+    margin: float = setting(default=0.05, unit="m", low=0.0, source="laser sigma 15 mm, 3 sigma")
+    """Clearance that the outline keeps where it can."""
+    backward: float = setting(default=0.2, unit="m/s", low=0.0, source="no sensor looks back")
+    """Fastest reverse speed."""
+    objective: Objective = Objective()
+
+
+def relax_clearance(
+    now: Situation, margin: float, pick: Callable[[float, bool], Array | None]
+) -> Array | None:
+    """The twist picked at the widest margin that leads on; else one at rest; None: none is safe.
+
+    `pick` gives a twist (2,) for a margin [m] and whether to creep; None where none is safe.
+    """
+    rest = None
+    for less in now.local_map.margins(margin):
+        twist = pick(less, less < TIGHT * margin)
+        if twist is None:
+            continue
+        if abs(twist[0]) > 0.02 or abs(twist[1]) > 0.02 or len(now.local_map.actors):
+            return twist
+        rest = twist if rest is None else rest
+    return rest
+
+
+def allowed(candidates: Array, local_map: LocalMap, slow: bool) -> Array:
+    """Commands (c, k, 3) that neither reverse into unknown space nor, if slow, exceed creeping."""
+    v = candidates[:, 0, 0]
+    good = np.ones(len(v), bool)
+    if local_map.blind:
+        good &= v >= 0.0
+    if slow:
+        good &= np.abs(v) <= CREEP
+    return candidates[good]
+
+
+def full_fan(limits: Limits, backward: float) -> Array:
+    """A fan of twists (c, 2) over the whole range of the limits, finer where they are slow."""
+    back = min(backward, limits.backward)
+    v = np.concatenate([[-back, -0.5 * back, 0.0], limits.forward * SPEEDS])
+    w = limits.turn * np.concatenate([-TURNS[::-1], [0.0], TURNS])
+    return np.stack(np.meshgrid(v, w, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+@settings
+class Window(RolloutSettings):
+    """The best of a fan over all twists that the chair may be asked for.
+
+    The chair approaches a twist by its ramps, in the roll-out as on the floor: so a fast turn is a
+    candidate from rest, too, which it is not in the classic dynamic window.
+    """
+
+    def fan(self, chair: ChairState) -> Array:
+        """Twists (c, 2) to choose among [m/s, rad/s]."""
+        return full_fan(chair.limits, self.backward)
+
+    def make(self) -> Follower:
+        """A follower at rest."""
+        return FanFollower(self)
+
+
+@settings
+class DynamicWindow(RolloutSettings):
+    """The classic dynamic window approach (Fox, Burgard and Thrun 1997).
+
+    Its candidates are a grid over the twists that the chair reaches within a short time; of these
+    it takes the best that it can still stop from. Objective and outline are those of the others.
+    """
+
+    reach: float = setting(default=0.5, unit="s", low=0.05, source="design choice")
+    """Time within which the candidates are reached."""
+    speeds: int = setting(default=7, low=2, high=50, source="design choice")
+    """Number of speeds in the grid."""
+    turns: int = setting(default=15, low=3, high=99, source="design choice")
+    """Number of turn rates in the grid."""
+
+    def fan(self, chair: ChairState) -> Array:
+        """Twists (c, 2) to choose among [m/s, rad/s]."""
+        limits, (v, _, w, _) = chair.limits, chair.body.state
+        back = min(self.backward, limits.backward)
+        low = max(-back, v - limits.deceleration * self.reach)
+        high = max(low, min(limits.forward, v + limits.acceleration * self.reach))
+        wide = limits.turn_acceleration * self.reach
+        left, right = max(-limits.turn, w - wide), min(limits.turn, w + wide)
+        v_grid = np.append(np.linspace(low, high, self.speeds), np.clip(0.0, low, high))
+        w_grid = np.append(np.linspace(left, right, self.turns), np.clip(0.0, left, right))
+        return np.stack(np.meshgrid(v_grid, w_grid, indexing="ij"), axis=-1).reshape(-1, 2)
+
+    def make(self) -> Follower:
+        """A follower at rest."""
+        return FanFollower(self)
+
+
+class FanFollower:
+    """Chooses among a fan of twists by roll-out."""
+
+    def __init__(self, config: Window | DynamicWindow) -> None:
+        self.config, self._objective = config, record_of(config.objective)
+
+    def twist(self, now: Situation) -> Array | None:
+        """See `Follower.twist`."""
+        config, view, body, local_map = self.config, now.view, now.chair.body, now.local_map
+        twists = local_map.limit_for_unseen_space(config.fan(now.chair), body.state)
+        times = np.full(len(twists), config.objective.horizon)
+        fan = np.column_stack([twists, times])[:, None]  # (c, 1, 3)
+
+        def pick(margin: float, slow: bool) -> Array | None:
+            some = allowed(fan, local_map, slow)
+            costs = rollout_costs(some, body, view, margin, self._objective)
+            best = cheapest(some[:, 0], costs, body, view, config.hold, margin)
+            return np.array(some[best, 0, :2]) if best >= 0 else None
+
+        return relax_clearance(now, config.margin, pick)
+
+
+@settings
+class PathIntegral(RolloutSettings):
+    """MPPI (Williams et al. 2017): the mean of many noisy roll-outs, weighted by cost.
+
+    Every period begins with the mean of the one before.
+    """
+
+    samples: int = setting(default=72, low=4, high=10_000, source="10 ms on one core")
+    """Number of noisy roll-outs."""
+    pieces: int = setting(default=4, low=1, high=50, source="design choice")
+    """Number of twists within the horizon."""
+    spread_v: float = setting(default=0.20, unit="m/s", low=0.0, source="tuned")
+    """Standard deviation of the speeds."""
+    spread_w: float = setting(default=0.30, unit="rad/s", low=0.0, source="tuned")
+    """Standard deviation of the turn rates."""
+    temperature: float = setting(default=0.03, unit="m", low=1e-6, source="tuned")
+    """Difference of cost at which a weight falls to 1/e."""
+    seed: int = setting(default=0, low=0, source="design choice")
+    """Seed of the noise, anew for every path."""
+
+    def make(self) -> Follower:
+        """A follower at rest."""
+        return PathIntegralFollower(self)
+
+
+class PathIntegralFollower:
+    """Carries the mean commands from one period to the next."""
+
+    def __init__(self, config: PathIntegral) -> None:
+        self.config, self._objective = config, record_of(config.objective)
+        self._rng = np.random.default_rng(config.seed)
+        self._mean: Array = np.zeros((config.pieces, 2))
+
+    def twist(self, now: Situation) -> Array | None:
+        """See `Follower.twist`."""
+        config, limits, body = self.config, now.chair.limits, now.chair.body
+        view, objective = now.view, self._objective
+        long = config.objective.horizon / config.pieces
+        self._mean += (
+            now.chair.period / long * (np.vstack([self._mean[1:], self._mean[-1:]]) - self._mean)
+        )
+        # Noise that lasts over the horizon and noise of each piece, in equal parts; and a coarse
+        # fan, so that a mean that is suddenly blocked finds another way at once.
+        spread = np.array([config.spread_v, config.spread_w])
+        noise = self._rng.standard_normal((config.samples, config.pieces + 1, 2)) * spread
+        drawn = self._mean + (noise[:, :1] + noise[:, 1:]) / np.sqrt(2.0)
+        drawn[0] = self._mean
+        fan = full_fan(limits, config.backward)[::3]
+        drawn = np.concatenate([drawn, np.repeat(fan[:, None], config.pieces, axis=1)])
+        low = -min(config.backward, limits.backward), -limits.turn
+        drawn = np.clip(drawn, low, (limits.forward, limits.turn))
+        times = np.full((*drawn.shape[:2], 1), long)
+        candidates = np.concatenate([drawn, times], axis=2)  # (c, pieces, 3)
+
+        def pick(margin: float, slow: bool) -> Array | None:
+            some = allowed(candidates, now.local_map, slow)
+            costs = rollout_costs(some, body, view, margin, objective)
+            share = np.exp((costs.min() - costs) / config.temperature)
+            mean = (share / share.sum()) @ some.reshape(len(some), -1)
+            mean = mean.reshape(1, config.pieces, 3)
+            # The mean first if it is about as good as the best: it wobbles less.
+            mean_cost = rollout_costs(mean, body, view, margin, objective)
+            costs = np.append(mean_cost - config.temperature, costs)
+            some = np.concatenate([mean, some])
+            first = np.ascontiguousarray(some[:, 0])
+            best = cheapest(first, costs, body, view, config.hold, margin)
+            if best < 0:
+                return None
+            self._mean = some[best, :, :2].copy()
+            return first[best, :2]
+
+        twist = relax_clearance(now, config.margin, pick)
+        if twist is None:
+            self._mean[:] = 0.0
+        return twist
+
+
+COMMANDS = 3  # in a particle, at most
+SIZE = 3 * COMMANDS + 1  # (v, w, t) of each, then how many count
+STRIDE = 7  # every so manieth twist of the fan is in the first swarm
+
+
+@settings
+class WhaleFollower(RolloutSettings):
+    """Whales search the commands of the next moments; each period begins with the last best ones.
+
+    A particle is a list of commands (v, w, t) and how many of them count (thesis, section 2.9.3
+    and algorithm 6), as in `planners.controls.generator`.
+    """
+
+    whales: WhaleSettings = setting(
+        default=WhaleSettings(population=24, iterations=4), source="10 ms on one core"
+    )
+    """The swarm."""
+    seed: int = setting(default=0, low=0, source="design choice")
+    """Seed of the swarm, anew for every path."""
+
+    def make(self) -> Follower:
+        """A follower at rest."""
+        return RecedingWhales(self)
+
+
+@kernel
+def search(
+    first: Array, lower: Array, upper: Array, body: Body, view: LocalView, margin: float,
+    objective: Any, swarm: WhaleParameters, state: Stream,
+) -> tuple[Array, Array]:  # fmt: skip
+    """All particles (n, SIZE) that were tried and their costs (n,), the last one the best."""
+    k, start, c_range = first.shape[0], start_row(view), np.full(SIZE, 2.0)
+    tried = np.empty((k * (swarm.iterations + 1) + 1, SIZE))
+    costs = np.empty(tried.shape[0])
+    population, best, least, n = first.copy(), first[0].copy(), np.inf, 0
+    for t in range(swarm.iterations + 1):
+        for i in range(k):
+            X = population[i]
+            count = int(X[SIZE - 1])
+            commands = X[: 3 * count].reshape(count, 3)
+            costs[n] = rollout_cost(commands, body, view, start, margin, objective)
+            tried[n] = X
+            if costs[n] < least:
+                least = costs[n]
+                best[:] = X
+            n += 1
+        if t < swarm.iterations:
+            a = swarm.a * (1.0 - t / swarm.iterations)
+            move_whales(
+                population, best, a, swarm.b, swarm.mu, swarm.lam, c_range, lower, upper, state
+            )
+    tried[n], costs[n] = best, least
+    return tried, costs
+
+
+class RecedingWhales:
+    """Carries the best commands from one period to the next."""
+
+    def __init__(self, config: WhaleFollower) -> None:
+        self.config, self._objective = config, record_of(config.objective)
+        self._state = stream(np.random.default_rng(config.seed))
+        self._best: Array | None = None  # (SIZE,)
+
+    def twist(self, now: Situation) -> Array | None:
+        """See `Follower.twist`."""
+        config, view, body = self.config, now.view, now.chair.body
+        swarm = config.whales.parameters
+
+        def pick(margin: float, slow: bool) -> Array | None:
+            lower, upper = self._bounds(now, slow)
+            first = np.clip(self._first(now.chair), lower, upper)
+            tried, costs = search(
+                first, lower, upper, body, view, margin, self._objective, swarm, self._state
+            )
+            best = cheapest(tried, costs, body, view, config.hold, margin)
+            if best < 0:
+                return None
+            self._best = tried[best]
+            return np.array(tried[best, :2])
+
+        twist = relax_clearance(now, config.margin, pick)
+        if twist is None:
+            self._best = None
+        return twist
+
+    def _bounds(self, now: Situation, slow: bool) -> tuple[Array, Array]:
+        limits, horizon = now.chair.limits, self.config.objective.horizon
+        back = 0.0 if now.local_map.blind else min(self.config.backward, limits.backward)
+        ahead = limits.forward
+        if slow:
+            back, ahead = min(back, CREEP), min(ahead, CREEP)
+        low = [-back, -limits.turn, 2.0 * now.chair.period] * COMMANDS + [1.0]
+        high = [ahead, limits.turn, horizon] * COMMANDS + [COMMANDS + 0.999]
+        return np.array(low), np.array(high)
+
+    def _first(self, chair: ChairState) -> Array:
+        """The swarm at the beginning: what was best, what is driven now, rest, part of a fan."""
+        count = self.config.whales.population
+        fan = full_fan(chair.limits, self.config.backward)
+        fan = fan[(np.arange(max(0, count - 3)) * STRIDE) % len(fan)]
+        first = np.zeros((count, SIZE))
+        first[:, 2:-1:3], first[:, -1] = 0.5 * self.config.objective.horizon, 1.0
+        for k in range(COMMANDS):
+            first[3:, 3 * k : 3 * k + 2] = fan
+        if count > 1:
+            first[1, :2] = chair.body.last
+        if self._best is not None:
+            first[0] = self._best
+            first[0, 2] -= chair.period
+            if first[0, 2] < chair.period and first[0, -1] >= 2.0:
+                first[0, :-4] = first[0, 3:-1]
+                first[0, -1] -= 1.0
+        return first
+
+
+@settings
+class ControlsFollower:
+    """Whales search commands (v, w, t) along the path's next metres; driven until the next search.
+
+    The thesis generates commands for the whole path once; a chair whose pose errs has to do so
+    again and again.
+    """
+
+    generator: ControlGenerator = ControlGenerator(
+        whales=WhaleSettings(population=10, iterations=5), horizon=2.0, margin=0.06
+    )
+    seed: int = setting(default=0, low=0, source="design choice")
+    """Seed of the swarm, anew for every path."""
+    again: float = setting(default=0.5, unit="s", low=0.1, source="five control periods")
+    """Time between two searches."""
+    margin: float = setting(default=0.04, unit="m", low=0.0, source="laser sigma 15 mm, 3 sigma")
+    """Clearance that the outline keeps."""
+
+    def make(self) -> Follower:
+        """A follower at rest."""
+        return GeneratedControls(self)
+
+
+class GeneratedControls:
+    """Drives the commands generated last."""
+
+    def __init__(self, config: ControlsFollower) -> None:
+        self.config = config
+        self._rng = np.random.default_rng(config.seed)
+        self._controls: Controls | None = None
+        self._age = 0.0  # s since they were generated
+
+    def twist(self, now: Situation) -> Array | None:
+        """See `Follower.twist`."""
+        self._age += now.chair.period
+        view = now.view
+        twist = self._next(now.chair, view) if self._age < self.config.again else None
+        if twist is None:
+            self._generate(now)
+            twist = self._next(now.chair, view)
+        return twist
+
+    def _next(self, chair: ChairState, view: LocalView) -> Array | None:
+        """The twist in the middle of the coming period; None after the end or if not clear."""
+        controls = self._controls
+        if controls is None or self._age >= controls.commands[:, 2].sum():
+            return None
+        v, w = controls.twist_at(self._age + 0.5 * chair.period)
+        clear = stops_clear(v, w, chair.body, view, 2 * chair.period, self.config.margin)
+        return np.array([v, w]) if clear else None
+
+    def _generate(self, now: Situation) -> None:
+        local_map, reference, chair = now
+        points = to_world(local_map.points[:, :2], local_map.pose)
+        discs = np.column_stack([points, np.zeros(len(points))])
+        path = reference.rows[reference.at :, :2]
+        if len(path) < 2:
+            path = np.concatenate([local_map.pose[None, :2], reference.rows[-1:, :2]])
+        twist = chair.body.state[[0, 2]]
+        self._controls = self.config.generator.generate(
+            path, local_map.pose, no_walls(), discs, chair.footprint, chair.limits, self._rng, twist
+        )
+        self._age = 0.0
+
+
+@settings
+class PurePursuit:
+    """Regulated pure pursuit (Coulter 1992): steers for a point ahead on the path.
+
+    It is slower in curves, near walls and near the goal.
+    """
+
+    lookahead: float = setting(default=0.45, unit="m", low=0.05, source="about half a chair")
+    """Least distance of the point that is steered for."""
+    lookahead_time: float = setting(default=0.7, unit="s", low=0.0, source="design choice")
+    """Time by whose way the point is farther ahead in motion."""
+    lateral: float = setting(default=0.35, unit="m/s2", low=0.01, source="comfort")
+    """Greatest lateral acceleration in curves."""
+    pivot: float = setting(default=0.9, unit="rad", low=0.1, high=3.1, source="design choice")
+    """Heading error above which the chair turns in place."""
+    margin: float = setting(default=0.05, unit="m", low=0.0, source="laser sigma 15 mm, 3 sigma")
+    """Clearance that the outline keeps where it can."""
+    slowest: float = setting(default=0.1, unit="m/s", low=0.01, source="walking-stick speed")
+    """Least speed in curves and near the goal."""
+
+    def make(self) -> Follower:
+        """A follower at rest."""
+        return PurePursuitFollower(self)
+
+
+class PurePursuitFollower:
+    """Steers for a point ahead on the path."""
+
+    def __init__(self, config: PurePursuit) -> None:
+        self.config = config
+        self._pivoting = False
+
+    def twist(self, now: Situation) -> Array | None:
+        """See `Follower.twist`."""
+        config = self.config
+        v, w = self._steer(now.reference.ahead(now.local_map.pose, 4.0), now.chair)
+        view = now.view
+        for margin in now.local_map.margins(config.margin):
+            for share in (1.0, 0.7, 0.45, 0.25, 0.12):  # the same arc at the first clear speed
+                if margin < TIGHT * config.margin and abs(share * v) > CREEP:
+                    continue
+                if stops_clear(share * v, share * w, now.chair.body, view, HOLD, margin):
+                    return np.array([share * v, share * w])
+        return None
+
+    def _steer(self, rows: Array, chair: ChairState) -> tuple[float, float]:
+        """The twist towards a point ahead on the next reference poses (n, 4)."""
+        config, limits = self.config, chair.limits
+        far = np.hypot(rows[:, 0], rows[:, 1])
+        ahead = config.lookahead + config.lookahead_time * max(0.0, chair.body.state[0])
+        nearest = int(np.argmin(far))
+        beyond = nearest + np.flatnonzero(far[nearest:] > ahead)
+        x, y = rows[beyond[0] if len(beyond) else -1, :2]
+        error = math.atan2(y, x)
+        self._pivoting = abs(error) > (0.3 if self._pivoting else config.pivot)
+        if self._pivoting:
+            return 0.0, math.copysign(0.6 * limits.turn, error)
+        curvature = 2.0 * y / max(x * x + y * y, 0.01)
+        left = float(far[nearest] + rows[-1, S] - rows[nearest, S])
+        v = min(limits.forward, math.sqrt(2.0 * 0.5 * limits.deceleration * left))
+        v = min(v, math.sqrt(config.lateral / max(abs(curvature), 1e-6)))
+        v = max(config.slowest, min(v, 0.9 * limits.turn / max(abs(curvature), 1e-6)))
+        return v, v * curvature
