@@ -69,7 +69,7 @@ class OcclusionRecorder:
 
     def __call__(self, env: Any) -> None:
         """Record the observation of the last step."""
-        observation = getattr(self._driver, "told", None)
+        observation = self._driver.observation
         if observation is not None and not any(observation is o for o in self._observations[-1:]):
             self._observations.append(observation)
             self._poses.append(self._pose)

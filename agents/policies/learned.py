@@ -124,6 +124,7 @@ class LearnedDriver:
         shown = "path" in dict(self.layout.sizes)
         task = dataclasses.replace(env.task, privileged=False, aim="goal")
         self._mission = mission
+        self.observation: Floats | None = None
         # The chair is the mission's; it is observed as in training.
         spec = env.guidance
         if self.layout.path_has_heading:

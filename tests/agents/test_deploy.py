@@ -59,7 +59,7 @@ def test_a_cap_begins_low_rises_while_it_drives_and_keeps_the_arc():
     for v, w in twists:
         assert w / v == pytest.approx(0.5 / 0.8)
     assert capped.act(world.seen._replace(halted="a reason")).twist[0] == pytest.approx(0.2)
-    with pytest.raises(InputError, match="falls"):
+    with pytest.raises(InputError, match="cannot rise"):
         Deployment(first=0.5, most=0.3)
 
 
@@ -400,7 +400,7 @@ def test_the_command_drives_over_devices(served, tmp_path, caplog, capfd):
         (["--goal", NOOK], f"--goal {NOOK}: no heading is free"),
         (["--start", "0,0"], "expected X,Y,YAW"),
         (["--map", "nothing.yaml"], "nothing.yaml"),
-        (["--initial-speed", "0.5", "--max-speed", "0.3"], "falls"),
+        (["--initial-speed", "0.5", "--max-speed", "0.3"], "cannot rise"),
         (["--chair", "ros://nobody:1", "--dry-run"], "expected hardware"),
         (["--policy", "nobody"], "nobody"),
     ],

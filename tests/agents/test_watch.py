@@ -90,4 +90,4 @@ def test_the_options_are_the_same_everywhere(command, capsys):
     with pytest.raises(SystemExit) as left:
         main([*command.split(), "--images", "-1"])
     assert left.value.code == 2
-    assert "negative" in capsys.readouterr().err
+    assert "expected at least 0" in capsys.readouterr().err

@@ -179,7 +179,7 @@ def test_the_laser_is_switched_on_and_read(name, piece):
     laser, sensor, ports, clock = begin(model, piece)
     assert sensor.on
     assert sensor.streaming
-    assert laser.specs.model == model.name
+    assert laser.specs.model == model.model
     for k in range(3):
         clock.now += 0.025
         ports[0].said += sensor.scan(some_scan(model, k), 25 * k)
@@ -270,7 +270,7 @@ def serve(listener, sensor, scans):
                 peer.sendall(sensor.feed(data))
             except TimeoutError:
                 pass
-            data = sensor.scan(some_scan(sensor.model, k), 25 * k)
+            data = sensor.scan(some_scan(sensor.specs, k), 25 * k)
             if data:
                 peer.sendall(data[:100])
                 peer.sendall(data[100:])

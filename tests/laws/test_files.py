@@ -296,7 +296,7 @@ def test_a_damaged_store_is_resumed_and_says_how_many_lines_it_skipped(tmp_path,
     assert compute(jobs, counted, store, progress=False) == whole
     assert made == [1, 2, 3, 4, 5, 6]
     said = capsys.readouterr().err
-    assert said == f"wheelchair: {store}: skipped 6 damaged lines; what is lost is made anew\n"
+    assert said == f"wheelchair: {store}: skipped 6 damaged lines; the runs are made again\n"
     store.write_text('{"key": "0", "record": {"value": 0}}\n')  # as 0.1 wrote it
     assert read_store(store) == {"0": {"value": 0}}
     assert capsys.readouterr().err == ""

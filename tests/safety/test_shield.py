@@ -404,7 +404,7 @@ def among_people(*people, start=(0.0, 0.0, 0.0), twist=AHEAD, seconds=3.0):
         state = shield.state[0]
         marks = state["marks"][: state["n_marks"]].copy()
         # Marks are dead-reckoned; in the chair's frame, as who moves is.
-        at = np.column_stack([to_frame(marks[:, :2], state["pose"]), marks[:, 2:]])
+        at = to_frame(np.column_stack([marks["x"], marks["y"]]), state["pose"])
         told.append((shield.decision, before, at))
         reading = chair.drive(given, shield.decision.protective)
     return told

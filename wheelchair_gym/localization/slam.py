@@ -352,7 +352,10 @@ class Slam:
     @property
     def built_map(self) -> Callable[[], OccupancyGrid]:
         """A function that returns the map as it is then."""
-        return lambda: self.map
+        return self._current_map  # a method: unlike a lambda, it can be copied and pickled
+
+    def _current_map(self) -> OccupancyGrid:
+        return self.map
 
     @property
     def trajectory(self) -> Array:

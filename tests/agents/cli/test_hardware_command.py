@@ -6,6 +6,7 @@ import io
 import json
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -121,7 +122,10 @@ class NoStick:
     """A device that is not there, or is taken away after so many looks."""
 
     def __init__(self, looks=0):
-        self.looks, self.axes = looks, {0: (-1, 1), 1: (-1, 1)}
+        self.looks = looks
+
+    def capabilities(self, absinfo=False):
+        return {joystick.EV_ABS: [(axis, SimpleNamespace(min=-1, max=1)) for axis in (0, 1)]}
 
     def read(self):
         self.looks -= 1

@@ -38,7 +38,8 @@ def test_evaluation_lacks_what_only_the_critic_may_see(trained):
     policy = make_policy(str(folder / POLICY))
     record = drive_episode(env, policy, 0)
     assert record["outcome"] in ("success", "collision", "timeout", "missed")
-    assert "privileged" not in policy._eye.observation
+    layout = policy.layout
+    assert policy.observation.size == layout.size - layout.privileged_size < layout.size
 
 
 def test_a_driver_sees_and_acts_as_in_training(trained):
@@ -147,7 +148,7 @@ def test_on_a_map_that_grows_a_policy_remembers_where_it_has_been():
     been = []
     for _ in range(50):
         observation, *_ = env.step(driver.act(observation))
-        been.append(np.hypot(*policy._eye.observation["trail"][-2:]))
+        been.append(np.hypot(*policy.observation[policy.layout.slice_of("trail")][-2:]))
     assert been[-1] > 0.1  # of 15 s ago: the start, from soon after it on
     assert (np.diff(been) > -0.15).all()  # never forgotten
 
