@@ -116,14 +116,8 @@ def test_the_command_line_offers_every_pose_source():
     assert POSES == POSE_SOURCES
 
 
-# Packages whose settings have no description yet.
-UNDESCRIBED = ("agents",)
-
-
 @pytest.mark.parametrize("cls", classes_of_settings(), ids=lambda cls: cls.__name__)
 def test_every_setting_says_what_it_does_and_where_its_default_comes_from(cls):
-    if cls.__module__.startswith(UNDESCRIBED):
-        pytest.skip("its settings have no description yet")
     docs = setting_docs(cls)
     for field in dataclasses.fields(cls):
         if dataclasses.is_dataclass(field.default) and not field.metadata:

@@ -30,8 +30,14 @@ class Explore:
     explored space leads there. Without a goal it stops when no frontier is left.
     """
 
-    planner: Mapping[str, Any] = field(default_factory=lambda: {"name": "lattice"})
-    follower: Mapping[str, Any] = field(default_factory=lambda: {"name": "window"})
+    planner: Mapping[str, Any] = field(
+        default_factory=lambda: {"name": "lattice"}, metadata={"source": "design choice"}
+    )
+    """Name and settings of the planner."""
+    follower: Mapping[str, Any] = field(
+        default_factory=lambda: {"name": "window"}, metadata={"source": "league: most arrivals"}
+    )
+    """Name and settings of the follower."""
     seek: bool = setting(default=True)
     """Drive to the goal; false: map all there is."""
     towards: float = setting(default=1.0, low=0.0, source="design choice")

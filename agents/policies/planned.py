@@ -65,8 +65,14 @@ class Planned:
     Koenig and Likhachev 2005).
     """
 
-    planner: Mapping[str, Any] = field(default_factory=lambda: {"name": "a_star"})
-    follower: Mapping[str, Any] = field(default_factory=lambda: {"name": "window"})
+    planner: Mapping[str, Any] = field(
+        default_factory=lambda: {"name": "a_star"}, metadata={"source": "design choice"}
+    )
+    """Name and settings of the planner."""
+    follower: Mapping[str, Any] = field(
+        default_factory=lambda: {"name": "window"}, metadata={"source": "league: most arrivals"}
+    )
+    """Name and settings of the follower."""
     seed: int = setting(default=0, low=0, source="design choice")
     """Seed of the planner, with the episode's key."""
     clearance: float = setting(
