@@ -25,7 +25,7 @@ PLANNERS: Final = Registry(
         "voronoi": "planners.graphs.voronoi:Voronoi",
         **in_module("planners.graphs.grid", "AStar Bfs Dfs Dijkstra ThetaStar"),
         **in_module(
-            "planners.trees.variants",
+            "planners.trees.settings",
             "InformedRrtStar Rrt RrtConnect RrtStar RrtStarFn RrtStarLimited RrtStarSmart"
             " RrtStarWoaGlobal RrtStarWoaLocal RrtWoa SplineRrtStar",
         ),
@@ -37,7 +37,7 @@ FIRST_PLANNERS: Final = Registry(
 OPTIMIZERS: Final = Registry(
     "optimizer",
     in_module(
-        "planners.swarm.optimizers",
+        "planners.swarm.settings",
         "Abc De Firefly Ga Gwo Pso PsoAdaptive PsoChaotic PsoGwo PsoVariable Woa WoaModified",
     ),
 )

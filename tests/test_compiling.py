@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from planners.collision.polygon_tests import point_free
+from planners.trees.settings import RrtStar
 from planners.trees.tree_search import grow
-from planners.trees.variants import RrtStar
 from tests.conftest import ROOT
 from wheelchair_gym.compiled.progress import called_by, kernels_of
 

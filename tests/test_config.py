@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from agents.cli.commands import POSES
 from agents.cli.lists import all_settings
-from planners.trees.variants import RrtStarWoaGlobal
+from planners.trees.settings import RrtStarWoaGlobal
 from tests.configs import SINGLE
 from wheelchair_gym.config import InputError, dump, load, read, setting_docs
 from wheelchair_gym.envs.guidance import PoseGuidance

@@ -243,7 +243,7 @@ COMMANDS = (
         ],
     ),
     Command(
-        "compare", "evaluate:compare", "compare policies on scenes, and write a report",
+        "compare", "compare:compare", "compare policies on scenes, and write a report",
         "Run a suite of episodes, each policy on each scene and seed. Finished episodes are "
         "stored: the same command after Ctrl-C runs only the missing ones.",
         "wheelchair compare --suite demo --jobs 2 --out runs/demo",
@@ -269,7 +269,7 @@ COMMANDS = (
         ],
     ),
     Command(
-        "study", "evaluate:study", "repeat the experiments of the source documents",
+        "study", "compare:study", "repeat the experiments of the source documents",
         "Run the experiment of a table or figure of the sources, compare its figures with the "
         "published ones, and test its claims. Finished runs are stored: the same command after "
         "Ctrl-C, or with more runs, runs only the missing ones.",
@@ -287,7 +287,7 @@ COMMANDS = (
         ],
     ),
     Command(
-        "tune", "evaluate:tune", "search for settings of a planner or a policy",
+        "tune", "compare:tune", "search for settings of a planner or a policy",
         "Search for settings by Optuna, on training seeds. A policy (PLANNER+FOLLOWER) is "
         "evaluated on the scenes of a suite, a planner by its plans. The first trial has the "
         "current settings. The best trial is evaluated again on other episodes. The same command "

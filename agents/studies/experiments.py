@@ -175,7 +175,7 @@ def smoothing(job: Job, seed: int) -> Record:
     """P1: one optimizer, from the initial population that all optimizers share."""
     from dataclasses import replace
 
-    from planners.trees.variants import RrtWoa
+    from planners.trees.settings import RrtWoa
 
     problem = problem_of(job["scene"], clearance=job["clearance"])
     swarm = replace(RrtWoa().swarm, optimizer=job["optimizer"])
@@ -255,7 +255,7 @@ def among_discs(job: Job, seed: int) -> Record:
 def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[Any, Array]:
     """A swarm's search, and the least cost after each iteration (n,)."""
     from planners.registries import OBJECTIVES, OPTIMIZERS
-    from planners.swarm.moves import new_swarm
+    from planners.swarm.optimizers import new_swarm
     from planners.swarm.path_cost import new_workspace
     from planners.swarm.search import BestValid, SearchResult, iterate
     from wheelchair_gym.random import stream

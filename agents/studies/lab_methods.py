@@ -29,7 +29,7 @@ from agents.studies.model import (
     Study,
     published,
 )
-from planners.trees.variants import RrtStar, RrtStarLimited
+from planners.trees.settings import RrtStar, RrtStarLimited
 from wheelchair_gym.config import dump
 
 SOLVED: Final = Metric("solved", "solved", "share", 3, only_solved=False)

@@ -22,7 +22,7 @@ from agents.studies.evidence import (
 from agents.studies.figures import map_figures, rollout_figures, trend_figures
 from agents.studies.model import LENGTH, NODES, TIME, Claim, Metric, Results, Row, Study, published
 from planners.swarm.woa import WhaleSettings
-from planners.trees.variants import RrtStar, RrtStarWoaGlobal, RrtStarWoaLocal
+from planners.trees.settings import RrtStar, RrtStarWoaGlobal, RrtStarWoaLocal
 from wheelchair_gym.config import dump
 
 T1: Final = "T1, thesis on RRT*-WOA"

@@ -1,290 +1,462 @@
-"""The swarm optimizers as settings; `planners.registries.OPTIMIZERS` names them.
+"""How swarms move: the memory of a swarm, and the update rule of every optimizer.
 
-`new_swarm` makes the memory of a swarm, the same record for all optimizers:
-
-    memory = new_swarm(population, lower, upper)
-    for t in range(iterations):
-        population = optimizer.move(memory.positions, costs_of(memory.positions), memory.best,
-                                    t / iterations, rng, memory)
+A swarm holds positions to be evaluated. `store` replaces a remembered position by a better one:
+the personal best of a particle, a food source of bees, or a parent of an evolution.
 """
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Any, ClassVar, Literal
+import math
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.swarm import moves as kinds
-from planners.swarm.moves import MIN_POPULATION, MoveParameters, Swarm, new_swarm, store_and_move
-from planners.swarm.woa import WhaleMoves
-from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.random import stream
+from planners.swarm.woa import move_whales
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.config import InputError
+from wheelchair_gym.random import Stream, next_uniform
 
-_YARPIZ = "Yarpiz (program library)"
-_P2 = "P2: Al-Nayar, Dagher and Hadi, results"
-_NOT_GIVEN = "usual value, not given in R1"
-_R1 = "R1: project report on PSO and GWO, section 5.4"
+Array = NDArray[np.float64]
 
+MIN_POPULATION = 4  # positions: differential evolution draws three others
+WORST = -1  # target of a position that competes with the worst remembered one
 
-class Optimizer:
-    """Settings that say how a swarm moves."""
-
-    moves: ClassVar[MoveParameters]  # the kind of moves, before the settings
-
-    @property
-    def parameters(self) -> MoveParameters:
-        """The settings as kernels take them."""
-        values: Any = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
-        return self.moves._replace(**values)
-
-    def move(
-        self,
-        population: ArrayLike,
-        costs: ArrayLike,
-        best: ArrayLike,
-        progress: float,
-        rng: np.random.Generator,
-        memory: Swarm | None = None,
-    ) -> NDArray[np.float64]:
-        """A population moved once: the next positions to be evaluated.
-
-        Args:
-            population: positions (k, d); they stay unchanged.
-            costs: their costs (k,).
-            best: the best position so far (d,); ignored where there is a memory.
-            progress: the finished part of the run, in [0, 1].
-            rng: draws the numbers.
-            memory: what `new_swarm` made for this run, changed in place: velocities, personal
-                bests, parents, trials, bounds. Without it, this is a first move, unbounded.
-
-        Raises:
-            InputError: fewer than `MIN_POPULATION` positions, unless whales move them.
-        """
-        swarm = memory
-        if swarm is None:
-            swarm = new_swarm(population, -np.inf, np.inf)
-            swarm.best[:] = best
-            swarm.record["best_cost"] = -np.inf
-        k = len(swarm.positions)
-        if k < MIN_POPULATION and self.parameters.kind != kinds.WHALES:
-            raise InputError(f"population has {k} positions; expected at least {MIN_POPULATION}")
-        swarm.positions[:] = population
-        swarm.costs[:] = costs
-        store_and_move(swarm, self.parameters, progress, stream(rng))
-        return swarm.positions.copy()
+RECORD: Final = np.dtype(
+    [
+        ("move_count", "i8"),  # moves made
+        ("best_cost", "f8"),  # cost of the best position
+        ("previous_best_cost", "f8"),  # the same, one move ago
+        ("chaos", "f8"),  # state of the logistic map
+    ]
+)
 
 
-@settings
-class Woa(WhaleMoves, Optimizer):
-    """Whales (Mirjalili and Lewis 2016), with the thesis's thresholds mu and lambda."""
+class Swarm(NamedTuple):
+    """Positions to be valued next, and what the swarm remembers."""
 
-    moves = MoveParameters(kinds.WHALES)
+    positions: Array  # (k, d)
+    costs: Array  # (k,) of the positions, as far as they were valued
+    velocities: Array  # (k, d) per move
+    personal_best: Array  # (k, d) remembered positions: personal bests, food sources, parents
+    personal_best_costs: Array  # (k,)
+    targets: NDArray[np.int64]  # (k,) which remembered position each competes with, or WORST
+    trials: NDArray[np.int64]  # (k,) vain ones since each was remembered
+    best: Array  # (d,) of all positions valued so far
+    c_range: Array  # (d,) of the whales' factor C
+    lower: Array  # (d,) bounds of the positions
+    upper: Array  # (d,)
+    fixed: NDArray[np.bool_]  # (k, d) coordinates that particles leave where they are
+    record: Any  # (1,) RECORD
 
 
-@settings
-class WoaModified(Optimizer):
-    """Whales whose factor C counts where the best path is free: P1 (17)-(19).
+def new_swarm(population: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Swarm:
+    """A swarm at given positions, for any optimizer.
 
-    C lies in [0, w], w = 1 where a way point of the best path is free and 0 where it is occupied;
-    a map of free and solid has no third case.
+    Args:
+        population: (k, d); copied. All optimizers but whales need `MIN_POPULATION`.
+        lower: lower bounds of the positions, a number or (d,); may be infinite.
+        upper: upper bounds, likewise.
+
+    Raises:
+        InputError: no positions, or bounds that are crossed.
     """
-
-    whales: Woa = setting(default=Woa(), source="P1: as WOA")
-    """The whales, but for the factor C."""
-
-    @property
-    def parameters(self) -> MoveParameters:
-        """The settings as kernels take them."""
-        return self.whales.parameters._replace(c_range=1.0, by_occupancy=True)
-
-
-@settings
-class Particles(Optimizer):
-    """What the particle swarms of R1 and P2 share."""
-
-    neighbours: int = setting(default=0, low=0, source="design choice")
-    """Neighbours on each side whose best a particle knows; 0 for the whole swarm."""
-    inertia_ramp: bool = setting(default=False, source="R1, section 5.7")
-    """Whether the inertia of way point j counts min(1, sqrt(j) / 4)."""
-
-
-@settings
-class Pso(Particles):
-    """Particles whose inertia is damped: P2's PSO, or a fixed inertia at damping 1."""
-
-    moves = MoveParameters(kinds.PARTICLES, rule=kinds.DAMPED)
-
-    inertia: float = setting(default=1.0, low=0.0, source=_P2 + ", its listing")
-    """Initial inertia."""
-    damping: float = setting(default=0.98, low=0.0, high=1.0, source=_P2)
-    """Factor of the inertia per move."""
-    c1: float = setting(default=2.0, low=0.0, source=_P2 + "; its listing has 1.5")
-    """Acceleration towards the personal best (c1)."""
-    c2: float = setting(default=2.0, low=0.0, source=_P2 + "; its listing has 1.5")
-    """Acceleration towards the best of the swarm (c2)."""
-    max_step: float = setting(default=0.1, low=0.0, source=_YARPIZ)
-    """Longest step of a coordinate, as a share of the width of its bounds."""
-
-
-@settings
-class PsoChaotic(Optimizer):
-    """Particles whose falling inertia is multiplied by a logistic map: P2 (13)-(17)."""
-
-    moves = MoveParameters(kinds.PARTICLES, rule=kinds.CHAOTIC)
-
-    inertia: float = setting(default=0.9, low=0.0, source=_P2)
-    """Initial inertia."""
-    min_inertia: float = setting(default=0.3, low=0.0, source=_P2)
-    """Final inertia."""
-    chaos: float = setting(
-        default=0.3, low=0.0, high=1.0, source="P2 prints 3, outside the domain of the map"
+    positions = np.array(population, dtype=np.float64)
+    if positions.ndim != 2 or len(positions) < 1:
+        raise InputError(f"population has shape {positions.shape}; expected (1 or more, d)")
+    k, d = positions.shape
+    low, high = (np.array(np.broadcast_to(np.asarray(b, np.float64), d)) for b in (lower, upper))
+    if not (low <= high).all():
+        raise InputError(f"bounds are {low.tolist()} and {high.tolist()}; expected lower <= upper")
+    record = np.zeros(1, RECORD)
+    record["best_cost"] = record["previous_best_cost"] = np.inf
+    return Swarm(
+        positions=positions,
+        costs=np.full(k, np.inf),
+        velocities=np.zeros((k, d)),
+        personal_best=positions.copy(),
+        personal_best_costs=np.full(k, np.inf),
+        targets=np.arange(k),
+        trials=np.zeros(k, np.int64),
+        best=positions[0].copy(),
+        c_range=np.full(d, np.nan),  # until an optimizer sets it
+        lower=low,
+        upper=high,
+        fixed=np.zeros((k, d), np.bool_),
+        record=record,
     )
-    """Initial state of the logistic map."""
-    mu: float = setting(default=4.0, low=0.0, high=4.0, source=_P2)
-    """Parameter of the logistic map."""
-    c1: float = setting(default=2.0, low=0.0, source=_P2)
-    """Acceleration towards the personal best (c1)."""
-    c2: float = setting(default=2.0, low=0.0, source=_P2)
-    """Acceleration towards the best of the swarm (c2)."""
-    max_step: float = setting(default=0.1, low=0.0, source=_YARPIZ)
-    """Longest step of a coordinate, as a share of the width of its bounds."""
 
 
-@settings
-class PsoVariable(Particles):
-    """Particles whose inertia falls by a constant factor; c1 and c2 follow it: R1 (2.1)-(2.4)."""
-
-    moves = MoveParameters(kinds.PARTICLES, rule=kinds.VARIABLE)
-
-    inertia: float = setting(default=0.9, low=1e-3, source=_NOT_GIVEN)
-    """Initial inertia."""
-    min_inertia: float = setting(default=0.4, low=1e-3, source=_NOT_GIVEN)
-    """Final inertia."""
-    max_step: float = setting(default=0.16, low=0.0, source=_R1 + ": 4 m of 25 m")
-    """Longest step of a coordinate, as a share of the width of its bounds."""
-
-
-@settings
-class PsoAdaptive(Particles):
-    """Particles whose inertia follows the gain of the last move: R1 (2.5)-(2.6)."""
-
-    moves = MoveParameters(kinds.PARTICLES, rule=kinds.ADAPTIVE)
-
-    inertia: float = setting(default=0.9, low=0.0, source=_NOT_GIVEN)
-    """Initial inertia."""
-    min_inertia: float = setting(default=0.4, low=0.0, source=_NOT_GIVEN)
-    """Final inertia."""
-    c1: float = setting(default=2.05, low=0.0, source=_R1)
-    """Acceleration towards the personal best (c1)."""
-    c2: float = setting(default=2.05, low=0.0, source=_R1)
-    """Acceleration towards the best of the swarm (c2)."""
-    max_step: float = setting(default=0.16, low=0.0, source=_R1 + ": 4 m of 25 m")
-    """Longest step of a coordinate, as a share of the width of its bounds."""
+@borrowing_kernel
+def competitor(swarm: Swarm, i: int) -> int:
+    """The remembered position that position i competes with."""
+    target = swarm.targets[i]
+    if target != WORST:
+        return int(target)
+    worst = 0
+    for j in range(1, swarm.personal_best_costs.shape[0]):
+        if swarm.personal_best_costs[j] > swarm.personal_best_costs[worst]:
+            worst = j
+    return worst
 
 
-@settings
-class Gwo(Optimizer):
-    """Grey wolves (Mirjalili, Mirjalili and Lewis 2014)."""
+@borrowing_kernel
+def store(swarm: Swarm, i: int, j: int) -> None:
+    """Keep position i, which costs less, in place of the remembered one j; perhaps as the best."""
+    cost, record = swarm.costs[i], swarm.record[0]
+    swarm.personal_best_costs[j] = cost
+    swarm.trials[j] = 0
+    for c in range(swarm.positions.shape[1]):
+        swarm.personal_best[j, c] = swarm.positions[i, c]
+    if cost < record.best_cost:
+        record.best_cost = cost
+        for c in range(swarm.positions.shape[1]):
+            swarm.best[c] = swarm.positions[i, c]
 
-    moves = MoveParameters(kinds.WOLVES)
 
-    a: float = setting(default=2.0, low=0.0, source="Mirjalili et al. 2014")
-    """Initial bound of the factor A; it falls to 0 over a run."""
+@borrowing_kernel
+def clip_to_bounds(swarm: Swarm) -> None:
+    """Clip every position to the bounds; a velocity that led out changes its sign."""
+    k, d = swarm.positions.shape
+    for i in range(k):
+        for c in range(d):
+            x = min(max(swarm.positions[i, c], swarm.lower[c]), swarm.upper[c])
+            if x != swarm.positions[i, c]:
+                swarm.positions[i, c] = x
+                swarm.velocities[i, c] = -swarm.velocities[i, c]
 
 
-@settings
-class PsoGwo(Optimizer):
-    """Particles fly; then wolves hunt from where the particles ended (R1)."""
+@borrowing_kernel
+def bound_width(swarm: Swarm, c: int) -> float:
+    """How wide a coordinate's bounds lie apart; 1 where they are infinite."""
+    width = swarm.upper[c] - swarm.lower[c]
+    return width if width < math.inf else 1.0
 
-    inertia: Literal["fixed", "variable", "adaptive"] = setting(
-        default="adaptive", source="R1's best"
-    )
-    """How the inertia of the particles changes."""
-    fixed: Pso = setting(
-        default=Pso(inertia=0.9, damping=1.0, c1=2.05, c2=2.05, max_step=0.16), source=_R1
-    )
-    """Particles of a fixed inertia."""
-    variable: PsoVariable = setting(default=PsoVariable(), source=_R1)
-    """Particles of a variable inertia."""
-    adaptive: PsoAdaptive = setting(default=PsoAdaptive(), source=_R1)
-    """Particles of an adaptive inertia."""
-    wolves: Gwo = setting(default=Gwo(), source=_R1)
-    """The wolves."""
-    particle_share: float = setting(
-        default=0.5, low=0.01, high=0.99, source="R1, section 5.4: 150 of 300 iterations"
-    )
-    """Share of a run in which particles move; then wolves follow."""
 
-    @property
-    def parameters(self) -> MoveParameters:
-        """The settings as kernels take them."""
-        particles: Optimizer = getattr(self, self.inertia)
-        return particles.parameters._replace(
-            kind=kinds.PARTICLES_THEN_WOLVES, a=self.wolves.a, particle_share=self.particle_share
+WHALES, PARTICLES, WOLVES, PARTICLES_THEN_WOLVES, BEES, FIREFLIES, GENES, DIFFERENCE = range(8)
+DAMPED, CHAOTIC, VARIABLE, ADAPTIVE = range(4)
+
+
+class MoveParameters(NamedTuple):
+    """An optimizer as kernels take it; fields named as a setting of `optimizers` have its value."""
+
+    kind: int  # which rule moves the swarm: WHALES, PARTICLES, ...
+    # Whales, and wolves: see their equations.
+    a: float = 2.0
+    b: float = 1.0
+    mu: float = 0.5  # of chaotic particles: parameter of the logistic map
+    lam: float = 1.0
+    c_range: float = 2.0  # of the whales' factor C
+    by_occupancy: bool = False  # C is 0 at way points of the best path that are not free
+    particle_share: float = 0.5
+    rule: int = DAMPED  # of the inertia: DAMPED, CHAOTIC, VARIABLE or ADAPTIVE
+    inertia: float = 1.0
+    min_inertia: float = 1.0
+    damping: float = 1.0  # factor per move of the inertia, or of the fireflies' random step
+    c1: float = 2.0
+    c2: float = 2.0
+    max_step: float = 0.1
+    chaos: float = 0.3
+    neighbours: int = 0
+    inertia_ramp: bool = False
+    # Bees.
+    acceleration: float = 1.0
+    trial_limit: float = 0.6
+    # Fireflies.
+    attraction: float = 2.0
+    absorption: float = 1.0
+    randomness: float = 0.2
+    step: float = 0.05
+    # Genetic algorithm.
+    crossover_share: float = 0.7
+    extension: float = 0.4
+    mutation_rate: float = 0.1
+    mutation_step: float = 0.1
+    selection_pressure: float = 8.0
+    # Differential evolution.
+    min_factor: float = 0.2
+    max_factor: float = 0.8
+    crossover_rate: float = 0.2
+
+
+@borrowing_kernel
+def next_inertia(swarm: Swarm, moves: MoveParameters, progress: float) -> float:
+    """The inertia of the next move."""
+    record = swarm.record[0]
+    high, low = moves.inertia, moves.min_inertia
+    if moves.rule == CHAOTIC:
+        if record.move_count == 0:
+            record.chaos = moves.chaos
+        record.chaos = moves.mu * record.chaos * (1.0 - record.chaos)  # P2 (13)
+        return (high - (high - low) * progress) * float(record.chaos)  # P2 (14), (15)
+    if moves.rule == VARIABLE:  # R1 (2.1), (2.2)
+        return math.exp(-(progress * (math.log(high) - math.log(low)) - math.log(high)))
+    if moves.rule == ADAPTIVE:  # R1 (2.5), (2.6)
+        gain = (
+            record.best_cost / record.previous_best_cost
+            if record.previous_best_cost < math.inf and record.previous_best_cost > 0.0
+            else 1.0
         )
+        record.previous_best_cost = record.best_cost
+        return (high + low) * gain - high * progress
+    return high * float(moves.damping**record.move_count)
 
 
-@settings
-class Abc(Optimizer):
-    """An artificial bee colony (Karaboga 2005); two moves are one cycle of it."""
+@borrowing_kernel
+def move_particles(swarm: Swarm, moves: MoveParameters, inertia: float, state: Stream) -> None:
+    """Move every particle once, in place, but for its fixed coordinates: P2 (9)-(12)."""
+    X, V = swarm.positions, swarm.velocities
+    c1, c2 = moves.c1, moves.c2
+    if moves.rule == VARIABLE:
+        c1, c2 = math.cos(inertia), math.sin(inertia)  # R1 (2.3), (2.4)
+    k, d = X.shape
+    for i in range(k):
+        guide = swarm.best
+        if moves.neighbours > 0:
+            nearest = i
+            for step in range(-moves.neighbours, moves.neighbours + 1):
+                j = (i + step) % k
+                if swarm.personal_best_costs[j] < swarm.personal_best_costs[nearest]:
+                    nearest = j
+            guide = swarm.personal_best[nearest]
+        for c in range(d):
+            if swarm.fixed[i, c]:
+                continue
+            limit = moves.max_step * bound_width(swarm, c)
+            w = inertia * min(1.0, math.sqrt(c // 2) / 4.0) if moves.inertia_ramp else inertia
+            v = (
+                w * V[i, c]
+                + c1 * next_uniform(state) * (swarm.personal_best[i, c] - X[i, c])
+                + c2 * next_uniform(state) * (guide[c] - X[i, c])
+            )
+            V[i, c] = min(max(v, -limit), limit)
+            X[i, c] += V[i, c]
 
-    moves = MoveParameters(kinds.BEES)
 
-    acceleration: float = setting(default=1.0, low=0.0, source=_YARPIZ)
-    """Bound of a step, in differences of two sources."""
-    trial_limit: float = setting(default=0.6, low=0.0, source=_YARPIZ)
-    """Failed trials per coordinate and bee after which a source is left."""
+@borrowing_kernel
+def move_wolves(swarm: Swarm, a: float, state: Stream) -> None:
+    """Move every wolf once, in place: R1 (4.3)-(4.11), with the D of the original in (4.6)-(4.8).
+
+    The leaders alpha, beta and delta are the three best remembered positions.
+    """
+    X, costs = swarm.positions, swarm.personal_best_costs
+    k, d = X.shape
+    alpha, beta, delta = -1, -1, -1
+    for i in range(k):
+        if alpha < 0 or costs[i] < costs[alpha]:
+            alpha, beta, delta = i, alpha, beta
+        elif beta < 0 or costs[i] < costs[beta]:
+            beta, delta = i, beta
+        elif delta < 0 or costs[i] < costs[delta]:
+            delta = i
+    for i in range(k):
+        for c in range(d):
+            total = 0.0
+            for leader in (alpha, beta, delta):
+                A = 2.0 * a * next_uniform(state) - a  # (4.10)
+                C = 2.0 * next_uniform(state)  # (4.11)
+                prey = swarm.personal_best[leader, c]
+                total += prey - A * abs(C * prey - X[i, c])  # (4.3)-(4.8)
+            X[i, c] = total / 3.0  # (4.9)
 
 
-@settings
-class Firefly(Optimizer):
-    """Fireflies that fly towards all brighter ones (Yang 2009), the best of old and new kept."""
-
-    moves = MoveParameters(kinds.FIREFLIES)
-
-    attraction: float = setting(default=2.0, low=0.0, source=_YARPIZ)
-    """Attraction beta at distance 0."""
-    absorption: float = setting(default=1.0, low=0.0, source=_YARPIZ)
-    """Light absorption gamma, per square of the distance in diagonals of the bounds."""
-    randomness: float = setting(default=0.2, low=0.0, source=_YARPIZ)
-    """Initial factor alpha of the random step."""
-    damping: float = setting(default=0.98, low=0.0, high=1.0, source=_YARPIZ)
-    """Factor of the random step per move."""
-    step: float = setting(default=0.05, low=0.0, source=_YARPIZ)
-    """Random step, as a share of the width of the bounds."""
+@borrowing_kernel
+def other_index(i: int, k: int, state: Stream) -> int:
+    """A number below k, uniform, that is not i."""
+    j = int(next_uniform(state) * (k - 1))
+    return j + 1 if j >= i else j
 
 
-@settings
-class Ga(Optimizer):
-    """A real-coded genetic algorithm with roulette, the best of parents and children kept."""
+@borrowing_kernel
+def roulette(sums: Array, state: Stream) -> int:
+    """A number drawn by roulette, from the running sums (k,) of the weights."""
+    k = sums.shape[0]
+    at = next_uniform(state) * sums[k - 1]
+    i = 0
+    while i < k - 1 and sums[i] < at:
+        i += 1
+    return i
 
-    moves = MoveParameters(kinds.GENES)
 
-    crossover_share: float = setting(
-        default=0.73, low=0.0, high=1.0, source="Yarpiz: 0.8 n by crossover, 0.3 n mutants"
+@borrowing_kernel
+def move_bees(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
+    """Send the bees out once, in place: employed bees and onlookers in turn (Karaboga 2005).
+
+    On the turn of the employed bees, scouts leave sources that failed too often for random ones.
+    Two moves are one cycle of the original.
+    """
+    k, d = swarm.positions.shape
+    onlookers = swarm.record[0].move_count % 2 == 1
+    bounded = True
+    for c in range(d):
+        bounded &= swarm.upper[c] - swarm.lower[c] < math.inf
+    if onlookers:
+        mean, total = 0.0, 0.0
+        for i in range(k):
+            mean += swarm.personal_best_costs[i] / k
+        for i in range(k):  # fitness exp(-cost / mean), as a running sum
+            total += math.exp(-swarm.personal_best_costs[i] / mean) if mean > 0.0 else 1.0
+            swarm.costs[i] = total
+    for i in range(k):
+        source = roulette(swarm.costs, state) if onlookers else i
+        swarm.targets[i] = source
+        if not onlookers and bounded and swarm.trials[i] >= moves.trial_limit * k * d:
+            swarm.personal_best_costs[i] = math.inf
+            for c in range(d):
+                width = swarm.upper[c] - swarm.lower[c]
+                swarm.positions[i, c] = swarm.lower[c] + next_uniform(state) * width
+            continue
+        j = other_index(source, k, state)
+        for c in range(d):
+            phi = moves.acceleration * (2.0 * next_uniform(state) - 1.0)
+            x = swarm.personal_best[source, c]
+            swarm.positions[i, c] = x + phi * (x - swarm.personal_best[j, c])
+
+
+@borrowing_kernel
+def move_fireflies(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
+    """Move every firefly towards all brighter ones, in place (Yang 2009); the best k live on."""
+    X, parents, costs = swarm.positions, swarm.personal_best, swarm.personal_best_costs
+    k, d = X.shape
+    alpha = moves.randomness * moves.damping ** swarm.record[0].move_count
+    diagonal = 0.0
+    for c in range(d):
+        diagonal += bound_width(swarm, c) ** 2
+    for i in range(k):
+        swarm.targets[i] = WORST
+        for c in range(d):
+            X[i, c] = parents[i, c]
+        for j in range(k):
+            if costs[j] < costs[i]:
+                square = 0.0
+                for c in range(d):
+                    square += (parents[j, c] - X[i, c]) ** 2
+                beta = moves.attraction * math.exp(-moves.absorption * square / diagonal)
+                for c in range(d):
+                    X[i, c] += beta * next_uniform(state) * (parents[j, c] - X[i, c])
+        for c in range(d):
+            step = moves.step * bound_width(swarm, c)
+            X[i, c] += alpha * step * (2.0 * next_uniform(state) - 1.0)
+
+
+@borrowing_kernel
+def move_genetic(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
+    """Make as many children as there are parents, in place; the best of both live on."""
+    X, parents, costs = swarm.positions, swarm.personal_best, swarm.personal_best_costs
+    k, d = X.shape
+    worst = 0.0
+    for i in range(k):
+        worst = max(worst, costs[i])
+    total = 0.0
+    for i in range(k):
+        total += (
+            math.exp(-moves.selection_pressure * costs[i] / worst)
+            if 0.0 < worst < math.inf
+            else 1.0
+        )
+        swarm.costs[i] = total
+    for i in range(k):
+        swarm.targets[i] = WORST
+        if i < moves.crossover_share * k:
+            p, q = roulette(swarm.costs, state), roulette(swarm.costs, state)
+            for c in range(d):
+                share = (1.0 + 2.0 * moves.extension) * next_uniform(state) - moves.extension
+                X[i, c] = share * parents[p, c] + (1.0 - share) * parents[q, c]
+        else:
+            parent, sure = int(next_uniform(state) * k), int(next_uniform(state) * d)
+            for c in range(d):
+                X[i, c] = parents[parent, c]
+                if c == sure or next_uniform(state) < moves.mutation_rate:
+                    # Box and Muller 1958.
+                    radius = math.sqrt(-2.0 * math.log(1.0 - next_uniform(state)))
+                    normal = radius * math.cos(2.0 * math.pi * next_uniform(state))
+                    X[i, c] += moves.mutation_step * bound_width(swarm, c) * normal
+
+
+@borrowing_kernel
+def move_differential(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
+    """Make a competitor of each position from three others, in place: DE/rand/1/bin.
+
+    F is drawn anew for each coordinate (Storn and Price 1997).
+    """
+    X, parents = swarm.positions, swarm.personal_best
+    k, d = X.shape
+    for i in range(k):
+        p = other_index(i, k, state)
+        q = other_index(i, k, state)
+        while q == p:
+            q = other_index(i, k, state)
+        r = other_index(i, k, state)
+        while r in (p, q):
+            r = other_index(i, k, state)
+        sure = int(next_uniform(state) * d)
+        for c in range(d):
+            X[i, c] = parents[i, c]
+            if c == sure or next_uniform(state) <= moves.crossover_rate:
+                F = moves.min_factor + next_uniform(state) * (moves.max_factor - moves.min_factor)
+                X[i, c] = parents[p, c] + F * (parents[q, c] - parents[r, c])
+
+
+@borrowing_kernel
+def is_particle_move(moves: MoveParameters, progress: float) -> bool:
+    """Whether the next move is one of particles."""
+    return moves.kind == PARTICLES or (
+        moves.kind == PARTICLES_THEN_WOLVES and progress < moves.particle_share
     )
-    """Share of the children that have two parents; the others are mutants."""
-    extension: float = setting(default=0.4, low=0.0, source=_YARPIZ)
-    """How far beyond its parents a child may lie, as a share of their distance (gamma)."""
-    mutation_rate: float = setting(default=0.1, low=0.0, high=1.0, source=_YARPIZ)
-    """Probability that a coordinate of a mutant changes (mu)."""
-    mutation_step: float = setting(default=0.1, low=0.0, source=_YARPIZ)
-    """Standard deviation of a mutation, as a share of the width of the bounds (sigma)."""
-    selection_pressure: float = setting(default=8.0, low=0.0, source=_YARPIZ)
-    """Exponent beta of the roulette selection."""
 
 
-@settings
-class De(Optimizer):
-    """Differential evolution, DE/rand/1/bin (Storn and Price 1997)."""
+@borrowing_kernel
+def move_swarm(swarm: Swarm, moves: MoveParameters, progress: float, state: Stream) -> float:
+    """Move an evaluated swarm once, in place; returns the inertia of particles, or 0.
 
-    moves = MoveParameters(kinds.DIFFERENCE)
+    `progress` is the finished part of the run, in [0, 1].
+    """
+    inertia, kind = 0.0, moves.kind
+    if kind == WHALES:
+        if not swarm.c_range[0] >= 0.0:
+            swarm.c_range[:] = moves.c_range
+        a = moves.a * (1.0 - progress)
+        move_whales(
+            swarm.positions,
+            swarm.best,
+            a,
+            moves.b,
+            moves.mu,
+            moves.lam,
+            swarm.c_range,
+            swarm.lower,
+            swarm.upper,
+            state,
+        )
+    elif is_particle_move(moves, progress):
+        flown = progress / moves.particle_share if kind == PARTICLES_THEN_WOLVES else progress
+        inertia = next_inertia(swarm, moves, flown)
+        move_particles(swarm, moves, inertia, state)
+    elif kind == WOLVES:
+        move_wolves(swarm, moves.a * (1.0 - progress), state)
+    elif kind == PARTICLES_THEN_WOLVES:
+        move_wolves(swarm, moves.a * (1.0 - progress) / (1.0 - moves.particle_share), state)
+    elif kind == BEES:
+        move_bees(swarm, moves, state)
+    elif kind == FIREFLIES:
+        move_fireflies(swarm, moves, state)
+    elif kind == GENES:
+        move_genetic(swarm, moves, state)
+    else:
+        move_differential(swarm, moves, state)
+    if kind != WHALES:  # whales stay within the bounds by themselves
+        clip_to_bounds(swarm)
+    swarm.record[0].move_count += 1
+    return inertia
 
-    min_factor: float = setting(default=0.2, low=0.0, source=_YARPIZ)
-    """Least differential weight F."""
-    max_factor: float = setting(default=0.8, low=0.0, source=_YARPIZ)
-    """Greatest differential weight F."""
-    crossover_rate: float = setting(default=0.2, low=0.0, high=1.0, source=_YARPIZ)
-    """Probability of a coordinate to come from the mutant (CR)."""
+
+@kernel
+def store_and_move(swarm: Swarm, moves: MoveParameters, progress: float, state: Stream) -> None:
+    """Store the positions that are better than remembered ones, and move the swarm."""
+    for i in range(swarm.positions.shape[0]):
+        j = competitor(swarm, i)
+        if swarm.costs[i] < swarm.personal_best_costs[j]:
+            store(swarm, i, j)
+        else:
+            swarm.trials[j] += 1
+    move_swarm(swarm, moves, progress, state)

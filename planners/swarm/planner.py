@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from planners.problem import Plan, PlannerBase, Problem, Status, remaining
 from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
 from planners.smoothing.curves import POLYLINE, curve, curve_kind
-from planners.swarm.moves import MIN_POPULATION, new_swarm
+from planners.swarm.optimizers import MIN_POPULATION, new_swarm
 from planners.swarm.path_cost import PathProblem
 from planners.swarm.peers import PeerOptimizer
 from planners.swarm.search import (

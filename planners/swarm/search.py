@@ -17,7 +17,7 @@ from planners.collision.polygon_tests import SpaceArrays, point_free
 from planners.problem import begin
 from planners.smoothing.curves import POLYLINE, sample_curve
 from planners.smoothing.smooth import blocked_edges
-from planners.swarm.moves import (
+from planners.swarm.optimizers import (
     WHALES,
     MoveParameters,
     Swarm,

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from planners.collision.polygon_tests import edge_free
 from planners.problem import Plan, Problem, begin, trivial
 from planners.trees.sampling import TreeSearch, edge_is_free
+from planners.trees.settings import InformedRrtStar
 from planners.trees.tree import NONE, Tree, insert
 from planners.trees.tree_search import grow_until, new_search, to_plan, with_capacity
-from planners.trees.variants import InformedRrtStar
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.random import stream
 

@@ -10,7 +10,7 @@ from planners import Plan, Problem, Space, Status, make_planner
 from planners.judge import faults
 from planners.problem_files import read_problems
 from planners.trees.replan import remainder, replan
-from planners.trees.variants import InformedRrtStar
+from planners.trees.settings import InformedRrtStar
 from wheelchair_gym.geometry import path_length
 
 SETTINGS = InformedRrtStar(iterations=2_000)

@@ -12,11 +12,11 @@ from planners import OPTIMIZERS, Problem, Space, Status, make_optimizer, make_pl
 from planners.judge import faults
 from planners.registries import OBJECTIVES
 from planners.smoothing.curves import CURVES
-from planners.swarm.moves import move_wolves, new_swarm, next_inertia, store_and_move
+from planners.swarm.optimizers import move_wolves, new_swarm, next_inertia, store_and_move
 from planners.swarm.path_cost import evaluate, new_workspace
 from planners.swarm.planner import SwarmPlanner
 from planners.swarm.search import sample_along, search
-from planners.trees.variants import RrtWoa
+from planners.trees.settings import RrtWoa
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import path_length

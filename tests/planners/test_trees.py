@@ -11,6 +11,16 @@ from planners.collision.space import Space
 from planners.judge import faults
 from planners.problem import Problem, Status
 from planners.problem_files import read_problems
+from planners.trees.settings import (
+    InformedRrtStar,
+    RrtStar,
+    RrtStarFn,
+    RrtStarLimited,
+    RrtStarSmart,
+    RrtStarWoaGlobal,
+    RrtStarWoaLocal,
+    SplineRrtStar,
+)
 from planners.trees.tree import (
     NONE,
     insert,
@@ -20,16 +30,6 @@ from planners.trees.tree import (
     place_node,
     remove_node,
     tree_with_capacity,
-)
-from planners.trees.variants import (
-    InformedRrtStar,
-    RrtStar,
-    RrtStarFn,
-    RrtStarLimited,
-    RrtStarSmart,
-    RrtStarWoaGlobal,
-    RrtStarWoaLocal,
-    SplineRrtStar,
 )
 from tests.planners.replay import limited_to
 from wheelchair_gym.config import InputError

@@ -1,4 +1,4 @@
-"""Rewards: named terms, and whether a step ended the episode.
+"""Rewards: named terms with their weights, and whether a step ended the episode.
 
 A term is one field of `RewardWeights` and one line of `write_terms`; the rest goes by its name.
 """
@@ -14,13 +14,38 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.config import setting_docs
+from wheelchair_gym.config import setting, setting_docs, settings
 from wheelchair_gym.geometry import wrap
-from wheelchair_gym.task.settings import RewardWeights
 from wheelchair_gym.task.side_clearance import proximity_speed
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
+
+_TUNED, _CHOICE = "tuned on training seeds", "design choice"
+
+
+@settings
+class RewardWeights:
+    """Weights of the named reward terms; the reward is their weighted sum."""
+
+    progress: float = setting(default=0.125, unit="1/m", source=_TUNED)
+    """Way to go that was covered [m]; seconds to go where the aim is time."""
+    time: float = setting(default=-0.05, unit="1/s", source=_TUNED)
+    """Time that passed [s]."""
+    arrived: float = setting(default=1.0, source=_CHOICE)
+    """1 at the goal, by the chair's own estimate."""
+    bumped: float = setting(default=-2.0, source=_TUNED)
+    """1 if a bumper strip is pressed."""
+    timeout: float = setting(default=-0.5, source=_TUNED)
+    """1 at the time limit."""
+    action_rate: float = setting(default=-0.003, source=_TUNED)
+    """Squared change of the action."""
+    shield_intervention: float = setting(default=0.0, source=_CHOICE)
+    """What the shield took off the twist that was asked for, in full speeds."""
+    proximity_speed: float = setting(default=0.0, unit="s/m2", source=_CHOICE)
+    """Squared speed of the outline's fastest corner within 0.2 m of what the scan shows, more the
+    nearer [m2/s2], times the period [s]."""
+
 
 TERMS = tuple(field.name for field in dataclasses.fields(RewardWeights))
 TERM_VALUES = np.dtype([(name, "f8") for name in TERMS])

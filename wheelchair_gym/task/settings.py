@@ -6,32 +6,9 @@ import math
 from typing import Literal
 
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.task.rewards import RewardWeights
 
-_TUNED = "tuned on training seeds"
 _CHOICE = "design choice"
-
-
-@settings
-class RewardWeights:
-    """Weights of the named reward terms; the reward is their weighted sum."""
-
-    progress: float = setting(default=0.125, unit="1/m", source=_TUNED)
-    """Way to go that was covered [m]; seconds to go where the aim is time."""
-    time: float = setting(default=-0.05, unit="1/s", source=_TUNED)
-    """Time that passed [s]."""
-    arrived: float = setting(default=1.0, source=_CHOICE)
-    """1 at the goal, by the chair's own estimate."""
-    bumped: float = setting(default=-2.0, source=_TUNED)
-    """1 if a bumper strip is pressed."""
-    timeout: float = setting(default=-0.5, source=_TUNED)
-    """1 at the time limit."""
-    action_rate: float = setting(default=-0.003, source=_TUNED)
-    """Squared change of the action."""
-    shield_intervention: float = setting(default=0.0, source=_CHOICE)
-    """What the shield took off the twist that was asked for, in full speeds."""
-    proximity_speed: float = setting(default=0.0, unit="s/m2", source=_CHOICE)
-    """Squared speed of the outline's fastest corner within 0.2 m of what the scan shows, more the
-    nearer [m2/s2], times the period [s]."""
 
 
 @settings

@@ -16,11 +16,11 @@ import numpy as np
 
 from planners.problem import Plan, PlannerBase, Problem, Status
 from planners.smoothing.smooth import hermite_path
-from planners.swarm.moves import MIN_POPULATION
-from planners.swarm.optimizers import WoaModified
+from planners.swarm.optimizers import MIN_POPULATION
 from planners.swarm.path_cost import Smooth
 from planners.swarm.planner import SwarmPlanner
 from planners.swarm.search import PathShortening, ShiftBounds
+from planners.swarm.settings import WoaModified
 from planners.swarm.woa import WhaleSettings
 from planners.trees.sampling import Growth, SteeringCost
 from planners.trees.tree_search import search
