@@ -71,7 +71,7 @@ def _measure(given: argparse.Namespace) -> int:
 def all_settings() -> dict[str, type]:
     """Every class of settings by name."""
     from agents.control import FOLLOWERS
-    from agents.policies import policy_settings
+    from agents.policies import POLICIES
     from planners import PLANNERS
     from wheelchair_gym.hardware.registry import CHAIRS
 
@@ -79,7 +79,7 @@ def all_settings() -> dict[str, type]:
     for name, place in PARTS.items():
         module, _, attribute = place.partition(":")
         classes[name] = getattr(importlib.import_module(module), attribute)
-    for registry in (PLANNERS, FOLLOWERS, policy_settings(), SCENES, CHAIRS):
+    for registry in (PLANNERS, FOLLOWERS, POLICIES, SCENES, CHAIRS):
         classes.update(registry)
     return dict(sorted(classes.items()))
 

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
-from agents.control import followers
-from wheelchair_gym.config import InputError, load
 from wheelchair_gym.migration import migrated
+from wheelchair_gym.registry import Registry
 
-FOLLOWERS: dict[str, type] = {
-    "controls": followers.ControlsFollower,
-    "dwa": followers.DynamicWindow,
-    "mppi": followers.PathIntegral,
-    "pure_pursuit": followers.PurePursuit,
-    "window": followers.Window,
-    "woa": followers.WhaleFollower,
-}
+_PLACE: Final = "agents.control.followers"
+FOLLOWERS: Final = Registry(
+    "follower",
+    {
+        "controls": f"{_PLACE}:ControlsFollower",
+        "dwa": f"{_PLACE}:DynamicWindow",
+        "mppi": f"{_PLACE}:PathIntegral",
+        "pure_pursuit": f"{_PLACE}:PurePursuit",
+        "window": f"{_PLACE}:Window",
+        "woa": f"{_PLACE}:WhaleFollower",
+    },
+)
 
 
 def make_follower(spec: Mapping[str, Any]) -> Any:
@@ -25,8 +28,4 @@ def make_follower(spec: Mapping[str, Any]) -> Any:
     Raises:
         InputError: the name is unknown or a setting is wrong.
     """
-    values = migrated(spec, "follower")
-    name = values.pop("name", "window")
-    if not isinstance(name, str) or name not in FOLLOWERS:
-        raise InputError(f"follower {name!r} is unknown; known: {', '.join(sorted(FOLLOWERS))}")
-    return load(FOLLOWERS[name], values, f"follower {name}")
+    return FOLLOWERS.make({"name": "window", **migrated(spec, "follower")})

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import is_dataclass
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, dump, load
+from wheelchair_gym.registry import Registry
 from wheelchair_gym.types import Command, Mission, Reading
 
 Array = NDArray[np.float64]
@@ -21,6 +22,19 @@ DRIVING: dict[str, dict[str, Any]] = {
     "a_star": {"obstacle_weight": 4.0, "desired_clearance": 0.7},
     "lattice": {"pivot_speed_ratio": 0.25, "reverse_factor": 4.0, "limits": {"backward": 0.1}},
 }
+
+# Settings class of every family of policies; each has `make() -> Policy`.
+POLICIES: Final = Registry(
+    "policy",
+    {
+        "explore": "agents.policies.explore:Explore",
+        "learned": "agents.policies.learned:Learned",
+        "manual": "agents.policies.manual:Manual",
+        "planned": "agents.policies.planned:Planned",
+        "random": "agents.policies.scripted:RandomPolicy",
+        "straight": "agents.policies.scripted:StraightPolicy",
+    },
+)
 
 
 class Policy(Protocol):
@@ -69,31 +83,13 @@ class GymPolicy:
         return command.as_action(self._limits)
 
 
-def policy_settings() -> dict[str, type]:
-    """Settings class of every family of policies by name; each has `make() -> Policy`."""
-    from agents.policies.explore import Explore
-    from agents.policies.learned import Learned
-    from agents.policies.manual import Manual
-    from agents.policies.planned import Planned
-    from agents.policies.scripted import RandomPolicy, StraightPolicy
-
-    return {
-        "explore": Explore,
-        "learned": Learned,
-        "manual": Manual,
-        "planned": Planned,
-        "random": RandomPolicy,
-        "straight": StraightPolicy,
-    }
-
-
 def policy_names() -> str:
     """The names that `make_policy` takes, as one line for a person."""
     from agents.control import FOLLOWERS
     from agents.learning.weights import shipped
     from planners import PLANNERS
 
-    simple = [name for name in policy_settings() if name not in ("learned", "planned")]
+    simple = [name for name in POLICIES if name not in ("learned", "planned")]
     return (
         f"{', '.join(sorted([*simple, *shipped()]))}, a file of weights (.npz, .onnx), PLANNER or "
         f"PLANNER+FOLLOWER with PLANNER one of {', '.join(sorted(PLANNERS))} and FOLLOWER one of "
@@ -145,7 +141,7 @@ def spec_of(policy: str | Mapping[str, Any] | Any) -> str | Mapping[str, Any] | 
     if isinstance(policy, str | Mapping):
         return policy
     settings_of(policy)
-    for name, family in policy_settings().items():
+    for name, family in POLICIES.items():
         if type(policy) is family:
             plain, config = dump(family()), dump(policy)
             changed = {key: value for key, value in config.items() if value != plain[key]}
@@ -163,7 +159,7 @@ def spec_of(policy: str | Mapping[str, Any] | Any) -> str | Mapping[str, Any] | 
 def kind_of(policy: str | Mapping[str, Any] | Any) -> str:
     """The name of a policy's family: learned, planned, ...; empty if it is not one of ours."""
     config = settings_of(policy)
-    return next((name for name, kind in policy_settings().items() if type(config) is kind), "")
+    return next((name for name, kind in POLICIES.items() if type(config) is kind), "")
 
 
 def _named(name: str, values: dict[str, Any]) -> Any:
@@ -171,11 +167,10 @@ def _named(name: str, values: dict[str, Any]) -> Any:
     from agents.learning.weights import shipped
     from planners import PLANNERS
 
-    families = policy_settings()
     if name in shipped() or name.endswith((".npz", ".onnx")):
-        return load(families["learned"], {"weights": name, **values}, f"policy {name}")
-    if name in families:
-        return load(families[name], values, f"policy {name}")
+        return load(POLICIES["learned"], {"weights": name, **values}, f"policy {name}")
+    if name in POLICIES:
+        return load(POLICIES[name], values, f"policy {name}")
     planner, plus, follower = name.partition("+")
     if planner not in PLANNERS or (plus and follower not in FOLLOWERS):
         raise InputError(f"policy {name!r} is unknown; known: {policy_names()}")
@@ -186,4 +181,4 @@ def _named(name: str, values: dict[str, Any]) -> Any:
         if chosen or part:
             part = {**DRIVING.get(chosen, {}), **part}
             values[key] = {**part, "name": chosen or part.get("name", "window")}
-    return load(families["planned"], values, f"policy {name}")
+    return load(POLICIES["planned"], values, f"policy {name}")

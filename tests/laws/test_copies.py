@@ -15,7 +15,7 @@ import pytest
 from agents.control import FOLLOWERS
 from agents.learning.sb3 import SB3VecEnv
 from agents.learning.weights import shipped
-from agents.policies import GymPolicy, make_policy, policy_settings
+from agents.policies import POLICIES, GymPolicy, make_policy
 from planners import PLANNERS, Problem, Space, make_planner
 from tests.conftest import ROOT
 from tests.copies import COPIERS, by_pickle, differences, drive_copies
@@ -196,7 +196,7 @@ def drive_policy(name, copies):
     )
 
 
-DRIVERS = [name for name in policy_settings() if name not in ("manual", "learned", "planned")]
+DRIVERS = [name for name in POLICIES if name not in ("manual", "learned", "planned")]
 
 
 @pytest.mark.parametrize("name", [*DRIVERS, *(f"a_star+{name}" for name in FOLLOWERS)])

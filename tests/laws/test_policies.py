@@ -10,14 +10,14 @@ import pytest
 
 from agents.control import FOLLOWERS
 from agents.learning.weights import shipped
-from agents.policies import GymPolicy, make_policy, policy_settings
+from agents.policies import POLICIES, GymPolicy, make_policy
 from planners import PLANNERS
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.types import Command, Mission, Reading, Truth
 
 STEPS = 15
 # A policy that needs a window's keys, and families that stand here by their members.
-SCRIPTED = sorted(set(policy_settings()) - {"manual", "learned", "planned"})
+SCRIPTED = sorted(set(POLICIES) - {"manual", "learned", "planned"})
 PLANNED = [f"a_star+{name}" for name in sorted(FOLLOWERS)]
 POLICIES = [*SCRIPTED, *sorted(shipped()), *PLANNED, "lattice+window"]
 NONSENSE = Truth(np.full(3, np.nan), np.full(2, np.nan), np.nan, True, True, np.nan, np.nan)
