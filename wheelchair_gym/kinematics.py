@@ -31,6 +31,10 @@ def twist_of_action(
     return a_v * (forward if a_v > 0.0 else backward), a_w * turn
 
 
+_kernel: Any = twist_of_action
+_twist_in_python = _kernel.py_func  # faster than calling compiled code
+
+
 @settings
 class Limits:
     """What the chair may be asked to do; protective braking is exempt from comfort limits."""
@@ -105,9 +109,7 @@ class Limits:
             a_v = a_w = math.nan
         if type(a_v) is not float or not math.isfinite(a_v + a_w):
             raise InputError(f"action is {action!r}; expected two finite numbers in [-1, 1]")
-        # As plain Python, which is faster than calling compiled code.
-        plain: Any = twist_of_action
-        return np.array(plain.py_func(a_v, a_w, self.forward, self.backward, self.turn))
+        return np.array(_twist_in_python(a_v, a_w, self.forward, self.backward, self.turn))
 
     def action(self, twist: NDArray[np.floating]) -> Array:
         """The action (2,) in [-1, 1] that asks for a twist (2,), clipped to the limits."""

@@ -182,20 +182,42 @@ def cells_at(arrays: SpaceArrays, walls: Pairs, spans: Array, x: float, y: float
     return found[:count]
 
 
+@kernel
 def pairs_in_cells(sides: Pairs, cells: int, start_in: Pairs, goal_in: Pairs, per: int) -> Pairs:
     """Pairs of nodes (k, 2) that lie in one cell: start, goal, then `per` nodes of each window."""
-    cell = np.concatenate([start_in, goal_in, np.repeat(sides, per, axis=0).T.ravel()])
-    ends, of_windows = np.repeat([0, 1], [len(start_in), len(goal_in)]), np.arange(per * len(sides))
-    order = np.argsort(cell, kind="stable")
-    node, place = (
-        np.concatenate([ends, 2 + of_windows, 2 + of_windows])[order],
-        np.arange(len(cell)),
-    )
-    later = np.cumsum(np.bincount(cell, minlength=cells))[cell[order]] - place - 1  # in its cell
-    first = np.repeat(place, later)
-    second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(later) - later, later)
-    pairs = np.stack([node[first], node[second]], axis=1)
-    return np.asarray(pairs[pairs[:, 0] != pairs[:, 1]])
+    total = 2 + per * sides.shape[0]
+    first = np.zeros(cells + 1, dtype=np.int64)
+    for k in range(2):
+        for cell in start_in if k == 0 else goal_in:
+            first[cell + 1] += 1
+    for w in range(sides.shape[0]):
+        for k in range(2):
+            first[sides[w, k] + 1] += per
+    for cell in range(cells):
+        first[cell + 1] += first[cell]
+    members, fill = np.empty(first[cells], dtype=np.int64), first[:cells].copy()
+    for k in range(2):
+        for cell in start_in if k == 0 else goal_in:
+            members[fill[cell]] = k
+            fill[cell] += 1
+    for w in range(sides.shape[0]):
+        for k in range(2):
+            for m in range(per):
+                members[fill[sides[w, k]]] = 2 + per * w + m
+                fill[sides[w, k]] += 1
+    count = 0
+    for cell in range(cells):
+        size = first[cell + 1] - first[cell]
+        count += size * (size - 1) // 2
+    pairs = np.empty((count, 2), dtype=np.int64)
+    count = 0
+    for cell in range(cells):
+        for p in range(first[cell], first[cell + 1]):
+            for q in range(p + 1, first[cell + 1]):
+                if members[p] < total and members[p] != members[q]:
+                    pairs[count, 0], pairs[count, 1] = members[p], members[q]
+                    count += 1
+    return pairs[:count]
 
 
 WINDOW_NODES = 3  # middle, low and high end: paths bend at corners, which are ends of windows

@@ -17,7 +17,7 @@ from planners.collision.polygon_tests import (
 )
 from planners.swarm.woa import WhaleParameters, move_whales
 from planners.trees.tree import NONE, Tree, write_ancestors
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel
 from wheelchair_gym.random import Stream, next_in_disc, next_uniform
 
 Array = NDArray[np.float64]
@@ -212,7 +212,7 @@ def sample_beacon(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float,
     return x, y
 
 
-@borrowing_kernel
+@absorbed_kernel
 def sample(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float, float]:
     """The next sample [m], as the options of the search say.
 

@@ -44,7 +44,7 @@ from planners.trees.tree import (
     tree_with_capacity,
     write_ancestors,
 )
-from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel
+from wheelchair_gym.compiled.kernel import absorbed_kernel, as_int, borrowing_kernel
 from wheelchair_gym.random import Stream, next_uniform, stream
 
 Array = NDArray[np.float64]
@@ -102,7 +102,7 @@ def best_ancestor(
     return parent, edge
 
 
-@borrowing_kernel
+@absorbed_kernel
 def connect_goal(search: TreeSearch, node: int) -> None:
     """Connect a node to the goal, if the goal is within reach and visible and its cost falls."""
     tree, goal, run = search.start_tree, search.goal, search.workspace.run[0]
@@ -168,7 +168,7 @@ _SHORTCUT_PERIOD = 64
 _STRAIGHT = 1.0 + 1e-12
 
 
-@borrowing_kernel
+@absorbed_kernel
 def connect(search: TreeSearch, tree: Tree, x: float, y: float) -> tuple[int, bool]:
     """Extend a tree from its nearest node to a point step by step until blocked: CONNECT.
 
@@ -205,7 +205,7 @@ def join_trees(start_tree: Tree, goal_tree: Tree, node: int, twin: int) -> int:
     return node
 
 
-@borrowing_kernel
+@absorbed_kernel
 def add_node(
     search: TreeSearch, tree: Tree, x: float, y: float, near: int, edge: float, state: Stream
 ) -> int:
@@ -253,7 +253,7 @@ def add_node(
     return int(new)
 
 
-@borrowing_kernel
+@absorbed_kernel
 def extend(search: TreeSearch, tree: Tree, state: Stream) -> int:
     """Draw a sample, steer towards it and add a node; NONE if that is blocked or cannot help."""
     growth, workspace = search.growth, search.workspace
@@ -296,7 +296,7 @@ def update_best_path(search: TreeSearch) -> None:
     run.done |= run.path_length <= apart * _STRAIGHT
 
 
-@borrowing_kernel
+@absorbed_kernel
 def needs_capacity(search: TreeSearch) -> bool:
     """Whether the arrays may be too small for another iteration."""
     start_tree, goal_tree, growth = search.start_tree, search.goal_tree, search.growth

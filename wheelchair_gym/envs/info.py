@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 from wheelchair_gym.task.rewards import Verdict
 from wheelchair_gym.types import Reading, Truth
+
+SOURCES = ("truth", "reading", "verdict", "success")
 
 
 class InfoKey(NamedTuple):
     """One key of `info`."""
 
     name: str
-    source: str  # truth, reading, verdict or success
+    source: str  # one of SOURCES
     field: str  # of Truth, Reading or Verdict
     meaning: str
 
@@ -47,13 +50,18 @@ INFO_KEYS = (
 )  # fmt: skip
 
 
+def _fields(source: str) -> tuple[str, ...]:
+    return tuple(key.field for key in INFO_KEYS if key.source == source)
+
+
+_OF_TRUTH, _OF_READING, _OF_VERDICT = (attrgetter(*_fields(s)) for s in SOURCES[:-1])
+_NAMES = tuple(key.name for source in SOURCES for key in INFO_KEYS if key.source == source)
+
+
 def info_of(truth: Truth, reading: Reading, verdict: Verdict, success: bool) -> dict[str, Any]:
     """The info of one environment, but for its reward terms and its shield."""
-    sources = {"truth": truth, "reading": reading, "verdict": verdict}
-    return {
-        key.name: getattr(sources[key.source], key.field) if key.field else success
-        for key in INFO_KEYS
-    }
+    values = (*_OF_TRUTH(truth), *_OF_READING(reading), *_OF_VERDICT(verdict), success)
+    return dict(zip(_NAMES, values, strict=True))
 
 
 def info_of_rows(sensed: Any, verdicts: Any, success: Any) -> dict[str, Any]:

@@ -290,7 +290,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         v, w = task.action.tolist()
         drawn = None if task.built_map is None else task.built_map()
         less = task.shield_intervention
-        return task.reading._replace(action=(v, w), shield_intervention=less, map=drawn)
+        return Reading(*task.reading[:-3], (v, w), less, drawn)
 
     def show(self, shown: Shown) -> None:
         """Show people what a policy wants shown, until the next call or reset()."""
