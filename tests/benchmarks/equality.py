@@ -156,7 +156,8 @@ def _steps(env_id: str, seed: int) -> str:
         for value in observation.values():
             h.update(value.tobytes())
         flat = [np.ravel(np.array(value, float)) for value in _leaves(info)]
-        h.update(np.sort(np.concatenate([*flat, np.array(rest, float)])).tobytes())
+        values = np.concatenate([*flat, np.array(rest, float)]) + 0.0  # -0.0 becomes 0.0
+        h.update(np.sort(values).tobytes())
         if rest[0] or rest[1]:
             result = (*env.reset(), False, False)
             continue
