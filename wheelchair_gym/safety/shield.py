@@ -191,6 +191,11 @@ class Shield:
         return REASONS[int(self.state["latched"][0])]
 
     @property
+    def protective(self) -> bool:
+        """Whether the last decision was a protective stop."""
+        return bool(self.state["protective"][0])
+
+    @property
     def decision(self) -> Decision:
         """How the last twist was changed."""
         s: Any = self.state[0]
