@@ -9,7 +9,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.config import InputError, dump, load
+from wheelchair_gym.config import InputError, dump, load, suggest
 from wheelchair_gym.registry import Registry
 from wheelchair_gym.types import Command, Mission, Reading
 
@@ -173,7 +173,9 @@ def _named(name: str, values: dict[str, Any]) -> Any:
         return load(POLICIES[name], values, f"policy {name}")
     planner, plus, follower = name.partition("+")
     if planner not in PLANNERS or (plus and follower not in FOLLOWERS):
-        raise InputError(f"policy {name!r} is unknown; known: {policy_names()}")
+        pairs = (f"{planner}+{one}" for one in FOLLOWERS)
+        near = suggest(name, (*POLICIES, *shipped(), *PLANNERS, *pairs))
+        raise InputError(f"policy {name!r} is unknown; known: {policy_names()}{near}")
     for key, chosen in (("planner", planner), ("follower", follower)):
         part = values.get(key, {})
         if not isinstance(part, Mapping):

@@ -443,4 +443,5 @@ def trace_path(tree: Tree, number: int, spacing: float) -> Array:
 
 @borrowing_kernel
 def _part_count(way: float, turn: float, spacing: float) -> int:
+    """How many parts of a move keep poses at most `spacing` [m] and `2 * spacing` [rad] apart."""
     return int(max(1, math.ceil(max(abs(way), 0.5 * abs(turn)) / spacing)))

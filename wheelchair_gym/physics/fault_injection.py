@@ -10,26 +10,30 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import floats_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.physics.state import FAULTS as NAMES
-from wheelchair_gym.random import FAULTS, uniform
+from wheelchair_gym.physics.state import FAULTS
+from wheelchair_gym.random import FAULTS as CHANNEL
+from wheelchair_gym.random import uniform
 from wheelchair_gym.sensors.odometry import ODOMETRY
 
 Floats = NDArray[np.float32]
 
-_KINDS = len(NAMES) - 1
+_KINDS = len(FAULTS) - 1
 _NAN = np.float32(np.nan)
 _LASER, _LASER_FROZEN, _SONAR, _SONAR_FROZEN, _ODOMETRY, _ODOMETRY_FROZEN = range(1, 7)
 
 
 @borrowing_kernel
 def draw_fault(state: Any, p: Any) -> None:
-    """Draw what fails in this episode, and when."""
+    """Draw which sensor fails in this episode, and from which reading on, by the key of the state.
+
+    `state.fault` is 0 for none; `state.fault_step` is the control step of the first wrong reading.
+    """
     state.fault = 0
-    if p.fault_share <= 0.0 or uniform(state.key, 0, FAULTS, 0) >= p.fault_share:
+    if p.fault_share <= 0.0 or uniform(state.key, 0, CHANNEL, 0) >= p.fault_share:
         return
-    state.fault = 1 + int(_KINDS * uniform(state.key, 0, FAULTS, 1))
-    duration = p.fault_onset[1] - p.fault_onset[0]
-    begin = p.fault_onset[0] + duration * uniform(state.key, 0, FAULTS, 2)
+    state.fault = 1 + int(_KINDS * uniform(state.key, 0, CHANNEL, 1))
+    window = p.fault_onset[1] - p.fault_onset[0]  # s
+    begin = p.fault_onset[0] + window * uniform(state.key, 0, CHANNEL, 2)
     state.fault_step = max(1, math.ceil(begin / (p.dt * p.substeps)))
 
 

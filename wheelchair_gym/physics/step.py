@@ -211,7 +211,11 @@ def sense(
     ranges: Floats,
     sensed: Any,
 ) -> None:
-    """Scan, range the ultrasonics that fired after a tick, and write the reading."""
+    """Range the ultrasonics that fired after a tick, scan now, and write reading and truth.
+
+    An ultrasonic ranges from the pose, and among the actors, of the moment when it fired.
+    `ranges` (beams,) [m] is the scan. Shapes of actors are left at their present places.
+    """
     walls, discs = shapes_of(world)
     rangers = rangers_of(suite)
     for which in range(suite.rangers):
