@@ -166,6 +166,22 @@ SHIELD = option(
     choices=("on", "off"),
 )  # fmt: skip
 CHAIR = "a real chair: hardware, ros://HOST:PORT, or FILE.json:NAME as in configs/chairs.json"
+MAP_FILES = ("map_server .yaml, MovingAI .map, HouseExpo .json, polygons .json, or an image of a "
+             "floor plan with --resolution")  # fmt: skip
+RESOLUTION = option("--resolution", "edge of a pixel of an image [m]", finite, "M")
+
+
+def map_options(kind: Callable[[str], Any] | None = None) -> list[Option]:
+    """The options `--map`, of one file or of several, `--resolution`, `--start` and `--goal`."""
+    metavar = "FILE" if kind is None else "FILE,FILE"
+    return [
+        option("--map", f"drive on a map of your own: {MAP_FILES}", kind, metavar), RESOLUTION,
+        option("--start", "start on that map [m, m, rad] (default: drawn by the seed)", pose),
+        option("--goal", "goal on that map [m, m, rad] (default: drawn by the seed)", pose),
+    ]  # fmt: skip
+
+
+OTHERS = "FILE.json:NAME, module:Class"
 RECORD = record("FILE.mcap", "observations and commands")
 WORKERS = [
     option("--jobs", "number of worker processes (default: one a core)", count),
@@ -198,13 +214,13 @@ COMMANDS = (
         "wheelchair plan --map hall.yaml --start 1,2 --goal 9,4 --planner rrt_star "
         "--set iterations=30000",
         [
-            option("--planner", "planner: a name of `wheelchair settings`, or FILE.json:NAME as in "
-                   "configs/planners.json"),
+            option("--planner", "planner: a name of `wheelchair settings`, module:Class, or "
+                   "FILE.json:NAME as in configs/planners.json"),
             option("--config", "settings file of the thesis: planner, map 1 to 5 with start and "
                    "goal, dilation; other options override it", None, "FILE.json"),
             option("--set", "change a setting of the planner, such as tree.iterations=30000; "
                    "repeatable", None, "KEY=VALUE", action="append", default=[], dest="changes"),
-            option("--map", "map_server .yaml, MovingAI .map or HouseExpo .json", None, "FILE"),
+            option("--map", MAP_FILES, None, "FILE"), RESOLUTION,
             option("--problems", "file of problems, in place of a map", None, "FILE.json"),
             option("--start", "start on the map [m, m, rad]", pose),
             option("--goal", "goal on the map [m, m, rad]", pose),
@@ -220,13 +236,13 @@ COMMANDS = (
         "wheelchair simulate --scene floor_plan --policy a_star+pure_pursuit --seed 3 "
         "--video drive.mp4",
         [
-            option("--scene", "scene: a name of `wheelchair scenes`, or FILE.json:NAME as in "
-                   "configs/scenes.json (default: the config's, or floor_plan)"),
+            option("--scene", "scene: a name of `wheelchair scenes`, module:Class, or "
+                   "FILE.json:NAME as in configs/scenes.json (default: the config's, or "
+                   "floor_plan)"),
+            *map_options(),
             option("--policy", POLICY_HELP, default="lattice+window"), seed(),
-            option("--chair", f"drive {CHAIR} (default: a simulated one)", None, "CHAIR"),
-            option("--goal", "goal on the map of a real chair [m, m, rad]", pose),
-            option("--start", "pose of a real chair that does not report it [m, m, rad]", pose,
-                   "X,Y,YAW"),
+            option("--chair", f"drive {CHAIR} (default: a simulated one); --goal is on its own "
+                   "map, and --start its pose X,Y,YAW where it does not report it", None, "CHAIR"),
             CONFIG, POSE, SHIELD, OneOf((WINDOW, VIDEO, END_PICTURE)), *RECORD, JSON,
         ],
     ),
@@ -250,9 +266,13 @@ COMMANDS = (
         [
             option("--suite", "suite: barn, clinic, crowd, cylinders, demo, doors, followers, "
                    "homes, league, temporary or thesis", default="demo"),
-            option("--policies", "policies, in place of the suite's", names),
-            option("--scenes", "scenes, in place of the suite's: a name, FILE.json:NAME as in "
-                   "configs/scenes.json, or FILE.json: all worlds of a BARN file", names),
+            option("--policies", "policies, in place of the suite's: PLANNER+FOLLOWER, "
+                   "module:Class, a file of weights (.npz, .onnx), a model of stable-baselines3 "
+                   "(.zip, which runs code), ...", names),
+            option("--scenes", "scenes, in place of the suite's: a name, module:Class, "
+                   "FILE.json:NAME as in configs/scenes.json, or FILE.json: all worlds of a BARN "
+                   "file", names),
+            *map_options(names),
             option("--episodes", "episodes of each policy on each scene (default: the suite's)",
                    count),
             OneOf((
@@ -440,7 +460,8 @@ COMMANDS = (
             option("--problems", "file of problems (default: one of each scene that needs no file)",
                    None, "FILE.json"),
             option("--only", "names of problems (default: all)", names, default=[]),
-            option("--planners", "planners or peers, also FILE.json:NAME (default: all)", names),
+            *map_options(names),
+            option("--planners", f"planners or peers, also {OTHERS} (default: all)", names),
             option("--peers", "run other packages' planners (default: the installed ones, unless "
                    "--planners is given)", action=argparse.BooleanOptionalAction),
             option("--seeds", "number of runs of each planner and problem", count, default=20),

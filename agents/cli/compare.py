@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.cli.arguments import labelled, report, shield_of, spec, watch
+from agents.cli.arguments import labelled, map_scenes, report, shield_of, spec, watch
 from agents.cli.commands import DEFAULT_POSE
 from agents.evaluation import compare as comparison
 from agents.evaluation.evaluate import Spec, label
@@ -40,7 +40,7 @@ def compare(given: argparse.Namespace) -> int:
     """Compare policies, and write everything to the folder."""
     suite = comparison.suite(given.suite)
     env = dict(suite.env) if given.config is None else {"config": given.config}
-    scenes = scenes_of(given.scenes) or suite.scenes
+    scenes = [*scenes_of(given.scenes), *map_scenes(given)] or suite.scenes
     if given.pose is not None and len(given.pose) == 1:
         env["pose_source"] = given.pose[0]
     elif given.pose is not None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.cli.arguments import chair_spec, env_of, real_chair_env, report, spec, watch
+from agents.cli.arguments import chair_spec, env_of, map_scenes, real_chair_env, report, spec, watch
 from agents.deploy import Deployment, EventLog, check_start, to_stderr
 from agents.deploy import deploy as deploy_policy
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env, warm
@@ -34,11 +34,13 @@ def simulate(given: argparse.Namespace) -> int:
     scene = settings.get("config", {}).get("scene", "floor_plan")
     if given.scene is not None:
         scene = spec(given.scene)
+    if given.chair is None and (maps := map_scenes(given)):
+        if given.scene is not None:
+            raise InputError("--map and --scene: expected one of them")
+        (scene,) = maps
     mode, episode = "human" if given.window else "rgb_array", None
     if given.chair is not None:
         env, episode = _real(given, settings, scene, mode)
-    elif given.goal or given.start:
-        raise InputError("--goal and --start need a real chair (--chair)")
     else:
         env = make_env(scene, settings, mode)
     frames: list[Any] = []

@@ -88,7 +88,7 @@ def weights_digest(spec: Any) -> str | None:
     if not isinstance(spec, str):
         return None
     try:
-        path = find_weights(spec)
+        path = Path(spec) if spec.endswith(".zip") else find_weights(spec)
     except InputError:
         return None
     return file_digest(path)

@@ -52,8 +52,8 @@ class EnvSettings:
     """Everything that makes an environment."""
 
     scene: Any = setting(default="floor_plan", source="design choice")
-    """Scene that episodes are drawn from: a name, a mapping with a name, or the path of a map
-    file."""
+    """Scene that episodes are drawn from: a name, module:Class, a mapping with a name, the Path of
+    a map file, or a list of such files."""
     rate: float = setting(default=10.0, unit="Hz", low=0.5, high=200.0, source="design choice")
     """Frequency of control."""
     guidance: Any = setting(default=None, source="design choice")
@@ -85,8 +85,11 @@ class EnvSettings:
     def __post_init__(self) -> None:
         if isinstance(self.scene, Mapping):  # plain, so that settings can be written as JSON
             object.__setattr__(self, "scene", dump(self.scene))
-        elif isinstance(self.scene, PathLike):
-            object.__setattr__(self, "scene", {"name": "map_file", "path": fspath(self.scene)})
+        elif isinstance(self.scene, PathLike | list | tuple):
+            paths = [self.scene] if isinstance(self.scene, PathLike) else self.scene
+            files = [fspath(path) for path in paths]
+            path = files[0] if len(files) == 1 else files
+            object.__setattr__(self, "scene", {"name": "map_file", "path": path})
         for name in ("render_width", "render_height"):
             if getattr(self, name) % 2:
                 raise InputError(
