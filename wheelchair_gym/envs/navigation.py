@@ -25,6 +25,7 @@ from wheelchair_gym.random import episode_key
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.shield import Shield
 from wheelchair_gym.task.observations import observation_table
+from wheelchair_gym.task.own_reward import as_record, checked, make_reward
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.rewards import TERMS, reward_table
 from wheelchair_gym.task.task import Observation, Task
@@ -110,6 +111,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 - guidance: 'geodesic' (points on the shortest path), 'poses' (of the quickest path
                   of the chair's outline, with headings, at plan times), 'module:function' or a
                   callable that gives a path from a task;
+                - reward: what gives the reward in place of the weighted terms: 'module:function' or
+                  a callable (`wheelchair_gym.task.own_reward`);
                 - noise: false makes every sensor exact;
                 - randomize: true draws mass, friction and motor gain anew for each episode;
                 - bank: how many worlds episodes share, or a mapping of size, turnover and seed; 0:
@@ -138,6 +141,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             chair = make_chair(chair, s)
         self.chair: Chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
         self._simulated = isinstance(self.chair, SimulatedChair)
+        self._reward = make_reward(s.reward)
+        if self._reward is not None and not self._simulated:
+            raise InputError("reward: a function of one's own needs the simulated chair")
         if s.sensors.localizes:
             localizer = make_localizer(s)
             self.chair = LocalizedChair(self.chair, localizer)
@@ -238,7 +244,15 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         info = self._info()
         if self.render_mode == "human":
             self.render()
-        return observation, verdict.reward, verdict.terminated, verdict.truncated, info
+        reward = verdict.reward if self._reward is None else self._own_reward(chosen)
+        return observation, reward, verdict.terminated, verdict.truncated, info
+
+    def _own_reward(self, action: Array) -> float:
+        """The reward of the last step by the function of the settings."""
+        assert self._reward is not None
+        simulated: Any = unwrapped(self.chair)
+        terms, sensed = self.task.terms, simulated.sensed
+        return checked(self._reward(as_record(terms), as_record(sensed), action))
 
     def _info(self) -> dict[str, Any]:
         truth, task = self.chair.truth, self.task

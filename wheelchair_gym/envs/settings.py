@@ -59,6 +59,9 @@ class EnvSettings:
     guidance: Any = setting(default=None, source="design choice")
     """What shows the way: none, 'geodesic', 'poses', 'module:function', or a mapping with
     'call'."""
+    reward: Any = setting(default=None, source="design choice")
+    """What gives the reward: none (the weighted terms of task.reward), or 'module:function' or a
+    callable, see `wheelchair_gym.task.own_reward`. Recordings and reports keep the terms."""
     bank: BankSettings = BankSettings()
     starts: StartSettings = StartSettings()
     chair: ChairSettings = ChairSettings()
@@ -103,7 +106,9 @@ class EnvSettings:
 
 
 _ON_EDGE = 1e-3  # m: a sensor so near the outline's edge is on it
-_ARGUMENTS = ("scene", "rate", "guidance", "bank", "shield", "render_width", "render_height")
+_ARGUMENTS = (
+    "scene", "rate", "guidance", "reward", "bank", "shield", "render_width", "render_height"
+)  # fmt: skip
 _PLACES = {
     "beams": ("task", "beams"),
     "pose_source": ("sensors", "pose_source"),
@@ -123,7 +128,7 @@ def env_settings(
     Args:
         config: path of a JSON file, its content, ready settings, or None for the defaults.
         also: further arguments of the caller, for the message about an unknown one.
-        changes: scene, rate, guidance, bank, shield, render_width, render_height, beams,
+        changes: scene, rate, guidance, reward, bank, shield, render_width, render_height, beams,
             pose_source, noise, randomize.
 
     Raises:

@@ -30,11 +30,14 @@ from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.random import episode_key
 from wheelchair_gym.safety.shield import SHIELDS, point_to_shields
 from wheelchair_gym.safety.state import REASONS, SHIELD, ShieldConstants
+from wheelchair_gym.task.own_reward import compiled_rewards, make_reward
 from wheelchair_gym.task.prepared_episode import PREPARED, PreparedEpisode
 from wheelchair_gym.task.records import PROGRESS
 from wheelchair_gym.task.rewards import TERMS, VERDICT
 from wheelchair_gym.task.task import Observation, Task
 
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Floats = NDArray[np.float32]
 
 
@@ -129,6 +132,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         guidance = make_guidance(s.guidance)
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guidance, s.shield)
         self.worlds = WorldBank(s, self.task)
+        self._reward = make_reward(s.reward)
         self.single_observation_space = self.task.space
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = batch_space(self.single_observation_space, n)
@@ -176,6 +180,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             was_reset=np.zeros(n, np.bool_),
         )
         self._pool: ThreadPoolExecutor | None = None
+        self._write_rewards = None if self._reward is None else compiled_rewards(self._reward)
         beams = self.settings.sensors.laser.beams
         self._ranges = [np.zeros(beams, np.float32) for _ in self._shares]
         self._make_workspace(0)
@@ -188,7 +193,9 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
 
     def __getstate__(self) -> dict[str, Any]:
         """Without threads, memory that is worked in, and what `_bind` makes."""
-        made = "_batch", "_pool", "_ranges", "_rows", "_task_rows", "_shield_rows"
+        made = {
+            "_batch", "_pool", "_ranges", "_rows", "_task_rows", "_shield_rows", "_write_rewards"
+        }  # fmt: skip
         return {name: value for name, value in self.__dict__.items() if name not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -278,13 +285,13 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._share(work)
         begun = self._batch.was_reset.copy()
         verdicts = results.verdicts
-        rewards = verdicts["reward"].copy()
+        rewards = self._rewards(results, chosen, ~begun)
         terminated, truncated = verdicts["terminated"].copy(), verdicts["truncated"].copy()
         infos = self._info(results, np.ones(n, np.bool_))
         if begun.any():
             self._draw_next(np.flatnonzero(begun))
             if same_step:
-                rewards[begun] = finals.verdicts["reward"][begun]
+                rewards[begun] = self._rewards(finals, chosen, begun)[begun]
                 terminated[begun] = finals.verdicts["terminated"][begun]
                 truncated[begun] = finals.verdicts["truncated"][begun]
                 infos["final_obs"] = self.task.unpack(finals.out)
@@ -292,6 +299,17 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
                 infos["_final_obs"] = infos["_final_info"] = begun
         self._last = results
         return self.task.unpack(results.out), rewards, terminated, truncated, infos
+
+    def _rewards(self, results: Results, actions: Array, rows: Flags) -> Array:
+        """The rewards (n,) of a step, of the rows that made one."""
+        rewards: Array = results.verdicts["reward"].copy()
+        if self._write_rewards is not None:
+            found = np.zeros_like(rewards)
+            self._write_rewards(results.verdicts, results.sensed, actions, found)
+            if not np.isfinite(found[rows]).all():
+                raise InputError("reward: the function gave a number that is not finite")
+            rewards[rows] = found[rows]
+        return rewards
 
     def _share(self, work: Any) -> None:
         """Let every thread do its share; the calling one does the first."""

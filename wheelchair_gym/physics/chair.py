@@ -149,6 +149,11 @@ class SimulatedChair:
         """Where its row lies (1,), a record of `physics.step.CHAIRS`, to move it by other means."""
         return self._rows.record
 
+    @property
+    def sensed(self) -> Rows:
+        """What was sensed last, with the truth, rows (1,) of `physics.state.SENSED`."""
+        return self._store[self._used - 1 : self._used]
+
     def _blank_reading(self) -> tuple[NDArray[np.float32], Rows]:
         # Fresh memory for each reading: what was handed out is never written again. Small records
         # come from a common store, since numpy is slow to make them one by one.

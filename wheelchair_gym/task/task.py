@@ -259,6 +259,11 @@ class Task:
         self.observation = self.unpack(out)
         return self.observation
 
+    @property
+    def terms(self) -> Rows:
+        """The weighted reward terms of the last step, rows (1,) of TERM_VALUES."""
+        return self._judged["terms"]
+
     def _take_verdict(self) -> None:
         self.verdict = Verdict(*cast("tuple[Any, ...]", self._judged.item()))
 
