@@ -119,6 +119,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                   each episode has its own world;
                 - shield: true, or a mapping of its settings: only what it allows is driven
                   (`wheelchair_gym.safety`). None: off in simulation, on for a real chair by name;
+                - max_episode_steps: truncates every episode, beside its time limit;
                 - render_width, render_height: of every frame [pixels]; even.
 
         Raises:
@@ -309,6 +310,31 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     def show(self, shown: Shown) -> None:
         """Show people what a policy wants shown, until the next call or reset()."""
         self.shown = shown if shown.path is not None else shown._replace(path=self.task.path)
+
+    def get_keys_to_action(self) -> dict[tuple[str, ...], NDArray[np.float32]]:
+        """Actions of the keys w, a, s, d and of their pairs, for `gymnasium.utils.play`.
+
+        Play needs `noop=np.zeros(2)`, and `render_mode="rgb_array"`.
+        """
+        ahead, turn = {"": 0.0, "w": 0.8, "s": -1.0}, {"": 0.0, "a": 0.6, "d": -0.6}
+        return {
+            tuple(sorted(key for key in (one, other) if key)): np.array([v, w], np.float32)
+            for one, v in ahead.items()
+            for other, w in turn.items()
+            if one or other
+        }
+
+    def _repr_html_(self) -> str:
+        """The environment in a notebook: its settings, and once reset its picture."""
+        from wheelchair_gym.rendering.html import picture_html, settings_html
+
+        head = f"<b>{type(self).__name__}</b>" + settings_html(self.settings)
+        if self.episode is None:
+            return head
+        view = EpisodeRenderer(self.settings)
+        truth, path = self.chair.truth, self.shown.path
+        view.follow(truth.pose)
+        return head + picture_html(view.picture(self.episode, truth, self.task, path, None))
 
     @property
     def points_ahead(self) -> Array | None:

@@ -114,6 +114,7 @@ _PLACES = {
     "pose_source": ("sensors", "pose_source"),
     "noise": ("sensors", "noise"),
     "randomize": ("chair", "randomize"),
+    "max_episode_steps": ("task", "max_episode_steps"),
 }
 
 
@@ -129,7 +130,7 @@ def env_settings(
         config: path of a JSON file, its content, ready settings, or None for the defaults.
         also: further arguments of the caller, for the message about an unknown one.
         changes: scene, rate, guidance, reward, bank, shield, render_width, render_height, beams,
-            pose_source, noise, randomize.
+            pose_source, noise, randomize, max_episode_steps.
 
     Raises:
         InputError: the file or a value is wrong.

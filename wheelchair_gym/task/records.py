@@ -11,6 +11,7 @@ from wheelchair_gym.task.rewards import TERM_VALUES
 
 RULES, RULES_TARGETS = pointer_record(
     ("period", "f8"),  # s
+    ("max_steps", "i8"),  # of an episode
     ("forward", "f8"),  # m/s
     ("backward", "f8"),
     ("turn", "f8"),  # rad/s
@@ -40,6 +41,7 @@ RULES, RULES_TARGETS = pointer_record(
 PROGRESS = np.dtype(
     [
         ("steps_left", "i8"),  # control periods
+        ("steps", "i8"),  # so far
         ("to_go", "f8"),  # m, or s, at the last reading where a way was known
         ("geodesic", "f8"),  # m, from the start
         ("time_limit", "f8"),  # s

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import Pointers, as_array
-from wheelchair_gym.config import InputError
+from wheelchair_gym.config import LARGEST_INTEGER, InputError
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.maps.cost_to_go import CostToGo
 from wheelchair_gym.physics.settings import ChairSettings
@@ -112,6 +112,7 @@ class Task:
         r, s, limits = cast("Any", self.rules[0]), self.settings, self.limits
         point = self._pointers.point
         r["period"] = self.period
+        r["max_steps"] = s.max_episode_steps or LARGEST_INTEGER
         r["forward"], r["backward"], r["turn"] = limits.forward, limits.backward, limits.turn
         laser, most = self.sensors.laser, max(limits.forward, limits.backward)
         r["laser_reach"] = laser.reach
