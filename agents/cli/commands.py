@@ -289,6 +289,23 @@ COMMANDS = (
         ],
     ),
     Command(
+        "dataset", "dataset:write", "write episodes of a policy as a data set for offline learning",
+        "Drive episodes and write observations, actions and rewards as a Minari data set. Ctrl-C "
+        "keeps the episodes driven so far. Needs the extra 'dataset'.",
+        "wheelchair dataset wheelchair/homes-v0 --policy lattice+window --episodes 100",
+        [
+            option("name", "name of the data set, such as wheelchair/homes-v0", None, "NAME"),
+            option("--policy", POLICY_HELP, default="lattice+window"),
+            option("--scene", f"a scene, {OTHERS} (default: floor_plan)"), *map_options(),
+            option("--episodes", "number of episodes", count, default=100),
+            option("--first-seed", "seed of the first episode; seeds of training begin at 1000000",
+                   parse_int, default=1_000_000),
+            CONFIG, POSE, SHIELD,
+            option("--out", "folder of data sets", None, "DIR", default="runs/datasets"), QUIET,
+            JSON,
+        ],
+    ),
+    Command(
         "study", "compare:study", "repeat the experiments of the source documents",
         "Run the experiment of a table or figure of the sources, compare its figures with the "
         "published ones, and test its claims. Finished runs are stored: the same command after "
