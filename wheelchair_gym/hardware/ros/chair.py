@@ -209,7 +209,9 @@ class RosChair(NotCopyable):
 
     def _approach(self, v: float, w: float) -> None:
         """Command the twist nearest to (v, w) that the limits allow within a period."""
-        self._setpoint = approach_twist(*self._setpoint, v, w, self._loop.limits.array, self.period)
+        self._setpoint = approach_twist(
+            *self._setpoint, v, w, self._loop.limits.record, self.period
+        )
         twist = _twist(self._setpoint[0], self._setpoint[2])
         self._link.publish(self.settings.velocity, twist)
 
