@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,9 +15,7 @@ from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import TIME_STEP
-from wheelchair_gym.hardware.twin.protocol_twin import CABLES, SerialCable
-
-_numbers = itertools.count()
+from wheelchair_gym.hardware.twin.cable import SerialCable
 
 
 @dataclass
@@ -81,25 +78,21 @@ class TwinChair:
     """
 
     def __init__(self, twin: Twin, period: float, settings: HardwareSettings | None = None) -> None:
-        self.twin, name = twin, f"in-process-{next(_numbers)}"
-        self._names = f"{name}-drive", f"{name}-range"
-        self.drive = CABLES[self._names[0]] = SerialCable(twin.drive, np.random.default_rng(0))
-        self.range = CABLES[self._names[1]] = SerialCable(twin.range, np.random.default_rng(1))
+        self.twin, self.clock, plant = twin, TwinClock(twin), twin.plant.chair
+        self.drive = SerialCable(twin.drive, np.random.default_rng(0))
+        self.range = SerialCable(twin.range, np.random.default_rng(1))
+        ports = {"drive": self.drive.open, "range": self.range.open, "laser": lambda: twin.laser}
         config = dataclasses.replace(
-            settings or HardwareSettings(),
-            drive_port=f"twin://{name}-drive", range_port=f"twin://{name}-range", laser_port="twin",
-        )  # fmt: skip
-        self.clock, plant = TwinClock(twin), twin.plant.chair
+            settings or HardwareSettings(), **{f"{name}_port": f"twin://{name}" for name in ports}
+        )
 
-        def laser(_url: str) -> Port:
-            return twin.laser
+        def open_twin(url: str) -> Port:
+            return ports[url.removeprefix("twin://")]()
 
-        sensors, chair = plant.sensors, plant.settings
-        senses = BoardSensors(config, sensors, chair.drive, self.clock.now, laser_opener=laser)
+        sensors, chair, now = plant.sensors, plant.settings, self.clock.now
+        senses = BoardSensors(config, sensors, chair.drive, now, open_twin, open_twin)
         self.chair = HardwareChair(config, sensors, chair, period, self.clock, senses)
 
     def close(self) -> None:
-        """Close the chair and its cables; the twin stays."""
+        """Close the chair; the twin stays."""
         self.chair.close()
-        for name in self._names:
-            CABLES.pop(name, None)

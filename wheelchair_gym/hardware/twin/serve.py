@@ -17,7 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from wheelchair_gym.hardware.twin.lockstep import Twin
-from wheelchair_gym.hardware.twin.protocol_twin import SerialCable
+from wheelchair_gym.hardware.twin.cable import SerialCable
 
 SLICE = 0.005  # s of simulated time between two reads of the lines
 LATE = 5.0  # s behind real time, up to which the simulation catches up
@@ -45,11 +45,11 @@ class Terminal:
     def pump(self) -> None:
         """Pass bytes both ways; never waits."""
         before, self._open = self._open, not self._hung_up()
-        if self._open and not before:
-            self.wire.open()
-        with contextlib.suppress(OSError):  # nothing to read, or no host
+        with contextlib.suppress(OSError):  # nothing to read, no host, or unplugged
+            if self._open and not before:
+                self.wire.open()
             self.wire.write(os.read(self._near, _CHUNK))
-        data = self.wire.read()
+        data = self.wire.receive()
         if data and self._open:
             try:
                 os.write(self._near, data)
