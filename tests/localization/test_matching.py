@@ -36,7 +36,8 @@ def match(maps, scan, guess, prior=None):
     points = thin_scan(scan, config.point_spacing, config.max_points) / unit
     scale = np.outer((unit, unit, 1.0), (unit, unit, 1.0))
     told = np.zeros((3, 3)) if prior is None else np.linalg.inv(prior) * scale
-    told, begin, how = tuple(told[np.triu_indices(3)]), maps.to_lattice(guess), config.in_cells(unit)
+    told = tuple(told[np.triu_indices(3)])
+    begin, how = maps.to_lattice(guess), config.in_cells(unit)
     field = maps.layers.field[0]
     search(field, points, begin, told, how, maps.workspace.pooled, best)
     _, (xx, xy, xt, yy, yt, tt) = refine(field, points, best, begin, told, how, end)
