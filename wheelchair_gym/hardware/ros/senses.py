@@ -186,11 +186,11 @@ class RosSensors:
 
     def map_pose(self) -> Stamped | None:
         """The pose (3,) on the map by tf, as old as the oldest transform of its chain."""
-        return self._chain(self.settings.base_frame, self.settings.map_frame)
+        return self.pose_in(self.settings.base_frame, self.settings.map_frame)
 
     def laser_mount_error(self) -> str:
         """That the laser's pose in tf is not that of the settings; empty: it is, or is unknown."""
-        mount = self._chain(self._laser, self.settings.base_frame)
+        mount = self.pose_in(self._laser, self.settings.base_frame)
         laser = self.sensors.laser
         if mount is None:
             return ""
@@ -204,7 +204,7 @@ class RosSensors:
             f"{math.degrees(laser.yaw):.0f} deg"
         )
 
-    def _chain(self, frame: str, root: str) -> Stamped | None:
+    def pose_in(self, frame: str, root: str) -> Stamped | None:
         """The pose (3,) of a frame in one above it."""
         edges = {**self._rigid, **self._moved}
         pose, oldest = np.zeros(3), math.inf

@@ -26,11 +26,15 @@ class _Guard:
 
 
 class TwinClock:
-    """Simulated time, which passes while somebody waits; see `control_loop.Clock`."""
+    """Simulated time, which passes while somebody waits; see `control_loop.Clock`.
+
+    Attributes:
+        guards: what is called beside those who wait; without them a host has crashed.
+    """
 
     def __init__(self, twin: Twin) -> None:
         self._twin = twin
-        self._guards: list[_Guard] = []
+        self.guards: list[_Guard] = []
 
     def now(self) -> float:
         """See `Clock.now`."""
@@ -40,10 +44,10 @@ class TwinClock:
         """See `Clock.wait`."""
         end = round(deadline / TIME_STEP)
         while self._twin.steps < end and not (cancelled is not None and cancelled.is_set()):
-            due = min((guard.due for guard in self._guards), default=end)
+            due = min((guard.due for guard in self.guards), default=end)
             steps = max(1, min(end, due) - self._twin.steps)
             self._twin.run(steps * TIME_STEP)
-            for guard in list(self._guards):
+            for guard in list(self.guards):
                 if self._twin.steps >= guard.due:
                     guard.due = self._twin.steps + guard.every
                     guard.call()
@@ -54,11 +58,11 @@ class TwinClock:
         """See `Clock.call_every`."""
         every = max(1, round(interval / TIME_STEP))
         guard = _Guard(callback, every, self._twin.steps + every)
-        self._guards.append(guard)
+        self.guards.append(guard)
 
         def end() -> None:
-            if guard in self._guards:
-                self._guards.remove(guard)
+            if guard in self.guards:
+                self.guards.remove(guard)
 
         return end
 
