@@ -29,9 +29,9 @@ from wheelchair_gym.hardware.boards.protocol import (
     encode,
 )
 from wheelchair_gym.hardware.connection import RETRY
+from wheelchair_gym.hardware.twin.cable import LineNoise, SerialCable
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
-from wheelchair_gym.hardware.twin.cable import LineNoise, SerialCable
 from wheelchair_gym.sensors.settings import SensorSettings
 
 serial = pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")

@@ -15,14 +15,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.localization.occupancy import Scan
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 Six = tuple[float, float, float, float, float, float]
 
 _RIDGE = 1e-6  # 1/cells2, 1/rad2: keeps the matrix regular where points say nothing

@@ -8,8 +8,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import Footprint, to_world, wrap_angle
 from wheelchair_gym.kinematics import DriveGeometry
 from wheelchair_gym.maps import OccupancyGrid
@@ -55,8 +56,6 @@ def draw_map(maps: Sequence[tuple[str, OccupancyGrid, ArrayLike]], size: int = 9
         panels.append(panel.image)
     return np.hstack(panels)
 
-
-Array = NDArray[np.float64]
 
 FILLS = {
     PERSON: palette.PERSON,

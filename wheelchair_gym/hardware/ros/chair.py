@@ -16,8 +16,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import best_clearance_heading
 from wheelchair_gym.hardware.control_loop import POLL_PERIOD, ControlLoop, WallClock
@@ -30,8 +31,6 @@ from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Belief, Episode, NotCopyable, Reading, Truth
-
-Array = NDArray[np.float64]
 
 
 class RosChair(NotCopyable):

@@ -8,17 +8,14 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.geometry import compose, relative_pose
 from wheelchair_gym.hardware.connection import NEVER, ClockSync, Stamped
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.clock import SimulatedClock
 from wheelchair_gym.hardware.ros.settings import RosSettings
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 _LOG = logging.getLogger(__name__)
 _LONGEST = 200  # characters of the description of a bad message

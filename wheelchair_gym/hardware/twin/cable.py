@@ -103,4 +103,3 @@ class SerialCable:
         flipped = rng.random(n) < noise.flip
         out[flipped] ^= np.uint8(1) << rng.integers(0, 8, int(flipped.sum()), dtype=np.uint8)
         return out[rng.random(n) >= noise.drop].tobytes()
-

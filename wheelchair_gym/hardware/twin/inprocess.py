@@ -13,9 +13,9 @@ from wheelchair_gym.hardware.boards.ports import Port
 from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.settings import HardwareSettings
+from wheelchair_gym.hardware.twin.cable import SerialCable
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import TIME_STEP
-from wheelchair_gym.hardware.twin.cable import SerialCable
 
 
 @dataclass
@@ -85,10 +85,13 @@ class TwinChair:
         self.twin, self.clock, plant = twin, TwinClock(twin), twin.plant.chair
         self.drive = SerialCable(twin.drive, np.random.default_rng(0))
         self.range = SerialCable(twin.range, np.random.default_rng(1))
-        ports = {"drive": self.drive.open, "range": self.range.open, "laser": lambda: twin.laser}
+        ports: dict[str, Callable[[], Port]] = {
+            "drive": self.drive.open, "range": self.range.open, "laser": lambda: twin.laser
+        }  # fmt: skip
         config = dataclasses.replace(
-            settings or HardwareSettings(), **{f"{name}_port": f"twin://{name}" for name in ports}
-        )
+            settings or HardwareSettings(),
+            drive_port="twin://drive", range_port="twin://range", laser_port="twin://laser",
+        )  # fmt: skip
 
         def open_twin(url: str) -> Port:
             return ports[url.removeprefix("twin://")]()

@@ -16,8 +16,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.cable import SerialCable
+from wheelchair_gym.hardware.twin.lockstep import Twin
 
 SLICE = 0.005  # s of simulated time between two reads of the lines
 LATE = 5.0  # s behind real time, up to which the simulation catches up
