@@ -44,7 +44,8 @@ class Terminal:
 
     def pump(self) -> None:
         """Pass bytes both ways; never waits."""
-        before, self._open = self._open, not self._hung_up()
+        hung_up = any(event & select.POLLHUP for _, event in self._poll.poll(0))
+        before, self._open = self._open, not hung_up
         with contextlib.suppress(OSError):  # nothing to read, no host, or unplugged
             if self._open and not before:
                 self.wire.open()
@@ -55,9 +56,6 @@ class Terminal:
                 os.write(self._near, data)
             except BlockingIOError:  # the host does not read: the bytes are old
                 self._flush()
-
-    def _hung_up(self) -> bool:
-        return any(event & select.POLLHUP for _, event in self._poll.poll(0))
 
     def _flush(self) -> None:
         """Drop the bytes that wait at the far end, unless a host has locked it."""
