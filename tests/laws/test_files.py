@@ -45,7 +45,6 @@ OWN = {
     "hardware.boards.ports.is_running": "of the kernel",
     "hardware.twin.serve.pump": "the twin's own lines",
     "hardware.twin.serve._flush": "the twin's own lines",
-    "hardware.twin.protocol_twin.open": "the twin's own lines",
     "hardware.boards.ports._lockers": "of the kernel",
     "hardware.boards.ports._program": "of the kernel",
     "recording.sink.__init__": "opened to be written",
