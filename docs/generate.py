@@ -68,12 +68,10 @@ MODULES = {
 # Compiled functions are internal, but for those of these modules.
 KERNELS = ("wheelchair_gym.geometry", "wheelchair_gym.kinematics", "wheelchair_gym.random")
 
-EVERYTHING = {  # every key of the observation
-    "guidance": "poses",
-    "task": {
-        "last_action": True, "shield_state": True, "side_clearance": True, "trail": [1, 2, 4, 8],
-        "privileged": True,
-    },
+# Settings with which every key of the observation is present in one of two environments.
+MORE_KEYS = {
+    "last_action": True, "shield_state": True, "side_clearance": True, "trail": [1, 2, 4, 8],
+    "privileged": True,
 }  # fmt: skip
 
 
@@ -135,24 +133,24 @@ def fragments() -> dict[str, str]:
 def _observations() -> str:
     """The keys of the observation, with the shapes and bounds that the spaces have."""
     spaces: dict[str, tuple[str, Any]] = {}
-    for when, config, guidance in (
-        ("always", {}, None), ("guided", {}, "geodesic"), ("by setting", EVERYTHING, None)
-    ):  # fmt: skip
-        env = NavigationEnv(config=config, guidance=guidance)
+    for when, guidance, task in (
+        ("always", None, {}),
+        ("guided", "geodesic", {}),
+        ("by setting", "poses", MORE_KEYS),
+        ("by setting", "poses", {**MORE_KEYS, "hide_guidance": True}),
+    ):
+        env = NavigationEnv(config={"task": task}, guidance=guidance)
         for name, space in env.task.spaces.items():
             spaces.setdefault(name, (when, space))
         env.close()
     rows = []
     for key in OBSERVATION_KEYS:
         meaning = key.meaning.split("|")[-1].strip()
-        if key.name not in spaces:
-            rows.append((f"`{key.name}`", "", "", "", "by setting", meaning))
-            continue
         when, space = spaces[key.name]
         low, high = (_bound(end) for end in (space.low, space.high))
         shape = str(tuple(map(int, space.shape)))
-        rows.append((f"`{key.name}`", f"`{shape}`", low, high, when, meaning))
-    return markdown_table(("key", "shape", "low", "high", "present", "meaning"), rows)
+        rows.append((f"`{key.name}`", meaning, f"`{shape}`", low, high, when))
+    return markdown_table(("key", "meaning", "shape", "low", "high", "present"), rows)
 
 
 def _bound(values: Any) -> str:
@@ -231,7 +229,7 @@ def module_pages() -> Iterator[tuple[str, str]]:
     for package, names in MODULES.items():
         modules = [importlib.import_module(f"{package}.{name}") for name in names.split()]
         rows = [(f"[{m.__name__}]({m.__name__}.md)", first_line(m)) for m in modules]
-        tree = "\n".join(m.__name__ for m in modules)
+        tree = "\n".join(f"{m.__name__.partition('.')[2]} <{m.__name__}>" for m in modules)
         yield (
             f"api/{package}.md",
             f"# {package}\n\n{to_markdown(inspect.getdoc(importlib.import_module(package)) or '')}"
@@ -245,7 +243,9 @@ def module_pages() -> Iterator[tuple[str, str]]:
 def module_page(module: ModuleType) -> str:
     """The page of a module: its docstring, its classes and its functions."""
     name = module.__name__
-    parts = [f"# {name}", f":::{{py:module}} {name}\n:::", to_markdown(module.__doc__ or "")]
+    title = name.partition(".")[2]  # a narrow screen breaks the whole name in the middle of a word
+    head = f":::{{py:module}} {name}\n:::"
+    parts = [f"# {title}", head, f"`{name}`", to_markdown(module.__doc__ or "")]
     for key, thing in public_members(module):
         parts.append(
             class_text(key, thing) if inspect.isclass(thing) else function_text(key, thing)
