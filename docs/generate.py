@@ -146,6 +146,9 @@ def _observations() -> str:
     rows = []
     for key in OBSERVATION_KEYS:
         meaning = key.meaning.split("|")[-1].strip()
+        if key.name not in spaces:  # present by a setting that is not among MORE_KEYS
+            rows.append((f"`{key.name}`", meaning, "", "", "", "by setting"))
+            continue
         when, space = spaces[key.name]
         low, high = (_bound(end) for end in (space.low, space.high))
         shape = str(tuple(map(int, space.shape)))
@@ -166,14 +169,13 @@ def settings_pages() -> Iterator[tuple[str, str]]:
     """A page of settings for each registry, and one for what is in none."""
     classes = all_settings()
     parts = {name: cls for name, cls in classes.items() if name in PARTS}
-    chairs = {f"chair {name}" if name in PARTS else name: cls for name, cls in CHAIRS.items()}
     groups: dict[str, tuple[str, Mapping[str, type]]] = {
         "environment": ("Chair, sensors, task, training", parts),
         "planners": ("Planners", PLANNERS),
         "followers": ("Followers", FOLLOWERS),
         "policies": ("Policies", POLICIES),
         "scenes": ("Scenes", SCENES),
-        "chairs": ("Real chairs", chairs),
+        "chairs": ("Real chairs", CHAIRS),
     }
     for name, (title, members) in groups.items():
         text = markdown({key: settings_rows(members[key]) for key in members})
@@ -269,79 +271,62 @@ def public_members(module: ModuleType) -> Iterator[tuple[str, Any]]:
             yield name, thing
 
 
-def function_text(name: str, thing: Any, kind: str = "function", fence: str = "::::") -> str:
-    """A function or a method as a directive."""
+def function_text(name: str, thing: Any) -> str:
+    """A function as a directive."""
     function = getattr(thing, "py_func", thing)
-    return directive(kind, f"{name}{call(function)}", inspect.getdoc(function), fence)
+    return directive("function", f"{name}{call(function)}", inspect.getdoc(function))
 
 
 def class_text(name: str, cls: type) -> str:
     """A class with its attributes, properties and methods."""
-    is_settings = dataclasses.is_dataclass(cls) and "rule" in vars(
-        getattr(cls, "__post_init__", None) or object
-    )
-    made = (
-        ""
-        if is_settings or inspect.isabstract(cls) or cls.__init__ is object.__init__
-        else call(cls)
-    )
+    is_data = dataclasses.is_dataclass(cls)
+    is_settings = is_data and hasattr(getattr(cls, "__post_init__", None), "rule")
     doc = inspect.getdoc(cls) if "__doc__" in vars(cls) else ""
-    if dataclasses.is_dataclass(cls) and (doc or "").startswith(f"{cls.__name__}("):
+    if is_data and (doc or "").startswith(f"{cls.__name__}("):
         doc = ""  # made by the decorator
     body = [to_markdown(doc or "")]
-    body += [attribute_text(*row) for row in attributes(cls, is_settings)]
+    body += [directive("attribute", *row) for row in attributes(cls, is_settings)]
     init = vars(cls).get("__init__")
-    if inspect.isfunction(init) and init.__doc__ and not dataclasses.is_dataclass(cls):
+    if inspect.isfunction(init) and init.__doc__ and not is_data:
         body.append(to_markdown(inspect.getdoc(init) or ""))
     for key, member in vars(cls).items():
-        if key.startswith("_"):
-            continue
-        if isinstance(member, property):
-            hint = inspect.signature(member.fget).return_annotation if member.fget else ""
-            options = (
-                f":type: {plain_hint(hint)}\n\n"
-                if hint not in ("", inspect.Signature.empty)
-                else ""
-            )
-            body.append(
-                f"::::{{py:property}} {key}\n{options}{to_markdown(member.__doc__ or '')}\n::::"
-            )
-        elif isinstance(member, classmethod | staticmethod):
-            kind = "classmethod" if isinstance(member, classmethod) else "staticmethod"
-            bound = getattr(cls, key)
-            body.append(
-                directive(
-                    "method", f"{key}{call(bound)}", inspect.getdoc(bound), "::::", f":{kind}:"
-                )
-            )
-        elif inspect.isfunction(member):
-            text = f"{key}{call(member, bound=True)}"
-            body.append(directive("method", text, inspect.getdoc(member), "::::"))
+        if not key.startswith("_"):
+            body.append(member_text(cls, key, member))
     inner = "\n\n".join(part for part in body if part)
-    return f":::::{{py:class}} {name}{made}\n\n{inner}\n:::::"
+    # The arguments of settings are their attributes, which are many.
+    plain = is_settings or inspect.isabstract(cls) or cls.__init__ is object.__init__
+    return f":::::{{py:class}} {name}{'' if plain else call(cls)}\n\n{inner}\n:::::"
+
+
+def member_text(cls: type, key: str, member: Any) -> str:
+    """A property or a method as a directive; empty for anything else."""
+    if isinstance(member, property):
+        hint = inspect.signature(member.fget).return_annotation if member.fget else ""
+        return directive("property", key, member.__doc__, type_option(hint))
+    if isinstance(member, classmethod | staticmethod):
+        bound, kind = getattr(cls, key), type(member).__name__
+        return directive("method", f"{key}{call(bound)}", inspect.getdoc(bound), f":{kind}:")
+    if inspect.isfunction(member):
+        head = f"{key}{call(member, bound=True)}"
+        return directive("method", head, inspect.getdoc(member))
+    return ""
 
 
 def attributes(cls: type, is_settings: bool) -> Iterator[tuple[str, str, str]]:
-    """Name, type and meaning of the fields of a NamedTuple, a dataclass or an enumeration."""
+    """Name, meaning and type of the fields of a NamedTuple, a dataclass or an enumeration."""
     docs = setting_docs(cls) if is_settings else comments(cls)
     if dataclasses.is_dataclass(cls):
         for field in dataclasses.fields(cls):
             unit = field.metadata.get("unit", "")
             doc = docs.get(field.name, "")
-            yield field.name, plain_hint(field.type), f"{doc} [{unit}]" if unit else doc
+            yield field.name, f"{doc} [{unit}]" if unit else doc, type_option(field.type)
     elif hasattr(cls, "_fields"):
         hints = inspect.get_annotations(cls)
         for name in cls._fields:
-            yield name, plain_hint(hints.get(name, "")), docs.get(name, "")
+            yield name, docs.get(name, ""), type_option(hints.get(name, ""))
     elif hasattr(cls, "__members__"):
         for name in cls.__members__:
-            yield name, "", docs.get(name, "")
-
-
-def attribute_text(name: str, hint: str, doc: str) -> str:
-    """An attribute as a directive."""
-    options = f":type: {hint}\n\n" if hint else "\n"
-    return f"::::{{py:attribute}} {name}\n{options}{doc}\n::::"
+            yield name, docs.get(name, ""), ""
 
 
 def comments(cls: type) -> dict[str, str]:
@@ -374,21 +359,17 @@ def call(function: Any, bound: bool = False) -> str:
     return stringify_signature(found, unqualified_typehints=True)
 
 
-def plain_hint(hint: Any) -> str:
-    """An annotation as it is written."""
+def type_option(hint: Any) -> str:
+    """The option of a directive that shows an annotation as it is written; empty without one."""
     hint = getattr(hint, "__forward_arg__", hint)
-    return hint if isinstance(hint, str) else getattr(hint, "__name__", str(hint))
+    text = hint if isinstance(hint, str) else getattr(hint, "__name__", str(hint))
+    return "" if text in ("", "_empty") else f":type: {text}"
 
 
-def directive(kind: str, head: str, doc: str | None, fence: str, option: str = "") -> str:
-    """A directive of the Python domain with a docstring as its content."""
-    lines = [
-        f"{fence}{{py:{kind}}} {head}",
-        *([option] if option else []),
-        "",
-        to_markdown(doc or ""),
-    ]
-    return "\n".join([*lines, fence])
+def directive(kind: str, head: str, doc: str | None, option: str = "") -> str:
+    """A directive of Sphinx's Python domain with a docstring as its content."""
+    lines = [f"::::{{py:{kind}}} {head}", *([option] if option else []), "", to_markdown(doc or "")]
+    return "\n".join([*lines, "::::"])
 
 
 SECTIONS = {
