@@ -27,6 +27,7 @@ myst_enable_extensions = ["deflist", "fieldlist", "colon_fence"]
 myst_heading_anchors = 3
 # Nothing is fetched: links to other sites are not checked, and there is no other project's index.
 nitpicky = False
+highlight_language = "none"  # of blocks that name none: drawings
 add_module_names = False
 toc_object_entries_show_parents = "hide"
 python_maximum_signature_line_length = 88

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import enum
 import importlib
 import inspect
 import io
@@ -23,7 +24,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from sphinx.util.inspect import signature, stringify_signature
+from sphinx.util.inspect import stringify_signature
 
 from agents.cli.lists import PARTS, all_settings, markdown, settings_rows
 from agents.control import FOLLOWERS
@@ -293,8 +294,8 @@ def class_text(name: str, cls: type) -> str:
         if not key.startswith("_"):
             body.append(member_text(cls, key, member))
     inner = "\n\n".join(part for part in body if part)
-    # The arguments of settings are their attributes, which are many.
-    plain = is_settings or inspect.isabstract(cls) or cls.__init__ is object.__init__
+    # Settings take their attributes, which are many; members of an enumeration are not made.
+    plain = is_settings or cls.__init__ is object.__init__ or issubclass(cls, enum.Enum)
     return f":::::{{py:class}} {name}{'' if plain else call(cls)}\n\n{inner}\n:::::"
 
 
@@ -351,12 +352,16 @@ def comments(cls: type) -> dict[str, str]:
 
 
 def call(function: Any, bound: bool = False) -> str:
-    """The arguments of a function as its signature shows them; methods without `self`."""
+    """The arguments of a function or a class, with annotations as they are written."""
     try:
-        found = signature(function, bound_method=bound)
+        found = inspect.signature(function)
     except (TypeError, ValueError):
         return "()"
-    return stringify_signature(found, unqualified_typehints=True)
+    if bound:  # without `self`
+        found = found.replace(parameters=list(found.parameters.values())[1:])
+    if inspect.isclass(function):
+        found = found.replace(return_annotation=inspect.Signature.empty)
+    return re.sub(r"<[^<>]*>", "...", stringify_signature(found))  # defaults that are no code
 
 
 def type_option(hint: Any) -> str:
