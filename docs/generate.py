@@ -294,8 +294,9 @@ def class_text(name: str, cls: type) -> str:
         if not key.startswith("_"):
             body.append(member_text(cls, key, member))
     inner = "\n\n".join(part for part in body if part)
-    # Settings take their attributes, which are many; members of an enumeration are not made.
+    # Settings take their attributes, which are many; enumerations and protocols are not made.
     plain = is_settings or cls.__init__ is object.__init__ or issubclass(cls, enum.Enum)
+    plain = plain or getattr(cls, "_is_protocol", False)
     return f":::::{{py:class}} {name}{'' if plain else call(cls)}\n\n{inner}\n:::::"
 
 
