@@ -365,7 +365,7 @@ def test_so_is_help_and_the_end_of_the_program(redirected, code, says):
 
 
 def test_the_page_of_files_names_every_limit():
-    text = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "how_to" / "files.md").read_text(encoding="utf-8")
     for limit in LIMITS.values():
         assert f"| {limit.what} | {limit.most:,} {limit.unit} |" in text
 
