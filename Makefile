@@ -22,7 +22,7 @@ help:
 	@echo "make test-all  the long ones, too"
 	@echo "make lint      ruff and mypy"
 	@echo "make bench     how fast it is on this machine"
-	@echo "make docs      writes docs/settings.md, a page of all settings"
+	@echo "make docs      builds the documentation into build/docs; a warning is an error"
 	@echo "make emulator  compilers and emulator of the chair's boards (Debian; root or sudo)"
 	@echo "make firmware  builds the boards' firmware and prints its sizes"
 
@@ -54,7 +54,8 @@ bench: $(READY)
 	$(BIN)/python -m tests.benchmarks.maps
 
 docs: $(READY)
-	$(BIN)/wheelchair settings --markdown docs/settings.md
+	$(CLEAN_ENV) $(BIN)/python -m sphinx -b html -j 2 -W --keep-going -q docs build/docs
+	@echo "build/docs/index.html"
 
 emulator:
 	@command -v apt-get >/dev/null || { echo "make emulator knows Debian and its kin only;" \
@@ -66,5 +67,5 @@ firmware: emulator
 	$(MAKE) -C wheelchair_gym/hardware/firmware
 
 clean:
-	rm -rf $(VENV) wheelchair_gym/hardware/firmware/build runs build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) wheelchair_gym/hardware/firmware/build runs build dist docs/generated .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -232,7 +232,7 @@ def stopping_time(v: float, w: float, limits: Limits) -> float:
     """How long a chair needs to rest from a twist, within the limits of comfort [s]."""
     t, sv, av, sw, aw = 0.0, v, 0.0, w, 0.0
     while max(abs(sv), abs(sw)) > 1e-3 and t < 10.0:
-        sv, av, sw, aw = approach_twist(sv, av, sw, aw, 0.0, 0.0, limits.array, 0.05)
+        sv, av, sw, aw = approach_twist(sv, av, sw, aw, 0.0, 0.0, limits.record, 0.05)
         t += 0.05
     return t
 

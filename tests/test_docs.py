@@ -1,20 +1,143 @@
-"""What the documentation says of the code is what the code says."""
+"""What the documentation says of the code is what the code says, and its examples run."""
 
 from __future__ import annotations
 
 import re
+import shlex
+from typing import NamedTuple
 
 import pytest
 
+from agents import cli
+from agents.cli import parser
+from agents.cli.commands import COMMANDS, GROUPS, OneOf
 from tests.conftest import ROOT
 from wheelchair_gym.hardware.boards.protocol import Fault
 from wheelchair_gym.safety.stops import STOPS, as_table
 
-PAGES = sorted([*ROOT.glob("docs/*.md"), ROOT / "README.md", *ROOT.glob("[a-z]*/**/README.md")])
+PAGES = sorted(
+    path
+    for path in [*ROOT.glob("docs/**/*.md"), ROOT / "README.md", *ROOT.glob("[a-z]*/**/README.md")]
+    if "generated" not in path.parts
+)
+# Commands that are run, not only parsed, unless a word in SLOW is among theirs.
+QUICK = {"plan", "scenes", "settings", "simulate"}
+SLOW = ("--live", "--window", "--video", "--chair", "--record", "slam", "--samples")
+
+
+class Block(NamedTuple):
+    """A block of code of a page."""
+
+    page: str
+    line: int
+    language: str
+    marks: str  # comments before it: `continues`, `needs emulator`
+    text: str
+
+
+def blocks_of(page):
+    found = re.finditer(
+        r"((?:^<!-- .* -->\n+)*)^```(\w+)\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S
+    )
+    text = page.read_text(encoding="utf-8")
+    name = page.relative_to(ROOT).as_posix()
+    for one in found:
+        line = text.count("\n", 0, one.start(2)) + 1
+        yield Block(name, line, one[2], one[1], one[3])
+
+
+BLOCKS = [block for page in PAGES for block in blocks_of(page)]
+
+
+def chains():
+    """Blocks of Python, each with those that continue it."""
+    found: list[list[Block]] = []
+    for block in BLOCKS:
+        if block.language != "python" or block.page == "README.md":  # tests/agents/cli/test_cli.py
+            continue
+        if "continues" in block.marks:
+            assert found, f"{block.page}:{block.line} continues nothing"
+            assert found[-1][0].page == block.page, f"{block.page}:{block.line} continues nothing"
+            found[-1].append(block)
+        else:
+            found.append([block])
+    return found
+
+
+def commands():
+    """Commands in shell blocks: line -> page."""
+    found: dict[str, str] = {}
+    for block in BLOCKS:
+        if block.language == "sh":
+            for line in block.text.replace("\\\n", " ").splitlines():
+                if line.startswith("wheelchair "):
+                    found.setdefault(line.partition("  #")[0].strip(), block.page)
+    return found
+
+
+def mentions():
+    """Commands in running text, which may be shortened: line -> page."""
+    found: dict[str, str] = {}
+    for page in PAGES:
+        for line in re.findall(r"`(wheelchair [^`\n]*)`", page.read_text(encoding="utf-8")):
+            found.setdefault(line, page.relative_to(ROOT).as_posix())
+    return found
+
+
+def options_of(command):
+    """The names of the options of a row of `COMMANDS`."""
+    for item in command.options:
+        yield from [one.name for one in item.options] if isinstance(item, OneOf) else [item.name]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder that looks like a clone, in which examples may leave what they write."""
+    for name in ("configs", "wheelchair_gym"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("chain", chains(), ids=lambda c: f"{c[0].page}:{c[0].line}")
+def test_a_pages_python_runs(chain, folder):
+    if "needs emulator" in chain[0].marks:
+        from tests.hardware.conftest import build
+
+        for target in ("libemulator.so", "drive.elf", "range.elf"):
+            build(target)
+    run: dict[str, object] = {}
+    for block in chain:
+        # Errors name the page's own line.
+        code = "\n" * block.line + block.text
+        exec(compile(code, block.page, "exec"), run)
+
+
+@pytest.mark.parametrize("line", commands(), ids=str)
+def test_a_pages_command_is_understood_and_quick_ones_run(line, folder):
+    words = shlex.split(line)[1:]
+    if words == ["--version"]:
+        return
+    given = parser().parse_all(cli._joined(words))
+    files = [word for word in words if word.endswith((".json", ".mcap"))]
+    exist = all((folder / word).exists() for word in files)
+    if given.command in QUICK and exist and not any(word in line for word in SLOW):
+        assert cli.run(given) == 0
+
+
+@pytest.mark.parametrize("line", mentions(), ids=str)
+def test_a_command_in_a_sentence_exists_with_its_options(line):
+    words = shlex.split(line)[1:]
+    rows = {command.name: command for command in COMMANDS}
+    name = " ".join(words[:2]) if " ".join(words[:2]) in rows else words[0]
+    if name in GROUPS or name.startswith("-"):  # `wheelchair hardware`, `wheelchair --help`
+        return
+    known = {*options_of(rows[name]), "--help"}
+    assert {word.partition("=")[0] for word in words if word.startswith("--")} <= known
 
 
 def test_the_table_of_messages_is_that_of_the_code():
-    assert as_table() in (ROOT / "docs" / "messages.md").read_text()
+    assert as_table() in (ROOT / "docs" / "chair" / "messages.md").read_text()
 
 
 def test_every_fault_of_the_drive_board_has_a_meaning_and_something_to_do():
@@ -29,9 +152,8 @@ def test_links_lead_to_files(page):
 
 
 def test_the_page_of_the_architecture_names_every_folder():
-    rows = re.findall(
-        r"^\| `([a-z_/]+)/` \|", (ROOT / "docs" / "architecture.md").read_text(), re.M
-    )
+    text = (ROOT / "docs" / "concepts" / "architecture.md").read_text()
+    rows = re.findall(r"^\| `([a-z_/]+)/` \|", text, re.M)
     folders = {
         path.parent.relative_to(ROOT).as_posix()
         for package in ("wheelchair_gym", "planners", "agents")

@@ -26,7 +26,7 @@ class Limit(NamedTuple):
 
 
 _MIB: Final = 2**20
-# docs/files.md shows this table; a test compares the two.
+# docs/how_to/files.md shows this table; a test compares the two.
 LIMITS: Final[dict[str, Limit]] = {
     "json": Limit(16 * _MIB, "bytes", "a JSON file: settings, problems, worlds, floor plans"),
     "depth": Limit(64, "levels", "lists and objects inside one another, in JSON and YAML"),

@@ -93,7 +93,7 @@ class Limits:
     """Largest change of turn acceleration per second."""
 
     @property
-    def array(self) -> Any:
+    def record(self) -> Any:
         """A record of LIMITS with the fields above, as kernels take it."""
         return np.array(dataclasses.astuple(self), LIMITS)[()]
 

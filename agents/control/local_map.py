@@ -212,13 +212,14 @@ class TemporaryObstacles:
         """
         self._forget(ranges, laser, pose, stamp)
         near = hits[np.hypot(hits[:, 0], hits[:, 1]) < DRAWN_RANGE]
-        cells = np.unique(self._grid.to_cell(to_world(near, pose)), axis=0)
+        cells = self._grid.to_cell(to_world(near, pose))
         cells = cells[((cells >= 0) & (cells < self._grid.shape)).all(axis=1)]
         columns = self._grid.shape[1]
-        before, now = (at[:, 0] * columns + at[:, 1] for at in (self._cells, cells))
+        now = np.unique(cells[:, 0] * columns + cells[:, 1])
+        before = self._cells[:, 0] * columns + self._cells[:, 1]
         self._last_seen[np.isin(before, now)] = stamp
-        fresh = cells[~np.isin(now, before)]
-        self._cells = np.concatenate([self._cells, fresh])
+        fresh = now[~np.isin(now, before)]
+        self._cells = np.concatenate([self._cells, np.stack(np.divmod(fresh, columns), axis=-1)])
         self._first_seen = np.append(self._first_seen, np.full(len(fresh), stamp))
         self._last_seen = np.append(self._last_seen, np.full(len(fresh), stamp))
 

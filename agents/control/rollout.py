@@ -41,7 +41,7 @@ class Body(NamedTuple):
 
     state: Array  # (4,) speed, its rate of change, turn rate, its rate of change
     last: Array  # (2,) the twist commanded before
-    limits: Any  # record, `Limits.array`
+    limits: Any  # (1,) of LIMITS: a kernel takes an array sooner than a record
     footprint: Array  # (3,) `Footprint.array`
 
 
@@ -50,7 +50,8 @@ class ChairState:
 
     def __init__(self, limits: Limits, footprint: Footprint, period: float) -> None:
         self.limits, self.footprint, self.period = limits, footprint, period
-        self.body = Body(np.zeros(4), np.zeros(2), limits.array, footprint.array)
+        self._limits = limits.record
+        self.body = Body(np.zeros(4), np.zeros(2), np.array([limits.record]), footprint.array)
 
     def measured(self, twist: Array) -> None:
         """Take the encoders' twist where the ramps must be wrong: a bump, a slip, a shield."""
@@ -61,7 +62,7 @@ class ChairState:
 
     def command(self, twist: Array) -> None:
         """Note what is commanded for the next period."""
-        state, limits = self.body.state, self.body.limits
+        state, limits = self.body.state, self._limits
         v, v_rate, w, w_rate = state
         state[:] = approach_twist(v, v_rate, w, w_rate, twist[0], twist[1], limits, self.period)
         self.body.last[:] = twist
@@ -117,7 +118,7 @@ def stops_clear(
     neither nearer than it would be if it stood.
     """
     x, y, yaw = 0.0, 0.0, 0.0
-    limits, footprint, actors = body.limits, body.footprint, view.actors
+    limits, footprint, actors = body.limits[0], body.footprint, view.actors
     sv, av, sw, aw = body.state[0], body.state[1], body.state[2], body.state[3]
     held = round(hold / STEP)
     lever = math.hypot(max(footprint[0], footprint[1]), footprint[2])
@@ -154,7 +155,7 @@ def rollout_cost(
 
     `start` is the reference's row where the chair is; the last command lasts until the horizon.
     """
-    limits, footprint, reference = body.limits, body.footprint, view.reference
+    limits, footprint, reference = body.limits[0], body.footprint, view.reference
     desired, weight = objective.desired_clearance, objective.clearance
     steps = round(objective.horizon / STEP)
     lever = math.hypot(max(footprint[0], footprint[1]), footprint[2])

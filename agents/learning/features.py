@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -38,9 +39,13 @@ class Layout:
         sizes = tuple((str(key), int(n)) for key, n in layout["sizes"])
         return cls(sizes, layout["path_has_heading"])
 
+    @cached_property
+    def _places(self) -> dict[str, slice]:
+        return places(self.sizes)
+
     def slice_of(self, key: str) -> slice:
         """The place of a key; an empty slice if it is absent."""
-        return places(self.sizes).get(key, slice(0, 0))
+        return self._places.get(key, slice(0, 0))
 
     @property
     def size(self) -> int:
@@ -89,7 +94,8 @@ def features(xp: Any, flat: Any, layout: Layout, scaled: Any, scales: Any) -> An
     `scaled` and `scales` are `layout.scaled_indices` and `layout.scales`, as arrays of `xp`.
     """
     ranges = flat[:, : layout.slice_of("ultrasonic").stop]
-    far = flat[:, layout.slice_of("goal").start : layout.slice_of("goal").start + 1]
+    goal = layout.slice_of("goal").start
+    far = flat[:, goal : goal + 1]
     parts = [
         RANGE_SCALE * xp.log(ranges + RANGE_SHIFT),
         flat[:, scaled] * scales,

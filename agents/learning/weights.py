@@ -71,7 +71,11 @@ class Network:
     def __init__(self, weights: Weights) -> None:
         self._arrays = weights.arrays
         self._tanh = weights.card["head"] == "tanh"
-        self._layout, self._dense = weights.layout, weights.dense_layers
+        self._layout = weights.layout
+        self._dense = [
+            (self._arrays[f"dense{k}.w"].T, self._arrays[f"dense{k}.b"])
+            for k in range(weights.dense_layers)
+        ]
         self._scaled, self._scales = self._layout.scaled_indices, self._layout.scales
         self._lstm_size = weights.lstm_size
         self.reset(1)
@@ -87,9 +91,9 @@ class Network:
         x = features(np, flat[:, :public], self._layout, self._scaled, self._scales)
         if self._lstm_size:
             x = self._lstm(x)
-        for k in range(self._dense):
-            x = x @ self._arrays[f"dense{k}.w"].T + self._arrays[f"dense{k}.b"]
-            if k < self._dense - 1:
+        for k, (weight, bias) in enumerate(self._dense):
+            x = x @ weight + bias
+            if k < len(self._dense) - 1:
                 x = np.maximum(x, 0.0)
         action: Floats = np.tanh(x) if self._tanh else np.clip(x, -1.0, 1.0)
         return action

@@ -407,7 +407,7 @@ class ControlGenerator:
         world = World(
             np.ascontiguousarray(walls, dtype=np.float64).reshape(-1, 4),
             np.ascontiguousarray(discs, dtype=np.float64).reshape(-1, 3),
-            everywhere, footprint.array, limits.array, self.margin,
+            everywhere, footprint.array, limits.record, self.margin,
         )  # fmt: skip
         start = motion_at(pose, twist)
         measure_clearance(start[0], pose[0], pose[1], pose[2], world)

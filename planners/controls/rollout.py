@@ -49,7 +49,7 @@ class World(NamedTuple):
     discs: Array  # (m, 3) m: x, y, radius
     box: Array  # (4,) m: xmin, ymin, xmax, ymax of where the axle may be; walls are known there
     footprint: Array  # (3,) m: front, rear, half width
-    limits: Any  # record, `Limits.array`
+    limits: Any  # record, `Limits.record`
     margin: float  # m: a clearance below this is a collision
 
 

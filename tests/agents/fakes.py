@@ -61,7 +61,7 @@ class PaperWorld:
 
     def drive(self, action):
         v, w = self.mission.limits.twist(action)
-        limits, dt = self.mission.limits.array, self.mission.period
+        limits, dt = self.mission.limits.record, self.mission.period
         self.state[:] = approach_twist(*self.state, v, w, limits, dt)
         self.pose = np.array(arc_step(*self.pose, self.state[0], self.state[2], dt))
         self.time += dt

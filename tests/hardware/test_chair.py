@@ -277,7 +277,7 @@ def test_every_way_out_stops_it(hosted, way):
         with pytest.raises(ValueError, match="closed"):
             chair.drive(AHEAD)
     else:
-        hosted.clock._guards.clear()
+        hosted.clock.guards.clear()
         until_slower(hosted, 0.205 + 0.02)
     assert deceleration(hosted) >= LEAST
 

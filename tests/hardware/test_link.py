@@ -29,9 +29,9 @@ from wheelchair_gym.hardware.boards.protocol import (
     encode,
 )
 from wheelchair_gym.hardware.connection import RETRY
+from wheelchair_gym.hardware.twin.cable import LineNoise, SerialCable
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
-from wheelchair_gym.hardware.twin.protocol_twin import CABLES, LineNoise, SerialCable
 from wheelchair_gym.sensors.settings import SensorSettings
 
 serial = pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
@@ -263,9 +263,8 @@ class NoisyChair:
             build(target)
         self.twin = Twin(Plant(sensors=SensorSettings(noise=False)))
         self.twin.reset(box(50), 0)
-        name = f"noisy-{seed}"
-        self.wire = CABLES[name] = SerialCable(self.twin.drive, np.random.default_rng(seed), log=[])
-        self.link = Link(f"twin://{name}", lambda: self.twin.steps * 1e-3)
+        self.wire = SerialCable(self.twin.drive, np.random.default_rng(seed), log=[])
+        self.link = Link("noisy", lambda: self.twin.steps * 1e-3, lambda url: self.wire.open())
         self.frames = []
         self.sent = {}  # sequence -> the last command of that number
 

@@ -46,7 +46,7 @@ def hosted():
 
 @pytest.fixture
 def checker(hosted):
-    hosted.clock._guards.clear()  # nobody else sends
+    hosted.clock.guards.clear()  # nobody else sends
     return Diagnostics(hosted.chair.senses, hosted.clock, hosted.chair.parameters)
 
 
@@ -98,7 +98,7 @@ def test_an_emergency_stop_that_is_not_wired_is_found(checker):
 
 def test_another_fan_and_other_parameters_are_found():
     hosted = Hosted(box(3.0), sensors=SensorSettings(laser=LaserSettings(beams=541), noise=False))
-    hosted.clock._guards.clear()
+    hosted.clock.guards.clear()
     hosted.chair.senses.sensors = SensorSettings()
     wanted = {**hosted.chair.parameters, "drive": {**hosted.chair.parameters["drive"], "kp": 33.0}}
     found = bad(Diagnostics(hosted.chair.senses, hosted.clock, wanted).run())

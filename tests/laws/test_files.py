@@ -45,7 +45,6 @@ OWN = {
     "hardware.boards.ports.is_running": "of the kernel",
     "hardware.twin.serve.pump": "the twin's own lines",
     "hardware.twin.serve._flush": "the twin's own lines",
-    "hardware.twin.protocol_twin.open": "the twin's own lines",
     "hardware.boards.ports._lockers": "of the kernel",
     "hardware.boards.ports._program": "of the kernel",
     "recording.sink.__init__": "opened to be written",
@@ -366,7 +365,7 @@ def test_so_is_help_and_the_end_of_the_program(redirected, code, says):
 
 
 def test_the_page_of_files_names_every_limit():
-    text = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "how_to" / "files.md").read_text(encoding="utf-8")
     for limit in LIMITS.values():
         assert f"| {limit.what} | {limit.most:,} {limit.unit} |" in text
 

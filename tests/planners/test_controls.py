@@ -66,7 +66,7 @@ def test_a_path_is_driven_to_its_end(seed):
 def test_commands_reproduce_the_rollout_and_repeat():
     controls, again = (generate(ControlGenerator()) for _ in range(2))
     np.testing.assert_array_equal(controls.commands, again.commands)
-    poses, twists, times = rollout(controls.commands, START, np.zeros(2), LIMITS.array)
+    poses, twists, times = rollout(controls.commands, START, np.zeros(2), LIMITS.record)
     np.testing.assert_array_equal(poses, controls.rollout)
     np.testing.assert_array_equal(twists, controls.twists)
     assert times[-1] == pytest.approx(controls.commands[:, 2].sum())
@@ -128,7 +128,7 @@ def test_a_chair_in_contact_is_not_called_free():
 def test_a_way_is_covered_from_rest_to_rest(amount, speed):
     a, d, j = LIMITS.acceleration, LIMITS.deceleration, LIMITS.jerk
     commands = np.array([(speed, 0.0, time_to_cover(amount, speed, a, d, j, True)), (0, 0, 4.0)])
-    poses, _, _ = rollout(commands, START, np.zeros(2), LIMITS.array)
+    poses, _, _ = rollout(commands, START, np.zeros(2), LIMITS.record)
     assert poses[-1, 0] == pytest.approx(amount, abs=3e-3)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -65,22 +65,27 @@ class CompileProgress(event.Listener):
     """
 
     def __init__(self) -> None:
-        self.quiet = False  # a helper process prints nothing
+        self.parent: int | None = None  # of a helper process, which prints nothing and ends with it
         self._compiled: set[Callable[..., Any]] = set()
         self._begun: list[float] = []  # s, of each compilation at work, the outermost first
         self._spent = 0.0  # s compiled before the outermost one at work
         self._due = _PATIENCE  # s of compiling until the next line of a log
-        self._printed_at = -math.inf  # s: when a log last got a line about waiting
 
     def on_start(self, event: Any) -> None:
         """A kernel is about to be compiled, perhaps on behalf of another."""
         dispatcher = event.data["dispatcher"]
+        function = dispatcher.py_func
+        if self.parent not in (None, os.getppid()):
+            os._exit(0)
         if not _is_ours(dispatcher):
             return
         now = time.perf_counter()
         self._begun.append(now)
-        self._compiled.add(dispatcher.py_func)
-        self._write(dispatcher.py_func, self._spent + now - self._begun[0])
+        self._compiled.add(function)
+        line = f"compiling kernel {len(self._compiled)}, once on this machine"
+        spent = self._spent + now - self._begun[0]
+        place = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
+        self._write(f"{line}: {place}", f"{line}; {spent:.0f} s so far", spent)
 
     def on_end(self, event: Any) -> None:
         """A kernel has been compiled."""
@@ -89,32 +94,20 @@ class CompileProgress(event.Listener):
         begun = self._begun.pop()
         if not self._begun:
             self._spent += time.perf_counter() - begun
-            if not self.quiet and sys.stderr.isatty():
-                sys.stderr.write("\r\033[K")
-                sys.stderr.flush()
+            self._write("")
 
     def wait(self, waited: float) -> None:
         """Another process compiles the kernel that is needed; waited: for so long already [s]."""
-        if self.quiet or waited < _PATIENCE:
-            return
-        line = f"compiling, once on this machine: {waited:.0f} s of waiting for another process"
-        if sys.stderr.isatty():
-            sys.stderr.write(f"\r\033[K{line}")
-            sys.stderr.flush()
-        elif time.monotonic() - self._printed_at >= _LOG_PAUSE:
-            print(line, file=sys.stderr, flush=True)
-            self._printed_at = time.monotonic()
+        if waited >= _PATIENCE:
+            line = f"compiling, once on this machine: {waited:.0f} s of waiting for another process"
+            self._write(line, line, self._spent + waited)
 
-    def _write(self, function: Callable[..., Any], spent: float) -> None:
-        line = f"compiling kernel {len(self._compiled)}, once on this machine"
-        if self.quiet:
-            return
-        if sys.stderr.isatty():
-            place = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
-            sys.stderr.write(f"\r\033[K{line}: {place}")
-            sys.stderr.flush()
-        elif spent >= self._due:
-            print(f"{line}; {spent:.0f} s so far", file=sys.stderr, flush=True)
+    def _write(self, shown: str, line: str = "", spent: float = 0.0) -> None:
+        """Write to a terminal; or a line to a log, if it is due after so many seconds."""
+        if self.parent is None and sys.stderr.isatty():
+            print(f"\r\033[K{shown}", end="", file=sys.stderr, flush=True)
+        elif self.parent is None and line and spent >= self._due:
+            print(line, file=sys.stderr, flush=True)
             self._due = spent + _LOG_PAUSE
 
 

@@ -19,8 +19,6 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
-from numba.core import event
-
 from wheelchair_gym.compiled.compile_time import no_collection
 from wheelchair_gym.compiled.progress import progress
 
@@ -89,21 +87,6 @@ def compile_once(dispatcher: Any) -> None:
     cache.save_overload = lambda args, result: None  # it was saved before the lock was released
 
 
-class _Orphan(event.Listener):
-    """Ends a helper whose parent has ended, before it compiles another kernel."""
-
-    def __init__(self, parent: int) -> None:
-        self._parent = parent
-
-    def on_start(self, event: Any) -> None:
-        """A kernel is about to be compiled."""
-        if os.getppid() != self._parent:
-            os._exit(0)
-
-    def on_end(self, event: Any) -> None:
-        """A kernel has been compiled."""
-
-
 def compile_beside(kernels: Iterable[Any], work: Callable[[], object]) -> None:
     """Let a helper process do some work for the sake of the kernels that it compiles.
 
@@ -117,7 +100,7 @@ def compile_beside(kernels: Iterable[Any], work: Callable[[], object]) -> None:
     """
     if (
         not sys.platform.startswith("linux")
-        or progress.quiet
+        or progress.parent is not None
         or threading.active_count() > 1
         or len(os.sched_getaffinity(0)) < 2
         or all(kernel.overloads or kernel._cache._cache_file._load_index() for kernel in kernels)
@@ -131,8 +114,7 @@ def compile_beside(kernels: Iterable[Any], work: Callable[[], object]) -> None:
         _helpers.add(helper)
         return
     try:
-        progress.quiet = True
-        event.register("numba:compile", _Orphan(parent))  # type: ignore[no-untyped-call]
+        progress.parent = parent
         silence = os.open(os.devnull, os.O_RDWR)
         for stream in range(3):
             os.dup2(silence, stream)

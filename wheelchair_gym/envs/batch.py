@@ -13,7 +13,7 @@ from wheelchair_gym.physics.step import reset_chair, step_chair
 from wheelchair_gym.physics.world import enter_episode
 from wheelchair_gym.random import SHIELDS, uniform
 from wheelchair_gym.safety.shield import filter_twist, reset_shield, update_shield
-from wheelchair_gym.safety.state import NOTHING
+from wheelchair_gym.safety.state import copy_decision
 from wheelchair_gym.task.assessment import assess, begin_task
 from wheelchair_gym.task.rewards import reached
 
@@ -38,18 +38,6 @@ class Batch(NamedTuple):
     unshielded: Array  # (1,) share of episodes without
     is_over: Flags  # (n,) the episode has ended in an earlier step
     was_reset: Flags  # (n,) an episode began in this step
-
-
-# How a shield changed a twist, and why: fields of `safety.shield.Decision`.
-DECISION = np.dtype(
-    [
-        ("reason", "i8"),  # index into REASONS
-        ("asked", "f8", (2,)),  # m/s, rad/s
-        ("given", "f8", (2,)),
-        ("protective", "b1"),
-    ],
-    align=True,
-)
 
 
 class Results(NamedTuple):
@@ -115,11 +103,8 @@ def begin_chair(i: int, batch: Batch, chairs: Rows, results: Results, ranges: Fl
     )
     results.success[i] = is_success(batch.rules[0], prepared, seen)
     if shields:
-        decision = results.decisions[i]
-        decision.reason, decision.protective = NOTHING, False
-        for k in range(2):
-            decision.asked[k] = decision.given[k] = 0.0
         reset_shield(i, batch.shields)
+        copy_decision(batch.shield_states[i].decision, results.decisions[i])
         update_row_shield(i, batch, seen, ranges)
 
 
@@ -174,10 +159,7 @@ def step_chairs(
             )
             results.success[i] = is_success(rule, batch.prepared[i], seen)
             if shielded:
-                shield, decision = batch.shield_states[i], results.decisions[i]
-                decision.reason, decision.protective = shield.reason, shield.protective
-                for k in range(2):
-                    decision.asked[k], decision.given[k] = shield.asked[k], shield.given[k]
+                copy_decision(batch.shield_states[i].decision, results.decisions[i])
                 update_row_shield(i, batch, seen, ranges)
             is_over[i] = verdicts[i].terminated or verdicts[i].truncated
             if not (is_over[i] and same_step):

@@ -235,7 +235,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if self.shield is not None and self.task.is_shielded:
             asked, twist = twist, self.shield.filter(twist, self.task.reading)
             less = float(asked[0] - twist[0]), float(asked[1] - twist[1])
-            stop = self.shield.protective
+            stop = self.shield.decision.protective
         reading = self.chair.drive(twist, stop)
         if not self._simulated:
             check_reading(reading, self.settings.sensors.laser.beams)

@@ -20,7 +20,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.envs.batch import DECISION, Batch, Results, begin_chairs, step_chairs
+from wheelchair_gym.envs.batch import Batch, Results, begin_chairs, step_chairs
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.info import info_of_rows
@@ -30,7 +30,7 @@ from wheelchair_gym.physics.chairs import SimulatedChairs, size_workspace
 from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.random import episode_key
 from wheelchair_gym.safety.shield import SHIELDS, point_to_shields
-from wheelchair_gym.safety.state import REASONS, SHIELD, ShieldConstants
+from wheelchair_gym.safety.state import DECISION, REASONS, SHIELD, ShieldConstants
 from wheelchair_gym.task.own_reward import compiled_rewards, make_reward
 from wheelchair_gym.task.prepared_episode import PREPARED, PreparedEpisode
 from wheelchair_gym.task.records import PROGRESS

@@ -16,8 +16,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.hardware.boards.parameters import board_parameters
 from wheelchair_gym.hardware.boards.protocol import (
     Command,
@@ -36,8 +36,6 @@ from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.stops import BROUGHT_TO_REST, BY_HAND, DRY_RUN
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Belief, Episode, NotCopyable, Reading, Truth
-
-Array = NDArray[np.float64]
 
 _LOG = logging.getLogger(__name__)
 STOP = Command(0.0, 0.0, CommandFlag.PROTECTIVE)

@@ -13,17 +13,14 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, relative_pose
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.localization.occupancy import read_scan
 from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.types import Belief, Reading, Truth
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 POLL_PERIOD = 0.01  # s between two checks of what arrives in other threads
 QUIET = 1.0  # s of waiting before a person is informed

@@ -12,13 +12,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.hardware.connection import Reconnecting
 from wheelchair_gym.kinematics import Limits
-
-Array = NDArray[np.float64]
 
 ANY = "any"
 # Linux's input-event-codes.h

@@ -86,7 +86,7 @@ class HardwareSettings:
     battery_full: float = setting(
         default=60.0, unit="V", low=5.0, high=100.0, source="measured with a multimeter"
     )
-    """Battery voltage at the full scale of the drive board's converter (docs/build.md)."""
+    """Battery voltage at the full scale of the drive board's converter (docs/chair/build.md)."""
     duty_limit: float = setting(
         default=0.95,
         low=0.5,

@@ -13,13 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import world_to_body, wrap
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.maps.distance import bilinear, distance_to_occupied
 from wheelchair_gym.random import uniform
-
-Array = NDArray[np.float64]
 
 
 class LikelihoodField(NamedTuple):

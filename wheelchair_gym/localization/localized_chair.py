@@ -8,11 +8,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import relative_pose
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Belief, Chair, Episode, Reading, Truth
-
-Array = NDArray[np.float64]
 
 
 class Localizer(Protocol):

@@ -16,12 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.files import read_text
 from wheelchair_gym.kinematics import odometric_step, twist_of_wheels
 from wheelchair_gym.sensors.settings import LaserSettings
-
-Array = NDArray[np.float64]
 
 
 @settings

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import wrap
@@ -31,8 +32,6 @@ from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.random import LOCALIZATION, bits, normal, uniform
 from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.types import Episode
-
-Array = NDArray[np.float64]
 
 MOVES, DRAWS, PLACES = range(3)  # channels of a localizer's key
 

@@ -19,16 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from wheelchair_gym.arrays import Array, Floats, Mask
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, geodesic
 from wheelchair_gym.sensors.settings import LaserSettings
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 Index = NDArray[np.uint32]
 Marks = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 Records = NDArray[np.void]
 
 

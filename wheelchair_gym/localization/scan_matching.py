@@ -15,14 +15,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.localization.occupancy import OccupancyMap, Scan
+from wheelchair_gym.localization.occupancy import Scan
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 Six = tuple[float, float, float, float, float, float]
 
 _RIDGE = 1e-6  # 1/cells2, 1/rad2: keeps the matrix regular where points say nothing
@@ -310,14 +308,6 @@ class MatchSettings:
         )
 
 
-class Match(NamedTuple):
-    """Where a scan lies best."""
-
-    pose: Array  # (3,) m, m, rad
-    score: float  # mean of the field at the scan's points: 1 where all lie in occupied cells
-    covariance: Array  # (3, 3) m2, m rad, rad2
-
-
 def thin_scan(scan: Scan, spacing: float, most: int) -> Array:
     """Echoes (n, 2), one for each `spacing` [m] across the beams, at most `most`.
 
@@ -331,48 +321,3 @@ def thin_scan(scan: Scan, spacing: float, most: int) -> Array:
     if len(kept) > most:
         kept = kept[np.linspace(0, len(kept) - 1, most).astype(np.int64)]
     return np.ascontiguousarray(kept)
-
-
-def match(
-    maps: OccupancyMap,
-    scan: Scan,
-    guess: ArrayLike,
-    settings: MatchSettings | None = None,
-    prior: ArrayLike | None = None,
-    layer: int = 0,
-) -> Match:
-    """Lay a scan onto a map, near a guess (3,) [m, m, rad].
-
-    Args:
-        maps: the map; it grows where the scan leaves it.
-        scan: with some echoes; without any, the guess comes back.
-        guess: centre of the search.
-        settings: of the search and the refinement.
-        prior: covariance (3, 3) [m2, m rad, rad2] of the guess; None: a flat prior.
-        layer: of the map.
-    """
-    config = settings or MatchSettings()
-    start = np.asarray(guess, dtype=np.float64)
-    maps.grow_to(start, scan.radius + config.search_window)
-    unit = maps.settings.resolution
-    points = thin_scan(scan, config.point_spacing, config.max_points) / unit
-    scale = np.outer((unit, unit, 1.0), (unit, unit, 1.0))
-    info = (0.0,) * 6
-    if prior is not None:
-        m = np.linalg.inv(np.asarray(prior, dtype=np.float64)) * scale
-        info = tuple(m[np.triu_indices(3)].tolist())
-    field, how = maps.layers.field[layer], config.in_cells(unit)
-    begin, best, end = maps.to_lattice(start), np.empty(3), np.empty(3)
-    search(field, points, begin, info, how, maps.workspace.pooled, best)
-    _, (xx, xy, xt, yy, yt, tt) = refine(field, points, best, begin, info, how, end)
-    covariance = np.linalg.inv([(xx, xy, xt), (xy, yy, yt), (xt, yt, tt)]) * scale
-    score = _mean_field(field, points, *end) if len(points) else 0.0
-    return Match(maps.from_lattice(end), score, covariance)
-
-
-@borrowing_kernel
-def _mean_field(field: Floats, points: Array, x: float, y: float, yaw: float) -> float:
-    total = 0.0
-    for k in range(len(points)):
-        total += 1.0 - math.sqrt(misfit(field, points[k : k + 1], x, y, yaw))
-    return total / len(points)

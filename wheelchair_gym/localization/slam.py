@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.arrays import Array, Floats, Mask
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import compose, wrap
@@ -45,10 +46,6 @@ from wheelchair_gym.maps import UNKNOWN, OccupancyGrid
 from wheelchair_gym.random import SLAM, normal, uniform
 from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.types import Episode
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 _NODE = math.sqrt(3.0)  # nodes of the third-degree cubature in three dimensions, in deviations
 

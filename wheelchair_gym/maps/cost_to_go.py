@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint, to_world, wrap
@@ -28,7 +29,6 @@ from wheelchair_gym.maps.driving_cost import DrivingCost, MotionCost, duration, 
 from wheelchair_gym.maps.grid import OccupancyGrid
 from wheelchair_gym.random import STARTS, bits
 
-Array = NDArray[np.float64]
 Field = NDArray[np.float32]
 Ints = NDArray[np.int32]
 States = NDArray[np.uint32]

@@ -11,12 +11,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.geometry import Footprint
 
-Array = NDArray[np.float64]
 Field = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 Cells = NDArray[np.int8]
 Steps = NDArray[np.int16]
 

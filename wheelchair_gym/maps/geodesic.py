@@ -18,12 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.maps.distance import extend_field, rows_equal
 from wheelchair_gym.maps.grid import OccupancyGrid
 
 Index = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 Records = NDArray[np.void]
 
 RUN = np.dtype([("first", np.int32), ("last", np.int32)])  # columns
@@ -410,8 +410,6 @@ def nearest_bend(free: Mask, bends: Records, x: float, y: float) -> int:
             best, least = k, bends[k].way + far
     return best
 
-
-Array = NDArray[np.float64]
 
 _MARGIN = 1.5  # cells beyond the radius in which a point still counts as beside reachable ground
 

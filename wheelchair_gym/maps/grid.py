@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.compiled.address import as_array
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.config import FARTHEST, InputError
@@ -16,7 +17,6 @@ from wheelchair_gym.files import check_cells
 from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.maps.distance import distance_to_occupied, rows_equal, within_distance
 
-Array = NDArray[np.float64]
 Cells = NDArray[np.int8]
 Index = NDArray[np.int64]
 
@@ -87,8 +87,6 @@ def boundary(solid: Cells) -> Array:
         _runs(padded, changed, lines, out)
     return out[:count].copy()
 
-
-Mask = NDArray[np.bool_]
 
 FREE: Final = 0
 OCCUPIED: Final = 100

@@ -8,10 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps.grid import FREE, OccupancyGrid
-
-Array = NDArray[np.float64]
 
 _CELL = 0.02  # m, of the flood of poses
 _HEADINGS = np.radians(np.arange(0.0, 180.0, 3.0))  # of a rectangle, which is the same half round

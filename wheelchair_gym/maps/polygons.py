@@ -9,10 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import signed_area
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
-
-Array = NDArray[np.float64]
 
 
 class PolygonWithHoles(NamedTuple):

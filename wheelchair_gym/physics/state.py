@@ -227,7 +227,7 @@ def parameters(
     p["wheel_inertia"] = motor.inertia
     p["nominal_track"], p["nominal_radius"] = drive.track, drive.wheel_radius
     p["counts_per_metre"] = drive.counts_per_metre
-    p["limits"] = chair.limits.array
+    p["limits"] = chair.limits.record
     p["capacity"], p["battery_resistance"] = battery.capacity * 3600.0, battery.resistance
     p["wheel_variance"] = errors * odometry.variance
     # A localizer gets the dead-reckoned pose of the chair.

@@ -17,12 +17,11 @@ from foxglove import channels
 from foxglove import messages as m
 from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import map_to_odom
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.rendering.palette import CHAIR, NARROW, PERSON, TRAIL, WIDE, Colour
 from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
-
-Array = NDArray[np.float64]
 
 _NANO = 1_000_000_000
 _ARC = 9  # points on the arc of a cone

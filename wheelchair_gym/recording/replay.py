@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.guidance import is_built_in
@@ -38,8 +39,6 @@ from wheelchair_gym.recording.topics import (
 )
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
-
-Array = NDArray[np.float64]
 
 
 def mcap_messages(content: bytes, topics: Sequence[str]) -> list[tuple[str, bytes]]:

@@ -163,6 +163,7 @@ class Sink:
     def __init__(self, file: str | Path | None = None, port: int | None = None) -> None:
         try:
             import foxglove
+            from foxglove.mcap import MCAPWriteOptions
 
             from wheelchair_gym.recording import messages
         except ImportError:
@@ -171,10 +172,14 @@ class Sink:
         self._context = context = foxglove.Context()  # kept: channels end with it
         self._reported = False
         self._disk = None if file is None else McapFile(file)
-        self._file = None if self._disk is None else _opened(self._disk, context)
-        self.file = None if self._disk is None else self._disk.path
-        if self.file is not None and self.file != Path(str(file)):
-            _LOG.warning("%s exists; the recording is %s", file, self.file)
+        self._file = self.file = None
+        if self._disk is not None:
+            options = MCAPWriteOptions(chunk_size=_CHUNK, disable_seeking=True)
+            disk: Any = self._disk
+            self._file = foxglove.open_mcap(disk, context=context, writer_options=options)
+            self.file = self._disk.path
+            if self.file != Path(str(file)):
+                _LOG.warning("%s exists; the recording is %s", file, self.file)
         self._server = None
         if port is not None:
             try:
@@ -220,11 +225,3 @@ class Sink:
         if self._server:
             self._server.stop()
         self._file = self._server = None
-
-
-def _opened(disk: McapFile, context: Any) -> Any:
-    import foxglove
-    from foxglove.mcap import MCAPWriteOptions
-
-    options = MCAPWriteOptions(chunk_size=_CHUNK, disable_seeking=True)
-    return foxglove.open_mcap(disk, context=context, writer_options=options)

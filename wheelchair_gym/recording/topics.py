@@ -157,11 +157,12 @@ def _read_map(value: Any) -> OccupancyGrid:
     return grid
 
 
-def _write_map(grid: OccupancyGrid) -> Content:
-    return write_fields(_MAP_FIELDS, {name: getattr(grid, name) for name in _MAP_FIELDS})
+def _content_of(fields: Mapping[str, Kind]) -> Callable[[Any], Content]:
+    """A writer of these fields of an object."""
+    return lambda value: write_fields(fields, {name: getattr(value, name) for name in fields})
 
 
-MAP: Final = Kind({"type": "object"}, _read_map, _write_map)
+MAP: Final = Kind({"type": "object"}, _read_map, _content_of(_MAP_FIELDS))
 _SCALARS = {float: NUMBER, bool: FLAG, int: Kind({"type": "integer"}, _exactly(int))}
 _TRUTH_FIELDS: Final = {
     name: {"pose": numbers(3), "twist": numbers(2), "actor_poses": _poses("<f8")}.get(name)
@@ -173,10 +174,6 @@ _TRUTH_FIELDS: Final = {
 def _read_truth(value: Any) -> Truth:
     content = migrated(_object(value), "truth")
     return Truth(**content | read_fields(_TRUTH_FIELDS, content, *Truth._field_defaults))
-
-
-def _write_truth(truth: Truth) -> Content:
-    return write_fields(_TRUTH_FIELDS, truth._asdict())
 
 
 def _read_terms(value: Any) -> dict[str, float]:
@@ -197,7 +194,7 @@ def reading_fields(beams: int = -1, rangers: int = -1) -> dict[str, Kind]:
         "stamp": NUMBER,
         "halted": TEXT,
         "odometry": numbers(3),
-        "truth": Kind({"type": "object"}, _read_truth, _write_truth),
+        "truth": Kind({"type": "object"}, _read_truth, _content_of(_TRUTH_FIELDS)),
         "particles": _poses("<f4"),
         "map": MAP,
     }

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.rendering.palette import Colour
 
-Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 _SHIFT = 4  # fractional bits of OpenCV's fixed-point coordinates

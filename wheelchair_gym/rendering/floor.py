@@ -7,13 +7,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from wheelchair_gym.rendering import palette
 from wheelchair_gym.rendering.canvas import Canvas, fit_frame, text_width, write_text
-
-Array = NDArray[np.float64]
 
 FINE = 2  # the background is drawn with this many times the pixels, then brought down
 _STRIP = 0.047  # the caption strip's share of the long side

@@ -8,8 +8,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import Footprint, to_world, wrap_angle
 from wheelchair_gym.kinematics import DriveGeometry
 from wheelchair_gym.maps import OccupancyGrid
@@ -55,8 +56,6 @@ def draw_map(maps: Sequence[tuple[str, OccupancyGrid, ArrayLike]], size: int = 9
         panels.append(panel.image)
     return np.hstack(panels)
 
-
-Array = NDArray[np.float64]
 
 FILLS = {
     PERSON: palette.PERSON,
@@ -132,7 +131,8 @@ class TopView:
                 floor.known_area(episode.map),
                 [episode.start[:2], episode.goal[:2]],
             ]
-            ends += [episode.walls.reshape(-1, 2), *_disc_corners(episode.discs)]
+            centres, radii = episode.discs[:, :2], episode.discs[:, 2:]
+            ends += [episode.walls.reshape(-1, 2), centres - radii, centres + radii]
             bounds = floor.bounding_box(np.concatenate(ends), 0.1)
         self.actors = episode.actors
         self._cones = _cones(self.sensors.ultrasonic)
@@ -181,10 +181,17 @@ class TopView:
             self._ultrasonics(canvas, at, reading)
             gap = np.asarray(reading.pose) - at
             if math.hypot(gap[0], gap[1]) > _DIFFERS[0] or abs(wrap_angle(gap[2])) > _DIFFERS[1]:
-                self._ghost(canvas, reading.pose)
+                outline = to_world(self.footprint.corners, reading.pose)
+                heading = to_world([(0.0, 0.0), (self.footprint.front, 0.0)], reading.pose)
+                canvas.line(outline, palette.ESTIMATE, 1.5, closed=True)
+                canvas.line(heading, palette.ESTIMATE, 1.5)
         if actors is not None:
             draw_actors(canvas, self.actors, actors)
-        self._chair(canvas, at)
+        body = to_world(self.footprint.corners, at)
+        canvas.fill([body], palette.CHAIR, CHAIR_ALPHA)
+        canvas.fill([to_world(wheel, at) for wheel in self._wheels], palette.WHEEL)
+        canvas.fill([to_world(self._mark, at)], palette.FREE)
+        canvas.line(body, palette.CHAIR, 2.0, closed=True)
         for point in np.asarray(look_ahead if look_ahead is not None else [], dtype=np.float64):
             canvas.dot(point, 4.5, palette.FREE)
             canvas.dot(point, 3.0, palette.PATH)
@@ -220,18 +227,6 @@ class TopView:
             canvas.fill([wedge], colours[k], _CONE_ALPHA * float(strength))
             canvas.line(wedge[1:], colours[k], 1.5)
 
-    def _chair(self, canvas: Canvas, pose: Array) -> None:
-        body = to_world(self.footprint.corners, pose)
-        canvas.fill([body], palette.CHAIR, CHAIR_ALPHA)
-        canvas.fill([to_world(wheel, pose) for wheel in self._wheels], palette.WHEEL)
-        canvas.fill([to_world(self._mark, pose)], palette.FREE)
-        canvas.line(body, palette.CHAIR, 2.0, closed=True)
-
-    def _ghost(self, canvas: Canvas, pose: ArrayLike) -> None:
-        canvas.line(to_world(self.footprint.corners, pose), palette.ESTIMATE, 1.5, closed=True)
-        heading = to_world([(0.0, 0.0), (self.footprint.front, 0.0)], pose)
-        canvas.line(heading, palette.ESTIMATE, 1.5)
-
 
 def _cones(settings: UltrasonicSettings) -> tuple[Array, Array, list[palette.Colour]]:
     """Where each ranger sits (8, 2) [m], its cone as a sector of radius one (8, 14, 2), its colour.
@@ -263,8 +258,3 @@ def _wheels(footprint: Footprint, drive: DriveGeometry) -> list[Array]:
         *(np.add(wheel, (0.0, 0.5 * side * drive.track)) for side in (1, -1)),
         *(np.add(caster, (ahead, side * aside)) for side in (1, -1)),
     ]
-
-
-def _disc_corners(discs: Array) -> list[Any]:
-    """Corners of the boxes around discs (m, 3) [m]."""
-    return [discs[:, :2] - discs[:, 2:], discs[:, :2] + discs[:, 2:]] if len(discs) else []

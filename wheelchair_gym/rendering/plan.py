@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import polygon_edges
 from wheelchair_gym.rendering import floor, palette
 from wheelchair_gym.rendering.canvas import Canvas, Frame, Image, text_width, write_text
 from wheelchair_gym.types import no_discs, no_walls
-
-Array = NDArray[np.float64]
 
 _TREE, _SWARM, _OUTLINE, _PATH, _OPTIMUM = 0.8, 0.9, 1.0, 4.0, 1.6  # widths [pixels]
 _SWATCH = 2.2  # length of a line in the legend, in heights of its letters

@@ -68,14 +68,19 @@ def write_video(path: str | Path, frames: Iterable[Image], rate: float) -> None:
         InputError: another ending, no frames, or an .mp4 where moviepy is missing.
     """
     path = Path(path)
-    writers = {".mp4": _write_mp4, ".gif": _write_gif, ".png": _write_sheet}
-    if path.suffix not in writers:
-        raise InputError(f"{path}: expected a name that ends in {', '.join(writers)}")
+    if path.suffix not in (".mp4", ".gif", ".png"):
+        raise InputError(f"{path}: expected a name that ends in .mp4, .gif, .png")
     source = iter(frames)
     first = next(source, None)
     if first is None:
         raise InputError(f"{path}: no pictures to write")
-    writers[path.suffix](path, chain([first], source), rate, first.shape)
+    every = chain([first], source)
+    if path.suffix == ".mp4":
+        _write_mp4(path, every, rate, first.shape)
+    elif path.suffix == ".gif":
+        _write_gif(path, every, rate)
+    else:
+        write_png(path, contact_sheet(list(every)))
 
 
 def _write_mp4(path: Path, frames: Iterable[Image], rate: float, shape: tuple[int, ...]) -> None:
@@ -98,7 +103,7 @@ def _write_mp4(path: Path, frames: Iterable[Image], rate: float, shape: tuple[in
             writer.close()
 
 
-def _write_gif(path: Path, frames: Iterable[Image], rate: float, shape: tuple[int, ...]) -> None:
+def _write_gif(path: Path, frames: Iterable[Image], rate: float) -> None:
     pictures = (Pillow.fromarray(frame).quantize(64) for frame in frames)
     first = next(pictures)
     with atomic_write(path) as part:
@@ -107,10 +112,6 @@ def _write_gif(path: Path, frames: Iterable[Image], rate: float, shape: tuple[in
             part, save_all=True, append_images=list(pictures), loop=0,
             duration=max(20, round(100.0 / rate) * 10),
         )  # fmt: skip
-
-
-def _write_sheet(path: Path, frames: Iterable[Image], rate: float, shape: tuple[int, ...]) -> None:
-    write_png(path, contact_sheet(list(frames)))
 
 
 def contact_sheet(frames: list[Image], columns: int = 4, most: int = 16) -> Image:
@@ -169,7 +170,11 @@ class Window:
         height, width = image.shape[:2]
         if self._screen is None:
             self._screen = pygame.display.set_mode((width, height), pygame.RESIZABLE)
-        if self._closing():
+        if any(
+            event.type == pygame.QUIT
+            or (event.type == pygame.KEYDOWN and event.key in (pygame.K_ESCAPE, pygame.K_q))
+            for event in pygame.event.get()
+        ):
             self.close()
             return False
         # A resize makes pygame hand out a new surface.
@@ -186,14 +191,6 @@ class Window:
         if self._rate is not None:
             self._clock.tick(self._rate)
         return True
-
-    def _closing(self) -> bool:
-        pygame = self._pygame
-        return any(
-            event.type == pygame.QUIT
-            or (event.type == pygame.KEYDOWN and event.key in (pygame.K_ESCAPE, pygame.K_q))
-            for event in pygame.event.get()
-        )
 
     def close(self) -> None:
         """Close the window; a second call does nothing."""

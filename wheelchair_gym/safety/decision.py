@@ -346,19 +346,19 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
         The twist, and whether the chair makes a protective stop instead: after a fault, and where
         a comfort stop is no longer enough.
     """
-    limits, setpoint = g.limits, s.setpoint
+    limits, setpoint, decision = g.limits, s.setpoint, s.decision
     v, w = clip_to_limits(v, w, limits)
-    s.asked[0], s.asked[1] = v, w
+    decision.asked[0], decision.asked[1] = v, w
     s.rearmed = s.rearmed and s.latched != NOTHING
     share, reason = 0.0, s.latched
     if reason == NOTHING:
         share, reason = _allowed_share(g, s, v, w)
     v, w = share * v, share * w
-    s.protective = s.latched != NOTHING or (share == 0.0 and needs_protective_stop(g, s))
-    s.reason, s.given[0], s.given[1] = reason, v, w
+    decision.protective = s.latched != NOTHING or (share == 0.0 and needs_protective_stop(g, s))
+    decision.reason, decision.given[0], decision.given[1] = reason, v, w
     if s.rearmed and abs(setpoint.v) + abs(setpoint.w) < REST_SPEED:  # it stands one more period
         s.latched, s.rearmed = NOTHING, False
-    if s.protective:
+    if decision.protective:
         slower = STOP_RAMP_FACTOR * limits.protective * g.period
         setpoint.v, setpoint.w = brake(setpoint.v, setpoint.w, slower, g.track)
         setpoint.v_slope, setpoint.w_slope = 0.0, 0.0

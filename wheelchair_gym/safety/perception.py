@@ -360,15 +360,16 @@ def update_echoes(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
 @borrowing_kernel
 def reset(s: Any) -> None:
     """Reset the state: nothing has been seen, the chair stands."""
-    s.begun, s.rearmed, s.protective = False, False, False
-    s.stamp, s.latched, s.reason = 0.0, 0, NOTHING
+    decision = s.decision
+    s.begun, s.rearmed, decision.protective = False, False, False
+    s.stamp, s.latched, decision.reason = 0.0, 0, NOTHING
     s.laser_hash, s.sonar_hash = np.uint64(0), np.uint64(0)
     s.laser_silent, s.laser_frozen, s.sonar_frozen = 0.0, 0.0, 0.0
     s.laser_blind, s.laser_denied = 0.0, 0.0
     s.odometry_silent, s.odometry_frozen, s.astray = 0.0, 0.0, 0.0
     s.echo[:] = _F(np.inf)
     s.pose[:] = s.echo_pose[:] = s.read_pose[:] = 0.0
-    s.read_twist[:] = s.asked[:] = s.given[:] = 0.0
+    s.read_twist[:] = decision.asked[:] = decision.given[:] = 0.0
     set_motion(s, 0.0, 0.0, 0.0, 0.0)
     s.sonar_silent[:], s.fired[:] = 0.0, -math.inf
     s.doubtful[:], s.n_arc[:] = math.nan, 0

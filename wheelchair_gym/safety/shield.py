@@ -69,6 +69,17 @@ def filter_twist(i: int, shields: Any, v: float, w: float) -> tuple[float, float
 
 
 @borrowing_kernel
+def decide_row(
+    i: int, shields: Any, v: float, w: float
+) -> tuple[int, float, float, float, float, bool]:
+    """The numbers of row i's decision on a twist: reason, twist asked, twist given, protective."""
+    constants, shield = _shield_row(shields, i)
+    v, w, protective = decide(constants, shield, v, w)
+    decision = shield.decision
+    return decision.reason, decision.asked[0], decision.asked[1], v, w, protective
+
+
+@borrowing_kernel
 def slow_row_for_unseen(i: int, shields: Any, motion: Array, twists: Array) -> None:
     """Slow twists (n, 2) to what may last where nobody has seen, as row i remembers it."""
     constants, shield = _shield_row(shields, i)
@@ -95,6 +106,9 @@ class Decision(NamedTuple):
 
 class Shield:
     """Limits the twists of one run to what is safe.
+
+    Attributes:
+        decision: how the last twist was changed.
 
     Args:
         config: settings.
@@ -131,6 +145,7 @@ class Shield:
     def reset(self) -> None:
         """Forget all readings and faults; the chair stands."""
         self._asked = False
+        self.decision = Decision("", np.zeros(2), np.zeros(2), False)
         reset_shield(0, self._rows.record)
 
     def filter(self, twist: Array, reading: Reading) -> Array:
@@ -141,8 +156,12 @@ class Shield:
             reading: the latest; its stamps are the shield's only clock.
         """
         self.update(reading)
-        v, w, _ = filter_twist(0, self._rows.record, float(twist[0]), float(twist[1]))
-        return np.array([v, w])
+        reason, asked_v, asked_w, v, w, protective = decide_row(
+            0, self._rows.record, float(twist[0]), float(twist[1])
+        )
+        given = np.array([v, w])
+        self.decision = Decision(REASONS[reason], np.array([asked_v, asked_w]), given, protective)
+        return given
 
     def update(self, reading: Reading) -> None:
         """Update the state by a reading.
@@ -189,15 +208,3 @@ class Shield:
     def latched(self) -> str:
         """The fault that stops the chair until `rearm`; empty: none."""
         return REASONS[int(self.state["latched"][0])]
-
-    @property
-    def protective(self) -> bool:
-        """Whether the last decision was a protective stop."""
-        return bool(self.state["protective"][0])
-
-    @property
-    def decision(self) -> Decision:
-        """How the last twist was changed."""
-        s: Any = self.state[0]
-        why = REASONS[int(s["reason"])]
-        return Decision(why, s["asked"].copy(), s["given"].copy(), bool(s["protective"]))

@@ -86,6 +86,17 @@ CONSTANTS = np.dtype(
     align=True,
 )
 
+# How the last twist was changed, and why: fields of `safety.shield.Decision`.
+DECISION = np.dtype(
+    [
+        ("reason", "i8"),  # index into REASONS
+        ("asked", "f8", (2,)),  # m/s, rad/s
+        ("given", "f8", (2,)),
+        ("protective", "b1"),
+    ],
+    align=True,
+)
+
 SHIELD = np.dtype(
     [
         ("begun", "b1"),  # a reading has come
@@ -147,14 +158,18 @@ SHIELD = np.dtype(
         ("close", DISTANT, (CLOSE,)),  # signed clearances
         ("gap", "f8"),  # m: clearance of the outline
         ("bins", "i8", (BINS + 1,)),
-        # the last decision
-        ("reason", "i8"),
-        ("asked", "f8", (2,)),
-        ("given", "f8", (2,)),
-        ("protective", "b1"),
+        ("decision", DECISION),
     ],
     align=True,
 )
+
+
+@borrowing_kernel
+def copy_decision(source: Any, target: Any) -> None:
+    """Copy one record of DECISION to another."""
+    target.reason, target.protective = source.reason, source.protective
+    for k in range(2):
+        target.asked[k], target.given[k] = source.asked[k], source.given[k]
 
 
 @borrowing_kernel
@@ -211,7 +226,7 @@ class ShieldConstants:
         self.pointers = pointers = Pointers(np.zeros(1, CONSTANTS), targets, constant=True)
         self.record: Rows = pointers.record
         g: Any = self.record[0]
-        g["limits"], g["outline"] = chair.limits.array, chair.footprint.array
+        g["limits"], g["outline"] = chair.limits.record, chair.footprint.array
         g["samples"] = outline_samples(*chair.footprint.array.tolist())
         g["period"], g["track"] = period, chair.drive.track
         for name in COPIED:

@@ -341,7 +341,7 @@ _ENDS = 2.0  # m of the way at start and goal where nothing appears
 class Temporary:
     """A floor plan in which discs appear for a while on the shortest path ahead of the chair.
 
-    The chair plans a new path round them or waits until they are gone (docs/sources.md, T1).
+    The chair plans a new path round them or waits until they are gone (Belalia 2023).
     """
 
     count: tuple[int, int] = setting(default=(1, 3), low=0, high=20, source="design choice")

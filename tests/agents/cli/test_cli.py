@@ -356,7 +356,7 @@ def test_the_readmes_python_runs(capsys):
 
 def pages():
     """The README and the page of the command line."""
-    return readme() + (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
+    return readme() + (ROOT / "docs" / "how_to" / "command_line.md").read_text(encoding="utf-8")
 
 
 def test_a_page_names_every_command_scene_planner_and_follower():

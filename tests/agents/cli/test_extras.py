@@ -44,9 +44,12 @@ NEEDED = {
     "onnxruntime": ("onnxruntime", [["simulate", "--policy", "some.onnx"]]),
     "mealpy": ("mealpy", [lambda: Mealpy().search(None, None, 1, 1, None)]),
 }  # fmt: skip
-# A drawing of the documentation, a log beside ours, and what benchmarks compare with: left out
+# The documentation, a log beside ours, and what benchmarks compare with: left out
 # where they are not installed.
-LEFT_OUT = {"schemdraw", "tensorboard", "ir-sim", "ompl", "pathplanning", "niapy"}
+LEFT_OUT = {
+    "furo", "myst-parser", "schemdraw", "sphinx", "tensorboard", "ir-sim", "ompl", "pathplanning",
+    "niapy",
+}  # fmt: skip
 
 
 def extras():

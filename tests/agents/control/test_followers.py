@@ -31,7 +31,7 @@ NOBODY = np.empty((0, 5))
 def body(v):
     """A chair that drives straight on at a speed."""
     state = np.array([v, 0.0, 0.0, 0.0])
-    return Body(state, state[[0, 2]], Limits().array, Footprint().array)
+    return Body(state, state[[0, 2]], np.array([Limits().record]), Footprint().array)
 
 
 @pytest.mark.parametrize("follower", sorted(FOLLOWERS))

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import compose, wrap_angle
 from wheelchair_gym.hardware.boards.protocol import Odometry
 from wheelchair_gym.kinematics import DriveGeometry, odometric_step, twist_of_wheels
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Episode
-
-Array = NDArray[np.float64]
 
 _WRAP = 1 << 32  # counts
 # As plain Python: a few calls per second need no compiled code.

@@ -12,7 +12,6 @@ from typing import Any, Protocol
 from wheelchair_gym.config import InputError
 from wheelchair_gym.hardware.boards.protocol import BAUD
 
-TWIN = "wheelchair_gym.hardware.twin"  # has the protocol of URLs twin://NAME
 _BY_ID = "/dev/serial/by-id"  # names that do not depend on the order of plugging in
 _TERMINALS = range(136, 144)  # major numbers of Linux's pseudo-terminals
 _BUSY = (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK)
@@ -72,8 +71,6 @@ def open_port(url: str) -> Port:
         InputError: pyserial is not installed.
     """
     serial = load_serial()
-    if TWIN not in serial.protocol_handler_packages:
-        serial.protocol_handler_packages.append(TWIN)
     port: Any = serial.serial_for_url(
         url, baudrate=BAUD, timeout=0, write_timeout=0, exclusive=True, do_not_open=True
     )

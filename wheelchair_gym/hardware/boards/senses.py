@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Floats
 from wheelchair_gym.hardware.boards.dead_reckoning import WheelOdometry
 from wheelchair_gym.hardware.boards.link import Link
 from wheelchair_gym.hardware.boards.monitor import SUPPORTED, MonitorServer, status_rows
@@ -31,9 +31,6 @@ from wheelchair_gym.hardware.laser.hokuyo import Hokuyo, TimedScan, open_laser
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.kinematics import DriveGeometry
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 POLL_PERIOD = 0.005  # s between two reads of the lines while a tool waits
 _FAN = 0.01  # rad: maximum difference between the laser's fan and its settings

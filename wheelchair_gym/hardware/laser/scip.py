@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.arrays import Floats
 from wheelchair_gym.config import InputError
 
 DATA_LINE = 64  # characters of data in a line, at most
@@ -21,8 +22,6 @@ ERRORS_UP_TO = 20  # mm: numbers up to this are error codes
 NO_ECHO_FROM = 65533  # mm: what UST sensors report of a beam without an echo
 OK, DONE_ALREADY, STREAMING, LASER_OFF = "00", "02", "99", "10"
 _REPLY_MOST = 1 << 16  # bytes; 1,081 ranges with intensity take 6,700
-
-Floats = NDArray[np.float32]
 
 
 def checksum(data: bytes) -> int:

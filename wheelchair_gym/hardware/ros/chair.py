@@ -16,8 +16,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import best_clearance_heading
 from wheelchair_gym.hardware.control_loop import POLL_PERIOD, ControlLoop, WallClock
@@ -30,8 +31,6 @@ from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Belief, Episode, NotCopyable, Reading, Truth
-
-Array = NDArray[np.float64]
 
 
 class RosChair(NotCopyable):
@@ -58,9 +57,9 @@ class RosChair(NotCopyable):
     ) -> None:
         self.settings, self.sensors, self.period, s = settings, sensors, period, settings
         self._clock = SimulatedClock(s.clock, s.clock_timeout) if s.use_sim_time else None
-        self._senses = RosSensors(settings, sensors, on_map, self._clock)
+        self.senses = RosSensors(settings, sensors, on_map, self._clock)
         self._setpoint = (0.0, 0.0, 0.0, 0.0)  # speed, its slope, turn rate, its slope
-        self._link = Rosbridge(s.host, s.port, self._senses.receive, s.link)
+        self._link = Rosbridge(s.host, s.port, self.senses.receive, s.link)
         self.url = self._link.url
         self._loop = ControlLoop(
             self.url, self._clock or WallClock(), period, s.limits.command_timeout, chair.limits,
@@ -69,7 +68,7 @@ class RosChair(NotCopyable):
         self._lock, self.clock = self._loop.lock, self._loop.clock
         self._link.farewell = (s.velocity, _twist(0.0, 0.0))
         self._link.advertise(s.velocity, "geometry_msgs/Twist")
-        for topic, one in self._senses.topics.items():
+        for topic, one in self.senses.topics.items():
             if topic != s.map:
                 self._link.subscribe(topic, one.type, one.queue)
         self._loop.start_guard(self._guard, min(POLL_PERIOD, 0.25 * period), self.close)
@@ -89,11 +88,11 @@ class RosChair(NotCopyable):
         self._loop.end()
         with self._lock:
             self._stop()
-        self._senses.clear()
-        self._require(lambda: self._senses.stale(self.clock.now()) or self._senses.moving())
-        if wrong := self._senses.laser_mount_error():
+        self.senses.clear()
+        self._require(lambda: self.senses.stale(self.clock.now()) or self.senses.moving())
+        if wrong := self.senses.laser_mount_error():
             raise InputError(f"{self.url}: {wrong}")
-        self._loop.begin(self._senses.odometry[0])
+        self._loop.begin(self.senses.odometry[0])
         return self._reading("")
 
     def drive(self, twist: Array, protective: bool = False) -> Reading:
@@ -108,7 +107,7 @@ class RosChair(NotCopyable):
         """
         with self._lock:
             v, w = self._loop.accept(twist)
-            why = self._senses.stale(self.clock.now())
+            why = self.senses.stale(self.clock.now())
             if why or protective:
                 self._stop()
             else:
@@ -135,7 +134,7 @@ class RosChair(NotCopyable):
                 free ground.
             ConnectionError: the link is lost.
         """
-        topic, senses = self.settings.map, self._senses
+        topic, senses = self.settings.map, self.senses
         self._link.subscribe(topic, senses.topics[topic].type)
         self._require(lambda: "" if senses.map else senses.describe_silence(topic))
         self._link.unsubscribe(topic)  # a large map takes long to read
@@ -209,19 +208,21 @@ class RosChair(NotCopyable):
 
     def _approach(self, v: float, w: float) -> None:
         """Command the twist nearest to (v, w) that the limits allow within a period."""
-        self._setpoint = approach_twist(*self._setpoint, v, w, self._loop.limits.array, self.period)
+        self._setpoint = approach_twist(
+            *self._setpoint, v, w, self._loop.limits.record, self.period
+        )
         twist = _twist(self._setpoint[0], self._setpoint[2])
         self._link.publish(self.settings.velocity, twist)
 
     def _guard(self) -> None:
         """Replace a command that is no longer valid by zero."""
         with self._lock:
-            stale = self._loop.expired or bool(self._senses.stale(self.clock.now()))
+            stale = self._loop.expired or bool(self.senses.stale(self.clock.now()))
             if any(self._setpoint) and stale:
                 self._stop()
 
     def _reading(self, halted: str) -> Reading:
-        senses, now = self._senses, self.clock.now()
+        senses, now = self.senses, self.clock.now()
         odometry, twist = senses.odometry
         on_map = senses.map_pose() if senses.on_map else None
         ranges = senses.ranges(now)

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings
-
-Array = NDArray[np.float64]
 
 _MAX_TILT = 0.3  # rad: maximum roll or pitch of a chair on a floor
 _MAX_STAMP = 1 << 32  # s: ROS uses 32 bits

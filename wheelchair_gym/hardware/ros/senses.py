@@ -8,17 +8,14 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.geometry import compose, relative_pose
 from wheelchair_gym.hardware.connection import NEVER, ClockSync, Stamped
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.clock import SimulatedClock
 from wheelchair_gym.hardware.ros.settings import RosSettings
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 _LOG = logging.getLogger(__name__)
 _LONGEST = 200  # characters of the description of a bad message
@@ -186,11 +183,11 @@ class RosSensors:
 
     def map_pose(self) -> Stamped | None:
         """The pose (3,) on the map by tf, as old as the oldest transform of its chain."""
-        return self._chain(self.settings.base_frame, self.settings.map_frame)
+        return self.pose_in(self.settings.base_frame, self.settings.map_frame)
 
     def laser_mount_error(self) -> str:
         """That the laser's pose in tf is not that of the settings; empty: it is, or is unknown."""
-        mount = self._chain(self._laser, self.settings.base_frame)
+        mount = self.pose_in(self._laser, self.settings.base_frame)
         laser = self.sensors.laser
         if mount is None:
             return ""
@@ -204,7 +201,7 @@ class RosSensors:
             f"{math.degrees(laser.yaw):.0f} deg"
         )
 
-    def _chain(self, frame: str, root: str) -> Stamped | None:
+    def pose_in(self, frame: str, root: str) -> Stamped | None:
         """The pose (3,) of a frame in one above it."""
         edges = {**self._rigid, **self._moved}
         pose, oldest = np.zeros(3), math.inf

@@ -6,14 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.hardware.boards.senses import POLL_PERIOD
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.kinematics import twist_of_wheels
 from wheelchair_gym.types import Episode
-
-Array = NDArray[np.float64]
 
 BEFORE, AFTER = 0.2, 1.5  # s that are recorded at rest before the step, and after it
 SETTLED = 0.05  # relative error of a speed that counts as settled

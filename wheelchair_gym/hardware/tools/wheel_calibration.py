@@ -13,16 +13,14 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.geometry import wrap_angle
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.kinematics import odometric_step, twist_of_wheels
 from wheelchair_gym.types import Episode
-
-Array = NDArray[np.float64]
 
 SPEED, TURN = 0.3, 0.4  # m/s, rad/s: slow, so that nothing slips
 DISTANCE, ANGLE = 0.01, 0.02  # m, rad: remainders at which a leg or a turn is done

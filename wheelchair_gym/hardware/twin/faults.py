@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from wheelchair_gym.hardware.boards.protocol import Switch
+from wheelchair_gym.hardware.twin.cable import LineNoise
 from wheelchair_gym.hardware.twin.lockstep import Faults, JoystickState
 from wheelchair_gym.hardware.twin.plant import Slope
-from wheelchair_gym.hardware.twin.protocol_twin import LineNoise
 from wheelchair_gym.hardware.twin.serve import ServedTwin
 from wheelchair_gym.sensors.settings import RANGERS
 

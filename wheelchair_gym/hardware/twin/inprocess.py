@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,11 +13,9 @@ from wheelchair_gym.hardware.boards.ports import Port
 from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.settings import HardwareSettings
+from wheelchair_gym.hardware.twin.cable import SerialCable
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import TIME_STEP
-from wheelchair_gym.hardware.twin.protocol_twin import CABLES, SerialCable
-
-_numbers = itertools.count()
 
 
 @dataclass
@@ -29,11 +26,15 @@ class _Guard:
 
 
 class TwinClock:
-    """Simulated time, which passes while somebody waits; see `control_loop.Clock`."""
+    """Simulated time, which passes while somebody waits; see `control_loop.Clock`.
+
+    Attributes:
+        guards: what is called beside those who wait; without them a host has crashed.
+    """
 
     def __init__(self, twin: Twin) -> None:
         self._twin = twin
-        self._guards: list[_Guard] = []
+        self.guards: list[_Guard] = []
 
     def now(self) -> float:
         """See `Clock.now`."""
@@ -43,10 +44,10 @@ class TwinClock:
         """See `Clock.wait`."""
         end = round(deadline / TIME_STEP)
         while self._twin.steps < end and not (cancelled is not None and cancelled.is_set()):
-            due = min((guard.due for guard in self._guards), default=end)
+            due = min((guard.due for guard in self.guards), default=end)
             steps = max(1, min(end, due) - self._twin.steps)
             self._twin.run(steps * TIME_STEP)
-            for guard in list(self._guards):
+            for guard in list(self.guards):
                 if self._twin.steps >= guard.due:
                     guard.due = self._twin.steps + guard.every
                     guard.call()
@@ -57,11 +58,11 @@ class TwinClock:
         """See `Clock.call_every`."""
         every = max(1, round(interval / TIME_STEP))
         guard = _Guard(callback, every, self._twin.steps + every)
-        self._guards.append(guard)
+        self.guards.append(guard)
 
         def end() -> None:
-            if guard in self._guards:
-                self._guards.remove(guard)
+            if guard in self.guards:
+                self.guards.remove(guard)
 
         return end
 
@@ -81,25 +82,24 @@ class TwinChair:
     """
 
     def __init__(self, twin: Twin, period: float, settings: HardwareSettings | None = None) -> None:
-        self.twin, name = twin, f"in-process-{next(_numbers)}"
-        self._names = f"{name}-drive", f"{name}-range"
-        self.drive = CABLES[self._names[0]] = SerialCable(twin.drive, np.random.default_rng(0))
-        self.range = CABLES[self._names[1]] = SerialCable(twin.range, np.random.default_rng(1))
+        self.twin, self.clock, plant = twin, TwinClock(twin), twin.plant.chair
+        self.drive = SerialCable(twin.drive, np.random.default_rng(0))
+        self.range = SerialCable(twin.range, np.random.default_rng(1))
+        ports: dict[str, Callable[[], Port]] = {
+            "drive": self.drive.open, "range": self.range.open, "laser": lambda: twin.laser
+        }  # fmt: skip
         config = dataclasses.replace(
             settings or HardwareSettings(),
-            drive_port=f"twin://{name}-drive", range_port=f"twin://{name}-range", laser_port="twin",
+            drive_port="twin://drive", range_port="twin://range", laser_port="twin://laser",
         )  # fmt: skip
-        self.clock, plant = TwinClock(twin), twin.plant.chair
 
-        def laser(_url: str) -> Port:
-            return twin.laser
+        def open_twin(url: str) -> Port:
+            return ports[url.removeprefix("twin://")]()
 
-        sensors, chair = plant.sensors, plant.settings
-        senses = BoardSensors(config, sensors, chair.drive, self.clock.now, laser_opener=laser)
+        sensors, chair, now = plant.sensors, plant.settings, self.clock.now
+        senses = BoardSensors(config, sensors, chair.drive, now, open_twin, open_twin)
         self.chair = HardwareChair(config, sensors, chair, period, self.clock, senses)
 
     def close(self) -> None:
-        """Close the chair and its cables; the twin stays."""
+        """Close the chair; the twin stays."""
         self.chair.close()
-        for name in self._names:
-            CABLES.pop(name, None)

@@ -16,8 +16,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from wheelchair_gym.hardware.twin.cable import SerialCable
 from wheelchair_gym.hardware.twin.lockstep import Twin
-from wheelchair_gym.hardware.twin.protocol_twin import SerialCable
 
 SLICE = 0.005  # s of simulated time between two reads of the lines
 LATE = 5.0  # s behind real time, up to which the simulation catches up
@@ -44,20 +44,18 @@ class Terminal:
 
     def pump(self) -> None:
         """Pass bytes both ways; never waits."""
-        before, self._open = self._open, not self._hung_up()
-        if self._open and not before:
-            self.wire.open()
-        with contextlib.suppress(OSError):  # nothing to read, or no host
+        hung_up = any(event & select.POLLHUP for _, event in self._poll.poll(0))
+        before, self._open = self._open, not hung_up
+        with contextlib.suppress(OSError):  # nothing to read, no host, or unplugged
+            if self._open and not before:
+                self.wire.open()
             self.wire.write(os.read(self._near, _CHUNK))
-        data = self.wire.read()
+        data = self.wire.receive()
         if data and self._open:
             try:
                 os.write(self._near, data)
             except BlockingIOError:  # the host does not read: the bytes are old
                 self._flush()
-
-    def _hung_up(self) -> bool:
-        return any(event & select.POLLHUP for _, event in self._poll.poll(0))
 
     def _flush(self) -> None:
         """Drop the bytes that wait at the far end, unless a host has locked it."""

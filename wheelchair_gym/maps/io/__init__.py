@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import read_json
 from wheelchair_gym.maps.grid import OccupancyGrid
@@ -20,8 +18,6 @@ from wheelchair_gym.maps.io.floor_plan import (
 from wheelchair_gym.maps.io.house_expo import read_house
 from wheelchair_gym.maps.io.map_server import read_map
 from wheelchair_gym.maps.io.moving_ai import read_moving_ai_map
-
-Array = NDArray[np.float64]
 
 
 class MapWithWalls(NamedTuple):

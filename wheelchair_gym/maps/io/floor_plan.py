@@ -15,16 +15,14 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.errors import InputError
 from wheelchair_gym.files import LIMITS, check_cells, coordinate_lists, coordinates, is_coordinate
 from wheelchair_gym.geometry import polygon_edges, signed_area
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
 from wheelchair_gym.maps.io.house_expo import MOST_SIDE, cells_of_outline
 from wheelchair_gym.maps.io.map_server import read_pixels
-
-Array = NDArray[np.float64]
 
 IMAGES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
 DARK: Final = 128  # of 255: a pixel below is occupied

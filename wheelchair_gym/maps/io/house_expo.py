@@ -11,15 +11,12 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import check_cells, coordinate_lists, read_json
 from wheelchair_gym.geometry import polygon_edges, signed_area
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 MARGIN: Final = 0.25  # m of solid ground round the outline, in its grid
 FRAME: Final = 1.0  # m of it in its walls, so that the grid lies within

@@ -12,13 +12,11 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.errors import InputError
 from wheelchair_gym.files import check_cells, is_coordinate, read_text
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
-
-Array = NDArray[np.float64]
 
 _DIGITS: Final = re.compile(r"[1-9][0-9]{0,17}")
 PASSABLE: Final = ".GS"

@@ -1,0 +1,40 @@
+"""Sphinx configuration of the documentation; `make docs` builds it, with warnings as errors."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE), str(HERE.parent)]
+
+import generate  # noqa: E402
+
+from wheelchair_gym import __version__  # noqa: E402
+
+generate.write_pages(HERE / "generated")
+
+project = "wheelchair_gym"
+author = "the wheelchair_gym developers"
+copyright = "the wheelchair_gym developers, MIT licence"
+version = release = __version__
+
+extensions = ["myst_parser"]
+source_suffix = {".md": "markdown"}
+# Fragments are included by pages.
+exclude_patterns = ["generated/fragments/*"]
+myst_enable_extensions = ["deflist", "fieldlist", "colon_fence"]
+myst_heading_anchors = 3
+# Nothing is fetched: links to other sites are not checked, and there is no other project's index.
+nitpicky = False
+highlight_language = "none"  # of blocks that name none: drawings
+add_module_names = False
+toc_object_entries_show_parents = "hide"
+python_maximum_signature_line_length = 88
+
+html_theme = "furo"
+html_title = f"wheelchair_gym {version}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_show_sphinx = False

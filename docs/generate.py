@@ -1,0 +1,406 @@
+"""Pages and tables of the documentation that follow from the code.
+
+`docs/conf.py` calls `write_pages` at each build. Nothing that is written here is committed:
+
+- fragments, which the page of the environment includes: actions, observations, rewards, info;
+- the reference of settings, from the function behind `wheelchair settings --markdown`;
+- the names in every registry, and the claims of the studies;
+- the reference of the public modules, from their docstrings (Google style, Markdown inside).
+"""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import enum
+import importlib
+import inspect
+import io
+import re
+import tokenize
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from sphinx.util.inspect import stringify_signature
+
+from agents.cli.lists import PARTS, all_settings, markdown, settings_rows
+from agents.control import FOLLOWERS
+from agents.evaluation.tables import markdown_table
+from agents.policies import POLICIES
+from agents.studies.runner import STUDIES
+from planners import OPTIMIZERS, PLANNERS
+from planners.registries import OBJECTIVES, REFINERS
+from wheelchair_gym.config import setting_docs
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.envs.info import INFO_KEYS
+from wheelchair_gym.hardware.registry import CHAIRS
+from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.scenes import SCENES
+from wheelchair_gym.task.observations import OBSERVATION_KEYS
+from wheelchair_gym.task.rewards import RewardWeights
+
+# Public modules, by package.
+MODULES = {
+    "wheelchair_gym": """
+        envs types config registry geometry kinematics random maps scenes scenes.map_file
+        scenes.describe sensors.settings sensors.laser sensors.ultrasonic physics.settings
+        physics.chair physics.actors.records task.settings task.observations task.rewards task.task
+        safety.shield safety.settings safety.stops localization.monte_carlo localization.slam
+        localization.occupancy localization.localized_chair hardware.registry hardware.settings
+        hardware.chair hardware.ros.settings hardware.twin.plant hardware.twin.lockstep
+        hardware.twin.inprocess hardware.twin.faults recording.record recording.replay
+        recording.sink rendering rendering.video compiled.kernel compiled.address errors
+    """,
+    "planners": """
+        problem registries collision.space judge refine problem_files trees.replan
+        controls.generator swarm.search swarm.path_cost
+    """,
+    "agents": """
+        policies policies.planned policies.learned policies.explore control control.followers deploy
+        watch evaluation.evaluate evaluation.compare evaluation.metrics evaluation.report
+        evaluation.tuning learning.sb3 learning.settings learning.run learning.weights
+        learning.export studies.model studies.evidence benchmarks.environments
+        benchmarks.planner_benchmark
+    """,
+}
+# Compiled functions are internal, but for those of these modules.
+KERNELS = ("wheelchair_gym.geometry", "wheelchair_gym.kinematics", "wheelchair_gym.random")
+
+# Settings with which every key of the observation is present in one of two environments.
+MORE_KEYS = {
+    "last_action": True, "shield_state": True, "side_clearance": True, "trail": [1, 2, 4, 8],
+    "privileged": True,
+}  # fmt: skip
+
+
+def write_pages(folder: Path) -> None:
+    """Write all generated pages into a folder, in place of those that are there.
+
+    Files whose text is the same stay as they are, so that a second build is fast.
+    """
+    pages = {
+        **{f"fragments/{name}.md": text for name, text in fragments().items()},
+        **dict(settings_pages()),
+        "fragments/names.md": names_page(),
+        "fragments/claims.md": claims_page(),
+        **dict(module_pages()),
+    }
+    for path in folder.rglob("*.md"):
+        if path.relative_to(folder).as_posix() not in pages:
+            path.unlink()
+    for name, text in pages.items():
+        path = folder / name
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+
+
+# ---- the environment
+
+
+def fragments() -> dict[str, str]:
+    """Tables of the page of the environment, by name."""
+    limits, weights = Limits(), dataclasses.fields(RewardWeights)
+    docs = setting_docs(RewardWeights)
+    env = NavigationEnv.__init__
+    return {
+        "actions": markdown_table(
+            ("index", "meaning", "at -1", "at 0", "at 1"),
+            [
+                ("0", "forward speed", f"{-limits.backward:g} m/s", "0", f"{limits.forward:g} m/s"),
+                ("1", "turn rate, counter-clockwise", f"{-limits.turn:g} rad/s", "0",
+                 f"{limits.turn:g} rad/s"),
+            ],
+        ),
+        "observations": _observations(),
+        "rewards": markdown_table(
+            ("term", "what is weighted", "weight", "unit", "source of the weight"),
+            [
+                (f"`{f.name}`", docs[f.name], f"{f.default:g}", f.metadata["unit"],
+                 f.metadata["source"])
+                for f in weights
+            ],
+        ),
+        "info": markdown_table(
+            ("key", "meaning"), [(f"`{key.name}`", key.meaning) for key in INFO_KEYS]
+        ),
+        "arguments": to_markdown(inspect.getdoc(env) or ""),
+    }  # fmt: skip
+
+
+def _observations() -> str:
+    """The keys of the observation, with the shapes and bounds that the spaces have."""
+    spaces: dict[str, tuple[str, Any]] = {}
+    for when, guidance, task in (
+        ("always", None, {}),
+        ("guided", "geodesic", {}),
+        ("by setting", "poses", MORE_KEYS),
+        ("by setting", "poses", {**MORE_KEYS, "hide_guidance": True}),
+    ):
+        env = NavigationEnv(config={"task": task}, guidance=guidance)
+        for name, space in env.task.spaces.items():
+            spaces.setdefault(name, (when, space))
+        env.close()
+    rows = []
+    for key in OBSERVATION_KEYS:
+        meaning = key.meaning.split("|")[-1].strip()
+        if key.name not in spaces:  # present by a setting that is not among MORE_KEYS
+            rows.append((f"`{key.name}`", meaning, "", "", "", "by setting"))
+            continue
+        when, space = spaces[key.name]
+        low, high = (_bound(end) for end in (space.low, space.high))
+        shape = str(tuple(map(int, space.shape)))
+        rows.append((f"`{key.name}`", meaning, f"`{shape}`", low, high, when))
+    return markdown_table(("key", "meaning", "shape", "low", "high", "present"), rows)
+
+
+def _bound(values: Any) -> str:
+    """A bound of a space in few words: one number, or the different ones in their order."""
+    distinct = list(dict.fromkeys(f"{value:.4g}" for value in np.ravel(values)))
+    return ", ".join(distinct)
+
+
+# ---- settings, names, claims
+
+
+def settings_pages() -> Iterator[tuple[str, str]]:
+    """A page of settings for each registry, and one for what is in none."""
+    classes = all_settings()
+    parts = {name: cls for name, cls in classes.items() if name in PARTS}
+    groups: dict[str, tuple[str, Mapping[str, type]]] = {
+        "environment": ("Chair, sensors, task, training", parts),
+        "planners": ("Planners", PLANNERS),
+        "followers": ("Followers", FOLLOWERS),
+        "policies": ("Policies", POLICIES),
+        "scenes": ("Scenes", SCENES),
+        "chairs": ("Real chairs", CHAIRS),
+    }
+    for name, (title, members) in groups.items():
+        text = markdown({key: settings_rows(members[key]) for key in members})
+        sections = text.partition("\n## ")[2]
+        sections = re.sub(r"(?m)^## ?(\S+)$", r"## `\1`", f"## {sections}")
+        command = f"`wheelchair settings {next(iter(members))}`"
+        lead = f"{command} prints the settings of one class." if name != "chairs" else ""
+        yield f"settings/{name}.md", f"# {title}\n\n{lead}\n\n{sections}"
+
+
+def names_page() -> str:
+    """What every registry holds, with the first sentence of each class."""
+    text = "# Names\n\nEvery registry of the project, with the first sentence of each entry.\n"
+    for title, registry in (
+        ("Scenes", SCENES), ("Planners", PLANNERS), ("Optimizers of `swarm`", OPTIMIZERS),
+        ("Objectives of `swarm`", OBJECTIVES), ("Refiners", REFINERS), ("Followers", FOLLOWERS),
+        ("Policies", POLICIES), ("Real chairs", CHAIRS),
+    ):  # fmt: skip
+        rows = [
+            (f"`{name}`", f"`{cls.__name__}`", first_line(cls)) for name, cls in registry.items()
+        ]
+        text += f"\n## {title}\n\n{markdown_table(('name', 'class', 'what it is'), rows)}"
+    return text
+
+
+def claims_page() -> str:
+    """The studies and the claims that they test."""
+    text = (
+        "# Studies and their claims\n\n`wheelchair study NAME` repeats a study, prints our figures "
+        "beside the published ones, and prints a verdict on each of these claims.\n"
+    )
+    for study in STUDIES.values():
+        text += (
+            f"\n## `{study.name}`: {study.title}\n\nSource: {study.source}. {study.settings}\n\n"
+        )
+        text += markdown_table(
+            ("claim", "source"), [(claim.text, claim.source) for claim in study.claims]
+        )
+        text += "".join(f"\n{note}\n" for note in study.notes)
+    return text
+
+
+def first_line(thing: Any) -> str:
+    """The first paragraph of a docstring in one line."""
+    return " ".join((inspect.getdoc(thing) or "").partition("\n\n")[0].split())
+
+
+# ---- modules
+
+
+def module_pages() -> Iterator[tuple[str, str]]:
+    """A page for each public module, and one for each package that lists them."""
+    for package, names in MODULES.items():
+        modules = [importlib.import_module(f"{package}.{name}") for name in names.split()]
+        rows = [(f"[{m.__name__}]({m.__name__}.md)", first_line(m)) for m in modules]
+        tree = "\n".join(f"{m.__name__.partition('.')[2]} <{m.__name__}>" for m in modules)
+        yield (
+            f"api/{package}.md",
+            f"# {package}\n\n{to_markdown(inspect.getdoc(importlib.import_module(package)) or '')}"
+            f"\n\n{markdown_table(('module', 'what it holds'), rows)}"
+            f"\n:::{{toctree}}\n:hidden:\n\n{tree}\n:::\n",
+        )
+        for module in modules:
+            yield f"api/{module.__name__}.md", module_page(module)
+
+
+def module_page(module: ModuleType) -> str:
+    """The page of a module: its docstring, its classes and its functions."""
+    name = module.__name__
+    title = name.partition(".")[2]  # a narrow screen breaks the whole name in the middle of a word
+    head = f":::{{py:module}} {name}\n:::"
+    parts = [f"# {title}", head, f"`{name}`", to_markdown(module.__doc__ or "")]
+    for key, thing in public_members(module):
+        parts.append(
+            class_text(key, thing) if inspect.isclass(thing) else function_text(key, thing)
+        )
+    return "\n\n".join(parts) + "\n"
+
+
+def public_members(module: ModuleType) -> Iterator[tuple[str, Any]]:
+    """Public classes and functions of a module: those it defines, or its `__all__`."""
+    listed = getattr(module, "__all__", None)
+    for name, thing in vars(module).items():
+        compiled = hasattr(thing, "py_func")
+        if name.startswith("_") or not (
+            inspect.isclass(thing) or inspect.isfunction(thing) or compiled
+        ):
+            continue
+        if compiled and module.__name__ not in KERNELS:
+            continue
+        place = getattr(getattr(thing, "py_func", thing), "__module__", "")
+        if name in listed if listed is not None else place == module.__name__:
+            yield name, thing
+
+
+def function_text(name: str, thing: Any) -> str:
+    """A function as a directive."""
+    function = getattr(thing, "py_func", thing)
+    return directive("function", f"{name}{call(function)}", inspect.getdoc(function))
+
+
+def class_text(name: str, cls: type) -> str:
+    """A class with its attributes, properties and methods."""
+    is_data = dataclasses.is_dataclass(cls)
+    is_settings = is_data and hasattr(getattr(cls, "__post_init__", None), "rule")
+    doc = inspect.getdoc(cls) if "__doc__" in vars(cls) else ""
+    if is_data and (doc or "").startswith(f"{cls.__name__}("):
+        doc = ""  # made by the decorator
+    body = [to_markdown(doc or "")]
+    body += [directive("attribute", *row) for row in attributes(cls, is_settings)]
+    init = vars(cls).get("__init__")
+    if inspect.isfunction(init) and init.__doc__ and not is_data:
+        body.append(to_markdown(inspect.getdoc(init) or ""))
+    for key, member in vars(cls).items():
+        if not key.startswith("_"):
+            body.append(member_text(cls, key, member))
+    inner = "\n\n".join(part for part in body if part)
+    # Settings take their attributes, which are many; enumerations and protocols are not made.
+    plain = is_settings or cls.__init__ is object.__init__ or issubclass(cls, enum.Enum)
+    plain = plain or getattr(cls, "_is_protocol", False)
+    return f":::::{{py:class}} {name}{'' if plain else call(cls)}\n\n{inner}\n:::::"
+
+
+def member_text(cls: type, key: str, member: Any) -> str:
+    """A property or a method as a directive; empty for anything else."""
+    if isinstance(member, property):
+        hint = inspect.signature(member.fget).return_annotation if member.fget else ""
+        return directive("property", key, member.__doc__, type_option(hint))
+    if isinstance(member, classmethod | staticmethod):
+        bound, kind = getattr(cls, key), type(member).__name__
+        return directive("method", f"{key}{call(bound)}", inspect.getdoc(bound), f":{kind}:")
+    if inspect.isfunction(member):
+        head = f"{key}{call(member, bound=True)}"
+        return directive("method", head, inspect.getdoc(member))
+    return ""
+
+
+def attributes(cls: type, is_settings: bool) -> Iterator[tuple[str, str, str]]:
+    """Name, meaning and type of the fields of a NamedTuple, a dataclass or an enumeration."""
+    docs = setting_docs(cls) if is_settings else comments(cls)
+    if dataclasses.is_dataclass(cls):
+        for field in dataclasses.fields(cls):
+            unit = field.metadata.get("unit", "")
+            doc = docs.get(field.name, "")
+            yield field.name, f"{doc} [{unit}]" if unit else doc, type_option(field.type)
+    elif hasattr(cls, "_fields"):
+        hints = inspect.get_annotations(cls)
+        for name in cls._fields:
+            yield name, docs.get(name, ""), type_option(hints.get(name, ""))
+    elif hasattr(cls, "__members__"):
+        for name in cls.__members__:
+            yield name, docs.get(name, ""), ""
+
+
+def comments(cls: type) -> dict[str, str]:
+    """The comments that stand behind the fields of a class, in its source."""
+    try:
+        source = inspect.getsource(cls)
+    except (OSError, TypeError):
+        return {}
+    behind = {
+        token.start[0]: token.string.lstrip("# ")
+        for token in tokenize.generate_tokens(io.StringIO(source).readline)
+        if token.type == tokenize.COMMENT
+    }
+    found = {}
+    for node in ast.parse(source).body[0].body:  # type: ignore[attr-defined]
+        target = node.target if isinstance(node, ast.AnnAssign) else None
+        if isinstance(node, ast.Assign):
+            target = node.targets[0]
+        if isinstance(target, ast.Name) and node.end_lineno in behind:
+            found[target.id] = behind[node.end_lineno]
+    return found
+
+
+def call(function: Any, bound: bool = False) -> str:
+    """The arguments of a function or a class, with annotations as they are written."""
+    try:
+        found = inspect.signature(function)
+    except (TypeError, ValueError):
+        return "()"
+    if bound:  # without `self`
+        found = found.replace(parameters=list(found.parameters.values())[1:])
+    if inspect.isclass(function):
+        found = found.replace(return_annotation=inspect.Signature.empty)
+    return re.sub(r"<[^<>]*>", "...", stringify_signature(found))  # defaults that are no code
+
+
+def type_option(hint: Any) -> str:
+    """The option of a directive that shows an annotation as it is written; empty without one."""
+    hint = getattr(hint, "__forward_arg__", hint)
+    text = hint if isinstance(hint, str) else getattr(hint, "__name__", str(hint))
+    return "" if text in ("", "_empty") else f":type: {text}"
+
+
+def directive(kind: str, head: str, doc: str | None, option: str = "") -> str:
+    """A directive of Sphinx's Python domain with a docstring as its content."""
+    lines = [f"::::{{py:{kind}}} {head}", *([option] if option else []), "", to_markdown(doc or "")]
+    return "\n".join([*lines, "::::"])
+
+
+SECTIONS = {
+    "Args": "param {}", "Attributes": "ivar {}", "Raises": "raises {}", "Returns": "returns",
+}  # fmt: skip
+
+
+def to_markdown(doc: str) -> str:
+    """A docstring in Google style as Markdown with field lists."""
+    out: list[str] = []
+    section = ""
+    for line in inspect.cleandoc(doc).splitlines():
+        if re.fullmatch(r"(Args|Attributes|Raises|Returns):", line):
+            section = line[:-1]
+            continue
+        if section and line and not line.startswith(" "):
+            section = ""
+            out.append("")
+        if not section:
+            out.append(re.sub(r"^#+ (.*)", r"**\1**\n", line))
+        elif section == "Returns":
+            first = out and out[-1].startswith((":returns", "    "))
+            out.append(f"    {line.strip()}" if first else f":returns: {line.strip()}")
+        elif match := re.match(r" {4}([\w.*, ]+): ?(.*)", line):
+            out.append(f":{SECTIONS[section].format(match[1])}: {match[2]}")
+        else:
+            out.append(line[4:])
+    return "\n".join(out).strip()
