@@ -17,7 +17,9 @@ def hidden() -> str:
     here = Path(__file__).resolve().parents[1]
     for name in ("planners", "agents"):
         found = find_spec(name)
-        places = [] if found is None else [*(found.submodule_search_locations or [found.origin])]
+        places = (
+            [] if found is None else list(found.submodule_search_locations or [str(found.origin)])
+        )
         if not places or Path(str(places[0])).resolve().parent != here:
             return f"{name} ({places[0] if places else 'nowhere'})"
     return ""

@@ -289,6 +289,16 @@ COMMANDS = (
         ],
     ),
     Command(
+        "convert", "convert:run", "write a map or an image of a floor plan as a map_server file",
+        "Write a map as a map_server YAML file with its image, for ROS and for other programs.",
+        "wheelchair convert plan.png --resolution 0.05 --out plan.yaml",
+        [
+            option("file", MAP_FILES, None, "FILE"), RESOLUTION,
+            option("--out", "the YAML file (default: the map's name, in this folder)", None,
+                   "FILE.yaml"), JSON,
+        ],
+    ),
+    Command(
         "dataset", "dataset:write", "write episodes of a policy as a data set for offline learning",
         "Drive episodes and write observations, actions and rewards as a Minari data set. Ctrl-C "
         "keeps the episodes driven so far. Needs the extra 'dataset'.",
