@@ -240,6 +240,7 @@ COMMANDS = (
                    "FILE.json:NAME as in configs/scenes.json (default: the config's, or "
                    "floor_plan)"),
             *map_options(),
+            flag("--pick", "choose start and goal on that map with the mouse, in a window"),
             option("--policy", POLICY_HELP, default="lattice+window"), seed(),
             option("--chair", f"drive {CHAIR} (default: a simulated one); --goal is on its own "
                    "map, and --start its pose X,Y,YAW where it does not report it", None, "CHAIR"),

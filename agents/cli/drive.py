@@ -38,6 +38,10 @@ def simulate(given: argparse.Namespace) -> int:
         if given.scene is not None:
             raise InputError("--map and --scene: expected one of them")
         (scene,) = maps
+        if given.pick:
+            scene |= _picked(scene, settings)
+    elif given.pick:
+        raise InputError("--pick needs --map")
     mode, episode = "human" if given.window else "rgb_array", None
     if given.chair is not None:
         env, episode = _real(given, settings, scene, mode)
@@ -77,6 +81,18 @@ def simulate(given: argparse.Namespace) -> int:
     )
     report(given, record, text)
     return 0
+
+
+def _picked(scene: dict[str, Any], settings: dict[str, Any]) -> dict[str, Any]:
+    """Start and goal that a person chooses in a window."""
+    from wheelchair_gym.rendering.pick import pick_poses
+
+    footprint = complete_env_settings(**{"config": None, **settings}).chair.footprint
+    start, goal = pick_poses(
+        read_any_map(scene["path"], resolution=scene.get("resolution")), footprint
+    )
+    print(f"--start {','.join(map(str, start))} --goal {','.join(map(str, goal))}", file=sys.stderr)
+    return {"start": start, "goal": goal}
 
 
 def _real(
