@@ -138,8 +138,8 @@ def test_start_and_goal_are_chosen_with_the_mouse(monkeypatch, tmp_path):
     show = Window.show
 
     def shown(self, image):
-        kind, at = next(events)
         alive = show(self, image)
+        kind, at = next(events, (pygame.MOUSEMOTION, (0, 0)))
         pygame.event.post(pygame.event.Event(kind, button=1, pos=at))
         return alive
 
