@@ -241,8 +241,8 @@ def level(samples: Sequence[Sample], x: Sequence[float], margin: float, text: st
     return _within(_slope(samples, x), -margin, margin, test, text)
 
 
-def paired_below(a: Array, b: Array, negligible: float, text: str) -> Evidence:
-    """Evidence for 'a is below b' of paired runs: Wilcoxon's signed-rank test.
+def paired_below(a: Array, b: Array, negligible: float, text: str, sign: float = 1.0) -> Evidence:
+    """Evidence for 'a is below b' of paired runs (above for sign -1): Wilcoxon's signed-rank test.
 
     The effect is the median difference relative to the median of b.
     """
@@ -254,7 +254,7 @@ def paired_below(a: Array, b: Array, negligible: float, text: str) -> Evidence:
     none = max(_wilcoxon_p(a - b + negligible * scale, "greater"),
                _wilcoxon_p(a - b - negligible * scale, "less"))  # fmt: skip
     effect, low, high = (100.0 * v / scale for v in _median_interval(a - b))
-    both = _directional_p(p_low < p_high, p, none)
+    both = _directional_p(sign * (p_high - p_low) > 0.0, p, none)
     return Evidence(*both, effect, low, high, "%", "Wilcoxon, paired", text)
 
 

@@ -24,7 +24,12 @@ from planners.problem import Plan, Status
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import path_length, polygon_edges
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.scenes.published import LAB_SIZE, LABS
+from wheelchair_gym.scenes.published import (
+    CHAOTIC_PSO_DISCS,
+    GREY_WOLF_DISCS,
+    LAB_SIZE,
+    LABS,
+)
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
@@ -109,6 +114,12 @@ def disc_problem(size: float, discs: Any, start: Any, goal: Any) -> Problem:
 
 Job = Mapping[str, Any]
 
+# The discs of a square by the name of the scene.
+DISCS: Final[dict[str, tuple[tuple[float, float, float], ...]]] = {
+    "chaotic_pso": CHAOTIC_PSO_DISCS,
+    "grey_wolf": GREY_WOLF_DISCS,
+    "none": (),
+}
 SETTLED = 1.001  # a swarm has settled once its cost is within this factor of its last
 
 
@@ -219,7 +230,7 @@ def min_clearance_ratio(line: Array, discs: Any) -> float:
 
 def among_discs(job: Job, seed: int) -> Record:
     """A swarm among discs; valid if its path stays `reach` radii from their centres."""
-    discs = tuple(map(tuple, job["discs"]))
+    discs = DISCS[job["discs"]]
     problem = disc_problem(job["size"], discs, tuple(job["start"]), tuple(job["goal"]))
     planner = make_planner(job["planner"])
     rng = np.random.default_rng(seed)
@@ -240,7 +251,7 @@ def among_discs(job: Job, seed: int) -> Record:
         "status": "valid" if free else "not valid",
         "valid": bool(free),
         "length_m": length,
-        "near": bool(free) and length is not None and length <= job["near"],
+        "near": bool(free) and length is not None and length <= job["near"] * job["best"],
         "loss": float(found.best_cost),
         "found": 1 + int(np.argmin(costs)),
         "settled": 1 + int(np.argmax(costs <= SETTLED * final)),

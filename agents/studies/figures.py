@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -45,8 +45,9 @@ def error_bars(
                   markersize=4 if line else 5, capsize=2.5, linewidth=1.3, label=label)  # fmt: skip
 
 
-def trend_figures(r: Results, what: str, metrics: Sequence[Metric]) -> Figures:
+def trend_figures(r: Results, what: str) -> Figures:
     """Each metric over the varied quantity: our means, and the published ones, scaled."""
+    metrics = r.study.metrics
     series = list(dict.fromkeys(row.series for row in r.study.rows))
     figure, panels = stacked_panels(len(metrics))
     for axes, metric in zip(panels, metrics, strict=True):
@@ -72,8 +73,9 @@ def trend_figures(r: Results, what: str, metrics: Sequence[Metric]) -> Figures:
     }  # fmt: skip
 
 
-def box_figures(r: Results, rows: Sequence[str], metrics: Sequence[Metric]) -> Figures:
-    """Box plots of each metric (P1, figures 9 to 11), and mean ranks (its figure 12)."""
+def box_figures(r: Results) -> Figures:
+    """Box plots of three metrics (P1, figures 9 to 11), and mean ranks (its figure 12)."""
+    rows, metrics = [row.label for row in r.study.rows], r.study.metrics[:3]
     figure, panels = stacked_panels(len(metrics), 2.2)
     for axes, metric in zip(panels, metrics, strict=True):
         axes.boxplot([r.pooled(row, metric) for row in rows], tick_labels=list(rows),
@@ -99,10 +101,11 @@ def box_figures(r: Results, rows: Sequence[str], metrics: Sequence[Metric]) -> F
     }  # fmt: skip
 
 
-def ladder_figures(r: Results, methods: Sequence[str], counts: Sequence[float]) -> Figures:
+def ladder_figures(r: Results) -> Figures:
     """T2: lengths and times on the labs, and how often each method solves as clutter grows."""
     from agents.evaluation.metrics import wilson
 
+    methods = list(dict.fromkeys(row.series.partition(",")[0] for row in r.study.rows))
     figure, panels = stacked_panels(2)
     for axes, metric in zip(panels, r.study.metrics[:2], strict=True):
         for k, method in enumerate(methods):
@@ -116,11 +119,12 @@ def ladder_figures(r: Results, methods: Sequence[str], counts: Sequence[float]) 
     rungs, plot = new_axes(2.8)
     for k, method in enumerate(methods):
         found = []
-        for row in (row for row in r.study.rows if row.series == f"{method}, clutter"):
+        rows = [row for row in r.study.rows if row.series == f"{method}, clutter"]
+        for row in rows:
             hits, runs = r.solved(row.label)
             low, high = wilson(hits, runs)
             found.append((100.0 * hits / max(runs, 1), 100.0 * low, 100.0 * high))
-        error_bars(plot, counts, found, k, method)
+        error_bars(plot, [row.x for row in rows], found, k, method)
     plot.set(xlabel="boxes in a room of 7 m x 5 m", ylabel="solved [%]", ylim=(-3, 103))
     legend_above(rungs, plot)
     return {
@@ -130,8 +134,9 @@ def ladder_figures(r: Results, methods: Sequence[str], counts: Sequence[float]) 
     }  # fmt: skip
 
 
-def method_figures(r: Results, rows: Sequence[str]) -> Figures:
+def method_figures(r: Results) -> Figures:
     """Length against the shortest, and nodes, by method."""
+    rows = [row.label for row in r.study.rows]
     figure, axes = new_axes(3.2)
     for k, row in enumerate(rows):
         ratio, nodes = (r.pooled(row, metric) for metric in (RATIO, NODES))
@@ -310,10 +315,10 @@ def disc_figures(r: Results) -> Figures:
     }  # fmt: skip
 
 
-def rollout_figures(r: Results) -> Figures:
+def rollout_figures(r: Results, scenes: Sequence[str]) -> Figures:
     """T1, figure 2.27: the planned path and the rollout of its controls."""
     figure = Figure(figsize=(WIDTH, 5.2), layout="constrained")
-    drawn = [row for row in r.study.rows if row.label in ("thesis_3", "thesis_5")]
+    drawn = [row for row in r.study.rows if row.label in scenes]
     for row, axes in zip(drawn, np.ravel(figure.subplots(len(drawn), 1)), strict=True):
         _draw_scene(axes, row.jobs[row.label]["scene"])
         kept = [rec for rec in r.runs[row.label, row.label] if "driven" in rec]
@@ -326,3 +331,15 @@ def rollout_figures(r: Results) -> Figures:
         "driven": ("The path of the global variant, and where its generated controls take the "
                    "axle.", figure),
     }  # fmt: skip
+
+
+FIGURES: Final[dict[str, Callable[..., Figures]]] = {
+    "trend": trend_figures,
+    "boxes": box_figures,
+    "ladder": ladder_figures,
+    "methods": method_figures,
+    "maps": map_figures,
+    "convergence": convergence_figures,
+    "discs": disc_figures,
+    "rollouts": rollout_figures,
+}

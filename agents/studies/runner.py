@@ -15,7 +15,7 @@ from agents.evaluation.metrics import wilson
 from agents.evaluation.provenance import command_line, now, provenance, write_json, write_text
 from agents.evaluation.runs import compute, run_key, source_digest
 from agents.evaluation.tables import csv_table
-from agents.studies import disc_swarms, lab_methods, smoothing_paper, thesis_tables
+from agents.studies.definitions import STUDIES
 from agents.studies.evidence import LEVEL, no_evidence
 from agents.studies.experiments import kernel_key, measure
 from agents.studies.figures import mean_interval
@@ -24,16 +24,6 @@ from agents.studies.report import write_studies_page
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import atomic_write
 
-STUDIES: Final[dict[str, Study]] = {
-    study.name: study
-    for study in (
-        *thesis_tables.STUDIES,
-        *smoothing_paper.STUDIES,
-        *disc_swarms.STUDIES,
-        *lab_methods.STUDIES,
-        thesis_tables.CONTROL,
-    )
-}
 # Verdicts are corrected for all claims, so that they do not depend on which studies run.
 CLAIMS: Final = sum(len(study.claims) for study in STUDIES.values())
 
