@@ -45,11 +45,6 @@ class Column(NamedTuple):
         return Cell(self.text(value), self.bounds(row), value)
 
 
-def share_column(key: str, name: str, meaning: str = "", interval: bool = True) -> Column:
-    """A column of shares, in per cent."""
-    return Column(key, name, "%", 1, 100.0, interval, meaning)
-
-
 class Cell(NamedTuple):
     """A cell: its text, small print below it, and the number by which it is sorted."""
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from importlib.resources import files
 from itertools import product
 from typing import Any, Final
 
-import yaml
-
+from agents import read_data
 from agents.studies.claims import Claim
 from agents.studies.figures import FIGURES
 from agents.studies.model import Metric, Row, Study, published
@@ -65,7 +63,7 @@ def _study(name: str, values: dict[str, Any]) -> Study:
 
 
 def _read() -> dict[str, Study]:
-    content = yaml.safe_load((files("agents") / "data" / "studies.yaml").read_text("utf-8"))
+    content = read_data("studies.yaml")
     return {name: _study(name, of) for name, of in content.items() if not name.startswith(".")}
 
 
