@@ -403,14 +403,14 @@ def _bench(folder: Path) -> Path:
 
     path = folder / "bench.json"
     record = {"key": "abc", "planner": "rrt", "seed": 0, "curve": [[0.1, 3.0]]}
-    path.write_text(json.dumps({"format": FORMAT, "records": [record], "others": []}))
+    path.write_text(json.dumps({"format": FORMAT, "records": [record]}))
     return path
 
 
 def _use_bench(path: Path) -> None:
-    from agents.benchmarks.planner_benchmark import read_records
+    from agents.benchmarks.planner_benchmark import check_result
 
-    read_records(path)
+    check_result(path)
 
 
 def _comparison(folder: Path) -> Path:

@@ -37,7 +37,6 @@ from agents.benchmarks.summary import (
 from agents.evaluation.metrics import path_figures
 from agents.evaluation.provenance import command_line, machine, now, write_json
 from agents.evaluation.runs import (
-    append,
     compute,
     read_store,
     run_key,
@@ -138,8 +137,8 @@ def _first_path_by_replay(planner: Any, case: Case, seed: int, plan: Plan) -> Re
     return {"first_path_s": spent, "first_path_length_m": earlier.length}
 
 
-def read_records(path: str | Path) -> dict[str, Record]:
-    """Records by key of an earlier results file.
+def check_result(path: str | Path) -> None:
+    """Refuse a file that is not a result of this benchmark.
 
     Raises:
         InputError: it cannot be read, or is something else.
@@ -147,13 +146,6 @@ def read_records(path: str | Path) -> dict[str, Record]:
     content = read_json(path)
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
         raise InputError(f"{path}: not a result of 'wheelchair bench planners'")
-    parts = [content.get("records"), content.get("others")]
-    records = [record for part in parts if isinstance(part, list) for record in part]
-    if not all(isinstance(part, list) for part in parts) or not all(
-        isinstance(record, Mapping) and isinstance(record.get("key"), str) for record in records
-    ):
-        raise InputError(f"{path}: expected lists of records with keys, 'records' and 'others'")
-    return {record["key"]: {k: v for k, v in record.items() if k != "key"} for record in records}
 
 
 class PlannerBenchmark:
@@ -171,7 +163,7 @@ class PlannerBenchmark:
         seeds: of the runs.
         deadlines: seconds.
         file: the results; FILE.jsonl stands beside it.
-        resume: continue the results in the file; otherwise runs that are stored there are deleted.
+        resume: make no stored run again; otherwise the stored runs are deleted.
         core: that all runs use.
 
     Raises:
@@ -184,7 +176,8 @@ class PlannerBenchmark:
         *, resume: bool = False, core: int | None = None,
     ) -> None:  # fmt: skip
         self.file, self.store = Path(file), Path(file).with_suffix(".jsonl")
-        before = read_records(file) if resume else {}
+        if resume:
+            check_result(file)
         self.peers, self.deadlines = list(peers), sorted(deadlines)
         self.cases = stored_cases(problems, only) if problems else scene_cases(only)
         self.entrants = make_entrants(ours, peers)
@@ -211,7 +204,6 @@ class PlannerBenchmark:
         if not resume:
             write_json(self.file, {})  # fails now where the file cannot be written
             self.store.unlink(missing_ok=True)
-        append(self.store, {k: v for k, v in before.items() if k not in read_store(self.store)})
         write_json(self.file, self.result())
 
     def run(self, progress: bool = True) -> None:
@@ -258,8 +250,7 @@ class PlannerBenchmark:
 
     def result(self) -> dict[str, Any]:
         """The content of the results file."""
-        rows, records, stored = self.rows(), self.records, read_store(self.store)
-        others = {key: record for key, record in stored.items() if key not in records}
+        rows = self.rows()
         return {
             "format": FORMAT,
             "command": command_line(),
@@ -271,8 +262,7 @@ class PlannerBenchmark:
                 for deadline in self.deadlines
             },
             "iterations": self._iterations,
-            "records": [{"key": key, **record} for key, record in records.items()],
-            "others": [{"key": key, **record} for key, record in others.items()],
+            "records": [{"key": key, **record} for key, record in self.records.items()],
         }
 
     def text(self) -> str:

@@ -6,10 +6,13 @@ A sweep over one setting is written as a table of the last rows and a figure of 
 from __future__ import annotations
 
 import csv
+import importlib.util
 import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 from agents.evaluation.provenance import write_text
 from agents.evaluation.tables import csv_table
@@ -54,30 +57,19 @@ class EpisodeStatistics:
         }
 
 
-class TensorBoardLogger:
-    """Writes the rows of a curve for TensorBoard; without effect where it is not installed."""
+def tensorboard_logger(folder: Path) -> Logger:
+    """A logger of rows for TensorBoard; without effect where it is not installed."""
+    if importlib.util.find_spec("tensorboard") is None:
+        return Logger(None, [])
+    return Logger(None, [TensorBoardOutputFormat(str(folder / "tensorboard"))])
 
-    def __init__(self, folder: Path) -> None:
-        self._writer: Any = None
-        try:
-            from torch.utils.tensorboard import SummaryWriter
-        except ImportError:
-            return
-        self._writer = SummaryWriter(str(folder / "tensorboard"))
 
-    def add(self, row: Row) -> None:
-        """Log one row."""
-        if self._writer is None:
-            return
-        for key, value in row.items():
-            if key != "frames" and isinstance(value, int | float):
-                self._writer.add_scalar(key, value, int(row["frames"]))
-        self._writer.flush()
-
-    def close(self) -> None:
-        """Close the log."""
-        if self._writer is not None:
-            self._writer.close()
+def log_row(logger: Logger, row: Row) -> None:
+    """Log the numbers of a row."""
+    for key, value in row.items():
+        if key != "frames" and isinstance(value, int | float):
+            logger.record(key, value)
+    logger.dump(int(row["frames"]))
 
 
 def read_curve(folder: Path) -> list[Row]:

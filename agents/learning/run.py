@@ -250,11 +250,11 @@ def train(
         InputError: the folder holds another run, or settings do not fit each other.
     """
     run = Run(config, seed, folder, on_prepared)
-    logger = curves.TensorBoardLogger(folder)
+    logger = curves.tensorboard_logger(folder)
     try:
         while not run.done:
             row = run.learn(on_step)
-            logger.add(row)
+            curves.log_row(logger, row)
             if on_row is not None:
                 on_row(row)
     finally:

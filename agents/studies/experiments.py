@@ -14,6 +14,7 @@ from time import process_time
 from typing import Any, Final
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from agents.evaluation.metrics import printed_turning, turning
@@ -22,7 +23,7 @@ from agents.studies.model import SEED_STRIDE
 from planners import Problem, Space, make_planner
 from planners.problem import Plan, Status
 from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import path_length, polygon_edges
+from wheelchair_gym.geometry import path_length, polygon_edges, to_world
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.published import (
     CHAOTIC_PSO_DISCS,
@@ -56,15 +57,10 @@ def problem_of(scene: Any, seed: int = 0, clearance: float = 0.0) -> Problem:
 
 def room_problem(boxes: Array, start: Any, goal: Any) -> Problem:
     """A room as in T2: separate axis-aligned boxes (n, 4) [m], without outer walls."""
-    walls = np.concatenate([polygon_edges(box_corners(box)) for box in boxes])
+    corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 4, 2)
+    walls = np.concatenate([polygon_edges(box) for box in corners])
     space = Space.from_walls(walls, np.empty((0, 3)), (0.0, 0.0, *LAB_SIZE))
     return Problem(space, np.array(start, dtype=float), np.array(goal, dtype=float))
-
-
-def box_corners(box: Any) -> Array:
-    """Corners (4, 2) of a box xmin, ymin, xmax, ymax, counter-clockwise."""
-    x0, y0, x1, y1 = box
-    return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], dtype=float)
 
 
 @lru_cache(maxsize=64)
@@ -217,17 +213,6 @@ def smoothing(job: Job, seed: int) -> Record:
     }
 
 
-def min_clearance_ratio(line: Array, discs: Any) -> float:
-    """Least distance of a polyline (n, 2) from the centres of discs, relative to their radii."""
-    a, b = line[:-1, None], line[1:, None]  # (n, 1, 2)
-    centres, radii = np.array(discs)[:, :2], np.array(discs)[:, 2]
-    along, square = b - a, np.maximum(((b - a) ** 2).sum(axis=2), 1e-300)
-    part = np.clip(((centres - a) * along).sum(axis=2) / square, 0.0, 1.0)
-    return float(
-        (np.hypot(*np.moveaxis(centres - a - part[..., None] * along, 2, 0)) / radii).min()
-    )
-
-
 def among_discs(job: Job, seed: int) -> Record:
     """A swarm among discs; valid if its path stays `reach` radii from their centres."""
     discs = DISCS[job["discs"]]
@@ -242,8 +227,9 @@ def among_discs(job: Job, seed: int) -> Record:
     points = found.way_points if job["by_legs"] else line
     free = len(line) > 0
     if free and discs:
-        sampled = np.repeat(line, 2, axis=0) if job["sampled"] else line
-        free = min_clearance_ratio(sampled, discs) >= job["reach"] - 1e-9
+        centres, radii = np.array(discs)[:, :2], np.array(discs)[:, 2]
+        away = shapely.distance(shapely.LineString(line), shapely.points(centres))
+        free = (away / radii).min() >= job["reach"] - 1e-9
     length = path_length(points) if len(points) else None
     final = costs[-1]
     record: Record = {
@@ -290,8 +276,6 @@ def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[A
 
 def controls(job: Job, seed: int) -> Record:
     """T1 figure 2.27: a path of the global variant, its controls, and their roll-out."""
-    import shapely
-
     from planners.controls.generator import ControlGenerator
     from wheelchair_gym.geometry import Footprint
     from wheelchair_gym.kinematics import Limits
@@ -311,9 +295,7 @@ def controls(job: Job, seed: int) -> Record:
     )
     seconds = process_time() - begun
     poses = made.rollout
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    turn = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)  # (n, 2, 2)
-    outline = np.einsum("nij,kj->nki", turn, footprint.corners) + poses[:, None, :2]
+    outline = np.array([to_world(footprint.corners, pose) for pose in poses])
     solid = shapely.union_all(
         [*shapely.linestrings(episode.walls.reshape(-1, 2, 2)),
          *shapely.buffer(shapely.points(episode.discs[:, :2]), episode.discs[:, 2])]

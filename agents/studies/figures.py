@@ -16,7 +16,7 @@ from agents.studies.evidence import estimate
 from agents.studies.model import LENGTH, NODES, RATIO, Array, Metric, Results
 from wheelchair_gym.rendering import palette
 
-Figures = dict[str, tuple[str, Figure]]
+Figures = dict[str, Figure]
 
 
 def mean_interval(r: Results, row: str, metric: Metric) -> tuple[float, float, float]:
@@ -67,10 +67,7 @@ def trend_figures(r: Results, what: str) -> Figures:
         axes.set_ylabel(metric.heading)
     panels[-1].set_xlabel(what)
     legend_above(figure, panels[0])
-    return {
-        "trend": ("Means over five maps with 95 % intervals; the published means (dotted) are "
-                  "scaled to the mean of ours, as maps and computers differ.", figure),
-    }  # fmt: skip
+    return {"trend": figure}
 
 
 def box_figures(r: Results) -> Figures:
@@ -93,12 +90,7 @@ def box_figures(r: Results) -> Figures:
     plot.set_xticks(range(len(rows)), list(rows), fontsize=7.5)
     plot.set(ylim=(len(rows) + 0.2, 0.8), ylabel="mean rank (1: best)")
     legend_above(table, plot)
-    return {
-        "boxes": ("Quartiles of all runs; whiskers reach 1.5 quartile ranges, outliers are left "
-                  "out. As the paper's figures 9 to 11.", figure),
-        "ranks": ("Mean rank among optimizers from equal starts, by metric: the radar chart of "
-                  "figure 12, as lines.", table),
-    }  # fmt: skip
+    return {"boxes": figure, "ranks": table}
 
 
 def ladder_figures(r: Results) -> Figures:
@@ -127,11 +119,7 @@ def ladder_figures(r: Results) -> Figures:
         error_bars(plot, [row.x for row in rows], found, k, method)
     plot.set(xlabel="boxes in a room of 7 m x 5 m", ylabel="solved [%]", ylim=(-3, 103))
     legend_above(rungs, plot)
-    return {
-        "labs": ("Means with 95 % intervals on three labs.", figure),
-        "ladder": ("Share of rooms solved as clutter grows, with 95 % Wilson intervals.",
-                   rungs),
-    }  # fmt: skip
+    return {"labs": figure, "ladder": rungs}
 
 
 def method_figures(r: Results) -> Figures:
@@ -145,7 +133,7 @@ def method_figures(r: Results) -> Figures:
                       markersize=7, fillstyle="full" if k < 8 else "none")  # fmt: skip
     axes.set(yscale="log", xlabel="length / shortest (mean over rooms)", ylabel="nodes")
     legend_above(figure, axes)
-    return {"methods": ("Mean length as a multiple of the shortest, and nodes kept.", figure)}
+    return {"methods": figure}
 
 
 _GREY = "#8a929a"
@@ -205,11 +193,7 @@ def map_figures(r: Results, rows: Sequence[str], best: str, scene: str) -> Figur
                           label=row)  # fmt: skip
                 break
     legend_above(drawn, plot)
-    return {
-        "lengths": ("Mean lengths of the paths found on each map, with 95 % intervals.", figure),
-        "paths": (f"Paths of the first seed that found one on {scene.replace('_', ' ')}, as the "
-                  "thesis's figure 3.6.", drawn),
-    }  # fmt: skip
+    return {"lengths": figure, "paths": drawn}
 
 
 def _kept(r: Results, row: str) -> list[Mapping[str, Any]]:
@@ -265,14 +249,7 @@ def convergence_figures(r: Results) -> Figures:
             axes_.set_ylabel(unit)
     panels[-1].set_xlabel("time [s]")
     legend_above(speeds, panels[0])
-    return {
-        "convergence": (f"Median of the least cost over {len(_kept(r, 'pso'))} runs, 10th to 90th "
-                        "percentile shaded (the paper's figures 5 and 10).", figure),
-        "paths": ("Best paths of those runs (figures 4 and 9).", paths),
-        "velocities": ("Along the best paths: linear and angular velocity of the platform, then "
-                       "linear and angular velocities of the right and left wheel (figures 6 to 8 "
-                       "and 11 to 13).", speeds),
-    }  # fmt: skip
+    return {"convergence": figure, "paths": paths, "velocities": speeds}
 
 
 def disc_figures(r: Results) -> Figures:
@@ -307,12 +284,7 @@ def disc_figures(r: Results) -> Figures:
         plot.set(aspect="equal", title=goal, xlim=(-1, 25), ylim=(-1, 25))
         plot.tick_params(labelsize=7)
     legend_above(paths, paths.axes[0])
-    return {
-        "lengths": ("Mean lengths with 95 % intervals, and the published ones (grey bars).",
-                    figure),
-        "paths": ("The shortest path of each method among the runs kept; x and y in metres. Legs "
-                  "may cut discs where a method tests way points only.", paths),
-    }  # fmt: skip
+    return {"lengths": figure, "paths": paths}
 
 
 def rollout_figures(r: Results, scenes: Sequence[str]) -> Figures:
@@ -327,10 +299,7 @@ def rollout_figures(r: Results, scenes: Sequence[str]) -> Figures:
             axes.plot(*np.array(kept[0]["driven"]).T, color=COLOURS[0], label="roll-out")
             if row is drawn[0]:
                 legend_above(figure, axes)
-    return {
-        "driven": ("The path of the global variant, and where its generated controls take the "
-                   "axle.", figure),
-    }  # fmt: skip
+    return {"driven": figure}
 
 
 FIGURES: Final[dict[str, Callable[..., Figures]]] = {

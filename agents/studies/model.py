@@ -105,7 +105,8 @@ class Study:
     margins: Mapping[str, float]  # by metric: less than this part counts as no difference
     rows: tuple[Row, ...]
     claims: tuple[Claim, ...]
-    figures: Callable[[Results], Mapping[str, tuple[str, Figure]]]
+    figures: Callable[[Results], Mapping[str, Figure]]
+    captions: Mapping[str, str]  # of the figures
     paired: bool = False  # all rows have the same seeds
     runs: int = 400  # the 100 of the thesis leave most trends undecided
     quick_runs: int = 10

@@ -144,13 +144,13 @@ def _write_figures(study: Study, results: Results, folder: Path) -> dict[str, tu
     """Each figure with its caption as SVG; also written as SVG and PNG."""
     found = {}
     with mpl.rc_context(LOOK):
-        for name, (caption, figure) in study.figures(results).items():
+        for name, figure in study.figures(results).items():
             svg = as_svg(figure)
             with atomic_write(folder / "figures" / f"{study.name}-{name}.svg") as part:
                 part.write_bytes(svg)
             with atomic_write(folder / "figures" / f"{study.name}-{name}.png") as part:
                 figure.savefig(part, format="png", dpi=150)
-            found[name] = (caption, svg)
+            found[name] = (study.captions[name], svg)
     return found
 
 
