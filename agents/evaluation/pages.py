@@ -34,6 +34,7 @@ def templates() -> jinja2.Environment:
         "count": count,
         "sort_key": lambda value: f"{value:.9g}" if exists(value) else "",
     }
+    environment.tests |= {"figure": exists}
     return environment
 
 

@@ -12,7 +12,7 @@ from agents import read_data
 from agents.evaluation import metrics
 from agents.evaluation.figures import figures
 from agents.evaluation.pages import data_uri, write_page
-from agents.evaluation.tables import Column, Table, exists, make_table
+from agents.evaluation.tables import Column, Table, make_table
 from wheelchair_gym.files import atomic_write
 from wheelchair_gym.rendering.video import webp
 
@@ -170,32 +170,12 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
     )  # fmt: skip
 
 
-def _video(video: Record | None, folder: Path) -> dict[str, str] | None:
+def _video(video: Record | None, folder: Path) -> dict[str, Any] | None:
     if video is None or not (path := folder / video["file"]).is_file():
         return None
     small = path.stat().st_size <= _LARGEST_VIDEO
     source = data_uri(path.read_bytes(), path.suffix) if small else quote(video["file"])
-    return {"file": video["file"], "source": source, "episode": _episode(video)}
-
-
-def _episode(record: Record) -> str:
-    return f"{record['policy']}, {record['scene']}, seed {record['seed']}"
-
-
-def failure_text(record: Record) -> str:
-    """How a failed episode ended, in one line."""
-    after = f"after {record['time']:.1f} s" if exists(record["time"]) else "at an unknown time"
-    ends = {
-        "collision": f"hit something {after}",
-        "timeout": f"out of time {after}",
-        "missed": f"stopped short of its goal {after}",
-    }
-    text = ends.get(record["outcome"], f"ended {after}")
-    if exists(record["length"]) and exists(record["geodesic"]):
-        text += f", {record['length']:.1f} m driven, shortest path {record['geodesic']:.1f} m"
-    if record["arrived"]:
-        text += "; its estimate was at the goal"
-    return text
+    return {**video, "source": source}
 
 
 def _failures(
@@ -210,8 +190,5 @@ def _failures(
         if picture and (folder / picture).is_file():
             source = data_uri(webp(folder / picture), ".webp") if left > 0 else quote(picture)
             left -= len(source)
-        found.append({
-            "episode": _episode(record), "end": failure_text(record), "source": source,
-            "picture": picture, "outcome": record["outcome"],
-        })  # fmt: skip
+        found.append({**record, "source": source})
     return found
