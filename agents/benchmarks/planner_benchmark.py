@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from agents import is_interrupt
+from agents import is_interrupt, read_data
 from agents.benchmarks.cases import MARGIN, SEED, Case, description, scene_cases, stored_cases
 from agents.benchmarks.entrants import (
     UNLIMITED,
@@ -52,19 +52,10 @@ FORMAT = "wheelchair bench planners 1"  # of a results file
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 SWARM = SwarmPlanner(optimizer="woa", population=10, way_points=20)  # whose time is measured
 ITERATIONS, REPEATS = 100, 5
-TERMS = (
-    "The arrays of a map for exact tests are made before the clock starts, and so is each peer's "
-    "description of the map. The first call is on a map that the planner has not seen; the "
-    "other calls share a map and what a planner caches with it.",
-    f"Under a deadline a planner's limit of iterations is {UNLIMITED:.0e}; an answer later than "
-    f"{LATE_FACTOR} times the deadline does not count. A planner without deadlines answers when it "
-    "is done.",
-    "Where a planner reports the iteration of its first path and not the time, a run that ends at "
-    "this iteration measures the time; where it reports neither, it is the time of the whole run.",
-    "A path is valid if shapely finds no fault in it: exact edges, within 1e-6 m.",
-    "OMPL gets our exact edge test, compiled for the map, which makes it faster; '..._sampled' is "
-    "OMPL as it comes. Its random numbers are one stream of the process.",
-)
+TERMS = [
+    term.format(UNLIMITED=UNLIMITED, LATE_FACTOR=LATE_FACTOR)
+    for term in read_data("planner_benchmark.yaml")["terms"]
+]
 
 Budget = str | float  # COLD, FREE, or a deadline [s]
 Job = tuple[Entrant, Case, int, Budget]
@@ -197,7 +188,7 @@ class PlannerBenchmark:
             "seeds": list(seeds),
             "deadlines_s": self.deadlines,
             "core": core,
-            "terms": list(TERMS),
+            "terms": TERMS,
             "entrants": [entrant.description for entrant in self.entrants],
         }
         self._prepared: dict[tuple[str, str], Any] = {}
