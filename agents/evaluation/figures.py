@@ -72,10 +72,16 @@ def as_svg(figure: Figure) -> bytes:
     return out.getvalue()
 
 
+def new_panels(height: float, rows: int, columns: int = 1) -> tuple[Figure, list[Axes]]:
+    """An empty figure of this height [inches] with rows and columns of panels."""
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    return figure, list(figure.subplots(rows, columns, squeeze=False).flat)
+
+
 def new_axes(height: float) -> tuple[Figure, Axes]:
     """An empty figure of this height [inches]."""
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
-    return figure, figure.add_subplot()
+    figure, (axes,) = new_panels(height, 1)
+    return figure, axes
 
 
 def legend_above(figure: Figure, axes: Axes) -> None:
@@ -184,10 +190,8 @@ def _doors(
         [getattr(r, key) for r in doorways.values()] for key in ("corridor_width", "door_width")
     )
     widths = np.linspace(min(corridors) - 0.08, max(corridors) + 0.08, 30)
-    figure = Figure(figsize=(WIDTH, 0.8 + 2.6 * len(policies)), layout="constrained")
-    for axes, policy in zip(
-        figure.subplots(len(policies), 1, squeeze=False)[:, 0], policies, strict=True
-    ):
+    figure, panels = new_panels(0.8 + 2.6 * len(policies), len(policies))
+    for axes, policy in zip(panels, policies, strict=True):
         for margin, dash in ((0.0, "-"), (0.05, "--")):
             least = [Doorway.narrowest_door(margin, width) for width in widths]
             axes.plot(

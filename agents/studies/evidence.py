@@ -48,11 +48,8 @@ class Estimate:
     @property
     def interval(self) -> tuple[float, float]:
         """95 %, two-sided."""
-        if self.error == 0.0 or not math.isfinite(self.error):
-            half = 0.0 if self.error == 0.0 else math.inf
-        else:
-            half = float(stats.t.ppf(0.975, self.freedom)) * self.error
-        return self.value - half, self.value + half
+        quantile = float(stats.t.ppf(0.975, self.freedom)) if self.error > 0.0 else 0.0
+        return self.value - quantile * self.error, self.value + quantile * self.error
 
 
 def estimate(samples: Sequence[Sample], weights: Sequence[float]) -> Estimate:

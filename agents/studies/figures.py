@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from agents.evaluation.figures import COLOURS, DASHES, MARKS, WIDTH, legend_above, new_axes
+from agents.evaluation.figures import COLOURS, DASHES, MARKS, legend_above, new_axes, new_panels
 from agents.studies.evidence import estimate
-from agents.studies.model import LENGTH, NODES, RATIO, Array, Metric, Results
+from agents.studies.model import LENGTH, NODES, RATIO, Array, Metric, Results, Row
 from wheelchair_gym.rendering import palette
 
 Figures = dict[str, Figure]
@@ -28,12 +28,6 @@ def mean_interval(r: Results, row: str, metric: Metric) -> tuple[float, float, f
     return found.value, *found.interval
 
 
-def stacked_panels(count: int, height: float = 2.0) -> tuple[Figure, list[Axes]]:
-    """A figure of stacked panels."""
-    figure = Figure(figsize=(WIDTH, height * count), layout="constrained")
-    return figure, list(np.atleast_1d(figure.subplots(count, 1, sharex=False)))
-
-
 def error_bars(
     axes: Axes, x: Any, found: Sequence[tuple[float, float, float]], k: int, label: str,
     line: str = "-",
@@ -45,23 +39,30 @@ def error_bars(
                   markersize=4 if line else 5, capsize=2.5, linewidth=1.3, label=label)  # fmt: skip
 
 
+def mean_bars(
+    axes: Axes, r: Results, rows: Sequence[Row], metric: Metric, k: int, label: str,
+    x: Any = None, line: str = "-",
+) -> Any:  # fmt: skip
+    """Draw the means of rows with their intervals, at x or at the rows' own; the means."""
+    found = [mean_interval(r, row.label, metric) for row in rows]
+    error_bars(axes, [row.x for row in rows] if x is None else x, found, k, label, line)
+    return np.array(found)[:, 0]
+
+
 def trend_figures(r: Results, what: str) -> Figures:
     """Each metric over the varied quantity: our means, and the published ones, scaled."""
     metrics = r.study.metrics
     series = list(dict.fromkeys(row.series for row in r.study.rows))
-    figure, panels = stacked_panels(len(metrics))
+    figure, panels = new_panels(2.0 * len(metrics), len(metrics))
     for axes, metric in zip(panels, metrics, strict=True):
         for k, name in enumerate(series):
-            rows = [row for row in r.study.rows if row.series == name]
-            x = [row.x for row in rows]
-            found = [mean_interval(r, row.label, metric) for row in rows]
-            error_bars(axes, x, found, k, f"ours, {name}" if name else "ours")
+            rows = r.study.series(name)
+            mean = mean_bars(axes, r, rows, metric, k, f"ours, {name}" if name else "ours")
             given = np.array([row.published.get(metric.key, np.nan) for row in rows])
-            mean = np.array([value[0] for value in found])
             scale = np.nanmean(mean) / np.nanmean(given)
             if np.isfinite(scale):
-                axes.plot(x, scale * given, ":", color=COLOURS[k % 8] if name else _GREY,
-                          marker=".", linewidth=1.0,
+                axes.plot([row.x for row in rows], scale * given, ":",
+                          color=COLOURS[k % 8] if name else _GREY, marker=".", linewidth=1.0,
                           label=f"published, {name}" if name else "published, scaled to one mean",
                           zorder=1)  # fmt: skip
         axes.set_ylabel(metric.heading)
@@ -73,7 +74,7 @@ def trend_figures(r: Results, what: str) -> Figures:
 def box_figures(r: Results) -> Figures:
     """Box plots of three metrics (P1, figures 9 to 11), and mean ranks (its figure 12)."""
     rows, metrics = [row.label for row in r.study.rows], r.study.metrics[:3]
-    figure, panels = stacked_panels(len(metrics), 2.2)
+    figure, panels = new_panels(2.2 * len(metrics), len(metrics))
     for axes, metric in zip(panels, metrics, strict=True):
         axes.boxplot([r.pooled(row, metric) for row in rows], tick_labels=list(rows),
                      showfliers=False, medianprops={"color": COLOURS[1]})  # fmt: skip
@@ -98,12 +99,10 @@ def ladder_figures(r: Results) -> Figures:
     from agents.evaluation.metrics import wilson
 
     methods = list(dict.fromkeys(row.series.partition(",")[0] for row in r.study.rows))
-    figure, panels = stacked_panels(2)
+    figure, panels = new_panels(4.0, 2)
     for axes, metric in zip(panels, r.study.metrics[:2], strict=True):
         for k, method in enumerate(methods):
-            rows = [row for row in r.study.rows if row.series == method]
-            error_bars(axes, [row.x for row in rows],
-                  [mean_interval(r, row.label, metric) for row in rows], k, method)  # fmt: skip
+            mean_bars(axes, r, r.study.series(method), metric, k, method)
         axes.set_ylabel(metric.heading)
         axes.set_xticks([1, 2, 3], ["lab 1", "lab 2", "lab 3"])
     panels[1].set_ylim(bottom=0.0)
@@ -111,7 +110,7 @@ def ladder_figures(r: Results) -> Figures:
     rungs, plot = new_axes(2.8)
     for k, method in enumerate(methods):
         found = []
-        rows = [row for row in r.study.rows if row.series == f"{method}, clutter"]
+        rows = r.study.series(f"{method}, clutter")
         for row in rows:
             hits, runs = r.solved(row.label)
             low, high = wilson(hits, runs)
@@ -237,7 +236,7 @@ def convergence_figures(r: Results) -> Figures:
     _ends(plot, (1, 1), (9, 9))
     plot.set(xlim=(0, 10), ylim=(0, 10), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     legend_above(paths, plot)
-    speeds, panels = stacked_panels(6, 1.5)
+    speeds, panels = new_panels(9.0, 6)
     for k, (row, label) in enumerate(names.items()):
         found = velocities(np.array(best[row]["line"]))
         t = SAMPLING * np.arange(len(found["v"]))
@@ -260,20 +259,17 @@ def disc_figures(r: Results) -> Figures:
     goals = [f"({goal})" for goal in GREY_WOLF_GOALS]
     figure, axes = new_axes(3.2)
     for k, method in enumerate(methods):
-        found = [mean_interval(r, f"{method} {goal}", LENGTH) for goal in goals]
+        rows = [row for row in r.study.rows if row.label.startswith(f"{method} (")]
         x = np.arange(len(goals)) + (k - 2) * 0.13
-        error_bars(axes, x, found, k, method, "")
-        given = [
-            row.published.get("length_m", np.nan) for goal in goals for row in r.study.rows
-            if row.label == f"{method} {goal}"
-        ]  # fmt: skip
+        mean_bars(axes, r, rows, LENGTH, k, method, x, "")
+        given = [row.published.get("length_m", np.nan) for row in rows]
         axes.plot(x, given, "_", color=_GREY, markersize=9, markeredgewidth=1.6,
                   label="published" if k == 0 else None)  # fmt: skip
     axes.set_xticks(range(len(goals)), goals)
     axes.set_ylabel(LENGTH.heading)
     legend_above(figure, axes)
-    paths = Figure(figsize=(WIDTH, 6.6), layout="constrained")
-    for goal, plot in zip(goals, np.ravel(paths.subplots(3, 2)), strict=True):
+    paths, panels = new_panels(6.6, 3, 2)
+    for goal, plot in zip(goals, panels, strict=True):
         _discs(plot, GREY_WOLF_DISCS)
         for k, method in enumerate(methods):
             kept = _kept(r, f"{method} {goal}")
@@ -289,9 +285,9 @@ def disc_figures(r: Results) -> Figures:
 
 def rollout_figures(r: Results, scenes: Sequence[str]) -> Figures:
     """T1, figure 2.27: the planned path and the rollout of its controls."""
-    figure = Figure(figsize=(WIDTH, 5.2), layout="constrained")
     drawn = [row for row in r.study.rows if row.label in scenes]
-    for row, axes in zip(drawn, np.ravel(figure.subplots(len(drawn), 1)), strict=True):
+    figure, panels = new_panels(5.2, len(drawn))
+    for row, axes in zip(drawn, panels, strict=True):
         _draw_scene(axes, row.jobs[row.label]["scene"])
         kept = [rec for rec in r.runs[row.label, row.label] if "driven" in rec]
         if kept:

@@ -116,6 +116,10 @@ class Study:
         """The metric of a key."""
         return next(metric for metric in self.metrics if metric.key == key)
 
+    def series(self, name: str) -> list[Row]:
+        """The rows of a series."""
+        return [row for row in self.rows if row.series == name]
+
     def seeds(self, row: Row, runs: int) -> range:
         """Seeds of a row's runs; rows are independent unless they are paired."""
         place = 0 if self.paired else crc32(f"{self.name} {row.label}".encode())
