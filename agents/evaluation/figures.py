@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -21,19 +22,10 @@ COLOURS = tuple(palette.css(colour) for colour in palette.SERIES)
 MARKS = "osD^vPX*"  # policies differ by shape, too, not only by colour
 DASHES = ("-", "--", "-.", ":")
 WIDTH = 4.4  # inches: on a phone, letters then keep the size of the text around them
+_STYLE = Path(__file__).parents[1] / "data" / "report.mplstyle"
 LOOK: Any = {
-    "font.family": "DejaVu Sans",
-    "font.size": 9.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
+    **mpl.rc_params_from_file(_STYLE, use_default_template=False),
     "axes.edgecolor": palette.css(palette.INK),
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#e3e6e9",
-    "grid.linewidth": 0.7,
-    "legend.frameon": False,
-    "legend.fontsize": 8.5,
-    "svg.hashsalt": "wheelchair_gym",
 }
 
 
