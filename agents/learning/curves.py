@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import importlib.util
 import io
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -24,37 +25,19 @@ SWEEP = "sweep"
 Row = dict[str, Any]
 
 
-class EpisodeStatistics:
-    """Counts and sums over the episodes since the last checkpoint."""
+def count_episodes(sums: Counter[str], infos: Any, dones: Any) -> None:
+    """Add the episodes that ended in a step to sums over episodes."""
+    for i in dones.nonzero()[0].tolist():
+        success, timeout = infos[i]["is_success"], infos[i]["TimeLimit.truncated"]
+        total, length = infos[i]["episode"]["r"], infos[i]["episode"]["l"]
+        ended = {"episodes": 1, "success": success, "timeout": timeout, "length": length}
+        sums.update({**ended, "return": total})
 
-    def __init__(self) -> None:
-        self.reset()
 
-    def reset(self) -> None:
-        """Set all counts to zero."""
-        self.episodes = self.success = self.truncated = 0
-        self.returns, self.lengths = 0.0, 0
-
-    def update(self, infos: Any, dones: Any) -> None:
-        """Add the episodes that ended in a step."""
-        for i in dones.nonzero()[0].tolist():
-            info = infos[i]
-            self.episodes += 1
-            self.success += info["is_success"]
-            self.truncated += info["TimeLimit.truncated"]
-            self.returns += info["episode"]["r"]
-            self.lengths += info["episode"]["l"]
-
-    def row(self) -> Row:
-        """Shares and means."""
-        n = max(1, self.episodes)
-        return {
-            "episodes": self.episodes,
-            "success": self.success / n,
-            "timeout": self.truncated / n,
-            "return": self.returns / n,
-            "length": self.lengths / n,
-        }
+def episode_row(sums: Counter[str]) -> Row:
+    """The number of episodes, and shares and means over them."""
+    n, keys = max(1, sums["episodes"]), ("success", "timeout", "return", "length")
+    return {"episodes": sums["episodes"], **{key: sums[key] / n for key in keys}}
 
 
 def tensorboard_logger(folder: Path) -> Logger:

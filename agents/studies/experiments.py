@@ -37,22 +37,16 @@ Array = NDArray[np.float64]
 
 
 @lru_cache(maxsize=64)
-def episode_of(scene: str, seed: int) -> Episode:
-    """The episode of a seed in a scene, which is given as JSON."""
-    return make_scene(json.loads(scene)).sample(np.random.default_rng(seed))
+def world_of(scene: str) -> tuple[Episode, Space]:
+    """The one world of a scene, which is given as JSON, and its map for planners."""
+    episode = make_scene(json.loads(scene)).sample(np.random.default_rng(0))
+    return episode, Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
 
 
-@lru_cache(maxsize=64)
-def _space(scene: str, seed: int) -> Space:
-    episode = episode_of(scene, seed)
-    return Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
-
-
-def problem_of(scene: Any, seed: int = 0, clearance: float = 0.0) -> Problem:
-    """The problem of a seed in a scene."""
-    spec = json.dumps(scene)
-    episode = episode_of(spec, seed)
-    return Problem(_space(spec, seed), episode.start[:2], episode.goal[:2], clearance)
+def problem_of(scene: Any, clearance: float = 0.0) -> Problem:
+    """The problem of a scene's one world."""
+    episode, space = world_of(json.dumps(scene))
+    return Problem(space, episode.start[:2], episode.goal[:2], clearance)
 
 
 def room_problem(boxes: Array, start: Any, goal: Any) -> Problem:
@@ -282,7 +276,7 @@ def controls(job: Job, seed: int) -> Record:
 
     footprint, limits = Footprint(), Limits()
     problem = problem_of(job["scene"], clearance=job["clearance"])
-    episode = episode_of(json.dumps(job["scene"]), 0)
+    episode, _ = world_of(json.dumps(job["scene"]))
     rng = np.random.default_rng(seed)
     begun = process_time()
     found = make_planner(job["planner"]).plan(problem, rng)
