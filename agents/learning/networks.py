@@ -5,7 +5,6 @@ Their classes inherit, as that library requires.
 
 from __future__ import annotations
 
-from functools import reduce
 from typing import Any
 
 import gymnasium as gym
@@ -201,7 +200,7 @@ def make_model(config: Training, seed: int, env: SB3VecEnv, layout: Layout) -> A
     return model
 
 
-def dense_parameters(*parts: nn.Module) -> dict[str, list[nn.Parameter]]:
+def dense_parameters(*parts: nn.Module) -> dict[str, list[torch.Tensor]]:
     """The parameters of the dense layers of networks, by the name of their array."""
     layers = [m for part in parts for m in part.modules() if isinstance(m, nn.Linear)]
     return {
@@ -211,7 +210,7 @@ def dense_parameters(*parts: nn.Module) -> dict[str, list[nn.Parameter]]:
     }
 
 
-def _actor_parameters(model: Any, algorithm: str) -> dict[str, list[nn.Parameter]]:
+def _actor_parameters(model: Any, algorithm: str) -> dict[str, list[torch.Tensor]]:
     """The parameters whose sum is an array of the actor, by its name."""
     policy = model.policy
     if algorithm == "ppo":
@@ -229,10 +228,10 @@ def _actor_parameters(model: Any, algorithm: str) -> dict[str, list[nn.Parameter
     return dense_parameters(policy.actor.latent_pi, policy.actor.mu)
 
 
-def arrays_of(parameters: dict[str, list[nn.Parameter]]) -> dict[str, Floats]:
+def arrays_of(parameters: dict[str, list[torch.Tensor]]) -> dict[str, Floats]:
     """The sum of each name's parameters."""
     return {
-        name: np.array(reduce(torch.add, of).detach().cpu().numpy(), np.float32)
+        name: np.array(sum(of[1:], of[0]).detach().cpu().numpy(), np.float32)
         for name, of in parameters.items()
     }
 
