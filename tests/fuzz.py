@@ -693,7 +693,7 @@ READERS: dict[str, Reader] = {
     "scene settings": Reader(_scenes, _use_scenes, ("cli.arguments.spec",)),
     "planner settings": Reader(_planners, _use_planners, ("cli.arguments.spec",)),
     "training settings": Reader(_training, _use_training, ("cli.train.run",)),
-    "planner results": Reader(_bench, _use_bench, ("benchmarks.planner_benchmark.read_records",)),
+    "planner results": Reader(_bench, _use_bench, ("benchmarks.planner_benchmark.check_result",)),
     "comparison": Reader(_comparison, _use_comparison, ("learning.publish._results",)),
     "curve": Reader(_curve, _use_curve, ("learning.curves.read_curve",)),
     "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),
