@@ -403,14 +403,14 @@ def _bench(folder: Path) -> Path:
 
     path = folder / "bench.json"
     record = {"key": "abc", "planner": "rrt", "seed": 0, "curve": [[0.1, 3.0]]}
-    path.write_text(json.dumps({"format": FORMAT, "records": [record], "others": []}))
+    path.write_text(json.dumps({"format": FORMAT, "records": [record]}))
     return path
 
 
 def _use_bench(path: Path) -> None:
-    from agents.benchmarks.planner_benchmark import read_records
+    from agents.benchmarks.planner_benchmark import check_result
 
-    read_records(path)
+    check_result(path)
 
 
 def _comparison(folder: Path) -> Path:
@@ -693,7 +693,7 @@ READERS: dict[str, Reader] = {
     "scene settings": Reader(_scenes, _use_scenes, ("cli.arguments.spec",)),
     "planner settings": Reader(_planners, _use_planners, ("cli.arguments.spec",)),
     "training settings": Reader(_training, _use_training, ("cli.train.run",)),
-    "planner results": Reader(_bench, _use_bench, ("benchmarks.planner_benchmark.read_records",)),
+    "planner results": Reader(_bench, _use_bench, ("benchmarks.planner_benchmark.check_result",)),
     "comparison": Reader(_comparison, _use_comparison, ("learning.publish._results",)),
     "curve": Reader(_curve, _use_curve, ("learning.curves.read_curve",)),
     "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),

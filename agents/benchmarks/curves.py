@@ -105,22 +105,16 @@ def _lengths(
     """Median length above the optimum, at deadlines, or when a planner without them ended."""
     if not optimum:
         return
-    points = []
-    for deadline in deadlines:
-        done = [
-            record
-            for record in records
-            if record["budget"] == deadline
-            and is_valid(record)
-            and record["wall_s"] <= LATE_FACTOR * deadline
+    valid = [record for record in records if is_valid(record)]
+    if any(record["budget"] in deadlines for record in records):
+        in_time = [
+            (deadline, [r for r in valid if r["budget"] == deadline and r["wall_s"] <= limit])
+            for deadline, limit in ((deadline, LATE_FACTOR * deadline) for deadline in deadlines)
         ]
-        points.append((deadline, [record["length_m"] for record in done]))
-    if not any(record["budget"] in deadlines for record in records):
-        done = [record for record in records if record["budget"] == FREE and is_valid(record)]
-        if done:
-            middle = float(np.median([record["wall_s"] for record in done]))
-            points = [(middle, [record["length_m"] for record in done])]
-    points = [(when, lengths) for when, lengths in points if lengths]
+    else:
+        free = [record for record in valid if record["budget"] == FREE]
+        in_time = [(float(np.median([r["wall_s"] for r in free])), free)] if free else []
+    points = [(when, [record["length_m"] for record in of]) for when, of in in_time if of]
     if not points:
         return
     over = [100.0 * (np.percentile(lengths, [25, 50, 75]) / optimum - 1.0) for _, lengths in points]

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from agents import is_interrupt
+from agents import is_interrupt, read_data
 from agents.benchmarks.cases import (
     MARGIN,
     SEED,
@@ -46,7 +46,6 @@ from agents.benchmarks.summary import (
 from agents.evaluation.metrics import path_figures
 from agents.evaluation.provenance import command_line, machine, now, write_json
 from agents.evaluation.runs import (
-    append,
     compute,
     read_store,
     run_key,
@@ -62,19 +61,10 @@ FORMAT = "wheelchair bench planners 1"  # of a results file
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 SWARM = SwarmPlanner(optimizer="woa", population=10, way_points=20)  # whose time is measured
 ITERATIONS, REPEATS = 100, 5
-TERMS = (
-    "The arrays of a map for exact tests are made before the clock starts, and so is each peer's "
-    "description of the map. The first call is on a map that the planner has not seen; the "
-    "other calls share a map and what a planner caches with it.",
-    f"Under a deadline a planner's limit of iterations is {UNLIMITED:.0e}; an answer later than "
-    f"{LATE_FACTOR} times the deadline does not count. A planner without deadlines answers when it "
-    "is done.",
-    "Where a planner reports the iteration of its first path and not the time, a run that ends at "
-    "this iteration measures the time; where it reports neither, it is the time of the whole run.",
-    "A path is valid if shapely finds no fault in it: exact edges, within 1e-6 m.",
-    "OMPL gets our exact edge test, compiled for the map, which makes it faster; '..._sampled' is "
-    "OMPL as it comes. Its random numbers are one stream of the process.",
-)
+TERMS = [
+    term.format(UNLIMITED=UNLIMITED, LATE_FACTOR=LATE_FACTOR)
+    for term in read_data("planner_benchmark.yaml")["terms"]
+]
 
 Budget = str | float  # COLD, FREE, or a deadline [s]
 Job = tuple[Entrant, Case, int, Budget]
@@ -147,8 +137,8 @@ def _first_path_by_replay(planner: Any, case: Case, seed: int, plan: Plan) -> Re
     return {"first_path_s": spent, "first_path_length_m": earlier.length}
 
 
-def read_records(path: str | Path) -> dict[str, Record]:
-    """Records by key of an earlier results file.
+def check_result(path: str | Path) -> None:
+    """Refuse a file that is not a result of this benchmark.
 
     Raises:
         InputError: it cannot be read, or is something else.
@@ -156,13 +146,6 @@ def read_records(path: str | Path) -> dict[str, Record]:
     content = read_json(path)
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
         raise InputError(f"{path}: not a result of 'wheelchair bench planners'")
-    parts = [content.get("records"), content.get("others")]
-    records = [record for part in parts if isinstance(part, list) for record in part]
-    if not all(isinstance(part, list) for part in parts) or not all(
-        isinstance(record, Mapping) and isinstance(record.get("key"), str) for record in records
-    ):
-        raise InputError(f"{path}: expected lists of records with keys, 'records' and 'others'")
-    return {record["key"]: {k: v for k, v in record.items() if k != "key"} for record in records}
 
 
 class PlannerBenchmark:
@@ -180,7 +163,7 @@ class PlannerBenchmark:
         seeds: of the runs.
         deadlines: seconds.
         file: the results; FILE.jsonl stands beside it.
-        resume: continue the results in the file; otherwise runs that are stored there are deleted.
+        resume: make no stored run again; otherwise the stored runs are deleted.
         core: that all runs use.
 
     Raises:
@@ -193,7 +176,8 @@ class PlannerBenchmark:
         *, scenes: Sequence[Any] = (), resume: bool = False, core: int | None = None,
     ) -> None:  # fmt: skip
         self.file, self.store = Path(file), Path(file).with_suffix(".jsonl")
-        before = read_records(file) if resume else {}
+        if resume:
+            check_result(file)
         self.peers, self.deadlines = list(peers), sorted(deadlines)
         if scenes:
             self.cases = [scene_case(scene) for scene in scenes]
@@ -222,14 +206,13 @@ class PlannerBenchmark:
             "seeds": list(seeds),
             "deadlines_s": self.deadlines,
             "core": core,
-            "terms": list(TERMS),
+            "terms": TERMS,
             "entrants": [entrant.description for entrant in self.entrants],
         }
         self._prepared: dict[tuple[str, str], Any] = {}
         if not resume:
             write_json(self.file, {})  # fails now where the file cannot be written
             self.store.unlink(missing_ok=True)
-        append(self.store, {k: v for k, v in before.items() if k not in read_store(self.store)})
         write_json(self.file, self.result())
 
     def run(self, progress: bool = True) -> None:
@@ -276,8 +259,7 @@ class PlannerBenchmark:
 
     def result(self) -> dict[str, Any]:
         """The content of the results file."""
-        rows, records, stored = self.rows(), self.records, read_store(self.store)
-        others = {key: record for key, record in stored.items() if key not in records}
+        rows = self.rows()
         return {
             "format": FORMAT,
             "command": command_line(),
@@ -289,8 +271,7 @@ class PlannerBenchmark:
                 for deadline in self.deadlines
             },
             "iterations": self._iterations,
-            "records": [{"key": key, **record} for key, record in records.items()],
-            "others": [{"key": key, **record} for key, record in others.items()],
+            "records": [{"key": key, **record} for key, record in self.records.items()],
         }
 
     def text(self) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from agents import read_data
 from agents.benchmarks.entrants import Entrant
 from agents.evaluation.metrics import share
 from agents.evaluation.tables import Cell, Column, Table
@@ -133,29 +134,14 @@ def ranking(rows: Sequence[Row], deadline: float) -> list[Row]:
 
 def columns(deadlines: Sequence[float]) -> list[Column]:
     """The columns of the table, after the planner's."""
-    valid = Column("success", "valid path", "%", 0, 100.0, interval=True)
-    return [
-        valid,
-        Column("invalid", "invalid paths", digits=0),
-        Column("cold_s", "first call", "ms", 2, 1e3),
-        Column("first_path_s", "first path", "ms", 2, 1e3),
-        Column("time_s", "time", "ms", 2, 1e3),
-        Column("cpu_s", "of it computing", "ms", 2, 1e3),
-        Column("ratio", "length / optimum", digits=4),
-        *(
-            column
-            for key in map(deadline_key, deadlines)
-            for column in (
-                Column(f"ratio_{key}", f"at {key}", digits=4),
-                valid._replace(key=f"success_{key}", name="valid"),
-            )
-        ),
-        Column("nodes", "nodes", digits=0),
-        Column("turning_rad", "turning", "rad", 3),
-        Column("printed_turning", "f1 of RRT-WOA", digits=3),
-        Column("clearance_min_m", "least clearance", "m", 3),
-        Column("clearance_mean_m", "mean clearance", "m", 2),
+    every = [Column(**column) for column in read_data("planner_benchmark.yaml")["columns"]]
+    first = next(k for k, column in enumerate(every) if "{deadline}" in column.key)
+    timed = [
+        column._replace(key=column.key.format(deadline=key), name=column.name.format(deadline=key))
+        for key in map(deadline_key, deadlines)
+        for column in every[first : first + 2]
     ]
+    return [*every[:first], *timed, *every[first + 2 :]]
 
 
 def entrant_title(row: Row) -> str:

@@ -6,10 +6,10 @@ import dataclasses
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import product
 from pathlib import Path
 from typing import Any
 
+from agents import read_data
 from agents.evaluation import report
 from agents.evaluation.evaluate import (
     NO_WATCH,
@@ -24,7 +24,6 @@ from agents.evaluation.evaluate import (
 )
 from agents.evaluation.metrics import Record, summarise
 from agents.evaluation.provenance import command_line, now, provenance, write_json, write_text
-from agents.learning.weights import shipped
 from agents.policies import kind_of, make_policy
 from agents.watch import Watch
 from wheelchair_gym.config import InputError, dump
@@ -47,118 +46,20 @@ class Suite:
     video: bool = True
 
 
-DOORS = (1.00, 0.95, 0.90, 0.85, 0.80)  # m: ADA asks for 0.815
-CORRIDORS = (1.20, 1.05, 0.90)  # m: ADA asks for 0.915
-
-
-def _doorway(door: float, corridor: float) -> Spec:
-    """A door off a corridor, labelled with the margin that the best manoeuvre leaves."""
-    spec = {"name": "doorway", "door_width": door, "corridor_width": corridor}
+def _scene(spec: Spec) -> Spec:
+    """A scene; a doorway is labelled with the margin that the best manoeuvre leaves."""
+    if not isinstance(spec, Mapping) or spec["name"] != "doorway":
+        return spec
+    door, corridor = spec["door_width"], spec["corridor_width"]
     margin = Doorway(door_width=door, corridor_width=corridor).margin
     return {**spec, "label": f"door {door:.2f} corridor {corridor:.2f} margin {margin:.3f}"}
 
 
-_CLINIC = {
-    "kind": "clinic", "door_width": (1.0, 1.4), "corridor_width": (1.5, 2.4),
-    "building_size": (14.0, 24.0),
-}  # fmt: skip
-_HOME = {"name": "floor_plan", "kind": "home", "door_width": (0.9, 1.1), "label": "home"}
-_CROSSING = {"people": {"crossing_share": 1.0}, "label": "crossing"}
-_CROWDS = (
-    {  # public buildings: a chair and a person pass each other (DIN 18040-1: 1.50 m)
-        "name": "crowd",
-        "place": "building",
-        "people": {"density": (0.01, 0.04)},  # without people who sit
-        "building": _CLINIC,
-        "label": "building",
-    },
-    {"name": "crowd", "place": "hall", "label": "hall"},
-)
-_VARIANTS = ("rrt_star_woa_local+window", "rrt_star_woa_global+window")
+def _suite(title: str, policies: list[Spec], scenes: list[Spec], episodes: int) -> Suite:
+    return Suite(title, tuple(policies), tuple(map(_scene, scenes)), episodes)
 
-SUITES: dict[str, Suite] = {
-    "demo": Suite(
-        "Planned and learned policies on several scenes",
-        (
-            *(f"rrt_star_woa_{v}+{f}" for v in ("local", "global") for f in ("window", "controls")),
-            *(BEST, "ppo_guided", "ppo_goal"),
-        ),
-        ("floor_plan", "clutter", "thesis_3", "map_file"),
-        3,
-    ),
-    "homes": Suite(
-        "Homes never seen before: doors from 0.90 m, corridors from 1.10 m",
-        ("random", "straight", BEST),
-        ({**_HOME, "corridor_width": (1.1, 1.6)},),
-        200,
-    ),
-    "clinic": Suite(
-        "Clinics never seen before: doors from 1.00 m, corridors from 1.50 m",
-        ("straight", BEST),
-        ({"name": "floor_plan", **_CLINIC, "label": "clinic"},),
-        200,
-    ),
-    "barn": Suite(
-        "Worlds of cylinders, drawn as those of the BARN challenge were",
-        ("straight", "a_star+pure_pursuit", BEST),
-        ("barn",),
-        100,
-    ),
-    "thesis": Suite(
-        "The thesis's five maps",
-        ("straight", *_VARIANTS, BEST),
-        tuple(f"thesis_{k}" for k in range(1, 6)),
-        20,
-    ),
-    "followers": Suite(
-        "One planner, each follower",
-        (
-            *(f"a_star+{name}" for name in ("pure_pursuit", "window")),
-            *(f"lattice+{f}" for f in ("pure_pursuit", "controls", "dwa", "mppi", "window", "woa")),
-        ),
-        ("floor_plan",),
-        40,
-    ),
-    "crowd": Suite(
-        "Among people, in buildings and halls; one in ten pays no attention",
-        ("straight", BEST),
-        _CROWDS,
-        40,
-    ),
-    "cylinders": Suite(
-        "Cylinders that cross a hall and avoid nothing, as in DynaBARN",
-        ("straight", BEST),
-        ({**_CROWDS[1], **_CROSSING},),
-        40,
-    ),
-    "temporary": Suite(
-        "Obstacles that appear on the way and disappear again",
-        ("a_star+pure_pursuit", BEST),
-        ("temporary",),
-        40,
-    ),
-    "doors": Suite(
-        "How tight a door off a corridor may be; the margin is what remains round the corner",
-        ("a_star+window", BEST),
-        tuple(_doorway(door, corridor) for door, corridor in product(DOORS, CORRIDORS)),
-        10,
-    ),
-}
 
-SUITES["league"] = Suite(
-    "Kinds of policies on kinds of scenes: who wins where",
-    (
-        *("random", "straight", "a_star+pure_pursuit", "rrt_star+window", *_VARIANTS),
-        *("rrt_star_woa_global+controls", "lattice+dwa", "lattice+mppi", "lattice+woa", BEST),
-        *shipped(),
-    ),
-    (
-        *(*SUITES["homes"].scenes, "thesis_3", "thesis_5", "barn"),
-        *(_doorway(door, 1.05) for door in (1.00, 0.90, 0.85)),
-        *("temporary", *_CROWDS),
-    ),
-    20,
-)
+SUITES = {name: _suite(**values) for name, values in read_data("suites.yaml").items()}
 
 
 def suite(name: str) -> Suite:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -21,19 +22,10 @@ COLOURS = tuple(palette.css(colour) for colour in palette.SERIES)
 MARKS = "osD^vPX*"  # policies differ by shape, too, not only by colour
 DASHES = ("-", "--", "-.", ":")
 WIDTH = 4.4  # inches: on a phone, letters then keep the size of the text around them
+_STYLE = Path(__file__).parents[1] / "data" / "report.mplstyle"
 LOOK: Any = {
-    "font.family": "DejaVu Sans",
-    "font.size": 9.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
+    **mpl.rc_params_from_file(_STYLE, use_default_template=False),
     "axes.edgecolor": palette.css(palette.INK),
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#e3e6e9",
-    "grid.linewidth": 0.7,
-    "legend.frameon": False,
-    "legend.fontsize": 8.5,
-    "svg.hashsalt": "wheelchair_gym",
 }
 
 
@@ -72,10 +64,16 @@ def as_svg(figure: Figure) -> bytes:
     return out.getvalue()
 
 
+def new_panels(height: float, rows: int, columns: int = 1) -> tuple[Figure, list[Axes]]:
+    """An empty figure of this height [inches] with rows and columns of panels."""
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    return figure, list(figure.subplots(rows, columns, squeeze=False).flat)
+
+
 def new_axes(height: float) -> tuple[Figure, Axes]:
     """An empty figure of this height [inches]."""
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
-    return figure, figure.add_subplot()
+    figure, (axes,) = new_panels(height, 1)
+    return figure, axes
 
 
 def legend_above(figure: Figure, axes: Axes) -> None:
@@ -184,10 +182,8 @@ def _doors(
         [getattr(r, key) for r in doorways.values()] for key in ("corridor_width", "door_width")
     )
     widths = np.linspace(min(corridors) - 0.08, max(corridors) + 0.08, 30)
-    figure = Figure(figsize=(WIDTH, 0.8 + 2.6 * len(policies)), layout="constrained")
-    for axes, policy in zip(
-        figure.subplots(len(policies), 1, squeeze=False)[:, 0], policies, strict=True
-    ):
+    figure, panels = new_panels(0.8 + 2.6 * len(policies), len(policies))
+    for axes, policy in zip(panels, policies, strict=True):
         for margin, dash in ((0.0, "-"), (0.05, "--")):
             least = [Doorway.narrowest_door(margin, width) for width in widths]
             axes.plot(

@@ -22,9 +22,10 @@ _TYPES = {
 
 @cache
 def templates() -> jinja2.Environment:
-    """The environment of the templates; values are escaped."""
+    """The environment of the templates; values in HTML are escaped."""
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("agents", "templates"), autoescape=True,
+        loader=jinja2.PackageLoader("agents", "templates"),
+        autoescape=jinja2.select_autoescape(),
         undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     environment.filters |= {
@@ -33,6 +34,7 @@ def templates() -> jinja2.Environment:
         "count": count,
         "sort_key": lambda value: f"{value:.9g}" if exists(value) else "",
     }
+    environment.tests |= {"figure": exists}
     return environment
 
 

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from agents import read_data
+from agents.evaluation import metrics
 from agents.evaluation.figures import figures
-from agents.evaluation.metrics import BARN_SPEED, HALT, ROUGH, WIDE
 from agents.evaluation.pages import data_uri, write_page
-from agents.evaluation.tables import Column, Table, exists, make_table, share_column
+from agents.evaluation.tables import Column, Table, make_table
 from wheelchair_gym.files import atomic_write
 from wheelchair_gym.rendering.video import webp
 
@@ -19,60 +20,18 @@ Evaluation = Mapping[str, Any]  # the content of results.json
 Record = Mapping[str, Any]
 
 POLICY, SCENE = Column("policy", "policy", None), Column("scene", "scene", None)
-SUCCESS = share_column("success", "success", "at the goal by truth, without any contact")
-COLUMNS = (
-    Column("episodes", "episodes", digits=0,
-           meaning="driven, one a seed; every policy drives the same ones"),
-    SUCCESS,
-    share_column("wide", "success, 5 cm of margin",
-                 f"the same, of episodes whose margin is {WIDE:g} m or more"),
-    Column("margin", "least margin", "m", 3,
-           meaning="by how much the chair could grow on every side and still reach the goal; where "
-           "this is less than 0.1 m beside the chair, its turns are considered, too; the least of "
-           "all episodes"),
-    share_column("collision", "collision", "any contact by truth, or a bumper strip pressed"),
-    share_column("at_fault", "caused by the chair",
-                 "episodes in which a point of the chair's outline touched something while closing "
-                 "on it at more than 0.05 m/s, and faster than it closed on the chair", False),
-    share_column("timeout", "timeout",
-                 "still under way when the time limit ended the episode; success, collision and "
-                 "timeout sum to less than 100 % where the chair stopped at a place that it "
-                 "wrongly believed to be the goal"),
-    share_column("arrived", "own estimate arrived",
-                 "the chair believed to be at its goal, by its estimated pose", False),
-    Column("spl", "SPL", digits=3,
-           meaning="success weighted by path length: mean over all episodes of geodesic / driven "
-           "length, 0 for a failure; 1 is perfect"),
-    Column("barn", "BARN score", digits=3,
-           meaning="score of the BARN challenge: success x t / clip(time, 2 t, 8 t), with t = path "
-           f"length / {BARN_SPEED:g} m/s; 0.5 is the best; mean of all episodes"),
-    Column("barn_own", "BARN score at own speed", digits=3,
-           meaning="the same at the chair's own top speed"),
-    Column("time", "time", "s", 1, meaning="mean of successful episodes"),
-    Column("length", "length", "m", meaning="driven, mean of successful episodes"),
-    Column("halts", "halts", meaning=f"times the chair stood still for {HALT:g} s or more on its "
-           "way, mean of all episodes"),
-    Column("replans", "replans", meaning="plans made after the first, mean of all episodes"),
-    Column("clearance_min", "clearance min", "m", 3,
-           meaning="least distance between the chair's outline and anything, of all episodes; 0 "
-           "is contact"),
-    Column("clearance_mean", "clearance mean", "m", 3, meaning="the same distance, mean over time"),
-    Column("accel_rms", "RMS acceleration", "m/s²",
-           meaning="root mean square of the change of speed"),
-    Column("jerk_rms", "RMS jerk", "m/s³",
-           meaning="root mean square of the second difference of the speed; less is smoother"),
-    Column("rough_share", f"above {ROUGH:g} m/s²", "% of time", 1, 100.0,
-           meaning=f"share of time with an acceleration, forward and lateral together, above "
-           f"{ROUGH:g} m/s²: where standing passengers of public transport begin to complain"),
-    Column("energy_per_m", "energy", "Wh/m", meaning="drawn from the battery per metre driven"),
-    Column("plan_ms_p50", "plan p50", "ms", 1, meaning="time to make the first plan, median"),
-    Column("plan_ms_p95", "plan p95", "ms", 1,
-           meaning="time to make the first plan, 95th percentile of episodes"),
-    Column("act_ms_p50", "act p50", "ms", meaning="time to choose one action, median"),
-    Column("act_ms_p95", "act p95", "ms",
-           meaning="time to choose one action, 95th percentile of the episodes' 95th percentiles"),
-)  # fmt: skip
 
+
+def _columns() -> tuple[Column, ...]:
+    rows = read_data("columns.yaml")
+    of = ("name", "meaning")
+    return tuple(
+        Column(**row | {key: row[key].format(**vars(metrics)) for key in of}) for row in rows
+    )
+
+
+COLUMNS = _columns()
+SUCCESS = COLUMNS[1]
 LEVEL = 0.05  # of a test
 FEWEST = 6  # pairs: with fewer, the paired test cannot be significant at that level
 RANKING_NOTE = (
@@ -211,32 +170,12 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
     )  # fmt: skip
 
 
-def _video(video: Record | None, folder: Path) -> dict[str, str] | None:
+def _video(video: Record | None, folder: Path) -> dict[str, Any] | None:
     if video is None or not (path := folder / video["file"]).is_file():
         return None
     small = path.stat().st_size <= _LARGEST_VIDEO
     source = data_uri(path.read_bytes(), path.suffix) if small else quote(video["file"])
-    return {"file": video["file"], "source": source, "episode": _episode(video)}
-
-
-def _episode(record: Record) -> str:
-    return f"{record['policy']}, {record['scene']}, seed {record['seed']}"
-
-
-def failure_text(record: Record) -> str:
-    """How a failed episode ended, in one line."""
-    after = f"after {record['time']:.1f} s" if exists(record["time"]) else "at an unknown time"
-    ends = {
-        "collision": f"hit something {after}",
-        "timeout": f"out of time {after}",
-        "missed": f"stopped short of its goal {after}",
-    }
-    text = ends.get(record["outcome"], f"ended {after}")
-    if exists(record["length"]) and exists(record["geodesic"]):
-        text += f", {record['length']:.1f} m driven, shortest path {record['geodesic']:.1f} m"
-    if record["arrived"]:
-        text += "; its estimate was at the goal"
-    return text
+    return {**video, "source": source}
 
 
 def _failures(
@@ -251,8 +190,5 @@ def _failures(
         if picture and (folder / picture).is_file():
             source = data_uri(webp(folder / picture), ".webp") if left > 0 else quote(picture)
             left -= len(source)
-        found.append({
-            "episode": _episode(record), "end": failure_text(record), "source": source,
-            "picture": picture, "outcome": record["outcome"],
-        })  # fmt: skip
+        found.append({**record, "source": source})
     return found

@@ -132,16 +132,6 @@ def open_store(path: Path) -> Any:
     return store
 
 
-def append(path: Path, records: Mapping[str, Record]) -> None:
-    """Add records to a store.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    with open_store(path) as store:
-        store.write("".join(stored_line(*each) for each in records.items()).encode())
-
-
 def compute(
     jobs: Mapping[str, Job],
     work: Callable[[Job], Record],

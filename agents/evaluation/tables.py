@@ -17,7 +17,7 @@ class Column(NamedTuple):
     key: str
     name: str
     unit: str | None = ""  # None: a column of text
-    digits: int = 2
+    digits: int | str = 2  # after the point, or a format
     factor: float = 1.0
     interval: bool = False  # the row has an interval, under the keys KEY_low and KEY_high
     meaning: str = ""
@@ -29,7 +29,8 @@ class Column(NamedTuple):
 
     def text(self, value: float | None) -> str:
         """A figure as it is written; a dash where there is none."""
-        return f"{value * self.factor:.{self.digits}f}" if exists(value) else "-"  # type: ignore[operator]
+        form = self.digits if isinstance(self.digits, str) else f".{self.digits}f"
+        return f"{value * self.factor:{form}}" if exists(value) else "-"  # type: ignore[operator]
 
     def bounds(self, row: Row) -> str:
         """The interval as 'low-high'; empty where there is none."""
@@ -43,11 +44,6 @@ class Column(NamedTuple):
         if self.unit is None:
             return Cell(str(value))
         return Cell(self.text(value), self.bounds(row), value)
-
-
-def share_column(key: str, name: str, meaning: str = "", interval: bool = True) -> Column:
-    """A column of shares, in per cent."""
-    return Column(key, name, "%", 1, 100.0, interval, meaning)
 
 
 class Cell(NamedTuple):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import zipfile
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,8 @@ def model_state(model: Any) -> dict[str, Any]:
     """The state of a model: networks, optimizers and replay buffer."""
     names, variables = model._get_torch_save_params()
     state: dict[str, Any] = {
-        "modules": {name: _attribute(model, name).state_dict() for name in names},
-        "variables": {name: _attribute(model, name).data for name in variables or []},
+        "modules": {name: attrgetter(name)(model).state_dict() for name in names},
+        "variables": {name: attrgetter(name)(model).data for name in variables or []},
         "frames": model.num_timesteps,
         "updates": model._n_updates,
     }
@@ -39,21 +40,15 @@ def model_state(model: Any) -> dict[str, Any]:
 def load_model_state(model: Any, state: dict[str, Any]) -> None:
     """Load a state from `model_state` into a model of the same settings."""
     for name, values in state["modules"].items():
-        _attribute(model, name).load_state_dict(values)
+        attrgetter(name)(model).load_state_dict(values)
     for name, values in state["variables"].items():
-        _attribute(model, name).data.copy_(values)
+        attrgetter(name)(model).data.copy_(values)
     model.num_timesteps, model._n_updates = state["frames"], state["updates"]
     if "replay" in state:
         buffer = model.replay_buffer
         for name, values in state["replay"].items():
             getattr(buffer, name)[: len(values)] = values.numpy()
         buffer.pos, buffer.full = state["replay_at"][0], bool(state["replay_at"][1])
-
-
-def _attribute(model: Any, name: str) -> Any:
-    for part in name.split("."):
-        model = getattr(model, part)
-    return model
 
 
 def save_checkpoint(folder: Path, content: dict[str, Any]) -> None:

@@ -6,10 +6,14 @@ A sweep over one setting is written as a table of the last rows and a figure of 
 from __future__ import annotations
 
 import csv
+import importlib.util
 import io
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 from agents.evaluation.provenance import write_text
 from agents.evaluation.tables import csv_table
@@ -21,63 +25,34 @@ SWEEP = "sweep"
 Row = dict[str, Any]
 
 
-class EpisodeStatistics:
-    """Counts and sums over the episodes since the last checkpoint."""
-
-    def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Set all counts to zero."""
-        self.episodes = self.success = self.truncated = 0
-        self.returns, self.lengths = 0.0, 0
-
-    def update(self, infos: Any, dones: Any) -> None:
-        """Add the episodes that ended in a step."""
-        for i in dones.nonzero()[0].tolist():
-            info = infos[i]
-            self.episodes += 1
-            self.success += info["is_success"]
-            self.truncated += info["TimeLimit.truncated"]
-            self.returns += info["episode"]["r"]
-            self.lengths += info["episode"]["l"]
-
-    def row(self) -> Row:
-        """Shares and means."""
-        n = max(1, self.episodes)
-        return {
-            "episodes": self.episodes,
-            "success": self.success / n,
-            "timeout": self.truncated / n,
-            "return": self.returns / n,
-            "length": self.lengths / n,
-        }
+def count_episodes(sums: Counter[str], infos: Any, dones: Any) -> None:
+    """Add the episodes that ended in a step to sums over episodes."""
+    for i in dones.nonzero()[0].tolist():
+        success, timeout = infos[i]["is_success"], infos[i]["TimeLimit.truncated"]
+        total, length = infos[i]["episode"]["r"], infos[i]["episode"]["l"]
+        ended = {"episodes": 1, "success": success, "timeout": timeout, "length": length}
+        sums.update({**ended, "return": total})
 
 
-class TensorBoardLogger:
-    """Writes the rows of a curve for TensorBoard; without effect where it is not installed."""
+def episode_row(sums: Counter[str]) -> Row:
+    """The number of episodes, and shares and means over them."""
+    n, keys = max(1, sums["episodes"]), ("success", "timeout", "return", "length")
+    return {"episodes": sums["episodes"], **{key: sums[key] / n for key in keys}}
 
-    def __init__(self, folder: Path) -> None:
-        self._writer: Any = None
-        try:
-            from torch.utils.tensorboard import SummaryWriter
-        except ImportError:
-            return
-        self._writer = SummaryWriter(str(folder / "tensorboard"))
 
-    def add(self, row: Row) -> None:
-        """Log one row."""
-        if self._writer is None:
-            return
-        for key, value in row.items():
-            if key != "frames" and isinstance(value, int | float):
-                self._writer.add_scalar(key, value, int(row["frames"]))
-        self._writer.flush()
+def tensorboard_logger(folder: Path) -> Logger:
+    """A logger of rows for TensorBoard; without effect where it is not installed."""
+    if importlib.util.find_spec("tensorboard") is None:
+        return Logger(None, [])
+    return Logger(None, [TensorBoardOutputFormat(str(folder / "tensorboard"))])
 
-    def close(self) -> None:
-        """Close the log."""
-        if self._writer is not None:
-            self._writer.close()
+
+def log_row(logger: Logger, row: Row) -> None:
+    """Log the numbers of a row."""
+    for key, value in row.items():
+        if key != "frames" and isinstance(value, int | float):
+            logger.record(key, value)
+    logger.dump(int(row["frames"]))
 
 
 def read_curve(folder: Path) -> list[Row]:

@@ -19,7 +19,7 @@ from torch import nn
 
 from agents.evaluation.provenance import write_json
 from agents.learning.features import Layout
-from agents.learning.networks import FeaturesExtractor, mlp
+from agents.learning.networks import FeaturesExtractor, arrays_of, dense_parameters, mlp
 from agents.learning.settings import Imitation, training_env_settings
 from agents.learning.weights import Floats, Network, Weights, make_card, save_weights
 from agents.policies import GymPolicy, make_policy
@@ -90,7 +90,12 @@ def imitate(config: Imitation, seed: int, folder: Path, progress: bool = True) -
     )
     layout = Layout.of_task(NavigationEnv(config=env).task)
     torch.manual_seed(seed)
-    network = _StudentNetwork(layout, config.net_arch)
+    space = gym.spaces.Box(-1.0, 1.0, (layout.size,))
+    network = nn.Sequential(  # the actor of PPO alone
+        FeaturesExtractor(space, layout),
+        *mlp(layout.actor_size, config.net_arch),
+        nn.Linear(config.net_arch[-1], 2),
+    )
     student: Weights | None = None
     observations, actions, rounds = [], [], []
     bar = tqdm(total=config.rounds * config.episodes, unit="episode", disable=not progress)
@@ -115,37 +120,15 @@ def imitate(config: Imitation, seed: int, folder: Path, progress: bool = True) -
             "bc", "clip", layout, env, config, seed,
             limits="it imitates, in simulation; it guarantees nothing: drive it behind a shield",
         )  # fmt: skip
-        student = Weights(network.arrays(), card | {"rounds": rounds})
+        student = Weights(arrays_of(dense_parameters(network)), card | {"rounds": rounds})
         save_weights(folder / "policy.npz", student)
         write_json(folder / "rounds.json", rounds)
     bar.close()
     return rounds[-1]
 
 
-class _StudentNetwork(nn.Module):
-    """The actor of PPO alone."""
-
-    def __init__(self, layout: Layout, hidden: tuple[int, ...]) -> None:
-        super().__init__()
-        space = gym.spaces.Box(-1.0, 1.0, (layout.size,))
-        self.features = FeaturesExtractor(space, layout)
-        self.hidden = mlp(layout.actor_size, hidden)
-        self.last = nn.Linear(hidden[-1], 2)
-
-    def forward(self, flat: torch.Tensor) -> torch.Tensor:
-        return self.last(self.hidden(self.features(flat)))  # type: ignore[no-any-return]
-
-    def arrays(self) -> dict[str, Floats]:
-        layers = [m for m in (*self.hidden, self.last) if isinstance(m, nn.Linear)]
-        arrays = {}
-        for k, layer in enumerate(layers):
-            arrays[f"dense{k}.w"] = layer.weight.detach().numpy().copy()
-            arrays[f"dense{k}.b"] = layer.bias.detach().numpy().copy()
-        return arrays
-
-
 def _fit(
-    network: _StudentNetwork, inputs: torch.Tensor, targets: torch.Tensor, config: Imitation
+    network: nn.Module, inputs: torch.Tensor, targets: torch.Tensor, config: Imitation
 ) -> float:
     """Fit the student to the expert's actions; the mean squared error of the last epoch."""
     optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)

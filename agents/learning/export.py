@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.evaluation.pages import templates
 from agents.evaluation.provenance import write_json
 from agents.learning.features import (
     GOAL_PROXIMITY_WEIGHT,
@@ -28,34 +29,6 @@ from wheelchair_gym.task.observations import PRIVILEGED
 Floats = NDArray[np.float32]
 NAMES = {"action": "last_action"}  # names of inputs that differ from keys
 OPSET = 17  # of 2022, so that every current runtime reads it
-
-
-class _Graph:
-    """Nodes and constants of a graph."""
-
-    def __init__(self, onnx: Any) -> None:
-        self._onnx = onnx
-        self.nodes: list[Any] = []
-        self.constants: list[Any] = []
-
-    def constant(self, value: Any, kind: Any = np.float32) -> str:
-        name = f"c{len(self.constants)}"
-        array = np.asarray(value, kind)
-        self.constants.append(self._onnx.numpy_helper.from_array(array, name))
-        return name
-
-    def add(self, op: str, *inputs: str, out: str | None = None, **attributes: Any) -> str:
-        name = out or f"n{len(self.nodes)}"
-        self.nodes.append(self._onnx.helper.make_node(op, inputs, [name], **attributes))
-        return name
-
-
-def _onnx() -> Any:
-    try:
-        import onnx
-    except ImportError:
-        raise InputError("export needs: pip install 'wheelchair_gym[learn]'") from None
-    return onnx
 
 
 def groups_of(beams: int, pooled: int) -> NDArray[np.int64]:
@@ -78,60 +51,49 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     Raises:
         InputError: onnx is not installed, or a file cannot be written.
     """
-    onnx = _onnx()
-    helper, kinds = onnx.helper, onnx.TensorProto
-    graph, layout = _Graph(onnx), weights.layout
+    try:
+        import onnx
+    except ImportError:
+        raise InputError("export needs: pip install 'wheelchair_gym[learn]'") from None
+    layout, arrays = weights.layout, weights.arrays
     env = load(EnvSettings, weights.card["env"], "weights: env")
-    beams = env.sensors.laser.beams
+    beams, limits, rangers = env.sensors.laser.beams, env.chair.limits, env.sensors.ultrasonic
     sizes = {key: n for key, n in layout.sizes if key not in PRIVILEGED}
-    rangers = env.sensors.ultrasonic
-    reaches = [
-        (rangers.narrow if m.model == "narrow" else rangers.wide).reach for m in rangers.mounted
-    ]
-    laser = _ranges(graph, "laser", [env.sensors.laser.reach])
-    groups = graph.constant(groups_of(beams, sizes["laser"]), np.int64)
-    pooled = graph.add("Gather", laser, groups, axis=1)
-    pooled = graph.add("ReduceMin", pooled, axes=[2], keepdims=0)
-    x = _features(graph, layout, sizes, pooled, _ranges(graph, "ultrasonic", reaches))
-    if weights.lstm_size:
-        x = _lstm(graph, weights, x)
-    for k in range(weights.dense_layers):
-        matrix = graph.constant(weights.arrays[f"dense{k}.w"])
-        x = graph.add("Gemm", x, matrix, graph.constant(weights.arrays[f"dense{k}.b"]), transB=1)
-        if k < weights.dense_layers - 1:
-            x = graph.add("Relu", x)
-    if weights.card["head"] == "tanh":
-        graph.add("Tanh", x, out="action")
-    else:
-        graph.add("Clip", x, graph.constant(-1.0), graph.constant(1.0), out="action")
-    limits = env.chair.limits
-    ahead = graph.constant([limits.forward, limits.turn])
-    back = graph.constant([limits.backward, limits.turn])
-    positive = graph.add("Greater", "action", graph.constant(0.0))
-    scale = graph.add("Where", positive, ahead, back)
-    graph.add("Mul", "action", scale, out="twist_asked")
-
-    def value(name: str, width: int) -> Any:
-        return helper.make_tensor_value_info(name, kinds.FLOAT, ["n", width])
-
-    shapes = {NAMES.get(key, key): n for key, n in {**sizes, "laser": beams}.items()}
-    outputs = {"action": 2, "twist_asked": 2}
-    if weights.lstm_size:
-        shapes |= {"h": weights.lstm_size, "c": weights.lstm_size}
-        outputs |= {"h_next": weights.lstm_size, "c_next": weights.lstm_size}
-    made = helper.make_graph(
-        graph.nodes, "policy", [value(*item) for item in shapes.items()],
-        [value(*item) for item in outputs.items()], graph.constants,
+    state = dict.fromkeys("hc" if weights.lstm_size else "", weights.lstm_size)
+    inputs = {NAMES.get(key, key): n for key, n in {**sizes, "laser": beams}.items()} | state
+    outputs = {"action": 2, "twist_asked": 2, **{f"{key}_next": n for key, n in state.items()}}
+    text = templates().get_template("policy.onnx.txt").render(
+        opset=OPSET, inputs=inputs, outputs=outputs, lstm=weights.lstm_size,
+        others=[NAMES.get(key, key) for key in SCALED[2:] if key in sizes],
+        layers=weights.dense_layers, head=weights.card["head"],
     )  # fmt: skip
-    model = helper.make_model(
-        made, opset_imports=[helper.make_opsetid("", OPSET)], producer_name="wheelchair_gym"
-    )
-    model.ir_version = 8  # as old as the opset
+    model = onnx.parser.parse_model(text)
+    constants: dict[str, Any] = {
+        "zero": 0.0, "one": 1.0, "minus_one": -1.0,
+        "laser_reach": [env.sensors.laser.reach],
+        "ultrasonic_reach": [
+            (rangers.narrow if m.model == "narrow" else rangers.wide).reach for m in rangers.mounted
+        ],
+        "groups": groups_of(beams, sizes["laser"]),
+        "range_shift": RANGE_SHIFT, "range_scale": RANGE_SCALE,
+        "goal_range_index": np.array([0]), "bearing_indices": np.arange(1, sizes["goal"]),
+        "goal_range": GOAL_RANGE, "goal_proximity_weight": GOAL_PROXIMITY_WEIGHT,
+        "scales": layout.scales,
+        "gate_sizes": np.full(4, weights.lstm_size),
+        "limits_ahead": [limits.forward, limits.turn],
+        "limits_back": [limits.backward, limits.turn],
+        **{name.replace(".", "_"): array for name, array in arrays.items()},
+    }  # fmt: skip
+    used = {name for node in model.graph.node for name in node.input}
+    for name in sorted(used & set(constants)):
+        array = np.asarray(constants[name])
+        kind = np.int64 if array.dtype.kind == "i" else np.float32
+        model.graph.initializer.append(onnx.numpy_helper.from_array(array.astype(kind), name))
     onnx.checker.check_model(model)
     content = model.SerializeToString()
     sidecar = {
         **weights.card,
-        "inputs": shapes,
+        "inputs": inputs,
         "outputs": outputs,
         "sha256": hashlib.sha256(content).hexdigest(),
     }
@@ -139,55 +101,6 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
         part.write_bytes(content)
     write_json(f"{path}.json", sidecar)
     return sidecar
-
-
-def _ranges(graph: _Graph, name: str, reach: list[float]) -> str:
-    """Ranges as in an observation: no echo is the reach; too near and invalid are 0."""
-    zero = graph.constant(0.0)
-    positive = graph.add("Greater", name, zero)  # false for NaN
-    return graph.add("Min", graph.add("Where", positive, name, zero), graph.constant(reach))
-
-
-def _features(
-    graph: _Graph, layout: Layout, sizes: dict[str, int], laser: str, ultrasonic: str
-) -> str:
-    """The graph of `features.features`."""
-    ranges = graph.add("Concat", laser, ultrasonic, axis=1)
-    shifted = graph.add("Add", ranges, graph.constant(RANGE_SHIFT))
-    scaled_ranges = graph.add("Mul", graph.add("Log", shifted), graph.constant(RANGE_SCALE))
-    far, bearing = (
-        graph.add("Gather", "goal", graph.constant(which, np.int64), axis=1)
-        for which in ([0], list(range(1, sizes["goal"])))
-    )
-    rest = [
-        "twist",
-        bearing,
-        *(NAMES.get(k, k) for k in SCALED[2:] if k in sizes),
-    ]
-    scaled = graph.add("Mul", graph.add("Concat", *rest, axis=1), graph.constant(layout.scales))
-    least = graph.add("Min", far, graph.constant(GOAL_RANGE))
-    distance = graph.add("Div", least, graph.constant(GOAL_RANGE))
-    near = graph.add("Exp", graph.add("Neg", far))
-    near = graph.add("Mul", near, graph.constant(GOAL_PROXIMITY_WEIGHT))
-    return graph.add("Concat", scaled_ranges, scaled, distance, near, axis=1)
-
-
-def _lstm(graph: _Graph, weights: Weights, x: str) -> str:
-    """The graph of the recurrent layer of `weights.Network`."""
-    fed = graph.add("Gemm", x, graph.constant(weights.arrays["lstm.x"]), transB=1)
-    recalled = graph.add(
-        "Gemm", "h", graph.constant(weights.arrays["lstm.h"]),
-        graph.constant(weights.arrays["lstm.b"]), transB=1,
-    )  # fmt: skip
-    gates = graph.add("Add", fed, recalled)
-    names = [f"gate_{k}" for k in range(4)]
-    parts = graph.constant([weights.lstm_size] * 4, np.int64)
-    graph.nodes.append(graph._onnx.helper.make_node("Split", [gates, parts], names, axis=1))
-    i, f, o = (graph.add("Sigmoid", names[k]) for k in (0, 1, 3))
-    kept = graph.add("Mul", f, "c")
-    new = graph.add("Mul", i, graph.add("Tanh", names[2]))
-    graph.add("Add", kept, new, out="c_next")
-    return graph.add("Mul", o, graph.add("Tanh", "c_next"), out="h_next")
 
 
 class OnnxNetwork:

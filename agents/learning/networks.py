@@ -200,30 +200,45 @@ def make_model(config: Training, seed: int, env: SB3VecEnv, layout: Layout) -> A
     return model
 
 
-def _dense_layers(model: Any, algorithm: str) -> list[nn.Linear]:
-    """The actor's dense layers in order."""
+def dense_parameters(*parts: nn.Module) -> dict[str, list[torch.Tensor]]:
+    """The parameters of the dense layers of networks, by the name of their array."""
+    layers = [m for part in parts for m in part.modules() if isinstance(m, nn.Linear)]
+    return {
+        f"dense{k}.{name}": [parameter]
+        for k, layer in enumerate(layers)
+        for name, parameter in (("w", layer.weight), ("b", layer.bias))
+    }
+
+
+def _actor_parameters(model: Any, algorithm: str) -> dict[str, list[torch.Tensor]]:
+    """The parameters whose sum is an array of the actor, by its name."""
     policy = model.policy
     if algorithm == "ppo":
-        parts = [policy.mlp_extractor.actor, policy.action_net]
-    elif algorithm == "recurrent_ppo":
-        parts = [policy.mlp_extractor.policy_net, policy.action_net]
-    elif algorithm == "td3":
-        parts = [policy.actor.mu]
-    else:
-        parts = [policy.actor.latent_pi, policy.actor.mu]
-    return [m for part in parts for m in part.modules() if isinstance(m, nn.Linear)]
+        return dense_parameters(policy.mlp_extractor.actor, policy.action_net)
+    if algorithm == "recurrent_ppo":
+        lstm = policy.lstm_actor
+        return {
+            "lstm.x": [lstm.weight_ih_l0],
+            "lstm.h": [lstm.weight_hh_l0],
+            "lstm.b": [lstm.bias_ih_l0, lstm.bias_hh_l0],
+            **dense_parameters(policy.mlp_extractor.policy_net, policy.action_net),
+        }
+    if algorithm == "td3":
+        return dense_parameters(policy.actor.mu)
+    return dense_parameters(policy.actor.latent_pi, policy.actor.mu)
+
+
+def arrays_of(parameters: dict[str, list[torch.Tensor]]) -> dict[str, Floats]:
+    """The sum of each name's parameters."""
+    return {
+        name: np.array(sum(of[1:], of[0]).detach().cpu().numpy(), np.float32)
+        for name, of in parameters.items()
+    }
 
 
 def actor_arrays(model: Any, algorithm: str) -> dict[str, Floats]:
     """The actor's arrays."""
-    arrays: dict[str, Floats] = {}
-    if algorithm == "recurrent_ppo":
-        lstm = model.policy.lstm_actor
-        arrays["lstm.x"], arrays["lstm.h"] = _array(lstm.weight_ih_l0), _array(lstm.weight_hh_l0)
-        arrays["lstm.b"] = _array(lstm.bias_ih_l0) + _array(lstm.bias_hh_l0)
-    for k, layer in enumerate(_dense_layers(model, algorithm)):
-        arrays[f"dense{k}.w"], arrays[f"dense{k}.b"] = _array(layer.weight), _array(layer.bias)
-    return arrays
+    return arrays_of(_actor_parameters(model, algorithm))
 
 
 def load_actor_arrays(model: Any, algorithm: str, arrays: dict[str, Floats]) -> None:
@@ -232,26 +247,16 @@ def load_actor_arrays(model: Any, algorithm: str, arrays: dict[str, Floats]) -> 
     Raises:
         InputError: they have the shapes of another network.
     """
-    current = actor_arrays(model, algorithm)
-    if {k: v.shape for k, v in current.items()} != {k: v.shape for k, v in arrays.items()}:
-        raise InputError(
-            f"warm_start: layers are {sorted((k, v.shape) for k, v in arrays.items())}; expected "
-            f"{sorted((k, v.shape) for k, v in current.items())}"
-        )
+    given, expected = (
+        sorted((name, array.shape) for name, array in of.items())
+        for of in (arrays, actor_arrays(model, algorithm))
+    )
+    if given != expected:
+        raise InputError(f"warm_start: layers are {given}; expected {expected}")
     with torch.no_grad():
-        if "lstm.x" in arrays:
-            lstm = model.policy.lstm_actor
-            for parameter, name in ((lstm.weight_ih_l0, "lstm.x"), (lstm.weight_hh_l0, "lstm.h")):
-                parameter.copy_(torch.from_numpy(arrays[name].copy()))
-            lstm.bias_ih_l0.copy_(torch.from_numpy(arrays["lstm.b"].copy()))
-            lstm.bias_hh_l0.zero_()
-        for k, layer in enumerate(_dense_layers(model, algorithm)):
-            layer.weight.copy_(torch.from_numpy(arrays[f"dense{k}.w"].copy()))
-            layer.bias.copy_(torch.from_numpy(arrays[f"dense{k}.b"].copy()))
+        for name, (first, *rest) in _actor_parameters(model, algorithm).items():
+            first.copy_(torch.from_numpy(arrays[name].copy()))
+            for parameter in rest:
+                parameter.zero_()
     if hasattr(model.policy, "actor_target"):
         model.policy.actor_target.load_state_dict(model.policy.actor.state_dict())
-
-
-def _array(parameter: torch.Tensor) -> Floats:
-    found: Floats = parameter.detach().cpu().numpy().astype(np.float32).copy()
-    return found

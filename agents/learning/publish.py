@@ -9,8 +9,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from agents.evaluation.pages import templates
 from agents.evaluation.provenance import write_text
-from agents.evaluation.tables import markdown_table
 from agents.learning.curves import read_curve
 from agents.learning.run import POLICY
 from agents.learning.weights import Weights, load_weights, save_weights
@@ -85,58 +85,11 @@ def _results(file: Path, names: Mapping[str, str], name: str) -> list[dict[str, 
         raise InputError(f"{file}: expected the results.json of a comparison") from None
 
 
-def _percent(row: Mapping[str, Any], key: str) -> str:
-    if row[key] is None:
-        return "-"
-    low, high = (100.0 * row[f"{key}_{end}"] for end in ("low", "high"))
-    return f"{100.0 * row[key]:.1f} ({low:.1f} to {high:.1f})"
-
-
 def model_card(name: str, card: Mapping[str, Any]) -> str:
     """The card as Markdown."""
-    seeds, env, machine = list(card["curves"]), card["env"], card["machine"]
-    sizes = ", ".join(f"{key} {n}" for key, n in card["layout"]["sizes"] if key not in PRIVILEGED)
-    teacher = card["training"].get("kickstarting", {}).get("teacher")
-    shielded = ", without a shield"
-    if env.get("shield") is not None:
-        shielded = f", {100.0 * (1.0 - env['unshielded']):.0f} % of them behind the shield"
-    facts = [
-        f"Command: `{card['command']}`, at commit {card['commit']}",
-        f"Speed: {', '.join(f'{speed:,.0f}' for speed in card['speeds'].values())} control periods "
-        f"a second (seeds {', '.join(seeds)}; without evaluations) on {machine['cores']} cores of "
-        f"{machine['cpu']}",
-        f"Versions: {', '.join(f'{key} {value}' for key, value in card['versions'].items())}",
-        *([] if card.get("teacher") is None else
-          [f"Teacher: {teacher}, whose arrays' SHA-256 begins with {card['teacher'][:12]}"]),
-        f"Limits: {card['limits']}.",
-    ]  # fmt: skip
-    results = [
-        [f"`{row['command']}`", row["seed"], f"{row['episodes']:,}",
-         *(_percent(row, key) for key in ("success", "wide", "collision")),
-         "-" if row["time"] is None else f"{row['time']:.1f}"]
-        for row in card["results"]
-    ]  # fmt: skip
-    heads = ["command", "seed", "episodes", "success [%]", "with 5 cm of margin", "collision [%]"]
-    curves = [
-        [f"{points[0][0]:,.0f}", *(f"{100 * p[1]:.1f}; {100 * p[2]:.1f}" for p in points)]
-        for points in zip(*card["curves"].values(), strict=False)
-    ]
-    parts = [
-        f"# {name}",
-        f"An actor trained by {card['algorithm']}: seed {card['seed']} of {', '.join(seeds)}, "
-        f"after {card['frames']:,} control periods, the last checkpoint. It acts at "
-        f"{env['rate']:g} Hz on {sizes}.",
-        "\n".join(f"- {fact}" for fact in facts),
-        "## Results",
-        "Worlds that training never saw; success is without contact; 95 % intervals. The commands "
-        f"evaluate these weights, of seed {card['seed']}; other seeds were evaluated likewise.",
-        markdown_table([*heads, "time [s]"], results, [False, True, True, *3 * [False], True]),
-        "## Curves",
-        "Success and collisions [%] in evaluations on worlds that training never saw"
-        f"{shielded}.",
-        markdown_table(["frames", *(f"seed {seed}" for seed in seeds)], curves,
-                       [True, *(False for _ in seeds)]),
-        "## Settings",
-        f"```json\n{json.dumps(card['training'], indent=1)}\n```",
-    ]  # fmt: skip
-    return "\n\n".join(part.rstrip("\n") for part in parts) + "\n"
+    curves = zip(*card["curves"].values(), strict=False)
+    page = templates().get_template("model_card.md").render(
+        name=name, card=card, privileged=PRIVILEGED, curves=curves,
+        settings=json.dumps(card["training"], indent=1),
+    )  # fmt: skip
+    return page + "\n"

@@ -11,6 +11,7 @@ import dataclasses
 import gc
 import json
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -85,7 +86,7 @@ class Run:
         self.model = networks.make_model(config, seed, self.env, self.layout)
         if teacher is not None:
             self.model.policy.teacher = networks.Teacher(teacher, self.layout, self._env_settings)
-        self.statistics = curves.EpisodeStatistics()
+        self.sums: Counter[str] = Counter()  # over the episodes since the last checkpoint
         self.worlds.max_time = config.curriculum.initial_time
         self._curriculum_mark = [0, 0]  # episodes and successes at the last advance
         self.checkpoint_number, self.best_success, self.rows = 0, -1.0, curves.read_curve(folder)
@@ -127,12 +128,12 @@ class Run:
         self.model.action_space.seed(model_seed)
         self.env.seed(env_seed)
         self.model._last_obs = None
-        self.statistics.reset()
+        self.sums.clear()
         self._curriculum_mark = [0, 0]
         self._anneal_kickstart()
 
         def callback(local: dict[str, Any], _: dict[str, Any]) -> bool:
-            self.statistics.update(local["infos"], local["dones"])
+            curves.count_episodes(self.sums, local["infos"], local["dones"])
             self._advance_curriculum()
             if on_step is not None:
                 on_step(self.frames)
@@ -144,7 +145,8 @@ class Run:
         logged = self.model.logger.name_to_value
         learned = time.perf_counter()
         row: Row = {
-            "frames": self.frames, **self.statistics.row(), "curriculum_time": self.worlds.max_time,
+            "frames": self.frames, **curves.episode_row(self.sums),
+            "curriculum_time": self.worlds.max_time,
             **{name.partition("/")[2]: float(logged[name]) for name in LOGGED if name in logged},
         }  # fmt: skip
         weights = self.weights(row)
@@ -167,11 +169,11 @@ class Run:
     def _advance_curriculum(self) -> None:
         """Move starts away from the goal when enough episodes succeed."""
         curriculum = self.config.curriculum
-        episodes = self.statistics.episodes - self._curriculum_mark[0]
+        episodes = self.sums["episodes"] - self._curriculum_mark[0]
         if curriculum.initial_time == 0.0 or episodes < curriculum.episodes:
             return
-        share = (self.statistics.success - self._curriculum_mark[1]) / episodes
-        self._curriculum_mark = [self.statistics.episodes, self.statistics.success]
+        share = (self.sums["success"] - self._curriculum_mark[1]) / episodes
+        self._curriculum_mark = [self.sums["episodes"], self.sums["success"]]
         if share > curriculum.success_threshold:
             self.worlds.max_time = min(
                 curriculum.max_time, self.worlds.max_time * curriculum.growth
@@ -250,11 +252,11 @@ def train(
         InputError: the folder holds another run, or settings do not fit each other.
     """
     run = Run(config, seed, folder, on_prepared)
-    logger = curves.TensorBoardLogger(folder)
+    logger = curves.tensorboard_logger(folder)
     try:
         while not run.done:
             row = run.learn(on_step)
-            logger.add(row)
+            curves.log_row(logger, row)
             if on_row is not None:
                 on_row(row)
     finally:

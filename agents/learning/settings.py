@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
+from agents import read_data
 from wheelchair_gym.config import InputError, dump, load, setting, settings
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.errors import shorten
 
+_CONTENT: dict[str, Any] = read_data("recipes.yaml")
 Algorithm = Literal["ppo", "recurrent_ppo", "sac", "td3", "tqc"]
 ON_POLICY = ("ppo", "recurrent_ppo")
 SB3 = "default of stable-baselines3"
@@ -174,7 +176,7 @@ def training_env_settings(spec: Any) -> EnvSettings:
     """
     if isinstance(spec, EnvSettings):
         return spec
-    return load(EnvSettings, _env(True, False) if spec is None else spec, "env")
+    return load(EnvSettings, _CONTENT[".env"] if spec is None else spec, "env")
 
 
 def guided_by_poses(env: EnvSettings) -> bool:
@@ -183,85 +185,11 @@ def guided_by_poses(env: EnvSettings) -> bool:
     return (spec.get("call") if isinstance(spec, Mapping) else spec) == "poses"
 
 
-_WORLDS = {
-    "name": "mixture",
-    "scenes": [
-        {"name": "floor_plan", "door_width": [0.85, 1.2]},
-        {
-            "name": "floor_plan",
-            "kind": "home",
-            "door_width": [0.85, 1.1],
-            "corridor_width": [1.1, 1.6],
-        },
-        "clutter",
-        {"name": "clutter", "density": 0.6, "min_gap": 0.8, "passage_margin": 0.05},
-        "barn",
-        "crowd",
-    ],
-    "weights": [0.25, 0.25, 0.05, 0.18, 0.15, 0.12],
-}
-
-
-def _env(guided: bool, privileged: bool, trail: bool = False, **reward: float) -> dict[str, Any]:
-    """The training environment: 5 Hz, noise, randomised chairs, half of the episodes shielded."""
-    task: dict[str, Any] = {
-        "beams": 64,
-        "aim": "time",
-        "last_action": True,
-        "shield_state": True,
-        "side_clearance": True,
-        "privileged": privileged,
-        "reward": {"progress": 0.1, "shield_intervention": -0.02, "proximity_speed": -0.3} | reward,
-    }
-    if not guided:
-        task["hide_guidance"] = True
-    if trail:
-        task["trail"] = [1.0, 2.0, 4.0, 8.0, 15.0]
-    return {
-        "scene": _WORLDS,
-        "rate": 5.0,
-        "guidance": {"call": "poses", "degraded_share": 0.2 if guided else 0.0},
-        "bank": {"size": 1024, "turnover": 0.0, "seed": 1, "cache": "runs/worlds"},
-        "chair": {"randomize": True},
-        "sensors": {"pose_source": "modelled"},
-        "shield": {},
-        "unshielded": 0.5,
-        "task": task,
-    }
-
-
-def _off_policy_recipe(algorithm: Algorithm) -> Training:
-    """The recipe of an off-policy algorithm.
-
-    The rewards of progress and of changes of the action are larger than ppo's: they must exceed the
-    error of the critic, and an actor that maximises such a critic jitters without the latter.
-    """
-    return Training(
-        algorithm=algorithm, env=_env(True, False, progress=0.5, action_rate=-0.2),
-        frames=4_000_000,
-        checkpoint_frequency=250,
-        curriculum=Curriculum(growth=1.25, success_threshold=0.6, episodes=512),
-    )  # fmt: skip
-
-
 # Tuned settings by the name of their file in configs/.
 RECIPES: dict[str, Training] = {
-    "ppo_guided": Training(env=_env(True, True)),
-    "ppo_goal": Training(
-        env=_env(False, True, True),
-        on_policy=OnPolicy(gamma=0.995, log_std_init=-1.5),
-        kickstarting=Kickstarting(teacher="ppo_guided"),
-        curriculum=Curriculum(initial_time=120.0),  # a taught actor needs no curriculum
-    ),
-    "recurrent_ppo": Training(
-        algorithm="recurrent_ppo",
-        env=_env(False, False),
-        frames=8_000_000,
-        on_policy=OnPolicy(gamma=0.995),
-    ),
-    "sac": _off_policy_recipe("sac"),
-    "td3": _off_policy_recipe("td3"),
-    "tqc": _off_policy_recipe("tqc"),
+    name: load(Training, values, f"recipe {name}")
+    for name, values in _CONTENT.items()
+    if not name.startswith(".")
 }
 
 

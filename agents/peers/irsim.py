@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import shapely
-import yaml
 
+from agents.evaluation.pages import templates
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.types import Episode
 
@@ -26,48 +26,10 @@ def wall_loops(walls: np.ndarray[Any, Any]) -> list[list[list[float]]]:
     return [np.array(line.coords).tolist() for line in getattr(merged, "geoms", [merged])]
 
 
-def irsim_world(settings: EnvSettings, episode: Episode) -> dict[str, Any]:
-    """IR-SIM's description of an episode: the same walls, chair and laser."""
-    chair, laser = settings.chair, settings.sensors.laser
-    x0, y0, x1, y1 = episode.map.bounds
-    return {
-        "world": {
-            "height": y1 - y0,
-            "width": x1 - x0,
-            "offset": [x0, y0],
-            "step_time": 1.0 / settings.rate,
-            "sample_time": 1.0 / settings.rate,
-            "collision_mode": "stop",
-        },
-        "robot": [
-            {
-                "kinematics": {"name": "diff"},
-                "shape": {
-                    "name": "rectangle",
-                    "length": chair.footprint.front + chair.footprint.rear,
-                    "width": 2 * chair.footprint.half_width,
-                },
-                "state": [float(value) for value in episode.start],
-                "vel_max": [chair.limits.forward, chair.limits.turn],
-                "vel_min": [-chair.limits.backward, -chair.limits.turn],
-                "sensors": [
-                    {
-                        "name": "lidar2d",
-                        "range_min": 0.0,
-                        "range_max": laser.reach,
-                        "angle_range": laser.fov,
-                        "number": laser.beams,
-                        "noise": settings.sensors.noise,
-                        "std": laser.sigma,
-                    }
-                ],
-            }
-        ],
-        "obstacle": [
-            {"shape": {"name": "linestring", "vertices": loop}, "state": [0, 0, 0]}
-            for loop in wall_loops(episode.walls)
-        ],
-    }
+def irsim_world(settings: EnvSettings, episode: Episode) -> str:
+    """IR-SIM's description of an episode in YAML: the same walls, chair and laser."""
+    template = templates().get_template("irsim.yaml")
+    return template.render(settings=settings, episode=episode, loops=wall_loops(episode.walls))
 
 
 def irsim_rate(settings: EnvSettings, episode: Episode, seconds: float) -> float:
@@ -86,7 +48,7 @@ def irsim_rate(settings: EnvSettings, episode: Episode, seconds: float) -> float
         import irsim
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "world.yaml"
-        path.write_text(yaml.safe_dump(irsim_world(settings, episode)))
+        path.write_text(irsim_world(settings, episode))
         env = irsim.make(str(path), display=False, disable_all_plot=True, log_level="ERROR")
     rng = np.random.default_rng(0)
     limits = settings.chair.limits

@@ -48,11 +48,8 @@ class Estimate:
     @property
     def interval(self) -> tuple[float, float]:
         """95 %, two-sided."""
-        if self.error == 0.0 or not math.isfinite(self.error):
-            half = 0.0 if self.error == 0.0 else math.inf
-        else:
-            half = float(stats.t.ppf(0.975, self.freedom)) * self.error
-        return self.value - half, self.value + half
+        quantile = float(stats.t.ppf(0.975, self.freedom)) if self.error > 0.0 else 0.0
+        return self.value - quantile * self.error, self.value + quantile * self.error
 
 
 def estimate(samples: Sequence[Sample], weights: Sequence[float]) -> Estimate:
@@ -241,8 +238,8 @@ def level(samples: Sequence[Sample], x: Sequence[float], margin: float, text: st
     return _within(_slope(samples, x), -margin, margin, test, text)
 
 
-def paired_below(a: Array, b: Array, negligible: float, text: str) -> Evidence:
-    """Evidence for 'a is below b' of paired runs: Wilcoxon's signed-rank test.
+def paired_below(a: Array, b: Array, negligible: float, text: str, sign: float = 1.0) -> Evidence:
+    """Evidence for 'a is below b' of paired runs (above for sign -1): Wilcoxon's signed-rank test.
 
     The effect is the median difference relative to the median of b.
     """
@@ -254,7 +251,7 @@ def paired_below(a: Array, b: Array, negligible: float, text: str) -> Evidence:
     none = max(_wilcoxon_p(a - b + negligible * scale, "greater"),
                _wilcoxon_p(a - b - negligible * scale, "less"))  # fmt: skip
     effect, low, high = (100.0 * v / scale for v in _median_interval(a - b))
-    both = _directional_p(p_low < p_high, p, none)
+    both = _directional_p(sign * (p_high - p_low) > 0.0, p, none)
     return Evidence(*both, effect, low, high, "%", "Wilcoxon, paired", text)
 
 

@@ -14,6 +14,7 @@ from time import process_time
 from typing import Any, Final
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from agents.evaluation.metrics import printed_turning, turning
@@ -22,44 +23,38 @@ from agents.studies.model import SEED_STRIDE
 from planners import Problem, Space, make_planner
 from planners.problem import Plan, Status
 from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import path_length, polygon_edges
+from wheelchair_gym.geometry import path_length, polygon_edges, to_world
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.scenes.published import LAB_SIZE, LABS
+from wheelchair_gym.scenes.published import (
+    CHAOTIC_PSO_DISCS,
+    GREY_WOLF_DISCS,
+    LAB_SIZE,
+    LABS,
+)
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
 
 
 @lru_cache(maxsize=64)
-def episode_of(scene: str, seed: int) -> Episode:
-    """The episode of a seed in a scene, which is given as JSON."""
-    return make_scene(json.loads(scene)).sample(np.random.default_rng(seed))
+def world_of(scene: str) -> tuple[Episode, Space]:
+    """The one world of a scene, which is given as JSON, and its map for planners."""
+    episode = make_scene(json.loads(scene)).sample(np.random.default_rng(0))
+    return episode, Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
 
 
-@lru_cache(maxsize=64)
-def _space(scene: str, seed: int) -> Space:
-    episode = episode_of(scene, seed)
-    return Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
-
-
-def problem_of(scene: Any, seed: int = 0, clearance: float = 0.0) -> Problem:
-    """The problem of a seed in a scene."""
-    spec = json.dumps(scene)
-    episode = episode_of(spec, seed)
-    return Problem(_space(spec, seed), episode.start[:2], episode.goal[:2], clearance)
+def problem_of(scene: Any, clearance: float = 0.0) -> Problem:
+    """The problem of a scene's one world."""
+    episode, space = world_of(json.dumps(scene))
+    return Problem(space, episode.start[:2], episode.goal[:2], clearance)
 
 
 def room_problem(boxes: Array, start: Any, goal: Any) -> Problem:
     """A room as in T2: separate axis-aligned boxes (n, 4) [m], without outer walls."""
-    walls = np.concatenate([polygon_edges(box_corners(box)) for box in boxes])
+    corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 4, 2)
+    walls = np.concatenate([polygon_edges(box) for box in corners])
     space = Space.from_walls(walls, np.empty((0, 3)), (0.0, 0.0, *LAB_SIZE))
     return Problem(space, np.array(start, dtype=float), np.array(goal, dtype=float))
-
-
-def box_corners(box: Any) -> Array:
-    """Corners (4, 2) of a box xmin, ymin, xmax, ymax, counter-clockwise."""
-    x0, y0, x1, y1 = box
-    return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], dtype=float)
 
 
 @lru_cache(maxsize=64)
@@ -109,6 +104,12 @@ def disc_problem(size: float, discs: Any, start: Any, goal: Any) -> Problem:
 
 Job = Mapping[str, Any]
 
+# The discs of a square by the name of the scene.
+DISCS: Final[dict[str, tuple[tuple[float, float, float], ...]]] = {
+    "chaotic_pso": CHAOTIC_PSO_DISCS,
+    "grey_wolf": GREY_WOLF_DISCS,
+    "none": (),
+}
 SETTLED = 1.001  # a swarm has settled once its cost is within this factor of its last
 
 
@@ -206,20 +207,9 @@ def smoothing(job: Job, seed: int) -> Record:
     }
 
 
-def min_clearance_ratio(line: Array, discs: Any) -> float:
-    """Least distance of a polyline (n, 2) from the centres of discs, relative to their radii."""
-    a, b = line[:-1, None], line[1:, None]  # (n, 1, 2)
-    centres, radii = np.array(discs)[:, :2], np.array(discs)[:, 2]
-    along, square = b - a, np.maximum(((b - a) ** 2).sum(axis=2), 1e-300)
-    part = np.clip(((centres - a) * along).sum(axis=2) / square, 0.0, 1.0)
-    return float(
-        (np.hypot(*np.moveaxis(centres - a - part[..., None] * along, 2, 0)) / radii).min()
-    )
-
-
 def among_discs(job: Job, seed: int) -> Record:
     """A swarm among discs; valid if its path stays `reach` radii from their centres."""
-    discs = tuple(map(tuple, job["discs"]))
+    discs = DISCS[job["discs"]]
     problem = disc_problem(job["size"], discs, tuple(job["start"]), tuple(job["goal"]))
     planner = make_planner(job["planner"])
     rng = np.random.default_rng(seed)
@@ -231,8 +221,9 @@ def among_discs(job: Job, seed: int) -> Record:
     points = found.way_points if job["by_legs"] else line
     free = len(line) > 0
     if free and discs:
-        sampled = np.repeat(line, 2, axis=0) if job["sampled"] else line
-        free = min_clearance_ratio(sampled, discs) >= job["reach"] - 1e-9
+        centres, radii = np.array(discs)[:, :2], np.array(discs)[:, 2]
+        away = shapely.distance(shapely.LineString(line), shapely.points(centres))
+        free = (away / radii).min() >= job["reach"] - 1e-9
     length = path_length(points) if len(points) else None
     final = costs[-1]
     record: Record = {
@@ -240,7 +231,7 @@ def among_discs(job: Job, seed: int) -> Record:
         "status": "valid" if free else "not valid",
         "valid": bool(free),
         "length_m": length,
-        "near": bool(free) and length is not None and length <= job["near"],
+        "near": bool(free) and length is not None and length <= job["near"] * job["best"],
         "loss": float(found.best_cost),
         "found": 1 + int(np.argmin(costs)),
         "settled": 1 + int(np.argmax(costs <= SETTLED * final)),
@@ -279,15 +270,13 @@ def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[A
 
 def controls(job: Job, seed: int) -> Record:
     """T1 figure 2.27: a path of the global variant, its controls, and their roll-out."""
-    import shapely
-
     from planners.controls.generator import ControlGenerator
     from wheelchair_gym.geometry import Footprint
     from wheelchair_gym.kinematics import Limits
 
     footprint, limits = Footprint(), Limits()
     problem = problem_of(job["scene"], clearance=job["clearance"])
-    episode = episode_of(json.dumps(job["scene"]), 0)
+    episode, _ = world_of(json.dumps(job["scene"]))
     rng = np.random.default_rng(seed)
     begun = process_time()
     found = make_planner(job["planner"]).plan(problem, rng)
@@ -300,9 +289,7 @@ def controls(job: Job, seed: int) -> Record:
     )
     seconds = process_time() - begun
     poses = made.rollout
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    turn = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)  # (n, 2, 2)
-    outline = np.einsum("nij,kj->nki", turn, footprint.corners) + poses[:, None, :2]
+    outline = np.array([to_world(footprint.corners, pose) for pose in poses])
     solid = shapely.union_all(
         [*shapely.linestrings(episode.walls.reshape(-1, 2, 2)),
          *shapely.buffer(shapely.points(episode.discs[:, :2]), episode.discs[:, 2])]

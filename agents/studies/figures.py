@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from agents.evaluation.figures import COLOURS, DASHES, MARKS, WIDTH, legend_above, new_axes
+from agents.evaluation.figures import COLOURS, DASHES, MARKS, legend_above, new_axes, new_panels
 from agents.studies.evidence import estimate
-from agents.studies.model import LENGTH, NODES, RATIO, Array, Metric, Results
+from agents.studies.model import LENGTH, NODES, RATIO, Array, Metric, Results, Row
 from wheelchair_gym.rendering import palette
 
-Figures = dict[str, tuple[str, Figure]]
+Figures = dict[str, Figure]
 
 
 def mean_interval(r: Results, row: str, metric: Metric) -> tuple[float, float, float]:
@@ -26,12 +26,6 @@ def mean_interval(r: Results, row: str, metric: Metric) -> tuple[float, float, f
         return math.nan, math.nan, math.nan
     found = estimate([sample], [1.0])
     return found.value, *found.interval
-
-
-def stacked_panels(count: int, height: float = 2.0) -> tuple[Figure, list[Axes]]:
-    """A figure of stacked panels."""
-    figure = Figure(figsize=(WIDTH, height * count), layout="constrained")
-    return figure, list(np.atleast_1d(figure.subplots(count, 1, sharex=False)))
 
 
 def error_bars(
@@ -45,36 +39,42 @@ def error_bars(
                   markersize=4 if line else 5, capsize=2.5, linewidth=1.3, label=label)  # fmt: skip
 
 
-def trend_figures(r: Results, what: str, metrics: Sequence[Metric]) -> Figures:
+def mean_bars(
+    axes: Axes, r: Results, rows: Sequence[Row], metric: Metric, k: int, label: str,
+    x: Any = None, line: str = "-",
+) -> Any:  # fmt: skip
+    """Draw the means of rows with their intervals, at x or at the rows' own; the means."""
+    found = [mean_interval(r, row.label, metric) for row in rows]
+    error_bars(axes, [row.x for row in rows] if x is None else x, found, k, label, line)
+    return np.array(found)[:, 0]
+
+
+def trend_figures(r: Results, what: str) -> Figures:
     """Each metric over the varied quantity: our means, and the published ones, scaled."""
+    metrics = r.study.metrics
     series = list(dict.fromkeys(row.series for row in r.study.rows))
-    figure, panels = stacked_panels(len(metrics))
+    figure, panels = new_panels(2.0 * len(metrics), len(metrics))
     for axes, metric in zip(panels, metrics, strict=True):
         for k, name in enumerate(series):
-            rows = [row for row in r.study.rows if row.series == name]
-            x = [row.x for row in rows]
-            found = [mean_interval(r, row.label, metric) for row in rows]
-            error_bars(axes, x, found, k, f"ours, {name}" if name else "ours")
+            rows = r.study.series(name)
+            mean = mean_bars(axes, r, rows, metric, k, f"ours, {name}" if name else "ours")
             given = np.array([row.published.get(metric.key, np.nan) for row in rows])
-            mean = np.array([value[0] for value in found])
             scale = np.nanmean(mean) / np.nanmean(given)
             if np.isfinite(scale):
-                axes.plot(x, scale * given, ":", color=COLOURS[k % 8] if name else _GREY,
-                          marker=".", linewidth=1.0,
+                axes.plot([row.x for row in rows], scale * given, ":",
+                          color=COLOURS[k % 8] if name else _GREY, marker=".", linewidth=1.0,
                           label=f"published, {name}" if name else "published, scaled to one mean",
                           zorder=1)  # fmt: skip
         axes.set_ylabel(metric.heading)
     panels[-1].set_xlabel(what)
     legend_above(figure, panels[0])
-    return {
-        "trend": ("Means over five maps with 95 % intervals; the published means (dotted) are "
-                  "scaled to the mean of ours, as maps and computers differ.", figure),
-    }  # fmt: skip
+    return {"trend": figure}
 
 
-def box_figures(r: Results, rows: Sequence[str], metrics: Sequence[Metric]) -> Figures:
-    """Box plots of each metric (P1, figures 9 to 11), and mean ranks (its figure 12)."""
-    figure, panels = stacked_panels(len(metrics), 2.2)
+def box_figures(r: Results) -> Figures:
+    """Box plots of three metrics (P1, figures 9 to 11), and mean ranks (its figure 12)."""
+    rows, metrics = [row.label for row in r.study.rows], r.study.metrics[:3]
+    figure, panels = new_panels(2.2 * len(metrics), len(metrics))
     for axes, metric in zip(panels, metrics, strict=True):
         axes.boxplot([r.pooled(row, metric) for row in rows], tick_labels=list(rows),
                      showfliers=False, medianprops={"color": COLOURS[1]})  # fmt: skip
@@ -91,24 +91,18 @@ def box_figures(r: Results, rows: Sequence[str], metrics: Sequence[Metric]) -> F
     plot.set_xticks(range(len(rows)), list(rows), fontsize=7.5)
     plot.set(ylim=(len(rows) + 0.2, 0.8), ylabel="mean rank (1: best)")
     legend_above(table, plot)
-    return {
-        "boxes": ("Quartiles of all runs; whiskers reach 1.5 quartile ranges, outliers are left "
-                  "out. As the paper's figures 9 to 11.", figure),
-        "ranks": ("Mean rank among optimizers from equal starts, by metric: the radar chart of "
-                  "figure 12, as lines.", table),
-    }  # fmt: skip
+    return {"boxes": figure, "ranks": table}
 
 
-def ladder_figures(r: Results, methods: Sequence[str], counts: Sequence[float]) -> Figures:
+def ladder_figures(r: Results) -> Figures:
     """T2: lengths and times on the labs, and how often each method solves as clutter grows."""
     from agents.evaluation.metrics import wilson
 
-    figure, panels = stacked_panels(2)
+    methods = list(dict.fromkeys(row.series.partition(",")[0] for row in r.study.rows))
+    figure, panels = new_panels(4.0, 2)
     for axes, metric in zip(panels, r.study.metrics[:2], strict=True):
         for k, method in enumerate(methods):
-            rows = [row for row in r.study.rows if row.series == method]
-            error_bars(axes, [row.x for row in rows],
-                  [mean_interval(r, row.label, metric) for row in rows], k, method)  # fmt: skip
+            mean_bars(axes, r, r.study.series(method), metric, k, method)
         axes.set_ylabel(metric.heading)
         axes.set_xticks([1, 2, 3], ["lab 1", "lab 2", "lab 3"])
     panels[1].set_ylim(bottom=0.0)
@@ -116,22 +110,20 @@ def ladder_figures(r: Results, methods: Sequence[str], counts: Sequence[float]) 
     rungs, plot = new_axes(2.8)
     for k, method in enumerate(methods):
         found = []
-        for row in (row for row in r.study.rows if row.series == f"{method}, clutter"):
+        rows = r.study.series(f"{method}, clutter")
+        for row in rows:
             hits, runs = r.solved(row.label)
             low, high = wilson(hits, runs)
             found.append((100.0 * hits / max(runs, 1), 100.0 * low, 100.0 * high))
-        error_bars(plot, counts, found, k, method)
+        error_bars(plot, [row.x for row in rows], found, k, method)
     plot.set(xlabel="boxes in a room of 7 m x 5 m", ylabel="solved [%]", ylim=(-3, 103))
     legend_above(rungs, plot)
-    return {
-        "labs": ("Means with 95 % intervals on three labs.", figure),
-        "ladder": ("Share of rooms solved as clutter grows, with 95 % Wilson intervals.",
-                   rungs),
-    }  # fmt: skip
+    return {"labs": figure, "ladder": rungs}
 
 
-def method_figures(r: Results, rows: Sequence[str]) -> Figures:
+def method_figures(r: Results) -> Figures:
     """Length against the shortest, and nodes, by method."""
+    rows = [row.label for row in r.study.rows]
     figure, axes = new_axes(3.2)
     for k, row in enumerate(rows):
         ratio, nodes = (r.pooled(row, metric) for metric in (RATIO, NODES))
@@ -140,7 +132,7 @@ def method_figures(r: Results, rows: Sequence[str]) -> Figures:
                       markersize=7, fillstyle="full" if k < 8 else "none")  # fmt: skip
     axes.set(yscale="log", xlabel="length / shortest (mean over rooms)", ylabel="nodes")
     legend_above(figure, axes)
-    return {"methods": ("Mean length as a multiple of the shortest, and nodes kept.", figure)}
+    return {"methods": figure}
 
 
 _GREY = "#8a929a"
@@ -200,11 +192,7 @@ def map_figures(r: Results, rows: Sequence[str], best: str, scene: str) -> Figur
                           label=row)  # fmt: skip
                 break
     legend_above(drawn, plot)
-    return {
-        "lengths": ("Mean lengths of the paths found on each map, with 95 % intervals.", figure),
-        "paths": (f"Paths of the first seed that found one on {scene.replace('_', ' ')}, as the "
-                  "thesis's figure 3.6.", drawn),
-    }  # fmt: skip
+    return {"lengths": figure, "paths": drawn}
 
 
 def _kept(r: Results, row: str) -> list[Mapping[str, Any]]:
@@ -248,7 +236,7 @@ def convergence_figures(r: Results) -> Figures:
     _ends(plot, (1, 1), (9, 9))
     plot.set(xlim=(0, 10), ylim=(0, 10), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     legend_above(paths, plot)
-    speeds, panels = stacked_panels(6, 1.5)
+    speeds, panels = new_panels(9.0, 6)
     for k, (row, label) in enumerate(names.items()):
         found = velocities(np.array(best[row]["line"]))
         t = SAMPLING * np.arange(len(found["v"]))
@@ -260,14 +248,7 @@ def convergence_figures(r: Results) -> Figures:
             axes_.set_ylabel(unit)
     panels[-1].set_xlabel("time [s]")
     legend_above(speeds, panels[0])
-    return {
-        "convergence": (f"Median of the least cost over {len(_kept(r, 'pso'))} runs, 10th to 90th "
-                        "percentile shaded (the paper's figures 5 and 10).", figure),
-        "paths": ("Best paths of those runs (figures 4 and 9).", paths),
-        "velocities": ("Along the best paths: linear and angular velocity of the platform, then "
-                       "linear and angular velocities of the right and left wheel (figures 6 to 8 "
-                       "and 11 to 13).", speeds),
-    }  # fmt: skip
+    return {"convergence": figure, "paths": paths, "velocities": speeds}
 
 
 def disc_figures(r: Results) -> Figures:
@@ -278,20 +259,17 @@ def disc_figures(r: Results) -> Figures:
     goals = [f"({goal})" for goal in GREY_WOLF_GOALS]
     figure, axes = new_axes(3.2)
     for k, method in enumerate(methods):
-        found = [mean_interval(r, f"{method} {goal}", LENGTH) for goal in goals]
+        rows = [row for row in r.study.rows if row.label.startswith(f"{method} (")]
         x = np.arange(len(goals)) + (k - 2) * 0.13
-        error_bars(axes, x, found, k, method, "")
-        given = [
-            row.published.get("length_m", np.nan) for goal in goals for row in r.study.rows
-            if row.label == f"{method} {goal}"
-        ]  # fmt: skip
+        mean_bars(axes, r, rows, LENGTH, k, method, x, "")
+        given = [row.published.get("length_m", np.nan) for row in rows]
         axes.plot(x, given, "_", color=_GREY, markersize=9, markeredgewidth=1.6,
                   label="published" if k == 0 else None)  # fmt: skip
     axes.set_xticks(range(len(goals)), goals)
     axes.set_ylabel(LENGTH.heading)
     legend_above(figure, axes)
-    paths = Figure(figsize=(WIDTH, 6.6), layout="constrained")
-    for goal, plot in zip(goals, np.ravel(paths.subplots(3, 2)), strict=True):
+    paths, panels = new_panels(6.6, 3, 2)
+    for goal, plot in zip(goals, panels, strict=True):
         _discs(plot, GREY_WOLF_DISCS)
         for k, method in enumerate(methods):
             kept = _kept(r, f"{method} {goal}")
@@ -302,19 +280,14 @@ def disc_figures(r: Results) -> Figures:
         plot.set(aspect="equal", title=goal, xlim=(-1, 25), ylim=(-1, 25))
         plot.tick_params(labelsize=7)
     legend_above(paths, paths.axes[0])
-    return {
-        "lengths": ("Mean lengths with 95 % intervals, and the published ones (grey bars).",
-                    figure),
-        "paths": ("The shortest path of each method among the runs kept; x and y in metres. Legs "
-                  "may cut discs where a method tests way points only.", paths),
-    }  # fmt: skip
+    return {"lengths": figure, "paths": paths}
 
 
-def rollout_figures(r: Results) -> Figures:
+def rollout_figures(r: Results, scenes: Sequence[str]) -> Figures:
     """T1, figure 2.27: the planned path and the rollout of its controls."""
-    figure = Figure(figsize=(WIDTH, 5.2), layout="constrained")
-    drawn = [row for row in r.study.rows if row.label in ("thesis_3", "thesis_5")]
-    for row, axes in zip(drawn, np.ravel(figure.subplots(len(drawn), 1)), strict=True):
+    drawn = [row for row in r.study.rows if row.label in scenes]
+    figure, panels = new_panels(5.2, len(drawn))
+    for row, axes in zip(drawn, panels, strict=True):
         _draw_scene(axes, row.jobs[row.label]["scene"])
         kept = [rec for rec in r.runs[row.label, row.label] if "driven" in rec]
         if kept:
@@ -322,7 +295,16 @@ def rollout_figures(r: Results) -> Figures:
             axes.plot(*np.array(kept[0]["driven"]).T, color=COLOURS[0], label="roll-out")
             if row is drawn[0]:
                 legend_above(figure, axes)
-    return {
-        "driven": ("The path of the global variant, and where its generated controls take the "
-                   "axle.", figure),
-    }  # fmt: skip
+    return {"driven": figure}
+
+
+FIGURES: Final[dict[str, Callable[..., Figures]]] = {
+    "trend": trend_figures,
+    "boxes": box_figures,
+    "ladder": ladder_figures,
+    "methods": method_figures,
+    "maps": map_figures,
+    "convergence": convergence_figures,
+    "discs": disc_figures,
+    "rollouts": rollout_figures,
+}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
@@ -18,7 +18,7 @@ from agents.evaluation.runs import Record
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from agents.studies.evidence import Evidence
+    from agents.studies.claims import Claim
 
 SEED_STRIDE = 1_000_000  # between the first seeds of two rows
 
@@ -42,7 +42,6 @@ class Metric(NamedTuple):
 
 
 LENGTH = Metric("length_m", "length", "m")
-TIME = Metric("time_s", "CPU time", "s", 4, only_solved=False)
 NODES = Metric("nodes", "nodes", "", 1)
 RATIO = Metric("ratio", "length / shortest", "", 4)
 
@@ -55,6 +54,7 @@ class Row:
     jobs: Mapping[str, Job]  # by stratum, such as a map
     x: float = float("nan")  # the varied quantity
     series: str = ""  # the line in the figure
+    group: str = ""  # rows that a claim takes together
     published: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -82,23 +82,15 @@ class Results:
         """The values of all strata in one array."""
         return np.concatenate([*self.sample(row, metric).values(), np.empty(0)])
 
-    def samples(self, rows: Sequence[Row], metric: Metric) -> list[dict[str, Array]]:
-        """Values of several rows."""
-        return [self.sample(row.label, metric) for row in rows]
+    def paired(self, row: str, metric: Metric) -> Array:
+        """The values of all runs (n,) in one order; NaN for a run without one."""
+        records = [record for (label, _), of in self.runs.items() if label == row for record in of]
+        return np.array([record.get(metric.key, np.nan) for record in records], dtype=float)
 
     def solved(self, row: str) -> tuple[int, int]:
         """Number of runs that found a path, and of all runs."""
         of = [r for (label, _), records in self.runs.items() if label == row for r in records]
         return sum(bool(r["solved"]) for r in of), len(of)
-
-
-@dataclass(frozen=True)
-class Claim:
-    """A claim of a source and its test."""
-
-    text: str
-    source: str
-    judge: Callable[[Results], Evidence]
 
 
 @dataclass(frozen=True)
@@ -110,13 +102,23 @@ class Study:
     source: str
     settings: str  # of our runs, with reasons
     metrics: tuple[Metric, ...]
+    margins: Mapping[str, float]  # by metric: less than this part counts as no difference
     rows: tuple[Row, ...]
     claims: tuple[Claim, ...]
-    figures: Callable[[Results], Mapping[str, tuple[str, Figure]]]
+    figures: Callable[[Results], Mapping[str, Figure]]
+    captions: Mapping[str, str]  # of the figures
     paired: bool = False  # all rows have the same seeds
     runs: int = 400  # the 100 of the thesis leave most trends undecided
     quick_runs: int = 10
     notes: tuple[str, ...] = ()
+
+    def metric(self, key: str) -> Metric:
+        """The metric of a key."""
+        return next(metric for metric in self.metrics if metric.key == key)
+
+    def series(self, name: str) -> list[Row]:
+        """The rows of a series."""
+        return [row for row in self.rows if row.series == name]
 
     def seeds(self, row: Row, runs: int) -> range:
         """Seeds of a row's runs; rows are independent unless they are paired."""

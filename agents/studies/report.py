@@ -86,36 +86,24 @@ def _contents(chapters: Sequence[Chapter]) -> Table:
 
 def _table(chapter: Chapter) -> Table:
     """Each row: our mean with its interval, the published value, the ratio, and the runs."""
-    metrics, rows = chapter["metrics"], chapter["rows"]
     columns = [Column("row", "row", None)]
-    published = set()
-    for m in metrics:
-        columns.append(Column(m["key"], m["name"], m["unit"], meaning="mean and 95 % interval"))
-        if any(exists(row["figures"][m["key"]]["published"]) for row in rows):
-            published.add(m["key"])
-            columns.append(Column("", "published", m["unit"], meaning="as printed"))
-            columns.append(Column("", "ratio", meaning="ours / published"))
-    columns.append(Column("", "solved", "of runs"))
+    for m in chapter["metrics"]:
+        key, unit, of = m["key"], m["unit"], "mean and 95 % interval"
+        columns.append(Column(key, m["name"], unit, m["digits"], interval=True, meaning=of))
+        if any(exists(row["figures"][key]["published"]) for row in chapter["rows"]):
+            columns.append(Column(f"{key}_published", "published", unit, "g", meaning="as printed"))
+            columns.append(Column(f"{key}_ratio", "ratio", "", ".3g", meaning="ours / published"))
 
     def cells(row: Mapping[str, Any]) -> list[Cell]:
-        found = [Cell(row["row"])]
-        for m in metrics:
-            figures = row["figures"][m["key"]]
-            mean, low, high = (
-                f"{figures[key]:.{m['digits']}f}" if exists(figures[key]) else "?"
-                for key in ("mean", "low", "high")
-            )
-            found.append(Cell("-") if mean == "?" else Cell(mean, f"{low}-{high}", figures["mean"]))
-            for key, form in (
-                (("published", "g"), ("ratio", ".3g")) if m["key"] in published else ()
-            ):
-                value = figures[key]
-                found.append(Cell(f"{value:{form}}", key=value) if exists(value) else Cell("-"))
-        share = row["solved"] / max(row["runs"], 1)
-        return [*found, Cell(f"{row['solved']}/{row['runs']}", key=share)]
+        flat = {"row": row["row"]}
+        for key, figures in row["figures"].items():
+            flat |= {key: figures["mean"], **{f"{key}_{part}": v for part, v in figures.items()}}
+        solved = Cell(f"{row['solved']}/{row['runs']}", key=row["solved"] / max(row["runs"], 1))
+        return [*(column.cell(flat) for column in columns), solved]
 
     def group(row: Mapping[str, Any]) -> str:
         return str(row["row"]).split(" lambda")[0] if " lambda" in row["row"] else ""
 
-    groups = [[cells(row) for row in of] for _, of in groupby(rows, group)]
-    return Table(f"{chapter['runs']} runs of each row and map or goal", columns, groups)
+    groups = [[cells(row) for row in of] for _, of in groupby(chapter["rows"], group)]
+    caption = f"{chapter['runs']} runs of each row and map or goal"
+    return Table(caption, [*columns, Column("", "solved", "of runs")], groups)

@@ -15,7 +15,7 @@ from agents.evaluation.metrics import wilson
 from agents.evaluation.provenance import command_line, now, provenance, write_json, write_text
 from agents.evaluation.runs import compute, run_key, source_digest
 from agents.evaluation.tables import csv_table
-from agents.studies import disc_swarms, lab_methods, smoothing_paper, thesis_tables
+from agents.studies.definitions import STUDIES
 from agents.studies.evidence import LEVEL, no_evidence
 from agents.studies.experiments import kernel_key, measure
 from agents.studies.figures import mean_interval
@@ -24,16 +24,6 @@ from agents.studies.report import write_studies_page
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import atomic_write
 
-STUDIES: Final[dict[str, Study]] = {
-    study.name: study
-    for study in (
-        *thesis_tables.STUDIES,
-        *smoothing_paper.STUDIES,
-        *disc_swarms.STUDIES,
-        *lab_methods.STUDIES,
-        thesis_tables.CONTROL,
-    )
-}
 # Verdicts are corrected for all claims, so that they do not depend on which studies run.
 CLAIMS: Final = sum(len(study.claims) for study in STUDIES.values())
 
@@ -154,13 +144,13 @@ def _write_figures(study: Study, results: Results, folder: Path) -> dict[str, tu
     """Each figure with its caption as SVG; also written as SVG and PNG."""
     found = {}
     with mpl.rc_context(LOOK):
-        for name, (caption, figure) in study.figures(results).items():
+        for name, figure in study.figures(results).items():
             svg = as_svg(figure)
             with atomic_write(folder / "figures" / f"{study.name}-{name}.svg") as part:
                 part.write_bytes(svg)
             with atomic_write(folder / "figures" / f"{study.name}-{name}.png") as part:
                 figure.savefig(part, format="png", dpi=150)
-            found[name] = (caption, svg)
+            found[name] = (study.captions[name], svg)
     return found
 
 
@@ -207,20 +197,13 @@ def summary(study: Study, results: Results, runs: int) -> dict[str, Any]:
             "claim": claim.text,
             "source": claim.source,
             "verdict": str(evidence.verdict(CLAIMS)),
-            "effect": _plain(evidence.effect),
-            "low": _plain(evidence.low),
-            "high": _plain(evidence.high),
+            **{key: _plain(getattr(evidence, key)) for key in ("effect", "low", "high")},
             "unit": evidence.unit,
             "comparison": evidence.text,
-            "test": evidence.test,
-            "p_for": evidence.p_for,
-            "p_against": evidence.p_against,
+            **{key: getattr(evidence, key) for key in ("test", "p_for", "p_against")},
         })  # fmt: skip
     return {
-        "name": study.name,
-        "title": study.title,
-        "source": study.source,
-        "settings": study.settings,
+        **{key: getattr(study, key) for key in ("name", "title", "source", "settings")},
         "notes": list(study.notes),
         "runs": runs,
         "metrics": [metric._asdict() for metric in study.metrics],

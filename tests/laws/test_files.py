@@ -34,6 +34,7 @@ OWN = {
     "files.read_text": "reads for all",
     "files.read_json": "reads for all",
     "files.parse_yaml": "parses for all",
+    "__init__.read_data": "data files of the project",
     "compiled.kernel._file_digest": "sources of the project",
     "evaluation.runs.source_digest": "sources of the project",
     "envs.world_banks._identity": "sources of the project",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from agents.evaluation.compare import CORRIDORS, DOORS, suite
+from agents.evaluation.compare import suite
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import footprint_clearance, path_length, point_segment_distance
 from wheelchair_gym.maps import bottleneck, geodesic
@@ -137,8 +137,8 @@ def test_what_appears_lies_on_the_way():
     assert count >= 8
 
 
-@pytest.mark.parametrize("door", DOORS)
-@pytest.mark.parametrize("corridor", CORRIDORS)
+@pytest.mark.parametrize("door", [1.00, 0.95, 0.90, 0.85, 0.80])
+@pytest.mark.parametrize("corridor", [1.20, 1.05, 0.90])
 def test_a_doorway_is_as_wide_as_it_says(door, corridor):
     for episode in drawn(4, name="doorway", door_width=door, corridor_width=corridor):
         wide = 2 * bottleneck(episode.map, episode.start[:2], episode.goal[:2])

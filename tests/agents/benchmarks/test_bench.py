@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 import shapely
+import yaml
 
 from agents import cli
 from agents.peers.irsim import irsim_world, wall_loops
@@ -58,6 +59,6 @@ def test_the_peer_drives_between_the_same_walls():
     theirs = shapely.MultiLineString(wall_loops(episode.walls))
     assert theirs.length == pytest.approx(ours.length)
     assert theirs.hausdorff_distance(ours) < 1e-9
-    world = irsim_world(EnvSettings(), episode)
+    world = yaml.safe_load(irsim_world(EnvSettings(), episode))
     assert world["robot"][0]["sensors"][0]["number"] == 1081
     assert len(world["obstacle"]) < len(episode.walls) / 3

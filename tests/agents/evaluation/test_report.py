@@ -13,6 +13,7 @@ import pytest
 from agents.evaluation import figures, report
 from agents.evaluation.compare import BEST, SUITES
 from agents.evaluation.report import COLUMNS, markdown, ranked, write_report
+from agents.learning.weights import shipped
 from agents.policies import kind_of
 from wheelchair_gym.rendering import webp, write_png
 from wheelchair_gym.scenes.arena import Doorway
@@ -328,3 +329,7 @@ def test_the_demo_shows_what_the_project_is_about():
     assert kinds == {"learned", "planned"}
     assert {"floor_plan", "clutter", "map_file"} <= set(demo.scenes)
     assert any(scene.startswith("thesis_") for scene in demo.scenes)
+
+
+def test_the_league_has_all_learned_policies_that_are_shipped():
+    assert set(shipped()) <= set(SUITES["league"].policies)

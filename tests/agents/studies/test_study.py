@@ -54,6 +54,16 @@ def test_every_published_figure_stands_in_a_row():
         assert study.claims, name
 
 
+def test_claims_name_rows_and_metrics_of_their_study():
+    for study in STUDIES.values():
+        names = {name for row in study.rows for name in (row.label, row.group, row.series)}
+        for claim in study.claims:
+            named = [*claim.rows, *(name for pair in claim.pairs for name in pair)]
+            assert {name for name in named if isinstance(name, str)} <= names - {""}, claim.text
+            assert claim.test.startswith("share") or claim.metric in study.margins, claim.text
+        assert set(study.margins) <= {metric.key for metric in study.metrics}
+
+
 def test_published_figures_are_those_of_the_sources(shared):
     """Each number of the reading's tables, and each line of the thesis's own tables."""
     page = (shared / "SEEDS.md").read_text()

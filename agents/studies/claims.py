@@ -1,0 +1,106 @@
+"""Claims of the sources, and how each is tested on the runs of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from agents.studies import evidence
+from agents.studies.evidence import Evidence, Sample
+
+if TYPE_CHECKING:
+    from agents.studies.model import Metric, Results, Row
+
+_COMPARISONS: Final = {"below": evidence.below, "above": evidence.above}
+_PAIRED: Final = {"paired_below": 1.0, "paired_above": -1.0}
+_TRENDS: Final = {"rises": evidence.rises, "falls": evidence.falls, "level": evidence.level}
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim of a source and its test; rows are named by their label, group or series."""
+
+    text: str
+    source: str
+    test: str  # below, above, between, paired_below, paired_above, rises, falls, level, share or
+    # share_without: the share of runs in which the metric is true, or is not, is above `low`
+    metric: str  # its key
+    # Rows that are compared with others, or with a value of each stratum; all pairs must hold.
+    pairs: Sequence[tuple[str, Any]] = ()
+    rows: Sequence[str] = ()  # of a trend or a share; empty: all
+    low: float | None = None  # bounds of `between`; None: the margin of the metric
+    high: float | None = None
+    of_solved: bool = False  # a share of the runs that found a path only
+    by_series: bool = False  # rows of different series are different strata
+
+    def judge(self, r: Results) -> Evidence:
+        """The evidence for the claim in the results of its study."""
+        if self.test.startswith("share"):
+            return self._share(r)
+        metric, margin = r.study.metric(self.metric), r.study.margins[self.metric]
+        if self.test in _TRENDS:
+            rows = _named(r, self.rows)
+            text = f"{metric.name} from {rows[0].label} to {rows[-1].label}"
+            return _TRENDS[self.test](
+                _trend(r, rows, metric), [row.x for row in rows], margin, text
+            )
+        parts = [self._compare(r, *pair, metric, margin) for pair in self.pairs]
+        if len(parts) == 1:
+            return parts[0]
+        return evidence.all_of(parts, f"{metric.name} in {len(parts)} comparisons")
+
+    def _compare(self, r: Results, a: str, b: Any, metric: Metric, margin: float) -> Evidence:
+        text = f"{metric.name} of {a} against {b if isinstance(b, str) else 'the optimum'}"
+        if self.test in _PAIRED:
+            first, second = r.paired(a, metric), r.paired(b, metric)
+            both = np.isfinite(first) & np.isfinite(second)
+            sign = _PAIRED[self.test]
+            return evidence.paired_below(first[both], second[both], margin, text, sign)
+        ours = self._sample(r, a, metric)
+        if isinstance(b, str):
+            theirs = self._sample(r, b, metric)
+        else:
+            theirs = {s: np.full(2, b[s] if isinstance(b, Mapping) else b) for s in ours}
+        if self.test == "between":
+            low, high = -margin if self.low is None else self.low, self.high
+            return evidence.between(ours, theirs, low, margin if high is None else high, text)
+        return _COMPARISONS[self.test](ours, theirs, margin, text)
+
+    def _sample(self, r: Results, name: str, metric: Metric) -> Sample:
+        """The values of all rows of a name, by stratum."""
+        found: dict[str, list[np.ndarray]] = {}
+        for row in _named(r, [name]):
+            for stratum, values in r.sample(row.label, metric).items():
+                key = f"{row.series}, {stratum}" if self.by_series else stratum
+                found.setdefault(key, []).append(values)
+        return {key: np.concatenate(values) for key, values in found.items()}
+
+    def _share(self, r: Results) -> Evidence:
+        labels = {row.label for row in _named(r, self.rows)}
+        runs = [run for (label, _), of in r.runs.items() if label in labels for run in of]
+        runs = [run for run in runs if run["solved"] or not self.of_solved]
+        wanted = self.test == "share"
+        hits = sum(bool(run[self.metric]) is wanted for run in runs)
+        of = f"runs of {', '.join(self.rows)}" if self.rows else "all runs"
+        text = f"{of}: {'' if wanted else 'not '}{self.metric.replace('_', ' ')}"
+        return evidence.share_above(hits, len(runs), self.low or 0.0, text)
+
+
+def _named(r: Results, names: Sequence[str]) -> list[Row]:
+    """The rows with a label, group or series among the names; without names, all."""
+    rows = r.study.rows
+    return [row for row in rows if not names or {row.label, row.group, row.series} & {*names}]
+
+
+def _trend(r: Results, rows: Sequence[Row], metric: Metric) -> list[Sample]:
+    """The values of each row.
+
+    For shares, each row is one stratum, with one success and one failure more (Agresti and Caffo
+    2000), so that no row is without chance.
+    """
+    if metric.unit == "share":
+        return [{"": np.append(r.pooled(row.label, metric), [0.0, 1.0])} for row in rows]
+    return [r.sample(row.label, metric) for row in rows]

@@ -1,0 +1,70 @@
+"""The studies of agents/data/studies.yaml."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from itertools import product
+from typing import Any, Final
+
+from agents import read_data
+from agents.studies.claims import Claim
+from agents.studies.figures import FIGURES
+from agents.studies.model import Metric, Row, Study, published
+
+
+def _combinations(axes: Sequence[Any]) -> Iterator[dict[str, Any]]:
+    """Every choice of one item from each axis: {name: values}, or a list of {name: value}."""
+    lists = [
+        [{name: value} for name, values in axis.items() for value in values]
+        if isinstance(axis, Mapping)
+        else axis
+        for axis in axes
+    ]
+    for chosen in product(*lists):
+        yield {name: value for values in chosen for name, value in values.items()}
+
+
+def _filled(value: Any, names: Mapping[str, Any]) -> Any:
+    """A part of a job with the values of names for each `$name`."""
+    if isinstance(value, Mapping):
+        return {key: _filled(item, names) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_filled(item, names) for item in value]
+    return names[value[1:]] if isinstance(value, str) and value.startswith("$") else value
+
+
+def _rows(
+    study: str, *, vary: Sequence[Any], label: str, stratum: str, job: Mapping[str, Any],
+    over: Sequence[Any] = (), x: str | float = float("nan"), series: str = "", group: str = "",
+) -> Iterator[Row]:  # fmt: skip
+    """A row for each combination of the values in `vary`, a job for each of those in `over`."""
+    for names in _combinations(vary):
+        places = [names | more for more in _combinations(over)]
+        jobs = {stratum.format(**of): _filled(job, of) for of in places}
+        title = label.format(**names)
+        yield Row(
+            title, jobs, float(_filled(x, names)), series.format(**names), group.format(**names),
+            published(study).get(title, {}),
+        )  # fmt: skip
+
+
+def _study(name: str, values: dict[str, Any]) -> Study:
+    figure, *arguments = values.pop("figures")
+    parts = {
+        "rows": [row for group in values.pop("rows") for row in _rows(name, **group)],
+        "metrics": [Metric(**metric) for metric in values.pop("metrics")],
+        "claims": [Claim(**claim) for claim in values.pop("claims")],
+        "notes": values.pop("notes"),
+    }
+    tuples: dict[str, Any] = {key: tuple(part) for key, part in parts.items()}
+    draw = partial(FIGURES[figure], **arguments[0] if arguments else {})
+    return Study(name=name, figures=draw, **tuples, **values)
+
+
+def _read() -> dict[str, Study]:
+    content = read_data("studies.yaml")
+    return {name: _study(name, of) for name, of in content.items() if not name.startswith(".")}
+
+
+STUDIES: Final[dict[str, Study]] = _read()
