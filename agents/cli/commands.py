@@ -286,6 +286,8 @@ COMMANDS = (
             SHIELD, *WORKERS,
             option("--out", "folder of the results (default runs/SUITE)", None, "DIR"),
             flag("--no-video", "write no video"), QUIET,
+            option("--columns", "columns of the table in the terminal, or all; the report has all",
+                   names, default=["episodes", "success", "collision", "timeout", "spl", "time"]),
             *record("DIR", "one file for each episode"), JSON,
         ],
     ),

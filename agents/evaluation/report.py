@@ -13,6 +13,7 @@ from agents.evaluation import metrics
 from agents.evaluation.figures import figures
 from agents.evaluation.pages import data_uri, write_page
 from agents.evaluation.tables import Column, Table, make_table
+from wheelchair_gym.config import InputError, suggest
 from wheelchair_gym.files import atomic_write
 from wheelchair_gym.rendering.video import webp
 
@@ -118,6 +119,10 @@ def learned_beside_planned(evaluation: Evaluation) -> str:
     return ", ".join(parts) + "."
 
 
+# Columns of the table in a terminal, after policy and scene.
+BRIEF = ("episodes", "success", "collision", "timeout", "spl", "time")
+
+
 def markdown(evaluation: Evaluation) -> str:
     """The summary as Markdown, under the command, and who wins where."""
     summary, table = evaluation["summary"], ranking_table(evaluation)
@@ -130,6 +135,25 @@ def markdown(evaluation: Evaluation) -> str:
         make_table("", [POLICY, SCENE, *COLUMNS], [rows]).markdown(),
     ]  # fmt: skip
     return "\n\n".join(part.rstrip("\n") for part in parts if part) + "\n"
+
+
+def terminal_table(evaluation: Evaluation, keys: Sequence[str] = BRIEF) -> str:
+    """The summary as aligned columns; `keys` are those of `COLUMNS`, or 'all' alone.
+
+    Raises:
+        InputError: there is no such column.
+    """
+    known = {column.key: column for column in COLUMNS}
+    for key in keys:
+        if key not in known and list(keys) != ["all"]:
+            near = suggest(key, known)
+            raise InputError(f"--columns {key} is unknown; known: all, {', '.join(known)}{near}")
+    chosen = COLUMNS if list(keys) == ["all"] else [known[key] for key in keys]
+    summary = evaluation["summary"]
+    rows = [*ranked(summary), *(row for row in summary if row["scene"] != "all")]
+    if len(evaluation["scenes"]) == 1:
+        rows = ranked(summary)
+    return make_table("", [POLICY, SCENE, *chosen], [rows]).text()
 
 
 def write_report(evaluation: Evaluation, folder: str | Path) -> Path:

@@ -12,9 +12,10 @@ import pytest
 
 from agents.evaluation import figures, report
 from agents.evaluation.compare import BEST, SUITES
-from agents.evaluation.report import COLUMNS, markdown, ranked, write_report
+from agents.evaluation.report import COLUMNS, markdown, ranked, terminal_table, write_report
 from agents.learning.weights import shipped
 from agents.policies import kind_of
+from wheelchair_gym.config import InputError
 from wheelchair_gym.rendering import webp, write_png
 from wheelchair_gym.scenes.arena import Doorway
 
@@ -333,3 +334,13 @@ def test_the_demo_shows_what_the_project_is_about():
 
 def test_the_league_has_all_learned_policies_that_are_shipped():
     assert set(shipped()) <= set(SUITES["league"].policies)
+
+
+def test_the_table_in_a_terminal_has_few_columns_unless_asked_for_more():
+    results = evaluation()
+    brief = terminal_table(results).splitlines()
+    assert brief[0].split()[:3] == ["policy", "scene", "episodes"]
+    assert len({line.find("dwa") for line in brief[1:] if line.startswith("dwa")}) == 1
+    assert "act p95 [ms]" in terminal_table(results, ["all"]).splitlines()[0]
+    with pytest.raises(InputError, match="did you mean success"):
+        terminal_table(results, ["sucess"])
