@@ -11,12 +11,16 @@ from tests.conftest import ROOT
 
 # The arguments of each example, and what it then prints.
 EXAMPLES = {
+    "onnx_on_the_chair": (["--out", "{folder}"], "onnx         seed 0: success"),
     "own_map": (["--out", "{folder}"], "lattice+window   success"),
     "own_planner": ([], "own_planner:Detour   solved"),
     "own_policy": (["--out", "{folder}"], "own_policy:TowardsGoal"),
     "own_reward": ([], "single"),
     "own_scene": ([], "arrived: True"),
     "pixel_observations": (["--steps", "32", "--episodes", "1"], "(3, 84, 84)"),
+    "ppo_in_one_file": (["--updates", "2"], "update 1: reward a step"),
+    "study": (["p1", "--out", "{folder}"], "report.html"),
+    "train_sb3": (["--steps", "1024", "--episodes", "1", "--out", "{folder}"], "of 1 arrived"),
 }
 LONGEST = 60  # lines
 
