@@ -12,20 +12,18 @@ from torch import nn
 from agents.learning.sb3 import flatten_observations
 from wheelchair_gym.envs import NavigationVectorEnv
 
-parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument("--updates", type=int, default=500)
-updates = parser.parse_args().updates
-N, STEPS, GAMMA, LAMBDA, CLIP = 16, 32, 0.99, 0.95, 0.2
+UPDATES, N, STEPS, GAMMA, LAMBDA, CLIP = int(sys.argv[1]), 16, 32, 0.99, 0.95, 0.2
 torch.manual_seed(0)
 envs = NavigationVectorEnv(N, scene="clutter", beams=32, rate=5.0, guidance="geodesic", bank=64)
-size = envs.task.observation_size
-net = nn.Sequential(nn.Linear(size, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh())
+net = nn.Sequential(
+    nn.Linear(envs.task.observation_size, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh()
+)
 mean, value, spread = nn.Linear(64, 2), nn.Linear(64, 1), nn.Parameter(torch.full((2,), -0.5))
 parameters = [*net.parameters(), *mean.parameters(), *value.parameters(), spread]
 optimizer = torch.optim.Adam(parameters, 3e-4)
 
 
-def look(observation: torch.Tensor) -> tuple[torch.distributions.Normal, torch.Tensor]:
+def look(observation):
     """The distribution of actions, and the value, of observations (n, size)."""
     hidden = net(observation)
     return torch.distributions.Normal(mean(hidden), spread.exp()), value(hidden)[:, 0]
@@ -33,7 +31,7 @@ def look(observation: torch.Tensor) -> tuple[torch.distributions.Normal, torch.T
 
 seen = torch.from_numpy(flatten_observations(envs.reset(seed=0)[0]))
 begins = torch.zeros(N)  # 1: the step only begins an episode
-for update in range(updates):
+for update in range(UPDATES):
     rows = []
     for _ in range(STEPS):
         with torch.no_grad():
@@ -44,7 +42,7 @@ for update in range(updates):
         log = chances.log_prob(action).sum(1)
         rows.append((seen, action, log, worth, torch.from_numpy(reward).float(), over, begins))
         seen, begins = torch.from_numpy(flatten_observations(told)), over
-    obs, act, old, worth, reward, over, useless = (torch.stack(column) for column in zip(*rows))
+    obs, act, old, worth, reward, over, useless = map(torch.stack, zip(*rows, strict=True))
     with torch.no_grad():
         after, gain, gains = look(seen)[1], torch.zeros(N), []
     for k in reversed(range(STEPS)):  # generalized advantages
@@ -61,7 +59,6 @@ for update in range(updates):
         loss = -step + 0.5 * (now - target).pow(2).mean()
         optimizer.zero_grad()
         loss.backward()
-        nn.utils.clip_grad_norm_(parameters, 0.5)
         optimizer.step()
-    if update % 20 == 0 or update == updates - 1:
+    if update % 20 == 0 or update == UPDATES - 1:
         print(f"update {update}: reward a step {reward.mean():.4f}")

@@ -18,7 +18,7 @@ EXAMPLES = {
     "own_reward": ([], "single"),
     "own_scene": ([], "arrived: True"),
     "pixel_observations": (["--steps", "32", "--episodes", "1"], "(3, 84, 84)"),
-    "ppo_in_one_file": (["--updates", "2"], "update 1: reward a step"),
+    "ppo_in_one_file": (["2"], "update 1: reward a step"),
     "study": (["p1", "--out", "{folder}"], "report.html"),
     "train_sb3": (["--steps", "1024", "--episodes", "1", "--out", "{folder}"], "of 1 arrived"),
 }
