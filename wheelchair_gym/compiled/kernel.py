@@ -20,10 +20,11 @@ import numba
 import numpy as np
 from numba import types
 
-from wheelchair_gym.compiled import compile_time, progress
+from wheelchair_gym.compiled import compile_time, linking, progress
 from wheelchair_gym.compiled.second_process import compile_once
 
 compile_time.install()
+linking.install()
 progress.watch()
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -77,9 +78,9 @@ def _dispatcher(
 
     index._load_index = load_index
     if part:
-        index._index_name = f"inner-{index._index_name}"
+        index._index_name = f"part-{index._index_name}"
         index._index_path = str(Path(index._cache_path) / index._index_name)
-        index._data_name_pattern = f"inner-{index._data_name_pattern}"
+        index._data_name_pattern = f"part-{index._data_name_pattern}"
     compile_once(dispatcher)
     return dispatcher
 
@@ -92,7 +93,7 @@ def _compiled(function: F, **options: Any) -> F:
     resolve, absorbed = dispatcher.get_call_template, options.get("inline") == "always"
 
     def part() -> Any:
-        # What other kernels call is a second dispatcher, without a wrapper for Python.
+        # What other kernels call is a second dispatcher, which makes no machine code.
         if dispatcher.part is None:
             dispatcher.part = _dispatcher(function, digest, part=True, **options)
         return dispatcher.part
