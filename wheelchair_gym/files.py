@@ -80,7 +80,7 @@ def opened(path: str | Path, limit: str | None = None) -> Iterator[IO[bytes]]:
 
 
 def _shipped(path: str | Path) -> str | Path:
-    """The copy of `configs/NAME` that comes with an installed package, where the folder has none."""
+    """The installed copy of `configs/NAME`, where there is no such file."""
     parts = Path(path).parts
     if len(parts) == 2 and parts[0] == "configs" and not os.path.lexists(path):
         copy = Path(__file__).parent.joinpath(*parts)

@@ -93,8 +93,8 @@ def test_videos_of_many(name, tmp_path):
     from stable_baselines3.common.vec_env import VecVideoRecorder
 
     envs = wrappers.RecordVideo(
-        gym.make_vec(name, 2, **SMALL, **FRAMES), str(tmp_path / "a"), episode_trigger=lambda episode: True,
-        disable_logger=True,
+        gym.make_vec(name, 2, **SMALL, **FRAMES), str(tmp_path / "a"),
+        episode_trigger=lambda episode: True, disable_logger=True,
     )  # fmt: skip
     envs.reset(seed=0)
     for _ in range(8):
