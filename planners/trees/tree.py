@@ -227,7 +227,7 @@ def nodes_within(
 
 @borrowing_kernel
 def change_parent(tree: Tree, i: int, parent: int, edge: float, stack: NDArray[np.int32]) -> None:
-    """Give node i, not the root, another parent at a distance `edge`, and update descendants' costs.
+    """Give node i, not the root, another parent at distance `edge`; update descendants' costs.
 
     The caller has tested that the edge is free, that it is a gain, and that the parent is no
     descendant of i. The stack is scratch memory for as many indices as the tree has nodes.
