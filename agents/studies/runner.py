@@ -15,11 +15,11 @@ from agents.evaluation.metrics import wilson
 from agents.evaluation.provenance import command_line, now, provenance, write_json, write_text
 from agents.evaluation.runs import compute, run_key, source_digest
 from agents.evaluation.tables import csv_table
-from agents.studies.definitions import STUDIES
 from agents.studies.evidence import LEVEL, no_evidence
 from agents.studies.experiments import kernel_key, measure
 from agents.studies.figures import mean_interval
 from agents.studies.model import Metric, Results, Row, Study
+from agents.studies.read_studies import STUDIES
 from agents.studies.report import write_studies_page
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import atomic_write

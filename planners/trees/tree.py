@@ -226,10 +226,11 @@ def nodes_within(
 
 
 @borrowing_kernel
-def rewire(tree: Tree, i: int, parent: int, edge: float, stack: NDArray[np.int32]) -> None:
-    """Give node i a new parent, which is no descendant of it, and update its descendants' costs.
+def change_parent(tree: Tree, i: int, parent: int, edge: float, stack: NDArray[np.int32]) -> None:
+    """Give node i, not the root, another parent at distance `edge`; update descendants' costs.
 
-    The stack is scratch memory for as many indices as the tree has nodes.
+    The caller has tested that the edge is free, that it is a gain, and that the parent is no
+    descendant of i. The stack is scratch memory for as many indices as the tree has nodes.
     """
     nodes = tree.nodes
     remove_child(tree, i)

@@ -32,6 +32,7 @@ from planners.trees.sampling import (
 from planners.trees.tree import (
     NONE,
     Tree,
+    change_parent,
     edges,
     insert,
     nearest,
@@ -40,7 +41,6 @@ from planners.trees.tree import (
     path_from_root,
     place_node,
     remove_node,
-    rewire,
     tree_with_capacity,
     write_ancestors,
 )
@@ -117,7 +117,7 @@ def connect_goal(search: TreeSearch, node: int) -> None:
     if gap > 0.0 and not edge_is_free(search.space, run, x, y, goal[0], goal[1]):
         return
     if reached:
-        rewire(tree, run.goal, as_int(node), gap, search.workspace.stack)
+        change_parent(tree, run.goal, as_int(node), gap, search.workspace.stack)
         return
     run.first_path = run.iteration
     run.goal = node if gap == 0.0 else insert(tree, goal[0], goal[1], node, gap)
@@ -149,7 +149,7 @@ def shortcut_path(search: TreeSearch) -> None:
         parent, edge = choose_parent(space, tree, x, y, workspace, count, before, nodes[i].edge)
         parent, edge = best_ancestor(space, tree, x, y, parent, edge, run)  # drops collinear points
         if parent != before:
-            rewire(tree, as_int(i), as_int(parent), edge, workspace.stack)
+            change_parent(tree, as_int(i), as_int(parent), edge, workspace.stack)
 
 
 @borrowing_kernel
@@ -249,7 +249,7 @@ def add_node(
         if cost + distances[k] < nodes[j].cost - MIN_GAIN and edge_is_free(
             space, run, x, y, nodes[j].x, nodes[j].y
         ):
-            rewire(tree, as_int(j), as_int(new), distances[k], workspace.stack)
+            change_parent(tree, as_int(j), as_int(new), distances[k], workspace.stack)
     return int(new)
 
 

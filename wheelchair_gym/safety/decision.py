@@ -154,9 +154,11 @@ def check_trajectory(g: Any, s: Any, v: float, w: float) -> int:
 
 @borrowing_kernel
 def needs_protective_stop(g: Any, s: Any) -> bool:
-    """Whether a comfort stop is no longer clear, by more than noise.
+    """Whether the chair must brake harder than a comfort stop does.
 
-    Part of the slow zone must be left, and inside the stop zone the chair must be slow.
+    It must if a moving object would come too near even to a protective stop. At creep speed beside
+    something close it need not. Else it must if a comfort stop would leave less than fixed shares
+    of the stop margin and of the headway, shares that noise does not use up.
     """
     v, w = s.setpoint.v, s.setpoint.w
     if v == 0.0 and w == 0.0:
@@ -164,8 +166,8 @@ def needs_protective_stop(g: Any, s: Any) -> bool:
     if s.n_moving > 0 and _sweep_moving(g, s, 0.0, 0.0) != NOTHING:
         return True
     if s.n_close > 0:
-        lever = 0.5 * math.sqrt(max(g.outline[0], g.outline[1]) ** 2 + g.outline[2] ** 2)
-        if abs(v) + lever * abs(w) <= _TOO_FAST * g.creep_speed:
+        corner = math.sqrt(max(g.outline[0], g.outline[1]) ** 2 + g.outline[2] ** 2)
+        if abs(v) + 0.5 * corner * abs(w) <= _TOO_FAST * g.creep_speed:
             return False
     margin, unseen = _MARGIN_SHARE * g.stop_margin, _TOO_FAST * g.unseen_speed
     headway = _HEADWAY_SHARE * g.time_headway

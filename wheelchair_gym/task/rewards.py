@@ -1,6 +1,6 @@
 """Rewards: named terms with their weights, and whether a step ended the episode.
 
-A term is one field of `RewardWeights` and one line of `write_terms`; the rest goes by its name.
+A term is one field of `RewardWeights`, one line of `write_terms`, and its name in the sum there.
 """
 
 from __future__ import annotations
