@@ -149,8 +149,8 @@ class Registry(Mapping[str, Any]):
         return len(self.places)
 
     def __contains__(self, name: object) -> bool:
-        """Whether it is a name of the registry or the place of somebody's class."""
-        return name in self.places or is_place(name)
+        """Whether it is a name of the registry or, where those count, the place of a class."""
+        return name in self.places or (self.group != "" and is_place(name))
 
     def name_of(self, value: object) -> str | None:
         """The name of an object's class, or None if it has none here."""
