@@ -33,6 +33,9 @@ def _columns() -> tuple[Column, ...]:
 
 COLUMNS = _columns()
 SUCCESS = COLUMNS[1]
+# The columns in parts that a screen shows whole.
+_TIME = next(k for k, column in enumerate(COLUMNS) if column.key == "time")
+PARTS = ((": arrivals", COLUMNS[:_TIME]), (": how it drove", COLUMNS[_TIME:]))
 LEVEL = 0.05  # of a test
 FEWEST = 6  # pairs: with fewer, the paired test cannot be significant at that level
 RANKING_NOTE = (
@@ -177,10 +180,14 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
     best = ranked(evaluation["summary"])
     scenes, several = evaluation["scenes"], len(evaluation["scenes"]) > 1
     caption = f"{'All scenes, best' if several else 'Best'} first"
-    tables = [make_table(caption, [POLICY, *COLUMNS], [best]), ranking_table(evaluation)]
+    tables = [make_table(caption + what, [POLICY, *part], [best]) for what, part in PARTS]
+    tables += filter(None, [ranking_table(evaluation)])
     if several:
         groups = [ranked(evaluation["summary"], scene) for scene in scenes]
-        tables.append(make_table("By scene, best first", [POLICY, SCENE, *COLUMNS], groups))
+        tables += [
+            make_table(f"By scene, best first{what}", [POLICY, SCENE, *part], groups)
+            for what, part in PARTS
+        ]
     some = bool(best and evaluation["records"])
     first = best[0]["policy"] if some else ""
     of = [record for record in evaluation["records"] if record["policy"] == first]
@@ -188,7 +195,7 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
         folder / "report.html", "evaluation.html", title=evaluation["title"], source=evaluation,
         best=best[0] if some else None, second=best[1] if some and len(best) > 1 else None,
         comparison=learned_beside_planned(evaluation), success=SUCCESS, columns=COLUMNS,
-        ended=Counter(record["outcome"] for record in of), tables=filter(None, tables),
+        ended=Counter(record["outcome"] for record in of), tables=tables,
         figures=drawn, video=_video(evaluation["video"], folder), legend=_LEGEND,
         failures=_failures(evaluation["records"], [row["policy"] for row in best], folder),
     )  # fmt: skip
