@@ -27,6 +27,7 @@ _WARM_SCENE = "clutter"  # in which a policy drives in simulation before it driv
 
 def simulate(given: argparse.Namespace) -> int:
     """Drive one episode and report it."""
+    from wheelchair_gym.rendering.legend import scene_entries, with_legend
     from wheelchair_gym.rendering.video import write_png, write_video
 
     policy = make_policy(spec(given.policy))
@@ -63,7 +64,8 @@ def simulate(given: argparse.Namespace) -> int:
         if given.video:
             write_video(given.video, frames, round(1.0 / env.unwrapped.task.period))
         if given.picture:
-            write_png(given.picture, env.render())
+            actors = env.unwrapped.episode.actors
+            write_png(given.picture, with_legend(env.render(), scene_entries(actors)))
     finally:
         env.close()
     if events is not None and events.ended:
