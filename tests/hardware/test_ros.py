@@ -358,7 +358,7 @@ def test_every_broadcaster_of_static_transforms_is_heard(bridge, chair):
     ]
     chair = make_chair(spec(bridge), env_settings(CONFIG))
     chair.reset(None, 0)
-    assert chair.senses.pose_in("laser_link", "base_link") is not None
+    assert until(lambda: chair.senses.pose_in("laser_link", "base_link") is not None)
     assert until(lambda: chair.drive(np.zeros(2)).halted == "")
     chair.close()
 
