@@ -76,19 +76,19 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     (n, units).
 
     Raises:
-        InputError: onnx is not installed, or a file cannot be written.
+        InputError: onnx is not installed, a file cannot be written, or the weights are not of a
+            chair with one laser and with ultrasonics.
     """
     onnx = _onnx()
     helper, kinds = onnx.helper, onnx.TensorProto
     graph, layout = _Graph(onnx), weights.layout
     env = load(EnvSettings, weights.card["env"], "weights: env")
-    beams = env.sensors.laser.beams
     sizes = {key: n for key, n in layout.sizes if key not in PRIVILEGED}
-    rangers = env.sensors.ultrasonic
-    reaches = [
-        (rangers.narrow if m.model == "narrow" else rangers.wide).reach for m in rangers.mounted
-    ]
-    laser = _ranges(graph, "laser", [env.sensors.laser.reach])
+    lasers, beams = env.sensors.lasers, env.sensors.beams
+    if len(lasers) != 1 or not env.sensors.ultrasonic.mounted:
+        raise InputError("export: expected one laser, and ultrasonics; the weights have others")
+    reaches = [model.reach for model in env.sensors.ultrasonic.models]
+    laser = _ranges(graph, "laser", [lasers[0].reach])
     groups = graph.constant(groups_of(beams, sizes["laser"]), np.int64)
     pooled = graph.add("Gather", laser, groups, axis=1)
     pooled = graph.add("ReduceMin", pooled, axes=[2], keepdims=0)

@@ -89,7 +89,8 @@ class OcclusionRecorder:
         last = len(observations) - 1
         k = min(last, round(moment * last))
         pose, ranges = self._poses[k], observations[k][layout.slice_of("laser")]
-        count = len(ranges)
+        count = task.settings.beams  # of the first scanner; further ones are not drawn
+        ranges = ranges[:count]
         angles = laser.yaw + laser.fov * ((np.arange(count) + 0.5) / count - 0.5)
         mount = to_world((laser.x, laser.y), pose)
         ends = mount + ranges[:, None] * np.stack(

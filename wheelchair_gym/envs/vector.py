@@ -176,7 +176,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             was_reset=np.zeros(n, np.bool_),
         )
         self._pool: ThreadPoolExecutor | None = None
-        beams = self.settings.sensors.laser.beams
+        beams = self.settings.sensors.beams
         self._ranges = [np.zeros(beams, np.float32) for _ in self._shares]
         self._make_workspace(0)
         for i, (now, following) in enumerate(zip(self._held, self._next, strict=True)):

@@ -137,6 +137,11 @@ STATE = np.dtype(
         # what fails
         ("fault", "i8"),  # index into FAULTS
         ("fault_step", "i8"),  # the first reading that is wrong
+        (
+            "fault_beams",
+            "i8",
+            (2,),
+        ),  # ranges of the scanner that fails: the first, one past the last
         ("frozen_twist", "f8", (2,)),  # the last right values
         ("frozen_pose", "f8", (3,)),
         ("frozen_ranges", "f4", (RANGERS,)),
@@ -180,6 +185,8 @@ SENSED = np.dtype(
     align=True,
 )
 
+
+_NEVER = 2**62  # physics steps: more than there are
 
 # Parameters that are settings of the same name, by the section of the settings.
 _COPIED = {
@@ -243,8 +250,11 @@ def parameters(
     p["speed_every"] = integer_ratio(
         1.0 / motor.control_rate, physics.step, "1/motor.control_rate and physics.step"
     )
-    interval = sensors.ultrasonic.interval
-    p["fire_every"] = integer_ratio(interval, physics.step, "ultrasonic.interval and physics.step")
+    rangers = sensors.ultrasonic
+    p["fire_every"] = _NEVER
+    if rangers.mounted:
+        what = "ultrasonic.interval and physics.step"
+        p["fire_every"] = integer_ratio(rangers.interval, physics.step, what)
     p["decide_every"] = max(1, round(people.decision_period / physics.step))
     return rows
 

@@ -43,11 +43,12 @@ from wheelchair_gym.physics.drive_train import (
 )
 from wheelchair_gym.physics.engine import ANGLE, BODY_DOUBLES, VX, VY, W, X, Y, body_view
 from wheelchair_gym.physics.fault_injection import apply_fault, draw_fault
-from wheelchair_gym.physics.sensor_suite import SUITE, laser_of, rangers_of
+from wheelchair_gym.physics.sensor_suite import SUITE, rangers_of
 from wheelchair_gym.physics.state import PARAMETER, STATE, randomize_parameters
 from wheelchair_gym.physics.world import WORLD, enter_world
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, sense_laser
 from wheelchair_gym.sensors.odometry import update_odometry, update_pose_estimate
+from wheelchair_gym.sensors.scanners import scanner_at
 from wheelchair_gym.sensors.ultrasonic import sense_ultrasonic
 
 _TOUCH = 1e-6  # N s: smaller impulses are rounding
@@ -173,8 +174,11 @@ def workspace_of(chairs: Any) -> Floats:
 
 
 @borrowing_kernel
-def write_sensed(state: Any, p: Any, walls: Array, discs: Array, sensed: Any) -> None:
-    """Write what was sensed, but for the scan, and how things really are."""
+def write_sensed(state: Any, p: Any, rangers: int, walls: Array, discs: Array, sensed: Any) -> None:
+    """Write what was sensed, but for the scans, and how things really are.
+
+    Columns of ultrasonics beyond the mounted ones are invalid (NaN), and their age is infinite.
+    """
     for i in range(3):
         sensed.pose[i] = state.estimated_pose[i]
         sensed.true_pose[i] = state.pose[i]
@@ -182,9 +186,11 @@ def write_sensed(state: Any, p: Any, walls: Array, discs: Array, sensed: Any) ->
     for i in range(2):
         sensed.twist[i] = state.measured_twist[i]
         sensed.true_twist[i] = state.twist[i]
-    for i in range(state.ranges.shape[0]):
+    for i in range(rangers):
         sensed.ultrasonic[i] = state.ranges[i]
         sensed.age[i] = (state.tick - state.fired[i]) * p.dt
+    for i in range(rangers, state.ranges.shape[0]):
+        sensed.ultrasonic[i], sensed.age[i] = math.nan, math.inf
     sensed.bumped, sensed.contact = state.bumped, state.contact
     state.touched |= state.contact
     sensed.touched = state.touched
@@ -214,7 +220,8 @@ def sense(
     """Range the ultrasonics that fired after a tick, scan now, and write reading and truth.
 
     An ultrasonic ranges from the pose, and among the actors, of the moment when it fired.
-    `ranges` (beams,) [m] is the scan. Shapes of actors are left at their present places.
+    `ranges` (beams,) [m] holds the scan of each scanner, one after another. Shapes of actors are
+    left at their present places.
     """
     walls, discs = shapes_of(world)
     rangers = rangers_of(suite)
@@ -229,8 +236,11 @@ def sense(
             )
     if world.n_actors > 0:
         write_actor_shapes(world)
-    sense_laser(laser_of(suite), state.pose, walls, discs, state.key, state.step, workspace, ranges)
-    write_sensed(state, p, walls, discs, sensed)
+    for k in range(suite.n_scanners):
+        laser = scanner_at(suite.scanners, suite.n_scanners, k)
+        scan = ranges[laser.start : laser.start + laser.cosine.shape[0]]
+        sense_laser(laser, state.pose, walls, discs, state.key, state.step, workspace, scan)
+    write_sensed(state, p, suite.rangers, walls, discs, sensed)
     apply_fault(state, p, world.frozen_scan, ranges, sensed)
 
 
@@ -244,7 +254,7 @@ def place_chair(i: int, chairs: Any, start: Array, key: np.uint64) -> None:
     randomize_parameters(p, key)
     enter_world(suite, world, p, start[0], start[1], start[2])
     state.key, state.contact_with = key, -1
-    draw_fault(state, p)
+    draw_fault(state, p, suite)
     state.charge = p.initial_charge * p.capacity
     state.voltage = p.empty_voltage + (p.full_voltage - p.empty_voltage) * p.initial_charge
     read_true_state(state, p, doubles_at(world.body, BODY_DOUBLES))

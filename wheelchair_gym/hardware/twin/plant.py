@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.hardware.settings import check_boards
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.drive_train import DriveConstants, drive_constants, physics_step
 from wheelchair_gym.physics.engine import VX, VY, W, X, Y, body_view
-from wheelchair_gym.physics.sensor_suite import laser_of, rangers_of
+from wheelchair_gym.physics.sensor_suite import rangers_of
 from wheelchair_gym.physics.settings import GRAVITY, ChairSettings, PhysicsSettings
 from wheelchair_gym.physics.step import chair_row, read_true_state, workspace_of
 from wheelchair_gym.sensors.laser import sense_laser
+from wheelchair_gym.sensors.scanners import scanner_at
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sensors.ultrasonic import sense_ultrasonic
 from wheelchair_gym.types import Episode
@@ -158,7 +160,7 @@ def scan_laser(chairs: Any, turn: int, ranges: Any) -> None:
     """Write the ranges [m] of one turn of the laser at the chair's present pose."""
     suite, _, state, world = chair_row(chairs, 0)
     sense_laser(
-        laser_of(suite),
+        scanner_at(suite.scanners, suite.n_scanners, 0),
         state.pose,
         table_at(world.walls, world.n_walls, 4),
         table_at(world.discs, world.n_discs, 3),
@@ -178,6 +180,8 @@ class Plant:
         sensors: SensorSettings | None = None,
         brakes: BrakeSettings | None = None,
     ) -> None:
+        if sensors is not None:
+            check_boards(sensors)
         self.chair = SimulatedChair(chair, sensors, PhysicsSettings(step=TIME_STEP))
         self.brakes = brakes or BrakeSettings()
         self._rows = self.chair.rows
