@@ -81,6 +81,8 @@ class OcclusionRecorder:
         `moment` is a share of the episode, 0 to 1. Returns the figure and its values.
         """
         world, task = env.unwrapped.episode, env.unwrapped.task
+        if len(task.sensors.lasers) != 1:
+            raise InputError("occlusion is drawn of a chair with one laser; this one has others")
         laser = task.sensors.laser
         network, layout = self._driver.network, self._driver.layout
         observations = np.array(self._observations)
@@ -89,8 +91,7 @@ class OcclusionRecorder:
         last = len(observations) - 1
         k = min(last, round(moment * last))
         pose, ranges = self._poses[k], observations[k][layout.slice_of("laser")]
-        count = task.settings.beams  # of the first scanner; further ones are not drawn
-        ranges = ranges[:count]
+        count = len(ranges)
         angles = laser.yaw + laser.fov * ((np.arange(count) + 0.5) / count - 0.5)
         mount = to_world((laser.x, laser.y), pose)
         ends = mount + ranges[:, None] * np.stack(

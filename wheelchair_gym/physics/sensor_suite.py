@@ -17,11 +17,12 @@ from wheelchair_gym.compiled.address import (
 )
 from wheelchair_gym.compiled.kernel import inlined
 from wheelchair_gym.physics.engine import ENGINE, engine_record
-from wheelchair_gym.sensors.scanners import SCANNER, scanner_pointers
+from wheelchair_gym.sensors.laser import LaserArrays
+from wheelchair_gym.sensors.scanners import SCANNER, scanner_at, scanner_pointers
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sensors.ultrasonic import UltrasonicArrays
 
-_RANGER_FIELDS = ("slope", "reach", "blind", "sigma", "ghosts", "loss_from", "loss_at")
+_RANGER_FIELDS = ("slope", "reach", "blind", "ghosts", "loss_from", "loss_at")
 
 SUITE, _TARGETS = pointer_record(
     ("n_scanners", "i8"),
@@ -64,14 +65,35 @@ class SensorSuite:
 
 
 @inlined
-def rangers_of(suite: Any) -> UltrasonicArrays:
-    """The ultrasonics of a suite's record."""
+def scanner_of(suite: Any, p: Any, k: int) -> LaserArrays:
+    """Scanner k of a suite's record, with the mount and the errors of an episode's parameters."""
+    one = scanner_at(suite.scanners, suite.n_scanners, k)
+    return LaserArrays(
+        one.cosine,
+        one.sine,
+        one.salt,
+        one.first,
+        one.per_angle,
+        p.laser_mount[k],
+        one.reach,
+        one.nearest,
+        p.laser_sigma[k],
+        p.laser_dropout[k],
+        p.laser_bias[k],
+        one.number,
+        one.start,
+    )
+
+
+@inlined
+def rangers_of(suite: Any, p: Any) -> UltrasonicArrays:
+    """The ultrasonics of a suite's record, with the errors of an episode's parameters."""
     return UltrasonicArrays(
         table_at(suite.ranger_mount, suite.rangers, 3),
         doubles_at(suite.ranger_slope, suite.rangers),
         doubles_at(suite.ranger_reach, suite.rangers),
         doubles_at(suite.ranger_blind, suite.rangers),
-        doubles_at(suite.ranger_sigma, suite.rangers),
+        p.ranger_sigma[:],
         doubles_at(suite.ranger_ghosts, suite.rangers),
         doubles_at(suite.ranger_loss_from, suite.rangers),
         doubles_at(suite.ranger_loss_at, suite.rangers),

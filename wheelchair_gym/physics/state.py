@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import LIMITS
+from wheelchair_gym.physics.randomization import DRAW, RANDOMIZED, draws_of, randomize_sensors
 from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings, integer_ratio
 from wheelchair_gym.random import PARAMETERS, uniform
-from wheelchair_gym.sensors.settings import POSE_SOURCES, RANGERS, SensorSettings
+from wheelchair_gym.sensors.settings import POSE_SOURCES, RANGERS, SCANNERS, SensorSettings
 
 PARAMETER = np.dtype(
     [
@@ -68,12 +69,20 @@ PARAMETER = np.dtype(
         ("pose_sigma", "f8", (3,)),  # m, m, rad
         ("pose_max", "f8", (3,)),  # m, m, rad
         ("pose_time", "f8"),  # s
+        # of each scanner and ranger, as they truly are this episode
+        ("laser_mount", "f8", (SCANNERS, 3)),  # m, m, rad in the chair's frame
+        ("laser_sigma", "f8", (SCANNERS,)),  # m
+        ("laser_bias", "f8", (SCANNERS,)),  # m
+        ("laser_dropout", "f8", (SCANNERS,)),
+        ("ranger_sigma", "f8", (RANGERS,)),  # m
+        ("draws", DRAW, (len(RANDOMIZED),)),  # of what is drawn anew each episode
         # faults
         ("fault_share", "f8"),
         ("fault_onset", "f8", (2,)),  # s: from, to
         # time
         ("dt", "f8"),  # s, physics step
         ("substeps", "i8"),  # in a control period
+        ("delay", "i8"),  # physics steps from a command to its effect
         ("speed_every", "i8"),  # physics steps between two runs of the speed control
         ("fire_every", "i8"),  # physics steps between two ultrasonic firings
         # people
@@ -250,6 +259,14 @@ def parameters(
     p["speed_every"] = integer_ratio(
         1.0 / motor.control_rate, physics.step, "1/motor.control_rate and physics.step"
     )
+    p["delay"] = round(chair.command_delay / physics.step)
+    for k, laser in enumerate(sensors.lasers):
+        p["laser_mount"][k] = laser.x, laser.y, laser.yaw
+        p["laser_sigma"][k], p["laser_bias"][k] = errors * laser.sigma, errors * laser.bias
+        p["laser_dropout"][k] = errors * laser.dropout
+    for k, model in enumerate(sensors.ultrasonic.models):
+        p["ranger_sigma"][k] = errors * model.sigma
+    p["draws"] = draws_of(chair.randomization, sensors.noise)
     rangers = sensors.ultrasonic
     p["fire_every"] = _NEVER
     if rangers.mounted:
@@ -268,6 +285,7 @@ def _uniform_between(low: float, high: float, key: np.uint64, index: int) -> flo
 @borrowing_kernel
 def randomize_parameters(p: Any, key: np.uint64) -> None:
     """Draw what is random about the chair of one episode."""
+    randomize_sensors(p, key)
     p.mass = _uniform_between(p.mass_range[0], p.mass_range[1], key, 0)
     p.friction = _uniform_between(p.friction_range[0], p.friction_range[1], key, 1)
     p.gain = _uniform_between(p.gain_range[0], p.gain_range[1], key, 2)

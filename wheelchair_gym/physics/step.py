@@ -43,12 +43,11 @@ from wheelchair_gym.physics.drive_train import (
 )
 from wheelchair_gym.physics.engine import ANGLE, BODY_DOUBLES, VX, VY, W, X, Y, body_view
 from wheelchair_gym.physics.fault_injection import apply_fault, draw_fault
-from wheelchair_gym.physics.sensor_suite import SUITE, rangers_of
+from wheelchair_gym.physics.sensor_suite import SUITE, rangers_of, scanner_of
 from wheelchair_gym.physics.state import PARAMETER, STATE, randomize_parameters
 from wheelchair_gym.physics.world import WORLD, enter_world
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, sense_laser
 from wheelchair_gym.sensors.odometry import update_odometry, update_pose_estimate
-from wheelchair_gym.sensors.scanners import scanner_at
 from wheelchair_gym.sensors.ultrasonic import sense_ultrasonic
 
 _TOUCH = 1e-6  # N s: smaller impulses are rounding
@@ -85,10 +84,26 @@ def decide_actors(state: Any, p: Any, world: Any, chair: Motion) -> float:
 
 
 @borrowing_kernel
+def delayed_command(state: Any, p: Any, world: Any) -> tuple[float, float, bool]:
+    """The command that takes effect now: twist, and whether it is a protective stop.
+
+    It is one that the world has recorded; before the first, the chair is told to stand.
+    """
+    since = state.tick - p.delay
+    if since < 0:
+        return 0.0, 0.0, False
+    command = table_at(world.drives, world.drives_capacity, 3)[since // p.substeps]
+    return command[0], command[1], command[2] != 0.0
+
+
+@borrowing_kernel
 def drive_period(
     state: Any, p: Any, world: Any, engine: Any, v: float, w: float, protective: bool, order: Any
 ) -> None:
-    """Drive towards a target twist for one control period."""
+    """Drive towards a target twist for one control period.
+
+    Where commands take effect late, the twist is the one that the world recorded so long ago.
+    """
     k = drive_constants(p)
     state.contact, state.bumped = False, False
     state.contact_recorded, state.at_fault, state.contact_with = False, False, -1
@@ -96,6 +111,8 @@ def drive_period(
     fields = body_view(world.body)
     for _ in range(p.substeps):
         if state.tick % p.speed_every == 0:
+            if p.delay > 0:
+                v, w, protective = delayed_command(state, p, world)
             hard = protective or state.bumped
             ramp_set_point(state, p, v, w, hard, k.run)
             control_speed(state, p, k)
@@ -224,7 +241,7 @@ def sense(
     left at their present places.
     """
     walls, discs = shapes_of(world)
-    rangers = rangers_of(suite)
+    rangers = rangers_of(suite, p)
     for which in range(suite.rangers):
         fired = state.fired[which]
         if fired > fired_after:
@@ -237,7 +254,7 @@ def sense(
     if world.n_actors > 0:
         write_actor_shapes(world)
     for k in range(suite.n_scanners):
-        laser = scanner_at(suite.scanners, suite.n_scanners, k)
+        laser = scanner_of(suite, p, k)
         scan = ranges[laser.start : laser.start + laser.cosine.shape[0]]
         sense_laser(laser, state.pose, walls, discs, state.key, state.step, workspace, scan)
     write_sensed(state, p, suite.rangers, walls, discs, sensed)

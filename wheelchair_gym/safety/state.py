@@ -252,7 +252,7 @@ class ShieldConstants:
         g["period"], g["track"] = period, chair.drive.track
         for name in COPIED:
             g[name] = getattr(config, name)
-        g["reaction_time"] += chair.following_lag
+        g["reaction_time"] += chair.following_lag + chair.longest_delay
         for name in ("laser", "ultrasonic", "odometry"):
             g[f"stale_{name}"] = getattr(config.stale, name)
         pointers.point("cosine", laser.cosine)
