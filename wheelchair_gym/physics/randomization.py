@@ -153,7 +153,7 @@ def drawn(p: Any, key: np.uint64, which: int, item: int, now: float) -> float:
         value = draw.first + (draw.second - draw.first) * share
     else:
         value = draw.first + draw.second * normal(key, 0, RANDOMIZATION, index)
-    return min(draw.high, max(draw.low, value))
+    return float(min(draw.high, max(draw.low, value)))
 
 
 @borrowing_kernel

@@ -382,7 +382,7 @@ def _range_of_edge(g: Any, one: LaserArrays, b: int) -> float:
     ahead = g.outline[0] - one.mount[0] if dx > 0.0 else g.outline[1] + one.mount[0]
     aside = g.outline[2] - one.mount[1] if dy > 0.0 else g.outline[2] + one.mount[1]
     r = min(ahead / max(abs(dx), _ALMOST), aside / max(abs(dy), _ALMOST))
-    return min(max(r, 0.0), one.nearest)
+    return float(min(max(r, 0.0), one.nearest))
 
 
 @borrowing_kernel
