@@ -16,6 +16,7 @@ EXAMPLES = {
     "own_planner": ([], "own_planner:Detour   solved"),
     "own_policy": (["--out", "{folder}"], "own_policy:TowardsGoal"),
     "own_reward": ([], "single"),
+    "own_robot": (["--steps", "32", "--episodes", "1"], "arrives in 100%"),
     "own_scene": ([], "arrived: True"),
     "pixel_observations": (["--steps", "32", "--episodes", "1"], "(3, 84, 84)"),
     "ppo_in_one_file": (["2"], "update 1: reward a step"),

@@ -119,8 +119,11 @@ class LearnedDriver:
                 f"the policy acts at {env.rate:g} Hz; a control period of {mission.period:g} s is "
                 "no whole part of that"
             )
-        if len(mission.sensors.ultrasonic.mounted) != dict(self.layout.sizes)["ultrasonic"]:
+        sizes, sensors = dict(self.layout.sizes), mission.sensors
+        if len(sensors.ultrasonic.mounted) != sizes.get("ultrasonic", 0):
             raise InputError("the policy was trained with other ultrasonics than this chair has")
+        if len(sensors.lasers) != len(env.sensors.lasers):
+            raise InputError("the policy was trained with other lasers than this chair has")
         shown = "path" in dict(self.layout.sizes)
         task = dataclasses.replace(env.task, privileged=False, aim="goal")
         self._mission = mission

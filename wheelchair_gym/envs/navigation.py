@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 
 class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
-    """Drive a wheelchair to a goal, seeing with a laser and eight ultrasonics.
+    """Drive a wheelchair to a goal, seeing with laser scanners and ultrasonics.
 
     ## Description
     A differential-drive wheelchair (1.00 m x 0.62 m) stands in a world of walls and round obstacles
@@ -147,7 +147,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             raise InputError("reward: a function of one's own needs the simulated chair")
         if s.sensors.localizes:
             localizer = make_localizer(s)
-            self.chair = LocalizedChair(self.chair, localizer)
+            self.chair = LocalizedChair(self.chair, localizer, s.sensors.laser.beams)
         guided = make_guidance(s.guidance)
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guided, s.shield)
         if s.sensors.localizes:
@@ -202,7 +202,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             self.shield.reset()
         reading = self.chair.reset(self.episode, key)
         if not self._simulated:
-            check_reading(reading, self.settings.sensors.laser.beams)
+            check_reading(reading, self.settings.sensors.beams)
         is_shielded = self.shield is not None and not is_unshielded(
             np.uint64(key), self.settings.unshielded
         )
@@ -238,7 +238,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             stop = self.shield.decision.protective
         reading = self.chair.drive(twist, stop)
         if not self._simulated:
-            check_reading(reading, self.settings.sensors.laser.beams)
+            check_reading(reading, self.settings.sensors.beams)
         observation = self.task.assess(reading, chosen, less)
         verdict = self.task.verdict
         self._running = not (verdict.terminated or verdict.truncated)

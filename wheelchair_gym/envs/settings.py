@@ -170,9 +170,11 @@ def env_settings(
 
 def _warn_of_mounts(config: EnvSettings) -> None:
     """Warn of sensors that are mounted outside the chair's outline."""
-    outline, rangers = config.chair.footprint, config.sensors.ultrasonic.mounted
-    mounts: list[tuple[str, Any]] = [("laser", config.sensors.laser)]
-    mounts += [(f"ultrasonic {k}", mount) for k, mount in enumerate(rangers)]
+    outline, sensors = config.chair.footprint, config.sensors
+    mounts: list[tuple[str, Any]] = [
+        (f"more_lasers[{k - 1}]" if k else "laser", laser) for k, laser in enumerate(sensors.lasers)
+    ]
+    mounts += [(f"ultrasonic {k}", mount) for k, mount in enumerate(sensors.ultrasonic.mounted)]
     outside = [
         f"{name} at ({mount.x:g}, {mount.y:g})"
         for name, mount in mounts
@@ -182,7 +184,8 @@ def _warn_of_mounts(config: EnvSettings) -> None:
     if outside:
         warnings.warn(
             f"sensors outside the chair's outline ({outline}): {', '.join(outside)}; they may see "
-            "from inside a wall: set sensors.laser and sensors.ultrasonic.mounted",
+            "from inside a wall: set sensors.laser, sensors.more_lasers and "
+            "sensors.ultrasonic.mounted",
             stacklevel=3,
         )
 

@@ -189,7 +189,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         )
         self._pool: ThreadPoolExecutor | None = None
         self._write_rewards = None if self._reward is None else compiled_rewards(self._reward)
-        beams = self.settings.sensors.laser.beams
+        beams = self.settings.sensors.beams
         self._ranges = [np.zeros(beams, np.float32) for _ in self._shares]
         self._make_workspace(0)
         for i, (now, following) in enumerate(zip(self._held, self._next, strict=True)):

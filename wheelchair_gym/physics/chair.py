@@ -50,7 +50,7 @@ class SimulatedChair:
         self.physics = physics or PhysicsSettings()
         self.period = period
         self.chairs = SimulatedChairs(chair, sensors, self.physics, period)
-        self._beams = sensors.laser.beams
+        self._beams = sensors.beams
         self._episode: Episode | None = None
         self._moves = False  # anything beside it
         self._truth: Truth | None = None
