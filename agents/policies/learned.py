@@ -136,6 +136,12 @@ class LearnedDriver:
         guidance = make_guidance(spec) if shown else None
         period = self._hold * mission.period
         self._task = Task(task, mission.chair, mission.sensors, period, guidance)
+        for key, box in self._task.spaces.items():
+            if sizes.get(key, box.shape[0]) != box.shape[0]:
+                raise InputError(
+                    f"the policy was trained with {sizes[key]} numbers of {key}; this chair's "
+                    f"sensors give {box.shape[0]}"
+                )
         self.network.reset(1)
         self._intervention = np.zeros(2)
         self._steps, self._updated = 0, 0.0
